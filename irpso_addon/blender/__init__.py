@@ -1,0 +1,1 @@
+"""The library's only room that imports bpy: scene in, material out, properties and panels."""

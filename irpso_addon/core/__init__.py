@@ -1,0 +1,1 @@
+"""numpy only: what IRPSO knows without a GPU and without Blender."""

@@ -1,0 +1,142 @@
+"""What passes between the stages: frozen records of arrays.
+
+Conventions, everywhere in memory: world space is Blender's (metres, Z up); colours are scene-linear
+Rec.709; **row 0 of every image and map is the bottom** (v = 0), as in OpenGL and in Blender's own
+pixels.  Files have row 0 at the top: only ``core/image.py`` flips.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class NormalMap:
+    """A tangent-space normal map that a material slot already uses."""
+
+    pixels: F32  # (h, w, 3) raw values in 0..1 as stored, row 0 bottom
+    strength: float  # the Normal Map node's Strength
+
+
+@dataclass(frozen=True)
+class MeshArrays:
+    """Triangles of the evaluated object (T of them, three corners each)."""
+
+    name: str  # the object's name, the stem of every file written
+    positions: F32  # (T, 3, 3) world, metres
+    normals: F32  # (T, 3, 3) world, unit: corner normals transformed, THEN normalised
+    uvs: F32  # (T, 3, 2) active UV map
+    slots: I32  # (T,) material slot of each triangle
+    slot_names: tuple[str, ...]  # material name per slot ("" for an empty slot)
+    # Only where some slot has a normal map (else None / empty):
+    object_normals: F32 | None = None  # (T, 3, 3) object space, unit corner normals
+    tangents: F32 | None = None  # (T, 3, 4) object space MikkTSpace tangent xyz, w = bitangent sign
+    normal_matrix: F32 | None = None  # (3, 3) inverse transpose of the object's 3x3 world matrix
+    normal_maps: dict[int, NormalMap] = field(default_factory=dict)  # slot -> map
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera as OpenGL sees it; holds for perspective and orthographic, shift, any sensor fit."""
+
+    name: str
+    world_to_camera: F64  # (4, 4) rigid (scale removed); the camera looks along its -Z
+    projection: F64  # (4, 4) OpenGL clip matrix; its near/far rows are replaced when drawn
+    position: F64  # (3,) world
+    forward: F64  # (3,) world, unit
+    orthographic: bool
+    aspect: float  # image width / height in pixels that the projection was made for
+
+
+@dataclass(frozen=True)
+class Light:
+    """A lamp.  ``power`` already holds exposure, colour, temperature and `normalize` off."""
+
+    name: str
+    kind: str  # "POINT", "SUN", "SPOT", "AREA"
+    power: F64  # (3,) linear RGB: watts (SUN: W/m^2)
+    matrix: F64  # (4, 4) object to world, scale included; emits along its local -Z
+    radius: float = 0.0  # POINT, SPOT: metres; SUN: half angle in radians
+    soft_falloff: bool = True  # POINT, SPOT: the emitter is a disc facing the texel (Blender's default)
+    spot_angle: float = 0.0  # SPOT: full cone, radians
+    spot_blend: float = 0.0  # SPOT: 0..1
+    shape: str = "SQUARE"  # AREA: SQUARE, RECTANGLE, DISK, ELLIPSE
+    size: tuple[float, float] = (1.0, 1.0)  # AREA: metres along local X and Y, before the object's scale
+    spread: float = np.pi  # AREA: full angle, radians
+    cast_shadow: bool = True
+
+
+@dataclass(frozen=True)
+class View:
+    """One reference image with the camera and the lights it was taken under."""
+
+    image: Path
+    camera: Camera
+    lights: tuple[Light, ...]
+    exposure: float = 0.0  # EV; image = radiance * 2^exposure
+    mask: Path | None = None
+    colorspace: str | None = None  # of the file's values; None: by file type (float linear, integer sRGB)
+    gain: float = 1.0  # further factor from radiance to image (Cycles' film exposure)
+
+
+@dataclass(frozen=True)
+class SceneData:
+    """Everything a solve needs, free of Blender."""
+
+    name: str  # stem of the .blend, for <scene>_irpso.blend
+    mesh: MeshArrays
+    occluders: F32  # (O, 3, 3) world triangles of the other renderable meshes
+    views: tuple[View, ...]
+    pixel_filter: float = 1.0  # width in pixels of the box over which a pixel averages (1: a sensor)
+    warnings: tuple[str, ...] = ()
+    skipped: tuple[tuple[str, str], ...] = ()  # (view, why) of views left out
+
+
+@dataclass(frozen=True)
+class RadianceImage:
+    """A reference image, ready to use.  ``rgb`` is radiance, W/(m^2 sr), not premultiplied."""
+
+    rgb: F32  # (h, w, 3) linear; finite; 0 where not valid
+    coverage: F32  # (h, w) 0..1: alpha times mask; 1 where the file has neither
+    valid: Bool  # (h, w) False: clipped, NaN or infinite, negative
+    warnings: tuple[str, ...] = ()
+    clipped_share: float = 0.0  # share of pixels that are clipped
+
+
+@dataclass(frozen=True)
+class Maps:
+    """The result, row 0 at the bottom (v = 0), holes filled and seams padded."""
+
+    base_color: F32  # (n, n, 3) linear
+    roughness: F32  # (n, n) perceptual, 0..1
+    confidence: F32  # (n, n) 0..1; 0 where filled
+    error: F32  # (n, n) weighted relative residual of the fit; 0 where filled
+    filled: Bool  # (n, n) True: covered or padded texels whose value came from neighbours
+    coverage: Bool  # (n, n) True: inside a UV island
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Maps with what the report says of them."""
+
+    maps: Maps
+    model: dict[str, str]  # material slot name -> "lambert" or "one-lobe"
+    why: dict[str, str]  # material slot name -> why that model
+    texels: dict[str, int]  # covered, observed, solved, filled
+    seconds: dict[str, float]  # per stage
+    residual: float  # weighted RMS relative residual over solved texels
+    views_used: tuple[str, ...]
+    views_skipped: tuple[tuple[str, str], ...]
+    warnings: tuple[str, ...]
+    device: dict[str, Any]  # GL renderer, vendor, version
+    cancelled: bool = False  # True: only part of the texels was solved

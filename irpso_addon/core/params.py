@@ -1,0 +1,48 @@
+"""THE table of parameters: each is defined here once, and becomes RNA property, flag, uniform and docs row.
+
+No ``from __future__ import annotations`` here: the field types are read at run time.
+Floats are rounded to float32 on construction, because Blender stores them so; otherwise the panel
+and the command line would give different bits.
+"""
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+
+def parameter(
+    default: Any, doc: str, *, label: str, low: float | None = None, high: float | None = None,
+    unit: str = "", choices: tuple[tuple[str, str], ...] = (), advanced: bool = False,
+) -> Any:
+    """A dataclass field with all that UI, command line and docs say of it."""
+    return field(default=default, metadata={
+        "doc": doc, "label": label, "low": low, "high": high, "unit": unit, "choices": choices, "advanced": advanced,
+    })
+
+
+@dataclass(frozen=True)
+class SolveSettings:
+    """What the user may choose about a solve."""
+
+    size: int = parameter(1024, "Width and height of the maps", label="Size", low=16, high=8192, unit="texels")
+    model: str = parameter("auto", "How much of the material is solved for", label="Model", choices=(
+        ("auto", "The smaller model that the data support, chosen for each material"),
+        ("lambert", "Base colour only: a surface without highlight (Specular IOR Level 0)"),
+        ("one-lobe", "Base colour and roughness of the Principled BSDF"),
+    ))
+    method: str = parameter("refined", "How the swarm searches", label="Method", choices=(
+        ("refined", "Stratified particles take Levenberg-Marquardt steps and race; fast and exact"),
+        ("swarm", "The particle swarm alone, ring topology; slower, makes no use of derivatives"),
+    ))
+    seed: int = parameter(0, "Seed of the swarm's random numbers", label="Seed", low=0, high=2**31 - 1)
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value, low, high = getattr(self, f.name), f.metadata["low"], f.metadata["high"]
+            if f.type is float:
+                object.__setattr__(self, f.name, float(np.float32(value)))
+            if f.metadata["choices"] and value not in [c[0] for c in f.metadata["choices"]]:
+                raise ValueError(f"{f.name} is '{value}': want one of {', '.join(c[0] for c in f.metadata['choices'])}")
+            if low is not None and not low <= value <= high:
+                raise ValueError(f"{f.name} is {value}: want {low} to {high}")
