@@ -1,0 +1,87 @@
+"""The one OpenGL context of the process, and the small things every stage needs from it.
+
+Only the GL thread (gpu/thread.py) may create or use a Device: on Blender's main thread a
+standalone context lands inside Blender's own, and the window goes black or crashes.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from ..core.data import F32
+from ..core.errors import BadInput
+from .programs import Programs
+
+
+class Device:
+    """A moderngl context with its programs and a full-screen triangle."""
+
+    def __init__(self) -> None:
+        try:
+            self.ctx = moderngl.create_context(
+                standalone=True, require=330, **({"backend": "egl"} if sys.platform.startswith("linux") else {})
+            )
+        except Exception as error:  # moderngl raises plain Exception, with the platform's words
+            raise BadInput(
+                f"OpenGL 3.3: no context can be made ({str(error).strip()}); install a graphics driver "
+                "(on Linux also libegl1 and libgl1-mesa-dri)"
+            ) from None
+        self.ctx.gc_mode = "context_gc"  # objects dropped on other threads wait for ours
+        self.programs = Programs(self.ctx)
+        self._quads: dict[int, moderngl.VertexArray] = {}
+
+    def describe(self) -> dict[str, Any]:
+        """Renderer, vendor and version as the driver names them."""
+        info = self.ctx.info
+        return {"renderer": info["GL_RENDERER"], "vendor": info["GL_VENDOR"], "version": info["GL_VERSION"]}
+
+    def texture(
+        self, width: int, height: int, channels: int = 4, data: F32 | None = None, dtype: str = "f4"
+    ) -> moderngl.Texture:
+        """A texture read by texelFetch only; float32 unless told."""
+        raw = None if data is None else np.ascontiguousarray(data, np.dtype({"f2": "f2", "f1": "u1"}.get(dtype, "f4")))
+        texture = self.ctx.texture((width, height), channels, raw.tobytes() if raw is not None else None,
+                                   dtype=dtype, alignment=1)
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        texture.repeat_x = texture.repeat_y = False
+        return texture
+
+    def read(self, texture: moderngl.Texture) -> F32:
+        """A float32 texture's content, (h, w, channels)."""
+        raw = np.frombuffer(texture.read(alignment=1), np.float32)
+        return raw.reshape(texture.height, texture.width, texture.components)
+
+    def bind(self, program: moderngl.Program, textures: Mapping[str, moderngl.Texture | None]) -> None:
+        """Bind textures to consecutive units, by sampler name."""
+        for unit, (name, texture) in enumerate(textures.items()):
+            if texture is not None:
+                texture.use(unit)
+                self.programs.set(program, {name: unit})
+
+    def draw(
+        self, fragment: str, target: moderngl.Framebuffer, *, textures: Mapping[str, moderngl.Texture | None],
+        uniforms: Mapping[str, Any], defines: Mapping[str, str] | None = None,
+        viewport: tuple[int, int, int, int] | None = None,
+    ) -> None:
+        """Run ``shaders/<fragment>`` once for every pixel of the target (or of its viewport)."""
+        program = self.programs.get("include/screen.vert", fragment, defines)
+        if program.glo not in self._quads:
+            self._quads[program.glo] = self.ctx.vertex_array(program, [])
+        self.bind(program, textures)
+        self.programs.set(program, uniforms)
+        target.use()
+        self.ctx.viewport = viewport or (0, 0, target.width, target.height)
+        self._quads[program.glo].render(moderngl.TRIANGLES, vertices=3)
+
+    def framebuffer(self, textures: Sequence[moderngl.Texture]) -> moderngl.Framebuffer:
+        """A framebuffer on these colour textures; the caller releases it."""
+        return self.ctx.framebuffer(list(textures))
+
+    def release(self) -> None:
+        """Give the context back; nothing made by it may be used after."""
+        self.ctx.release()

@@ -1,0 +1,98 @@
+"""GLSL from shaders/: include-once assembly, compilation with readable errors, uniforms by name.
+
+``#include "include/brdf.glsl"`` pastes a file of shaders/ once per program, whatever the nesting
+(moderngl's own includes neither nest nor guard).  ``#line`` keeps the compiler's line numbers true.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import moderngl
+
+SHADERS = Path(__file__).resolve().parents[2] / "shaders"
+VERSION = "#version 330 core"  # the oldest that every Blender machine has; macOS stops at 4.1
+_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+_UNIFORM = re.compile(r"^\s*uniform\s+\w+\s+(\w+)", re.MULTILINE)
+
+
+def assemble(name: str, defines: Mapping[str, str] | None = None) -> str:
+    """The full source of ``shaders/<name>``: version, defines, every include pasted once.
+
+    Raises FileNotFoundError for a missing file, ValueError for a circular include.
+    """
+    return _assemble(name, defines)[0]
+
+
+def _assemble(name: str, defines: Mapping[str, str] | None) -> tuple[str, list[str]]:
+    files: list[str] = []
+    head = [VERSION, *(f"#define {k} {v}" for k, v in (defines or {}).items())]
+    return "\n".join([*head, *_paste(name, files, ())]) + "\n", files
+
+
+def _paste(name: str, files: list[str], open_files: tuple[str, ...]) -> list[str]:
+    if name in open_files:
+        raise ValueError(f"shaders/{name} includes itself through {' -> '.join(open_files)}")
+    files.append(name)
+    number = len(files) - 1
+    lines = [f"#line 1 {number}"]
+    for row, line in enumerate((SHADERS / name).read_text(encoding="utf-8").splitlines(), start=1):
+        found = _INCLUDE.match(line)
+        if not found:
+            lines.append(line)
+        elif found.group(1) not in files or found.group(1) in open_files:
+            lines += [*_paste(found.group(1), files, (*open_files, name)), f"#line {row + 1} {number}"]
+        else:
+            lines.append("")
+    return lines
+
+
+def readable(message: str, files: list[str]) -> str:
+    """The compiler's message with file numbers (``2:7(``) turned into names (``include/brdf.glsl:7(``)."""
+
+    def named(m: re.Match[str]) -> str:
+        number = int(m.group(1))
+        return f"{files[number]}:{m.group(2)}" if number < len(files) else m.group(0)
+
+    return re.sub(r"\b(\d+):(\d+)(?=[(:])", named, message)
+
+
+class Programs:
+    """The compiled programs of one context, each built once."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        self._built: dict[tuple[Any, ...], moderngl.Program] = {}
+        self._declared: dict[int, set[str]] = {}
+
+    def get(self, vertex: str, fragment: str, defines: Mapping[str, str] | None = None) -> moderngl.Program:
+        """The program of ``shaders/<vertex>`` and ``shaders/<fragment>``; raises RuntimeError with file:line."""
+        key = (vertex, fragment, *sorted((defines or {}).items()))
+        if key not in self._built:
+            source_v, files_v = _assemble(vertex, defines)
+            source_f, files_f = _assemble(fragment, defines)
+            try:
+                program = self._ctx.program(vertex_shader=source_v, fragment_shader=source_f)
+            except moderngl.Error as error:
+                text = str(error)
+                files = files_f if "fragment_shader" in text else files_v
+                raise RuntimeError(f"shaders/{fragment}: {readable(text, files)}") from None
+            self._built[key] = program
+            self._declared[program.glo] = set(_UNIFORM.findall(source_v) + _UNIFORM.findall(source_f))
+        return self._built[key]
+
+    def set(self, program: moderngl.Program, values: Mapping[str, Any]) -> None:
+        """Set uniforms.  One that the compiler dropped is skipped; one never declared raises KeyError."""
+        for name, value in values.items():
+            if name in program:
+                member = program[name]
+                if isinstance(member, moderngl.Uniform):
+                    if isinstance(value, bytes):
+                        member.write(value)
+                    else:
+                        member.value = value
+            elif name.split("[")[0] not in self._declared[program.glo]:
+                raise KeyError(f"no shader of this program declares the uniform '{name}'")
