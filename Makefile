@@ -1,0 +1,34 @@
+# make demo and make test do their own set-up.  PYTHON=... picks the interpreter, VENV=... the folder.
+VENV ?= .venv
+PYTHON ?=
+RUN = $(VENV)/bin/python
+
+.PHONY: setup demo test lint docs bench zip clean
+
+setup: $(VENV)/.ready
+
+$(VENV)/.ready: requirements-dev.txt tools/setup.sh
+	@bash tools/setup.sh "$(VENV)" "$(PYTHON)"
+
+demo: setup
+	$(RUN) -m irpso_addon demo --out build/demo
+
+test: lint
+	$(RUN) -m pytest
+
+lint: setup
+	$(RUN) -m ruff check .
+	$(RUN) -m mypy
+
+docs: setup
+	$(RUN) tools/make_docs.py
+
+bench: setup
+	$(RUN) tools/benchmark.py
+
+zip: setup
+	$(RUN) tools/build.py
+
+clean:
+	rm -rf .venv* build dist wheels .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
