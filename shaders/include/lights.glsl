@@ -1,0 +1,202 @@
+// Unshadowed irradiance of Cycles' lamps, and points on them.  Twin: irpso_addon/core/lights.py, which also gives
+// the uniforms of one lamp (light_uniforms).
+//
+// P: world position, metres; N: unit shading normal.  Irradiance is relative to the lamp's power: W/m^2 per watt
+// (SUN: per W/m^2).  Round lamps (POINT, SPOT, SUN) are, seen from P, cones of uniform radiance of half angle sigma.
+
+#ifndef PI
+#define PI 3.14159265358979
+#endif
+
+uniform int u_light_kind;           // LIGHT_*
+uniform vec3 u_light_position;      // world
+uniform vec3 u_light_axis;          // world, unit: where the lamp's -Z points
+uniform float u_light_radius;       // POINT, SPOT: metres; SUN: half angle, radians
+uniform bool u_light_soft;          // POINT, SPOT: the emitter is a disc that faces P (else a sphere)
+uniform mat3 u_light_to_local;      // SPOT: world offset to the lamp's frame, its scale divided out
+uniform vec2 u_light_spot;          // SPOT: cosine of half the cone, 1 / (width of the blend in cosine)
+uniform vec3 u_light_axis_u;        // AREA: half extents as world vectors
+uniform vec3 u_light_axis_v;
+uniform bool u_light_ellipse;       // AREA: disk or ellipse (else square or rectangle)
+uniform vec2 u_light_spread;        // AREA: tan b, 1 / (tan b - b) with b half the spread; x = 0: no limit
+
+const int LIGHT_POINT = 0;
+const int LIGHT_SUN = 1;
+const int LIGHT_SPOT = 2;
+const int LIGHT_AREA = 3;
+const int LIGHT_ELLIPSE_SIDES = 32;  // of the polygon, of the same area, that stands for an ellipse
+const int LIGHT_QUADRATURE = 96;     // points where there is no closed form: soft-edged SPOT, AREA with spread
+
+// Irradiance of a cone of uniform radiance over the horizon, relative to the same cone at the zenith.
+// Lagarde and de Rousiers 2014, "Moving Frostbite to Physically Based Rendering", listing 7 (after Snyder 1996).
+float cone_cosine(float cos_n, float sin_sigma) {
+    if (cos_n >= sin_sigma) return cos_n;
+    if (cos_n <= -sin_sigma) return 0.0;
+    float sin_n = sqrt(1.0 - cos_n * cos_n);
+    float sin2 = sin_sigma * sin_sigma;
+    float x = sqrt(1.0 / sin2 - 1.0);
+    float y = clamp(-x * cos_n / sin_n, -1.0, 1.0);
+    float r = sin_n * sqrt(1.0 - y * y);
+    return max((cos_n * acos(y) - x * r) * sin2 + atan(r, x), 0.0) / (PI * sin2);
+}
+
+// Toward the centre of a round lamp: unnormalised offset (SUN: unit), sine of sigma, irradiance facing it.
+vec3 light_round(vec3 P, out float sin_sigma, out float facing) {
+    if (u_light_kind == LIGHT_SUN) {
+        sin_sigma = sin(u_light_radius);
+        facing = 1.0;
+        return -u_light_axis;
+    }
+    vec3 offset = u_light_position - P;
+    float d2 = dot(offset, offset), r2 = u_light_radius * u_light_radius;
+    float reach2 = u_light_soft ? d2 + r2 : max(d2, r2);
+    sin_sigma = sqrt(r2 / reach2);
+    facing = 1.0 / (4.0 * PI * reach2);
+    return offset;
+}
+
+// What the cone of a SPOT lets through toward P, `offset` = lamp - P: smoothstep in the cosine to its axis.
+float spot_attenuation(vec3 offset) {
+    vec3 local = u_light_to_local * offset;
+    float t = clamp((local.z / length(local) - u_light_spot.x) * u_light_spot.y, 0.0, 1.0);
+    return t * t * (3.0 - 2.0 * t);
+}
+
+// Orthonormal basis around the unit vector n. Duff et al. 2017, "Building an Orthonormal Basis, Revisited".
+void light_basis(vec3 n, out vec3 s, out vec3 t) {
+    float z = n.z >= 0.0 ? 1.0 : -1.0;
+    float a = -1.0 / (z + n.z), b = n.x * n.y * a;
+    s = vec3(1.0 + z * n.x * n.x * a, z * b, -z * n.x);
+    t = vec3(b, z + n.y * n.y * a, -n.y);
+}
+
+// The i-th of n points of a unit disc, evenly dense. Vogel 1979, "A Better Way to Construct the Sunflower Head".
+vec2 disc_point(int i, int n) {
+    if (n == 1) return vec2(0.0);
+    float phi = 2.39996322972865 * float(i); // golden angle
+    return sqrt((float(i) + 0.5) / float(n)) * vec2(cos(phi), sin(phi));
+}
+
+vec3 round_sample(vec3 P, int i, int n, out float weight) {
+    float sin_sigma, facing;
+    vec3 offset = light_round(P, sin_sigma, facing);
+    float cos_sigma = max(sqrt(1.0 - min(sin_sigma * sin_sigma, 1.0)), 1e-2);
+    float d = length(offset);
+    vec3 s, t;
+    light_basis(offset / d, s, t);
+    vec2 at = disc_point(i, n) * (sin_sigma / cos_sigma);
+    float stretch2 = 1.0 + dot(at, at); // (slant distance / d)^2: solid angle falls with its power 3/2
+    weight = facing / (float(n) * cos_sigma * cos_sigma * stretch2 * sqrt(stretch2));
+    offset += d * (at.x * s + at.y * t);
+    if (u_light_kind == LIGHT_SPOT) weight *= spot_attenuation(offset);
+    return u_light_kind == LIGHT_SUN ? normalize(offset) : offset;
+}
+
+// The part of a row y (both along half extents, metres) of the emitter that sends light to P.
+vec2 area_row(float y, vec2 half_size, vec2 foot, float reach) {
+    float x = half_size.x;
+    if (u_light_ellipse) x *= sqrt(max(1.0 - y * y / (half_size.y * half_size.y), 0.0));
+    float r = sqrt(max(reach * reach - (y - foot.y) * (y - foot.y), 0.0));
+    return vec2(max(-x, foot.x - r), min(x, foot.x + r));
+}
+
+vec3 area_sample(vec3 P, int i, int n, out float weight) {
+    vec2 half_size = vec2(length(u_light_axis_u), length(u_light_axis_v));
+    vec3 offset = u_light_position - P;
+    float height = -dot(offset, u_light_axis);
+    float area = (u_light_ellipse ? PI : 4.0) * half_size.x * half_size.y;
+    vec2 at;
+    float share = 1.0;
+    if (u_light_spread.x > 0.0) {
+        // Only the disc of radius height * tan b around the foot of P sends light to it: sample its rows.
+        vec2 foot = -vec2(dot(offset, u_light_axis_u), dot(offset, u_light_axis_v)) / half_size;
+        float reach = max(height, 0.0) * u_light_spread.x;
+        vec2 rows = vec2(max(-half_size.y, foot.y - reach), min(half_size.y, foot.y + reach));
+        at.y = mix(rows.x, rows.y, fract(0.5 + 0.618033988749895 * float(i)));
+        vec2 row = area_row(at.y, half_size, foot, reach);
+        at.x = mix(row.x, row.y, (float(i) + 0.5) / float(n));
+        float off_axis = length(at - foot) / max(height, 1e-12); // tan theta
+        share = max(rows.y - rows.x, 0.0) * max(row.y - row.x, 0.0) / area
+              * max(u_light_spread.x - off_axis, 0.0) * u_light_spread.y;
+        at /= half_size;
+    } else if (u_light_ellipse) {
+        at = disc_point(i, n);
+    } else {
+        at = 2.0 * vec2((float(i) + 0.5) / float(n), fract(0.5 + 0.618033988749895 * float(i))) - 1.0;
+    }
+    offset += at.x * u_light_axis_u + at.y * u_light_axis_v;
+    float d2 = dot(offset, offset);
+    // radiance 1 / (pi area) times solid angle area / n * cos / d^2
+    weight = share * max(height, 0.0) / (PI * float(n) * d2 * sqrt(d2));
+    return offset;
+}
+
+// The i-th of n points on the emitter: from P to it (SUN: a unit direction), and how much it counts:
+// sum over i of weight * max(N.L, 0) = light_irradiance(P, N).  n = 1 gives the centre.
+vec3 light_sample(vec3 P, int i, int n, out float weight) {
+    return u_light_kind == LIGHT_AREA ? area_sample(P, i, n, weight) : round_sample(P, i, n, weight);
+}
+
+// One edge of Lambert's sum: from a along e.  The edge itself, not its far end, keeps small lamps precise.
+float polygon_edge(vec3 a, vec3 e, vec3 N) {
+    vec3 c = cross(a, e);
+    float size = length(c), along = dot(a, a + e);
+    return dot(c, N) * (size > 1e-6 * abs(along) ? atan(size, along) / size : 1.0 / along);
+}
+
+vec2 area_corner(int k) {
+    if (!u_light_ellipse) return vec2(k == 1 || k == 2 ? 1.0 : -1.0, k >= 2 && k < 4 ? 1.0 : -1.0);
+    float sides = float(LIGHT_ELLIPSE_SIDES), phi = 2.0 * PI / sides * (float(k % LIGHT_ELLIPSE_SIDES) + 0.5);
+    return sqrt(2.0 * PI / (sides * sin(2.0 * PI / sides))) * vec2(cos(phi), sin(phi));
+}
+
+// Irradiance of a uniform polygon, clipped at the horizon. Lambert 1760, "Photometria"; Baum et al. 1989, eq. 5.
+float area_irradiance(vec3 P, vec3 N) {
+    vec3 center = u_light_position - P;
+    if (dot(center, u_light_axis) >= 0.0) return 0.0; // P lies behind the emitter
+    int sides = u_light_ellipse ? LIGHT_ELLIPSE_SIDES : 4;
+    vec3 leave = vec3(0.0), enter = vec3(0.0); // where the outline goes below the horizon and comes back
+    bool clipped = false;
+    float sum = 0.0;
+    vec2 corner = area_corner(0);
+    for (int k = 0; k < sides; k++) {
+        vec2 next = area_corner(k + 1);
+        vec3 a = center + corner.x * u_light_axis_u + corner.y * u_light_axis_v;
+        vec3 e = (next.x - corner.x) * u_light_axis_u + (next.y - corner.y) * u_light_axis_v;
+        corner = next;
+        float za = dot(a, N), ze = dot(e, N), zb = za + ze;
+        if (za < 0.0 && zb < 0.0) continue;
+        if (za < 0.0) {
+            clipped = true;
+            a -= e * (za / ze);
+            e *= zb / ze;
+            enter = a;
+        } else if (zb < 0.0) {
+            clipped = true;
+            e *= -za / ze;
+            leave = a + e;
+        }
+        sum += polygon_edge(a, e, N);
+    }
+    if (clipped) sum += polygon_edge(leave, enter - leave, N);
+    float area = (u_light_ellipse ? PI : 4.0) * length(u_light_axis_u) * length(u_light_axis_v);
+    return abs(sum) / (2.0 * PI * area);
+}
+
+// Unshadowed irradiance at P, relative to the lamp's power.
+float light_irradiance(vec3 P, vec3 N) {
+    if (u_light_kind == LIGHT_AREA && u_light_spread.x == 0.0) return area_irradiance(P, N);
+    if (u_light_kind == LIGHT_AREA || (u_light_kind == LIGHT_SPOT && u_light_radius > 0.0)) {
+        float sum = 0.0;
+        for (int i = 0; i < LIGHT_QUADRATURE; i++) {
+            float weight;
+            vec3 L = normalize(light_sample(P, i, LIGHT_QUADRATURE, weight));
+            sum += weight * max(dot(N, L), 0.0);
+        }
+        return sum;
+    }
+    float sin_sigma, facing;
+    vec3 offset = light_round(P, sin_sigma, facing);
+    float e = facing * cone_cosine(dot(N, offset) / length(offset), sin_sigma);
+    return u_light_kind == LIGHT_SPOT ? e * spot_attenuation(offset) : e;
+}
