@@ -1,0 +1,92 @@
+""".blend files for the command line: open one, say which Blender this is, save a solved copy, read its maps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..core.data import Maps
+from ..core.errors import BadInput
+from . import properties
+from .material import TAG
+
+# A .blend starts so when plain, gzip (before 3.0) or Zstandard.
+MAGIC = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")
+
+
+def blender_version() -> str:
+    """As Blender prints it, with the release cycle."""
+    return bpy.app.version_string
+
+
+def open_blend(path: Path) -> None:
+    """Open a .blend in place of what is open.  Raises BadInput when there is none or it cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            head = file.read(7)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be opened ({error.strerror}); give the path of a .blend file") from None
+    if not head.startswith(MAGIC):
+        raise BadInput(f"{path}: is not a .blend file; save the scene from Blender and give that file")
+    if not hasattr(bpy.types.Scene, "irpso"):  # in the bpy module nobody has registered the scene's view list
+        properties.register()
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
+    except RuntimeError as error:
+        raise BadInput(f"{path}: Blender cannot read it ({one_line(error)}); save it anew from Blender") from None
+
+
+def save_copy(path: Path) -> None:
+    """Save what is open as another file; the open one stays what it was.  Raises BadInput."""
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), copy=True, compress=True)
+    except RuntimeError as error:
+        raise BadInput(f"{path.parent}: Blender cannot save there ({one_line(error)}); choose another folder") from None
+
+
+def object_named(name: str) -> bpy.types.Object:
+    """The object of that name in the open file."""
+    return bpy.data.objects[name]
+
+
+def solved_object(name: str | None) -> bpy.types.Object:
+    """The object called ``name``, or the only one that carries maps.  Raises BadInput."""
+    solved = [obj for obj in bpy.data.objects if obj.get(TAG)]
+    if name is not None:
+        if name not in bpy.data.objects:
+            raise BadInput(f"object '{name}': is not in this file; it has maps on {_names(solved)}")
+        if bpy.data.objects[name] not in solved:
+            raise BadInput(f"object '{name}': has no maps; run 'irpso solve' first")
+        return bpy.data.objects[name]
+    if len(solved) != 1:
+        raise BadInput(f"{bpy.data.filepath}: has maps on {_names(solved)}; " + (
+            "say which with --object" if solved else "run 'irpso solve' first"))
+    return solved[0]
+
+
+def read_maps(obj: bpy.types.Object) -> Maps:
+    """The maps that a solve left in the file.  A texel without confidence counts as filled.  Raises BadInput."""
+    arrays = {}
+    for role in ("base_color", "roughness", "confidence", "error"):
+        image = obj[TAG].get(role)
+        if image is None or (not image.has_data and not image.size[0]):
+            raise BadInput(f"object '{obj.name}': its {role} map is gone; run 'irpso solve' again")
+        width, height = image.size
+        pixels = np.empty(width * height * 4, np.float32)
+        image.pixels.foreach_get(pixels)
+        arrays[role] = pixels.reshape(height, width, 4)
+    confidence = arrays["confidence"][..., 0].copy()
+    return Maps(
+        base_color=arrays["base_color"][..., :3].copy(), roughness=arrays["roughness"][..., 0].copy(),
+        confidence=confidence, error=arrays["error"][..., 0].copy(), filled=confidence <= 0, coverage=confidence > 0)
+
+
+def one_line(error: Exception) -> str:
+    """Blender's reports as one line, without its 'Error: '."""
+    return "; ".join(line.removeprefix("Error: ").strip() for line in str(error).splitlines() if line.strip())
+
+
+def _names(objects: list[bpy.types.Object]) -> str:
+    return ", ".join(f"'{obj.name}'" for obj in objects) or "no object"

@@ -1,0 +1,1 @@
+"""The command line, one command per file.  Blender is reached through irpso_addon/blender alone."""

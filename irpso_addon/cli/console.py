@@ -1,0 +1,67 @@
+"""What the user sees: results on stdout, progress and warnings on stderr.
+
+With rich and a terminal, progress is a bar; else (a log, or Blender, which ships no rich) one line per stage.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from ..core.job import Progress
+
+
+def say(text: str) -> None:
+    """A line of the result."""
+    print(text, flush=True)
+
+
+def warn(text: str) -> None:
+    """A line that the user should read, beside the result."""
+    print(f"irpso: {text}", file=sys.stderr, flush=True)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Aligned columns, the first to the left, the others to the right."""
+    widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
+    for row in (header, ["-" * width for width in widths], *rows):
+        first, *others = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+        say("  ".join([first.lstrip().ljust(widths[0]), *others]).rstrip())
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[Progress], None]]:
+    """Yields what shows a job's progress."""
+    bar = _rich_bar() if sys.stderr.isatty() else None
+    if bar is None:
+        yield _stage_lines()
+        return
+    with bar:
+        task = bar.add_task("start", total=1.0)
+        yield lambda p: bar.update(task, completed=p.fraction, description=f"{p.stage} {p.message}".strip())
+
+
+def _rich_bar() -> Any:
+    try:
+        from rich import progress as rich_progress
+        from rich.console import Console
+    except ImportError:
+        return None
+    return rich_progress.Progress(
+        rich_progress.BarColumn(), rich_progress.TaskProgressColumn(), rich_progress.TimeElapsedColumn(),
+        rich_progress.TextColumn("{task.description}"), console=Console(stderr=True), transient=True)
+
+
+def _stage_lines() -> Callable[[Progress], None]:
+    """A line whenever the stage changes."""
+    last = ""
+
+    def show(p: Progress) -> None:
+        nonlocal last
+        if p.stage != last:
+            last = p.stage
+            print(f"irpso: {p.fraction:4.0%} {p.stage} {p.message}".rstrip(), file=sys.stderr, flush=True)
+
+    return show

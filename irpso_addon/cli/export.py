@@ -1,0 +1,19 @@
+"""irpso export: the maps that a solve left in a .blend, to files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..blender import files
+from ..core.export import write_maps
+from . import console
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """The command.  Raises BadInput."""
+    scene: Path = arguments.scene
+    files.open_blend(scene)
+    obj = files.solved_object(arguments.object)
+    for path in write_maps(files.read_maps(obj), obj.name, arguments.out or scene.parent, arguments.format):
+        console.say(str(path))

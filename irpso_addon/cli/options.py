@@ -1,0 +1,82 @@
+"""The arguments of every command.  The solve's own settings come from the table in core/params.py."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import Field, fields
+from pathlib import Path
+from typing import Any
+
+from ..core.params import SolveSettings
+
+KINDS = ("exr", "png", "tiff")
+EXIT_CODES = """\
+exit codes: 0 done; 1 unexpected error; 2 wrong usage; 3 bad input (one line says which file or object, what is
+wrong, what to do); 130 cancelled (what was found is kept)"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    top = argparse.ArgumentParser(
+        prog="irpso", description="Recover base colour and roughness textures of a Blender object from pictures of it.",
+        epilog=EXIT_CODES, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
+
+    solve = commands.add_parser("solve", help="maps from a lit scene and its reference images", epilog=EXIT_CODES)
+    solve.add_argument("scene", type=Path, metavar="SCENE.blend", help="file with mesh, cameras and lights")
+    solve.add_argument("--captures", type=Path, help="captures.json naming the views; without it the scene's own "
+                       "list is used, without that the cameras' background images")
+    solve.add_argument("--object", metavar="NAME", help="mesh to solve for; needed where the scene has several")
+    solve.add_argument("--out", type=Path, metavar="DIR", help="folder for maps, report and solved .blend "
+                       "(default: SCENE_irpso beside the scene)")
+    solve.add_argument("--report", type=Path, metavar="FILE", help="write report.json here too")
+    _add_format(solve)
+    add_settings(solve)
+
+    export = commands.add_parser("export", help="maps of a solved scene to files", epilog=EXIT_CODES)
+    export.add_argument("scene", type=Path, metavar="SCENE.blend", help="a file that 'solve' or the operators made")
+    export.add_argument("--object", metavar="NAME", help="object whose maps are meant; needed where several have some")
+    export.add_argument("--out", type=Path, metavar="DIR", help="folder for the maps (default: the scene's own)")
+    _add_format(export)
+
+    demo = commands.add_parser("demo", help="make a small scene, render it, recover it, compare", epilog=EXIT_CODES)
+    demo.add_argument("--out", type=Path, metavar="DIR", required=True, help="folder for everything it makes")
+
+    commands.add_parser("doctor", help="versions, device, limits, a short self-test", epilog=EXIT_CODES)
+    return top
+
+
+def _add_format(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--format", choices=KINDS, default="exr", help="of the maps: exr is 32-bit float and linear, "
+                         "png and tiff are 16-bit with sRGB base colour (default: exr)")
+
+
+def add_settings(command: argparse.ArgumentParser) -> None:
+    """One flag per row of the parameter table."""
+    for field in fields(SolveSettings):
+        meta = field.metadata
+        unit = f", {meta['unit']}" if meta["unit"] else ""
+        help_text = f"{meta['doc']} (default: {field.default}{unit})".replace("%", "%%")
+        choices = [key for key, _ in meta["choices"]] or None
+        command.add_argument(f"--{field.name.replace('_', '-')}", dest=field.name, default=field.default,
+                             type=_reader(field), choices=choices, help=help_text)
+
+
+def settings(arguments: argparse.Namespace) -> SolveSettings:
+    """The settings that the flags say."""
+    return SolveSettings(**{field.name: getattr(arguments, field.name) for field in fields(SolveSettings)})
+
+
+def _reader(field: Field[Any]) -> Callable[[str], Any]:
+    """Reads a flag's text; out of range is wrong usage, with the table's own limits in the message."""
+    low, high = field.metadata["low"], field.metadata["high"]
+
+    def read(text: str) -> Any:
+        value = field.type(text)  # type: ignore[operator]  # int, float or str: a class
+        if low is not None and not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text}: want {low} to {high}")
+        return value
+
+    read.__name__ = getattr(field.type, "__name__", "value")  # argparse: "invalid int value: ..."
+    return read

@@ -1,0 +1,98 @@
+"""irpso solve: a lit scene to maps on its material, and to files."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from .. import pipeline
+from ..blender import files, material
+from ..blender.scene import read_scene
+from ..core.data import SceneData, Solution
+from ..core.errors import BadInput, Cancelled
+from ..core.export import write_maps
+from ..core.params import SolveSettings
+from ..core.report import build_report, write_report
+from ..core.staging import Staging
+from ..gpu import thread
+from . import console, options
+
+
+@dataclass(frozen=True)
+class Request:
+    """What one solve is asked for."""
+
+    scene: Path
+    out: Path
+    settings: SolveSettings
+    captures: Path | None = None
+    object_name: str | None = None
+    kind: str = "exr"
+    report: Path | None = None
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """The command.  Raises BadInput; Cancelled after the partial maps are written."""
+    scene: Path = arguments.scene
+    request = Request(
+        scene=scene, out=arguments.out or scene.parent / f"{scene.stem}_irpso", settings=options.settings(arguments),
+        captures=arguments.captures, object_name=arguments.object, kind=arguments.format, report=arguments.report)
+    solution = solve(request)
+    if solution.cancelled:
+        raise Cancelled(solution)
+
+
+def solve(request: Request) -> Solution:
+    """Open, solve, write everything or nothing, say what came out.  A cancelled solve is written as far as it got."""
+    if request.report is not None and not request.report.resolve().parent.is_dir():
+        raise BadInput(f"{request.report}: there is no such folder; make it or choose another")
+    started = time.perf_counter()
+    files.open_blend(request.scene)
+    data = read_scene(None, request.object_name, request.captures)
+    read = time.perf_counter()
+    with Staging(request.out) as staging:
+        solution = solve_data(data, request.settings)
+        solved = time.perf_counter()
+        messages = material.write_maps(files.object_named(data.mesh.name), solution)
+        solution = replace(solution, warnings=(*solution.warnings, *messages))
+        write_maps(solution.maps, data.mesh.name, staging.folder, request.kind)
+        files.save_copy(staging.beside(f"{data.name}_irpso.blend"))
+        seconds = {"scene": read - started, **solution.seconds, "write": time.perf_counter() - solved}
+        solution = replace(solution, seconds=seconds)
+        report = build_report(solution, request.settings, ["irpso", *sys.argv[1:]], blender=files.blender_version())
+        write_report(staging.folder / "report.json", report)
+        if request.report is not None:
+            write_report(request.report, report)
+        staging.publish()
+    tell(data.mesh.name, solution, request.out)
+    return solution
+
+
+def solve_data(data: SceneData, settings: SolveSettings) -> Solution:
+    """Run the pipeline with its progress shown; the partial solution when it was stopped with one."""
+    with console.progress() as show:
+        try:
+            result: Solution = thread.run(lambda: pipeline.solve(data, settings), on_progress=show)
+        except Cancelled as stop:
+            if not isinstance(stop.partial, Solution):
+                raise
+            result = stop.partial
+    return result
+
+
+def tell(name: str, solution: Solution, out: Path) -> None:
+    """The few lines that a user wants after a solve."""
+    for warning in solution.warnings:
+        console.warn(f"warning: {warning}")
+    for view, why in solution.views_skipped:
+        console.warn(f"warning: {view}: left out: {why}")
+    texels = solution.texels
+    total = sum(solution.seconds.values())
+    models = ", ".join(sorted(set(solution.model.values())))
+    console.say(
+        f"{name}: {models}, {texels['solved']:,} of {texels['covered']:,} texels from {len(solution.views_used)} views "
+        f"in {total:.1f} s (solve {solution.seconds.get('solve', 0.0):.1f} s), residual {solution.residual:.2%}")
+    console.say(f"{out}: maps, report.json and the scene with the maps on its material")

@@ -1,0 +1,110 @@
+"""report.json: what a solve did, for people, tests and farms.  The keys are told in docs/report.md and stay."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import sys
+import tempfile
+import tomllib
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from .data import Solution
+from .errors import BadInput
+from .params import SolveSettings
+
+MANIFEST = Path(__file__).resolve().parents[2] / "blender_manifest.toml"
+
+
+def version() -> str:
+    """IRPSO's own version, from the manifest: the only place it stands."""
+    return str(tomllib.loads(MANIFEST.read_text(encoding="utf-8"))["version"])
+
+
+def versions() -> dict[str, str]:
+    """What the result depends on, apart from Blender (core does not know it) and the GL driver."""
+    found = {"irpso": version(), "python": platform.python_version(), "platform": platform.platform()}
+    for package in ("numpy", "moderngl", "OpenImageIO"):
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:  # Blender's own copy has no package record
+            found[package] = "bundled"
+    return found
+
+
+def peak_memory() -> int | None:
+    """Peak resident memory of this process in bytes; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024  # macOS counts bytes, Linux KiB
+
+
+def build_report(
+    solution: Solution, settings: SolveSettings, command: Sequence[str], *, blender: str | None = None,
+) -> dict[str, Any]:
+    """The report of one solve, ready for JSON.  ``blender`` is the version of the Blender that ran it."""
+    total = sum(solution.seconds.values())
+    solving = solution.seconds.get("solve", 0.0)
+    solved = solution.texels.get("solved", 0)
+    report = {
+        "versions": versions() | ({"blender": blender} if blender else {}),
+        "command": list(command),
+        **asdict(settings),
+        "models": {slot: {"model": model, "why": solution.why.get(slot, "")} for slot, model in solution.model.items()},
+        "seconds": {**solution.seconds, "total": total},
+        "texels": dict(solution.texels),
+        "texels_per_second": {
+            "solve": solved / solving if solving else None,
+            "total": solved / total if total else None,
+        },
+        "views": {
+            "used": list(solution.views_used),
+            "skipped": [{"view": view, "why": why} for view, why in solution.views_skipped],
+        },
+        "residual": solution.residual,
+        "warnings": list(solution.warnings),
+        "device": dict(solution.device),
+        "peak_memory_bytes": peak_memory(),
+        "cancelled": solution.cancelled,
+    }
+    return _finite(report)  # type: ignore[no-any-return]
+
+
+def write_report(path: Path, report: dict[str, Any]) -> None:
+    """Write the report as JSON: whole or not at all.  Raises BadInput where that is impossible."""
+    path = Path(path)
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                json.dump(report, file, indent=1, ensure_ascii=False, allow_nan=False)
+                file.write("\n")
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(temporary, 0o644)  # mkstemp's 0600 would hide the report from the rest of the team
+            os.replace(temporary, path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no NaN and no infinity: they become null."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if hasattr(value, "item"):  # a numpy scalar
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
