@@ -1,0 +1,155 @@
+"""The IRPSO tab of the 3D viewport's sidebar, from top to bottom the order of the work."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import bpy
+from bpy.types import Panel, UIList
+
+from ..core.data import Solution
+from ..core.params import SolveSettings
+from . import session
+
+WARNINGS_SHOWN = 4
+
+
+class IRPSO_UL_views(UIList):
+    """Views: on or off, image, camera."""
+
+    def draw_item(self, _context, layout, _data, view, _icon, _active_data, _active_property, _index=0, _flag=0):
+        """One line of the list."""
+        row = layout.row(align=True)
+        row.prop(view, "enabled", text="")
+        name = Path(view.image.replace("\\", "/")).name
+        row.label(text=name or "no image", icon="IMAGE_DATA" if name else "ERROR")
+        row.label(text=view.camera.name if view.camera else "no camera", icon="CAMERA_DATA" if view.camera else "ERROR")
+
+
+class _Tab:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "IRPSO"
+
+
+class IRPSO_PT_capture(_Tab, Panel):
+    """Where the pictures are."""
+
+    bl_label = "Capture"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """captures.json, or the list of views."""
+        layout, settings = self.layout, context.scene.irpso
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.prop(settings, "captures")
+        if settings.captures:
+            layout.operator("irpso.load_captures", icon="IMPORT")
+            return
+        row = layout.row()
+        row.template_list("IRPSO_UL_views", "", settings, "views", settings, "active_view", rows=4)
+        buttons = row.column(align=True)
+        buttons.operator("irpso.add_views", text="", icon="ADD")
+        buttons.operator("irpso.remove_view", text="", icon="REMOVE")
+        buttons.separator()
+        buttons.operator("irpso.remove_view", text="", icon="TRASH").all = True
+        if settings.active_view < len(settings.views):
+            self._draw_view(layout, settings.views[settings.active_view])
+        else:
+            layout.label(text="Views: the cameras' background images", icon="INFO")
+
+    @staticmethod
+    def _draw_view(layout: bpy.types.UILayout, view: bpy.types.PropertyGroup) -> None:
+        column = layout.column()
+        column.active = view.enabled
+        column.prop(view, "image")
+        column.prop(view, "camera")
+        column.prop(view, "exposure")
+        column.prop(view, "mask")
+        for item in view.lights:
+            column.prop(item, "light")
+        if not view.lights:
+            column.label(text="Lit by every light that renders", icon="LIGHT")
+        column.operator("irpso.set_view_lights", icon="LIGHT")
+
+
+class IRPSO_PT_solve(_Tab, Panel):
+    """What is solved for, and how."""
+
+    bl_label = "Solve"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Settings, the button, and the progress while it runs."""
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.enabled = session.running is None
+        for field in fields(SolveSettings):
+            if not field.metadata["advanced"]:
+                column.prop(context.scene.irpso, field.name)
+        column = layout.column()
+        column.scale_y = 1.4
+        column.operator("irpso.solve", icon="PLAY")
+        if session.running is not None:
+            progress = session.running.progress
+            doing = "stopping" if session.running.stopping else progress.stage
+            layout.progress(factor=progress.fraction, text=f"{session.running.title}: {progress.fraction:.0%} {doing}")
+            layout.label(text="Esc in the viewport stops it", icon="EVENT_ESC")
+
+
+class IRPSO_PT_advanced(_Tab, Panel):
+    """Settings that are seldom changed."""
+
+    bl_label = "Advanced"
+    bl_parent_id = "IRPSO_PT_solve"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """The table's advanced rows and the G-buffer."""
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        for field in fields(SolveSettings):
+            if field.metadata["advanced"]:
+                layout.prop(context.scene.irpso, field.name)
+        layout.operator("irpso.bake_gbuffer", icon="TEXTURE")
+
+
+class IRPSO_PT_result(_Tab, Panel):
+    """What came out, and where it goes."""
+
+    bl_label = "Result"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Summary, write, export."""
+        layout, settings = self.layout, context.scene.irpso
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        solution = session.solution_of(context.active_object)
+        if solution is None:
+            layout.label(text="Not solved in this session", icon="INFO")
+        else:
+            self._draw_summary(layout, context.active_object.name, solution)
+        layout.operator("irpso.write_maps", icon="MATERIAL")
+        layout.prop(settings, "out")
+        layout.prop(settings, "format")
+        layout.operator("irpso.export_maps", icon="EXPORT")
+
+    @staticmethod
+    def _draw_summary(layout: bpy.types.UILayout, name: str, solution: Solution) -> None:
+        texels, box = solution.texels, layout.box().column(align=True)
+        state = "stopped early" if solution.cancelled else f"{sum(solution.seconds.values()):.1f} s"
+        box.label(text=f"{name}: {state}", icon="ERROR" if solution.cancelled else "CHECKMARK")
+        box.label(text=f"{texels['solved']:,} of {texels['covered']:,} texels solved, {texels['filled']:,} filled")
+        box.label(text=f"{len(solution.views_used)} views used, {len(solution.views_skipped)} skipped")
+        for slot, model in solution.model.items():
+            box.label(text=f"{slot or name}: {model}", icon="MATERIAL")
+        for warning in solution.warnings[:WARNINGS_SHOWN]:
+            box.label(text=warning, icon="ERROR")
+        if len(solution.warnings) > WARNINGS_SHOWN:
+            box.label(text=f"{len(solution.warnings) - WARNINGS_SHOWN} more in the Info editor")
+
+
+CLASSES = (IRPSO_UL_views, IRPSO_PT_capture, IRPSO_PT_solve, IRPSO_PT_advanced, IRPSO_PT_result)

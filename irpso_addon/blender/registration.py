@@ -1,0 +1,45 @@
+"""Everything the add-on registers, in order; unregistered in reverse.  Errors are raised, not printed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+
+from . import panels, properties, session
+
+COMMAND = "irpso"
+
+_command_handle: Any = None
+_operators: Sequence[type] = ()
+
+
+def register(operators: Sequence[type]) -> None:
+    """Registers properties, operators, panels, the load handler and ``blender --command irpso``.
+
+    The root package hands in the operators: nothing in ``irpso_addon`` imports above itself.
+    """
+    global _command_handle, _operators
+    _operators = tuple(operators)
+    properties.register()
+    for cls in (*_operators, *panels.CLASSES):
+        bpy.utils.register_class(cls)
+    bpy.app.handlers.load_pre.append(session.forget)
+    _command_handle = bpy.utils.register_cli_command(COMMAND, _command)
+
+
+def unregister() -> None:
+    """Stops a running job and takes back everything that `register` did."""
+    bpy.utils.unregister_cli_command(_command_handle)
+    session.forget()
+    bpy.app.handlers.load_pre.remove(session.forget)
+    for cls in reversed((*_operators, *panels.CLASSES)):
+        bpy.utils.unregister_class(cls)
+    properties.unregister()
+
+
+def _command(argv: list[str]) -> int:
+    from ..__main__ import main  # here, because every start of Blender would pay for it
+
+    return main(argv)

@@ -1,0 +1,90 @@
+"""What this Blender session remembers and no file holds: the last solutions and the running job.
+
+Solutions are kept by the object's ``session_uid``, which survives undo and renaming, where a
+reference to the object would dangle.  Loading a file forgets everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..core.data import Solution
+from ..core.job import Progress
+
+if TYPE_CHECKING:  # so that maps can be written where OpenGL is missing
+    from ..gpu.thread import Job
+
+_solutions: dict[int, Solution] = {}
+
+
+@dataclass
+class Running:
+    """The one job that a modal operator drives now."""
+
+    job: Job
+    title: str
+    progress: Progress
+    stopping: bool = False
+
+
+running: Running | None = None
+
+
+def keep(obj: bpy.types.Object, solution: Solution) -> None:
+    """Remembers ``solution`` as the last one of ``obj``."""
+    _solutions[obj.session_uid] = solution
+
+
+def solution_of(obj: bpy.types.Object | None) -> Solution | None:
+    """The last solution of ``obj`` in this session."""
+    return None if obj is None else _solutions.get(obj.session_uid)
+
+
+def object_by_uid(uid: int) -> bpy.types.Object | None:
+    """The object with this ``session_uid``, if it still exists."""
+    return next((obj for obj in bpy.data.objects if obj.session_uid == uid), None)
+
+
+def start(job: Job, title: str) -> None:
+    """Makes ``job`` the running one."""
+    global running
+    running = Running(job, title, Progress(0.0, "start"))
+
+
+def end() -> None:
+    """Forgets the running job; the caller has taken its result or cancelled it."""
+    global running
+    running = None
+    redraw_sidebars()
+
+
+def cancel_running() -> None:
+    """Asks the running job to stop; it goes on in its thread until the end of its slice."""
+    if running is not None:
+        running.stopping = True
+        running.job.cancel()
+
+
+@persistent
+def forget(*_: object) -> None:
+    """load_pre handler: the objects of the file that is being closed are gone."""
+    cancel_running()
+    _solutions.clear()
+
+
+def redraw_sidebars() -> None:
+    """Shows the new state in every 3D viewport's sidebar."""
+    for region in _sidebars():
+        region.tag_redraw()
+
+
+def _sidebars() -> Iterator[bpy.types.Region]:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                yield from (region for region in area.regions if region.type == "UI")

@@ -1,0 +1,21 @@
+"""Blender operators, one a file, thin: poll, read, call, report."""
+
+from .add_views import IRPSO_OT_add_views
+from .bake_gbuffer import IRPSO_OT_bake_gbuffer
+from .export_maps import IRPSO_OT_export_maps
+from .load_captures import IRPSO_OT_load_captures
+from .remove_view import IRPSO_OT_remove_view
+from .set_view_lights import IRPSO_OT_set_view_lights
+from .solve import IRPSO_OT_solve
+from .write_maps import IRPSO_OT_write_maps
+
+CLASSES = (
+    IRPSO_OT_load_captures,
+    IRPSO_OT_add_views,
+    IRPSO_OT_remove_view,
+    IRPSO_OT_set_view_lights,
+    IRPSO_OT_bake_gbuffer,
+    IRPSO_OT_solve,
+    IRPSO_OT_write_maps,
+    IRPSO_OT_export_maps,
+)

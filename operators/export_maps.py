@@ -1,0 +1,45 @@
+"""Save the last solution's maps as image files."""
+
+from pathlib import Path
+
+import bpy
+
+from ..irpso_addon.blender import properties, session
+from ..irpso_addon.core.errors import BadInput
+from ..irpso_addon.core.export import write_maps
+from .needs_solution import NeedsSolution
+from .paths import absolute
+
+
+class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
+    """Save base colour, roughness, confidence, error and the filled texels as image files"""
+
+    bl_idname = "irpso.export_maps"
+    bl_label = "Export Maps"
+    bl_options = {"REGISTER"}
+
+    directory: bpy.props.StringProperty(
+        name="Folder", subtype="DIR_PATH", description="Folder that the files are written to", options={"SKIP_SAVE"})
+    format: bpy.props.EnumProperty(
+        name="Format", description="File format", items=properties.FORMATS, options={"SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Opens the file browser in the panel's folder."""
+        settings = context.scene.irpso
+        self.format = settings.format
+        self.directory = settings.out if bpy.data.filepath or not settings.out.startswith("//") else ""
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Writes the files; folder and format are the panel's where the caller names none."""
+        obj, settings = context.active_object, context.scene.irpso
+        kind = self.format if self.properties.is_property_set("format") else settings.format
+        try:
+            folder = Path(absolute(self.directory or settings.out))
+            paths = write_maps(session.solution_of(obj).maps, obj.name, folder, kind)
+        except BadInput as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"{obj.name}: wrote {len(paths)} files to {folder}")
+        return {"FINISHED"}

@@ -1,0 +1,21 @@
+"""Mix-in of operators that use the active object's last solution."""
+
+import bpy
+
+from ..irpso_addon.blender import session
+
+
+class NeedsSolution:
+    """Enabled when the active object was solved in this session."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The active object has a solution."""
+        obj = context.active_object
+        if obj is None or obj.type != "MESH":
+            cls.poll_message_set("Make a mesh object active")
+        elif session.solution_of(obj) is None:
+            cls.poll_message_set("Solve this object first")
+        else:
+            return True
+        return False

@@ -1,0 +1,36 @@
+"""Put the last solution's maps on the active object's materials."""
+
+from pathlib import Path
+
+import bpy
+
+from ..irpso_addon.blender import material, session
+from ..irpso_addon.core.errors import BadInput
+from .needs_solution import NeedsSolution
+from .paths import absolute
+
+
+class IRPSO_OT_write_maps(NeedsSolution, bpy.types.Operator):
+    """Wire the last solution's maps into Base Color and Roughness of the object's materials"""
+
+    bl_idname = "irpso.write_maps"
+    bl_label = "Write to Material"
+    bl_options = {"REGISTER", "UNDO"}
+
+    packed: bpy.props.BoolProperty(
+        name="Pack", description="Pack the images into the .blend; else save them as EXR in the export folder",
+        default=True)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Writes images and nodes; what the user should know goes to the Info editor."""
+        obj = context.active_object
+        try:
+            folder = None if self.packed else Path(absolute(context.scene.irpso.out))
+            messages = material.write_maps(obj, session.solution_of(obj), packed=self.packed, directory=folder)
+        except BadInput as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for message in messages:
+            self.report({"WARNING"}, message)
+        self.report({"INFO"}, f"{obj.name}: maps are on its materials")
+        return {"FINISHED"}

@@ -1,0 +1,381 @@
+"""Maps onto materials: Cycles shows just the maps' values, and nothing else in the file changes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from irpso_addon.blender import material
+from irpso_addon.core.data import Maps, Solution
+from irpso_addon.core.errors import BadInput
+
+SIZE = 16
+
+
+def make_maps(size: int = SIZE, seed: int = 0) -> Maps:
+    rng = np.random.default_rng(seed)
+    return Maps(
+        base_color=rng.uniform(0.02, 0.9, (size, size, 3)).astype("f4"),
+        roughness=rng.uniform(0.1, 1.0, (size, size)).astype("f4"),
+        confidence=rng.uniform(0, 1, (size, size)).astype("f4"),
+        error=rng.uniform(0, 0.1, (size, size)).astype("f4"),
+        filled=rng.uniform(size=(size, size)) > 0.5,
+        coverage=np.ones((size, size), bool),
+    )
+
+
+def make_solution(model: dict[str, str], maps: Maps | None = None) -> Solution:
+    return Solution(
+        maps=maps or make_maps(), model=model, why={}, texels={"covered": 4, "observed": 4, "solved": 4, "filled": 0},
+        seconds={}, residual=0.0, views_used=(), views_skipped=(), warnings=(), device={})
+
+
+def make_plane(name: str = "Plane", materials: tuple[str, ...] = ("Skin",)) -> bpy.types.Object:
+    """A square whose UVs fill the UV square, so that texel = pixel of a bake."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [], [(0, 1, 2, 3)])
+    layer = mesh.uv_layers.new(name="UVMap")
+    for corner, uv in zip(layer.data, [(0, 0), (1, 0), (1, 1), (0, 1)], strict=True):
+        corner.uv = uv
+    for material_name in materials:
+        mesh.materials.append(bpy.data.materials.get(material_name) or make_material(material_name))
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def make_material(name: str) -> bpy.types.Material:
+    """A new material with Blender's default nodes."""
+    made = bpy.data.materials.new(name)
+    if bpy.app.version < (5, 0):  # later every material has nodes, and to say so is deprecated
+        made.use_nodes = True
+    return made
+
+
+def principled_of(shader: bpy.types.Material) -> bpy.types.Node:
+    return next(n for n in shader.node_tree.nodes if n.bl_idname == "ShaderNodeBsdfPrincipled")
+
+
+def source(shader: bpy.types.Material, socket: str) -> bpy.types.Node:
+    return principled_of(shader).inputs[socket].links[0].from_node
+
+
+def tree_state(tree: bpy.types.NodeTree) -> dict[str, object]:
+    """Every node with its settings and values, and every link, as plain data."""
+    def plain(value):
+        if hasattr(value, "__len__") and not isinstance(value, str):
+            return tuple(value)
+        return str(getattr(value, "name", value))
+
+    state = {}
+    for node in tree.nodes:
+        skip = {"rna_type", "dimensions", "select", "inputs", "outputs", "internal_links", "color_mapping",
+                "texture_mapping", "image_user", "height", "warning_propagation", "color_tag"}
+        settings = {p.identifier: plain(getattr(node, p.identifier)) for p in node.bl_rna.properties
+                    if p.identifier not in skip and p.type != "COLLECTION"}
+        values = {s.identifier: plain(s.default_value) for s in node.inputs if hasattr(s, "default_value")}
+        state[node.name] = (settings, values)
+    state["links"] = sorted(
+        (k.from_node.name, k.from_socket.identifier, k.to_node.name, k.to_socket.identifier) for k in tree.links)
+    return state
+
+
+def bake(obj: bpy.types.Object, shader: bpy.types.Material, socket: str, size: int = SIZE) -> np.ndarray:
+    """What Cycles evaluates into a socket of the Principled, texel by texel: (size, size, 3).
+
+    A bake looks 0.002 pixels beside the texel's centre, so neighbours would bleed in: Closest instead.
+    """
+    texture = source(shader, socket)
+    assert (texture.interpolation, texture.extension, texture.projection) == ("Linear", "REPEAT", "FLAT")
+    texture.interpolation = "Closest"
+    tree = shader.node_tree
+    emission, target = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeTexImage")
+    output = tree.get_output_node("CYCLES")
+    tree.links.new(principled_of(shader).inputs[socket].links[0].from_socket, emission.inputs["Color"])
+    tree.links.new(emission.outputs["Emission"], output.inputs["Surface"])
+    target.image = bpy.data.images.new("baked", size, size, float_buffer=True, is_data=True)
+    tree.nodes.active = target
+    scene = bpy.context.scene
+    scene.render.engine, scene.cycles.samples, scene.cycles.device = "CYCLES", 1, "CPU"
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    bpy.ops.object.bake(type="EMIT", margin=0)
+    pixels = np.empty(size * size * 4, "f4")
+    target.image.pixels.foreach_get(pixels)
+    texture.interpolation = "Linear"
+    return pixels.reshape(size, size, 4)[..., :3]
+
+
+@pytest.mark.parametrize("where", ["packed", "reopened", "saved"])
+def test_cycles_shows_the_values_of_the_maps(empty, tmp_path: Path, where: str) -> None:
+    obj, maps = make_plane(), make_maps()
+    if where == "saved":
+        material.write_maps(obj, make_solution({"Skin": "one-lobe"}, maps), packed=False, directory=tmp_path / "maps")
+        assert (tmp_path / "maps" / "Plane_basecolor.exr").exists()
+    else:
+        material.write_maps(obj, make_solution({"Skin": "one-lobe"}, maps))
+    if where == "reopened":
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
+        obj = bpy.data.objects["Plane"]
+    shader = obj.material_slots[0].material
+    # 1e-6: grey goes through a luminance sum in float32
+    np.testing.assert_allclose(bake(obj, shader, "Base Color"), maps.base_color, atol=1e-6)
+    np.testing.assert_allclose(bake(obj, shader, "Roughness")[..., 0], maps.roughness, atol=1e-6)
+    images = {name: image for name, image in bpy.data.images.items() if name.startswith("Plane_")}
+    assert sorted(images) == ["Plane_basecolor", "Plane_confidence", "Plane_error", "Plane_roughness"]
+    assert all(image.is_float and bool(image.packed_file) == (where != "saved") for image in images.values())
+    pixels = np.empty(SIZE * SIZE * 4, "f4")
+    images["Plane_confidence"].pixels.foreach_get(pixels)
+    np.testing.assert_array_equal(pixels[::4].reshape(SIZE, SIZE), maps.confidence)
+
+
+def test_colour_spaces(empty) -> None:
+    material.write_maps(make_plane(), make_solution({"Skin": "one-lobe"}))
+    assert bpy.data.images["Plane_basecolor"].colorspace_settings.name == "Linear Rec.709"
+    for role in ("roughness", "confidence", "error"):
+        assert bpy.data.images[f"Plane_{role}"].colorspace_settings.is_data
+
+
+def test_running_twice_leaves_one_set_and_the_rest_alone(empty) -> None:
+    """A tree with a mix shader, a value on Base Color, a normal map and comments: only two links are new."""
+    obj = make_plane()
+    shader = obj.material_slots[0].material
+    tree = shader.node_tree
+    nodes, links = tree.nodes, tree.links
+    output, principled = tree.get_output_node("ALL"), principled_of(shader)
+    mix, glossy = nodes.new("ShaderNodeMixShader"), nodes.new("ShaderNodeBsdfGlossy")
+    mix.inputs["Fac"].default_value = 0.125
+    links.new(glossy.outputs[0], mix.inputs[1])
+    links.new(principled.outputs[0], mix.inputs[2])
+    links.new(mix.outputs[0], output.inputs["Surface"])
+    noise, bump = nodes.new("ShaderNodeTexNoise"), nodes.new("ShaderNodeBump")
+    links.new(noise.outputs["Color"], principled.inputs["Base Color"])
+    links.new(noise.outputs[0], bump.inputs["Height"])
+    links.new(bump.outputs["Normal"], principled.inputs["Normal"])
+    other = make_material("Other")
+    before, other_before = tree_state(tree), tree_state(other.node_tree)
+
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    once = tree_state(tree)
+    counts = len(bpy.data.images), len(bpy.data.materials), len(bpy.data.node_groups)
+    mine = {n.name for n in nodes if n.get("irpso")}
+    assert len(mine) == 3  # two textures and their frame
+    assert {k: v for k, v in once.items() if k not in mine | {"links"}} == {
+        k: v for k, v in before.items() if k != "links"}
+    gone = set(before["links"]) - set(once["links"])
+    assert gone == {(noise.name, "Color", principled.name, "Base Color")}
+    assert {link[2:] for link in set(once["links"]) - set(before["links"])} == {
+        (principled.name, "Base Color"), (principled.name, "Roughness")}
+
+    maps = make_maps(2 * SIZE, seed=1)  # another size and other values
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}, maps))
+    assert tree_state(tree) == once
+    assert (len(bpy.data.images), len(bpy.data.materials), len(bpy.data.node_groups)) == counts
+    assert tuple(bpy.data.images["Plane_basecolor"].size) == (2 * SIZE, 2 * SIZE)
+    assert tree_state(other.node_tree) == other_before
+    np.testing.assert_allclose(bake(obj, shader, "Base Color", 2 * SIZE), maps.base_color, atol=1e-6)
+
+
+def test_a_renamed_object_keeps_one_set(empty) -> None:
+    obj = make_plane()
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    obj.name = "Cöw"
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert sorted(bpy.data.images.keys()) == ["Cöw_basecolor", "Cöw_confidence", "Cöw_error", "Cöw_roughness"]
+
+
+def test_long_names_stay_distinct(empty) -> None:
+    obj = make_plane("é" * 31)
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    ends = {name.rsplit("_", 1)[1] for name in bpy.data.images.keys()}
+    assert ends == {"basecolor", "roughness", "confidence", "error"}
+
+
+def test_an_image_of_the_user_with_the_same_name_is_left_alone(empty) -> None:
+    own = bpy.data.images.new("Plane_basecolor", 4, 4)
+    own.use_fake_user = True
+    obj = make_plane()
+    for _ in range(2):
+        material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert tuple(own.size) == (4, 4)
+    assert len(bpy.data.images) == 5
+
+
+def test_several_slots_share_the_images(empty) -> None:
+    obj = make_plane(materials=("A", "B", "A", "Unsolved"))
+    state = tree_state(bpy.data.materials["Unsolved"].node_tree)
+    assert material.write_maps(obj, make_solution({"A": "one-lobe", "B": "lambert"})) == ()
+    assert [s.material.name for s in obj.material_slots] == ["A", "B", "A", "Unsolved"]
+    a, b = bpy.data.materials["A"], bpy.data.materials["B"]
+    assert source(a, "Base Color").image == source(b, "Base Color").image == bpy.data.images["Plane_basecolor"]
+    assert len(a.node_tree.nodes) == len(b.node_tree.nodes) == 5
+    assert tree_state(bpy.data.materials["Unsolved"].node_tree) == state
+
+
+def test_lambert_switches_the_highlight_off_and_one_lobe_brings_it_back(empty) -> None:
+    obj = make_plane()
+    shader = obj.material_slots[0].material
+    socket = principled_of(shader).inputs["Specular IOR Level"]
+    socket.default_value = 0.25
+    value = shader.node_tree.nodes.new("ShaderNodeValue")
+    for _ in range(2):
+        material.write_maps(obj, make_solution({"Skin": "lambert"}))
+        assert socket.default_value == 0.0
+        assert source(shader, "Roughness").image.name == "Plane_roughness"
+    messages = material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert socket.default_value == 0.25
+    assert messages == ()  # said once a difference is met that the user made: below
+    assert material.write_maps(obj, make_solution({"Skin": "one-lobe"})) == (
+        "material 'Skin': Specular IOR Level is 0.25, the maps were solved for 0.5",)
+    shader.node_tree.links.new(value.outputs[0], socket)
+    messages = material.write_maps(obj, make_solution({"Skin": "lambert"}))
+    assert not socket.is_linked and socket.default_value == 0.0
+    assert any("unlinked" in message for message in messages)
+
+
+def test_what_the_model_does_not_know_is_said(empty) -> None:
+    obj = make_plane()
+    principled_of(obj.material_slots[0].material).inputs["Metallic"].default_value = 0.8
+    assert material.write_maps(obj, make_solution({"Skin": "one-lobe"})) == (
+        "material 'Skin': Metallic is 0.8, the maps were solved for 0",)
+
+
+def test_a_material_of_another_object_is_copied(empty) -> None:
+    obj, other = make_plane("Mine"), make_plane("Theirs")
+    shared = other.material_slots[0].material
+    state = tree_state(shared.node_tree)
+    messages = material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert any("'Skin'" in m and "Mine" in m for m in messages)
+    assert other.material_slots[0].material == shared
+    assert tree_state(shared.node_tree) == state
+    assert source(obj.material_slots[0].material, "Base Color").image.name == "Mine_basecolor"
+    # The same solution again finds its slot although the copy has another name; no second copy.
+    assert material.write_maps(obj, make_solution({"Skin": "one-lobe"})) == ()
+    assert len(bpy.data.materials) == 2
+
+
+def test_a_shared_mesh_keeps_its_material(empty) -> None:
+    obj = make_plane("Mine")
+    twin = bpy.data.objects.new("Twin", obj.data)
+    bpy.context.scene.collection.objects.link(twin)
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert twin.material_slots[0].material.name == "Skin"
+    assert obj.material_slots[0].material != twin.material_slots[0].material
+
+
+def test_a_duplicate_gets_its_own_images(empty) -> None:
+    obj = make_plane("Mine")
+    maps, later = make_maps(), make_maps(seed=5)
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}, maps))
+    twin = obj.copy()
+    bpy.context.scene.collection.objects.link(twin)
+    twin.name = "Twin"
+    material.write_maps(twin, make_solution({"Skin": "one-lobe"}, later))
+    material.write_maps(twin, make_solution({"Skin.001": "one-lobe"}, later))
+    assert len(bpy.data.images) == 8
+    mine, theirs = obj.material_slots[0].material, twin.material_slots[0].material
+    np.testing.assert_allclose(bake(twin, theirs, "Base Color"), later.base_color, atol=1e-6)
+    twin.select_set(False)
+    np.testing.assert_allclose(bake(obj, mine, "Base Color"), maps.base_color, atol=1e-6)
+
+
+@pytest.mark.parametrize("slots", [0, 1])
+def test_an_object_without_material_gets_one(empty, slots: int) -> None:
+    obj = make_plane(materials=())
+    for _ in range(slots):
+        obj.data.materials.append(None)
+    for _ in range(2):
+        material.write_maps(obj, make_solution({"": "one-lobe"}))
+    assert [s.material.name for s in obj.material_slots] == ["Plane"]
+    assert len(bpy.data.materials) == 1
+    assert source(obj.material_slots[0].material, "Roughness").image.name == "Plane_roughness"
+
+
+def test_an_empty_tree_gets_a_principled(empty) -> None:
+    obj = make_plane()
+    shader = obj.material_slots[0].material
+    shader.node_tree.nodes.clear()
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    output = shader.node_tree.get_output_node("ALL")
+    assert output.inputs["Surface"].links[0].from_node == principled_of(shader)
+
+
+def test_an_image_texture_would_read_another_uv_map(empty) -> None:
+    """The solved UV map is the active one; Image Texture takes the one marked for rendering."""
+    obj = make_plane()
+    layer = obj.data.uv_layers.new(name="Other")
+    for corner in layer.data:
+        corner.uv = (0.5, 0.5)
+    layer.active_render = True
+    obj.data.uv_layers.active = obj.data.uv_layers["UVMap"]
+    maps = make_maps()
+    for _ in range(2):
+        material.write_maps(obj, make_solution({"Skin": "one-lobe"}, maps))
+    shader = obj.material_slots[0].material
+    assert len(shader.node_tree.nodes) == 6
+    node = source(shader, "Base Color").inputs["Vector"].links[0].from_node
+    assert (node.bl_idname, node.uv_map) == ("ShaderNodeUVMap", "UVMap")
+    obj.data.uv_layers["UVMap"].active_render = True
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}, maps))
+    assert len(shader.node_tree.nodes) == 5
+    np.testing.assert_allclose(bake(obj, shader, "Base Color"), maps.base_color, atol=1e-6)
+
+
+def test_nodes_do_not_lie_on_others(empty) -> None:
+    obj = make_plane()
+    tree = obj.material_slots[0].material.node_tree
+    left = tree.nodes.new("ShaderNodeTexNoise")
+    left.location = (-900, 200)
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    textures = [n for n in tree.nodes if n.get("irpso") in ("base_color", "roughness")]
+    assert all(n.location_absolute.x + n.width <= left.location_absolute.x for n in textures)
+    assert {n.parent.label for n in textures} == {"IRPSO"}
+    assert abs(textures[0].location_absolute.y - textures[1].location_absolute.y) >= 280
+
+
+# ---- what cannot be done is said before anything changes
+
+
+def refuses(obj: bpy.types.Object, model: dict[str, str], *words: str) -> None:
+    count = len(bpy.data.images), len(bpy.data.materials)
+    with pytest.raises(BadInput) as caught:
+        material.write_maps(obj, make_solution(model))
+    message = str(caught.value)
+    assert "\n" not in message
+    assert all(word in message for word in words), message
+    assert (len(bpy.data.images), len(bpy.data.materials)) == count
+    assert "irpso" not in obj
+
+
+def test_no_principled_is_named(empty) -> None:
+    obj = make_plane(materials=("Fine", "Glow"))
+    tree = bpy.data.materials["Glow"].node_tree
+    tree.nodes.remove(principled_of(bpy.data.materials["Glow"]))
+    glow = tree.nodes.new("ShaderNodeEmission")
+    tree.links.new(glow.outputs[0], tree.get_output_node("ALL").inputs["Surface"])
+    refuses(obj, {"Fine": "one-lobe", "Glow": "one-lobe"}, "Glow", "Principled")
+    assert len(bpy.data.materials["Fine"].node_tree.nodes) == 2
+
+
+def test_other_materials_than_were_solved(empty) -> None:
+    refuses(make_plane(), {"Gone": "one-lobe"}, "Plane", "Gone", "solve again")
+
+
+def test_linked_data_is_refused(empty, tmp_path: Path) -> None:
+    make_plane("Far")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, into):
+        into.objects, into.materials = ["Far"], ["Skin"]
+    refuses(bpy.data.objects["Far"], {"Skin": "one-lobe"}, "Far", "library")
+    obj = make_plane(materials=())
+    obj.data.materials.append(bpy.data.materials["Skin"])
+    refuses(obj, {"Skin": "one-lobe"}, "Skin", "library")
+
+
+def test_a_lamp_is_refused(empty) -> None:
+    refuses(bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT")), {"": "one-lobe"}, "Lamp", "mesh")
