@@ -1,0 +1,78 @@
+"""One OpenGL context for the tests of shader functions, and the means to call such a function from Python."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+
+from irpso_addon.core.tables import principled_table
+from irpso_addon.gpu.programs import assemble
+
+WIDTH = 64  # of the image whose pixels are the calls
+Evaluate = Callable[..., np.ndarray]
+
+
+@pytest.fixture(scope="session")
+def ctx() -> Iterator[moderngl.Context]:
+    backend = {"backend": "egl"} if sys.platform.startswith("linux") else {}
+    context = moderngl.create_context(standalone=True, require=330, **backend)
+    yield context
+    context.release()
+
+
+@pytest.fixture
+def evaluate(ctx: moderngl.Context) -> Evaluate:
+    """evaluate("include/brdf.glsl", "o = vec4(D_ggx(a.x, a.y));", arguments) -> (n, 4) float32.
+
+    One call of the body per row of ``arguments`` (n, up to 8), which it sees as vec4 a and b; it writes vec4 o.
+    """
+
+    idle = ctx.simple_framebuffer((1, 1))
+
+    def call(include: str, body: str, arguments: np.ndarray, uniforms: Mapping[str, Any] | None = None) -> np.ndarray:
+        rows = -(-len(arguments) // WIDTH)
+        padded = np.zeros((rows * WIDTH, 8), np.float32)
+        padded[: len(arguments), : arguments.shape[1]] = arguments
+        source = assemble(include) + f"""
+            uniform sampler2D u_a;
+            uniform sampler2D u_b;
+            out vec4 o;
+            void main() {{
+                vec4 a = texelFetch(u_a, ivec2(gl_FragCoord.xy), 0), b = texelFetch(u_b, ivec2(gl_FragCoord.xy), 0);
+                {body}
+            }}"""
+        program = ctx.program(
+            vertex_shader="#version 330 core\nvoid main() { gl_Position = vec4(gl_VertexID == 1 ? 3 : -1, "
+                          "gl_VertexID == 2 ? 3 : -1, 0, 1); }",
+            fragment_shader=source)
+        table = principled_table()
+        textures = {
+            "u_a": ctx.texture((WIDTH, rows), 4, padded[:, :4].tobytes(), dtype="f4"),
+            "u_b": ctx.texture((WIDTH, rows), 4, padded[:, 4:].tobytes(), dtype="f4"),
+            "u_principled_table": ctx.texture(table.shape[1::-1], 2, table.tobytes(), dtype="f4"),
+        }
+        for unit, (name, texture) in enumerate(textures.items()):
+            texture.use(unit)
+            if name in program:
+                program[name].value = unit
+        for name, value in (uniforms or {}).items():
+            if name in program:  # the compiler drops what a body does not need
+                program[name].value = value
+        target = ctx.texture((WIDTH, rows), 4, dtype="f4")
+        frame = ctx.framebuffer([target])
+        frame.use()
+        vertices = ctx.vertex_array(program, [])
+        vertices.render(moderngl.TRIANGLES, vertices=3)
+        result = np.frombuffer(target.read(), np.float32).reshape(-1, 4)[: len(arguments)]
+        idle.use()  # a deleted framebuffer must not stay bound
+        for made in (vertices, frame, target, program, *textures.values()):
+            made.release()
+        assert ctx.error == "GL_NO_ERROR"
+        return result
+
+    return call
