@@ -17,6 +17,8 @@ from ..core.data import F32
 from ..core.errors import BadInput
 from .programs import Programs
 
+Textures = moderngl.Texture | tuple[moderngl.Texture, ...] | None
+
 
 class Device:
     """A moderngl context with its programs and a full-screen triangle."""
@@ -56,15 +58,21 @@ class Device:
         raw = np.frombuffer(texture.read(alignment=1), np.float32)
         return raw.reshape(texture.height, texture.width, texture.components)
 
-    def bind(self, program: moderngl.Program, textures: Mapping[str, moderngl.Texture | None]) -> None:
-        """Bind textures to consecutive units, by sampler name."""
-        for unit, (name, texture) in enumerate(textures.items()):
-            if texture is not None:
-                texture.use(unit)
-                self.programs.set(program, {name: unit})
+    def bind(self, program: moderngl.Program, textures: Mapping[str, Textures]) -> None:
+        """Bind textures to consecutive units, by sampler name; a tuple fills an array of samplers."""
+        unit = 0
+        for name, value in textures.items():
+            several = value if isinstance(value, tuple) else (value,)
+            for texture in several:
+                if texture is not None:
+                    texture.use(unit + several.index(texture))
+            if several[0] is not None:
+                units = tuple(range(unit, unit + len(several)))
+                self.programs.set(program, {name: units if isinstance(value, tuple) else unit})
+            unit += len(several)
 
     def draw(
-        self, fragment: str, target: moderngl.Framebuffer, *, textures: Mapping[str, moderngl.Texture | None],
+        self, fragment: str, target: moderngl.Framebuffer, *, textures: Mapping[str, Textures],
         uniforms: Mapping[str, Any], defines: Mapping[str, str] | None = None,
         viewport: tuple[int, int, int, int] | None = None,
     ) -> None:

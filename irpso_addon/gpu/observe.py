@@ -1,0 +1,184 @@
+"""Views -> observations: at every pixel of a camera, reflected radiance per irradiance and how far to trust it.
+
+The pixel is the unit of observation, with its own geometry: a texel is later matched to the pixel
+that shows it.  Interpolating colours at the texel's own geometry instead doubles the roughness error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+
+import moderngl
+import numpy as np
+
+from ..core import lights as light_model
+from ..core.data import Camera, F32, RadianceImage, SceneData, View
+from ..core.job import Progress
+from ..core.tables import principled_table
+from .context import Device
+from .surface import MeshBuffer, Occluders, SurfaceMaps, clip_matrix, column_major, draw_pixel_grid
+from .visibility import SOFT_ANGLE, LightVisibility
+
+EDGE_WEIGHT = 0.03  # of an observation at an edge of shadow or silhouette, beside 1 for a good one
+DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
+LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the spread of half vectors
+ReadImage = Callable[[View], RadianceImage]
+
+
+@dataclass
+class ObservedView:
+    """One view at its camera's pixels."""
+
+    view: View
+    colour: moderngl.Texture  # RGBA32F: radiance / irradiance (1/sr), weight
+    lobes: list[moderngl.Texture]  # per light: sin2h, spread, cos_l, factor
+
+
+@dataclass
+class ObservedCamera:
+    """A camera's pixel grid with the views taken through it."""
+
+    camera: Camera
+    maps: SurfaceMaps
+    clip: bytes  # world to clip space
+    uniforms: dict[str, object]
+    views: list[ObservedView] = field(default_factory=list)
+
+    @property
+    def viewpoint(self) -> dict[str, object]:
+        """The uniforms that give the direction to the camera."""
+        return {k: self.uniforms[k] for k in ("u_camera_position", "u_camera_forward", "u_orthographic")}
+
+    def release(self) -> None:
+        """Free the textures."""
+        self.maps.release()
+        for view in self.views:
+            for texture in (view.colour, *view.lobes):
+                texture.release()
+
+
+@dataclass(frozen=True)
+class Observations:
+    """All cameras, and what was noticed on the way."""
+
+    cameras: list[ObservedCamera]
+    level: float  # typical radiance of the views (median over pixels that show the surface)
+    skipped: tuple[tuple[str, str], ...]  # (view, why)
+    warnings: tuple[str, ...]
+    principled_table: moderngl.Texture
+
+    def release(self) -> None:
+        """Free the textures."""
+        for camera in self.cameras:
+            camera.release()
+        self.principled_table.release()
+
+
+def camera_uniforms(camera: Camera, height: int, footprint: float) -> dict[str, object]:
+    """What include/pixel.glsl needs to know of a camera."""
+    return {
+        "u_camera_position": tuple(camera.position), "u_camera_forward": tuple(camera.forward),
+        "u_orthographic": camera.orthographic,
+        "u_pixel_width": 2.0 / (abs(float(camera.projection[1, 1])) * height), "u_footprint": footprint,
+    }
+
+
+def observe(
+    device: Device, scene: SceneData, mesh: MeshBuffer, read_image: ReadImage
+) -> Generator[Progress, None, Observations]:
+    """Draw every camera's maps, every light's shadow, and turn each reference into observations."""
+    occluders = Occluders(device, scene.occluders)
+    table = principled_table()
+    table_texture = device.texture(table.shape[1], table.shape[0], 2, table)
+    images: dict[int, moderngl.Texture] = {}
+    cameras: list[ObservedCamera] = []
+    members: list[list[int]] = []
+    levels: list[F32] = []
+    warnings: list[str] = []
+    skipped: list[tuple[str, str]] = []
+    keys: dict[tuple[str, int, int], int] = {}
+    for n, view in enumerate(scene.views):
+        image = read_image(view)
+        warnings += [w for w in image.warnings if w not in warnings]
+        h, w = image.rgb.shape[:2]
+        key = (view.camera.name, w, h)
+        if key not in keys:
+            keys[key] = len(cameras)
+            maps = draw_pixel_grid(device, mesh, occluders, view.camera, w, h)
+            clip = clip_matrix(view.camera, [scene.mesh.positions, scene.occluders])
+            cameras.append(ObservedCamera(view.camera, maps, column_major(clip),
+                                          camera_uniforms(view.camera, h, scene.pixel_filter)))
+            members.append([])
+        shown = device.read(cameras[keys[key]].maps.position)[..., 3] > 0.5
+        good = shown & image.valid & (image.coverage > 0.5)
+        if not good.any():
+            skipped.append((view.image.name, "no usable pixel shows the object: check camera, mask and clipping"))
+            continue
+        levels.append(np.median(image.rgb[good].mean(axis=1))[None])
+        quality = np.where(image.valid, np.where(image.coverage > 0.5, image.coverage, 0.0), 0.0)
+        packed = np.concatenate([image.rgb, quality[..., None]], axis=2)
+        images[n] = device.texture(w, h, 4, packed)
+        members[keys[key]].append(n)
+        yield Progress(0.5 * (n + 1) / len(scene.views), "observe", f"reading {view.image.name}")
+    level = float(np.median(np.concatenate(levels))) if levels else 1.0
+    visibility = LightVisibility(device, mesh, occluders)
+    lit: dict[tuple[str, int], moderngl.Texture] = {}
+    by_name = {light.name: light for view in scene.views for light in view.lights}
+    used = [[any(light.name == name for n in group for light in scene.views[n].lights) for group in members]
+            for name in by_name]
+    for i, (name, light) in enumerate(by_name.items()):
+        chosen = [c for c, wanted in enumerate(used[i]) if wanted]
+        found: list[moderngl.Texture] = []
+        for found in visibility.lit_maps(light, [cameras[c].maps for c in chosen]):
+            yield Progress(0.5 + 0.3 * i / len(by_name), "observe", f"shadows of {name}")
+        lit.update({(name, c): texture for c, texture in zip(chosen, found, strict=True)})
+    visibility.release()
+    for c, group in enumerate(members):
+        for n in group:
+            view = scene.views[n]
+            shadows = [lit[light.name, c] for light in view.lights]
+            cameras[c].views.append(_observe_view(device, cameras[c], view, images[n], shadows, level, table_texture))
+            images.pop(n).release()
+            yield Progress(0.8 + 0.2 * n / len(scene.views), "observe", view.image.name)
+    for texture in lit.values():
+        texture.release()
+    cameras = [camera for camera in cameras if camera.views or camera.release()]
+    return Observations(cameras, level, tuple(skipped), tuple(warnings), table_texture)
+
+
+def _observe_view(
+    device: Device, camera: ObservedCamera, view: View, image: moderngl.Texture, lit: list[moderngl.Texture],
+    level: float, table: moderngl.Texture,
+) -> ObservedView:
+    ctx, size = device.ctx, image.size
+    irradiance = device.texture(*size)
+    target = device.framebuffer([irradiance])
+    target.clear()
+    maps = {"u_position": camera.maps.position, "u_normal": camera.maps.normal}
+    lights = [{**light_model.light_uniforms(light), "u_power": tuple(light.power), **camera.uniforms}
+              for light in view.lights]
+    ctx.enable(moderngl.BLEND)
+    ctx.blend_func, ctx.blend_equation = (moderngl.ONE, moderngl.ONE), moderngl.FUNC_ADD
+    for uniforms, shadow in zip(lights, lit, strict=True):
+        device.draw("observe/irradiance.frag", target, textures={**maps, "u_lit": shadow}, uniforms=uniforms)
+    ctx.disable(moderngl.BLEND)
+    target.release()
+    lobes = []
+    for light, uniforms, shadow in zip(view.lights, lights, lit, strict=True):
+        lobes.append(device.texture(*size))
+        target = device.framebuffer([lobes[-1]])
+        target.clear()
+        point = light.kind != "AREA" and light.radius <= SOFT_ANGLE * 0.1
+        device.draw("observe/lobe.frag", target, textures={
+            **maps, "u_lit": shadow, "u_irradiance": irradiance, "u_principled_table": table,
+        }, uniforms={**uniforms, "u_light_points": 1 if point else LIGHT_POINTS})
+        target.release()
+    colour = device.texture(*size)
+    target = device.framebuffer([colour])
+    target.clear()
+    device.draw("observe/colour.frag", target, textures={**maps, "u_image": image, "u_irradiance": irradiance},
+                uniforms={**camera.uniforms, "u_level": level, "u_edge_weight": EDGE_WEIGHT, "u_dark": DARK_SHARE})
+    target.release()
+    irradiance.release()
+    return ObservedView(view, colour, lobes)

@@ -1,0 +1,221 @@
+"""Observations -> roughness per texel: gather, search, share with neighbours, polish.
+
+The search of a texel is one draw of one fused kernel (shaders/solve/).  Tiles bound the memory of
+the gathered observations and the time of a draw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+
+import moderngl
+
+from ..core.errors import Cancelled
+from ..core.job import Progress
+from ..core.params import SolveSettings
+from .context import Device
+from .observe import ObservedCamera, Observations
+from .surface import SurfaceMaps
+
+TILE_WIDTH = 512
+TILE_HEIGHT = 128
+ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
+MAX_OBSERVATIONS = 64  # of a texel; the local arrays of the kernel
+NOISE_FLOOR = 0.003  # relative: what the model leaves out on perfect data
+GROUP_SLACK = 30.0  # between-camera albedo variance in units of the noise's
+PRIOR_CUT = 8.0  # an edge in the map costs at most 4 standard deviations
+SHARED_PIXELS = 0.35  # gain of the first pooling step: texels of one pixel repeat each other
+METHODS = {  # what each method's kernel does at a texel
+    "refined": {"u_particles": 8, "u_race_steps": 3, "u_final_steps": 8},
+    "swarm": {"u_iterations": 25},
+}
+ROUGHNESS_STEP = 0.004  # expected change of roughness to the parent cell, at the finest level
+
+
+@dataclass(frozen=True)
+class RoughnessMaps:
+    """What the search found, on the texel grid; released by the caller."""
+
+    roughness: moderngl.Texture  # roughness, standard error, relative residual, solved
+    detail: moderngl.Texture  # good observations, residual, residual without lobe, confidence
+
+
+@dataclass(frozen=True)
+class _Layers:
+    """The observations a texel is offered: cameras in turn, their views in turn."""
+
+    cameras: list[ObservedCamera]
+    lights: int  # lobes per view, the most that any view has
+
+    @property
+    def count(self) -> int:
+        return sum(len(c.views) for c in self.cameras)
+
+    @property
+    def groups(self) -> list[int]:
+        return [i for i, c in enumerate(self.cameras) for _ in c.views]
+
+    def defines(self) -> dict[str, str]:
+        return {"LAYERS": str(self.count), "MAX_OBS": str(min(self.count, MAX_OBSERVATIONS)),
+                "LIGHTS": str(self.lights)}
+
+
+class Solver:
+    """Roughness of every texel of a G-buffer."""
+
+    def __init__(self, device: Device, grid: SurfaceMaps, observations: Observations, settings: SolveSettings) -> None:
+        self.device, self.grid, self.observations, self.settings = device, grid, observations, settings
+        self.size = grid.position.width
+        self.cancelled = False
+        self.layers = _Layers(observations.cameras,
+                              max(len(v.lobes) for c in observations.cameras for v in c.views))
+        rows = self.layers.count * (1 + self.layers.lights)
+        self.tile = (min(TILE_WIDTH, self.size), max(1, min(TILE_HEIGHT, self.size, ATLAS_ROWS // rows)))
+        self.atlas = device.texture(self.tile[0], self.tile[1] * rows)
+        self.atlas_target = device.framebuffer([self.atlas])
+        self.match = device.texture(*self.tile)
+        self.match_target = device.framebuffer([self.match])
+        self.covered = device.read(grid.position)[..., 3] > 0.5
+        self.uniforms = {"u_group": tuple(self.layers.groups) if self.layers.count > 1 else 0,
+                         "u_group_slack": GROUP_SLACK, "u_tile_height": self.tile[1]}
+
+    def tiles(self) -> Iterator[tuple[int, int]]:
+        """First texel of each tile that has covered texels."""
+        w, h = self.tile
+        for y in range(0, self.size, h):
+            for x in range(0, self.size, w):
+                if self.covered[y:y + h, x:x + w].any():
+                    yield x, y
+
+    def solve(self) -> Generator[Progress, None, RoughnessMaps]:
+        """Search every texel alone, pool what texels say, and polish each under its neighbours' prior."""
+        device, size = self.device, self.size
+        valleys, support = self._pair()
+        tables = tuple(device.texture(size, size) for _ in range(8))
+        search = self.framebuffer([valleys, support])
+        table_target = self.framebuffer(tables)
+        tiles = list(self.tiles())
+        method = self.settings.method
+        knobs = {"u_seed": self.settings.seed, **METHODS[method]}
+        for i, tile in enumerate(tiles):
+            self._gather(tile)
+            self._run(f"solve/{method}.frag", search, tile, {}, knobs)
+            self._run("solve/table.frag", table_target, tile, {"u_valleys": valleys, "u_support": support},
+                      {"u_noise_floor": NOISE_FLOOR})
+            device.ctx.finish()
+            try:
+                yield Progress(0.7 * (i + 1) / len(tiles), "solve", f"tile {i + 1} of {len(tiles)}")
+            except Cancelled:  # what was found is kept: these tiles are finished, the rest is filled from them
+                self.cancelled = True
+                tiles = tiles[: i + 1]
+                break
+        estimate, prior = self._share(tables)
+        for target in (search, table_target):
+            target.release()
+        for texture in tables:
+            texture.release()
+        roughness, detail = self._pair()
+        polish = self.framebuffer([roughness, detail])
+        for i, tile in enumerate(tiles):
+            self._gather(tile)
+            self._run("solve/polish.frag", polish, tile, {
+                "u_valleys": valleys, "u_support": support, "u_estimate": estimate, "u_prior": prior,
+            }, {"u_noise_floor": NOISE_FLOOR, "u_prior_cut": PRIOR_CUT, "u_steps": 4})
+            device.ctx.finish()
+            if not self.cancelled:
+                yield Progress(0.7 + 0.3 * (i + 1) / len(tiles), "solve", "neighbours")
+        polish.release()
+        for texture in (valleys, support, estimate, prior):
+            texture.release()
+        return RoughnessMaps(roughness, detail)
+
+    def _pair(self) -> tuple[moderngl.Texture, moderngl.Texture]:
+        return self.device.texture(self.size, self.size), self.device.texture(self.size, self.size)
+
+    def framebuffer(self, textures: list[moderngl.Texture] | tuple[moderngl.Texture, ...]) -> moderngl.Framebuffer:
+        """A cleared framebuffer."""
+        target = self.device.framebuffer(list(textures))
+        target.clear()
+        return target
+
+    def _gather(self, tile: tuple[int, int]) -> None:
+        """Fill the atlas with the observations of the tile's texels."""
+        device, (w, h) = self.device, self.tile
+        layer = 0
+        for camera in self.layers.cameras:
+            device.draw("observe/match.frag", self.match_target, textures={
+                "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
+                "u_position": camera.maps.position, "u_normal": camera.maps.normal,
+            }, uniforms={**camera.uniforms, "u_clip": camera.clip, "u_tile": tile})
+            for view in camera.views:
+                row = layer * (1 + self.layers.lights) * h
+                device.draw("observe/gather_colour.frag", self.atlas_target,
+                            textures={"u_match": self.match, "u_colour": view.colour},
+                            uniforms={"u_channel": -1, "u_row": row}, viewport=(0, row, w, h))
+                for n in range(self.layers.lights):
+                    row += h
+                    if n < len(view.lobes):
+                        device.draw("observe/gather_lobe.frag", self.atlas_target,
+                                    textures={"u_match": self.match, "u_lobe": view.lobes[n]},
+                                    uniforms={"u_row": row}, viewport=(0, row, w, h))
+                    else:
+                        self._clear_layer(row)
+                layer += 1
+
+    def _clear_layer(self, row: int) -> None:
+        w, h = self.tile
+        self.atlas_target.clear(viewport=(0, row, w, h))
+
+    def _run(
+        self, fragment: str, target: moderngl.Framebuffer, tile: tuple[int, int],
+        textures: dict[str, moderngl.Texture], uniforms: dict[str, float | int],
+    ) -> None:
+        """One kernel over one tile, written in place into the whole maps."""
+        x, y = tile
+        w, h = min(self.tile[0], self.size - x), min(self.tile[1], self.size - y)
+        self.device.draw(fragment, target, textures={
+            "u_texel_position": self.grid.position, "u_observations": self.atlas,
+            "u_principled_table": self.observations.principled_table, **textures,
+        }, uniforms={**self.uniforms, **uniforms, "u_tile": tile}, defines=self.layers.defines(), viewport=(x, y, w, h))
+
+    def _share(self, tables: tuple[moderngl.Texture, ...]) -> tuple[moderngl.Texture, moderngl.Texture]:
+        """The pyramid: tables summed upwards, estimates handed downwards.  Returns (estimate, prior)."""
+        device = self.device
+        levels = [tables]
+        while levels[-1][0].width > 8:
+            below = levels[-1]
+            half = (below[0].width + 1) // 2
+            above = tuple(device.texture(half, half) for _ in range(8))
+            target = device.framebuffer(list(above))
+            device.draw("solve/pool.frag", target, textures={"u_table": below},
+                        uniforms={"u_gain": SHARED_PIXELS if len(levels) == 1 else 1.0})
+            target.release()
+            levels.append(above)
+        parent: moderngl.Texture | None = None
+        prior: moderngl.Texture | None = None
+        for level in range(len(levels) - 1, -1, -1):
+            table = levels[level]
+            size = table[0].width
+            estimate, given = device.texture(size, size), device.texture(size, size)
+            target = device.framebuffer([estimate, given])
+            device.draw("solve/descend.frag", target, textures={"u_table": table, "u_parent": parent}, uniforms={
+                "u_top": parent is None, "u_step": ROUGHNESS_STEP * 2.0**level, "u_prior_cut": PRIOR_CUT,
+            })
+            target.release()
+            for texture in (parent, prior):
+                if texture is not None:
+                    texture.release()
+            if level > 0:
+                for texture in table:
+                    texture.release()
+            parent, prior = estimate, given
+        assert parent is not None and prior is not None
+        return parent, prior
+
+    def release(self) -> None:
+        """Free the tile's textures."""
+        for thing in (self.atlas_target, self.match_target, self.atlas, self.match):
+            thing.release()
+
+

@@ -1,0 +1,221 @@
+"""The mesh on the GPU, drawn over the texel grid (G-buffer) and through the cameras (pixel maps)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from ..core.data import F32, F64, Camera, MeshArrays
+from .context import Device
+
+_LAYOUT = "3f 3f 2f 4f 3f 4f"
+_NAMES = ("in_position", "in_normal", "in_uv", "in_facet", "in_object_normal", "in_tangent")
+
+
+@dataclass(frozen=True)
+class SurfaceMaps:
+    """G-buffer of a grid: texels (UV square) or a camera's pixels.  Released with ``release``."""
+
+    position: moderngl.Texture  # RGBA32F: world xyz, coverage
+    normal: moderngl.Texture  # RGBA32F: shading normal, material slot
+    facet: moderngl.Texture  # RGBA32F: facet normal on the shading side, lift (metres)
+    uv: moderngl.Texture | None = None  # RG32F, cameras only
+    uv_slope: moderngl.Texture | None = None  # RGBA32F, cameras only: d(uv)/dx, d(uv)/dy
+
+    def release(self) -> None:
+        """Free the textures."""
+        for texture in (self.position, self.normal, self.facet, self.uv, self.uv_slope):
+            if texture is not None:
+                texture.release()
+
+
+def facets(mesh: MeshArrays) -> F32:
+    """(T, 4): unit facet normal of each triangle and its lift in metres.
+
+    The lift is how far the smooth surface that the corner normals describe stands above the flat
+    facet (half the largest distance from a corner to another corner's tangent plane), after the
+    shadow-terminator offset of Hanika (Ray Tracing Gems II, 2021, ch. 4).  Degenerate triangles
+    get a zero normal.
+    """
+    p, n = mesh.positions.astype(np.float64), mesh.normals.astype(np.float64)
+    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.where(length > 1e-20, normal / np.maximum(length, 1e-20), 0.0)
+    lift = np.zeros(len(p))
+    for i in range(3):
+        for j in range(3):
+            if i != j:
+                lift = np.maximum(lift, 0.5 * np.abs(np.einsum("tk,tk->t", p[:, j] - p[:, i], n[:, i])))
+    longest = np.max(np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2), axis=1)
+    lift = np.minimum(lift, 0.25 * longest)  # flat shading and hard edges: the planes say nothing
+    return np.concatenate([normal, lift[:, None]], axis=1).astype(np.float32)
+
+
+class MeshBuffer:
+    """The triangles of a mesh in one vertex buffer, sorted by material slot."""
+
+    def __init__(self, device: Device, mesh: MeshArrays) -> None:
+        self.device, self.mesh = device, mesh
+        order = np.argsort(mesh.slots, kind="stable")
+        slots = mesh.slots[order]
+        zeros = np.zeros((len(order), 3, 4), np.float32)
+        parts = [
+            mesh.positions[order], mesh.normals[order], mesh.uvs[order],
+            np.repeat(facets(mesh)[order][:, None], 3, axis=1),
+            mesh.object_normals[order] if mesh.object_normals is not None else zeros[..., :3],
+            mesh.tangents[order] if mesh.tangents is not None else zeros,
+        ]
+        self.buffer = device.ctx.buffer(np.concatenate(parts, axis=2).astype(np.float32).tobytes())
+        self.ranges = [(int(s), int(np.searchsorted(slots, s)), int(np.count_nonzero(slots == s)))
+                       for s in np.unique(slots)]
+        self.normal_maps: dict[int, moderngl.Texture] = {}
+        for slot, image in mesh.normal_maps.items():
+            h, w = image.pixels.shape[:2]
+            texture = device.texture(w, h, 3, image.pixels)
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)  # Cycles samples bilinear, without mip-maps
+            texture.repeat_x = texture.repeat_y = True
+            self.normal_maps[slot] = texture
+        self._arrays: dict[int, moderngl.VertexArray] = {}
+
+    def draw(self, target: moderngl.Framebuffer, clip: F64 | None) -> None:
+        """Draw into the target: through ``clip`` (world to clip space), or over the UV square when None."""
+        device = self.device
+        program = device.programs.get("gbuffer/surface.vert", "gbuffer/surface.frag")
+        matrix = np.eye(4) if clip is None else clip
+        normal_matrix = np.eye(3) if self.mesh.normal_matrix is None else self.mesh.normal_matrix
+        device.programs.set(program, {
+            "u_in_uv": clip is None, "u_clip": column_major(matrix), "u_normal_matrix": column_major(normal_matrix),
+        })
+        target.use()
+        device.ctx.viewport = (0, 0, target.width, target.height)
+        for slot, first, count in self.ranges:
+            device.bind(program, {"u_normal_map": self.normal_maps.get(slot)})
+            device.programs.set(program, {
+                "u_has_normal_map": slot in self.normal_maps, "u_slot": float(slot),
+                "u_normal_strength": self.mesh.normal_maps[slot].strength if slot in self.normal_maps else 0.0,
+            })
+            self._array(program).render(moderngl.TRIANGLES, vertices=3 * count, first=3 * first)
+
+    def draw_positions(self, target: moderngl.Framebuffer, fragment: str, uniforms: dict[str, Any]) -> None:
+        """Draw positions alone with ``gbuffer/depth.vert`` and a fragment shader."""
+        program = self.device.programs.get("gbuffer/depth.vert", fragment)
+        self.device.programs.set(program, uniforms)
+        target.use()
+        self.device.ctx.viewport = (0, 0, target.width, target.height)
+        self._array(program).render(moderngl.TRIANGLES)
+
+    def draw_count(self, target: moderngl.Framebuffer) -> None:
+        """Add 1 to every texel under each triangle's UVs."""
+        ctx = self.device.ctx
+        program = self.device.programs.get("gbuffer/surface.vert", "gbuffer/count.frag")
+        self.device.programs.set(program, {"u_in_uv": True})
+        target.use()
+        ctx.viewport = (0, 0, target.width, target.height)
+        ctx.enable(moderngl.BLEND)
+        ctx.blend_func, ctx.blend_equation = (moderngl.ONE, moderngl.ONE), moderngl.FUNC_ADD
+        self._array(program).render(moderngl.TRIANGLES)
+        ctx.disable(moderngl.BLEND)
+
+    def _array(self, program: moderngl.Program) -> moderngl.VertexArray:
+        if program.glo not in self._arrays:
+            layout = [(f"{size}" if name in program else f"{size[0]}x4") for size, name in
+                      zip(_LAYOUT.split(), _NAMES, strict=True)]
+            used = [name for name in _NAMES if name in program]
+            self._arrays[program.glo] = self.device.ctx.vertex_array(program, [(self.buffer, " ".join(layout), *used)])
+        return self._arrays[program.glo]
+
+    def release(self) -> None:
+        """Free buffer and textures."""
+        for thing in (*self._arrays.values(), self.buffer, *self.normal_maps.values()):
+            thing.release()
+
+
+class Occluders:
+    """Triangles of the other objects in the scene, positions only."""
+
+    def __init__(self, device: Device, triangles: F32) -> None:
+        self.device, self.triangles = device, triangles
+        self.buffer = device.ctx.buffer(triangles.astype(np.float32).tobytes()) if len(triangles) else None
+
+    def draw(self, target: moderngl.Framebuffer, fragment: str, uniforms: dict[str, Any]) -> None:
+        """Draw with ``gbuffer/depth.vert`` and a fragment shader."""
+        if self.buffer is None:
+            return
+        program = self.device.programs.get("gbuffer/depth.vert", fragment)
+        self.device.programs.set(program, uniforms)
+        target.use()
+        self.device.ctx.viewport = (0, 0, target.width, target.height)
+        array = self.device.ctx.vertex_array(program, [(self.buffer, "3f", "in_position")])
+        array.render(moderngl.TRIANGLES)
+        array.release()
+
+
+def column_major(matrix: F64) -> bytes:
+    """A matrix as a GL uniform's bytes."""
+    return np.ascontiguousarray(np.asarray(matrix).T, dtype=np.float32).tobytes()
+
+
+def draw_texel_grid(device: Device, mesh: MeshBuffer, size: int) -> SurfaceMaps:
+    """The G-buffer of the UV square, ``size`` texels on a side; uncovered texels are all zero."""
+    textures = [device.texture(size, size) for _ in range(3)]
+    target = device.framebuffer(textures)
+    target.clear()
+    mesh.draw(target, None)
+    target.release()
+    return SurfaceMaps(*textures)
+
+
+def overlap_counts(device: Device, mesh: MeshBuffer, size: int) -> F32:
+    """(size, size): how many triangles cover each texel's centre."""
+    texture = device.texture(size, size, 1)
+    target = device.framebuffer([texture])
+    target.clear()
+    mesh.draw_count(target)
+    counts = device.read(texture)[..., 0]
+    target.release()
+    texture.release()
+    return counts
+
+
+def draw_pixel_grid(
+    device: Device, mesh: MeshBuffer, occluders: Occluders, camera: Camera, width: int, height: int
+) -> SurfaceMaps:
+    """What a camera's pixel centres see of the mesh; other objects in front leave zeros."""
+    ctx = device.ctx
+    clip = clip_matrix(camera, [mesh.mesh.positions, occluders.triangles])
+    textures = [device.texture(width, height), device.texture(width, height), device.texture(width, height),
+                device.texture(width, height, 2), device.texture(width, height)]
+    depth = ctx.depth_texture((width, height))
+    target = ctx.framebuffer(textures, depth)
+    target.clear(depth=1.0)
+    ctx.enable(moderngl.DEPTH_TEST)
+    mesh.draw(target, clip)
+    occluders.draw(target, "gbuffer/occluder.frag",
+                   {"u_clip": column_major(clip), "u_depth_plane": (0.0, 0.0, 0.0, 0.0)})
+    ctx.disable(moderngl.DEPTH_TEST)
+    target.release()
+    depth.release()
+    return SurfaceMaps(*textures)
+
+
+def clip_matrix(camera: Camera, triangles: list[F32]) -> F64:
+    """World to clip space, near and far fitted around what is in front of the camera.
+
+    The camera's own clip range would waste depth precision (0.1 m to 1 km by default).
+    """
+    depths = [-(t.reshape(-1, 3) @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3])
+              for t in triangles if len(t)]
+    depth = np.concatenate(depths).astype(np.float64)
+    far = max(float(depth.max()) * 1.01, 1e-3)
+    if camera.orthographic:
+        near, far = float(depth.min()) - 0.01 * abs(far) - 1e-3, far + 1e-3
+        row = [0.0, 0.0, -2.0 / (far - near), -(far + near) / (far - near)]
+    else:
+        near = max(float(depth.min()) * 0.99, 1e-3 * far)
+        row = [0.0, 0.0, -(far + near) / (far - near), -2.0 * far * near / (far - near)]
+    projection = camera.projection.copy()
+    projection[2] = row
+    return np.asarray(projection @ camera.world_to_camera, dtype=np.float64)

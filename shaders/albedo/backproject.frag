@@ -1,0 +1,32 @@
+// A camera's residuals carried back to the texels it sees, to be added over cameras.
+#include "include/pixel.glsl"
+uniform sampler2D u_texel_position;
+uniform sampler2D u_texel_normal;
+uniform sampler2D u_residual;  // pixel grid
+uniform mat4 u_clip;
+
+layout(location = 0) out vec4 o_update;  // weighted residual sum, weight
+
+void main() {
+    ivec2 texel = ivec2(gl_FragCoord.xy);
+    vec4 p = texelFetch(u_texel_position, texel, 0);
+    vec4 clip = u_clip * vec4(p.xyz, 1.0);
+    if (p.w < 0.5 || clip.w <= 0.0) discard;
+    vec3 n = texelFetch(u_texel_normal, texel, 0).xyz;
+    float cos_v = dot(n, toward_camera(p.xyz));
+    float slant = clamp(cos_v, 0.15, 1.0);
+    vec2 at = (clip.xy / clip.w * 0.5 + 0.5) * vec2(textureSize(u_position, 0)) - 0.5;
+    ivec2 corner = ivec2(floor(at));
+    vec2 f = at - vec2(corner);
+    o_update = vec4(0.0);
+    for (int j = 0; j < 4; j++) {
+        ivec2 d = ivec2(j & 1, j >> 1);
+        ivec2 pixel = corner + d;
+        if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, textureSize(u_position, 0)))) continue;
+        if (!same_surface(p, texelFetch(u_position, pixel, 0), slant, 1.0)) continue;
+        vec4 residual = texelFetch(u_residual, pixel, 0);
+        float w = (d.x == 1 ? f.x : 1.0 - f.x) * (d.y == 1 ? f.y : 1.0 - f.y) * residual.a * cos_v * cos_v;
+        o_update += vec4(residual.rgb * w, w);
+    }
+    if (o_update.a <= 0.0) discard;
+}

@@ -1,0 +1,37 @@
+// G-buffer: what the surface is at a texel or a pixel.
+in vec3 v_position;
+in vec3 v_normal;
+in vec2 v_uv;
+flat in vec4 v_facet;
+in vec3 v_object_normal;
+in vec4 v_tangent;
+
+uniform sampler2D u_normal_map;  // tangent space, 0..1
+uniform bool u_has_normal_map;
+uniform float u_normal_strength;
+uniform mat3 u_normal_matrix;    // inverse transpose of the object's matrix
+uniform float u_slot;
+
+layout(location = 0) out vec4 o_position;  // world, coverage
+layout(location = 1) out vec4 o_normal;    // shading normal, material slot
+layout(location = 2) out vec4 o_facet;     // facet normal on the shading side, lift
+layout(location = 3) out vec4 o_uv;        // u, v
+layout(location = 4) out vec4 o_uv_slope;  // d(uv)/dx, d(uv)/dy per pixel
+
+// Blender's Normal Map node: combined in object space from unnormalised interpolants, because
+// under non-uniform scale the world-space frame is wrong by degrees.
+vec3 mapped_normal() {
+    vec3 c = texture(u_normal_map, v_uv).xyz * 2.0 - 1.0;
+    c = vec3(c.xy * u_normal_strength, mix(1.0, c.z, clamp(u_normal_strength, 0.0, 1.0)));
+    vec3 bitangent = v_tangent.w * cross(v_object_normal, v_tangent.xyz);
+    return u_normal_matrix * (c.x * v_tangent.xyz + c.y * bitangent + c.z * v_object_normal);
+}
+
+void main() {
+    vec3 n = normalize(u_has_normal_map ? mapped_normal() : v_normal);
+    o_position = vec4(v_position, 1.0);
+    o_normal = vec4(n, u_slot);
+    o_facet = vec4(v_facet.xyz * (dot(v_facet.xyz, v_normal) < 0.0 ? -1.0 : 1.0), v_facet.w);
+    o_uv = vec4(v_uv, 0.0, 0.0);
+    o_uv_slope = vec4(dFdx(v_uv), dFdy(v_uv));
+}

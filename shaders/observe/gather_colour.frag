@@ -1,0 +1,16 @@
+// The texels' observations of one view, one channel: copied from the pixels matched to them.
+uniform sampler2D u_match;
+uniform sampler2D u_colour;
+uniform int u_channel;  // 0, 1, 2, or -1: the mean of the three
+uniform int u_row;      // first row of this layer in the atlas
+
+layout(location = 0) out vec4 o_observation;  // f (1/sr), weight, cos_v, channel
+
+void main() {
+    vec4 match = texelFetch(u_match, ivec2(gl_FragCoord.xy) - ivec2(0, u_row), 0);
+    o_observation = vec4(0.0);
+    if (match.w < 0.5) return;
+    vec4 colour = texelFetch(u_colour, ivec2(match.xy), 0);
+    float f = u_channel < 0 ? (colour.r + colour.g + colour.b) / 3.0 : colour[u_channel];
+    o_observation = vec4(f, colour.a, clamp(match.z, 1e-3, 1.0), max(u_channel, 0));
+}

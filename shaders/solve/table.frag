@@ -1,0 +1,20 @@
+// Residuals of a texel at 32 roughnesses, in units of its noise: what it can say to its neighbours.
+#include "solve/fit.glsl"
+#include "solve/nodes.glsl"
+uniform sampler2D u_valleys;  // whole map
+uniform sampler2D u_support;
+uniform float u_noise_floor;
+
+layout(location = 0) out vec4 o_table[8];
+
+void main() {
+    for (int i = 0; i < 8; i++) o_table[i] = vec4(0.0);
+    if (!load_observations()) return;
+    vec4 valleys = texelFetch(u_valleys, texel_here(), 0), support = texelFetch(u_support, texel_here(), 0);
+    float down = 0.5 / noise_variance(valleys.y, support.y, support.z, u_noise_floor);
+    for (int i = 0; i < 8; i++) {
+        vec4 t;
+        for (int j = 0; j < 4; j++) t[j] = evaluate(node_roughness(float(4 * i + j))).x;
+        o_table[i] = min((t - valleys.y) * down, vec4(TABLE_MAX));
+    }
+}
