@@ -164,7 +164,7 @@ def _check_material(material: bpy.types.Material | None) -> None:
     output = material.node_tree.get_output_node("CYCLES")
     if output is not None and output.inputs["Surface"].is_linked:
         raise BadInput(
-            f"material '{material.name}': no Principled BSDF feeds its output; connect one to Surface, outside of groups")
+            f"material '{material.name}': no Principled BSDF feeds its output; connect one to Surface, not in a group")
 
 
 def _has_nodes(material: bpy.types.Material) -> bool:

@@ -67,6 +67,7 @@ class IRPSO_PT_capture(_Tab, Panel):
         column.prop(view, "camera")
         column.prop(view, "exposure")
         column.prop(view, "mask")
+        column.prop(view, "colorspace")
         for item in view.lights:
             column.prop(item, "light")
         if not view.lights:

@@ -57,6 +57,8 @@ class IRPSO_PG_view(PropertyGroup):
         description="Exposure of the image in EV: its values are radiance times 2 to this power")
     mask: StringProperty(
         name="Mask", subtype="FILE_PATH", description="Image that is white where the object may be trusted (optional)")
+    colorspace: StringProperty(
+        name="Color Space", description="Color space of the image's values; empty: linear in float files, else sRGB")
 
 
 class IRPSO_PG_scene(PropertyGroup):

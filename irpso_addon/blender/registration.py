@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from . import panels, properties, session
+from .oiio import ensure_openimageio
 
 COMMAND = "irpso"
 
@@ -22,6 +23,7 @@ def register(operators: Sequence[type]) -> None:
     """
     global _command_handle, _operators
     _operators = tuple(operators)
+    ensure_openimageio()
     properties.register()
     for cls in (*_operators, *panels.CLASSES):
         bpy.utils.register_class(cls)

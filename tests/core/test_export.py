@@ -1,0 +1,130 @@
+"""The files of a set of maps: names, values, and all or nothing."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import Maps
+from irpso_addon.core.errors import BadInput
+from irpso_addon.core.export import safe_stem, write_maps
+
+oiio = pytest.importorskip("OpenImageIO")
+
+SUFFIXES = ["basecolor", "roughness", "confidence", "error", "filled"]
+
+
+def make_maps(size: int = 8) -> Maps:
+    rng = np.random.default_rng(7)
+    return Maps(
+        base_color=rng.uniform(0, 1, (size, size, 3)).astype("f4"),
+        roughness=rng.uniform(0, 1, (size, size)).astype("f4"),
+        confidence=rng.uniform(0, 1, (size, size)).astype("f4"), error=rng.uniform(0, 1, (size, size)).astype("f4"),
+        filled=rng.uniform(size=(size, size)) > 0.5, coverage=np.ones((size, size), bool))
+
+
+def read(path: Path) -> np.ndarray:
+    """Pixels as another program sees them, turned so that row 0 is the bottom."""
+    return np.asarray(oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT))[::-1]
+
+
+def srgb(linear: np.ndarray) -> np.ndarray:
+    """IEC 61966-2-1."""
+    linear = linear.astype("f8")
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+@pytest.mark.parametrize("kind", ["exr", "png", "tiff"])
+def test_values(tmp_path: Path, kind: str) -> None:
+    maps = make_maps()
+    paths = write_maps(maps, "Cow", tmp_path / "new" / "folder", kind)
+    assert [p.name for p in paths] == [f"Cow_{suffix}.{kind}" for suffix in SUFFIXES]
+    assert sorted(os.listdir(tmp_path / "new" / "folder")) == sorted(p.name for p in paths)
+    base, rough, confidence, error, filled = (read(path) for path in paths)
+    step = 0.0 if kind == "exr" else 0.6 / 65535  # 16 bits, rounded
+    np.testing.assert_allclose(base[..., :3], maps.base_color if kind == "exr" else srgb(maps.base_color), atol=step)
+    assert rough.shape[2] >= 3
+    for channel in range(3):
+        np.testing.assert_allclose(rough[..., channel], maps.roughness, atol=step)
+    np.testing.assert_allclose(confidence[..., 0], maps.confidence, atol=step)
+    np.testing.assert_allclose(error[..., 0], maps.error, atol=step)
+    np.testing.assert_array_equal(filled[..., 0], maps.filled)
+
+
+@pytest.mark.parametrize(("name", "stem"), [
+    ("Cow", "Cow"),
+    ("a/b\\c\0d:e", "a_b_c_d_e"),
+    ("../../etc/passwd", "_.._etc_passwd"),
+    (".hidden", "hidden"),
+    ("...", "object"),
+    ("trailing. ", "trailing"),
+    ("Kühe 牛 🐄", "Kühe 牛 🐄"),
+    ("line\nbreak", "line_break"),
+    ("Cube.001", "Cube.001"),
+])
+def test_names_become_file_names(name: str, stem: str) -> None:
+    assert safe_stem(name) == stem
+
+
+def test_long_names_are_cut_and_stay_distinct(tmp_path: Path) -> None:
+    names = ["牛" * 120 + end for end in ("a", "b")]
+    for name in names:
+        assert all(p.exists() for p in write_maps(make_maps(), name, tmp_path, "tiff"))
+    assert len(os.listdir(tmp_path)) == 10
+
+
+def test_writing_again_replaces(tmp_path: Path) -> None:
+    write_maps(make_maps(8), "Cow", tmp_path, "exr")
+    paths = write_maps(make_maps(16), "Cow", tmp_path, "exr")
+    assert all(read(path).shape[:2] == (16, 16) for path in paths)
+    assert len(os.listdir(tmp_path)) == 5
+
+
+def refuses(out: Path, *words: str, kind: str = "exr") -> None:
+    with pytest.raises(BadInput) as caught:
+        write_maps(make_maps(), "Cow", out, kind)
+    message = str(caught.value)
+    assert "\n" not in message and ".irpso-" not in message
+    assert all(word in message for word in words), message
+
+
+def test_a_file_where_the_folder_should_be(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    refuses(tmp_path / "file", "file")
+    refuses(tmp_path / "file" / "below", "file")
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_all_or_nothing(tmp_path: Path) -> None:
+    """The last target cannot be replaced: the older files keep their contents."""
+    paths = write_maps(make_maps(), "Cow", tmp_path, "exr")
+    before = {p: p.read_bytes() for p in paths[:4]}
+    paths[4].unlink()
+    paths[4].mkdir()
+    with pytest.raises(BadInput, match="Cow_filled"):
+        write_maps(make_maps(16), "Cow", tmp_path, "exr")
+    assert {p: p.read_bytes() for p in paths[:4]} == before
+    assert len(os.listdir(tmp_path)) == 5
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full") or os.geteuid() != 0, reason="needs a small file system")
+def test_a_full_disk_leaves_nothing(tmp_path: Path) -> None:
+    """A file system of 64 KiB, mounted for this test."""
+    import subprocess
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], capture_output=True).returncode:
+        pytest.skip("cannot mount here")
+    try:
+        with pytest.raises(BadInput, match="disk"):
+            write_maps(make_maps(256), "Cow", disk, "exr")
+        assert os.listdir(disk) == []
+    finally:
+        subprocess.run(["umount", disk], check=True)
+
+
+def test_an_unknown_format() -> None:
+    refuses(Path("unused"), "bmp", kind="bmp")
