@@ -19,6 +19,8 @@ from .surface import SurfaceMaps
 ITERATIONS = 20  # more sharpens noise
 PASSES_MAX = 120  # camera passes in all: with many cameras each iteration takes a share of them
 STEP = 1.0
+ROBUST_PASSES = 4
+OUTLIER = 0.05  # relative error at which a view loses half its weight in a pixel's albedo
 
 
 class AlbedoSolver:
@@ -62,20 +64,34 @@ class AlbedoSolver:
         self, camera: ObservedCamera, roughness: moderngl.Texture, lambert_slots: int
     ) -> moderngl.Texture:
         device, ctx = self.device, self.device.ctx
-        albedo = device.texture(*camera.maps.position.size)
-        target = device.framebuffer([albedo])
-        target.clear()
-        ctx.enable(moderngl.BLEND)
-        ctx.blend_func, ctx.blend_equation = (moderngl.ONE, moderngl.ONE), moderngl.FUNC_ADD
-        for view in camera.views:
-            for n, lobe in enumerate(view.lobes):
+        size = camera.maps.position.size
+        specular = device.texture(*size, 1)
+        specular_target = device.framebuffer([specular])
+        grid = {"u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_uv": camera.maps.uv,
+                "u_roughness": roughness, "u_principled_table": self.observations.principled_table}
+        before: moderngl.Texture | None = None
+        for i in range(ROBUST_PASSES):
+            albedo = device.texture(*size)
+            target = device.framebuffer([albedo])
+            target.clear()
+            ctx.enable(moderngl.BLEND)
+            ctx.blend_func, ctx.blend_equation = (moderngl.ONE, moderngl.ONE), moderngl.FUNC_ADD
+            for view in camera.views:
+                specular_target.clear()
+                for lobe in view.lobes:
+                    device.draw("albedo/specular.frag", specular_target, textures={**grid, "u_lobe": lobe},
+                                uniforms=camera.viewpoint)
                 device.draw("albedo/pixel.frag", target, textures={
-                    "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_uv": camera.maps.uv,
-                    "u_colour": view.colour, "u_roughness": roughness, "u_lobe": lobe,
-                    "u_principled_table": self.observations.principled_table,
-                }, uniforms={**camera.viewpoint, "u_first_light": n == 0, "u_lambert_slots": lambert_slots})
-        ctx.disable(moderngl.BLEND)
-        target.release()
+                    **grid, "u_colour": view.colour, "u_specular": specular, "u_before": before,
+                }, uniforms={**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
+                             "u_lambert_slots": lambert_slots})
+            ctx.disable(moderngl.BLEND)
+            target.release()
+            if before is not None:
+                before.release()
+            before = albedo
+        specular_target.release()
+        specular.release()
         return albedo
 
     def _step(

@@ -1,13 +1,17 @@
 // Albedo that a camera's pixel shows, at the roughness found: numerator and denominator of the
-// least-squares albedo of one view, added over the camera's views and each view's lights.
+// least-squares albedo of one view, added over the camera's views.  Errors count relative to what the
+// albedo of the pass before predicts, and views far from it (missed shadows) lose their weight
+// (Cauchy, by iteratively reweighted least squares; Holland and Welsch 1977).
 #include "include/brdf.glsl"
 uniform sampler2D u_position;   // pixel grid
 uniform sampler2D u_normal;
 uniform sampler2D u_uv;
-uniform sampler2D u_colour;     // f (1/sr), weight
+uniform sampler2D u_colour;     // f (1/sr), quality
 uniform sampler2D u_roughness;  // texel grid, holes filled
-uniform sampler2D u_lobe;       // of one light
-uniform bool u_first_light;
+uniform sampler2D u_specular;   // of the view's lights, 1/sr
+uniform sampler2D u_before;     // albedo sum and weight of the pass before
+uniform bool u_first_pass;
+uniform float u_outlier;        // relative error at which a view loses half its weight
 uniform int u_lambert_slots;    // bit s: slot s has no lobe
 uniform vec3 u_camera_position;
 uniform vec3 u_camera_forward;
@@ -23,17 +27,22 @@ void main() {
     vec4 normal = texelFetch(u_normal, at, 0);
     float cos_v = clamp(dot(normal.xyz, V), 1e-3, 1.0);
     float r = texture(u_roughness, texelFetch(u_uv, at, 0).xy).r;
-    float alpha2 = r * r * r * r;
-    vec2 energy = principled_energy(r, cos_v);
-    float diffuse = (1.0 - energy.y) / PI;
-    float root_v = lambda_root(alpha2, 1.0 / (cos_v * cos_v) - 1.0);
-    vec4 g = texelFetch(u_lobe, at, 0);
-    float root_l = lambda_root(alpha2, 1.0 / (g.z * g.z + 1e-12) - 1.0);
-    float s = energy.x * g.w * D_ggx_spread(alpha2, g.x, g.y) / (root_l + root_v);
+    float diffuse = diffuse_principled(r, cos_v);
+    float s = texelFetch(u_specular, at, 0).r;
     if ((u_lambert_slots >> min(int(normal.w), 31) & 1) == 1) {
         diffuse = 1.0 / PI;
         s = 0.0;
     }
-    float first = u_first_light ? 1.0 : 0.0;
-    o_albedo = colour.a * diffuse * vec4(first * colour.rgb - s, first * diffuse);
+    float grey = 0.5;
+    if (!u_first_pass) {
+        vec4 before = texelFetch(u_before, at, 0);
+        grey = clamp(dot(before.rgb, vec3(1.0 / 3.0)) / max(before.a, 1e-12), 0.01, 1.0);
+    }
+    float expected = s + diffuse * grey;
+    float w = colour.a / (expected * expected);
+    if (!u_first_pass) {
+        float off = (dot(colour.rgb, vec3(1.0 / 3.0)) - expected) / expected;
+        w /= 1.0 + off * off / (u_outlier * u_outlier);
+    }
+    o_albedo = w * diffuse * vec4(colour.rgb - s, diffuse);
 }

@@ -4,9 +4,9 @@ uniform sampler2D u_image;       // radiance, quality (0: unusable, 1: good, bet
 uniform sampler2D u_irradiance;  // of the view's lights; a = shadow edge
 uniform float u_level;           // typical radiance of the views
 uniform float u_edge_weight;
-uniform float u_dark;            // radiance below this share of the level counts as noise
+uniform float u_dark;            // irradiance below this share of the level is as good as none
 
-layout(location = 0) out vec4 o_colour;  // radiance / irradiance (1/sr), weight
+layout(location = 0) out vec4 o_colour;  // radiance / irradiance (1/sr), quality (about 1: good)
 
 const float MIN_COS_V = 0.15;    // beyond 81 degrees a pixel's footprint is too long to stand for a point
 
@@ -30,7 +30,6 @@ void main() {
         edge = edge || !same_surface(p, texelFetch(u_position, near, 0), slant, 1.5);
     }
     vec3 f = image.rgb / max(irradiance.rgb, vec3(1e-12));
-    float mean = (image.r + image.g + image.b) / 3.0;
-    float w = e / (max(mean, 0.0) + u_dark * u_level) * cos_v * (edge ? u_edge_weight : 1.0);
-    o_colour = vec4(f, w * w);
+    float quality = cos_v * e / (e + u_dark * u_level) * (edge ? u_edge_weight : 1.0);
+    o_colour = vec4(f, quality * quality);
 }

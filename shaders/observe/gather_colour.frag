@@ -4,7 +4,7 @@ uniform sampler2D u_colour;
 uniform int u_channel;  // 0, 1, 2, or -1: the mean of the three
 uniform int u_row;      // first row of this layer in the atlas
 
-layout(location = 0) out vec4 o_observation;  // f (1/sr), weight, cos_v, channel
+layout(location = 0) out vec4 o_observation;  // f (1/sr), quality, cos_v, channel
 
 void main() {
     vec4 match = texelFetch(u_match, ivec2(gl_FragCoord.xy) - ivec2(0, u_row), 0);

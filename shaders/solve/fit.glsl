@@ -21,10 +21,31 @@ float obs_f[MAX_OBS], obs_weight[MAX_OBS], obs_cos_v[MAX_OBS];  // weight < 0: f
 float lobe_sin2h[MAX_OBS * LIGHTS], lobe_spread[MAX_OBS * LIGHTS], lobe_tan2[MAX_OBS * LIGHTS], lobe_factor[MAX_OBS * LIGHTS];
 int obs_channel[MAX_OBS];
 int obs_count;
-float obs_total;    // sum of weights times f^2: about the number of good observations
-float obs_groups;   // number of groups, weighted likewise
+float obs_total;    // about the number of good observations
+float obs_groups;   // about the number of groups that have one
 
 ivec2 texel_here() { return ivec2(gl_FragCoord.xy); }
+
+// Noise grows with the signal, so errors count relative to it: to the observation itself where it is
+// a highlight, else to the texel's typical one.  (Relative to itself always, a pixel wrongly taken
+// for lit would outweigh all others by being dark.)
+void weigh_observations() {
+    float typical = 1e30;
+    for (int pass = 0; pass < 4; pass++) {
+        float sum = 0.0, total = 1e-12;
+        for (int n = 0; n < obs_count; n++) {
+            float f = max(obs_f[n], 0.0);
+            float w = abs(obs_weight[n]) / (pass == 0 ? 1.0 : max(f, typical));
+            sum += w * f;
+            total += w;
+        }
+        typical = max(sum / total, 1e-4);
+    }
+    for (int n = 0; n < obs_count; n++) {
+        float unit = max(obs_f[n], typical);
+        obs_weight[n] /= unit * unit;
+    }
+}
 
 // Loads the texel's valid observations; false when it is uncovered or has none.
 bool load_observations() {
@@ -45,7 +66,7 @@ bool load_observations() {
         obs_weight[n] = first ? -o.y : o.y;
         obs_cos_v[n] = o.z;
         obs_channel[n] = int(o.w);
-        float good = min(o.y * o.x * o.x, 1.0);
+        float good = min(o.y / (o.z * o.z), 1.0);
         obs_total += good;
         obs_groups += first ? good : 0.0;
         for (int l = 0; l < LIGHTS; l++) {
@@ -56,6 +77,7 @@ bool load_observations() {
             lobe_factor[n * LIGHTS + l] = g.w;
         }
     }
+    weigh_observations();
     return obs_count > 0;
 }
 
