@@ -5,6 +5,7 @@ With rich and a terminal, progress is a bar; else (a log, or Blender, which ship
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -29,6 +30,21 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     for row in (header, ["-" * width for width in widths], *rows):
         first, *others = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
         say("  ".join([first.lstrip().ljust(widths[0]), *others]).rstrip())
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keeps what Blender and Cycles print themselves off stdout: they write to the descriptor, past Python."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
 
 
 @contextmanager

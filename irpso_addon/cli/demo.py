@@ -1,0 +1,149 @@
+"""irpso demo: make a scene with known truth, render it with Cycles, recover it, compare."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..blender import demo, files, picture
+from ..core.data import F32, Bool, Maps, Solution
+from ..core.job import Progress
+from ..core.params import SolveSettings
+from ..core.staging import Staging
+from . import console
+from .solve import Request, solve
+
+CONFIDENT = 0.5
+TILE = 256  # pixels in the picture
+BASE_GAIN, ROUGH_GAIN, RELIT_GAIN = 5, 5, 5  # the picture's errors are shown so many times larger
+
+
+@dataclass(frozen=True)
+class Scores:
+    """How far the maps are from the truth, over the solved texels."""
+
+    albedo_psnr: float  # dB, linear
+    rough_mae: float
+    rough_median: float
+    rough_mae_confident: float
+    confident: float  # share of the solved texels
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """The command.  Raises BadInput."""
+    started = time.perf_counter()
+    out: Path = arguments.out
+    with Staging(out) as staging:  # proves that the folder can be written
+        staging.publish()
+    made = _make(out)
+    rendered = time.perf_counter()
+    solution = solve(Request(
+        scene=made.scene, out=out, settings=SolveSettings(size=demo.TEXELS), captures=made.captures))
+    files.open_blend(out / "scene_irpso.blend")
+    relit = out / "solved_relit.exr"
+    with console.quiet():
+        demo.render_held_out(relit)
+    truth_relit, solved_relit = demo.read_render(made.relit), demo.read_render(relit)
+    scores = score(made, solution.maps)
+    relight = _psnr(_display(truth_relit), _display(solved_relit), truth_relit[..., 3] > 0.999)
+    picture.save(out / "demo.png", _tiles(made, solution.maps, scores, relight, truth_relit, solved_relit))
+    _tell(scores, relight, solution, rendered - started, time.perf_counter() - started)
+    console.say(f"{out / 'demo.png'}: truth, estimate and error side by side")
+
+
+def score(made: demo.Demo, maps: Maps) -> Scores:
+    """The maps against the truth, texel by texel."""
+    solved = maps.coverage & ~maps.filled
+    error = np.abs(maps.roughness - made.roughness)
+    sure = solved & (maps.confidence > CONFIDENT)
+    return Scores(
+        albedo_psnr=_psnr(maps.base_color, made.base_color, solved),
+        rough_mae=float(error[solved].mean()), rough_median=float(np.median(error[solved])),
+        rough_mae_confident=float(error[sure].mean()) if sure.any() else float("nan"),
+        confident=float(sure.sum() / solved.sum()))
+
+
+def _make(out: Path) -> demo.Demo:
+    result: demo.Demo | None = None
+    with console.progress() as show, console.quiet():
+        for step in demo.make(out):
+            if isinstance(step, Progress):
+                show(step)
+            else:
+                result = step
+    assert result is not None
+    return result
+
+
+def _tell(scores: Scores, relight: float, solution: Solution, rendering: float, total: float) -> None:
+    console.say("")
+    console.table(("against the truth", "value"), (
+        ("base colour, PSNR (dB)", f"{scores.albedo_psnr:.1f}"),
+        ("roughness, mean error", f"{scores.rough_mae:.4f}"),
+        ("roughness, median error", f"{scores.rough_median:.4f}"),
+        ("roughness, mean error where confident", f"{scores.rough_mae_confident:.4f}"),
+        ("confident texels", f"{scores.confident:.0%}"),
+        ("new light and camera, PSNR (dB)", f"{relight:.1f}"),
+        ("rendering the references (s)", f"{rendering:.1f}"),
+        ("solve stage (s)", f"{solution.seconds['solve']:.1f}"),
+        ("everything (s)", f"{total:.1f}"),
+    ))
+    console.say("")
+
+
+# ---- the picture
+
+
+def _tiles(
+    made: demo.Demo, maps: Maps, scores: Scores, relight: float, truth: F32, solved: F32,
+) -> list[list[tuple[str, F32]]]:
+    """Three rows, base colour, roughness and the new light: truth, estimate, error."""
+    grey = lambda a: np.repeat(a[..., None], 3, axis=2)  # noqa: E731
+    seen = maps.coverage & ~maps.filled
+    base_error = np.where(seen, np.abs(maps.base_color - made.base_color).max(-1), 0)
+    rough_error = np.where(seen, np.abs(maps.roughness - made.roughness), 0)
+    relit_error = np.abs(_display(solved) - _display(truth)).max(-1)
+    return [
+        [("Base colour: truth", _tile(_encode(made.base_color))), ("recovered", _tile(_encode(maps.base_color))),
+         (f"error x{BASE_GAIN}    ({scores.albedo_psnr:.1f} dB)", _tile(_heat(BASE_GAIN * base_error)))],
+        [("Roughness: truth", _tile(grey(made.roughness))), ("recovered", _tile(grey(maps.roughness))),
+         (f"error x{ROUGH_GAIN}    (mean {scores.rough_mae:.3f})", _tile(_heat(ROUGH_GAIN * rough_error)))],
+        [("New light: truth", _tile(_display(truth))), ("recovered", _tile(_display(solved))),
+         (f"error x{RELIT_GAIN}    ({relight:.1f} dB)", _tile(_heat(RELIT_GAIN * relit_error)))],
+    ]
+
+
+def _tile(image: F32) -> F32:
+    """The image at TILE x TILE: each pixel the mean of those whose centres fall into it (or the nearest one)."""
+    size = image.shape[0]
+    edges = np.linspace(0, size, TILE + 1).astype(int)
+    for axis in (0, 1):
+        total = np.concatenate([np.zeros_like(image.take([0], axis)), np.cumsum(image, axis, np.float64)], axis)
+        shape = [1, 1, 1]
+        shape[axis] = TILE
+        image = np.diff(total.take(edges, axis), axis=axis) / np.maximum(np.diff(edges), 1).reshape(shape)
+    return image.astype(np.float32)
+
+
+def _encode(linear: F32) -> F32:
+    """IEC 61966-2-1: linear to sRGB."""
+    linear = np.clip(linear, 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
+
+
+def _display(render: F32) -> F32:
+    """A render as shown, over black; both renders alike, for they share light and exposure."""
+    return _encode(render[..., :3] * 1.6)
+
+
+def _heat(value: F32) -> F32:
+    """0 black over red and yellow to 1 white."""
+    return np.clip(np.stack([3 * value, 3 * value - 1, 3 * value - 2], -1), 0, 1)
+
+
+def _psnr(a: F32, b: F32, where: Bool) -> float:
+    return float(-10 * np.log10(np.mean((a[where] - b[where]) ** 2, dtype=np.float64) + 1e-12))
