@@ -11,10 +11,12 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
 from .data import F64
 from .tables import IOR, bilinear, principled_table
+
+ArrayLike = float | NDArray[np.floating]  # every argument broadcasts
 
 
 def D_ggx(alpha2: ArrayLike, sin2h: ArrayLike) -> F64:
@@ -77,7 +79,7 @@ def principled_energy_d(roughness: ArrayLike, cos_v: ArrayLike) -> tuple[F64, F6
 def specular_principled(
     roughness: ArrayLike, sin2h: ArrayLike, spread: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike, cos_vh: ArrayLike,
 ) -> F64:
-    """D F comp / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)).  Heitz 2014, "Understanding the Masking-Shadowing Function"."""
+    """D F comp / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)).  Heitz 2014, eq. 99."""
     a2 = np.asarray(roughness, np.float64) ** 4
     cl, cv = np.asarray(cos_l, np.float64), np.asarray(cos_v, np.float64)
     roots = lambda_root(a2, 1 / (cl * cl) - 1) + lambda_root(a2, 1 / (cv * cv) - 1)
@@ -101,6 +103,7 @@ def principled(base: ArrayLike, roughness: ArrayLike, L: ArrayLike, V: ArrayLike
     sin2h = (np.cross(normal, half) ** 2).sum(-1)
     seen = (cos_l > 0) & (cos_v > 0)
     cos_l, cos_v = np.where(seen, cos_l, 1.0), np.where(seen, cos_v, 1.0)
-    diffuse, specular = diffuse_principled(roughness, cos_v), specular_principled(roughness, sin2h, 0.0, cos_l, cos_v, cos_vh)
+    diffuse = diffuse_principled(roughness, cos_v)
+    specular = specular_principled(roughness, sin2h, 0.0, cos_l, cos_v, cos_vh)
     value: F64 = np.where(seen[..., None], np.asarray(base) * diffuse[..., None] + specular[..., None], 0.0)
     return value

@@ -10,15 +10,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .data import F64, Light
 
 KINDS = ("POINT", "SUN", "SPOT", "AREA")  # index: LIGHT_POINT ... in the shader
 ELLIPSE_SIDES = 32
-QUADRATURE = 96
-SMALLEST = 5e-4  # metres, half extent of an AREA lamp: below, the outline drowns in float32 and the shape is a point
-GOLDEN_ANGLE, GOLDEN_RATIO = 2.39996322972865, 0.618033988749895
+QUADRATURE = 12  # squared: points where there is no closed form, soft SPOT and AREA with spread
+SMALLEST = 1e-5  # metres, half extent of an AREA lamp of size 0: its radiance would be infinite
+POINT_SIZE = 0.005  # half extent / distance below which an AREA lamp is taken as a point, as lights.glsl explains
+GOLDEN_RATIO = 0.618033988749895
 
 
 def light_uniforms(light: Light) -> dict[str, Any]:
@@ -51,11 +52,11 @@ def light_irradiance(light: Light, P: ArrayLike, N: ArrayLike) -> F64:
     P, N = np.broadcast_arrays(np.asarray(P, np.float64), np.asarray(N, np.float64))
     uniforms = light_uniforms(light)
     if light.kind == "AREA" and uniforms["u_light_spread"][0] == 0:
-        return area_irradiance(uniforms, P, N)
+        return area_irradiance(light, P, N)
     if light.kind == "AREA" or (light.kind == "SPOT" and light.radius > 0):
         total = np.zeros(P.shape[:-1])
-        for i in range(QUADRATURE):
-            offset, weight = light_sample(light, P, i, QUADRATURE)
+        for cell in (np.indices((QUADRATURE, QUADRATURE)).reshape(2, -1).T + 0.5) / QUADRATURE:
+            offset, weight = emitter_sample(light, P, np.broadcast_to(cell, (*P.shape[:-1], 2)), QUADRATURE**2)
             total += weight * np.maximum((N * offset).sum(-1) / np.linalg.norm(offset, axis=-1), 0)
         return total
     offset, sin_sigma, facing = light_round(light, P)
@@ -72,7 +73,13 @@ def light_sample(light: Light, P: ArrayLike, i: ArrayLike, n: int) -> tuple[F64,
     index = np.asarray(i)
     shape = np.broadcast_shapes(np.shape(P)[:-1], index.shape)
     points = np.broadcast_to(np.asarray(P, np.float64), (*shape, 3))
-    return (area_sample if light.kind == "AREA" else round_sample)(light, points, np.broadcast_to(index, shape), n)
+    lattice = np.stack([(index + 0.5) / n, (0.5 + GOLDEN_RATIO * index) % 1], -1)
+    return emitter_sample(light, points, np.broadcast_to(lattice, (*shape, 2)), n)
+
+
+def emitter_sample(light: Light, P: F64, square: F64, n: int) -> tuple[F64, F64]:
+    """The emitter's point that belongs to one of the unit square (..., 2), as one of n evenly spread there."""
+    return (area_sample if light.kind == "AREA" else round_sample)(light, P, square, n)
 
 
 def cone_cosine(cos_n: ArrayLike, sin_sigma: ArrayLike) -> F64:
@@ -87,7 +94,8 @@ def cone_cosine(cos_n: ArrayLike, sin_sigma: ArrayLike) -> F64:
     y = np.clip(-x * c / sin_n, -1, 1)
     r = sin_n * np.sqrt(1 - y * y)
     cut = np.maximum((c * np.arccos(y) - x * r) * sin2 + np.arctan2(r, x), 0) / (np.pi * sin2)
-    return np.where(partly, cut, np.maximum(cos_n, 0))
+    value: F64 = np.where(partly, cut, np.maximum(cos_n, 0))
+    return value
 
 
 def light_round(light: Light, P: F64) -> tuple[F64, F64, F64]:
@@ -120,22 +128,22 @@ def light_basis(n: F64) -> tuple[F64, F64]:
     return np.stack([1 + sign * x * x * a, sign * b, -sign * x], -1), np.stack([b, sign + y * y * a, -y], -1)
 
 
-def disc_point(i: NDArray[Any], n: int) -> F64:
-    """The i-th of n points of a unit disc, evenly dense (..., 2).  Vogel 1979, "A Better Way to Construct..."."""
+def disc_point(square: F64, n: int) -> F64:
+    """A point of the unit disc for one of the unit square (..., 2), area kept: the lattice becomes a sunflower head."""
     if n == 1:
-        return np.zeros((*i.shape, 2))
-    phi = GOLDEN_ANGLE * i
-    points: F64 = np.sqrt((i + 0.5) / n)[..., None] * np.stack([np.cos(phi), np.sin(phi)], -1)
+        return np.zeros(square.shape)
+    phi = 2 * np.pi * square[..., 1]
+    points: F64 = np.sqrt(square[..., :1]) * np.stack([np.cos(phi), np.sin(phi)], -1)
     return points
 
 
-def round_sample(light: Light, P: F64, i: NDArray[Any], n: int) -> tuple[F64, F64]:
+def round_sample(light: Light, P: F64, square: F64, n: int) -> tuple[F64, F64]:
     """light_sample of a round lamp: points of the disc that spans the same cone, at the lamp's centre."""
     offset, sin_sigma, facing = light_round(light, P)
     cos_sigma = np.maximum(np.sqrt(1 - np.minimum(sin_sigma**2, 1)), 1e-2)
     d = np.linalg.norm(offset, axis=-1)[..., None]
     s, t = light_basis(offset / d)
-    at = disc_point(i, n) * (sin_sigma / cos_sigma)[..., None]
+    at = disc_point(square, n) * (sin_sigma / cos_sigma)[..., None]
     stretch2 = 1 + (at * at).sum(-1)  # (slant distance / d)^2: solid angle falls with its power 3/2
     weight: F64 = facing / (n * cos_sigma**2 * stretch2**1.5)
     offset = offset + d * (at[..., :1] * s + at[..., 1:] * t)
@@ -144,30 +152,27 @@ def round_sample(light: Light, P: F64, i: NDArray[Any], n: int) -> tuple[F64, F6
     return (offset / np.linalg.norm(offset, axis=-1, keepdims=True) if light.kind == "SUN" else offset), weight
 
 
-def area_sample(light: Light, P: F64, i: NDArray[Any], n: int) -> tuple[F64, F64]:
+def area_sample(light: Light, P: F64, square: F64, n: int) -> tuple[F64, F64]:
     """light_sample of an AREA lamp; where its spread is limited, only of the part that sends light to P."""
     uniforms = light_uniforms(light)
     u, v = np.asarray(uniforms["u_light_axis_u"]), np.asarray(uniforms["u_light_axis_v"])
     ellipse = uniforms["u_light_ellipse"]
     offset = light.matrix[:3, 3] - P
     height = np.maximum(-offset @ np.asarray(uniforms["u_light_axis"]), 0)
-    along, across = (i + 0.5) / n, (0.5 + GOLDEN_RATIO * i) % 1
     share: F64 = np.ones(P.shape[:-1])
     if uniforms["u_light_spread"][0] > 0:
-        at, share = spread_point(uniforms, offset, height, along, across)
+        at, share = spread_point(uniforms, offset, height, square)
     elif ellipse:
-        at = disc_point(i, n)
+        at = disc_point(square, n)
     else:
-        at = 2 * np.stack([along, across], -1) - 1
+        at = 2 * square - 1
     offset = offset + at[..., :1] * u + at[..., 1:] * v
     # radiance 1 / (pi area) times solid angle area / n * cos / d^2
     return offset, share * height / (np.pi * n * np.linalg.norm(offset, axis=-1) ** 3)
 
 
-def spread_point(
-    uniforms: dict[str, Any], offset: F64, height: F64, along: F64, across: F64,
-) -> tuple[F64, F64]:
-    """Where (along, across) in 0..1 falls on the lit part, in half extents (..., 2), and its share of the emission.
+def spread_point(uniforms: dict[str, Any], offset: F64, height: F64, square: F64) -> tuple[F64, F64]:
+    """Where the unit square falls on the emitting part, in half extents (..., 2), and the point's share of the power.
 
     Only the disc of radius height * tan b around the foot of P sends light to it; its rows are sampled.
     """
@@ -177,14 +182,16 @@ def spread_point(
     fx, fy = -(offset @ u) / hx, -(offset @ v) / hy
     reach = height * tan_b
     y0, y1 = np.maximum(-hy, fy - reach), np.minimum(hy, fy + reach)
-    y = y0 + (y1 - y0) * across
+    s = square[..., 1]
+    y = y0 + (y1 - y0) * s * s * (3 - 2 * s)  # denser toward the ends, where rows shorten like a square root
     x = hx * np.sqrt(np.maximum(1 - (y / hy) ** 2, 0)) if uniforms["u_light_ellipse"] else hx
     r = np.sqrt(np.maximum(reach**2 - (y - fy) ** 2, 0))
     x0, x1 = np.maximum(-x, fx - r), np.minimum(x, fx + r)
-    x = x0 + (x1 - x0) * along
+    x = x0 + (x1 - x0) * square[..., 0]
     area = (np.pi if uniforms["u_light_ellipse"] else 4) * hx * hy
     off_axis = np.hypot(x - fx, y - fy) / np.maximum(height, 1e-12)  # tan theta
-    share = np.maximum(y1 - y0, 0) * np.maximum(x1 - x0, 0) / area * np.maximum(tan_b - off_axis, 0) * norm
+    cell = 6 * s * (1 - s) * np.maximum(y1 - y0, 0) * np.maximum(x1 - x0, 0)
+    share: F64 = cell / area * np.maximum(tan_b - off_axis, 0) * norm
     return np.stack([x / hx, y / hy], -1), share
 
 
@@ -208,8 +215,9 @@ def area_corners(ellipse: bool) -> F64:
     return corners
 
 
-def area_irradiance(uniforms: dict[str, Any], P: F64, N: F64) -> F64:
-    """Irradiance of a uniform polygon, clipped at the horizon.  Lambert 1760, "Photometria"; Baum et al. 1989, eq. 5."""
+def area_irradiance(light: Light, P: F64, N: F64) -> F64:
+    """Irradiance of a uniform polygon, clipped at the horizon.  Lambert 1760, "Photometria"; Baum et al. 1989."""
+    uniforms = light_uniforms(light)
     u, v = np.asarray(uniforms["u_light_axis_u"]), np.asarray(uniforms["u_light_axis_v"])
     center = np.asarray(uniforms["u_light_position"]) - P
     corners = area_corners(uniforms["u_light_ellipse"])
@@ -229,7 +237,11 @@ def area_irradiance(uniforms: dict[str, Any], P: F64, N: F64) -> F64:
         enter, leave = np.where(rises[..., None], a, enter), np.where(falls[..., None], a + e, leave)
         total += np.where((za >= 0) | (zb >= 0), polygon_edge(a, e, N), 0)
     total += np.where(clipped, polygon_edge(leave, enter - leave, N), 0)
-    area = (np.pi if uniforms["u_light_ellipse"] else 4) * np.linalg.norm(u) * np.linalg.norm(v)
+    hu, hv = np.linalg.norm(u), np.linalg.norm(v)
+    total = np.abs(total) / (2 * np.pi * (np.pi if uniforms["u_light_ellipse"] else 4) * hu * hv)
+    offset, weight = light_sample(light, P, 0, 1)
+    point = weight * np.maximum((offset * N).sum(-1) / np.linalg.norm(offset, axis=-1), 0)
     front = center @ np.asarray(uniforms["u_light_axis"]) < 0
-    irradiance: F64 = np.where(front, np.abs(total) / (2 * np.pi * area), 0.0)
+    small = max(hu, hv) < POINT_SIZE * np.linalg.norm(center, axis=-1)
+    irradiance: F64 = np.where(front, np.where(small, point, total), 0.0)
     return irradiance

@@ -25,7 +25,9 @@ const int LIGHT_SUN = 1;
 const int LIGHT_SPOT = 2;
 const int LIGHT_AREA = 3;
 const int LIGHT_ELLIPSE_SIDES = 32;  // of the polygon, of the same area, that stands for an ellipse
-const int LIGHT_QUADRATURE = 96;     // points where there is no closed form: soft-edged SPOT, AREA with spread
+const float LIGHT_POINT_SIZE = 0.005; // half extent / distance below which an AREA is a point: its outline's edges
+                                      // would cancel in float32, while the point is off by its square, 2.5e-5
+const int LIGHT_QUADRATURE = 12;     // squared: points where there is no closed form, soft SPOT and AREA with spread
 
 // Irradiance of a cone of uniform radiance over the horizon, relative to the same cone at the zenith.
 // Lagarde and de Rousiers 2014, "Moving Frostbite to Physically Based Rendering", listing 7 (after Snyder 1996).
@@ -70,23 +72,23 @@ void light_basis(vec3 n, out vec3 s, out vec3 t) {
     t = vec3(b, z + n.y * n.y * a, -n.y);
 }
 
-// The i-th of n points of a unit disc, evenly dense. Vogel 1979, "A Better Way to Construct the Sunflower Head".
-vec2 disc_point(int i, int n) {
-    if (n == 1) return vec2(0.0);
-    float phi = 2.39996322972865 * float(i); // golden angle
-    return sqrt((float(i) + 0.5) / float(n)) * vec2(cos(phi), sin(phi));
+// A point of the unit disc for one of the unit square, area kept: the lattice below becomes a sunflower head.
+vec2 disc_point(vec2 square, float n) {
+    if (n == 1.0) return vec2(0.0);
+    float phi = 2.0 * PI * square.y;
+    return sqrt(square.x) * vec2(cos(phi), sin(phi));
 }
 
-vec3 round_sample(vec3 P, int i, int n, out float weight) {
+vec3 round_sample(vec3 P, vec2 square, float n, out float weight) {
     float sin_sigma, facing;
     vec3 offset = light_round(P, sin_sigma, facing);
     float cos_sigma = max(sqrt(1.0 - min(sin_sigma * sin_sigma, 1.0)), 1e-2);
     float d = length(offset);
     vec3 s, t;
     light_basis(offset / d, s, t);
-    vec2 at = disc_point(i, n) * (sin_sigma / cos_sigma);
+    vec2 at = disc_point(square, n) * (sin_sigma / cos_sigma);
     float stretch2 = 1.0 + dot(at, at); // (slant distance / d)^2: solid angle falls with its power 3/2
-    weight = facing / (float(n) * cos_sigma * cos_sigma * stretch2 * sqrt(stretch2));
+    weight = facing / (n * cos_sigma * cos_sigma * stretch2 * sqrt(stretch2));
     offset += d * (at.x * s + at.y * t);
     if (u_light_kind == LIGHT_SPOT) weight *= spot_attenuation(offset);
     return u_light_kind == LIGHT_SUN ? normalize(offset) : offset;
@@ -100,7 +102,7 @@ vec2 area_row(float y, vec2 half_size, vec2 foot, float reach) {
     return vec2(max(-x, foot.x - r), min(x, foot.x + r));
 }
 
-vec3 area_sample(vec3 P, int i, int n, out float weight) {
+vec3 area_sample(vec3 P, vec2 square, float n, out float weight) {
     vec2 half_size = vec2(length(u_light_axis_u), length(u_light_axis_v));
     vec3 offset = u_light_position - P;
     float height = -dot(offset, u_light_axis);
@@ -112,29 +114,36 @@ vec3 area_sample(vec3 P, int i, int n, out float weight) {
         vec2 foot = -vec2(dot(offset, u_light_axis_u), dot(offset, u_light_axis_v)) / half_size;
         float reach = max(height, 0.0) * u_light_spread.x;
         vec2 rows = vec2(max(-half_size.y, foot.y - reach), min(half_size.y, foot.y + reach));
-        at.y = mix(rows.x, rows.y, fract(0.5 + 0.618033988749895 * float(i)));
+        // Denser toward the first and last row, where the length of rows falls like a square root.
+        at.y = mix(rows.x, rows.y, smoothstep(0.0, 1.0, square.y));
         vec2 row = area_row(at.y, half_size, foot, reach);
-        at.x = mix(row.x, row.y, (float(i) + 0.5) / float(n));
+        at.x = mix(row.x, row.y, square.x);
         float off_axis = length(at - foot) / max(height, 1e-12); // tan theta
-        share = max(rows.y - rows.x, 0.0) * max(row.y - row.x, 0.0) / area
+        share = 6.0 * square.y * (1.0 - square.y) * max(rows.y - rows.x, 0.0) * max(row.y - row.x, 0.0) / area
               * max(u_light_spread.x - off_axis, 0.0) * u_light_spread.y;
         at /= half_size;
     } else if (u_light_ellipse) {
-        at = disc_point(i, n);
+        at = disc_point(square, n);
     } else {
-        at = 2.0 * vec2((float(i) + 0.5) / float(n), fract(0.5 + 0.618033988749895 * float(i))) - 1.0;
+        at = 2.0 * square - 1.0;
     }
     offset += at.x * u_light_axis_u + at.y * u_light_axis_v;
     float d2 = dot(offset, offset);
     // radiance 1 / (pi area) times solid angle area / n * cos / d^2
-    weight = share * max(height, 0.0) / (PI * float(n) * d2 * sqrt(d2));
+    weight = share * max(height, 0.0) / (PI * n * d2 * sqrt(d2));
     return offset;
+}
+
+// The emitter's point that belongs to one of the unit square, as one of n evenly spread there.
+vec3 emitter_sample(vec3 P, vec2 square, float n, out float weight) {
+    return u_light_kind == LIGHT_AREA ? area_sample(P, square, n, weight) : round_sample(P, square, n, weight);
 }
 
 // The i-th of n points on the emitter: from P to it (SUN: a unit direction), and how much it counts:
 // sum over i of weight * max(N.L, 0) = light_irradiance(P, N).  n = 1 gives the centre.
 vec3 light_sample(vec3 P, int i, int n, out float weight) {
-    return u_light_kind == LIGHT_AREA ? area_sample(P, i, n, weight) : round_sample(P, i, n, weight);
+    vec2 lattice = vec2((float(i) + 0.5) / float(n), fract(0.5 + 0.618033988749895 * float(i))); // golden ratio
+    return emitter_sample(P, lattice, float(n), weight);
 }
 
 // One edge of Lambert's sum: from a along e.  The edge itself, not its far end, keeps small lamps precise.
@@ -154,6 +163,11 @@ vec2 area_corner(int k) {
 float area_irradiance(vec3 P, vec3 N) {
     vec3 center = u_light_position - P;
     if (dot(center, u_light_axis) >= 0.0) return 0.0; // P lies behind the emitter
+    if (max(length(u_light_axis_u), length(u_light_axis_v)) < LIGHT_POINT_SIZE * length(center)) {
+        float weight;
+        vec3 offset = area_sample(P, vec2(0.5), 1.0, weight);
+        return weight * max(dot(N, normalize(offset)), 0.0);
+    }
     int sides = u_light_ellipse ? LIGHT_ELLIPSE_SIDES : 4;
     vec3 leave = vec3(0.0), enter = vec3(0.0); // where the outline goes below the horizon and comes back
     bool clipped = false;
@@ -188,9 +202,10 @@ float light_irradiance(vec3 P, vec3 N) {
     if (u_light_kind == LIGHT_AREA && u_light_spread.x == 0.0) return area_irradiance(P, N);
     if (u_light_kind == LIGHT_AREA || (u_light_kind == LIGHT_SPOT && u_light_radius > 0.0)) {
         float sum = 0.0;
-        for (int i = 0; i < LIGHT_QUADRATURE; i++) {
+        for (int y = 0; y < LIGHT_QUADRATURE; y++) for (int x = 0; x < LIGHT_QUADRATURE; x++) {
             float weight;
-            vec3 L = normalize(light_sample(P, i, LIGHT_QUADRATURE, weight));
+            vec2 cell = (vec2(x, y) + 0.5) / float(LIGHT_QUADRATURE);
+            vec3 L = normalize(emitter_sample(P, cell, float(LIGHT_QUADRATURE * LIGHT_QUADRATURE), weight));
             sum += weight * max(dot(N, L), 0.0);
         }
         return sum;

@@ -1,0 +1,79 @@
+"""The lamps of lights.glsl against their float64 twin, at random points around lamps of every kind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irpso_addon.core import lights
+from irpso_addon.core.data import Light
+
+LIGHTS = "include/lights.glsl"
+COUNT = 4_000
+
+# Moved, turned and unevenly scaled, so that no axis can be mistaken for another.
+TURN = np.linalg.qr(np.array([[0.9, 0.3, -0.2], [-0.4, 0.8, 0.5], [0.3, -0.35, 0.9]]))[0]
+MATRIX = np.eye(4)
+MATRIX[:3, :3] = TURN * np.array([1.3, 0.8, 1.1])
+MATRIX[:3, 3] = 0.4, -0.3, 1.7
+BASE = Light(name="lamp", kind="POINT", power=np.ones(3), matrix=MATRIX)
+LAMPS = {
+    "point": BASE,
+    "point-soft": replace(BASE, radius=0.4),
+    "point-sphere": replace(BASE, radius=0.4, soft_falloff=False),
+    "sun": replace(BASE, kind="SUN"),
+    "sun-disc": replace(BASE, kind="SUN", radius=0.3),
+    "spot": replace(BASE, kind="SPOT", spot_angle=1.4, spot_blend=0.6),
+    "spot-soft": replace(BASE, kind="SPOT", spot_angle=1.4, spot_blend=0.6, radius=0.2),
+    "spot-sphere": replace(BASE, kind="SPOT", spot_angle=1.4, spot_blend=0.6, radius=0.2, soft_falloff=False),
+    "rectangle": replace(BASE, kind="AREA", shape="RECTANGLE", size=(1.2, 0.5)),
+    "square-small": replace(BASE, kind="AREA", shape="SQUARE", size=(0.05, 0.05)),
+    "square-tiny": replace(BASE, kind="AREA", shape="SQUARE", size=(0.002, 0.002)),
+    "ellipse": replace(BASE, kind="AREA", shape="ELLIPSE", size=(1.2, 0.5)),
+    "rectangle-spread": replace(BASE, kind="AREA", shape="RECTANGLE", size=(1.2, 0.5), spread=1.5),
+    "disk-spread": replace(BASE, kind="AREA", shape="DISK", size=(0.8, 0.8), spread=2.0),
+}
+
+
+@pytest.fixture(scope="module")
+def places() -> np.ndarray:
+    """(n, 6) float32 positions 0.5 to 3 m from the lamp, mostly before it, and normals mostly toward it."""
+    rng = np.random.default_rng(3)
+    away = rng.normal(size=(COUNT, 3)) - 1.2 * TURN[:, 2]
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    position = MATRIX[:3, 3] + away * rng.uniform(0.5, 3, (COUNT, 1))
+    normal = rng.normal(size=(COUNT, 3)) - 1.5 * away
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.concatenate([position, normal], axis=1).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", LAMPS)
+def test_irradiance_equals_its_twin(evaluate, places, name):
+    lamp = LAMPS[name]
+    body = "o = vec4(light_irradiance(a.xyz, vec3(a.w, b.xy)));"
+    got = evaluate(LIGHTS, body, places, lights.light_uniforms(lamp))[:, 0]
+    exact = lights.light_irradiance(lamp, places[:, :3].astype(float), places[:, 3:].astype(float))
+    assert 0.2 < (exact > 0).mean() < 0.999
+    # Relative to what an AREA of that power gives head-on: at a horizon, a rim or an edge-on emitter the
+    # value itself is a difference of nearly equal float32 numbers.  An outline's edges cancel: 1e-7 * distance / size.
+    distance2 = ((places[:, :3] - MATRIX[:3, 3]) ** 2).sum(1)
+    scale = 1 if lamp.kind == "SUN" else 1 / (np.pi * distance2)
+    np.testing.assert_array_less(np.abs(got - exact) / scale, 1e-4)
+    assert np.abs(got - exact).mean() < 2e-5 * exact.mean()
+
+
+@pytest.mark.parametrize("name", LAMPS)
+@pytest.mark.parametrize("count", [1, 16])
+def test_sample_equals_its_twin(evaluate, places, name, count):
+    lamp = LAMPS[name]
+    body = f"float w; vec3 v = light_sample(a.xyz, int(a.w), {count}, w); o = vec4(v, w);"
+    which = np.arange(COUNT) % count
+    arguments = np.column_stack([places[:, :3], which]).astype(np.float32)
+    got = evaluate(LIGHTS, body, arguments, lights.light_uniforms(lamp))
+    offset, weight = lights.light_sample(lamp, places[:, :3].astype(float), which, count)
+    # Where a spread's row of the emitter is empty the point is nowhere: only its weight, 0, is told.
+    told = weight > 1e-6 * weight.max()
+    np.testing.assert_allclose(got[told, :3], offset[told], atol=5e-5)
+    np.testing.assert_allclose(got[:, 3], weight, atol=5e-5 * weight.max())
