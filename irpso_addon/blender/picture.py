@@ -10,8 +10,10 @@ import blf
 import bpy
 import imbuf
 import numpy as np
+import OpenImageIO as oiio
 
 from ..core.data import F32
+from ..core.errors import BadInput
 
 FONT = 0  # Blender's interface font
 MARGIN, HEADER, TEXT = 12, 34, 17  # pixels
@@ -19,7 +21,7 @@ BACKGROUND, INK = 0.11, 0.92
 
 
 def save(path: Path, rows: Sequence[Sequence[tuple[str, F32]]]) -> None:
-    """Write tiles as one 8-bit PNG, each under its label.
+    """Write tiles as one JPEG, each under its label.
 
     A tile is (h, w, 3), display-encoded 0..1, row 0 at the bottom; all of them of one size.
     """
@@ -34,9 +36,10 @@ def save(path: Path, rows: Sequence[Sequence[tuple[str, F32]]]) -> None:
             canvas[y:y + height, x:x + width, :3] = np.clip(tile, 0, 1)
             labels.append((label, x, y + height + 10))
     with tempfile.TemporaryDirectory() as folder:
-        blank = Path(folder) / "tiles.png"
+        blank, labelled = Path(folder) / "tiles.png", Path(folder) / "labelled.png"
         _save_png(blank, canvas)
-        _write_labels(blank, path, labels)
+        _write_labels(blank, labelled, labels)
+        _save_jpeg(labelled, path)
 
 
 def _save_png(path: Path, canvas: F32) -> None:
@@ -55,5 +58,14 @@ def _write_labels(source: Path, target: Path, labels: Sequence[tuple[str, int, i
         for text, x, y in labels:
             blf.position(FONT, x, y, 0)
             blf.draw_buffer(FONT, text)
-    imbuf.write(picture, filepath=str(target.resolve()))
+    imbuf.write(picture, filepath=str(target))
     picture.free()
+
+
+def _save_jpeg(source: Path, target: Path) -> None:
+    """Full colour resolution and little compression: the errors shown must be ours, not JPEG's."""
+    picture = oiio.ImageBufAlgo.channels(oiio.ImageBuf(str(source)), (0, 1, 2))
+    picture.specmod().attribute("Compression", "jpeg:90")
+    picture.specmod().attribute("jpeg:subsampling", "4:4:4")
+    if not picture.write(str(target)):
+        raise BadInput(f"{target}: cannot be written ({picture.geterror()}); choose another folder")

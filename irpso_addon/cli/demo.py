@@ -43,16 +43,16 @@ def run(arguments: argparse.Namespace) -> None:
     rendered = time.perf_counter()
     solution = solve(Request(
         scene=made.scene, out=out, settings=SolveSettings(size=demo.TEXELS), captures=made.captures))
-    files.open_blend(out / "scene_irpso.blend")
     relit = out / "solved_relit.exr"
     with console.quiet():
+        files.open_blend(out / "scene_irpso.blend")
         demo.render_held_out(relit)
     truth_relit, solved_relit = demo.read_render(made.relit), demo.read_render(relit)
     scores = score(made, solution.maps)
     relight = _psnr(_display(truth_relit), _display(solved_relit), truth_relit[..., 3] > 0.999)
-    picture.save(out / "demo.png", _tiles(made, solution.maps, scores, relight, truth_relit, solved_relit))
+    picture.save(out / "demo.jpg", _tiles(made, solution.maps, scores, relight, truth_relit, solved_relit))
     _tell(scores, relight, solution, rendered - started, time.perf_counter() - started)
-    console.say(f"{out / 'demo.png'}: truth, estimate and error side by side")
+    console.say(f"{out / 'demo.jpg'}: truth, estimate and error side by side")
 
 
 def score(made: demo.Demo, maps: Maps) -> Scores:

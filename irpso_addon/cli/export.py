@@ -13,7 +13,8 @@ from . import console
 def run(arguments: argparse.Namespace) -> None:
     """The command.  Raises BadInput."""
     scene: Path = arguments.scene
-    files.open_blend(scene)
+    with console.quiet():
+        files.open_blend(scene)
     obj = files.solved_object(arguments.object)
     for path in write_maps(files.read_maps(obj), obj.name, arguments.out or scene.parent, arguments.format):
         console.say(str(path))

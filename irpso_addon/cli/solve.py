@@ -50,7 +50,8 @@ def solve(request: Request) -> Solution:
     if request.report is not None and not request.report.resolve().parent.is_dir():
         raise BadInput(f"{request.report}: there is no such folder; make it or choose another")
     started = time.perf_counter()
-    files.open_blend(request.scene)
+    with console.quiet():
+        files.open_blend(request.scene)
     data = read_scene(None, request.object_name, request.captures)
     read = time.perf_counter()
     with Staging(request.out) as staging:
@@ -59,7 +60,8 @@ def solve(request: Request) -> Solution:
         messages = material.write_maps(files.object_named(data.mesh.name), solution)
         solution = replace(solution, warnings=(*solution.warnings, *messages))
         write_maps(solution.maps, data.mesh.name, staging.folder, request.kind)
-        files.save_copy(staging.beside(f"{data.name}_irpso.blend"))
+        with console.quiet():
+            files.save_copy(staging.beside(f"{data.name}_irpso.blend"))
         seconds = {"scene": read - started, **solution.seconds, "write": time.perf_counter() - solved}
         solution = replace(solution, seconds=seconds)
         report = build_report(solution, request.settings, ["irpso", *sys.argv[1:]], blender=files.blender_version())

@@ -21,15 +21,15 @@ Indices = NDArray[np.signedinteger[Any]]
 Island = tuple[float, float, float, float]  # left, right, bottom, top in the UV square
 
 SEGMENTS, RINGS = 128, 160  # faces around and along the body
-# (radius, height) in metres from the middle of the underside, up the outside, over the lip, down the inside.
+# (radius, height) in metres from the middle of the underside, up the outside, over the lip, to a floor in the neck.
 PROFILE = np.array([
     (0.01, -0.80), (0.24, -0.80), (0.29, -0.79), (0.30, -0.74), (0.27, -0.68), (0.40, -0.45), (0.56, -0.15),
     (0.58, 0.10), (0.44, 0.34), (0.25, 0.50), (0.22, 0.62), (0.27, 0.74), (0.37, 0.80), (0.38, 0.82), (0.35, 0.82),
-    (0.24, 0.74), (0.18, 0.62), (0.20, 0.50), (0.38, 0.30), (0.50, 0.00), (0.01, -0.30),
+    (0.27, 0.77), (0.19, 0.73), (0.01, 0.72),
 ])
-OUTSIDE = (2, 13)  # the part of PROFILE that pictures show; the rest gets a third of the texels
+OUTSIDE = (2, 16)  # the part of PROFILE that pictures show; the rest gets a third of the texels
 HANDLE = np.array([(0.50, 0.10), (0.68, 0.20), (0.74, 0.38), (0.60, 0.55), (0.40, 0.60), (0.20, 0.58)])
-HANDLE_RADIUS = 0.045
+HANDLE_RADIUS = 0.065
 BODY: Island = (0.015, 0.985, 0.015, 0.775)
 HANDLES = ((0.015, 0.485, 0.805, 0.985), (0.515, 0.985, 0.805, 0.985))
 HANDLE_TURNS = (0.08, 0.58)  # where they sit around the body
@@ -193,9 +193,9 @@ def _paint_body(a: Floats, s: Floats) -> tuple[Floats, Floats]:
     _layer(color, rough, radius < 0.50 + 0.22 * np.cos(6 * angle), COBALT, 0.38)
     _layer(color, rough, radius < 0.17, OCHRE, 0.26)
     _layer(color, rough, (abs(abs(x) - 0.5) < 0.03) & (abs(y) < 1.1), COBALT, 0.38)
-    flutes = (np.sin(2 * np.pi * 20 * a) > 0.2) & (s > 0.640) & (s < 0.745)
+    flutes = (np.sin(2 * np.pi * 20 * a) > 0.2) & (s > 0.695) & (s < 0.810)
     _layer(color, rough, flutes, CREAM, 0.45)
-    _layer(color, rough, (s > 0.765) & (s < 0.88), OCHRE, 0.26 + 0.1 * (s - 0.765) / 0.115)
+    _layer(color, rough, (s > 0.840) & (s < 0.905), OCHRE, 0.26 + 1.5 * (s - 0.840))
     return color, rough
 
 
