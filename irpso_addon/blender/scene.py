@@ -51,7 +51,8 @@ def _check_working_space() -> None:
     """Blender 5 can work in other spaces than linear Rec.709; the solver does not."""
     space = getattr(getattr(bpy.data, "colorspace", None), "working_space", "Linear Rec.709")
     if space != "Linear Rec.709":
-        raise BadInput(f"the file's working colour space is {space}; set it to Linear Rec.709 (Scene > Color Management)")
+        raise BadInput(f"the file's working colour space is {space}; "
+                       "set it to Linear Rec.709 (Scene > Color Management)")
 
 
 def _subject(context: Any, name: str | None) -> Any:
@@ -160,8 +161,8 @@ class _Reader:
                     raise BadInput(f"image '{image.name}' (background of camera '{camera.name}'): is not a single file "
                                    "on disk; unpack it (File > External Data)")
                 views.append(View(
-                    image=_absolute(image.filepath, image.library), camera=self._camera(camera.name, "background images"),
-                    lights=self._all_lights(), colorspace=image.colorspace_settings.name, gain=self.gain,
+                    image=_absolute(image.filepath, image.library), lights=self._all_lights(), gain=self.gain,
+                    camera=self._camera(camera.name, "background images"), colorspace=image.colorspace_settings.name,
                 ))
         return views
 
@@ -194,7 +195,7 @@ class _Reader:
             if o.type == "LIGHT" and not o.hide_render and not all(c.hide_render for c in o.users_collection)
         ]
         if not lights:
-            raise BadInput(f"scene '{self.scene.name}': has no light that renders; add the one the references were taken under")
+            raise BadInput(f"scene '{self.scene.name}': has no light that renders; add those of the references")
         return tuple(self._light(o.name, "the scene") for o in lights)
 
 

@@ -91,7 +91,8 @@ def _name_differences(material: Any, principled: Any, warn: Warn) -> None:
     if tint is not None and (_source(tint)[0] is not None or min(tint.default_value[:3]) < 0.9999):
         warn(f"material '{material.name}': Specular Tint is not modelled; white is assumed")
     if principled.distribution != "MULTI_GGX":
-        warn(f"material '{material.name}': distribution {principled.distribution} is not modelled; Multiscatter GGX is assumed")
+        warn(f"material '{material.name}': distribution {principled.distribution} is not modelled; "
+             "Multiscatter GGX is assumed")
 
 
 def _normal_map(material: Any, principled: Any, warn: Warn) -> SlotNormalMap | None:

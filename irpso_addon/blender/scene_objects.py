@@ -64,8 +64,9 @@ def read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
         radius = float(lamp.shadow_soft_size)
         if not lamp.normalize:
             power = power * (4 * math.pi * radius**2 if radius > 0 else 4.0)
-        spot = {} if lamp.type == "POINT" else {"spot_angle": float(lamp.spot_size), "spot_blend": float(lamp.spot_blend)}
-        return Light(**common, **spot, power=power, radius=radius, soft_falloff=bool(lamp.use_soft_falloff))
+        if lamp.type == "SPOT":
+            common |= {"spot_angle": float(lamp.spot_size), "spot_blend": float(lamp.spot_blend)}
+        return Light(**common, power=power, radius=radius, soft_falloff=bool(lamp.use_soft_falloff))
     if lamp.type == "SUN":
         half = float(lamp.angle) / 2
         if not lamp.normalize and half > 0:

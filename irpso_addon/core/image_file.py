@@ -11,8 +11,7 @@ import numpy as np
 from .data import F32
 from .errors import BadInput
 
-MAX_SIDE = 20_000
-MAX_PIXELS = 400_000_000
+MAX_SIDE = 20_000  # pixels: at most 400 megapixels
 # The last word of a layer's name that holds the finished picture, best first.
 _PICTURE = ("", "combined", "composite", "beauty", "rgba", "rgb", "color", "image")
 
@@ -38,7 +37,7 @@ class ImageFile:
 
         Raises BadInput when the file ends early or is damaged.
         """
-        import OpenImageIO as oiio
+        import OpenImageIO
 
         x, y, width, height = self.window
         first, last = max(top, y), min(bottom, y + height)
@@ -51,11 +50,11 @@ class ImageFile:
         try:
             file.seek_subimage(self.part, 0)
             if file.spec().tile_width:
-                block = file.read_image(self.part, 0, low, high, oiio.FLOAT)
+                block = file.read_image(self.part, 0, low, high, OpenImageIO.FLOAT)
                 block = None if block is None else block[first - y:last - y]
             else:
                 origin = file.spec().y - y
-                block = file.read_scanlines(first + origin, last + origin, 0, low, high, oiio.FLOAT)
+                block = file.read_scanlines(first + origin, last + origin, 0, low, high, OpenImageIO.FLOAT)
             problem = file.geterror()
         finally:
             file.close()
@@ -79,9 +78,8 @@ def open_image(path: Path) -> ImageFile:
     part, channels, warnings = _choose(path, parts)
     spec = parts[part]
     width, height = spec.full_width or spec.width, spec.full_height or spec.height
-    if max(width, height, spec.width, spec.height) > MAX_SIDE or max(width * height, spec.width * spec.height) > MAX_PIXELS:
-        raise BadInput(f"{path}: is {width} x {height} pixels; scale it to at most {MAX_SIDE} on a side "
-                       f"and {MAX_PIXELS // 1_000_000} megapixels")
+    if max(width, height, spec.width, spec.height) > MAX_SIDE:
+        raise BadInput(f"{path}: is {width} x {height} pixels; scale it to at most {MAX_SIDE} on a side")
     if min(width, height) < 1 or spec.depth > 1:
         raise BadInput(f"{path}: is not a flat image; save it as an ordinary picture")
     if spec.get_int_attribute("Orientation", 1) != 1:
@@ -98,18 +96,18 @@ def open_image(path: Path) -> ImageFile:
 
 
 def _open(path: Path) -> Any:
-    import OpenImageIO as oiio
+    import OpenImageIO
 
     if not path.is_file():
         raise BadInput(f"{path}: {'is a folder' if path.is_dir() else 'there is no such image'}; check the path")
     # Straight alpha as stored: multiplying integers by it would lose bits.
-    config = oiio.ImageSpec()
+    config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     try:
-        file = oiio.ImageInput.open(str(path), config)
+        file = OpenImageIO.ImageInput.open(str(path), config)
     except UnicodeEncodeError:
         file = None
-    problem = oiio.geterror()
+    problem = OpenImageIO.geterror()
     if file is None:
         raise BadInput(f"{path}: cannot be read as an image{_brief(problem)}; want EXR, HDR, PNG or TIFF")
     return file
@@ -117,7 +115,7 @@ def _open(path: Path) -> Any:
 
 def _brief(problem: str) -> str:
     """The library's own words, one line of them, in brackets."""
-    first = problem.strip().splitlines()[0].strip().rstrip(".") if problem and problem.strip() else ""
+    first = problem.strip().splitlines()[0].strip().rstrip(".").replace(";", ",") if problem and problem.strip() else ""
     return f" ({first[:120]})" if first else ""
 
 
@@ -145,7 +143,7 @@ def _choose(path: Path, parts: list[Any]) -> tuple[int, tuple[int, ...], tuple[s
         names = ", ".join(dict.fromkeys(name or "?" for _, name, _ in layers))[:120]
         raise BadInput(f"{path}: holds no colour picture (layers: {names}); save the Combined pass")
     part, name, letters = colour[ranked[0][1]]
-    warnings = ()
+    warnings: tuple[str, ...] = ()
     if sum(rank == ranked[0][0] for rank, _ in ranked) > 1:
         warnings = (f"{path.name}: several pictures inside; '{name}' is used",)
     order = "RGBA" if "A" in letters else "RGB"

@@ -1,0 +1,449 @@
+"""Reference images from files that OpenImageIO itself writes here, and maps out."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from irpso_addon.core import image, image_file
+from irpso_addon.core.data import Camera, View
+from irpso_addon.core.errors import BadInput
+from irpso_addon.core.image import read_reference, write_image
+
+oiio = pytest.importorskip("OpenImageIO")
+RNG = np.random.default_rng(7)
+
+
+def camera(aspect: float) -> Camera:
+    return Camera("Cam", np.eye(4), np.eye(4), np.zeros(3), np.array([0.0, 0, -1]), False, aspect)
+
+
+def view(path: Path, aspect: float = 1.5, **more) -> View:
+    return View(path, camera(aspect), (), **more)
+
+
+def save(path: Path, pixels: np.ndarray, form: str = "float", names: str = "RGBA", **attributes) -> Path:
+    """Writes (h, w, c), row 0 at the top."""
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], form)
+    spec.channelnames = tuple(names)[:pixels.shape[2]]
+    for key, value in attributes.items():
+        if hasattr(spec, key):
+            setattr(spec, key, value)
+        else:
+            spec.attribute(key.replace("__", ":"), value)
+    file = oiio.ImageOutput.create(str(path))
+    assert file.open(str(path), spec), file.geterror()
+    assert file.write_image(np.ascontiguousarray(pixels)) and file.close(), file.geterror()
+    return path
+
+
+def noise(h: int = 20, w: int = 30, c: int = 3) -> np.ndarray:
+    return RNG.uniform(0.01, 0.9, (h, w, c)).astype(np.float32)
+
+
+def error_of(v: View, **more) -> str:
+    with pytest.raises(BadInput) as caught:
+        read_reference(v, **more)
+    message = str(caught.value)
+    assert "\n" not in message and message.startswith(str(v.mask or v.image)), message
+    assert len(message.partition(": ")[2].split("; ")) == 2, message  # what is wrong; what to do
+    return message
+
+
+# --- formats
+
+
+@pytest.mark.parametrize(("suffix", "form", "tolerance"), [
+    ("exr", "float", 0), ("exr", "half", 5e-4), ("tif", "float", 0), ("hdr", "float", 1e-2),
+])
+def test_float_files_are_linear(tmp_path, suffix, form, tolerance):
+    pixels = noise()
+    found = read_reference(view(save(tmp_path / f"a.{suffix}", pixels, form)))
+    if tolerance:
+        np.testing.assert_allclose(found.rgb, pixels[::-1], atol=tolerance)
+    else:
+        np.testing.assert_array_equal(found.rgb, pixels[::-1])
+    assert found.rgb.dtype == np.float32 and found.valid.all() and (found.coverage == 1).all() and not found.warnings
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize(("form", "top"), [("uint16", 65535), ("uint8", 255)])
+def test_integer_files_are_srgb(tmp_path, suffix, form, top):
+    stored = RNG.integers(0, top, (20, 30, 3)).astype(form)
+    found = read_reference(view(save(tmp_path / f"a.{suffix}", stored, form)))
+    v = stored[::-1] / top
+    np.testing.assert_allclose(found.rgb, np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4), rtol=2e-5)
+    assert bool(found.warnings) == (top == 255)
+    assert all("8 bits" in text for text in found.warnings)
+
+
+def test_colour_space_of_the_view_wins(tmp_path):
+    pixels = noise()
+    path = save(tmp_path / "a.exr", pixels)
+    wide = read_reference(view(path, colorspace="Linear Rec.2020")).rgb
+    to_709 = np.array([[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]])
+    np.testing.assert_allclose(wide, np.maximum(pixels[::-1] @ to_709.T, 0), atol=3e-4)
+    stored = (pixels * 65535).astype(np.uint16)
+    raw = read_reference(view(save(tmp_path / "a.png", stored, "uint16"), colorspace="Non-Color")).rgb
+    np.testing.assert_allclose(raw, stored[::-1] / 65535, rtol=1e-6)
+    assert "AgX Log" in error_of(view(path, colorspace="AgX Log"))
+
+
+def test_colour_space_of_the_file(tmp_path):
+    pixels = noise()
+    named = read_reference(view(save(tmp_path / "a.exr", pixels, colorInteropID="lin_ap1_scene")))
+    told = read_reference(view(save(tmp_path / "b.exr", pixels), colorspace="ACEScg"))
+    np.testing.assert_array_equal(named.rgb, told.rgb)
+    odd = read_reference(view(save(tmp_path / "c.exr", pixels, colorInteropID="moon")))
+    assert "moon" in odd.warnings[0]
+
+
+def test_grey_is_repeated(tmp_path):
+    pixels = noise(c=1)
+    found = read_reference(view(save(tmp_path / "a.exr", pixels, names="Y")))
+    np.testing.assert_array_equal(found.rgb, np.repeat(pixels[::-1], 3, -1))
+
+
+def test_exposure_and_gain(tmp_path):
+    pixels = noise()
+    found = read_reference(view(save(tmp_path / "a.exr", pixels), exposure=1.5, gain=0.8))
+    np.testing.assert_allclose(found.rgb, pixels[::-1] / (2**1.5 * 0.8), rtol=1e-6)
+
+
+# --- alpha and mask
+
+
+def test_alpha_is_divided_out(tmp_path):
+    true, alpha = noise(), RNG.choice([0, 0.25, 0.7, 1], (20, 30, 1)).astype(np.float32)
+    found = read_reference(view(save(tmp_path / "a.exr", np.concatenate([true * alpha, alpha], -1))))
+    np.testing.assert_array_equal(found.coverage, alpha[::-1, :, 0])
+    seen = found.coverage > 0
+    np.testing.assert_allclose(found.rgb[seen], true[::-1][seen], rtol=1e-6)
+    assert (found.rgb[~seen] == 0).all()
+
+
+def test_straight_alpha_of_png_is_left_alone(tmp_path):
+    stored = RNG.integers(1, 65535, (20, 30, 4)).astype(np.uint16)
+    path = save(tmp_path / "a.png", stored, "uint16", oiio__UnassociatedAlpha=1)
+    found = read_reference(view(path, colorspace="Non-Color"))
+    np.testing.assert_allclose(found.rgb, stored[::-1, :, :3] / 65535, rtol=1e-6)
+    np.testing.assert_allclose(found.coverage, stored[::-1, :, 3] / 65535, rtol=1e-6)
+
+
+def test_mask_times_alpha_of_any_size(tmp_path):
+    pixels = noise(40, 60, 4)
+    pixels[..., 3] = 0.5
+    same = RNG.uniform(0, 1, (40, 60, 1)).astype(np.float32)
+    path = save(tmp_path / "a.exr", pixels)
+    found = read_reference(view(path, mask=save(tmp_path / "m.exr", same, names="Y")))
+    np.testing.assert_allclose(found.coverage, 0.5 * same[::-1, :, 0], rtol=1e-6)
+    halves = np.zeros((10, 15, 1), np.uint8)
+    halves[:5] = 255  # the upper half, 8 bits, a quarter of the size
+    found = read_reference(view(path, mask=save(tmp_path / "m.png", halves, "uint8", "Y")))
+    assert found.coverage[:16].max() == 0 and found.coverage[24:] == pytest.approx(0.5)
+    assert "mask" in error_of(view(path, mask=save(tmp_path / "n.png", halves[:7], "uint8", "Y")))
+    assert "no such image" in error_of(view(path, mask=tmp_path / "none.png"))
+
+
+# --- layers
+
+
+def parts(path: Path, *layers: tuple[str, tuple[str, ...], np.ndarray]) -> Path:
+    """A multi-part EXR."""
+    specs = []
+    for name, channels, pixels in layers:
+        spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], "float")
+        spec.channelnames = channels
+        spec.attribute("oiio:subimagename", name)
+        specs.append(spec)
+    file = oiio.ImageOutput.create(str(path))
+    assert file.open(str(path), tuple(specs)), file.geterror()
+    for i, (_, _, pixels) in enumerate(layers):
+        assert not i or file.open(str(path), specs[i], "AppendSubimage"), file.geterror()
+        assert file.write_image(np.ascontiguousarray(pixels)), file.geterror()
+    file.close()
+    return path
+
+
+def test_combined_is_picked_from_parts(tmp_path):
+    true, other = noise(), noise()
+    alpha = np.full((20, 30, 1), 0.5, np.float32)
+    path = parts(
+        tmp_path / "a.exr", ("ViewLayer.Depth", ("ViewLayer.Depth.Z",), noise(c=1)),
+        ("ViewLayer.DiffCol", tuple(f"ViewLayer.DiffCol.{c}" for c in "RGB"), other),
+        ("ViewLayer.Combined", tuple(f"ViewLayer.Combined.{c}" for c in "ABGR"),
+         np.concatenate([alpha, (true * 0.5)[..., ::-1]], -1)),
+    )
+    found = read_reference(view(path))
+    np.testing.assert_allclose(found.rgb, true[::-1], rtol=1e-6)
+    assert (found.coverage == 0.5).all() and not found.warnings
+
+
+def test_combined_is_picked_from_layers_of_one_part(tmp_path):
+    true, other = noise(), noise()
+    names = [f"ViewLayer.{p}.{c}" for p in ("AO", "Combined") for c in "RGB"]
+    path = save(tmp_path / "a.exr", np.concatenate([other, true], -1), channelnames=tuple(names))
+    np.testing.assert_array_equal(read_reference(view(path)).rgb, true[::-1])
+
+
+def test_two_view_layers_are_named(tmp_path):
+    names = [f"{layer}.Combined.{c}" for layer in ("Front", "Back") for c in "RGB"]
+    found = read_reference(view(save(tmp_path / "a.exr", noise(c=6), channelnames=tuple(names))))
+    assert "several pictures" in found.warnings[0]
+
+
+def test_no_picture_inside(tmp_path):
+    names = tuple(f"V.{p}" for p in ("Depth.Z", "Normal.X", "Normal.Y", "Normal.Z"))
+    assert "V.Normal" in error_of(view(save(tmp_path / "a.exr", noise(c=4), channelnames=names)))
+
+
+def test_cropped_exr_lies_where_it_belongs(tmp_path):
+    inside = noise(6, 9)
+    path = save(tmp_path / "a.exr", inside, x=4, y=5, full_x=0, full_y=0, full_width=30, full_height=20)
+    found = read_reference(view(path))
+    np.testing.assert_array_equal(found.rgb[::-1][5:11, 4:13], inside)
+    assert found.rgb.shape == (20, 30, 3) and found.rgb.sum() == pytest.approx(inside.sum(), rel=1e-5)
+
+
+def test_overscan_is_cut_off(tmp_path):
+    wide = noise(24, 36)
+    path = save(tmp_path / "a.exr", wide, x=-3, y=-2, full_x=0, full_y=0, full_width=30, full_height=20)
+    np.testing.assert_array_equal(read_reference(view(path)).rgb[::-1], wide[2:22, 3:33])
+
+
+def test_tiled_files(tmp_path):
+    pixels = noise(40, 60)
+    path = save(tmp_path / "a.exr", pixels, tile_width=16, tile_height=16)
+    np.testing.assert_array_equal(read_reference(view(path)).rgb, pixels[::-1])
+
+
+# --- clipping and noise
+
+
+def test_clipped_pixels_of_integer_files(tmp_path):
+    stored = RNG.integers(0, 65535, (20, 30, 3)).astype(np.uint16)
+    stored[3, 4, 1] = 65535
+    found = read_reference(view(save(tmp_path / "a.png", stored, "uint16")))
+    assert not found.valid[::-1][3, 4] and found.valid.sum() == 599
+    assert found.clipped_share == pytest.approx(1 / 600) and (found.rgb[::-1][3, 4] == 0).all()
+
+
+def test_clipped_pixels_of_float_files(tmp_path):
+    pixels = noise(60, 90) * np.float32([2, 1.2, 0.9])
+    cut = np.minimum(pixels, 1)
+    found = read_reference(view(save(tmp_path / "a.exr", cut)))
+    np.testing.assert_array_equal(found.valid[::-1], (pixels < 1).all(-1))
+    assert "clipped" in found.warnings[0]
+    white_balanced = cut * np.float32([1.9, 1, 1.5])
+    found = read_reference(view(save(tmp_path / "b.exr", white_balanced)))
+    np.testing.assert_array_equal(found.valid[::-1], (pixels < 1).all(-1))
+
+
+def test_flat_surfaces_are_not_clipped(tmp_path):
+    flat = np.full((40, 60, 3), 0.6, np.float32)
+    assert read_reference(view(save(tmp_path / "a.exr", flat))).valid.all()
+    flat[:, 30:] = 0.2
+    flat[5:9, 5:9] = 0.9
+    assert read_reference(view(save(tmp_path / "b.exr", flat))).valid.all()
+    black = np.zeros((40, 60, 3), np.float32)
+    assert read_reference(view(save(tmp_path / "c.exr", black))).valid.all()
+
+
+def test_half_float_ceiling(tmp_path):
+    pixels = noise()
+    pixels[2, 3] = 65504
+    found = read_reference(view(save(tmp_path / "a.exr", pixels, "half")))
+    assert not found.valid[::-1][2, 3] and found.valid.sum() == 599
+
+
+def test_everything_clipped(tmp_path):
+    assert "clipped" in error_of(view(save(tmp_path / "a.png", np.full((20, 30, 3), 255, np.uint8), "uint8")))
+
+
+def test_read_noise_becomes_zero(tmp_path):
+    pixels = noise()
+    pixels[2, 3] = -0.002
+    found = read_reference(view(save(tmp_path / "a.exr", pixels)))
+    assert found.valid.all() and (found.rgb[::-1][2, 3] == 0).all()
+
+
+# --- what cannot be used
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -0.5])
+@pytest.mark.parametrize("suffix", ["exr", "tif"])
+def test_not_radiance(tmp_path, value, suffix):
+    pixels = noise(c=4)
+    pixels[5, 6, 1] = value
+    path = save(tmp_path / f"a.{suffix}", pixels)
+    assert ("negative" if value == -0.5 else "1 of 600") in error_of(view(path))
+    mask = np.ones((20, 30, 1), np.float32)
+    mask[5, 6] = 0
+    found = read_reference(view(path, mask=save(tmp_path / "m.exr", mask, names="Y")))
+    assert np.isfinite(found.rgb).all() and (found.rgb >= 0).all()
+
+
+def test_wrong_aspect_names_camera_and_sizes(tmp_path):
+    message = error_of(view(save(tmp_path / "a.exr", noise()), aspect=1.0))
+    assert "30 x 20" in message and "'Cam'" in message
+    read_reference(view(tmp_path / "a.exr", aspect=1.507))
+
+
+def test_nothing_covered(tmp_path):
+    pixels = noise(c=4)
+    pixels[..., 3] = 0
+    assert "covered" in error_of(view(save(tmp_path / "a.exr", pixels)))
+    pixels[..., 3] = np.nan
+    assert "alpha" in error_of(view(save(tmp_path / "b.exr", pixels)))
+
+
+def test_missing_and_foreign_files(tmp_path):
+    assert "no such image" in error_of(view(tmp_path / "none.exr"))
+    assert "folder" in error_of(view(tmp_path))
+    for name, content in (("text.exr", b"hello"), ("empty.png", b""), ("odd.xyz", os.urandom(500))):
+        (tmp_path / name).write_bytes(content)
+        assert "cannot be read" in error_of(view(tmp_path / name))
+    (tmp_path / "b\u00e9ta\U0001f3a8.exr").write_bytes(b"x")
+    error_of(view(tmp_path / "b\u00e9ta\U0001f3a8.exr"))
+
+
+@pytest.mark.parametrize(("suffix", "form"), [
+    ("exr", "float"), ("exr", "half"), ("png", "uint16"), ("tif", "uint16"), ("tif", "float"), ("hdr", "float"),
+])
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.97])
+def test_truncated_files(tmp_path, suffix, form, share):
+    pixels = noise(80, 120)
+    pixels = pixels if form in {"float", "half"} else (pixels * 60000).astype(form)
+    path = save(tmp_path / f"a.{suffix}", pixels, form)
+    content = path.read_bytes()
+    path.write_bytes(content[:int(len(content) * share)])
+    error_of(view(path))
+
+
+@pytest.mark.parametrize("size", [(20_001, 10), (30_000, 30_000), (10, 30_000)])
+def test_a_huge_header_is_refused_before_memory_is_taken(tmp_path, size):
+    """A header that claims gigabytes over a file of some bytes."""
+    path = save(tmp_path / "a.hdr", noise(), "float")
+    content = path.read_bytes()
+    assert b"-Y 20 +X 30" in content
+    path.write_bytes(content.replace(b"-Y 20 +X 30", b"-Y %d +X %d" % size[::-1]))
+    start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    message = error_of(view(path, aspect=size[0] / size[1]))
+    assert "pixels; scale it" in message or "claims a" in message  # ours, or OpenImageIO's own
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - start < 100_000  # kB
+
+
+# --- reduction
+
+
+def test_reduction_by_a_whole_factor(tmp_path):
+    pixels = noise(40, 60)
+    found = read_reference(view(save(tmp_path / "a.exr", pixels)), max_pixels=150)
+    np.testing.assert_allclose(found.rgb, pixels[::-1].reshape(10, 4, 15, 4, 3).mean((1, 3)), rtol=1e-5)
+
+
+def test_reduction_keeps_every_pixel_in_its_place(tmp_path):
+    """A linear ramp stays the same ramp over the frame, whatever the sizes."""
+    h, w = 37, 53
+    x, y = (np.arange(w) + 0.5) / w, (np.arange(h) + 0.5) / h
+    pixels = np.stack(np.broadcast_arrays(x, y[:, None], 0.5), -1).astype(np.float32)
+    found = read_reference(view(save(tmp_path / "a.exr", pixels), aspect=w / h), max_pixels=400)
+    n, m = found.rgb.shape[:2]
+    assert n * m <= 400
+    # A pixel's square has one value, so an edge through it is off by at most 1/8 of the pixel: no drift, though.
+    for got, centres in ((found.rgb[0, :, 0], np.arange(m) + 0.5), (found.rgb[::-1, 0, 1], np.arange(n) + 0.5)):
+        error = got - centres / len(centres)
+        assert abs(error).max() < 1 / 8 / min(w, h) and abs(np.polyfit(centres, error, 1)).max() < 5e-4
+
+
+def test_reduction_weighs_by_coverage_and_drops_blocks_with_bad_pixels(tmp_path):
+    pixels = noise(8, 12, 4)
+    pixels[..., 3] = RNG.uniform(0.1, 1, (8, 12))
+    true = pixels[..., :3].copy()
+    pixels[..., :3] *= pixels[..., 3:]
+    found = read_reference(view(save(tmp_path / "a.exr", pixels)), max_pixels=24)
+    blocks = (true * pixels[..., 3:])[:2, :2].sum((0, 1)) / pixels[:2, :2, 3].sum()
+    np.testing.assert_allclose(found.rgb[-1, 0], blocks, rtol=1e-5)
+    stored = RNG.integers(0, 65535, (8, 12, 3)).astype(np.uint16)
+    stored[0, 0] = 65535
+    found = read_reference(view(save(tmp_path / "a.png", stored, "uint16")), max_pixels=24)
+    assert not found.valid[-1, 0] and found.valid.sum() == 23
+
+
+@pytest.mark.parametrize("tiles", [{}, {"tile_width": 16, "tile_height": 16}])
+def test_strips_change_nothing(tmp_path, monkeypatch, tiles):
+    pixels = noise(41, 60, 4)
+    path = save(tmp_path / "a.exr", pixels, x=2, y=3, full_width=60, full_height=50, **tiles)
+    whole = [read_reference(view(path, aspect=1.2), max_pixels=n) for n in (None, 500)]
+    monkeypatch.setattr(image, "_STRIP", 300)
+    strips = [read_reference(view(path, aspect=1.2), max_pixels=n) for n in (None, 500)]
+    for a, b in zip(whole, strips, strict=True):
+        np.testing.assert_allclose(a.rgb, b.rgb, rtol=1e-5)
+        np.testing.assert_array_equal(a.valid, b.valid)
+
+
+# --- maps out
+
+
+@pytest.mark.parametrize("channels", [3, 1])
+def test_exr_round_trip_is_exact(tmp_path, channels):
+    pixels = RNG.normal(size=(20, 30, channels)).astype(np.float32)
+    pixels[0, 0] = 1e-30
+    write_image(tmp_path / "a.exr", pixels, kind="exr", color=True)
+    back = image_file.open_image(tmp_path / "a.exr").read(0, 20)[::-1]
+    assert back[..., :channels].tobytes() == pixels.tobytes()
+
+
+@pytest.mark.parametrize("kind", ["png", "tiff"])
+@pytest.mark.parametrize("color", [True, False])
+def test_sixteen_bits_round_trip(tmp_path, kind, color):
+    pixels = RNG.uniform(-0.2, 1.2, (20, 30, 3)).astype(np.float32)
+    path = tmp_path / f"a.{kind}"
+    write_image(path, pixels, kind=kind, color=color)
+    file = image_file.open_image(path)
+    assert file.bits == 16 and file.integer
+    stored = file.read(0, 20)[::-1]
+    x = pixels.clip(0, 1).astype(np.float64)
+    want = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055) if color else x
+    np.testing.assert_allclose(stored, want, atol=0.51 / 65535)
+
+
+@pytest.mark.parametrize("kind", ["exr", "png", "tiff"])
+def test_same_pixels_same_bytes(tmp_path, kind):
+    pixels = noise()
+    write_image(tmp_path / f"a.{kind}", pixels, kind=kind, color=True)
+    first = (tmp_path / f"a.{kind}").read_bytes()
+    time.sleep(1.1)  # time stamps count seconds
+    write_image(tmp_path / f"a.{kind}", pixels, kind=kind, color=True)
+    assert (tmp_path / f"a.{kind}").read_bytes() == first
+    assert [p.name for p in tmp_path.iterdir()] == [f"a.{kind}"]
+
+
+def test_unwritable_places(tmp_path):
+    for path in (tmp_path / "none" / "a.exr", Path("/dev/null/a.exr"), Path("/proc/a.exr")):
+        with pytest.raises(BadInput, match=r"a\.exr: cannot be written"):
+            write_image(path, noise(), kind="exr", color=False)
+
+
+@pytest.mark.parametrize("kind", ["exr", "png", "tiff"])
+def test_full_disk_leaves_the_old_file(tmp_path, kind):
+    """A limit on file size stands for the full disk: the write fails half-way just so."""
+    path = tmp_path / f"a.{kind}"
+    path.write_bytes(b"old")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, before[1]))
+    try:
+        with pytest.raises(BadInput, match="cannot be written") as caught:
+            write_image(path, noise(200, 300), kind=kind, color=True)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert "\n" not in str(caught.value)
+    assert path.read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 1
