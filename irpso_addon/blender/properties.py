@@ -4,6 +4,7 @@ The solve's settings are made from the table in ``core/params.py``; the rest say
 from and where the maps go.
 """
 
+import atexit
 from dataclasses import Field, fields
 from typing import Any
 
@@ -103,10 +104,13 @@ def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.Scene.irpso = PointerProperty(type=IRPSO_PG_scene)
+    if bpy.app.module:
+        atexit.register(unregister)  # the bpy module of 4.5 hangs or crashes at exit on classes left registered
 
 
 def unregister() -> None:
     """Removes ``scene.irpso``; the property goes before its classes."""
+    atexit.unregister(unregister)
     del bpy.types.Scene.irpso
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,10 +30,13 @@ def register(operators: Sequence[type]) -> None:
         bpy.utils.register_class(cls)
     bpy.app.handlers.load_pre.append(session.forget)
     _command_handle = bpy.utils.register_cli_command(COMMAND, _command)
+    if bpy.app.module:
+        atexit.register(unregister)  # as in properties.py
 
 
 def unregister() -> None:
     """Stops a running job and takes back everything that `register` did."""
+    atexit.unregister(unregister)
     bpy.utils.unregister_cli_command(_command_handle)
     session.forget()
     bpy.app.handlers.load_pre.remove(session.forget)
