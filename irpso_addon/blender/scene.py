@@ -17,7 +17,7 @@ from ..core.errors import BadInput
 from .oiio import ensure_openimageio
 from .scene_material import read_normal_maps
 from .scene_mesh import read_mesh, read_occluders
-from .scene_objects import read_camera, read_light
+from .scene_objects import read_camera, read_light, rendered_objects
 
 
 def read_scene(context: Any | None, object_name: str | None, captures: Path | None) -> SceneData:
@@ -67,7 +67,7 @@ def _subject(context: Any, name: str | None) -> Any:
     active = context.view_layer.objects.active
     if active is not None and active.type == "MESH":
         return active
-    meshes = [o for o in context.scene.objects if o.type == "MESH" and not o.hide_render]
+    meshes = [o for o in rendered_objects(context.view_layer).values() if o.type == "MESH"]
     if len(meshes) != 1:
         raise BadInput(f"which object to solve? the scene has {_names(meshes)}; name one" if meshes
                        else f"scene '{context.scene.name}': has no mesh to solve; add one")
@@ -144,6 +144,7 @@ class _Reader:
                 image=_absolute(entry.image), camera=self._camera(entry.camera.name, where),
                 lights=tuple(self._light(light.name, where) for light in chosen) or self._all_lights(),
                 exposure=float(entry.exposure), mask=_absolute(mask) if mask else None, gain=self.gain,
+                colorspace=getattr(entry, "colorspace", "") or None,
             ))
         return views
 
@@ -190,10 +191,7 @@ class _Reader:
 
     def _all_lights(self) -> tuple[Light, ...]:
         """Every light that a render would use."""
-        lights = [
-            o for o in self.scene.objects
-            if o.type == "LIGHT" and not o.hide_render and not all(c.hide_render for c in o.users_collection)
-        ]
+        lights = [o for o in rendered_objects(self.depsgraph.view_layer).values() if o.type == "LIGHT"]
         if not lights:
             raise BadInput(f"scene '{self.scene.name}': has no light that renders; add those of the references")
         return tuple(self._light(o.name, "the scene") for o in lights)
