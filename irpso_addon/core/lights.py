@@ -183,14 +183,14 @@ def spread_point(uniforms: dict[str, Any], offset: F64, height: F64, square: F64
     reach = height * tan_b
     y0, y1 = np.maximum(-hy, fy - reach), np.minimum(hy, fy + reach)
     s = square[..., 1]
-    y = y0 + (y1 - y0) * s * s * (3 - 2 * s)  # denser toward the ends, where rows shorten like a square root
+    y = y0 + (y1 - y0) * s**3 * (10 + s * (6 * s - 15))  # denser at the ends, where rows shorten like a root
     x = hx * np.sqrt(np.maximum(1 - (y / hy) ** 2, 0)) if uniforms["u_light_ellipse"] else hx
     r = np.sqrt(np.maximum(reach**2 - (y - fy) ** 2, 0))
     x0, x1 = np.maximum(-x, fx - r), np.minimum(x, fx + r)
     x = x0 + (x1 - x0) * square[..., 0]
     area = (np.pi if uniforms["u_light_ellipse"] else 4) * hx * hy
     off_axis = np.hypot(x - fx, y - fy) / np.maximum(height, 1e-12)  # tan theta
-    cell = 6 * s * (1 - s) * np.maximum(y1 - y0, 0) * np.maximum(x1 - x0, 0)
+    cell = 30 * s**2 * (1 - s) ** 2 * np.maximum(y1 - y0, 0) * np.maximum(x1 - x0, 0)
     share: F64 = cell / area * np.maximum(tan_b - off_axis, 0) * norm
     return np.stack([x / hx, y / hy], -1), share
 

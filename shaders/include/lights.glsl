@@ -115,11 +115,12 @@ vec3 area_sample(vec3 P, vec2 square, float n, out float weight) {
         float reach = max(height, 0.0) * u_light_spread.x;
         vec2 rows = vec2(max(-half_size.y, foot.y - reach), min(half_size.y, foot.y + reach));
         // Denser toward the first and last row, where the length of rows falls like a square root.
-        at.y = mix(rows.x, rows.y, smoothstep(0.0, 1.0, square.y));
+        float s = square.y;
+        at.y = mix(rows.x, rows.y, s * s * s * (10.0 + s * (6.0 * s - 15.0)));
         vec2 row = area_row(at.y, half_size, foot, reach);
         at.x = mix(row.x, row.y, square.x);
         float off_axis = length(at - foot) / max(height, 1e-12); // tan theta
-        share = 6.0 * square.y * (1.0 - square.y) * max(rows.y - rows.x, 0.0) * max(row.y - row.x, 0.0) / area
+        share = 30.0 * s * s * (1.0 - s) * (1.0 - s) * max(rows.y - rows.x, 0.0) * max(row.y - row.x, 0.0) / area
               * max(u_light_spread.x - off_axis, 0.0) * u_light_spread.y;
         at /= half_size;
     } else if (u_light_ellipse) {

@@ -25,7 +25,7 @@ def scene(pixels: int, samples: int = 1) -> Any:
     cycles = made.cycles
     cycles.device, cycles.samples, cycles.seed = "CPU", samples, 1
     cycles.use_adaptive_sampling = cycles.use_denoising = False
-    cycles.pixel_filter_type, cycles.filter_width = "BOX", 0.01
+    cycles.pixel_filter_type, cycles.filter_width = "BLACKMAN_HARRIS", 0.01  # of a box the width is ignored
     cycles.max_bounces = 0
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.light_sampling_threshold = 0
     layer = made.view_layers[0]

@@ -19,7 +19,7 @@ from irpso_addon.core import lights
 from . import cycles_rig as rig
 
 SAMPLES = 256
-PIXELS = 48
+PIXELS = 40
 ABOVE = {"position": (0.5, -0.6, 1.4), "target": (0.1, 0.1, 0), "scale": (1.4, 0.8, 1.2)}
 CUT = {"position": (1.2, 0.0, 0.2), "target": (0, 0, 0.2)}  # the plane hides the emitter's lower part
 CONE = {"spot_size": 1.0, "spot_blend": 0.4}
