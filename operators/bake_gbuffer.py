@@ -1,14 +1,18 @@
 """Show what the solver sees of the surface: position, normal and coverage per texel."""
 
+from functools import partial
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ..irpso_addon import pipeline
-from ..irpso_addon.blender import material, scene
+from ..irpso_addon.blender import material
+from ..irpso_addon.blender.scene_material import read_normal_maps
+from ..irpso_addon.blender.scene_mesh import read_mesh
+from ..irpso_addon.core.data import SceneData
 from ..irpso_addon.gpu.thread import JobFunction
 from .modal_job import ModalJob
-from .paths import captures_path
 
 
 class IRPSO_OT_bake_gbuffer(ModalJob, bpy.types.Operator):
@@ -19,9 +23,11 @@ class IRPSO_OT_bake_gbuffer(ModalJob, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def prepare(self, context: bpy.types.Context, obj: bpy.types.Object) -> JobFunction:
-        """Reads the scene; the size is the panel's."""
+        """Reads the object alone, so that UVs can be looked at before there is any view."""
         size = context.scene.irpso.size
-        data = scene.read_scene(context, obj.name, captures_path(context.scene))
+        warn = partial(self.report, {"WARNING"})
+        mesh = read_mesh(obj, context.evaluated_depsgraph_get(), read_normal_maps(obj, warn), warn)
+        data = SceneData(name=obj.name, mesh=mesh, occluders=np.zeros((0, 3, 3), np.float32), views=())
         return lambda: pipeline.bake_gbuffer(data, size)
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> None:

@@ -57,7 +57,7 @@ def write_maps(
     for slot, model in targets:
         models[_own_material(obj, slot, copies, messages)] = model
     for material, model in models.items():
-        messages += [f"material '{material.name}': {text}" for text in _wire(obj, material, images, model)]
+        messages += [f"material '{material.name}': {text}" for text in _wire(material, images, model)]
     return tuple(messages)
 
 
@@ -222,10 +222,12 @@ def find_principled(tree: bpy.types.ShaderNodeTree) -> bpy.types.Node | None:
     return None
 
 
-def _wire(
-    obj: bpy.types.Object, material: bpy.types.Material, images: Mapping[str, bpy.types.Image], model: str,
-) -> list[str]:
-    """Image Texture nodes into the Principled's Base Color and Roughness; the rest of the tree stays."""
+def _wire(material: bpy.types.Material, images: Mapping[str, bpy.types.Image], model: str) -> list[str]:
+    """Image Texture nodes into the Principled's Base Color and Roughness; the rest of the tree stays.
+
+    They need no UV Map node: by itself an Image Texture takes the UV map that `scene.read_scene` reads,
+    the one whose camera icon is on.
+    """
     if not _has_nodes(material):
         material.use_nodes = True
     tree = material.node_tree
@@ -235,13 +237,10 @@ def _wire(
     top = principled.location_absolute.y
     frame = _node(tree, "NodeFrame", "frame", None, (left - 340.0, top))
     frame.label = "IRPSO"
-    uv = _uv_node(obj, tree, frame, (left - 560.0, top - 150.0))
     for row, (role, socket) in enumerate(SOCKETS.items()):
         texture = _node(tree, "ShaderNodeTexImage", role, frame, (left - 320.0, top - 300.0 * row))
         texture.image = images[role]
         texture.label = socket
-        if uv is not None:
-            tree.links.new(uv.outputs["UV"], texture.inputs["Vector"])
         tree.links.new(texture.outputs["Color"], principled.inputs[socket])
     if _set_specular(tree, principled, model):
         messages.append("Specular IOR Level was linked; unlinked and set to 0")
@@ -268,20 +267,6 @@ def _node(
     node.parent = frame
     node.location_absolute = place
     node.select = False
-    return node
-
-
-def _uv_node(
-    obj: bpy.types.Object, tree: bpy.types.ShaderNodeTree, frame: bpy.types.Node, place: tuple[float, float],
-) -> bpy.types.Node | None:
-    """A UV Map node where the solved map (the active one) is not what Image Texture takes by itself."""
-    active = obj.data.uv_layers.active
-    if active is None or active.active_render:
-        for node in [n for n in tree.nodes if n.get(TAG) == "uv"]:
-            tree.nodes.remove(node)  # ours, from when another map was the one that renders
-        return None
-    node = _node(tree, "ShaderNodeUVMap", "uv", frame, place)
-    node.uv_map = active.name
     return node
 
 

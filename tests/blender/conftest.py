@@ -20,7 +20,7 @@ def empty():
     return bpy.context.scene
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def extension():
     """The checkout as Blender loads an extension: one package, whose name is not ours to choose.
 
@@ -34,3 +34,34 @@ def extension():
     package.register()
     yield package
     package.unregister()
+
+
+@pytest.fixture
+def stage(empty, tmp_path):
+    """A saved file: a plane 'Subject' of 2 m with UVs under camera 'Cam' (4 m above) and point light 'Key'."""
+    import types
+
+    bpy.ops.mesh.primitive_plane_add(size=2)
+    subject = bpy.context.object
+    subject.name = "Subject"
+    subject.data.materials.append(bpy.data.materials.new("Paint"))
+    if bpy.app.version < (5, 0, 0):
+        subject.data.materials[0].use_nodes = True
+    camera = bpy.data.objects.new("Cam", bpy.data.cameras.new("Cam"))
+    key = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "POINT"))
+    camera.location, key.location = (0, 0, 4), (0, 0, 3)
+    for obj in (camera, key):
+        empty.collection.objects.link(obj)
+    empty.camera = camera
+    empty.render.engine, empty.render.resolution_x, empty.render.resolution_y = "CYCLES", 36, 24
+    file = tmp_path / "stage.blend"
+    captures = tmp_path / "captures.json"
+    captures.write_text('{"views": [{"image": "a.exr", "camera": "Cam", "lights": ["Key"]}]}', encoding="utf-8")
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+
+    def read(name="Subject", captures=captures):
+        from irpso_addon.blender.scene import read_scene
+        return read_scene(None, name, captures)
+
+    return types.SimpleNamespace(
+        scene=empty, subject=subject, camera=camera, key=key, folder=tmp_path, captures=captures, read=read)

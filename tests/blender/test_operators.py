@@ -1,0 +1,222 @@
+"""The whole job by operators, on a scene rendered by Cycles: views, solve, maps, export, undo."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+SIZE = 64
+BASE, ROUGH = (0.6, 0.3, 0.1), 0.45  # as in tests/make_scenes.py
+
+
+@pytest.fixture
+def module(extension):
+    """``module("core.data")``: a module of the registered extension, not of the library beside it."""
+    def find(name: str):
+        return sys.modules[f"irpso_ext.irpso_addon.{name}"]
+    return find
+
+
+@pytest.fixture
+def scene(extension, scenes: Path, tmp_path: Path) -> bpy.types.Scene:
+    """A private copy of the good scene, open, its ball active, small maps asked for."""
+    shutil.copytree(scenes / "good", tmp_path / "good")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "good" / "scene.blend"), load_ui=False)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    bpy.context.scene.irpso.size = SIZE
+    return bpy.context.scene
+
+
+def pixels(name: str) -> np.ndarray:
+    image = bpy.data.images[name]
+    values = np.empty(image.size[0] * image.size[1] * 4, "f4")
+    image.pixels.foreach_get(values)
+    return values.reshape(image.size[1], image.size[0], 4)[..., :3]
+
+
+def maps() -> list[str]:
+    """Names of the images that IRPSO made."""
+    return sorted(name for name in bpy.data.images.keys() if name != "Render Result")
+
+
+def refused(operator, *words: str, **options) -> None:
+    """The operator reports one line with these words and changes nothing."""
+    images, nodes = len(bpy.data.images), len(bpy.data.materials["Paint"].node_tree.nodes)
+    with pytest.raises(RuntimeError) as caught:
+        operator(**options)
+    lines = str(caught.value).strip().splitlines()
+    assert len(lines) == 1, lines
+    assert all(word in lines[0] for word in words), lines[0]
+    assert (len(bpy.data.images), len(bpy.data.materials["Paint"].node_tree.nodes)) == (images, nodes)
+
+
+def test_the_whole_job(scene, module, tmp_path: Path) -> None:
+    scene.irpso.captures = "//captures.json"
+    assert bpy.ops.irpso.load_captures() == {"FINISHED"}
+    assert scene.irpso.captures == "" and len(scene.irpso.views) == 10
+    view = scene.irpso.views[3]
+    assert (view.image, view.camera.name) == ("//refs/Camera 0, Light 3.exr", "Camera 0")
+    assert [item.light.name for item in view.lights] == ["Light 3"]
+
+    assert not bpy.ops.irpso.write_maps.poll() and not bpy.ops.irpso.export_maps.poll()
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    confident = pixels("Ball_confidence")[..., 0] > 0.5
+    assert confident.mean() > 0.1
+    np.testing.assert_allclose(np.median(pixels("Ball_basecolor")[confident], axis=0), BASE, atol=0.02)
+    assert abs(np.median(pixels("Ball_roughness")[confident]) - ROUGH) < 0.02
+    principled = bpy.data.materials["Paint"].node_tree.nodes["Principled BSDF"]
+    assert principled.inputs["Base Color"].links[0].from_node.image == bpy.data.images["Ball_basecolor"]
+
+    # What is on the material is what is exported.
+    scene.irpso.format, scene.irpso.out = "exr", "//maps"
+    assert bpy.ops.irpso.export_maps() == {"FINISHED"}
+    assert sorted(os.listdir(tmp_path / "good" / "maps")) == [
+        f"Ball_{suffix}.exr" for suffix in ("basecolor", "confidence", "error", "filled", "roughness")]
+    saved = bpy.data.images.load(str(tmp_path / "good" / "maps" / "Ball_basecolor.exr"))
+    np.testing.assert_array_equal(pixels(saved.name), pixels("Ball_basecolor"))
+    bpy.data.images.remove(saved)
+    assert bpy.ops.irpso.export_maps(directory=str(tmp_path / "other"), format="png") == {"FINISHED"}
+    assert len(os.listdir(tmp_path / "other")) == 5
+
+    # The capture file itself gives the same bytes as the list made from it.
+    before = {name: pixels(name) for name in ("Ball_basecolor", "Ball_roughness", "Ball_confidence", "Ball_error")}
+    scene.irpso.views.clear()
+    scene.irpso.captures = "//captures.json"
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    for name, values in before.items():
+        np.testing.assert_array_equal(pixels(name), values)
+    assert len(maps()) == 4
+
+    # Another file: the solution is forgotten.
+    bpy.ops.wm.read_factory_settings(use_empty=False)
+    bpy.context.view_layer.objects.active = next(o for o in bpy.data.objects if o.type == "MESH")
+    assert not bpy.ops.irpso.write_maps.poll()
+    assert module("blender.session").running is None
+
+
+def test_solve_without_writing_then_write_undo_redo(scene) -> None:
+    scene.irpso.captures = "//captures.json"
+    bpy.ops.ed.undo_push(message="before")
+    assert bpy.ops.irpso.solve("EXEC_DEFAULT", True, write=False) == {"FINISHED"}
+    assert len(maps()) == 0
+    assert bpy.ops.irpso.write_maps("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert len(maps()) == 4
+    values = pixels("Ball_roughness")
+    bpy.ops.ed.undo()  # one step
+    tree = bpy.data.materials["Paint"].node_tree
+    assert len(maps()) == 0 and len(tree.nodes) == 2 and len(tree.links) == 1
+    assert "irpso" not in bpy.data.objects["Ball"]
+    assert bpy.ops.irpso.write_maps.poll()  # the solution outlives the undo
+    bpy.ops.ed.redo()
+    np.testing.assert_array_equal(pixels("Ball_roughness"), values)
+    # Solved, then renamed: still the same object.
+    bpy.data.objects["Ball"].name = "Pearl"
+    assert bpy.ops.irpso.write_maps() == {"FINISHED"}
+    assert maps()[0] == "Pearl_basecolor"
+
+
+def test_save_the_maps_instead_of_packing(scene, tmp_path: Path) -> None:
+    scene.irpso.captures = "//captures.json"
+    bpy.ops.irpso.solve(write=False)
+    assert bpy.ops.irpso.write_maps(packed=False) == {"FINISHED"}
+    assert bpy.data.images["Ball_basecolor"].filepath == "//irpso/Ball_basecolor.exr"
+    assert bpy.data.images["Ball_basecolor"].packed_file is None
+    refused(bpy.ops.irpso.export_maps, "captures.json", directory=str(tmp_path / "good" / "captures.json"), format="exr")
+
+
+def test_bake_gbuffer(scene) -> None:
+    assert bpy.ops.irpso.bake_gbuffer() == {"FINISHED"}
+    coverage = pixels("Ball_coverage")[..., 0] > 0.5
+    assert coverage.mean() > 0.9  # a UV sphere fills the square but for its poles
+    normal, position = pixels("Ball_normal")[coverage], pixels("Ball_position")[coverage]
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, atol=1e-5)
+    # A unit sphere at the origin; the chords of 24 x 48 facets lie up to 1 % below it.
+    np.testing.assert_allclose(normal, position, atol=0.02)
+
+
+def test_views_by_hand(scene) -> None:
+    camera = bpy.data.objects["Camera 0"]
+    camera.data.background_images.new().image = bpy.data.images.load(
+        str(Path(bpy.data.filepath).parent / "refs" / "Camera 0, Light 1.exr"))
+    assert bpy.ops.irpso.add_views() == {"FINISHED"}
+    assert [(v.camera.name, Path(v.image).name) for v in scene.irpso.views] == [
+        ("Camera 0", "Camera 0, Light 1.exr"), ("Camera 1", "")]
+    assert bpy.ops.irpso.add_views() == {"CANCELLED"}  # they are there already
+    assert len(scene.irpso.views) == 2
+    for obj in scene.objects:
+        obj.select_set(obj.name in ("Light 1", "Light 2", "Ball"))
+    scene.irpso.active_view = 0
+    assert bpy.ops.irpso.set_view_lights() == {"FINISHED"}
+    assert [item.light.name for item in scene.irpso.views[0].lights] == ["Light 1", "Light 2"]
+    bpy.ops.object.select_all(action="DESELECT")
+    assert bpy.ops.irpso.set_view_lights() == {"FINISHED"}
+    assert len(scene.irpso.views[0].lights) == 0
+    refused(bpy.ops.irpso.solve, "view 1", "no image")
+    scene.irpso.active_view = 1
+    assert bpy.ops.irpso.remove_view() == {"FINISHED"}
+    assert [v.camera.name for v in scene.irpso.views] == ["Camera 0"] and scene.irpso.active_view == 0
+    assert bpy.ops.irpso.remove_view(all=True) == {"FINISHED"}
+    assert not bpy.ops.irpso.remove_view.poll() and not bpy.ops.irpso.set_view_lights.poll()
+
+
+def test_bad_input_is_one_line_and_changes_nothing(scene) -> None:
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    refused(bpy.ops.irpso.solve, "no view")
+    scene.irpso.captures = "//nosuch.json"
+    refused(bpy.ops.irpso.solve, "nosuch.json")
+    refused(bpy.ops.irpso.load_captures, "nosuch.json")
+    scene.irpso.captures = "//captures.json"
+    bpy.data.objects["Light 2"].name = "Lamp"
+    refused(bpy.ops.irpso.solve, "Light 2")
+    refused(bpy.ops.irpso.load_captures, "Light 2")
+    assert len(scene.irpso.views) == 0
+    bpy.data.objects["Lamp"].name = "Light 2"
+    (Path(bpy.data.filepath).parent / "refs" / "Camera 1, Light 4.exr").write_bytes(b"not an image")
+    refused(bpy.ops.irpso.solve, "Camera 1, Light 4.exr")
+
+
+def test_what_is_not_possible_says_why(scene) -> None:
+    for active, mode in ((None, "OBJECT"), (bpy.data.objects["Camera 0"], "OBJECT"), (bpy.data.objects["Ball"], "EDIT")):
+        bpy.context.view_layer.objects.active = active
+        if mode == "EDIT":
+            bpy.ops.object.mode_set(mode="EDIT")
+        assert not bpy.ops.irpso.solve.poll() and not bpy.ops.irpso.bake_gbuffer.poll()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert bpy.ops.irpso.solve.poll()
+
+
+def test_a_file_that_was_never_saved(extension) -> None:
+    bpy.ops.wm.read_factory_settings(use_empty=False)
+    bpy.context.view_layer.objects.active = next(o for o in bpy.data.objects if o.type == "MESH")
+    with pytest.raises(RuntimeError, match="never saved"):
+        bpy.ops.irpso.solve()
+    bpy.context.scene.irpso.captures = "//captures.json"
+    with pytest.raises(RuntimeError, match="never saved"):
+        bpy.ops.irpso.load_captures()
+
+
+def test_settings_come_from_the_table(scene, module) -> None:
+    table, settings = module("core.params"), module("blender.properties").settings
+    assert settings(scene.irpso) == table.SolveSettings(size=SIZE)
+    scene.irpso.model, scene.irpso.method, scene.irpso.seed = "lambert", "swarm", 7
+    assert settings(scene.irpso) == table.SolveSettings(size=SIZE, model="lambert", method="swarm", seed=7)
+    scene.irpso.size = 1
+    assert scene.irpso.size == 16  # the table's limit
+    for name, row in table.SolveSettings.__dataclass_fields__.items():
+        assert scene.irpso.bl_rna.properties[name].name == row.metadata["label"]
+        assert scene.irpso.bl_rna.properties[name].description == row.metadata["doc"]
+
+
+def test_registering_twice_over(extension) -> None:
+    """Unregister takes everything back, so that the extension can be switched off and on."""
+    extension.unregister()
+    assert not hasattr(bpy.types.Scene, "irpso") and not hasattr(bpy.types, "IRPSO_PT_solve")
+    assert not any("irpso" in str(h.__module__) for h in bpy.app.handlers.load_pre)
+    extension.register()
+    assert hasattr(bpy.types.Scene, "irpso") and bpy.ops.irpso.solve.idname() == "IRPSO_OT_solve"
