@@ -32,7 +32,8 @@ def main(argv: list[str]) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     try:
         # Imported here, because Blender's module takes a second to load and --help must not.
-        importlib.import_module(".blender.oiio", __package__).ensure_openimageio()
+        with console.quiet():
+            importlib.import_module(".blender.oiio", __package__).ensure_openimageio()
         importlib.import_module(f".cli.{arguments.command}", __package__).run(arguments)
     except BadInput as error:
         console.warn(str(error))

@@ -36,7 +36,8 @@ def build() -> None:
     ball.name = "Ball"
     bpy.ops.object.shade_smooth()
     material = bpy.data.materials.new("Paint")
-    material.use_nodes = True
+    if material.node_tree is None:  # Blender 5 makes the nodes at once
+        material.use_nodes = True
     ball.data.materials.append(material)
     for i in range(2):
         camera = bpy.data.objects.new(f"Camera {i}", bpy.data.cameras.new(f"Camera {i}"))
@@ -109,10 +110,18 @@ def two_meshes() -> None:
     other = bpy.data.objects.new("Second", ball.data.copy())
     other.location.x = 9
     bpy.context.scene.collection.objects.link(other)
+    bpy.context.view_layer.objects.active = None
+
+
+def no_light() -> None:
+    remove("LIGHT")
+    for camera in [obj for obj in bpy.data.objects if obj.type == "CAMERA"]:
+        image = bpy.data.images.load(str(next((Path(bpy.data.filepath).parent / "refs").glob(f"{camera.name}*.exr"))))
+        camera.data.background_images.new().image = image
 
 
 SPOILED = {
-    "no_uvs": no_uvs, "no_light": lambda: remove("LIGHT"), "no_camera": lambda: remove("CAMERA"),
+    "no_uvs": no_uvs, "no_light": no_light, "no_views": lambda: None, "no_camera": lambda: remove("CAMERA"),
     "no_mesh": lambda: remove("MESH"), "two_meshes": two_meshes,
 }
 

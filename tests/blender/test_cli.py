@@ -1,0 +1,359 @@
+"""The command line end to end, as a program, on real files: results, exit codes, one line for each complaint."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FILES = {f"Ball_{role}.exr" for role in ("basecolor", "roughness", "confidence", "error", "filled")}
+FILES |= {"report.json", "scene_irpso.blend"}
+BASE, ROUGH = (0.6, 0.3, 0.1), 0.45  # as in tests/make_scenes.py
+
+
+def fingerprint(folder: Path) -> dict[str, str]:
+    """Every file below a folder, by its content."""
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest()
+            for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def read(path: Path) -> np.ndarray:
+    buffer = oiio.ImageBuf(str(path))
+    assert not buffer.has_error, buffer.geterror()
+    return np.asarray(buffer.get_pixels(oiio.FLOAT)).reshape(buffer.spec().height, buffer.spec().width, -1)
+
+
+@pytest.fixture(scope="session")
+def solved(scenes, irpso, tmp_path_factory):
+    """One good solve, looked at by several tests."""
+    out = tmp_path_factory.mktemp("solved")
+    before = fingerprint(scenes / "good")
+    done = irpso("solve", scenes / "good" / "scene.blend", "--captures", scenes / "good" / "captures.json",
+                 "--size", 128, "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert fingerprint(scenes / "good") == before
+    return out, done
+
+
+def test_solve_writes_the_contracted_files(solved):
+    out, done = solved
+    assert {p.name for p in out.iterdir()} == FILES
+    assert re.search(r"^Ball: one-lobe, [\d,]+ of [\d,]+ texels from 10 views in ", done.stdout, re.M)
+
+
+def test_solve_finds_the_constant_paint(solved):
+    """Constant truth, so every confident texel can be judged without any mapping."""
+    out, _ = solved
+    confident = read(out / "Ball_confidence.exr")[..., 0] > 0.5
+    assert confident.sum() > 2000
+    base, rough = read(out / "Ball_basecolor.exr")[confident], read(out / "Ball_roughness.exr")[confident]
+    assert np.median(np.abs(base - np.array(BASE))) < 0.01
+    assert np.median(np.abs(rough - ROUGH)) < 0.02
+    assert (rough[:, 0] == rough[:, 1]).all() and (rough[:, 0] == rough[:, 2]).all()
+
+
+def test_report_has_its_keys(solved):
+    out, _ = solved
+    report = json.loads((out / "report.json").read_text())
+    assert set(report) == {
+        "versions", "command", "seed", "method", "model", "size", "models", "seconds", "texels", "texels_per_second",
+        "views", "residual", "warnings", "device", "peak_memory_bytes", "cancelled"}
+    assert report["models"]["Paint"]["model"] == "one-lobe" and report["models"]["Paint"]["why"]
+    assert {"scene", "gbuffer", "observe", "solve", "maps", "write", "total"} == set(report["seconds"])
+    assert {"covered", "observed", "solved", "filled"} == set(report["texels"])
+    assert report["texels"]["solved"] + report["texels"]["filled"] == report["texels"]["covered"]
+    assert len(report["views"]["used"]) == 10 and report["views"]["skipped"] == []
+    assert report["versions"]["blender"] and report["device"]["renderer"]
+    assert report["command"][:2] == ["irpso", "solve"]
+
+
+def test_same_seed_same_bytes(solved, scenes, irpso, tmp_path):
+    out, _ = solved
+    done = irpso("solve", scenes / "good" / "scene.blend", "--captures", scenes / "good" / "captures.json",
+                 "--size", 128, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    maps = sorted(FILES - {"report.json", "scene_irpso.blend"})
+    assert [read(out / name).tobytes() for name in maps] == [read(tmp_path / name).tobytes() for name in maps]
+
+
+def test_solved_scene_carries_the_maps(solved, tmp_path):
+    """The saved copy is opened by a Blender that knows nothing of IRPSO, and renders with the maps."""
+    code = """
+import sys, bpy
+bpy.ops.wm.open_mainfile(filepath=sys.argv[-1])
+principled = bpy.data.materials["Paint"].node_tree.nodes["Principled BSDF"]
+for socket in ("Base Color", "Roughness"):
+    image = principled.inputs[socket].links[0].from_node.image
+    print(socket, image.size[0], image.colorspace_settings.name, image.packed_file is not None)
+"""
+    done = subprocess.run([sys.executable, "-c", code, str(solved[0] / "scene_irpso.blend")],
+                          capture_output=True, text=True)
+    assert "Base Color 128 Linear Rec.709 True" in done.stdout, done.stdout + done.stderr
+    assert "Roughness 128 Non-Color True" in done.stdout
+
+
+@pytest.mark.parametrize("kind", ["png", "tiff"])
+def test_export_gives_the_same_maps_again(solved, irpso, tmp_path, kind):
+    out, _ = solved
+    done = irpso("export", out / "scene_irpso.blend", "--out", tmp_path, "--format", kind)
+    assert done.returncode == 0, done.stderr
+    assert {p.name for p in tmp_path.iterdir()} == {f"Ball_{r}.{kind}" for r in
+                                                   ("basecolor", "roughness", "confidence", "error", "filled")}
+    linear = read(out / "Ball_basecolor.exr").clip(0, 1)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    assert np.abs(read(tmp_path / f"Ball_basecolor.{kind}") - encoded).max() < 2e-4
+    rough = read(out / "Ball_roughness.exr").clip(0, 1)
+    assert np.abs(read(tmp_path / f"Ball_roughness.{kind}") - rough).max() < 2e-5
+    assert oiio.ImageInput.open(str(tmp_path / f"Ball_roughness.{kind}")).spec().format.basetype == oiio.UINT16
+
+
+# ---- exit codes
+
+
+@pytest.mark.parametrize(("arguments", "code", "words"), [
+    ((), 2, "usage"),
+    (("--help",), 0, "exit codes"),
+    (("solve", "--help"), 0, "--captures"),
+    (("solve",), 2, "SCENE.blend"),
+    (("paint", "x.blend"), 2, "invalid choice"),
+    (("solve", "x.blend", "--size", "4"), 2, "want 16 to 8192"),
+    (("solve", "x.blend", "--size", "many"), 2, "invalid int value"),
+    (("solve", "x.blend", "--method", "guess"), 2, "refined"),
+    (("solve", "nowhere.blend"), 3, "nowhere.blend: cannot be opened"),
+    (("export", "nowhere.blend"), 3, "nowhere.blend: cannot be opened"),
+    (("solve", "README.md"), 3, "is not a .blend file"),
+    (("solve", "."), 3, "cannot be opened"),
+])
+def test_exit_code(irpso, arguments, code, words):
+    done = irpso(*arguments)
+    assert done.returncode == code, done.stderr
+    assert words in done.stdout + done.stderr
+    if code == 3:
+        assert re.fullmatch(r"irpso: [^\n]+\n", done.stderr), done.stderr
+
+
+def test_truncated_blend(scenes, irpso, tmp_path):
+    broken = tmp_path / "broken.blend"
+    broken.write_bytes((scenes / "good" / "scene.blend").read_bytes()[:20000])
+    assert_bad(irpso("solve", broken), "broken.blend")
+
+
+def test_export_of_an_unsolved_scene(scenes, irpso, tmp_path):
+    assert_bad(irpso("export", scenes / "good" / "scene.blend", "--out", tmp_path), "irpso solve")
+    assert_bad(irpso("export", scenes / "good" / "scene.blend", "--object", "Ball"), "'Ball'", "irpso solve")
+    assert_bad(irpso("export", scenes / "good" / "scene.blend", "--object", "Cup"), "'Cup'")
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- bad input: one line, exit 3, nothing written, nothing of the user's changed
+
+
+def assert_bad(done: subprocess.CompletedProcess[str], *words: str) -> None:
+    """Exit 3 and one last line that names the culprit; warnings may stand before it."""
+    assert done.returncode == 3, f"{done.returncode}\n{done.stdout}\n{done.stderr}"
+    assert "Traceback" not in done.stderr
+    complaint = [line for line in done.stderr.splitlines() if not re.match(r"irpso: (warning:| *\d+% )", line)]
+    assert len(complaint) == 1 and complaint[0].startswith("irpso: "), done.stderr
+    for word in words:
+        assert word in complaint[0], done.stderr
+
+
+def solve_bad(irpso, folder: Path, *words: str, size: int = 32, **options) -> None:
+    """Solve a folder that holds something bad."""
+    before, out = fingerprint(folder), folder / "new" / "out"
+    captures = ["--captures", folder / "captures.json"] if (folder / "captures.json").exists() else []
+    assert_bad(irpso("solve", folder / "scene.blend", *captures, "--size", size, "--out", out, **options), *words)
+    assert fingerprint(folder) == before
+    assert not (folder / "new").exists()
+
+
+@pytest.fixture
+def capture(scenes, tmp_path) -> Path:
+    """A copy of the good capture with two views, to be spoiled."""
+    folder = shutil.copytree(scenes / "good", tmp_path / "capture")
+    views = json.loads((folder / "captures.json").read_text())["views"][:2]
+    (folder / "captures.json").write_text(json.dumps({"views": views}))
+    return folder
+
+
+def change_view(folder: Path, **values: object) -> dict:
+    """Change the first view of the capture file."""
+    content = json.loads((folder / "captures.json").read_text())
+    content["views"][0].update(values)
+    (folder / "captures.json").write_text(json.dumps(content))
+    return content["views"][0]
+
+
+def change_pixels(folder: Path, value: float) -> str:
+    """Write a value into the middle of the first reference; the file's name."""
+    path = folder / json.loads((folder / "captures.json").read_text())["views"][0]["image"]
+    pixels = read(path).copy()
+    h, w, channels = pixels.shape
+    pixels[h // 2 - 5:h // 2 + 5, w // 2 - 5:w // 2 + 5, :3] = value
+    buffer = oiio.ImageBuf(oiio.ImageSpec(w, h, channels, "float"))
+    buffer.set_pixels(oiio.ROI(), pixels)
+    assert buffer.write(str(path))
+    return path.name
+
+
+def test_missing_image(irpso, capture):
+    change_view(capture, image="refs/lost.exr")
+    solve_bad(irpso, capture, "lost.exr")
+
+
+def test_corrupt_image(irpso, capture):
+    path = capture / change_view(capture)["image"]
+    path.write_bytes(path.read_bytes()[:3000])
+    solve_bad(irpso, capture, path.name)
+
+
+def test_image_that_is_text(irpso, capture):
+    path = capture / change_view(capture)["image"]
+    path.write_text("no picture")
+    solve_bad(irpso, capture, path.name)
+
+
+def test_image_of_another_aspect(irpso, capture):
+    path = capture / change_view(capture)["image"]
+    pixels = read(path)
+    buffer = oiio.ImageBuf(oiio.ImageSpec(64, 32, 4, "float"))
+    buffer.set_pixels(oiio.ROI(), np.ascontiguousarray(pixels[:32, :64]))
+    assert buffer.write(str(path))
+    solve_bad(irpso, capture, path.name, "64 x 32", "aspect")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
+def test_impossible_pixels(irpso, capture, value):
+    solve_bad(irpso, capture, change_pixels(capture, value))
+
+
+def test_unknown_camera_and_light(irpso, capture):
+    change_view(capture, camera="Tripod")
+    solve_bad(irpso, capture, "Tripod")
+    change_view(capture, camera="Camera 0", lights=["Torch"])
+    solve_bad(irpso, capture, "Torch")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"views": []}', '{"views": [{"camera": "Camera 0"}]}'])
+def test_bad_capture_file(irpso, capture, text):
+    (capture / "captures.json").write_text(text)
+    solve_bad(irpso, capture, "captures.json")
+
+
+def test_missing_capture_file(irpso, capture):
+    assert_bad(irpso("solve", capture / "scene.blend", "--captures", capture / "none.json"), "none.json")
+
+
+@pytest.mark.parametrize(("name", "words"), [
+    ("no_uvs", ("Ball", "UV")), ("no_light", ("light",)), ("no_camera", ("camera",)),
+    ("no_views", ("captures.json",)), ("no_mesh", ("mesh",)),
+    ("two_meshes", ("'Ball'", "'Second'")),
+])
+def test_bad_scene(irpso, scenes, tmp_path, name, words):
+    folder = shutil.copytree(scenes / "good", tmp_path / "scene")
+    shutil.copy(scenes / name / "scene.blend", folder / "scene.blend")
+    if name in ("no_light", "no_camera", "no_views"):
+        (folder / "captures.json").unlink()  # the views must come from the scene, then
+    solve_bad(irpso, folder, *words)
+
+
+def test_unknown_object(irpso, capture):
+    for name in ("Cup", "Camera 0"):
+        assert_bad(irpso("solve", capture / "scene.blend", "--object", name), name)
+
+
+# ---- places that cannot be written
+
+
+def test_folder_below_a_file(irpso, capture, tmp_path):
+    (tmp_path / "file").write_text("")
+    done = irpso("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out",
+                 tmp_path / "file" / "out")
+    assert_bad(done, "file", "choose another")
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs Linux's /proc, where not even root may write")
+def test_unwritable_folder(irpso, capture):
+    for out in ("/proc", "/proc/irpso"):
+        done = irpso("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out", out)
+        assert_bad(done, out, "choose another")
+
+
+def test_report_into_a_missing_folder(irpso, capture, tmp_path):
+    done = irpso("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out", tmp_path / "o",
+                 "--report", tmp_path / "no" / "report.json")
+    assert_bad(done, "report.json")
+    assert not (tmp_path / "o").exists()
+
+
+def test_full_disk(irpso, capture):
+    """No file may grow beyond 10 kB: what a full disk does in the middle of a write."""
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
+
+    solve_bad(irpso, capture, "out", size=64, preexec_fn=limit)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can mount")
+def test_really_full_disk(irpso, capture, tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "irpso", str(disk)], capture_output=True).returncode:
+        pytest.skip("this machine lets nobody mount")
+    try:
+        done = irpso("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--size", 64,
+                     "--out", disk / "out")
+        assert_bad(done, str(disk / "out"))
+        assert list(disk.iterdir()) == []
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_older_results_survive_a_failure(irpso, capture, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in FILES:
+        (out / name).write_text("older")
+    change_pixels(capture, np.nan)
+    assert_bad(irpso("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out", out))
+    assert {p.name: p.read_text() for p in out.iterdir()} == dict.fromkeys(FILES, "older")
+
+
+# ---- Ctrl-C
+
+
+def test_cancel_keeps_what_was_found(scenes, tmp_path):
+    """Ctrl-C in the middle of the solve stage: exit 130, and either whole partial maps or nothing."""
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "irpso_addon", "solve", scenes / "good" / "scene.blend", "--captures",
+               scenes / "good" / "captures.json", "--size", "1024", "--out", out]
+    process = subprocess.Popen(
+        list(map(str, command)), cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    for line in process.stderr:
+        if " solve" in line:
+            break
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, rest = process.communicate(timeout=120)
+    assert process.returncode == 130, rest
+    assert "Traceback" not in rest
+    last = rest.splitlines()[-1]
+    if out.exists():
+        assert last == "irpso: cancelled; the maps found until then are kept"
+        assert {p.name for p in out.iterdir()} == FILES
+        assert json.loads((out / "report.json").read_text())["cancelled"] is True
+    else:
+        assert last == "irpso: cancelled; nothing was written"

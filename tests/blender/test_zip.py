@@ -1,0 +1,80 @@
+"""What is shipped: the zip, built, installed into a Blender of its own, and used through its operators."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+MANIFEST = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
+
+USE_IT = """
+import sys, pathlib, bpy
+zip_path, capture, out = sys.argv[-3:]
+bpy.ops.extensions.package_install_files(filepath=zip_path, repo="user_default", enable_on_install=True)
+bpy.ops.wm.open_mainfile(filepath=capture + "/scene.blend")
+settings = bpy.context.scene.irpso
+settings.captures, settings.size, settings.out = capture + "/captures.json", 64, out
+bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+print("solve", bpy.ops.irpso.solve())
+print("export", bpy.ops.irpso.export_maps())
+principled = bpy.data.materials["Paint"].node_tree.nodes["Principled BSDF"]
+print("linked", [principled.inputs[name].is_linked for name in ("Base Color", "Roughness")])
+print("plain", "irpso_addon" in sys.modules)
+from bl_ext.user_default.irpso.irpso_addon.__main__ import main
+print("command", main(["solve", capture + "/scene.blend", "--captures", capture + "/captures.json", "--size", "32",
+                       "--out", out + "/command"]))
+site = pathlib.Path(bpy.utils.user_resource("EXTENSIONS")) / ".local" / "lib"
+print("wheels", sorted(path.name for path in site.glob("python*/site-packages/*") if path.suffix != ".dist-info"))
+bpy.ops.preferences.addon_disable(module="bl_ext.user_default.irpso")
+print("gone", not hasattr(bpy.types.Scene, "irpso"))
+"""
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("dist")
+    done = subprocess.run([sys.executable, "tools/build.py", "--output-dir", str(out)], cwd=ROOT, capture_output=True,
+                          text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return out / f"irpso-{MANIFEST['version']}.zip"
+
+
+def test_zip_holds_the_extension_and_nothing_else(built):
+    with zipfile.ZipFile(built) as archive:
+        names = set(archive.namelist())
+    assert {"blender_manifest.toml", "__init__.py", "LICENSE", "README.md", "irpso_addon/__main__.py",
+            "irpso_addon/pipeline.py", "operators/solve.py", "irpso_addon/core/principled_ior15.npz"} <= names
+    assert {n for n in names if n.endswith(".whl")} == {name.removeprefix("./") for name in MANIFEST["wheels"]}
+    assert {n.split("/")[0] for n in names} == {
+        "blender_manifest.toml", "__init__.py", "LICENSE", "README.md", "CHANGELOG.md", "irpso_addon", "operators",
+        "shaders", "wheels"}
+    shaders = {p.relative_to(ROOT).as_posix() for p in (ROOT / "shaders").rglob("*.*") if p.suffix != ".md"}
+    assert shaders <= names
+    assert not [n for n in names if "__pycache__" in n or n.endswith((".pyc", ".blend", ".so"))]
+    assert built.stat().st_size < 5e6
+
+
+def test_installed_zip_solves(built, scenes, tmp_path):
+    environment = {**os.environ, "BLENDER_USER_RESOURCES": str(tmp_path / "user")}
+    done = subprocess.run(
+        [sys.executable, "-c", USE_IT, str(built), str(scenes / "good"), str(tmp_path / "maps")],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
+    told = done.stdout + done.stderr
+    assert done.returncode == 0, told
+    lines = dict(line.split(" ", 1) for line in done.stdout.splitlines() if " " in line)
+    assert lines["solve"] == "{'FINISHED'}" and lines["export"] == "{'FINISHED'}", told
+    assert lines["linked"] == "[True, True]"
+    assert lines["plain"] == "False"  # every import stayed inside bl_ext.user_default.irpso
+    assert lines["command"] == "0", told
+    assert "glcontext" in lines["wheels"] and "moderngl" in lines["wheels"], told
+    assert lines["gone"] == "True"
+    assert (tmp_path / "maps" / "Ball_basecolor.exr").exists()
+    assert (tmp_path / "maps" / "command" / "report.json").exists()
+    assert "Traceback" not in told

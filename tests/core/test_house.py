@@ -1,0 +1,53 @@
+"""What stands in two places of the repository says the same."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+MANIFEST = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
+
+
+def test_parameters_page_is_fresh():
+    done = subprocess.run([sys.executable, "tools/make_docs.py", "--check"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_wheels_are_those_we_test_with():
+    pins = dict(re.findall(r"^(\w+)==([\d.]+)$", (ROOT / "requirements-dev.txt").read_text(), re.M))
+    wheels = [Path(name).name.split("-") for name in MANIFEST["wheels"]]
+    assert {(name, version) for name, version, *_ in wheels} == {
+        (name, pins[name]) for name in ("moderngl", "glcontext")}
+    systems = {(python, re.split(r"\d*_", platform)[0]) for _, _, python, _, platform in wheels}
+    assert systems == {(p, s) for p in ("cp311", "cp313") for s in ("manylinux", "win", "macosx")}
+    assert len(wheels) == 12
+
+
+def test_everything_is_pinned():
+    for line in (ROOT / "requirements-dev.txt").read_text().splitlines():
+        assert re.fullmatch(r"(#.*)?|[\w.-]+==[\w.]+(; python_version == \"3\.1[13]\")?", line), line
+
+
+def test_changelog_knows_the_version():
+    text = (ROOT / "CHANGELOG.md").read_text()
+    assert f"## [{MANIFEST['version']}]" in text or "## [Unreleased]" in text
+
+
+def test_report_page_names_every_key():
+    """docs/report.md tells each key that core/report.py writes."""
+    page = (ROOT / "docs" / "report.md").read_text()
+    source = (ROOT / "irpso_addon" / "core" / "report.py").read_text()
+    body = source.split("report = {")[1].split("return _finite")[0]
+    keys = re.findall(r'^        "(\w+)":', body, re.M)
+    assert len(keys) >= 11
+    assert [key for key in keys if f"`{key}`" not in page] == []
+
+
+def test_no_link_in_the_docs_is_broken():
+    for page in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")]:
+        for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"

@@ -1,0 +1,69 @@
+"""report.json: whole, readable by any JSON parser, and nothing left behind where it cannot be written."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import Maps, Solution
+from irpso_addon.core.errors import BadInput
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.report import build_report, peak_memory, version, write_report
+
+ROOT = Path(__file__).resolve().parents[2]
+NOTHING = np.zeros((1, 1), np.float32)
+SOLUTION = Solution(
+    maps=Maps(np.zeros((1, 1, 3), np.float32), NOTHING, NOTHING, NOTHING, NOTHING > 0, NOTHING > 0),
+    model={"Glaze": "one-lobe", "": "lambert"}, why={"Glaze": "asked for"},
+    texels={"covered": 90, "observed": 80, "solved": 60, "filled": 30}, seconds={"observe": 1.0, "solve": 2.0},
+    residual=0.02, views_used=("a.exr",), views_skipped=(("b.exr", "sees nothing"),), warnings=("Töpfe: wärm",),
+    device={"renderer": "none"})
+
+
+def test_figures_follow_from_the_solution():
+    report = build_report(SOLUTION, SolveSettings(size=64, seed=7), ["irpso", "solve"], blender="5.2")
+    assert report["seconds"] == {"observe": 1.0, "solve": 2.0, "total": 3.0}
+    assert report["texels_per_second"] == {"solve": 30.0, "total": 20.0}
+    assert report["models"] == {
+        "Glaze": {"model": "one-lobe", "why": "asked for"}, "": {"model": "lambert", "why": ""}}
+    assert report["views"] == {"used": ["a.exr"], "skipped": [{"view": "b.exr", "why": "sees nothing"}]}
+    assert (report["size"], report["seed"], report["method"], report["model"]) == (64, 7, "refined", "auto")
+    assert report["versions"]["blender"] == "5.2" and report["cancelled"] is False
+
+
+def test_not_a_number_becomes_null(tmp_path):
+    """JSON has no NaN: a parser other than Python's would refuse the file."""
+    device = {"limit": np.float32(np.inf), "size": np.int64(3)}
+    odd = replace(SOLUTION, residual=float("nan"), device=device, seconds={})
+    write_report(tmp_path / "r.json", build_report(odd, SolveSettings(), []))
+    def refuse(name):
+        raise AssertionError(name)
+    report = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"), parse_constant=refuse)
+    assert report["residual"] is None and report["device"] == {"limit": None, "size": 3}
+    assert report["texels_per_second"] == {"solve": None, "total": None}
+    assert report["warnings"] == ["Töpfe: wärm"]
+
+
+def test_unwritable_report_leaves_nothing(tmp_path):
+    (tmp_path / "r.json").mkdir()
+    for path in (tmp_path / "r.json", tmp_path / "no" / "r.json"):
+        with pytest.raises(BadInput, match=r"r\.json: cannot be written"):
+            write_report(path, {})
+    assert [p.name for p in tmp_path.iterdir()] == ["r.json"]
+
+
+def test_version_is_the_manifests():
+    assert version() == tomllib.loads((ROOT / "blender_manifest.toml").read_text())["version"]
+
+
+def test_peak_memory_grows_with_use():
+    before = peak_memory()
+    if before is None:
+        pytest.skip("this system does not tell")
+    block = np.ones(40_000_000, np.uint8)  # 40 MB on top of whatever was the peak: at least it is counted in bytes
+    assert block.size < peak_memory() < 1 << 40
