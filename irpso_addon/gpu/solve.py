@@ -10,6 +10,7 @@ from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import moderngl
+import numpy as np
 
 from ..core.errors import Cancelled
 from ..core.job import Progress
@@ -22,15 +23,17 @@ TILE_WIDTH = 512
 TILE_HEIGHT = 128
 ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
 MAX_OBSERVATIONS = 64  # of a texel; the local arrays of the kernel
-NOISE_FLOOR = 0.003  # relative: what the model leaves out on perfect data
-GROUP_SLACK = 30.0  # between-camera albedo variance in units of the noise's
+NOISE_FLOOR = 3e-4  # relative: float32 and the forward model's own error
+NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
+FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
+CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
 PRIOR_CUT = 8.0  # an edge in the map costs at most 4 standard deviations
-SHARED_PIXELS = 0.35  # gain of the first pooling step: texels of one pixel repeat each other
+POOL_GAIN = 0.5  # of 1: neighbours' errors are alike (shared pixels, model error), four texels say less than four times one
 METHODS = {  # what each method's kernel does at a texel
     "refined": {"u_particles": 8, "u_race_steps": 3, "u_final_steps": 8},
     "swarm": {"u_iterations": 25},
 }
-ROUGHNESS_STEP = 0.004  # expected change of roughness to the parent cell, at the finest level
+ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ class Solver:
         self.match_target = device.framebuffer([self.match])
         self.covered = device.read(grid.position)[..., 3] > 0.5
         self.uniforms = {"u_group": tuple(self.layers.groups) if self.layers.count > 1 else 0,
-                         "u_group_slack": GROUP_SLACK, "u_tile_height": self.tile[1]}
+                         "u_group_slack": FIRST_SLACK, "u_tile_height": self.tile[1]}
 
     def tiles(self) -> Iterator[tuple[int, int]]:
         """First texel of each tile that has covered texels."""
@@ -96,20 +99,25 @@ class Solver:
         search = self.framebuffer([valleys, support])
         table_target = self.framebuffer(tables)
         tiles = list(self.tiles())
-        method = self.settings.method
-        knobs = {"u_seed": self.settings.seed, **METHODS[method]}
+        knobs = {"u_seed": self.settings.seed, **METHODS[self.settings.method]}
+        self.uniforms["u_group_slack"] = FIRST_SLACK
         for i, tile in enumerate(tiles):
             self._gather(tile)
-            self._run(f"solve/{method}.frag", search, tile, {}, knobs)
-            self._run("solve/table.frag", table_target, tile, {"u_valleys": valleys, "u_support": support},
-                      {"u_noise_floor": NOISE_FLOOR})
+            self._run(f"solve/{self.settings.method}.frag", search, tile, {}, knobs)
             device.ctx.finish()
             try:
-                yield Progress(0.7 * (i + 1) / len(tiles), "solve", f"tile {i + 1} of {len(tiles)}")
+                yield Progress(0.5 * (i + 1) / len(tiles), "solve", f"tile {i + 1} of {len(tiles)}")
             except Cancelled:  # what was found is kept: these tiles are finished, the rest is filled from them
                 self.cancelled = True
                 tiles = tiles[: i + 1]
                 break
+        found = {"u_valleys": valleys, "u_support": support, "u_noise": self._noise(valleys, support)}
+        for i, tile in enumerate(tiles):
+            self._gather(tile)
+            self._run("solve/table.frag", table_target, tile, found, {"u_noise_floor": NOISE_FLOOR})
+            device.ctx.finish()
+            if not self.cancelled:
+                yield Progress(0.5 + 0.25 * (i + 1) / len(tiles), "solve", "what texels can tell")
         estimate, prior = self._share(tables)
         for target in (search, table_target):
             target.release()
@@ -119,16 +127,36 @@ class Solver:
         polish = self.framebuffer([roughness, detail])
         for i, tile in enumerate(tiles):
             self._gather(tile)
-            self._run("solve/polish.frag", polish, tile, {
-                "u_valleys": valleys, "u_support": support, "u_estimate": estimate, "u_prior": prior,
-            }, {"u_noise_floor": NOISE_FLOOR, "u_prior_cut": PRIOR_CUT, "u_steps": 4})
+            self._run("solve/polish.frag", polish, tile, {**found, "u_estimate": estimate, "u_prior": prior},
+                      {"u_noise_floor": NOISE_FLOOR, "u_prior_cut": PRIOR_CUT, "u_steps": 4})
             device.ctx.finish()
             if not self.cancelled:
-                yield Progress(0.7 + 0.3 * (i + 1) / len(tiles), "solve", "neighbours")
+                yield Progress(0.75 + 0.25 * (i + 1) / len(tiles), "solve", "neighbours")
         polish.release()
-        for texture in (valleys, support, estimate, prior):
+        for texture in (*found.values(), estimate, prior):
             texture.release()
         return RoughnessMaps(roughness, detail)
+
+    def _noise(self, valleys: moderngl.Texture, support: moderngl.Texture) -> moderngl.Texture:
+        """Log noise variance around each texel, at 1 / 2^NOISE_LEVELS of the size; sets the slack by its median."""
+        device = self.device
+        noise = device.texture(self.size, self.size)
+        target = device.framebuffer([noise])
+        device.draw("solve/noise.frag", target, textures={"u_valleys": valleys, "u_support": support}, uniforms={})
+        target.release()
+        for _ in range(NOISE_LEVELS):
+            finer = noise
+            noise = device.texture((finer.width + 1) // 2, (finer.height + 1) // 2)
+            target = device.framebuffer([noise])
+            device.draw("fill/down.frag", target, textures={"u_map": finer}, uniforms={})
+            target.release()
+            finer.release()
+        values = device.read(noise)
+        known = values[values[..., 3] > 0.1, 0]
+        variance = float(np.exp(np.median(known))) if len(known) else NOISE_FLOOR**2
+        variance = max(variance, NOISE_FLOOR**2)
+        self.uniforms["u_group_slack"] = float(np.clip(CAMERA_SLACK**2 / variance, 1.0, 1e5))
+        return noise
 
     def _pair(self) -> tuple[moderngl.Texture, moderngl.Texture]:
         return self.device.texture(self.size, self.size), self.device.texture(self.size, self.size)
@@ -189,7 +217,7 @@ class Solver:
             above = tuple(device.texture(half, half) for _ in range(8))
             target = device.framebuffer(list(above))
             device.draw("solve/pool.frag", target, textures={"u_table": below},
-                        uniforms={"u_gain": SHARED_PIXELS if len(levels) == 1 else 1.0})
+                        uniforms={"u_gain": POOL_GAIN})
             target.release()
             levels.append(above)
         parent: moderngl.Texture | None = None
@@ -200,7 +228,7 @@ class Solver:
             estimate, given = device.texture(size, size), device.texture(size, size)
             target = device.framebuffer([estimate, given])
             device.draw("solve/descend.frag", target, textures={"u_table": table, "u_parent": parent}, uniforms={
-                "u_top": parent is None, "u_step": ROUGHNESS_STEP * 2.0**level, "u_prior_cut": PRIOR_CUT,
+                "u_top": parent is None, "u_step": ROUGHNESS_SLOPE / size, "u_prior_cut": PRIOR_CUT,
             })
             target.release()
             for texture in (parent, prior):

@@ -22,7 +22,7 @@ float lobe_sin2h[MAX_OBS * LIGHTS], lobe_spread[MAX_OBS * LIGHTS], lobe_tan2[MAX
 int obs_channel[MAX_OBS];
 int obs_count;
 float obs_total;    // about the number of good observations
-float obs_groups;   // about the number of groups that have one
+float obs_free;     // degrees of freedom that the residual has at the best roughness
 
 ivec2 texel_here() { return ivec2(gl_FragCoord.xy); }
 
@@ -50,7 +50,8 @@ void weigh_observations() {
 // Loads the texel's valid observations; false when it is uncovered or has none.
 bool load_observations() {
     obs_count = 0;
-    obs_total = obs_groups = 0.0;
+    obs_total = obs_free = 0.0;
+    float groups = 0.0;
     ivec2 texel = texel_here();
     if (any(greaterThanEqual(texel, textureSize(u_texel_position, 0)))) return false;
     if (texelFetch(u_texel_position, texel, 0).w < 0.5) return false;
@@ -68,7 +69,7 @@ bool load_observations() {
         obs_channel[n] = int(o.w);
         float good = min(o.y / (o.z * o.z), 1.0);
         obs_total += good;
-        obs_groups += first ? good : 0.0;
+        groups += first ? good : 0.0;
         for (int l = 0; l < LIGHTS; l++) {
             vec4 g = texelFetch(u_observations, at + ivec2(0, (k * (1 + LIGHTS) + 1 + l) * u_tile_height), 0);
             lobe_sin2h[n * LIGHTS + l] = g.x;
@@ -78,6 +79,9 @@ bool load_observations() {
         }
     }
     weigh_observations();
+    // Within groups, and between them as far as the slack lets that count; one is spent on roughness.
+    float all = max(obs_total - groups, 0.0) + max(groups - 1.0, 0.0) / (1.0 + u_group_slack);
+    obs_free = all * max(obs_total - 2.0, 0.25) / max(obs_total - 1.0, 0.5);
     return obs_count > 0;
 }
 

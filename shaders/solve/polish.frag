@@ -5,6 +5,7 @@ uniform sampler2D u_valleys;   // whole maps
 uniform sampler2D u_support;
 uniform sampler2D u_estimate;  // from the pyramid's finest level
 uniform sampler2D u_prior;
+uniform sampler2D u_noise;
 uniform float u_noise_floor;
 uniform float u_prior_cut;
 uniform int u_steps;
@@ -30,7 +31,8 @@ void main() {
     ivec2 texel = texel_here();
     vec4 valleys = texelFetch(u_valleys, texel, 0), support = texelFetch(u_support, texel, 0);
     vec4 prior = texelFetch(u_prior, texel, 0);
-    down = 0.5 / noise_variance(valleys.y, support.y, support.z, u_noise_floor);
+    float around = noise_around(u_noise, texel, textureSize(u_valleys, 0), u_noise_floor);
+    down = 0.5 / noise_variance(valleys.y, support.z, around);
     mean = prior.x;
     information = 1.0 / prior.y;
     float best_r = 0.5;

@@ -9,7 +9,7 @@ uniform int u_final_steps;
 uniform int u_seed;
 
 layout(location = 0) out vec4 o_valleys;  // best roughness, its residual, second roughness, its residual
-layout(location = 1) out vec4 o_support;  // curvature at the best, good observations, groups, observed
+layout(location = 1) out vec4 o_support;  // curvature at the best, good observations, degrees of freedom, observed
 
 void main() {
     o_valleys = vec4(0.5, 0.0, 0.5, 0.0);
@@ -41,5 +41,5 @@ void main() {
         second = swap;
     }
     o_valleys = vec4(best.r, best.fit.x, second.r, second.fit.x);
-    o_support = vec4(best.fit.z, obs_total, obs_groups, 1.0);
+    o_support = vec4(best.fit.z, obs_total, obs_free, 1.0);
 }

@@ -53,5 +53,5 @@ void main() {
         if (apart && (second == best || fitness[i] < fitness[second])) second = i;
     }
     o_valleys = vec4(r, fitness[best], roughness_at(personal[second]), fitness[second]);
-    o_support = vec4(evaluate(r).z, obs_total, obs_groups, 1.0);
+    o_support = vec4(evaluate(r).z, obs_total, obs_free, 1.0);
 }

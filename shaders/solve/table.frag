@@ -3,6 +3,7 @@
 #include "solve/nodes.glsl"
 uniform sampler2D u_valleys;  // whole map
 uniform sampler2D u_support;
+uniform sampler2D u_noise;
 uniform float u_noise_floor;
 
 layout(location = 0) out vec4 o_table[8];
@@ -11,7 +12,8 @@ void main() {
     for (int i = 0; i < 8; i++) o_table[i] = vec4(0.0);
     if (!load_observations()) return;
     vec4 valleys = texelFetch(u_valleys, texel_here(), 0), support = texelFetch(u_support, texel_here(), 0);
-    float down = 0.5 / noise_variance(valleys.y, support.y, support.z, u_noise_floor);
+    float around = noise_around(u_noise, texel_here(), textureSize(u_valleys, 0), u_noise_floor);
+    float down = 0.5 / noise_variance(valleys.y, support.z, around);
     for (int i = 0; i < 8; i++) {
         vec4 t;
         for (int j = 0; j < 4; j++) t[j] = evaluate(node_roughness(float(4 * i + j))).x;
