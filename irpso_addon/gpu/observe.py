@@ -105,7 +105,7 @@ def observe(
         key = (view.camera.name, w, h)
         if key not in keys:
             keys[key] = len(cameras)
-            maps = draw_pixel_grid(device, mesh, occluders, view.camera, w, h)
+            maps = draw_pixel_grid(device, mesh, occluders, view.camera, w, h, scene.pixel_filter)
             clip = clip_matrix(view.camera, [scene.mesh.positions, scene.occluders])
             cameras.append(ObservedCamera(view.camera, maps, column_major(clip),
                                           camera_uniforms(view.camera, h, scene.pixel_filter)))

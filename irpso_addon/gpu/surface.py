@@ -80,14 +80,18 @@ class MeshBuffer:
             self.normal_maps[slot] = texture
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
-    def draw(self, target: moderngl.Framebuffer, clip: F64 | None) -> None:
-        """Draw into the target: through ``clip`` (world to clip space), or over the UV square when None."""
+    def draw(self, target: moderngl.Framebuffer, clip: F64 | None, footprint: float = 0.0) -> None:
+        """Draw into the target: through ``clip`` (world to clip space), or over the UV square when None.
+
+        ``footprint``: width in pixels over which a normal map is averaged.
+        """
         device = self.device
         program = device.programs.get("gbuffer/surface.vert", "gbuffer/surface.frag")
         matrix = np.eye(4) if clip is None else clip
         normal_matrix = np.eye(3) if self.mesh.normal_matrix is None else self.mesh.normal_matrix
         device.programs.set(program, {
             "u_in_uv": clip is None, "u_clip": column_major(matrix), "u_normal_matrix": column_major(normal_matrix),
+            "u_footprint": footprint,
         })
         target.use()
         device.ctx.viewport = (0, 0, target.width, target.height)
@@ -181,9 +185,12 @@ def overlap_counts(device: Device, mesh: MeshBuffer, size: int) -> F32:
 
 
 def draw_pixel_grid(
-    device: Device, mesh: MeshBuffer, occluders: Occluders, camera: Camera, width: int, height: int
+    device: Device, mesh: MeshBuffer, occluders: Occluders, camera: Camera, width: int, height: int, footprint: float
 ) -> SurfaceMaps:
-    """What a camera's pixel centres see of the mesh; other objects in front leave zeros."""
+    """What a camera's pixel centres see of the mesh; other objects in front leave zeros.
+
+    ``footprint``: width in pixels over which a normal map is averaged.
+    """
     ctx = device.ctx
     clip = clip_matrix(camera, [mesh.mesh.positions, occluders.triangles])
     textures = [device.texture(width, height), device.texture(width, height), device.texture(width, height),
@@ -192,7 +199,7 @@ def draw_pixel_grid(
     target = ctx.framebuffer(textures, depth)
     target.clear(depth=1.0)
     ctx.enable(moderngl.DEPTH_TEST)
-    mesh.draw(target, clip)
+    mesh.draw(target, clip, footprint)
     occluders.draw(target, "gbuffer/occluder.frag",
                    {"u_clip": column_major(clip), "u_depth_plane": (0.0, 0.0, 0.0, 0.0)})
     ctx.disable(moderngl.DEPTH_TEST)

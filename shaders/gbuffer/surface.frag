@@ -11,6 +11,7 @@ uniform bool u_has_normal_map;
 uniform float u_normal_strength;
 uniform mat3 u_normal_matrix;    // inverse transpose of the object's matrix
 uniform float u_slot;
+uniform float u_footprint;       // width of the box over which a pixel averages, in pixels; 0 for texels
 
 layout(location = 0) out vec4 o_position;  // world, coverage
 layout(location = 1) out vec4 o_normal;    // shading normal, material slot
@@ -20,15 +21,26 @@ layout(location = 4) out vec4 o_uv_slope;  // d(uv)/dx, d(uv)/dy per pixel
 
 // Blender's Normal Map node: combined in object space from unnormalised interpolants, because
 // under non-uniform scale the world-space frame is wrong by degrees.
-vec3 mapped_normal() {
-    vec3 c = texture(u_normal_map, v_uv).xyz * 2.0 - 1.0;
+vec3 mapped_normal(vec2 uv) {
+    vec3 c = texture(u_normal_map, uv).xyz * 2.0 - 1.0;
     c = vec3(c.xy * u_normal_strength, mix(1.0, c.z, clamp(u_normal_strength, 0.0, 1.0)));
     vec3 bitangent = v_tangent.w * cross(v_object_normal, v_tangent.xyz);
-    return u_normal_matrix * (c.x * v_tangent.xyz + c.y * bitangent + c.z * v_object_normal);
+    return normalize(u_normal_matrix * (c.x * v_tangent.xyz + c.y * bitangent + c.z * v_object_normal));
+}
+
+// Mean of the mapped normal over the pixel's footprint (a texel: its centre).
+vec3 mean_mapped_normal() {
+    vec2 dx = dFdx(v_uv) * u_footprint, dy = dFdy(v_uv) * u_footprint;
+    vec3 sum = vec3(0.0);
+    for (int j = 0; j < 16; j++) {
+        vec2 d = (vec2(float(j & 3), float(j >> 2)) - 1.5) * 0.25;
+        sum += mapped_normal(v_uv + d.x * dx + d.y * dy);
+    }
+    return sum;
 }
 
 void main() {
-    vec3 n = normalize(u_has_normal_map ? mapped_normal() : v_normal);
+    vec3 n = normalize(u_has_normal_map ? mean_mapped_normal() : v_normal);
     o_position = vec4(v_position, 1.0);
     o_normal = vec4(n, u_slot);
     o_facet = vec4(v_facet.xyz * (dot(v_facet.xyz, v_normal) < 0.0 ? -1.0 : 1.0), v_facet.w);
