@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> None:
     out: Path = arguments.out
     with Staging(out) as staging:  # proves that the folder can be written
         staging.publish()
-    made = _make(out)
+    made = make(out)
     rendered = time.perf_counter()
     solution = solve(Request(
         scene=made.scene, out=out, settings=SolveSettings(size=demo.TEXELS), captures=made.captures))
@@ -48,26 +48,28 @@ def run(arguments: argparse.Namespace) -> None:
         files.open_blend(out / "scene_irpso.blend")
         demo.render_held_out(relit)
     truth_relit, solved_relit = demo.read_render(made.relit), demo.read_render(relit)
-    scores = score(made, solution.maps)
+    scores = score((made.base_color, made.roughness), solution.maps)
     relight = _psnr(_display(truth_relit), _display(solved_relit), truth_relit[..., 3] > 0.999)
     picture.save(out / "demo.jpg", _tiles(made, solution.maps, scores, relight, truth_relit, solved_relit))
     _tell(scores, relight, solution, rendered - started, time.perf_counter() - started)
     console.say(f"{out / 'demo.jpg'}: truth, estimate and error side by side")
 
 
-def score(made: demo.Demo, maps: Maps) -> Scores:
-    """The maps against the truth, texel by texel."""
+def score(truth: tuple[F32, F32], maps: Maps) -> Scores:
+    """The maps against the true base colour and roughness of the same size, texel by texel."""
+    base, rough = truth
     solved = maps.coverage & ~maps.filled
-    error = np.abs(maps.roughness - made.roughness)
+    error = np.abs(maps.roughness - rough)
     sure = solved & (maps.confidence > CONFIDENT)
     return Scores(
-        albedo_psnr=_psnr(maps.base_color, made.base_color, solved),
+        albedo_psnr=_psnr(maps.base_color, base, solved),
         rough_mae=float(error[solved].mean()), rough_median=float(np.median(error[solved])),
         rough_mae_confident=float(error[sure].mean()) if sure.any() else float("nan"),
         confident=float(sure.sum() / solved.sum()))
 
 
-def _make(out: Path) -> demo.Demo:
+def make(out: Path) -> demo.Demo:
+    """The demo's scene and references in ``out``, with progress shown."""
     result: demo.Demo | None = None
     with console.progress() as show, console.quiet():
         for step in demo.make(out):

@@ -357,3 +357,63 @@ def test_cancel_keeps_what_was_found(scenes, tmp_path):
         assert json.loads((out / "report.json").read_text())["cancelled"] is True
     else:
         assert last == "irpso: cancelled; nothing was written"
+
+
+# ---- the other commands
+
+
+def test_doctor_finds_this_machine_well(irpso):
+    done = irpso("doctor")
+    assert done.returncode == 0, done.stderr
+    lines = dict(re.split(r"  +", line, maxsplit=1) for line in done.stdout.splitlines() if "  " in line.strip())
+    assert lines["blender"] and lines["renderer"] and int(lines["largest map (texels)"]) >= 4096
+    assert float(lines["self-test, roughness error"]) < 0.002
+    assert done.stdout.endswith("all is well\n")
+
+
+@pytest.mark.slow
+def test_demo(irpso, tmp_path):
+    done = irpso("demo", "--out", tmp_path / "demo")
+    assert done.returncode == 0, done.stderr
+    figures = dict(re.findall(r"^(.+?)  +([\d.]+)%?$", done.stdout, re.M))
+    assert float(figures["base colour, PSNR (dB)"]) > 18, done.stdout
+    assert float(figures["roughness, median error"]) < 0.02, done.stdout
+    assert float(figures["new light and camera, PSNR (dB)"]) > 25, done.stdout
+    picture = read(tmp_path / "demo" / "demo.jpg")
+    assert picture.shape[1] > 700 and (tmp_path / "demo" / "demo.jpg").stat().st_size < 400_000
+    header = picture[:30, :260]  # where the first label stands: ink on a dark ground
+    assert header.max() > 0.7 and np.median(header) < 0.2
+    assert {"scene.blend", "captures.json", "refs", "scene_irpso.blend", "report.json"} <= {
+        p.name for p in (tmp_path / "demo").iterdir()}
+
+
+def test_progress_bar_on_a_terminal(scenes, tmp_path):
+    """With a terminal as stderr the bar is drawn there, and stdout still holds the result alone."""
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "irpso_addon", "solve", scenes / "good" / "scene.blend", "--captures",
+               scenes / "good" / "captures.json", "--size", "64", "--out", tmp_path]
+    process = subprocess.Popen(list(map(str, command)), cwd=ROOT, stdout=subprocess.PIPE, stderr=theirs, text=True)
+    os.close(theirs)
+    drawn = b""
+    try:
+        while chunk := os.read(ours, 4096):
+            drawn += chunk
+    except OSError:  # Linux's way of saying that the other end has closed
+        pass
+    os.close(ours)
+    told = process.communicate()[0]
+    assert process.returncode == 0
+    assert "━".encode() in drawn and b"solve" in drawn
+    assert told.splitlines()[0].startswith("Ball: ") and len(told.splitlines()) == 2
+
+
+def test_works_without_rich(scenes, irpso, tmp_path):
+    """Blender ships no rich."""
+    code = "import sys; sys.modules['rich'] = None; from irpso_addon.__main__ import main; sys.exit(main(sys.argv[1:]))"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "solve", str(scenes / "good" / "scene.blend"), "--captures",
+         str(scenes / "good" / "captures.json"), "--size", "32", "--out", str(tmp_path)],
+        cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"^irpso: +\d+% solve", done.stderr, re.M)
