@@ -28,7 +28,8 @@ HEAD = """\
 # Benchmark
 
 Made by `make bench`. The demo's vase ({views} views of {pixels} pixels, Cycles), one-lobe model. Machine: {machine};
-OpenGL: {renderer}. Errors are those of the solved texels against the truth. `solve` is that stage alone, `total` all of the command.
+OpenGL: {renderer}. Errors are those of the solved texels against the truth.
+`solve` is that stage alone, `total` all of the command.
 
 | method | size | solve (s) | total (s) | texels/s of solve | base colour (dB) | roughness mean | median |
 |---|---|---|---|---|---|---|---|
