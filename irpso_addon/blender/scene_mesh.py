@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import bpy
 import numpy as np
 
 from ..core.data import F32, F64, I32, MeshArrays, NormalMap
 from ..core.errors import BadInput
 from .scene_material import SlotNormalMap
-from .scene_objects import world_matrix
+from .scene_objects import rendered_objects, world_matrix
 
 MAX_TRIANGLES = 20_000_000  # of the occluders: 720 MB
 _SOLID = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
@@ -44,6 +45,7 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
         tangents = _slot_tangents(mesh, local, corner_normals, loops, slots, maps, layer) if maps else None
     positions = (local @ linear.T + world[:3, 3]).astype(np.float32)
     order = [0, 1, 2] if np.linalg.det(linear) > 0 else [0, 2, 1]
+    unit = bpy.app.version >= (5, 0, 0)
     return MeshArrays(
         name=obj.name, positions=positions[:, order].copy(),
         normals=_unit(corner_normals @ normal_matrix.T)[:, order].astype(np.float32),
@@ -52,7 +54,7 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
         object_normals=corner_normals[:, order].copy() if maps else None,
         tangents=None if tangents is None else tangents[:, order].copy(),
         normal_matrix=normal_matrix.astype(np.float32) if maps else None,
-        normal_maps={slot: NormalMap(m.pixels, m.strength) for slot, m in maps.items()},
+        normal_maps={slot: NormalMap(m.pixels, m.strength, unit) for slot, m in maps.items()},
     )
 
 
@@ -150,38 +152,44 @@ def read_occluders(subject: Any, depsgraph: Any, warn: Warn) -> F32:
     shapes: dict[int, F32] = {}
     found: list[F32] = []
     total = 0
-    seen = set()
-    for instance in depsgraph.object_instances:
-        obj = instance.object
-        original = obj.original
-        seen.add(original.name_full)
-        if original == subject and not instance.is_instance:
-            continue
-        if obj.type not in _SOLID or not instance.show_self or not _renders(original):
-            continue
-        key = obj.as_pointer() if not instance.is_instance else hash((obj.as_pointer(), obj.data.as_pointer()))
+    for obj, key, matrix in _solids(subject, depsgraph, warn):
         if key not in shapes:
             shapes[key] = _local_triangles(obj)
-        shape = shapes[key]
-        total += len(shape)
+        total += len(shapes[key])
         if total > MAX_TRIANGLES:
-            raise BadInput(f"object '{original.name}': with it the scene has more than {MAX_TRIANGLES // 1_000_000} "
+            raise BadInput(f"object '{obj.name}': with it the scene has more than {MAX_TRIANGLES // 1_000_000} "
                            "million triangles beside the object; hide some from renders")
-        matrix = np.array(instance.matrix_world, np.float32)
-        found.append(shape @ matrix[:3, :3].T + matrix[:3, 3])
-    for obj in depsgraph.scene.objects:
-        if obj != subject and obj.type in _SOLID and obj.name_full not in seen and _renders(obj):
-            warn(f"object '{obj.name}': renders but is hidden in the viewport, so it casts no shadow here; show it")
+        found.append((shapes[key] @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
     everything = np.concatenate(found) if found else np.zeros((0, 3, 3), np.float32)
     return everything[np.isfinite(everything).all((1, 2))]
 
 
-def _renders(obj: Any) -> bool:
-    """Whether a render shows the object or its shadow."""
-    if obj.hide_render or not (obj.visible_camera or obj.visible_shadow):
-        return False
-    collections = obj.users_collection
-    return not collections or not all(c.hide_render for c in collections)
+def _solids(subject: Any, depsgraph: Any, warn: Warn) -> Iterator[tuple[Any, int, F64]]:
+    """Evaluated object, key of its shape and world matrix of whatever renders beside the subject."""
+    shown = rendered_objects(depsgraph.view_layer)
+    iterated = set()
+    for instance in depsgraph.object_instances:
+        obj, original = instance.object, instance.object.original
+        iterated.add(original.name_full)
+        if instance.is_instance:
+            # A curve's or text's own mesh comes as an instance of it, too.
+            own = instance.parent is None or instance.parent.original == original
+            visible = (instance.parent or obj).original.name_full in shown and not original.hide_render
+            visible = visible and not (own and original == subject)
+        else:
+            # Curves, texts and metaballs follow as meshes; an instancer may be there for its instances alone.
+            visible = original.name_full in shown and original != subject and obj.type == "MESH"
+            visible = visible and (original.instance_type == "NONE" or original.show_instancer_for_render)
+        if visible and obj.type in _SOLID and (original.visible_camera or original.visible_shadow):
+            yield obj, hash((obj.as_pointer(), obj.data.as_pointer())), np.array(instance.matrix_world, np.float64)
+    # What is hidden in the viewport alone still renders.
+    for name, obj in shown.items():
+        if name in iterated or obj == subject or obj.type not in _SOLID:
+            continue
+        evaluated = obj.evaluated_get(depsgraph)
+        if not evaluated.is_evaluated and len(obj.modifiers):
+            warn(f"object '{obj.name}': is disabled in viewports, so it counts without its modifiers; enable it")
+        yield evaluated, hash((evaluated.as_pointer(), evaluated.data.as_pointer())), world_matrix(obj, depsgraph)
 
 
 def _local_triangles(obj: Any) -> F32:

@@ -26,6 +26,22 @@ def world_matrix(obj: Any, depsgraph: Any) -> F64:
     return np.asarray(world_matrix(obj.parent, depsgraph) @ np.array(obj.matrix_parent_inverse, np.float64) @ own)
 
 
+def rendered_objects(view_layer: Any) -> dict[str, Any]:
+    """The objects of ``view_layer`` that a render shows, by full name, whatever the viewport hides."""
+    found: dict[str, Any] = {}
+
+    def walk(layer: Any) -> None:
+        if layer.collection.hide_render:
+            return
+        if not layer.exclude:
+            found.update((o.name_full, o) for o in layer.collection.objects if not o.hide_render)
+        for child in layer.children:
+            walk(child)
+
+    walk(view_layer.layer_collection)
+    return found
+
+
 def read_camera(obj: Any, scene: Any, depsgraph: Any) -> Camera:
     """``obj`` with the scene's render resolution and pixel aspect.  Raises BadInput for a panoramic one."""
     if obj.data.type not in {"PERSP", "ORTHO"}:

@@ -26,6 +26,9 @@ class NormalMap:
 
     pixels: F32  # (h, w, 3) raw values in 0..1 as stored, row 0 bottom
     strength: float  # the Normal Map node's Strength
+    # Whether the interpolated normal is made unit length before it is combined (tangents never are): Cycles 5 does
+    # so, 4.5 does not, and low-poly meshes show the difference (5 degrees on a cone of seven sides).
+    unit_normal: bool = False
 
 
 @dataclass(frozen=True)
