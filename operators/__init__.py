@@ -7,6 +7,7 @@ from .load_captures import IRPSO_OT_load_captures
 from .remove_view import IRPSO_OT_remove_view
 from .set_view_lights import IRPSO_OT_set_view_lights
 from .solve import IRPSO_OT_solve
+from .stop import IRPSO_OT_stop
 from .write_maps import IRPSO_OT_write_maps
 
 CLASSES = (
@@ -16,6 +17,7 @@ CLASSES = (
     IRPSO_OT_set_view_lights,
     IRPSO_OT_bake_gbuffer,
     IRPSO_OT_solve,
+    IRPSO_OT_stop,
     IRPSO_OT_write_maps,
     IRPSO_OT_export_maps,
 )

@@ -19,7 +19,8 @@ class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     directory: bpy.props.StringProperty(
-        name="Folder", subtype="DIR_PATH", description="Folder that the files are written to", options={"SKIP_SAVE", *properties.RELATIVE})
+        name="Folder", subtype="DIR_PATH", description="Folder that the files are written to",
+        options={"SKIP_SAVE", *properties.RELATIVE})
     format: bpy.props.EnumProperty(
         name="Format", description="File format", items=properties.FORMATS, options={"SKIP_SAVE"})
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import fields
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from ..core.params import SolveSettings
 from . import session
 
 WARNINGS_SHOWN = 4
+LETTER_WIDTH = 6.2  # pixels of the panel's font, on average
 
 
 class IRPSO_UL_views(UIList):
@@ -96,8 +98,9 @@ class IRPSO_PT_solve(_Tab, Panel):
         if session.running is not None:
             progress = session.running.progress
             doing = "stopping" if session.running.stopping else progress.stage
-            layout.progress(factor=progress.fraction, text=f"{session.running.title}: {progress.fraction:.0%} {doing}")
-            layout.label(text="Esc in the viewport stops it", icon="EVENT_ESC")
+            row = layout.row(align=True)
+            row.progress(factor=progress.fraction, text=f"{session.running.title}: {progress.fraction:.0%} {doing}")
+            row.operator("irpso.stop", text="", icon="X")
 
 
 class IRPSO_PT_advanced(_Tab, Panel):
@@ -132,25 +135,34 @@ class IRPSO_PT_result(_Tab, Panel):
         if solution is None:
             layout.label(text="Not solved in this session", icon="INFO")
         else:
-            self._draw_summary(layout, context.active_object.name, solution)
+            letters = max(16, int(context.region.width / context.preferences.system.ui_scale / LETTER_WIDTH) - 9)
+            self._draw_summary(layout, context.active_object.name, solution, letters)
         layout.operator("irpso.write_maps", icon="MATERIAL")
         layout.prop(settings, "out")
         layout.prop(settings, "format")
         layout.operator("irpso.export_maps", icon="EXPORT")
 
     @staticmethod
-    def _draw_summary(layout: bpy.types.UILayout, name: str, solution: Solution) -> None:
+    def _draw_summary(layout: bpy.types.UILayout, name: str, solution: Solution, letters: int) -> None:
         texels, box = solution.texels, layout.box().column(align=True)
         state = "stopped early" if solution.cancelled else f"{sum(solution.seconds.values()):.1f} s"
         box.label(text=f"{name}: {state}", icon="ERROR" if solution.cancelled else "CHECKMARK")
-        box.label(text=f"{texels['solved']:,} of {texels['covered']:,} texels solved, {texels['filled']:,} filled")
-        box.label(text=f"{len(solution.views_used)} views used, {len(solution.views_skipped)} skipped")
+        box.label(text=f"{texels['solved']:,} of {texels['covered']:,} texels solved", icon="TEXTURE")
+        box.label(text=f"{texels['filled']:,} filled from neighbours", icon="BLANK1")
+        skipped = f", {len(solution.views_skipped)} skipped" if solution.views_skipped else ""
+        box.label(text=f"{len(solution.views_used)} views used{skipped}", icon="CAMERA_DATA")
         for slot, model in solution.model.items():
             box.label(text=f"{slot or name}: {model}", icon="MATERIAL")
         for warning in solution.warnings[:WARNINGS_SHOWN]:
-            box.label(text=warning, icon="ERROR")
+            _draw_wrapped(box, warning, letters)
         if len(solution.warnings) > WARNINGS_SHOWN:
-            box.label(text=f"{len(solution.warnings) - WARNINGS_SHOWN} more in the Info editor")
+            box.label(text=f"{len(solution.warnings) - WARNINGS_SHOWN} more in the Info editor", icon="BLANK1")
+
+
+def _draw_wrapped(layout: bpy.types.UILayout, text: str, letters: int) -> None:
+    """A label does not wrap: one for each line."""
+    for row, line in enumerate(textwrap.wrap(text, letters)):
+        layout.label(text=line, icon="BLANK1" if row else "ERROR")
 
 
 CLASSES = (IRPSO_UL_views, IRPSO_PT_capture, IRPSO_PT_solve, IRPSO_PT_advanced, IRPSO_PT_result)

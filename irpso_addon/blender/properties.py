@@ -49,7 +49,8 @@ class IRPSO_PG_view(PropertyGroup):
 
     enabled: BoolProperty(name="Use", description="Use this view in the solve", default=True)
     image: StringProperty(
-        name="Image", subtype="FILE_PATH", options=RELATIVE, description="Reference image: EXR, HDR, 16-bit PNG or TIFF")
+        name="Image", subtype="FILE_PATH", options=RELATIVE,
+        description="Reference image: EXR, HDR, 16-bit PNG or TIFF")
     camera: PointerProperty(
         type=bpy.types.Object, name="Camera", poll=_is_camera, description="Camera that took the image")
     lights: CollectionProperty(
@@ -58,7 +59,8 @@ class IRPSO_PG_view(PropertyGroup):
         name="Exposure", default=0.0, soft_min=-10.0, soft_max=10.0,
         description="Exposure of the image in EV: its values are radiance times 2 to this power")
     mask: StringProperty(
-        name="Mask", subtype="FILE_PATH", options=RELATIVE, description="Image that is white where the object may be trusted (optional)")
+        name="Mask", subtype="FILE_PATH", options=RELATIVE,
+        description="Image that is white where the object may be trusted (optional)")
     colorspace: StringProperty(
         name="Color Space", description="Color space of the image's values; empty: linear in float files, else sRGB")
 
@@ -72,7 +74,8 @@ class IRPSO_PG_scene(PropertyGroup):
     views: CollectionProperty(type=IRPSO_PG_view, name="Views")
     active_view: IntProperty(name="Active View", default=0, min=0)
     out: StringProperty(
-        name="Folder", subtype="DIR_PATH", options=RELATIVE, default="//irpso", description="Folder that the maps are exported to")
+        name="Folder", subtype="DIR_PATH", options=RELATIVE, default="//irpso",
+        description="Folder that the maps are exported to")
     format: EnumProperty(name="Format", description="File format of exported maps", items=FORMATS)
 
 

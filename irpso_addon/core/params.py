@@ -35,7 +35,8 @@ class SolveSettings:
         ("refined", "Stratified particles take Levenberg-Marquardt steps and race; fast and exact"),
         ("swarm", "The particle swarm alone, ring topology; slower, makes no use of derivatives"),
     ))
-    seed: int = parameter(0, "Seed of the swarm's random numbers", label="Seed", low=0, high=2**31 - 1)
+    seed: int = parameter(0, "Seed of the swarm's random numbers", label="Seed", low=0, high=2**31 - 1,
+                          advanced=True)
 
     def __post_init__(self) -> None:
         for f in fields(self):
