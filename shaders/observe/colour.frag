@@ -25,7 +25,8 @@ void main() {
     bool edge = irradiance.a > 0.0 || image.a < 0.999;
     vec4 p = vec4(pixel.P, 1.0);
     float slant = max(cos_v, 0.15);
-    for (int y = -1; y <= 1; y++) for (int x = -1; x <= 1; x++) {
+    int reach = u_footprint > 0.25 ? 1 : 0;  // a point sample mixes nothing with its neighbours
+    for (int y = -reach; y <= reach; y++) for (int x = -reach; x <= reach; x++) {
         ivec2 near = clamp(at + ivec2(x, y), ivec2(0), textureSize(u_position, 0) - 1);
         edge = edge || !same_surface(p, texelFetch(u_position, near, 0), slant, 1.5);
     }

@@ -21,6 +21,7 @@ float obs_f[MAX_OBS], obs_weight[MAX_OBS], obs_cos_v[MAX_OBS];  // weight < 0: f
 float lobe_sin2h[MAX_OBS * LIGHTS], lobe_spread[MAX_OBS * LIGHTS], lobe_tan2[MAX_OBS * LIGHTS], lobe_factor[MAX_OBS * LIGHTS];
 int obs_channel[MAX_OBS];
 int obs_count;
+float obs_base[MAX_OBS];  // mean f of the group, subtracted from each: sums of squares keep their digits in float32
 float obs_total;    // about the number of good observations
 float obs_free;     // degrees of freedom that the residual has at the best roughness
 
@@ -41,9 +42,26 @@ void weigh_observations() {
         }
         typical = max(sum / total, 1e-4);
     }
+    // Edges of shadow and silhouette count where there is little else; beside good observations even
+    // their small weight would outweigh the precision of those.
+    float edge = exp2(-6.0 * obs_total);
+    float sum = 0.0, total = 0.0;
+    int first = 0;
     for (int n = 0; n < obs_count; n++) {
         float unit = max(obs_f[n], typical);
-        obs_weight[n] /= unit * unit;
+        bool good = abs(obs_weight[n]) > 0.25 * obs_cos_v[n] * obs_cos_v[n];
+        obs_weight[n] *= (good ? 1.0 : edge) / (unit * unit);
+        float w = abs(obs_weight[n]);
+        sum += w * obs_f[n];
+        total += w;
+        if (n + 1 == obs_count || obs_weight[n + 1] < 0.0) {
+            for (int i = first; i <= n; i++) {
+                obs_base[i] = sum / total;
+                obs_f[i] -= obs_base[i];
+            }
+            first = n + 1;
+            sum = total = 0.0;
+        }
     }
 }
 
@@ -86,7 +104,7 @@ bool load_observations() {
 }
 
 // Sums over one group, and over the groups per channel.
-struct Group { float w, d, dd, s, ss, sd; };
+struct Group { float w, d, dd, s, ss, sd, base; };
 struct Total { vec3 w, r, rr, t, tt, rt; };
 
 // Adds a group's inner variance to `fit` = (residual, gradient, curvature) and its albedo to `total`.
@@ -94,6 +112,7 @@ void fold(Group g, float diffuse, float d_diffuse, vec3 channel, inout vec3 fit,
     if (g.w <= 0.0) return;
     float mean = g.d / g.w, slope = g.s / g.w;
     fit += vec3(max(g.dd - g.d * mean, 0.0), g.sd - g.s * mean, max(g.ss - g.s * slope, 0.0));
+    mean += g.base;
     float rho = mean / diffuse;
     float d_rho = -(slope + rho * d_diffuse) / diffuse;
     float information = diffuse * diffuse * g.w;
@@ -112,14 +131,14 @@ vec3 evaluate(float r) {
     float alpha2 = r * r * r * r, d_alpha2 = 4.0 * r * r * r;
     vec3 fit = vec3(0.0);
     Total total = Total(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
-    Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     float diffuse = 1.0, d_diffuse = 0.0, comp = 1.0, d_comp = 0.0, root_v = 1.0, d_root_v = 0.0;
     vec3 channel = vec3(0.0);
     for (int n = 0; n < obs_count; n++) {
         float w = obs_weight[n];
         if (w < 0.0) {
             fold(g, diffuse, d_diffuse, channel, fit, total);
-            g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+            g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, obs_base[n]);
             w = -w;
             vec2 energy, d_energy;
             principled_energy_d(r, obs_cos_v[n], energy, d_energy);
@@ -167,13 +186,13 @@ vec3 evaluate(float r) {
 float evaluate_lambert() {
     vec3 fit = vec3(0.0);
     Total total = Total(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
-    Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     vec3 channel = vec3(0.0);
     for (int n = 0; n < obs_count; n++) {
         float w = abs(obs_weight[n]);
         if (obs_weight[n] < 0.0) {
             fold(g, 1.0 / PI, 0.0, channel, fit, total);
-            g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+            g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, obs_base[n]);
             channel = vec3(obs_channel[n] == 0, obs_channel[n] == 1, obs_channel[n] == 2);
         }
         g.w += w;
