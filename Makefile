@@ -18,7 +18,8 @@ test: lint
 
 lint: setup
 	$(RUN) -m ruff check .
-	$(RUN) -m mypy
+	@if $(RUN) -c 'import sys; sys.exit(sys.version_info < (3, 13))'; then echo $(RUN) -m mypy; $(RUN) -m mypy; \
+	else echo "lint: mypy runs on Python 3.13 alone (this one's numpy 1.26 types too little)"; fi
 
 docs: setup
 	$(RUN) tools/make_docs.py
