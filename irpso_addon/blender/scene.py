@@ -19,6 +19,8 @@ from .scene_material import read_normal_maps
 from .scene_mesh import read_mesh, read_occluders
 from .scene_objects import read_camera, read_light, rendered_objects
 
+_DISPLAY_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".tga"}
+
 
 def read_scene(context: Any | None, object_name: str | None, captures: Path | None) -> SceneData:
     """The object to solve, its views and what stands around it.
@@ -39,6 +41,7 @@ def read_scene(context: Any | None, object_name: str | None, captures: Path | No
     maps = read_normal_maps(subject, reader.warn)
     mesh = read_mesh(subject, depsgraph, maps, reader.warn)
     views = reader.views(captures)
+    reader.name_display_images(views)
     occluders = read_occluders(subject, depsgraph, reader.warn)
     return SceneData(
         name=Path(bpy.data.filepath).stem, mesh=mesh, occluders=occluders, views=tuple(views),
@@ -104,6 +107,14 @@ class _Reader:
             ):
                 self.warn(f"object '{subject.name}': modifier '{modifier.name}' differs between viewport and render; "
                           "the viewport's shape is used")
+
+    def name_display_images(self, views: list[View]) -> None:
+        """Warns when images that may have gone through a view transform would be read as sRGB."""
+        transform = self.scene.view_settings.view_transform
+        suspects = [v for v in views if v.colorspace in {None, "sRGB"} and v.image.suffix.lower() in _DISPLAY_SUFFIXES]
+        if suspects and self.scene.render.engine == "CYCLES" and transform not in {"Standard", "Raw"}:
+            self.warn(f"{suspects[0].image.name}: read as plain sRGB; if Blender rendered it under this scene's view "
+                      f"transform {transform}, render to EXR instead")
 
     def views(self, captures: Path | None) -> list[View]:
         if captures is not None:

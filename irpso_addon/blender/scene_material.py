@@ -45,6 +45,8 @@ def read_normal_maps(obj: Any, warn: Warn) -> dict[int, SlotNormalMap]:
             warn(f"material '{slot.material.name}': its surface is not a Principled BSDF; one is assumed")
             continue
         _name_differences(slot.material, principled, warn)
+        if slot.material.node_tree.get_output_node("CYCLES").inputs["Displacement"].is_linked:
+            warn(f"material '{slot.material.name}': Displacement is not modelled; the mesh is read without it")
         normal_map = _normal_map(slot.material, principled, warn)
         if normal_map is not None:
             found[index] = normal_map

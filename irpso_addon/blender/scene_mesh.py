@@ -31,6 +31,9 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
     if not np.isfinite(world).all() or abs(np.linalg.det(linear)) < 1e-20:
         raise BadInput(f"object '{obj.name}': its scale is 0 or its matrix not finite; give it a size")
     normal_matrix = np.linalg.inv(linear).T
+    mirrored = bool(np.linalg.det(linear) < 0)
+    if mirrored:
+        warn(f"object '{obj.name}': is mirrored by a negative scale; it is read as Blender shows it")
     with _evaluated_mesh(obj, depsgraph) as mesh:
         if mesh is None or not mesh.polygons:
             raise BadInput(f"object '{obj.name}': has no faces after its modifiers; give it some")
@@ -44,7 +47,7 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
         slots = np.minimum(slots, slot_count - 1)
         tangents = _slot_tangents(mesh, local, corner_normals, loops, slots, maps, layer) if maps else None
     positions = (local @ linear.T + world[:3, 3]).astype(np.float32)
-    order = [0, 1, 2] if np.linalg.det(linear) > 0 else [0, 2, 1]
+    order = [0, 2, 1] if mirrored else [0, 1, 2]
     unit = bpy.app.version >= (5, 0, 0)
     return MeshArrays(
         name=obj.name, positions=positions[:, order].copy(),
@@ -175,7 +178,9 @@ def _solids(subject: Any, depsgraph: Any, warn: Warn) -> Iterator[tuple[Any, int
             # A curve's or text's own mesh comes as an instance of it, too.
             own = instance.parent is None or instance.parent.original == original
             visible = (instance.parent or obj).original.name_full in shown and not original.hide_render
-            visible = visible and not (own and original == subject)
+            if own and original == subject:
+                warn(f"object '{subject.name}': its modifiers make instances, which are left out; realize them")
+                continue
         else:
             # Curves, texts and metaballs follow as meshes; an instancer may be there for its instances alone.
             visible = original.name_full in shown and original != subject and obj.type == "MESH"

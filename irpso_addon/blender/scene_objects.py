@@ -73,6 +73,10 @@ def read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
     if lamp.use_temperature:
         power = power * np.array(lamp.temperature_color, np.float64)
     power = power * _emission(obj, warn)
+    if obj.light_linking.receiver_collection or obj.light_linking.blocker_collection:
+        warn(f"light '{obj.name}': light linking is not modelled; unlink it for the references")
+    if not (obj.visible_diffuse and obj.visible_glossy):
+        warn(f"light '{obj.name}': is hidden from diffuse or glossy rays, which is not modelled; show it to both")
     if getattr(lamp.cycles, "is_portal", False):
         warn(f"light '{obj.name}': is a portal and gives no light of its own; leave it out")
     common = {"name": obj.name, "kind": lamp.type, "matrix": matrix, "cast_shadow": bool(lamp.use_shadow)}

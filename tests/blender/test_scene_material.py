@@ -248,6 +248,13 @@ def test_principled_inputs_that_are_not_modelled(stage, name, value):
     assert f"'Paint': {name} is linked" in warning
 
 
+def test_displacement_is_named(stage):
+    tree = stage.subject.data.materials[0].node_tree
+    output = tree.get_output_node("CYCLES")
+    tree.links.new(tree.nodes.new("ShaderNodeDisplacement").outputs[0], output.inputs["Displacement"])
+    assert any("'Paint': Displacement" in w for w in stage.read().warnings)
+
+
 def test_tint_and_distribution(stage):
     principled(stage).inputs["Specular Tint"].default_value = (1, 0.5, 0.5, 1)
     principled(stage).distribution = "GGX"

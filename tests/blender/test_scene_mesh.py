@@ -60,7 +60,9 @@ def test_normals_under_scale(stage, scale):
     stage.subject.data.normals_split_custom_set_from_vertices([v.co.normalized() for v in stage.subject.data.vertices])
     place = Matrix.Translation((3, 1, -2)) @ Matrix.Rotation(0.7, 4, "Y")
     stage.subject.matrix_world = place @ Matrix.Diagonal((*scale, 1))
-    mesh = stage.read().mesh
+    read = stage.read()
+    mesh = read.mesh
+    assert any("mirrored" in w for w in read.warnings) == (math.prod(scale) < 0)
     turn = np.array(Matrix.Rotation(0.7, 3, "Y"))
     local = (mesh.positions - np.float32([3, 1, -2])) @ turn
     gradient = local / np.square(np.float32(scale))
@@ -227,3 +229,30 @@ def test_modifiers_that_differ_in_render_are_named(stage):
     sub.levels = 2
     assert not stage.read().warnings
     assert len(stage.read().mesh.slots) == 32
+
+
+def test_instances_of_geometry_nodes_are_named(stage):
+    group = bpy.data.node_groups.new("Points", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "GeometryNodeInstanceOnPoints", "GeometryNodeMeshCube", "GeometryNodeJoinGeometry",
+             "NodeGroupOutput")
+    source, instance, cube, join, output = (group.nodes.new(kind) for kind in kinds)
+    group.links.new(source.outputs[0], instance.inputs["Points"])
+    group.links.new(cube.outputs[0], instance.inputs["Instance"])
+    group.links.new(instance.outputs[0], join.inputs[0])
+    group.links.new(source.outputs[0], join.inputs[0])
+    group.links.new(join.outputs[0], output.inputs[0])
+    stage.subject.modifiers.new("Nodes", "NODES").node_group = group
+    read = stage.read()
+    assert len(read.mesh.slots) == 2 and len(read.occluders) == 0
+    assert any("realize" in w for w in read.warnings)
+
+
+def test_too_much_geometry(stage, monkeypatch):
+    from irpso_addon.blender import scene_mesh
+
+    monkeypatch.setattr(scene_mesh, "MAX_TRIANGLES", 10_000)
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6)
+    with pytest.raises(BadInput, match="'Icosphere': with it the scene has more than"):
+        stage.read()

@@ -195,6 +195,13 @@ def test_emission_nodes(stage):
     assert any("'Key': an IES profile" in w for w in stage.read().warnings)
 
 
+def test_light_linking_and_ray_visibility_are_named(stage):
+    stage.key.light_linking.receiver_collection = bpy.data.collections.new("Only these")
+    stage.key.visible_glossy = False
+    text = " ".join(stage.read().warnings)
+    assert "'Key': light linking" in text and "'Key': is hidden from" in text
+
+
 def test_fields(stage):
     lamp = bpy.data.lights.new("L", "SPOT")
     lamp.spot_size, lamp.spot_blend, lamp.shadow_soft_size, lamp.use_shadow = 0.9, 0.4, 0.25, False

@@ -117,6 +117,7 @@ def view_list():
         exposure: bpy.props.FloatProperty()
         mask: bpy.props.StringProperty()
         enabled: bpy.props.BoolProperty(default=True)
+        colorspace: bpy.props.StringProperty()
 
     class TestScene(bpy.types.PropertyGroup):
         views: bpy.props.CollectionProperty(type=TestView)
@@ -139,6 +140,7 @@ def test_the_scenes_own_list(stage, view_list):
     chosen = stage.scene.irpso.views.add()
     chosen.image, chosen.camera = "//b.exr", stage.camera
     chosen.lights.add().light = stage.key
+    chosen.colorspace = "ACEScg"
     off = stage.scene.irpso.views.add()
     off.image, off.enabled = "//c.exr", False
     read = stage.read(captures=None)
@@ -146,6 +148,7 @@ def test_the_scenes_own_list(stage, view_list):
     assert first.image == stage.folder / "refs/a.exr" and first.mask == stage.folder / "m.png" and first.exposure == 1
     assert [light.name for light in first.lights] == ["Key", "Sun"] and second.mask is None
     assert [light.name for light in second.lights] == ["Key"]
+    assert first.colorspace is None and second.colorspace == "ACEScg"
     assert read.skipped == (("//c.exr", "switched off"),)
     chosen.lights.add()
     assert "view 1" in bad(stage, captures=None) and "empty light" in bad(stage, captures=None)
@@ -246,6 +249,16 @@ def test_what_is_not_modelled_is_named(stage):
     assert not stage.read().warnings
     world.node_tree.links.new(world.node_tree.nodes.new("ShaderNodeTexSky").outputs[0], background.inputs["Color"])
     assert any("'Sky'" in w for w in stage.read().warnings)
+
+
+def test_images_that_may_have_a_view_transform_are_named(stage):
+    stage.scene.view_settings.view_transform = "AgX"
+    assert not stage.read().warnings  # EXR
+    view = {"image": "a.png", "camera": "Cam", "lights": ["Key"]}
+    write_captures(stage, view)
+    assert any("AgX" in w for w in stage.read().warnings)
+    write_captures(stage, view | {"colorspace": "Linear Rec.709"})
+    assert not stage.read().warnings
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="one working space only")
