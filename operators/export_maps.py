@@ -4,7 +4,7 @@ from pathlib import Path
 
 import bpy
 
-from ..irpso_addon.blender import properties, session
+from ..irpso_addon.blender import properties
 from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.export import write_maps
 from .needs_solution import NeedsSolution
@@ -28,7 +28,8 @@ class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
         """Opens the file browser in the panel's folder."""
         settings = context.scene.irpso
         self.format = settings.format
-        self.directory = settings.out if bpy.data.filepath or not settings.out.startswith("//") else ""
+        if bpy.data.filepath or not settings.out.startswith("//"):
+            self.directory = bpy.path.abspath(settings.out)
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
@@ -38,7 +39,7 @@ class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
         kind = self.format if self.properties.is_property_set("format") else settings.format
         try:
             folder = Path(absolute(self.directory or settings.out))
-            paths = write_maps(session.solution_of(obj).maps, obj.name, folder, kind)
+            paths = write_maps(self.solution(obj).maps, obj.name, folder, kind)
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

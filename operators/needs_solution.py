@@ -3,6 +3,8 @@
 import bpy
 
 from ..irpso_addon.blender import session
+from ..irpso_addon.core.data import Solution
+from ..irpso_addon.core.errors import BadInput
 
 
 class NeedsSolution:
@@ -19,3 +21,11 @@ class NeedsSolution:
         else:
             return True
         return False
+
+    @staticmethod
+    def solution(obj: bpy.types.Object) -> Solution:
+        """The object's solution.  Raises BadInput: while a file browser is open, another object may become active."""
+        found = session.solution_of(obj)
+        if found is None:
+            raise BadInput(f"{obj.name}: is not solved in this session; solve it first")
+        return found

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import bpy
 
-from ..irpso_addon.blender import material, session
+from ..irpso_addon.blender import material
 from ..irpso_addon.core.errors import BadInput
 from .needs_solution import NeedsSolution
 from .paths import absolute
@@ -26,7 +26,7 @@ class IRPSO_OT_write_maps(NeedsSolution, bpy.types.Operator):
         obj = context.active_object
         try:
             folder = None if self.packed else Path(absolute(context.scene.irpso.out))
-            messages = material.write_maps(obj, session.solution_of(obj), packed=self.packed, directory=folder)
+            messages = material.write_maps(obj, self.solution(obj), packed=self.packed, directory=folder)
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

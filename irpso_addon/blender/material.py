@@ -7,7 +7,7 @@ custom property ``irpso`` points to its images.  So running twice leaves one set
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import bpy
@@ -22,12 +22,6 @@ SPECULAR_TAG = "irpso_specular"  # custom property on a Principled: its Specular
 SUFFIXES = {"base_color": "basecolor"}  # role -> end of the name, where they differ
 SOCKETS = {"base_color": "Base Color", "roughness": "Roughness"}
 NAME_BYTES = 63  # of a datablock in Blender 4.5; 5.x allows more
-# What the forward model takes for granted of the Principled BSDF (Blender's defaults).
-ASSUMED = {
-    "Metallic": 0.0, "IOR": 1.5, "Specular IOR Level": 0.5, "Diffuse Roughness": 0.0, "Subsurface Weight": 0.0,
-    "Anisotropic": 0.0, "Transmission Weight": 0.0, "Coat Weight": 0.0, "Sheen Weight": 0.0,
-    "Thin Film Thickness": 0.0, "Emission Strength": 0.0, "Alpha": 1.0,
-}
 
 
 def write_maps(
@@ -137,8 +131,8 @@ def _require_editable(data: bpy.types.ID, kind: str) -> None:
 
 
 def _targets(obj: bpy.types.Object, model: Mapping[str, str]) -> list[tuple[bpy.types.MaterialSlot, str]]:
-    """The slots that the solution covers; an object without any slot gets an empty one."""
-    if not obj.material_slots:
+    """The slots that the solution covers; an object that was solved without a slot gets one."""
+    if not obj.material_slots and "" in model:
         _require_editable(obj.data, "mesh")
         obj.data.materials.append(None)
     found = []
@@ -232,7 +226,6 @@ def _wire(material: bpy.types.Material, images: Mapping[str, bpy.types.Image], m
         material.use_nodes = True
     tree = material.node_tree
     principled = find_principled(tree) or _add_principled(tree)
-    messages = list(_surprises(principled, model))
     left = min(node.location_absolute.x for node in tree.nodes if node.get(TAG) is None)
     top = principled.location_absolute.y
     frame = _node(tree, "NodeFrame", "frame", None, (left - 340.0, top))
@@ -242,9 +235,7 @@ def _wire(material: bpy.types.Material, images: Mapping[str, bpy.types.Image], m
         texture.image = images[role]
         texture.label = socket
         tree.links.new(texture.outputs["Color"], principled.inputs[socket])
-    if _set_specular(tree, principled, model):
-        messages.append("Specular IOR Level was linked; unlinked and set to 0")
-    return messages
+    return _set_specular(tree, principled, model)
 
 
 def _add_principled(tree: bpy.types.ShaderNodeTree) -> bpy.types.Node:
@@ -270,8 +261,8 @@ def _node(
     return node
 
 
-def _set_specular(tree: bpy.types.ShaderNodeTree, principled: bpy.types.Node, model: str) -> bool:
-    """Specular IOR Level 0 for a surface without highlight, else what it was before; True if a link went."""
+def _set_specular(tree: bpy.types.ShaderNodeTree, principled: bpy.types.Node, model: str) -> list[str]:
+    """Specular IOR Level 0 for a surface without highlight, else what it was before; says if a link went."""
     socket = principled.inputs["Specular IOR Level"]
     links = list(socket.links) if model == "lambert" else []
     if model == "lambert":
@@ -283,16 +274,4 @@ def _set_specular(tree: bpy.types.ShaderNodeTree, principled: bpy.types.Node, mo
     elif SPECULAR_TAG in principled:
         socket.default_value = principled[SPECULAR_TAG]
         del principled[SPECULAR_TAG]
-    return bool(links)
-
-
-def _surprises(principled: bpy.types.Node, model: str) -> Iterator[str]:
-    """Settings of the Principled under which the maps will not look like the references."""
-    for name, assumed in ASSUMED.items():
-        socket = principled.inputs.get(name)
-        if socket is None or (name == "Specular IOR Level" and (model == "lambert" or SPECULAR_TAG in principled)):
-            continue
-        if socket.is_linked:
-            yield f"{name} is linked, the maps were solved for {assumed:g}"
-        elif abs(socket.default_value - assumed) > 1e-4:
-            yield f"{name} is {socket.default_value:.3g}, the maps were solved for {assumed:g}"
+    return ["Specular IOR Level was linked; unlinked and set to 0"] if links else []

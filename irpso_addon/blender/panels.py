@@ -22,11 +22,13 @@ class IRPSO_UL_views(UIList):
 
     def draw_item(self, _context, layout, _data, view, _icon, _active_data, _active_property, _index=0, _flag=0):
         """One line of the list."""
+        layout.use_property_split = False  # the panel's; it would leave half of the line empty
         row = layout.row(align=True)
         row.prop(view, "enabled", text="")
         name = Path(view.image.replace("\\", "/")).name
-        row.label(text=name or "no image", icon="IMAGE_DATA" if name else "ERROR")
-        row.label(text=view.camera.name if view.camera else "no camera", icon="CAMERA_DATA" if view.camera else "ERROR")
+        parts = row.split(factor=0.6)
+        parts.label(text=name or "no image", icon="NONE" if name else "ERROR")
+        parts.label(text=view.camera.name if view.camera else "no camera", icon="NONE" if view.camera else "ERROR")
 
 
 class _Tab:
