@@ -138,7 +138,7 @@ class _Rows:
             alpha = np.clip(alpha, 0, 1)
             coverage = coverage * alpha
             if self.file.premultiplied:
-                with np.errstate(invalid="ignore"):  # infinite where nothing covers: not looked at
+                with np.errstate(invalid="ignore", over="ignore"):  # the survey finds what is infinite
                     rgb = rgb * np.divide(1, alpha, out=np.zeros_like(alpha), where=alpha > 1e-6)[..., None]
         return rgb, coverage
 
@@ -202,8 +202,13 @@ def _develop(rgb: F32, coverage: F32, survey: _Survey, space: str, scale: float)
     valid = _all_channels(np.isfinite(rgb) & (rgb < survey.ceiling.astype(np.float32)))
     if not valid.all():
         rgb = np.where(valid[..., None], rgb, np.float32(0))
-    radiance = np.maximum(to_linear_rec709(rgb, space), np.float32(0))
-    return radiance if scale == 1.0 else radiance * np.float32(scale), coverage, valid
+    with np.errstate(all="ignore"):
+        radiance = np.maximum(to_linear_rec709(rgb, space), np.float32(0))
+        radiance = radiance if scale == 1.0 else radiance * np.float32(scale)
+        if not np.isfinite(radiance.sum()):  # beyond float32
+            valid = valid & _all_channels(np.isfinite(radiance))
+            radiance = np.where(valid[..., None], radiance, np.float32(0))
+    return radiance, coverage, valid
 
 
 def _all_channels(values: Bool) -> Bool:

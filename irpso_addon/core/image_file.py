@@ -37,33 +37,39 @@ class ImageFile:
 
         Raises BadInput when the file ends early or is damaged.
         """
-        import OpenImageIO
-
         x, y, width, height = self.window
         first, last = max(top, y), min(bottom, y + height)
         left, right = max(0, x), min(self.width, x + width)
         out = np.zeros((bottom - top, self.width, len(self.channels)), np.float32)
         if first >= last or left >= right:
             return out
+        block = self._block(first - y, last - y)[:, left - x:right - x]
+        out[first - top:last - top, left:right] = block
+        return out
+
+    def _block(self, first: int, last: int) -> F32:
+        """Rows of the stored window, (rows, its width, channels)."""
+        import OpenImageIO
+
         low, high = min(self.channels), max(self.channels) + 1
         file = _open(self.path)
         try:
             file.seek_subimage(self.part, 0)
             if file.spec().tile_width:
                 block = file.read_image(self.part, 0, low, high, OpenImageIO.FLOAT)
-                block = None if block is None else block[first - y:last - y]
+                block = None if block is None else block[first:last]
             else:
-                origin = file.spec().y - y
-                block = file.read_scanlines(first + origin, last + origin, 0, low, high, OpenImageIO.FLOAT)
+                top = file.spec().y
+                block = file.read_scanlines(top + first, top + last, 0, low, high, OpenImageIO.FLOAT)
             problem = file.geterror()
+        except UnicodeDecodeError:  # names in the header that are no text
+            block, problem = None, ""
         finally:
             file.close()
         if block is None or problem:
             raise BadInput(f"{self.path}: is damaged or cut short{_brief(problem)}; render or copy it again")
-        block = np.asarray(block, np.float32).reshape(last - first, width, high - low)
-        picked = block[:, left - x:right - x, [c - low for c in self.channels]]
-        out[first - top:last - top, left:right] = picked
-        return out
+        block = np.asarray(block, np.float32).reshape(last - first, self.window[2], high - low)
+        return np.asarray(block[..., [c - low for c in self.channels]])
 
 
 def open_image(path: Path) -> ImageFile:
@@ -73,10 +79,15 @@ def open_image(path: Path) -> ImageFile:
         parts: list[Any] = []
         while file.seek_subimage(len(parts), 0) and len(parts) < 1000:
             parts.append(file.spec())
+        part, channels, warnings = _choose(path, parts)
+        return _image_file(path, parts[part], part, channels, warnings)
+    except UnicodeDecodeError:
+        raise BadInput(f"{path}: is damaged (names in its header are no text); render or copy it again") from None
     finally:
         file.close()
-    part, channels, warnings = _choose(path, parts)
-    spec = parts[part]
+
+
+def _image_file(path: Path, spec: Any, part: int, channels: tuple[int, ...], warnings: tuple[str, ...]) -> ImageFile:
     width, height = spec.full_width or spec.width, spec.full_height or spec.height
     if max(width, height, spec.width, spec.height) > MAX_SIDE:
         raise BadInput(f"{path}: is {width} x {height} pixels; scale it to at most {MAX_SIDE} on a side")
@@ -105,9 +116,9 @@ def _open(path: Path) -> Any:
     config.attribute("oiio:UnassociatedAlpha", 1)
     try:
         file = OpenImageIO.ImageInput.open(str(path), config)
-    except UnicodeEncodeError:
-        file = None
-    problem = OpenImageIO.geterror()
+        problem = OpenImageIO.geterror()
+    except UnicodeError:  # in the path, or in the words about what is wrong
+        file, problem = None, ""
     if file is None:
         raise BadInput(f"{path}: cannot be read as an image{_brief(problem)}; want EXR, HDR, PNG or TIFF")
     return file

@@ -339,6 +339,37 @@ def test_a_huge_header_is_refused_before_memory_is_taken(tmp_path, size):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - start < 100_000  # kB
 
 
+@pytest.mark.parametrize("options", [
+    {}, {"form": "half", "compression": "piz"}, {"tile_width": 16, "tile_height": 16},
+    {"suffix": "png", "form": "uint16"}, {"suffix": "tif"}, {"suffix": "hdr"},
+])
+def test_damaged_bytes_are_bad_input_or_read(tmp_path, options):
+    suffix, form = options.pop("suffix", "exr"), options.pop("form", "float")
+    pixels = noise(40, 60, 3 if suffix == "hdr" else 4)
+    pixels = pixels if form != "uint16" else (pixels * 60000).astype(form)
+    path = save(tmp_path / f"a.{suffix}", pixels, form, **options)
+    content = path.read_bytes()
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        damaged = bytearray(content)
+        for at in rng.integers(0, 600 if seed % 3 else len(content), 4):
+            damaged[at] = rng.integers(256)
+        path.write_bytes(damaged)
+        try:
+            found = read_reference(view(path))
+        except BadInput as error:
+            assert "\n" not in str(error)
+        else:
+            assert np.isfinite(found.rgb).all()
+
+
+def test_radiance_beyond_float_is_not_valid(tmp_path):
+    pixels = noise() + np.float32(1e30)
+    pixels[0, 0] = 1e-10
+    found = read_reference(view(save(tmp_path / "a.exr", pixels), exposure=-60))
+    assert found.valid.sum() == 1 and np.isfinite(found.rgb).all()
+
+
 # --- reduction
 
 
