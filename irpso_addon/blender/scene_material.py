@@ -12,6 +12,7 @@ import numpy as np
 from ..core.colour import known_space, to_linear_rec709
 from ..core.data import F32
 from ..core.errors import BadInput
+from .material import SPECULAR_TAG
 
 Warn = Callable[[str], None]
 
@@ -82,6 +83,8 @@ def _name_differences(material: Any, principled: Any, warn: Warn) -> None:
         socket = principled.inputs.get(name)
         if socket is None:
             continue
+        if name == "Specular IOR Level" and SPECULAR_TAG in principled:
+            continue  # a Lambert solve has set it, and the next solve will decide anew
         if name == "Emission Strength" and not any(principled.inputs["Emission Color"].default_value[:3]):
             continue
         if _source(socket)[0] is not None:

@@ -202,6 +202,18 @@ def test_a_file_that_was_never_saved(extension) -> None:
         bpy.ops.irpso.load_captures()
 
 
+def test_solving_again_decides_the_model_anew(scene, module) -> None:
+    scene.irpso.captures, scene.irpso.model = "//captures.json", "lambert"
+    bpy.ops.irpso.solve()
+    specular = bpy.data.materials["Paint"].node_tree.nodes["Principled BSDF"].inputs["Specular IOR Level"]
+    assert specular.default_value == 0.0
+    scene.irpso.model = "one-lobe"
+    bpy.ops.irpso.solve()
+    assert specular.default_value == 0.5
+    warnings = module("blender.session").solution_of(bpy.data.objects["Ball"]).warnings
+    assert not any("Specular" in warning for warning in warnings)
+
+
 def test_settings_come_from_the_table(scene, module) -> None:
     table, settings = module("core.params"), module("blender.properties").settings
     assert settings(scene.irpso) == table.SolveSettings(size=SIZE)
