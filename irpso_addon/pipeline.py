@@ -134,7 +134,7 @@ def _maps(
         filled_roughness, sum(1 << min(s, 31) for s in lambert), iterations=0 if solver.cancelled else ITERATIONS
     )
     filled_base = fill(device, base)
-    shown = device.read(base)[..., 3] > 0.5
+    shown = device.read(base)[..., 3] > 0.25
     maps = Maps(
         base_color=device.read(filled_base)[..., :3].copy(),
         roughness=device.read(filled_roughness)[..., 0].copy(),

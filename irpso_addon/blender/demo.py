@@ -21,8 +21,8 @@ from ..core.data import F32
 from ..core.job import Progress
 
 NAME = "Vase"
-PIXELS, SAMPLES, TEXELS = 288, 4, 512
-CAMERAS, LIGHTS = 3, 18
+PIXELS, SAMPLES, TEXELS = 320, 4, 512
+CAMERAS, LIGHTS = 4, 14
 HELD_OUT = "held out"  # a camera and a light that no view uses: the picture's last row
 DISTANCE, LIGHT_DISTANCE = 4.2, 3.2  # metres
 SAME_SIDE = math.radians(100)  # a view's light is at most so far from its camera, seen from the vase
@@ -99,11 +99,11 @@ def _add_vase() -> bpy.types.Object:
 
 
 def _add_cameras() -> list[bpy.types.Object]:
-    """A ring of cameras, a little above the vase's middle."""
+    """A ring of cameras, one from above, the next from the middle."""
     cameras = []
     for i in range(CAMERAS):
         turn = 2 * math.pi * i / CAMERAS
-        cameras.append(_add_camera(f"Camera {i + 1}", turn, 0.22 if i % 2 == 0 else 0.38))
+        cameras.append(_add_camera(f"Camera {i + 1}", turn, 0.42 if i % 2 == 0 else -0.03))
     return cameras
 
 
@@ -132,8 +132,8 @@ def _add_light(name: str, direction: Vector) -> bpy.types.Object:
 
 
 def _add_held_out() -> None:
-    _add_camera(f"Camera {HELD_OUT}", 0.45, 0.30)
-    _add_light(f"Light {HELD_OUT}", Vector((0.05, -0.80, 0.60)))
+    _add_camera(f"Camera {HELD_OUT}", 0.70, 0.25)
+    _add_light(f"Light {HELD_OUT}", Vector((0.28, -0.75, 0.60)))
 
 
 def _add(name: str, data: bpy.types.ID, place: Vector) -> bpy.types.Object:

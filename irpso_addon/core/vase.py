@@ -24,15 +24,15 @@ SEGMENTS, RINGS = 128, 160  # faces around and along the body
 # (radius, height) in metres from the middle of the underside, up the outside, over the lip, to a floor in the neck.
 PROFILE = np.array([
     (0.01, -0.80), (0.24, -0.80), (0.29, -0.79), (0.30, -0.74), (0.27, -0.68), (0.40, -0.45), (0.56, -0.15),
-    (0.58, 0.10), (0.44, 0.34), (0.25, 0.50), (0.22, 0.62), (0.27, 0.74), (0.37, 0.80), (0.38, 0.82), (0.35, 0.82),
-    (0.27, 0.77), (0.19, 0.73), (0.01, 0.72),
+    (0.58, 0.10), (0.44, 0.34), (0.25, 0.50), (0.22, 0.62), (0.25, 0.74), (0.30, 0.82), (0.31, 0.84), (0.29, 0.845),
+    (0.25, 0.81), (0.20, 0.76), (0.01, 0.75),
 ])
 OUTSIDE = (2, 16)  # the part of PROFILE that pictures show; the rest gets a third of the texels
 HANDLE = np.array([(0.50, 0.10), (0.68, 0.20), (0.74, 0.38), (0.60, 0.55), (0.40, 0.60), (0.20, 0.58)])
 HANDLE_RADIUS = 0.065
 BODY: Island = (0.015, 0.985, 0.015, 0.775)
 HANDLES = ((0.015, 0.485, 0.805, 0.985), (0.515, 0.985, 0.805, 0.985))
-HANDLE_TURNS = (0.08, 0.58)  # where they sit around the body
+HANDLE_TURNS = (0.125, 0.625)  # where they sit around the body
 
 CLAY, TEAL, COBALT = (0.46, 0.17, 0.075), (0.030, 0.230, 0.215), (0.020, 0.045, 0.260)
 CREAM, OCHRE = (0.72, 0.62, 0.43), (0.62, 0.30, 0.035)
@@ -203,5 +203,5 @@ def _paint_handle(a: Floats, s: Floats) -> tuple[Floats, Floats]:
     """Cobalt that dulls along the handle, with a cream spiral."""
     color = np.broadcast_to(np.array(COBALT), (*a.shape, 3)) * (1 + 0.2 * _waves(a, s, 13))[..., None]
     rough = 0.30 + 0.25 * np.clip(a, 0, 1)
-    _layer(color, rough, (6 * a + s) % 1 < 0.3, CREAM, 0.5)
+    _layer(color, rough, (4 * a + s) % 1 < 0.3, CREAM, 0.5)
     return color, rough

@@ -18,7 +18,7 @@ from .surface import SurfaceMaps
 
 ITERATIONS = 20  # more sharpens noise
 PASSES_MAX = 120  # camera passes in all: with many cameras each iteration takes a share of them
-STEP = 1.0
+STEP_SLACK = 0.1  # of 1, the weight of a good pixel seen head on: holds back texels seen at a grazing angle
 ROBUST_PASSES = 4
 OUTLIER = 0.05  # relative error at which a view loses half its weight in a pixel's albedo
 
@@ -123,7 +123,7 @@ class AlbedoSolver:
         result = device.texture(self.size, self.size)
         target = device.framebuffer([result])
         device.draw("albedo/update.frag", target, textures={"u_texture": texture, "u_update": update},
-                    uniforms={"u_step": 1.0 if first else STEP})
+                    uniforms={"u_slack": 0.0 if first else STEP_SLACK})
         target.release()
         if filled is not texture:
             filled.release()

@@ -27,7 +27,7 @@ NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
 NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
 FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
-PRIOR_CUT = 8.0  # an edge in the map costs at most 4 standard deviations
+PRIOR_CUT = 15.0  # an edge in the map costs no more than this, in nats
 POOL_GAIN = 0.3  # of 1: neighbours' errors are alike (shared pixels, model error), four texels say less than four times one
 METHODS = {  # what each method's kernel does at a texel
     "refined": {"u_particles": 8, "u_race_steps": 3, "u_final_steps": 8},

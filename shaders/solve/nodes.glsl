@@ -1,18 +1,31 @@
 // The roughness nodes of the residual tables, and the noise that gives them their unit.
 const int NODES = 32;
-const float TABLE_MAX = 60.0;  // a texel cannot veto a roughness beyond e^-60
 
 float node_roughness(float i) { return 0.05 * pow(20.0, i / float(NODES - 1)); }
 
 float roughness_node(float r) { return log(r / 0.05) / log(20.0) * float(NODES - 1); }
 
-// Variance of one observation's relative error: what the best fit leaves over its degrees of freedom,
-// drawn towards the typical value around (an inverse-gamma prior worth NOISE_PRIOR degrees), because
-// a texel with few observations may fit them all by accident.
+// The noise's variance is unknown: an inverse-gamma prior worth NOISE_PRIOR degrees of freedom about
+// the typical value `around`, integrated out, turns the sum of squares into a logarithm (Student's t).
+// A texel with few observations, which may fit them all by accident, thus never shouts down its
+// neighbours.
 const float NOISE_PRIOR = 4.0;
 
-float noise_variance(float residual, float degrees, float around) {
-    return (residual + NOISE_PRIOR * around) / (degrees + NOISE_PRIOR);
+// Minus the logarithm of the likelihood of a residual, relative to that of the best.
+float data_cost(float residual, float best, float degrees, float around) {
+    float typical = NOISE_PRIOR * around;
+    return 0.5 * (degrees + NOISE_PRIOR) * log(max((residual + typical) / (best + typical), 1e-6));
+}
+
+// Derivative of data_cost by the residual.
+float data_slope(float residual, float degrees, float around) {
+    return 0.5 * (degrees + NOISE_PRIOR) / (residual + NOISE_PRIOR * around);
+}
+
+// How much of what a texel's data say is believed: nothing from edges alone, all from three good
+// observations on.
+float belief(float observations) {
+    return clamp(0.5 * (observations - 1.0), 0.0, 1.0);
 }
 
 // The typical variance around a texel, from the map that solve/noise.frag and fill/down.frag made.

@@ -13,16 +13,18 @@ uniform int u_steps;
 layout(location = 0) out vec4 o_roughness;  // roughness, standard error, residual (relative RMS), solved
 layout(location = 1) out vec4 o_detail;     // good observations, residual, residual of the model without lobe, confidence
 
-float down, mean, information;
+float mean, information;  // of the prior
+float least, degrees, around, trust;
 
 // Cost, minus its slope, curvature of data and prior together.
 vec3 posterior(float r) {
     vec3 fit = evaluate(r);
+    float down = 2.0 * trust * data_slope(fit.x, degrees, around);
     float off = r - mean;
     float prior = 0.5 * off * off * information;
     bool inside = prior < u_prior_cut;
-    return vec3(fit.x * down + min(prior, u_prior_cut), 2.0 * down * fit.y - (inside ? off * information : 0.0),
-                2.0 * down * fit.z + (inside ? information : 0.0));
+    return vec3(trust * data_cost(fit.x, least, degrees, around) + min(prior, u_prior_cut),
+                down * fit.y - (inside ? off * information : 0.0), down * fit.z + (inside ? information : 0.0));
 }
 
 void main() {
@@ -31,8 +33,10 @@ void main() {
     ivec2 texel = texel_here();
     vec4 valleys = texelFetch(u_valleys, texel, 0), support = texelFetch(u_support, texel, 0);
     vec4 prior = texelFetch(u_prior, texel, 0);
-    float around = noise_around(u_noise, texel, textureSize(u_valleys, 0), u_noise_floor);
-    down = 0.5 / noise_variance(valleys.y, support.z, around);
+    around = noise_around(u_noise, texel, textureSize(u_valleys, 0), u_noise_floor);
+    least = valleys.y;
+    degrees = support.z;
+    trust = belief(support.y);
     mean = prior.x;
     information = 1.0 / prior.y;
     float best_r = 0.5;
@@ -61,6 +65,5 @@ void main() {
     float error = inversesqrt(max(best.z, 1e-6));
     o_roughness = vec4(best_r, error, sqrt(fit.x / max(support.y, 0.25)), 1.0);
     // Half where the standard error of roughness is 0.05; few observations count for less.
-    float enough = clamp((support.y - 1.0) / 2.0, 0.0, 1.0);
-    o_detail = vec4(support.y, fit.x, evaluate_lambert(), enough / (1.0 + error * error / (0.05 * 0.05)));
+    o_detail = vec4(support.y, fit.x, evaluate_lambert(), belief(support.y) / (1.0 + error * error / (0.05 * 0.05)));
 }

@@ -13,10 +13,12 @@ void main() {
     if (!load_observations()) return;
     vec4 valleys = texelFetch(u_valleys, texel_here(), 0), support = texelFetch(u_support, texel_here(), 0);
     float around = noise_around(u_noise, texel_here(), textureSize(u_valleys, 0), u_noise_floor);
-    float down = 0.5 / noise_variance(valleys.y, support.z, around);
+    float trust = belief(support.y);
     for (int i = 0; i < 8; i++) {
         vec4 t;
-        for (int j = 0; j < 4; j++) t[j] = evaluate(node_roughness(float(4 * i + j))).x;
-        o_table[i] = min((t - valleys.y) * down, vec4(TABLE_MAX));
+        for (int j = 0; j < 4; j++) {
+            t[j] = trust * data_cost(evaluate(node_roughness(float(4 * i + j))).x, valleys.y, support.z, around);
+        }
+        o_table[i] = max(t, 0.0);
     }
 }
