@@ -14,6 +14,7 @@ void main() {
     if (p.w < 0.5 || clip.w <= 0.0) discard;
     vec3 n = texelFetch(u_texel_normal, texel, 0).xyz;
     float cos_v = dot(n, toward_camera(p.xyz));
+    if (cos_v <= 0.0) discard;
     float slant = clamp(cos_v, 0.15, 1.0);
     vec2 at = (clip.xy / clip.w * 0.5 + 0.5) * vec2(textureSize(u_position, 0)) - 0.5;
     ivec2 corner = ivec2(floor(at));
@@ -24,6 +25,7 @@ void main() {
         ivec2 pixel = corner + d;
         if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, textureSize(u_position, 0)))) continue;
         if (!same_surface(p, texelFetch(u_position, pixel, 0), slant, 1.0)) continue;
+        if (dot(texelFetch(u_normal, pixel, 0).xyz, n) < 0.5) continue;  // the other side of a thin wall
         vec4 residual = texelFetch(u_residual, pixel, 0);
         float w = (d.x == 1 ? f.x : 1.0 - f.x) * (d.y == 1 ? f.y : 1.0 - f.y) * residual.a * cos_v * cos_v;
         o_update += vec4(residual.rgb * w, w);
