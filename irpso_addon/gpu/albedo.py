@@ -10,10 +10,11 @@ from collections.abc import Generator
 
 import moderngl
 
+from ..core.errors import Cancelled
 from ..core.job import Progress
 from .context import Device
 from .fill import fill
-from .observe import ObservedCamera, Observations
+from .observe import ObservedCamera, Observations, channel_masks
 from .surface import SurfaceMaps
 
 ITERATIONS = 20  # more sharpens noise
@@ -22,6 +23,8 @@ STEP_SLACK = 0.1  # of 1, the weight of a good pixel seen head on: holds back te
 ROBUST_PASSES = 4
 OUTLIER = 0.05  # relative error at which a view loses half its weight in a pixel's albedo
 
+Shown = tuple[moderngl.Texture, moderngl.Texture]  # weighted albedo sum and weight per pixel, RGB each
+
 
 class AlbedoSolver:
     """Base colour on the texel grid."""
@@ -29,6 +32,7 @@ class AlbedoSolver:
     def __init__(self, device: Device, grid: SurfaceMaps, observations: Observations) -> None:
         self.device, self.grid, self.observations = device, grid, observations
         self.size = grid.position.width
+        self.cancelled = False
 
     def solve(
         self, roughness: moderngl.Texture, lambert_slots: int, iterations: int = ITERATIONS
@@ -43,7 +47,10 @@ class AlbedoSolver:
         shown = []
         for i, camera in enumerate(cameras):
             shown.append(self._pixel_albedo(camera, roughness, lambert_slots))
-            yield Progress(0.3 * (i + 1) / len(cameras), "maps", "albedo per pixel")
+            try:
+                yield Progress(0.3 * (i + 1) / len(cameras), "maps", "albedo per pixel")
+            except Cancelled:
+                self.cancelled, iterations = True, 0
         roughness.filter = (moderngl.NEAREST, moderngl.NEAREST)
         texture = device.texture(self.size, self.size)
         target = device.framebuffer([texture])
@@ -55,69 +62,70 @@ class AlbedoSolver:
             chosen = [c for c in range(len(cameras)) if i == 0 or c % subsets == i % subsets]
             texture = self._step(texture, [(cameras[c], shown[c]) for c in chosen], first=i == 0)
             device.ctx.finish()
-            yield Progress(0.3 + 0.7 * (i + 1) / (iterations + 1), "maps", "base colour")
-        for albedo in shown:
-            albedo.release()
+            try:
+                yield Progress(0.3 + 0.7 * (i + 1) / (iterations + 1), "maps", "base colour")
+            except Cancelled:  # a less sharp texture, but a whole one
+                self.cancelled = True
+                break
+        for pair in shown:
+            release(pair)
         return texture
 
-    def _pixel_albedo(
-        self, camera: ObservedCamera, roughness: moderngl.Texture, lambert_slots: int
-    ) -> moderngl.Texture:
-        device, ctx = self.device, self.device.ctx
+    def _pixel_albedo(self, camera: ObservedCamera, roughness: moderngl.Texture, lambert_slots: int) -> Shown:
+        """Weighted albedo sum and weight of each pixel over the camera's views."""
+        device = self.device
         size = camera.maps.position.size
-        specular = device.texture(*size, 1)
-        specular_target = device.framebuffer([specular])
         grid = {"u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_uv": camera.maps.uv,
                 "u_roughness": roughness, "u_principled_table": self.observations.principled_table}
-        before: moderngl.Texture | None = None
-        for i in range(ROBUST_PASSES):
-            albedo = device.texture(*size)
-            target = device.framebuffer([albedo])
+        masks = channel_masks(self.observations.channels)
+        specular = device.texture(*size)
+        specular_target = device.framebuffer([specular])
+        before: Shown | None = None
+        for _ in range(ROBUST_PASSES):
+            shown = (device.texture(*size), device.texture(*size))
+            target = device.framebuffer(shown)
             target.clear()
-            ctx.enable(moderngl.BLEND)
-            ctx.blend_func, ctx.blend_equation = (moderngl.ONE, moderngl.ONE), moderngl.FUNC_ADD
-            for view in camera.views:
-                specular_target.clear()
-                for lobe in view.lobes:
-                    device.draw("albedo/specular.frag", specular_target, textures={**grid, "u_lobe": lobe},
-                                uniforms=camera.viewpoint)
-                device.draw("albedo/pixel.frag", target, textures={
-                    **grid, "u_colour": view.colour, "u_specular": specular, "u_before": before,
-                }, uniforms={**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
-                             "u_lambert_slots": lambert_slots})
-            ctx.disable(moderngl.BLEND)
+            with device.adding():
+                for view in camera.views:
+                    specular_target.clear()
+                    for n, lobe in enumerate(view.lobes):
+                        device.draw("albedo/specular.frag", specular_target, textures={**grid, "u_lobe": lobe},
+                                    uniforms={**camera.viewpoint, "u_channel": masks[n % len(masks)]})
+                    device.draw("albedo/pixel.frag", target, textures={
+                        **grid, "u_colour": view.colour, "u_specular": specular,
+                        "u_before": before[0] if before else None, "u_before_weight": before[1] if before else None,
+                    }, uniforms={**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
+                                 "u_tint": view.tint, "u_lambert_slots": lambert_slots})
             target.release()
-            if before is not None:
-                before.release()
-            before = albedo
+            release(before)
+            before = shown
         specular_target.release()
         specular.release()
-        return albedo
+        return shown
 
     def _step(
-        self, texture: moderngl.Texture, cameras: list[tuple[ObservedCamera, moderngl.Texture]], *, first: bool
+        self, texture: moderngl.Texture, cameras: list[tuple[ObservedCamera, Shown]], *, first: bool
     ) -> moderngl.Texture:
         """One back-projection from some cameras; returns a new texture and frees the old one."""
-        device, ctx = self.device, self.device.ctx
+        device = self.device
         filled = texture if first else fill(device, texture)
         filled.filter = (moderngl.LINEAR, moderngl.LINEAR)
         update = device.texture(self.size, self.size)
         update_target = device.framebuffer([update])
         update_target.clear()
-        for camera, albedo in cameras:
+        for camera, (albedo, weight) in cameras:
             residual = device.texture(*albedo.size)
             target = device.framebuffer([residual])
             device.draw("albedo/residual.frag", target, textures={
-                "u_albedo": albedo, "u_uv": camera.maps.uv, "u_uv_slope": camera.maps.uv_slope, "u_texture": filled,
+                "u_albedo": albedo, "u_weight": weight, "u_uv": camera.maps.uv, "u_uv_slope": camera.maps.uv_slope,
+                "u_texture": filled,
             }, uniforms={"u_footprint": camera.uniforms["u_footprint"]})
             target.release()
-            ctx.enable(moderngl.BLEND)
-            ctx.blend_func, ctx.blend_equation = (moderngl.ONE, moderngl.ONE), moderngl.FUNC_ADD
-            device.draw("albedo/backproject.frag", update_target, textures={
-                "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
-                "u_position": camera.maps.position, "u_residual": residual,
-            }, uniforms={**camera.uniforms, "u_clip": camera.clip})
-            ctx.disable(moderngl.BLEND)
+            with device.adding():
+                device.draw("albedo/backproject.frag", update_target, textures={
+                    "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
+                    "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_residual": residual,
+                }, uniforms={**camera.uniforms, "u_clip": camera.clip})
             residual.release()
         update_target.release()
         result = device.texture(self.size, self.size)
@@ -130,3 +138,9 @@ class AlbedoSolver:
         update.release()
         texture.release()
         return result
+
+
+def release(pair: Shown | None) -> None:
+    """Free both textures."""
+    for texture in pair or ():
+        texture.release()

@@ -7,7 +7,8 @@ standalone context lands inside Blender's own, and the window goes black or cras
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import moderngl
@@ -86,9 +87,29 @@ class Device:
         self.ctx.viewport = viewport or (0, 0, target.width, target.height)
         self._quads[program.glo].render(moderngl.TRIANGLES, vertices=3)
 
+    @contextmanager
+    def adding(self) -> Iterator[None]:
+        """Draws add to what the target holds."""
+        self.ctx.enable(moderngl.BLEND)
+        self.ctx.blend_func, self.ctx.blend_equation = (moderngl.ONE, moderngl.ONE), moderngl.FUNC_ADD
+        try:
+            yield
+        finally:
+            self.ctx.disable(moderngl.BLEND)
+
     def framebuffer(self, textures: Sequence[moderngl.Texture]) -> moderngl.Framebuffer:
         """A framebuffer on these colour textures; the caller releases it."""
         return self.ctx.framebuffer(list(textures))
+
+    def collect(self) -> None:
+        """Free what an error or a stop left behind.
+
+        moderngl's own ``gc`` stumbles over objects that were released before they were dropped.
+        """
+        while self.ctx.objects:
+            left = self.ctx.objects.popleft()
+            if hasattr(left, "release"):
+                left.release()
 
     def release(self) -> None:
         """Give the context back; nothing made by it may be used after."""

@@ -6,14 +6,14 @@ that shows it.  Interpolating colours at the texel's own geometry instead double
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 
 import moderngl
 import numpy as np
 
 from ..core import lights as light_model
-from ..core.data import Camera, F32, RadianceImage, SceneData, View
+from ..core.data import F32, Camera, RadianceImage, SceneData, View
 from ..core.job import Progress
 from ..core.tables import principled_table
 from .context import Device
@@ -31,8 +31,9 @@ class ObservedView:
     """One view at its camera's pixels."""
 
     view: View
-    colour: moderngl.Texture  # RGBA32F: radiance / irradiance (1/sr), weight
-    lobes: list[moderngl.Texture]  # per light: sin2h, spread, cos_l, factor
+    colour: moderngl.Texture  # RGBA32F: radiance / irradiance (1/sr), quality
+    lobes: list[moderngl.Texture]  # per light, per channel: sin2h, spread, cos_l, factor
+    tint: tuple[float, float, float]  # power of the view's lights per channel, mean 1
 
 
 @dataclass
@@ -63,6 +64,7 @@ class Observations:
     """All cameras, and what was noticed on the way."""
 
     cameras: list[ObservedCamera]
+    channels: int  # 1: lights are white enough that the mean of RGB tells all; 3: each channel by itself
     level: float  # typical radiance of the views (median over pixels that show the surface)
     skipped: tuple[tuple[str, str], ...]  # (view, why)
     warnings: tuple[str, ...]
@@ -122,6 +124,7 @@ def observe(
         members[keys[key]].append(n)
         yield Progress(0.5 * (n + 1) / len(scene.views), "observe", f"reading {view.image.name}")
     level = float(np.median(np.concatenate(levels))) if levels else 1.0
+    channels = channels_needed(scene.views)
     visibility = LightVisibility(device, mesh, occluders)
     lit: dict[tuple[str, int], moderngl.Texture] = {}
     by_name = {light.name: light for view in scene.views for light in view.lights}
@@ -138,42 +141,41 @@ def observe(
         for n in group:
             view = scene.views[n]
             shadows = [lit[light.name, c] for light in view.lights]
-            cameras[c].views.append(_observe_view(device, cameras[c], view, images[n], shadows, level, table_texture))
+            cameras[c].views.append(_observe_view(device, cameras[c], view, images[n], shadows, level, channels, table_texture))
             images.pop(n).release()
             yield Progress(0.8 + 0.2 * n / len(scene.views), "observe", view.image.name)
     for texture in lit.values():
         texture.release()
     cameras = [camera for camera in cameras if camera.views or camera.release()]
-    return Observations(cameras, level, tuple(skipped), tuple(warnings), table_texture)
+    return Observations(cameras, channels, level, tuple(skipped), tuple(warnings), table_texture)
 
 
 def _observe_view(
     device: Device, camera: ObservedCamera, view: View, image: moderngl.Texture, lit: list[moderngl.Texture],
-    level: float, table: moderngl.Texture,
+    level: float, channels: int, table: moderngl.Texture,
 ) -> ObservedView:
-    ctx, size = device.ctx, image.size
+    size = image.size
     irradiance = device.texture(*size)
     target = device.framebuffer([irradiance])
     target.clear()
     maps = {"u_position": camera.maps.position, "u_normal": camera.maps.normal}
     lights = [{**light_model.light_uniforms(light), "u_power": tuple(light.power), **camera.uniforms}
               for light in view.lights]
-    ctx.enable(moderngl.BLEND)
-    ctx.blend_func, ctx.blend_equation = (moderngl.ONE, moderngl.ONE), moderngl.FUNC_ADD
-    for uniforms, shadow in zip(lights, lit, strict=True):
-        device.draw("observe/irradiance.frag", target, textures={**maps, "u_lit": shadow}, uniforms=uniforms)
-    ctx.disable(moderngl.BLEND)
+    with device.adding():
+        for uniforms, shadow in zip(lights, lit, strict=True):
+            device.draw("observe/irradiance.frag", target, textures={**maps, "u_lit": shadow}, uniforms=uniforms)
     target.release()
     lobes = []
     for light, uniforms, shadow in zip(view.lights, lights, lit, strict=True):
-        lobes.append(device.texture(*size))
-        target = device.framebuffer([lobes[-1]])
-        target.clear()
         point = light.kind != "AREA" and light.radius <= SOFT_ANGLE * 0.1
-        device.draw("observe/lobe.frag", target, textures={
-            **maps, "u_lit": shadow, "u_irradiance": irradiance, "u_principled_table": table,
-        }, uniforms={**uniforms, "u_light_points": 1 if point else LIGHT_POINTS})
-        target.release()
+        for mask in channel_masks(channels):
+            lobes.append(device.texture(*size))
+            target = device.framebuffer([lobes[-1]])
+            target.clear()
+            device.draw("observe/lobe.frag", target, textures={
+                **maps, "u_lit": shadow, "u_irradiance": irradiance, "u_principled_table": table,
+            }, uniforms={**uniforms, "u_light_points": 1 if point else LIGHT_POINTS, "u_channel": mask})
+            target.release()
     colour = device.texture(*size)
     target = device.framebuffer([colour])
     target.clear()
@@ -181,4 +183,24 @@ def _observe_view(
                 uniforms={**camera.uniforms, "u_level": level, "u_edge_weight": EDGE_WEIGHT, "u_dark": DARK_SHARE})
     target.release()
     irradiance.release()
-    return ObservedView(view, colour, lobes)
+    power = np.sum([light.power for light in view.lights], axis=0)
+    tint = power / max(float(power.mean()), 1e-20)
+    return ObservedView(view, colour, lobes, (float(tint[0]), float(tint[1]), float(tint[2])))
+
+
+def channel_masks(channels: int) -> list[tuple[float, float, float]]:
+    """Which of R, G and B each channel sums."""
+    return [(1.0, 1.0, 1.0)] if channels == 1 else [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+
+
+def channels_needed(views: Sequence[View]) -> int:
+    """1 while radiance / irradiance has the same specular part in R, G and B, else 3.
+
+    It has with any one light, whatever its colour, and with several of one colour; but a channel
+    with hardly any light holds mostly noise, so strong colours are treated apart as well.
+    """
+    for view in views:
+        colours = [light.power / max(float(light.power.sum()), 1e-20) for light in view.lights]
+        if any(np.abs(c - colours[0]).max() > 0.01 or c.min() < 0.25 * c.max() for c in colours):
+            return 3
+    return 1

@@ -6,6 +6,7 @@ the gathered observations and the time of a draw.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
@@ -16,11 +17,13 @@ from ..core.errors import Cancelled
 from ..core.job import Progress
 from ..core.params import SolveSettings
 from .context import Device
-from .observe import ObservedCamera, Observations
+from .observe import Observations
 from .surface import SurfaceMaps
 
 TILE_WIDTH = 512
 TILE_HEIGHT = 128
+SLICE_SECONDS = 0.015  # of GPU time between two chances to do something else
+FIRST_ROWS = 16  # of a tile in the first draw of a kernel, before its speed is known
 ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
 MAX_OBSERVATIONS = 64  # of a texel; the local arrays of the kernel
 NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
@@ -46,18 +49,25 @@ class RoughnessMaps:
 
 @dataclass(frozen=True)
 class _Layers:
-    """The observations a texel is offered: cameras in turn, their views in turn."""
+    """The observations a texel is offered: cameras in turn, their channels in turn, their views in turn."""
 
-    cameras: list[ObservedCamera]
-    lights: int  # lobes per view, the most that any view has
+    observations: Observations
 
     @property
     def count(self) -> int:
-        return sum(len(c.views) for c in self.cameras)
+        return self.observations.channels * sum(len(c.views) for c in self.observations.cameras)
 
     @property
     def groups(self) -> list[int]:
-        return [i for i, c in enumerate(self.cameras) for _ in c.views]
+        """Camera and channel of each layer."""
+        channels = self.observations.channels
+        return [i * channels + channel for i, c in enumerate(self.observations.cameras)
+                for channel in range(channels) for _ in c.views]
+
+    @property
+    def lights(self) -> int:
+        """Lobes per view, the most that any view has."""
+        return max(len(v.lobes) for c in self.observations.cameras for v in c.views) // self.observations.channels
 
     def defines(self) -> dict[str, str]:
         return {"LAYERS": str(self.count), "MAX_OBS": str(min(self.count, MAX_OBSERVATIONS)),
@@ -71,8 +81,8 @@ class Solver:
         self.device, self.grid, self.observations, self.settings = device, grid, observations, settings
         self.size = grid.position.width
         self.cancelled = False
-        self.layers = _Layers(observations.cameras,
-                              max(len(v.lobes) for c in observations.cameras for v in c.views))
+        self.layers = _Layers(observations)
+        self.bands: dict[str, int] = {}
         rows = self.layers.count * (1 + self.layers.lights)
         self.tile = (min(TILE_WIDTH, self.size), max(1, min(TILE_HEIGHT, self.size, ATLAS_ROWS // rows)))
         self.atlas = device.texture(self.tile[0], self.tile[1] * rows)
@@ -101,23 +111,11 @@ class Solver:
         tiles = list(self.tiles())
         knobs = {"u_seed": self.settings.seed, **METHODS[self.settings.method]}
         self.uniforms["u_group_slack"] = FIRST_SLACK
-        for i, tile in enumerate(tiles):
-            self._gather(tile)
-            self._run(f"solve/{self.settings.method}.frag", search, tile, {}, knobs)
-            device.ctx.finish()
-            try:
-                yield Progress(0.5 * (i + 1) / len(tiles), "solve", f"tile {i + 1} of {len(tiles)}")
-            except Cancelled:  # what was found is kept: these tiles are finished, the rest is filled from them
-                self.cancelled = True
-                tiles = tiles[: i + 1]
-                break
+        done = yield from self._over(tiles, (0.0, 0.5), f"solve/{self.settings.method}.frag", search, {}, knobs)
+        tiles = tiles[:done]  # fewer when stopped: these are finished, the rest is filled from them
         found = {"u_valleys": valleys, "u_support": support, "u_noise": self._noise(valleys, support)}
-        for i, tile in enumerate(tiles):
-            self._gather(tile)
-            self._run("solve/table.frag", table_target, tile, found, {"u_noise_floor": NOISE_FLOOR})
-            device.ctx.finish()
-            if not self.cancelled:
-                yield Progress(0.5 + 0.25 * (i + 1) / len(tiles), "solve", "what texels can tell")
+        floor = {"u_noise_floor": NOISE_FLOOR}
+        yield from self._over(tiles, (0.5, 0.75), "solve/table.frag", table_target, found, floor)
         estimate, prior = self._share(tables)
         for target in (search, table_target):
             target.release()
@@ -125,17 +123,100 @@ class Solver:
             texture.release()
         roughness, detail = self._pair()
         polish = self.framebuffer([roughness, detail])
-        for i, tile in enumerate(tiles):
-            self._gather(tile)
-            self._run("solve/polish.frag", polish, tile, {**found, "u_estimate": estimate, "u_prior": prior},
-                      {"u_noise_floor": NOISE_FLOOR, "u_prior_cut": PRIOR_CUT, "u_steps": 4})
-            device.ctx.finish()
-            if not self.cancelled:
-                yield Progress(0.75 + 0.25 * (i + 1) / len(tiles), "solve", "neighbours")
+        yield from self._over(tiles, (0.75, 1.0), "solve/polish.frag", polish,
+                              {**found, "u_estimate": estimate, "u_prior": prior},
+                              {**floor, "u_prior_cut": PRIOR_CUT, "u_steps": 4})
         polish.release()
         for texture in (*found.values(), estimate, prior):
             texture.release()
         return RoughnessMaps(roughness, detail)
+
+    def _over(
+        self, tiles: list[tuple[int, int]], span: tuple[float, float], fragment: str, target: moderngl.Framebuffer,
+        textures: dict[str, moderngl.Texture], uniforms: dict[str, float | int],
+    ) -> Generator[Progress, None, int]:
+        """Run one kernel over tiles; returns how many were done, fewer when the first kernel is stopped.
+
+        A later kernel goes on to its end over the tiles that the first one did.
+        """
+        stoppable = span[0] == 0.0
+        for i, tile in enumerate(tiles):
+            for step in (self._gather(tile), self._run(fragment, target, tile, textures, uniforms)):
+                for _ in step:
+                    try:
+                        part = (i + 1) / len(tiles)
+                        yield Progress(span[0] + (span[1] - span[0]) * part, "solve", f"tile {i + 1} of {len(tiles)}")
+                    except Cancelled:
+                        self.cancelled = True
+            if self.cancelled and stoppable:
+                return i + 1
+        return len(tiles)
+
+    def _pair(self) -> tuple[moderngl.Texture, moderngl.Texture]:
+        return self.device.texture(self.size, self.size), self.device.texture(self.size, self.size)
+
+    def framebuffer(self, textures: list[moderngl.Texture] | tuple[moderngl.Texture, ...]) -> moderngl.Framebuffer:
+        """A cleared framebuffer."""
+        target = self.device.framebuffer(list(textures))
+        target.clear()
+        return target
+
+    def _gather(self, tile: tuple[int, int]) -> Iterator[None]:
+        """Fill the atlas with the observations of the tile's texels."""
+        device, (w, h) = self.device, self.tile
+        channels, lights = self.observations.channels, self.layers.lights
+        layer = 0
+        for camera in self.observations.cameras:
+            device.draw("observe/match.frag", self.match_target, textures={
+                "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
+                "u_position": camera.maps.position, "u_normal": camera.maps.normal,
+            }, uniforms={**camera.uniforms, "u_clip": camera.clip, "u_tile": tile})
+            for channel in range(channels):
+                for view in camera.views:
+                    row = layer * (1 + lights) * h
+                    device.draw("observe/gather_colour.frag", self.atlas_target,
+                                textures={"u_match": self.match, "u_colour": view.colour},
+                                uniforms={"u_channel": channel if channels > 1 else -1, "u_row": row,
+                                          "u_tint": view.tint[channel] if channels > 1 else 1.0},
+                                viewport=(0, row, w, h))
+                    for n in range(lights):
+                        row += h
+                        index = n * channels + channel
+                        if index < len(view.lobes):
+                            device.draw("observe/gather_lobe.frag", self.atlas_target,
+                                        textures={"u_match": self.match, "u_lobe": view.lobes[index]},
+                                        uniforms={"u_row": row}, viewport=(0, row, w, h))
+                        else:
+                            self.atlas_target.clear(viewport=(0, row, w, h))
+                    layer += 1
+            device.ctx.finish()
+            yield
+
+    def _run(
+        self, fragment: str, target: moderngl.Framebuffer, tile: tuple[int, int],
+        textures: dict[str, moderngl.Texture], uniforms: dict[str, float | int],
+    ) -> Iterator[None]:
+        """One kernel over one tile, written in place into the whole maps.
+
+        In bands of rows of about SLICE_SECONDS each, so that a window stays alive and no driver
+        takes the GPU for hung.
+        """
+        x, y = tile
+        w, end = min(self.tile[0], self.size - x), min(y + self.tile[1], self.size)
+        while y < end:
+            rows = min(self.bands.get(fragment, FIRST_ROWS), end - y)
+            start = time.perf_counter()
+            self.device.draw(fragment, target, textures={
+                "u_texel_position": self.grid.position, "u_observations": self.atlas,
+                "u_principled_table": self.observations.principled_table, **textures,
+            }, uniforms={**self.uniforms, **uniforms, "u_tile": tile}, defines=self.layers.defines(),
+                viewport=(x, y, w, rows))
+            self.device.ctx.finish()
+            took = time.perf_counter() - start
+            fitting = int(rows * min(max(SLICE_SECONDS / max(took, 1e-6), 0.25), 2.0))
+            self.bands[fragment] = min(max(fitting, 4), self.tile[1])
+            y += rows
+            yield
 
     def _noise(self, valleys: moderngl.Texture, support: moderngl.Texture) -> moderngl.Texture:
         """Log noise variance around each texel, at 1 / 2^NOISE_LEVELS of the size; sets the slack by its median."""
@@ -157,55 +238,6 @@ class Solver:
         variance = max(variance, NOISE_FLOOR**2)
         self.uniforms["u_group_slack"] = float(np.clip(CAMERA_SLACK**2 / variance, 1.0, 1e5))
         return noise
-
-    def _pair(self) -> tuple[moderngl.Texture, moderngl.Texture]:
-        return self.device.texture(self.size, self.size), self.device.texture(self.size, self.size)
-
-    def framebuffer(self, textures: list[moderngl.Texture] | tuple[moderngl.Texture, ...]) -> moderngl.Framebuffer:
-        """A cleared framebuffer."""
-        target = self.device.framebuffer(list(textures))
-        target.clear()
-        return target
-
-    def _gather(self, tile: tuple[int, int]) -> None:
-        """Fill the atlas with the observations of the tile's texels."""
-        device, (w, h) = self.device, self.tile
-        layer = 0
-        for camera in self.layers.cameras:
-            device.draw("observe/match.frag", self.match_target, textures={
-                "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
-                "u_position": camera.maps.position, "u_normal": camera.maps.normal,
-            }, uniforms={**camera.uniforms, "u_clip": camera.clip, "u_tile": tile})
-            for view in camera.views:
-                row = layer * (1 + self.layers.lights) * h
-                device.draw("observe/gather_colour.frag", self.atlas_target,
-                            textures={"u_match": self.match, "u_colour": view.colour},
-                            uniforms={"u_channel": -1, "u_row": row}, viewport=(0, row, w, h))
-                for n in range(self.layers.lights):
-                    row += h
-                    if n < len(view.lobes):
-                        device.draw("observe/gather_lobe.frag", self.atlas_target,
-                                    textures={"u_match": self.match, "u_lobe": view.lobes[n]},
-                                    uniforms={"u_row": row}, viewport=(0, row, w, h))
-                    else:
-                        self._clear_layer(row)
-                layer += 1
-
-    def _clear_layer(self, row: int) -> None:
-        w, h = self.tile
-        self.atlas_target.clear(viewport=(0, row, w, h))
-
-    def _run(
-        self, fragment: str, target: moderngl.Framebuffer, tile: tuple[int, int],
-        textures: dict[str, moderngl.Texture], uniforms: dict[str, float | int],
-    ) -> None:
-        """One kernel over one tile, written in place into the whole maps."""
-        x, y = tile
-        w, h = min(self.tile[0], self.size - x), min(self.tile[1], self.size - y)
-        self.device.draw(fragment, target, textures={
-            "u_texel_position": self.grid.position, "u_observations": self.atlas,
-            "u_principled_table": self.observations.principled_table, **textures,
-        }, uniforms={**self.uniforms, **uniforms, "u_tile": tile}, defines=self.layers.defines(), viewport=(x, y, w, h))
 
     def _share(self, tables: tuple[moderngl.Texture, ...]) -> tuple[moderngl.Texture, moderngl.Texture]:
         """The pyramid: tables summed upwards, estimates handed downwards.  Returns (estimate, prior)."""

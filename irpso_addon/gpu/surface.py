@@ -97,9 +97,11 @@ class MeshBuffer:
         device.ctx.viewport = (0, 0, target.width, target.height)
         for slot, first, count in self.ranges:
             device.bind(program, {"u_normal_map": self.normal_maps.get(slot)})
+            used = self.mesh.normal_maps.get(slot)
             device.programs.set(program, {
-                "u_has_normal_map": slot in self.normal_maps, "u_slot": float(slot),
-                "u_normal_strength": self.mesh.normal_maps[slot].strength if slot in self.normal_maps else 0.0,
+                "u_has_normal_map": used is not None, "u_slot": float(slot),
+                "u_normal_strength": used.strength if used else 0.0,
+                "u_unit_normal": used is not None and used.unit_normal,
             })
             self._array(program).render(moderngl.TRIANGLES, vertices=3 * count, first=3 * first)
 
@@ -118,10 +120,8 @@ class MeshBuffer:
         self.device.programs.set(program, {"u_in_uv": True})
         target.use()
         ctx.viewport = (0, 0, target.width, target.height)
-        ctx.enable(moderngl.BLEND)
-        ctx.blend_func, ctx.blend_equation = (moderngl.ONE, moderngl.ONE), moderngl.FUNC_ADD
-        self._array(program).render(moderngl.TRIANGLES)
-        ctx.disable(moderngl.BLEND)
+        with self.device.adding():
+            self._array(program).render(moderngl.TRIANGLES)
 
     def _array(self, program: moderngl.Program) -> moderngl.VertexArray:
         if program.glo not in self._arrays:

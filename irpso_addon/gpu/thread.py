@@ -123,6 +123,8 @@ def device() -> Device:
 def _loop() -> None:
     global _device
     while (job := _queue.get()) is not None:
+        if _device is not None:
+            _device.collect()
         job._run()
     if _device is not None:
         _device.release()

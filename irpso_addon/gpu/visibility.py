@@ -142,17 +142,15 @@ class LightVisibility:
         ctx.disable(moderngl.BLEND)
 
     def _look_up(self, frustum: Frustum, camera: SurfaceMaps, lit: moderngl.Texture, share: float) -> None:
-        ctx = self.device.ctx
         target = self.device.framebuffer([lit])
-        ctx.enable(moderngl.BLEND)
-        ctx.blend_func = (moderngl.ONE, moderngl.ONE)
-        self.device.draw("observe/lit.frag", target, textures={
-            "u_position": camera.position, "u_normal": camera.normal, "u_facet": camera.facet, "u_shadow": self._map,
-        }, uniforms={
-            "u_shadow_clip": column_major(frustum.clip), "u_depth_plane": frustum.plane,
-            "u_texel": frustum.texel, "u_parallel": frustum.parallel, "u_share": share,
-        })
-        ctx.disable(moderngl.BLEND)
+        with self.device.adding():
+            self.device.draw("observe/lit.frag", target, textures={
+                "u_position": camera.position, "u_normal": camera.normal, "u_facet": camera.facet,
+                "u_shadow": self._map,
+            }, uniforms={
+                "u_shadow_clip": column_major(frustum.clip), "u_depth_plane": frustum.plane,
+                "u_texel": frustum.texel, "u_parallel": frustum.parallel, "u_share": share,
+            })
         target.release()
 
     def release(self) -> None:

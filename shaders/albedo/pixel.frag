@@ -9,7 +9,8 @@ uniform sampler2D u_uv;
 uniform sampler2D u_colour;     // f (1/sr), quality
 uniform sampler2D u_roughness;  // texel grid, holes filled
 uniform sampler2D u_specular;   // of the view's lights, 1/sr
-uniform sampler2D u_before;     // albedo sum and weight of the pass before
+uniform sampler2D u_before;     // albedo sum of the pass before
+uniform sampler2D u_before_weight;
 uniform bool u_first_pass;
 uniform float u_outlier;        // relative error at which a view loses half its weight
 uniform int u_lambert_slots;    // bit s: slot s has no lobe
@@ -17,7 +18,10 @@ uniform vec3 u_camera_position;
 uniform vec3 u_camera_forward;
 uniform bool u_orthographic;
 
-layout(location = 0) out vec4 o_albedo;  // weighted albedo sum, weight
+uniform vec3 u_tint;            // light per channel, mean 1
+
+layout(location = 0) out vec4 o_albedo;  // weighted albedo sum
+layout(location = 1) out vec4 o_weight;
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
@@ -28,21 +32,25 @@ void main() {
     float cos_v = clamp(dot(normal.xyz, V), 1e-3, 1.0);
     float r = texture(u_roughness, texelFetch(u_uv, at, 0).xy).r;
     float diffuse = diffuse_principled(r, cos_v);
-    float s = texelFetch(u_specular, at, 0).r;
+    vec3 s = texelFetch(u_specular, at, 0).rgb;
     if ((u_lambert_slots >> min(int(normal.w), 31) & 1) == 1) {
         diffuse = 1.0 / PI;
-        s = 0.0;
+        s = vec3(0.0);
     }
-    float grey = 0.5;
+    vec3 lit = vec3(greaterThan(colour.rgb, vec3(-100.0)));  // channels that the view's lights have
+    vec3 before = vec3(0.5);
     if (!u_first_pass) {
-        vec4 before = texelFetch(u_before, at, 0);
-        grey = clamp(dot(before.rgb, vec3(1.0 / 3.0)) / max(before.a, 1e-12), 0.01, 1.0);
+        before = texelFetch(u_before, at, 0).rgb / max(texelFetch(u_before_weight, at, 0).rgb, vec3(1e-12));
     }
-    float expected = s + diffuse * grey;
-    float w = colour.a / (expected * expected);
+    vec3 expected = s + diffuse * clamp(before, 0.0, 1.0);
+    float grey = max(dot(expected, vec3(1.0 / 3.0)), 1e-4);
+    float w = colour.a / (grey * grey);
     if (!u_first_pass) {
-        float off = (dot(colour.rgb, vec3(1.0 / 3.0)) - expected) / expected;
+        float off = dot(lit, colour.rgb - expected) / (max(dot(lit, vec3(1.0)), 1.0) * grey);
         w /= 1.0 + off * off / (u_outlier * u_outlier);
     }
-    o_albedo = w * diffuse * vec4(colour.rgb - s, diffuse);
+    vec3 dim = u_tint / (u_tint + 0.1) * 1.1;
+    vec3 weight = lit * w * dim * dim * diffuse;
+    o_albedo = vec4(weight * (colour.rgb - s), 1.0);
+    o_weight = vec4(weight * diffuse, 1.0);
 }

@@ -1,5 +1,6 @@
 // How far the texture, averaged over a pixel's footprint, is from the albedo that the pixel shows.
-uniform sampler2D u_albedo;      // pixel grid: sum, weight
+uniform sampler2D u_albedo;      // pixel grid: weighted sum
+uniform sampler2D u_weight;
 uniform sampler2D u_uv;
 uniform sampler2D u_uv_slope;
 uniform sampler2D u_texture;     // texel grid, holes filled
@@ -9,9 +10,10 @@ layout(location = 0) out vec4 o_residual;  // RGB, weight
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
-    vec4 albedo = texelFetch(u_albedo, at, 0);
+    vec3 weight = texelFetch(u_weight, at, 0).rgb;
     o_residual = vec4(0.0);
-    if (albedo.a <= 0.0) return;
+    float most = max(weight.r, max(weight.g, weight.b));
+    if (most <= 0.0) return;
     vec2 uv = texelFetch(u_uv, at, 0).xy;
     vec4 slope = texelFetch(u_uv_slope, at, 0);
     vec3 mean = vec3(0.0);
@@ -19,9 +21,11 @@ void main() {
         vec2 d = (vec2(float(j & 3), float(j >> 2)) - 1.5) * 0.25 * u_footprint;
         mean += texture(u_texture, uv + d.x * slope.xy + d.y * slope.zw).rgb;
     }
-    vec3 shown = clamp(albedo.rgb / albedo.a, 0.0, 1.2);
+    vec3 shown = clamp(texelFetch(u_albedo, at, 0).rgb / max(weight, vec3(1e-12)), 0.0, 1.2);
+    mean /= 16.0;
+    shown = mix(mean, shown, greaterThan(weight, vec3(0.0)));
     // Weights are relative squares: times the albedo squared they count good views.
     float grey = max(dot(shown, vec3(1.0 / 3.0)), 0.02);
-    float views = albedo.a * grey * grey;
-    o_residual = vec4(shown - mean / 16.0, views / (views + 0.3));
+    float views = most * grey * grey;
+    o_residual = vec4(shown - mean, views / (views + 0.3));
 }

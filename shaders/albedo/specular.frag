@@ -4,12 +4,13 @@ uniform sampler2D u_position;   // pixel grid
 uniform sampler2D u_normal;
 uniform sampler2D u_uv;
 uniform sampler2D u_lobe;
+uniform vec3 u_channel;
 uniform sampler2D u_roughness;  // texel grid, holes filled
 uniform vec3 u_camera_position;
 uniform vec3 u_camera_forward;
 uniform bool u_orthographic;
 
-layout(location = 0) out float o_specular;  // 1/sr
+layout(location = 0) out vec4 o_specular;  // 1/sr
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
@@ -22,5 +23,6 @@ void main() {
     vec4 lobe = texelFetch(u_lobe, at, 0);
     float roots = lambda_root(alpha2, 1.0 / (lobe.z * lobe.z + 1e-12) - 1.0)
                 + lambda_root(alpha2, 1.0 / (cos_v * cos_v) - 1.0);
-    o_specular = lobe.w * principled_energy(r, cos_v).x * D_ggx_spread(alpha2, lobe.x, lobe.y) / roots;
+    o_specular.rgb = u_channel * lobe.w * principled_energy(r, cos_v).x * D_ggx_spread(alpha2, lobe.x, lobe.y) / roots;
+    o_specular.a = 0.0;
 }

@@ -9,6 +9,7 @@ in vec4 v_tangent;
 uniform sampler2D u_normal_map;  // tangent space, 0..1
 uniform bool u_has_normal_map;
 uniform float u_normal_strength;
+uniform bool u_unit_normal;
 uniform mat3 u_normal_matrix;    // inverse transpose of the object's matrix
 uniform float u_slot;
 uniform float u_footprint;       // width of the box over which a pixel averages, in pixels; 0 for texels
@@ -19,13 +20,14 @@ layout(location = 2) out vec4 o_facet;     // facet normal on the shading side, 
 layout(location = 3) out vec4 o_uv;        // u, v
 layout(location = 4) out vec4 o_uv_slope;  // d(uv)/dx, d(uv)/dy per pixel
 
-// Blender's Normal Map node: combined in object space from unnormalised interpolants, because
-// under non-uniform scale the world-space frame is wrong by degrees.
+// Blender's Normal Map node: combined in object space, because under non-uniform scale the world-space
+// frame is wrong by degrees.  Blender 5 makes the interpolated normal unit length first, 4.5 does not.
 vec3 mapped_normal(vec2 uv) {
     vec3 c = texture(u_normal_map, uv).xyz * 2.0 - 1.0;
     c = vec3(c.xy * u_normal_strength, mix(1.0, c.z, clamp(u_normal_strength, 0.0, 1.0)));
-    vec3 bitangent = v_tangent.w * cross(v_object_normal, v_tangent.xyz);
-    return normalize(u_normal_matrix * (c.x * v_tangent.xyz + c.y * bitangent + c.z * v_object_normal));
+    vec3 n = u_unit_normal ? normalize(v_object_normal) : v_object_normal;
+    vec3 bitangent = v_tangent.w * cross(n, v_tangent.xyz);
+    return normalize(u_normal_matrix * (c.x * v_tangent.xyz + c.y * bitangent + c.z * n));
 }
 
 // Mean of the mapped normal over the pixel's footprint (a texel: its centre).

@@ -8,6 +8,7 @@ uniform float u_dark;            // irradiance below this share of the level is 
 
 layout(location = 0) out vec4 o_colour;  // radiance / irradiance (1/sr), quality (about 1: good)
 
+const float NO_LIGHT = -1e3;
 const float MIN_COS_V = 0.15;    // beyond 81 degrees a pixel's footprint is too long to stand for a point
 
 void main() {
@@ -30,7 +31,8 @@ void main() {
         ivec2 near = clamp(at + ivec2(x, y), ivec2(0), textureSize(u_position, 0) - 1);
         edge = edge || !same_surface(p, texelFetch(u_position, near, 0), slant, 1.5);
     }
-    vec3 f = image.rgb / max(irradiance.rgb, vec3(1e-12));
+    // A channel without light says nothing: NO_LIGHT marks it.
+    vec3 f = mix(vec3(NO_LIGHT), image.rgb / max(irradiance.rgb, vec3(1e-20)), greaterThan(irradiance.rgb, vec3(1e-3 * e)));
     float quality = cos_v * e / (e + u_dark * u_level) * (edge ? u_edge_weight : 1.0);
     o_colour = vec4(f, quality * quality);
 }

@@ -2,6 +2,7 @@
 uniform sampler2D u_match;
 uniform sampler2D u_colour;
 uniform int u_channel;  // 0, 1, 2, or -1: the mean of the three
+uniform float u_tint;   // light in the channel, relative to the mean of the three
 uniform int u_row;      // first row of this layer in the atlas
 
 layout(location = 0) out vec4 o_observation;  // f (1/sr), quality, cos_v, channel
@@ -12,5 +13,7 @@ void main() {
     if (match.w < 0.5) return;
     vec4 colour = texelFetch(u_colour, ivec2(match.xy), 0);
     float f = u_channel < 0 ? (colour.r + colour.g + colour.b) / 3.0 : colour[u_channel];
-    o_observation = vec4(f, colour.a, clamp(match.z, 1e-3, 1.0), max(u_channel, 0));
+    if (f < -100.0) return;  // no light in this channel
+    float dim = u_tint / (u_tint + 0.1) * 1.1;  // noise counts for more where there is little light
+    o_observation = vec4(f, colour.a * dim * dim, clamp(match.z, 1e-3, 1.0), max(u_channel, 0));
 }

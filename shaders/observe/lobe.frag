@@ -7,6 +7,7 @@ uniform sampler2D u_lit;
 uniform sampler2D u_irradiance;  // of all the view's lights
 uniform vec3 u_power;
 uniform int u_light_points;
+uniform vec3 u_channel;          // which channels' shares of the light count
 
 layout(location = 0) out vec4 o_lobe;  // sin2h, spread, cos_l, F / (2 cos_l cos_v) * E_light / E_view
 
@@ -43,6 +44,6 @@ void main() {
     float spread = sqrt(max(square / sum - mean * mean, 0.0));
     float lit = texelFetch(u_lit, at, 0).r;
     vec3 all = texelFetch(u_irradiance, at, 0).rgb;
-    float share = dot(u_power * e * lit, vec3(1.0)) / max(dot(all, vec3(1.0)), 1e-20);
+    float share = dot(u_power * e * lit, u_channel) / max(dot(all, u_channel), 1e-20);
     o_lobe = vec4(mean, spread, cos_l, fresnel / sum / (2.0 * cos_l * cos_v) * share);
 }
