@@ -21,7 +21,7 @@ from ..core.data import F32
 from ..core.job import Progress
 
 NAME = "Vase"
-PIXELS, SAMPLES, TEXELS = 320, 4, 512
+PIXELS, SAMPLES, TEXELS = 288, 4, 512
 CAMERAS, LIGHTS = 4, 14
 HELD_OUT = "held out"  # a camera and a light that no view uses: the picture's last row
 DISTANCE, LIGHT_DISTANCE = 4.2, 3.2  # metres

@@ -376,9 +376,9 @@ def test_demo(irpso, tmp_path):
     done = irpso("demo", "--out", tmp_path / "demo")
     assert done.returncode == 0, done.stderr
     figures = dict(re.findall(r"^(.+?)  +([\d.]+)%?$", done.stdout, re.M))
-    assert float(figures["base colour, PSNR (dB)"]) > 18, done.stdout
-    assert float(figures["roughness, median error"]) < 0.02, done.stdout
-    assert float(figures["new light and camera, PSNR (dB)"]) > 25, done.stdout
+    assert float(figures["base colour, PSNR (dB)"]) > 28, done.stdout
+    assert float(figures["roughness, median error"]) < 0.01, done.stdout
+    assert float(figures["new light and camera, PSNR (dB)"]) > 32, done.stdout
     picture = read(tmp_path / "demo" / "demo.jpg")
     assert picture.shape[1] > 700 and (tmp_path / "demo" / "demo.jpg").stat().st_size < 400_000
     header = picture[:30, :260]  # where the first label stands: ink on a dark ground
