@@ -10,11 +10,15 @@ import moderngl
 import numpy as np
 import pytest
 
+from irpso_addon.core.job import Progress
 from irpso_addon.core.tables import principled_table
+from irpso_addon.gpu import thread
+from irpso_addon.gpu.context import Device
 from irpso_addon.gpu.programs import assemble
 
 WIDTH = 64  # of the image whose pixels are the calls
 Evaluate = Callable[..., np.ndarray]
+OnGL = Callable[[Callable[[Device], Any]], Any]
 
 
 @pytest.fixture(scope="session")
@@ -74,5 +78,19 @@ def evaluate(ctx: moderngl.Context) -> Evaluate:
             made.release()
         assert ctx.error == "GL_NO_ERROR"
         return result
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def on_gl() -> OnGL:
+    """on_gl(function) -> function(device), called on the GL thread."""
+
+    def call(function: Callable[[Device], Any]) -> Any:
+        def job() -> Iterator[Progress]:
+            yield Progress(0.0, "test")
+            return function(thread.device())
+
+        return thread.run(job)
 
     return call
