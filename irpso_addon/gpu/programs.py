@@ -1,7 +1,8 @@
 """GLSL from shaders/: include-once assembly, compilation with readable errors, uniforms by name.
 
 ``#include "include/brdf.glsl"`` pastes a file of shaders/ once per program, whatever the nesting
-(moderngl's own includes neither nest nor guard).  ``#line`` keeps the compiler's line numbers true.
+(moderngl's own includes neither nest nor guard).  ``#line`` keeps the compiler's line numbers true;
+the file is coded into the line number, because drivers keep the source number for some errors only.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import moderngl
 SHADERS = Path(__file__).resolve().parents[2] / "shaders"
 VERSION = "#version 330 core"  # the oldest that every Blender machine has; macOS stops at 4.1
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+_FILE = 1_000_000  # line numbers from here on: file number times this, plus the line
 _UNIFORM = re.compile(r"^\s*uniform\s+\w+\s+(\w+)", re.MULTILINE)
 
 
@@ -38,26 +40,26 @@ def _paste(name: str, files: list[str], open_files: tuple[str, ...]) -> list[str
         raise ValueError(f"shaders/{name} includes itself through {' -> '.join(open_files)}")
     files.append(name)
     number = len(files) - 1
-    lines = [f"#line 1 {number}"]
+    lines = [f"#line {_FILE * (number + 1) + 1}"]
     for row, line in enumerate((SHADERS / name).read_text(encoding="utf-8").splitlines(), start=1):
         found = _INCLUDE.match(line)
         if not found:
             lines.append(line)
-        elif found.group(1) not in files or found.group(1) in open_files:
-            lines += [*_paste(found.group(1), files, (*open_files, name)), f"#line {row + 1} {number}"]
+        elif found.group(1) not in files or found.group(1) in (*open_files, name):
+            lines += [*_paste(found.group(1), files, (*open_files, name)), f"#line {_FILE * (number + 1) + row + 1}"]
         else:
             lines.append("")
     return lines
 
 
 def readable(message: str, files: list[str]) -> str:
-    """The compiler's message with file numbers (``2:7(``) turned into names (``include/brdf.glsl:7(``)."""
+    """The compiler's message with coded line numbers turned into names: ``include/brdf.glsl:7``."""
 
     def named(m: re.Match[str]) -> str:
-        number = int(m.group(1))
-        return f"{files[number]}:{m.group(2)}" if number < len(files) else m.group(0)
+        number, line = divmod(int(m.group(1)), _FILE)
+        return f"{files[number - 1]}:{line}" if 1 <= number <= len(files) else m.group(0)
 
-    return re.sub(r"\b(\d+):(\d+)(?=[(:])", named, message)
+    return re.sub(r"\b(?:0:)?(\d{7,})\b", named, message)
 
 
 class Programs:

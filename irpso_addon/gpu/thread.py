@@ -11,6 +11,7 @@ import atexit
 import queue
 import threading
 import time
+import traceback
 from collections.abc import Callable, Generator
 from typing import Any
 
@@ -81,6 +82,7 @@ class Job:
             except StopIteration as stop:
                 self._value = stop.value
         except BaseException as error:  # whatever it is, it belongs to whoever asks for the result
+            traceback.clear_frames(error.__traceback__)  # they hold the job's textures
             self._error = error
         finally:
             self._finished.set()
@@ -107,6 +109,9 @@ def run(
                 job.cancel()
         except KeyboardInterrupt:
             job.cancel()
+        except BaseException:  # the caller's own trouble: nobody is left to take the result
+            job.cancel()
+            raise
     return job.result()
 
 
@@ -126,6 +131,7 @@ def _loop() -> None:
         if _device is not None:
             _device.collect()
         job._run()
+        del job  # its result belongs to whoever asked for it
     if _device is not None:
         _device.release()
         _device = None
