@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from .gpu.observe import Observations, observe
 from .gpu.solve import RoughnessMaps, Solver
 from .gpu.surface import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_counts
 
+Result = TypeVar("Result")
 STAGES = {"gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85), "maps": (0.85, 1.0)}
 
 
@@ -43,7 +45,7 @@ class _Clock:
 
     seconds: dict[str, float] = field(default_factory=dict)
 
-    def stage(self, name: str, steps: Generator[Progress, None, object]) -> Generator[Progress, None, object]:
+    def stage(self, name: str, steps: Generator[Progress, None, Result]) -> Generator[Progress, None, Result]:
         start = time.perf_counter()
         low, high = STAGES[name]
         stop_now: Cancelled | None = None
@@ -56,7 +58,8 @@ class _Clock:
                 except Cancelled as stop:  # the stage may have something to keep
                     stop_now = stop
         except StopIteration as stop:
-            return stop.value
+            result: Result = stop.value
+            return result
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
@@ -125,7 +128,7 @@ def _maps(
     lambert = [s for s, name in enumerate(scene.mesh.slot_names) if model.get(name) == "lambert"]
     is_lambert = np.isin(slots, lambert)
     rough[is_lambert, 0] = 1.0  # without a lobe any roughness renders alike; 1 reads as "no gloss"
-    known = device.texture(*found.roughness.size, data=rough)
+    known = device.texture(found.roughness.width, found.roughness.height, data=rough)
     filled_roughness = fill(device, known)
     for texture in (known, found.roughness, found.detail):
         texture.release()

@@ -35,5 +35,5 @@ def choose(observations: F32, residual: F32, lambert_residual: F32) -> tuple[str
     larger = evidence(observations[told], residual[told], PARAMETERS["one-lobe"])
     name = "one-lobe" if larger < smaller else "lambert"
     gain = (smaller - larger) / float(np.count_nonzero(told))
-    words = f"a specular lobe changes the information criterion by {-gain:.3g} a texel ({np.count_nonzero(told)} texels)"
-    return name, words
+    texels = np.count_nonzero(told)
+    return name, f"a specular lobe changes the information criterion by {-gain:.3g} a texel ({texels} texels)"

@@ -1,9 +1,10 @@
 """The energy table of the Principled BSDF at IOR 1.5: what its specular lobe returns and leaves to the diffuse.
 
-Cycles keeps the albedo of the lobe on 32x32 (roughness, cosine) nodes and its mean Fresnel on 16x16,
-and interpolates both linearly.  Its pixels therefore contain those grids' interpolation error, largest
-at grazing views, which has to be reproduced rather than removed.  The file beside this module holds our own integrals on those nodes (``tools/make_tables.py`` computes them); here they
-become the one table that ``shaders/include/brdf.glsl`` and ``core/brdf.py`` interpolate.
+Cycles keeps the albedo of the lobe on 32x32 (roughness, cosine) nodes and its mean Fresnel on 16x16, and
+interpolates both linearly. Its pixels therefore contain those grids' interpolation error, largest at grazing
+views, which has to be reproduced rather than removed. The file beside this module holds our own integrals on
+those nodes (``tools/make_tables.py`` computes them); here they become the one table that
+``shaders/include/brdf.glsl`` and ``core/brdf.py`` interpolate.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from ..core.errors import Cancelled
 from ..core.job import Progress
 from .context import Device
 from .fill import fill
-from .observe import ObservedCamera, Observations, channel_masks
+from .observe import Observations, ObservedCamera, channel_masks
 from .surface import SurfaceMaps
 
 ITERATIONS = 20  # more sharpens noise

@@ -26,9 +26,8 @@ class Device:
 
     def __init__(self) -> None:
         try:
-            self.ctx = moderngl.create_context(
-                standalone=True, require=330, **({"backend": "egl"} if sys.platform.startswith("linux") else {})
-            )
+            backend: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
+            self.ctx = moderngl.create_context(standalone=True, require=330, **backend)
         except Exception as error:  # moderngl raises plain Exception, with the platform's words
             raise BadInput(
                 f"OpenGL 3.3: no context can be made ({str(error).strip()}); install a graphics driver "
@@ -91,7 +90,8 @@ class Device:
     def adding(self) -> Iterator[None]:
         """Draws add to what the target holds."""
         self.ctx.enable(moderngl.BLEND)
-        self.ctx.blend_func, self.ctx.blend_equation = (moderngl.ONE, moderngl.ONE), moderngl.FUNC_ADD
+        self.ctx.blend_func = (moderngl.ONE, moderngl.ONE)
+        self.ctx.blend_equation = moderngl.FUNC_ADD  # type: ignore[assignment]  # the stub knows pairs alone
         try:
             yield
         finally:

@@ -133,7 +133,7 @@ def observe(
     for i, (name, light) in enumerate(by_name.items()):
         chosen = [c for c, wanted in enumerate(used[i]) if wanted]
         found: list[moderngl.Texture] = []
-        for found in visibility.lit_maps(light, [cameras[c].maps for c in chosen]):
+        for found in visibility.lit_maps(light, [cameras[c].maps for c in chosen]):  # noqa: B007  # the last is whole
             yield Progress(0.5 + 0.3 * i / len(by_name), "observe", f"shadows of {name}")
         lit.update({(name, c): texture for c, texture in zip(chosen, found, strict=True)})
     visibility.release()
@@ -141,13 +141,17 @@ def observe(
         for n in group:
             view = scene.views[n]
             shadows = [lit[light.name, c] for light in view.lights]
-            cameras[c].views.append(_observe_view(device, cameras[c], view, images[n], shadows, level, channels, table_texture))
+            observed = _observe_view(device, cameras[c], view, images[n], shadows, level, channels, table_texture)
+            cameras[c].views.append(observed)
             images.pop(n).release()
             yield Progress(0.8 + 0.2 * n / len(scene.views), "observe", view.image.name)
     for texture in lit.values():
         texture.release()
-    cameras = [camera for camera in cameras if camera.views or camera.release()]
-    return Observations(cameras, channels, level, tuple(skipped), tuple(warnings), table_texture)
+    for camera in cameras:
+        if not camera.views:
+            camera.release()
+    useful = [camera for camera in cameras if camera.views]
+    return Observations(useful, channels, level, tuple(skipped), tuple(warnings), table_texture)
 
 
 def _observe_view(

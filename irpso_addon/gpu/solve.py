@@ -7,7 +7,7 @@ the gathered observations and the time of a draw.
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 
 import moderngl
@@ -31,7 +31,7 @@ NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
 FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
 PRIOR_CUT = 15.0  # an edge in the map costs no more than this, in nats
-POOL_GAIN = 0.3  # of 1: neighbours' errors are alike (shared pixels, model error), four texels say less than four times one
+POOL_GAIN = 0.3  # of 1: neighbours' errors are alike (shared pixels, model error), four say less than four times one
 METHODS = {  # what each method's kernel does at a texel
     "refined": {"u_particles": 8, "u_race_steps": 3, "u_final_steps": 8},
     "swarm": {"u_iterations": 25},
@@ -133,7 +133,7 @@ class Solver:
 
     def _over(
         self, tiles: list[tuple[int, int]], span: tuple[float, float], fragment: str, target: moderngl.Framebuffer,
-        textures: dict[str, moderngl.Texture], uniforms: dict[str, float | int],
+        textures: dict[str, moderngl.Texture], uniforms: Mapping[str, float | int],
     ) -> Generator[Progress, None, int]:
         """Run one kernel over tiles; returns how many were done, fewer when the first kernel is stopped.
 
@@ -194,7 +194,7 @@ class Solver:
 
     def _run(
         self, fragment: str, target: moderngl.Framebuffer, tile: tuple[int, int],
-        textures: dict[str, moderngl.Texture], uniforms: dict[str, float | int],
+        textures: dict[str, moderngl.Texture], uniforms: Mapping[str, float | int],
     ) -> Iterator[None]:
         """One kernel over one tile, written in place into the whole maps.
 

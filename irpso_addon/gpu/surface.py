@@ -133,8 +133,11 @@ class MeshBuffer:
 
     def release(self) -> None:
         """Free buffer and textures."""
-        for thing in (*self._arrays.values(), self.buffer, *self.normal_maps.values()):
-            thing.release()
+        for array in self._arrays.values():
+            array.release()
+        for texture in self.normal_maps.values():
+            texture.release()
+        self.buffer.release()
 
 
 class Occluders:
@@ -157,7 +160,7 @@ class Occluders:
         array.release()
 
 
-def column_major(matrix: F64) -> bytes:
+def column_major(matrix: F32 | F64) -> bytes:
     """A matrix as a GL uniform's bytes."""
     return np.ascontiguousarray(np.asarray(matrix).T, dtype=np.float32).tobytes()
 

@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 
 from ..core import lights as light_model
-from ..core.data import F32, F64, Light
+from ..core.data import F64, Light
 from .context import Device
 from .surface import MeshBuffer, Occluders, SurfaceMaps, column_major
 
@@ -134,11 +134,12 @@ class LightVisibility:
         ctx = self.device.ctx
         self._target.clear(red=FAR_TEXEL)
         ctx.enable(moderngl.BLEND)
-        ctx.blend_func, ctx.blend_equation = (moderngl.ONE, moderngl.ONE), moderngl.MIN
+        ctx.blend_func = (moderngl.ONE, moderngl.ONE)
+        ctx.blend_equation = moderngl.MIN  # type: ignore[assignment]  # the stub knows pairs alone
         uniforms = {"u_clip": column_major(frustum.clip), "u_depth_plane": frustum.plane}
         self.mesh.draw_positions(self._target, "gbuffer/shadow.frag", uniforms)
         self.occluders.draw(self._target, "gbuffer/shadow.frag", uniforms)
-        ctx.blend_equation = moderngl.FUNC_ADD
+        ctx.blend_equation = moderngl.FUNC_ADD  # type: ignore[assignment]
         ctx.disable(moderngl.BLEND)
 
     def _look_up(self, frustum: Frustum, camera: SurfaceMaps, lit: moderngl.Texture, share: float) -> None:
