@@ -25,6 +25,7 @@ TILE_HEIGHT = 128
 SLICE_SECONDS = 0.015  # of GPU time between two chances to do something else
 FIRST_ROWS = 16  # of a tile in the first draw of a kernel, before its speed is known
 ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
+REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
 MAX_OBSERVATIONS = 64  # of a texel; the local arrays of the kernel
 NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
 NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
@@ -170,7 +171,7 @@ class Solver:
             device.draw("observe/match.frag", self.match_target, textures={
                 "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
                 "u_position": camera.maps.position, "u_normal": camera.maps.normal,
-            }, uniforms={**camera.uniforms, "u_clip": camera.clip, "u_tile": tile})
+            }, uniforms={**camera.uniforms, "u_clip": camera.clip, "u_tile": tile, "u_reach": REACH})
             for channel in range(channels):
                 for view in camera.views:
                     row = layer * (1 + lights) * h

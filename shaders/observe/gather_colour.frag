@@ -5,15 +5,17 @@ uniform int u_channel;  // 0, 1, 2, or -1: the mean of the three
 uniform float u_tint;   // light in the channel, relative to the mean of the three
 uniform int u_row;      // first row of this layer in the atlas
 
-layout(location = 0) out vec4 o_observation;  // f (1/sr), quality, cos_v, channel
+layout(location = 0) out vec4 o_observation;  // f (1/sr), quality, cos_v, channel (+ 0.5: an edge)
 
 void main() {
     vec4 match = texelFetch(u_match, ivec2(gl_FragCoord.xy) - ivec2(0, u_row), 0);
     o_observation = vec4(0.0);
-    if (match.w < 0.5) return;
+    if (match.w <= 0.0) return;
     vec4 colour = texelFetch(u_colour, ivec2(match.xy), 0);
     float f = u_channel < 0 ? (colour.r + colour.g + colour.b) / 3.0 : colour[u_channel];
     if (f < -100.0) return;  // no light in this channel
     float dim = u_tint / (u_tint + 0.1) * 1.1;  // noise counts for more where there is little light
-    o_observation = vec4(f, colour.a * dim * dim, clamp(match.z, 1e-3, 1.0), max(u_channel, 0));
+    float cos_v = clamp(match.z, 1e-3, 1.0);
+    bool edge = colour.a < 0.25 * cos_v * cos_v;  // cos_v^2 is what a good pixel has
+    o_observation = vec4(f, colour.a * dim * dim * match.w, cos_v, float(max(u_channel, 0)) + (edge ? 0.5 : 0.0));
 }

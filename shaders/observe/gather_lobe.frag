@@ -7,5 +7,5 @@ layout(location = 0) out vec4 o_lobe;
 
 void main() {
     vec4 match = texelFetch(u_match, ivec2(gl_FragCoord.xy) - ivec2(0, u_row), 0);
-    o_lobe = match.w < 0.5 ? vec4(0.0) : texelFetch(u_lobe, ivec2(match.xy), 0);
+    o_lobe = match.w <= 0.0 ? vec4(0.0) : texelFetch(u_lobe, ivec2(match.xy), 0);
 }

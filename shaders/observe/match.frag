@@ -4,9 +4,22 @@
 uniform sampler2D u_texel_position;
 uniform sampler2D u_texel_normal;
 uniform mat4 u_clip;
+uniform float u_reach; // texels: a pixel so far from a texel counts half
 uniform ivec2 u_tile;  // first texel of the tile
 
-layout(location = 0) out vec4 o_match;  // pixel x, pixel y, cos_v there, 1 where matched
+layout(location = 0) out vec4 o_match;  // pixel x, pixel y, cos_v there, how well it stands for the texel (0: not)
+
+// Width of a texel on the surface, metres: the shortest step to a covered neighbour.
+float texel_width(ivec2 texel, vec3 p) {
+    float width = 1e30;
+    for (int j = 0; j < 4; j++) {
+        ivec2 step = j < 2 ? ivec2(2 * j - 1, 0) : ivec2(0, 2 * j - 5);
+        ivec2 near = clamp(texel + step, ivec2(0), textureSize(u_texel_position, 0) - 1);
+        vec4 q = texelFetch(u_texel_position, near, 0);
+        if (near != texel && q.w > 0.5) width = min(width, distance(p, q.xyz));
+    }
+    return max(width, 1e-9);
+}
 
 void main() {
     ivec2 texel = u_tile + ivec2(gl_FragCoord.xy);
@@ -30,7 +43,9 @@ void main() {
         float far = distance(at, vec2(pixel) + 0.5);
         if (far < nearest) {
             nearest = far;
-            o_match = vec4(vec2(pixel), dot(seen_normal, toward_camera(seen.xyz)), 1.0);
+            // A pixel seen at a grazing angle may show a place texels away, where the material differs.
+            float texels = distance(seen.xyz, p.xyz) / (u_reach * texel_width(texel, p.xyz));
+            o_match = vec4(vec2(pixel), dot(seen_normal, toward_camera(seen.xyz)), 1.0 / (1.0 + texels * texels));
         }
     }
 }

@@ -20,9 +20,10 @@ const float ROUGHNESS_MIN = 0.05;
 float obs_f[MAX_OBS], obs_weight[MAX_OBS], obs_cos_v[MAX_OBS];  // weight < 0: first of its group
 float lobe_sin2h[MAX_OBS * LIGHTS], lobe_spread[MAX_OBS * LIGHTS], lobe_tan2[MAX_OBS * LIGHTS], lobe_factor[MAX_OBS * LIGHTS];
 int obs_channel[MAX_OBS];
+bool obs_edge[MAX_OBS];
 int obs_count;
 float obs_base[MAX_OBS];  // mean f of the group, subtracted from each: sums of squares keep their digits in float32
-float obs_total;    // about the number of good observations
+float obs_total;    // number of good observations
 float obs_free;     // degrees of freedom that the residual has at the best roughness
 
 ivec2 texel_here() { return ivec2(gl_FragCoord.xy); }
@@ -49,8 +50,7 @@ void weigh_observations() {
     int first = 0;
     for (int n = 0; n < obs_count; n++) {
         float unit = max(obs_f[n], typical);
-        bool good = abs(obs_weight[n]) > 0.25 * obs_cos_v[n] * obs_cos_v[n];
-        obs_weight[n] *= (good ? 1.0 : edge) / (unit * unit);
+        obs_weight[n] *= (obs_edge[n] ? edge : 1.0) / (unit * unit);
         float w = abs(obs_weight[n]);
         sum += w * obs_f[n];
         total += w;
@@ -85,7 +85,8 @@ bool load_observations() {
         obs_weight[n] = first ? -o.y : o.y;
         obs_cos_v[n] = o.z;
         obs_channel[n] = int(o.w);
-        float good = min(o.y / (o.z * o.z), 1.0);
+        obs_edge[n] = fract(o.w) > 0.25;
+        float good = obs_edge[n] ? 0.0 : 1.0;
         obs_total += good;
         groups += first ? good : 0.0;
         for (int l = 0; l < LIGHTS; l++) {
