@@ -218,7 +218,7 @@ PATCHES = Truth(
 
 
 def radiance(truth: Truth, points: np.ndarray, toward_viewer: np.ndarray, lamps: Sequence[Light],
-             emitter_points: int = 100) -> np.ndarray:
+             emitter_points: int = 64) -> np.ndarray:
     """Radiance (..., 3) of points of the plane; a lamp with a size is a sum over points on it."""
     uv, normal = plane_uv(points), plane_normal(points)
     base, rough, lobe = (f(uv[..., 0], uv[..., 1]) for f in (truth.base, truth.roughness, truth.lobe))

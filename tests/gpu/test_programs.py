@@ -90,11 +90,6 @@ def test_a_broken_vertex_shader_names_its_own_file(ctx, shaders):
         programs.Programs(ctx).get("broken.vert", "main.frag")
 
 
-def test_numbers_that_are_no_files_stay_as_they_are():
-    assert programs.readable("1:7(12): error; at 12:30: 9:1(2)", ["a.frag", "b.glsl"]) == \
-        "b.glsl:7(12): error; at 12:30: 9:1(2)"
-
-
 @pytest.fixture
 def program(ctx, shaders) -> tuple[programs.Programs, moderngl.Program]:
     (shaders / "main.frag").write_text(
