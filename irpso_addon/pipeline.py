@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -21,11 +22,12 @@ from .core.params import SolveSettings
 from .gpu import thread
 from .gpu.albedo import ITERATIONS, AlbedoSolver
 from .gpu.fill import fill
-from .gpu.observe import Observations, observe
+from .gpu.observe import Observations, bytes_per_pixel, observe
 from .gpu.solve import RoughnessMaps, Solver
 from .gpu.surface import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_counts
 
 Result = TypeVar("Result")
+OBSERVATION_BYTES = 2_000_000_000  # what references, observations and pixel maps may take together
 STAGES = {"gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85), "maps": (0.85, 1.0)}
 
 
@@ -88,28 +90,29 @@ def bake_gbuffer(scene: SceneData, size: int) -> Generator[Progress, None, GBuff
 
 
 def solve(
-    scene: SceneData, settings: SolveSettings, read_image: Callable[[View], RadianceImage] = read_reference
+    scene: SceneData, settings: SolveSettings, read_image: Callable[[View], RadianceImage] | None = None
 ) -> Generator[Progress, None, Solution]:
     """From a scene's data to its maps.
 
-    Cancelled after the first solved tile, it returns the partial maps (``Solution.cancelled``);
-    before that it raises Cancelled.  Raises BadInput for what cannot be used.
+    ``read_image`` gives a view's reference; None reads its file, reduced where all views together
+    would not fit OBSERVATION_BYTES.  Cancelled after the first solved tile, it returns the partial
+    maps (``Solution.cancelled``); before that it raises Cancelled.  Raises BadInput for what cannot
+    be used.
     """
     device = thread.device()
+    if read_image is None:
+        read_image = partial(read_reference, max_pixels=int(OBSERVATION_BYTES / bytes_per_pixel(scene.views)))
     clock = _Clock()
     mesh = MeshBuffer(device, scene.mesh)
-    start = time.perf_counter()
-    gbuffer = yield from bake_gbuffer(scene, settings.size)
+    gbuffer = yield from clock.stage("gbuffer", bake_gbuffer(scene, settings.size))
     grid = draw_texel_grid(device, mesh, settings.size)
-    clock.seconds["gbuffer"] = time.perf_counter() - start
     observations: Observations = yield from clock.stage("observe", observe(device, scene, mesh, read_image))
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
     solver = Solver(device, grid, observations, settings)
     found: RoughnessMaps = yield from clock.stage("solve", solver.solve())
-    start = time.perf_counter()
-    solution = yield from clock.stage("maps", _maps(scene, settings, gbuffer, grid, observations, solver, found))
-    clock.seconds["maps"] = time.perf_counter() - start
+    solution: Solution = yield from clock.stage(
+        "maps", _maps(scene, settings, gbuffer, grid, observations, solver, found))
     for thing in (solver, observations, grid, mesh):
         thing.release()
     return replace(solution, seconds=clock.seconds, device=device.describe())
@@ -151,7 +154,8 @@ def _maps(
     residual = float(np.sqrt(np.mean(rough[solved, 2].astype(np.float64) ** 2))) if solved.any() else 0.0
     observed = solved | shown
     return Solution(
-        maps=maps, model=model, why=why, residual=residual, seconds={}, device={}, cancelled=solver.cancelled,
+        maps=maps, model=model, why=why, residual=residual, seconds={}, device={},
+        cancelled=solver.cancelled or albedo.cancelled,
         texels={"covered": int(gbuffer.coverage.sum()), "observed": int(observed.sum()),
                 "solved": int((solved & shown).sum()), "filled": int((gbuffer.coverage & maps.filled).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),

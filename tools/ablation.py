@@ -44,8 +44,8 @@ VARIANTS: list[tuple[str, dict[str, float], bool]] = [
 HEAD = """\
 # What each part is worth
 
-Made by `python tools/ablation.py`. The demo's vase, {views} views, {size} x {size} texels, method `refined`. Errors are those of
-the texels that the full method solved. Machine: {machine}; OpenGL: {renderer}.
+Made by `python tools/ablation.py`. The demo's vase, {views} views, {size} x {size} texels, method `refined`.
+Errors are those of the texels that the full method solved. Machine: {machine}; OpenGL: {renderer}.
 
 | | base colour (dB) | roughness mean | median | mean where it says it is sure |
 |---|---|---|---|---|

@@ -192,6 +192,13 @@ def _observe_view(
     return ObservedView(view, colour, lobes, (float(tint[0]), float(tint[1]), float(tint[2])))
 
 
+def bytes_per_pixel(views: Sequence[View]) -> int:
+    """GPU memory that all views take, for each pixel that one of them has."""
+    lobes = sum(len(view.lights) for view in views) * channels_needed(views)
+    cameras = len({view.camera.name for view in views})
+    return 16 * (2 * len(views) + lobes) + 72 * cameras
+
+
 def channel_masks(channels: int) -> list[tuple[float, float, float]]:
     """Which of R, G and B each channel sums."""
     return [(1.0, 1.0, 1.0)] if channels == 1 else [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]

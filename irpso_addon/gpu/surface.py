@@ -221,7 +221,7 @@ def clip_matrix(camera: Camera, triangles: list[F32]) -> F64:
     depth = np.concatenate(depths).astype(np.float64)
     far = max(float(depth.max()) * 1.01, 1e-3)
     if camera.orthographic:
-        near, far = float(depth.min()) - 0.01 * abs(far) - 1e-3, far + 1e-3
+        near, far = max(float(depth.min()) - 0.01 * far - 1e-3, 0.0), far + 1e-3  # what lies behind is not seen
         row = [0.0, 0.0, -2.0 / (far - near), -(far + near) / (far - near)]
     else:
         near = max(float(depth.min()) * 0.99, 1e-3 * far)

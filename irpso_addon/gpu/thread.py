@@ -69,6 +69,8 @@ class Job:
 
     def _run(self) -> None:
         try:
+            if _device is not None:
+                _device.collect()
             steps = self._function()
             told = False
             try:
@@ -128,8 +130,6 @@ def device() -> Device:
 def _loop() -> None:
     global _device
     while (job := _queue.get()) is not None:
-        if _device is not None:
-            _device.collect()
         job._run()
         del job  # its result belongs to whoever asked for it
     if _device is not None:

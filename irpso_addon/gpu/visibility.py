@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import moderngl
 import numpy as np
@@ -27,6 +27,8 @@ class Frustum:
     plane: tuple[float, float, float, float]  # linear depth along the view axis
     texel: float  # width of a texel, metres, or metres per metre of depth where perspective
     parallel: bool
+    face: int = -1  # of the six around a point inside the subject's sphere: +X +Y +Z -X -Y -Z
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of a perspective map
 
 
 def shadow_points(light: Light, center: F64, radius: float) -> list[F64]:
@@ -61,7 +63,7 @@ def frusta(point: F64, center: F64, radius: float, bounds: F64) -> list[Frustum]
         half = radius / np.sqrt(distance**2 - radius**2)  # tangent of the sphere's angular radius
         return [_perspective(position, axis / distance, 1.01 * half)]
     axes = np.concatenate([np.eye(3), -np.eye(3)])
-    return [_perspective(position, a, 1.0) for a in axes]
+    return [replace(_perspective(position, a, 1.001), face=i) for i, a in enumerate(axes)]
 
 
 def _frame(forward: F64) -> F64:
@@ -76,7 +78,8 @@ def _perspective(position: F64, forward: F64, half: float) -> Frustum:
     view = np.concatenate([frame, -(frame @ position)[:, None]], axis=1)
     # z = 0 in clip space: MIN blending sorts, not the depth test; w = depth keeps what is behind out
     clip = np.stack([view[0] / half, view[1] / half, np.zeros(4), view[2]])
-    return Frustum(clip, _quad(view[2]), 2.0 * half / SHADOW_SIZE, False)
+    return Frustum(clip, _quad(view[2]), 2.0 * half / SHADOW_SIZE, False,
+                   origin=(float(position[0]), float(position[1]), float(position[2])))
 
 
 def _parallel(toward: F64, center: F64, radius: float, bounds: F64) -> Frustum:
@@ -151,6 +154,7 @@ class LightVisibility:
             }, uniforms={
                 "u_shadow_clip": column_major(frustum.clip), "u_depth_plane": frustum.plane,
                 "u_texel": frustum.texel, "u_parallel": frustum.parallel, "u_share": share,
+                "u_face": frustum.face, "u_origin": frustum.origin,
             })
         target.release()
 

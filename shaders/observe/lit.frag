@@ -10,7 +10,17 @@ uniform float u_texel;         // width of a shadow texel: metres (parallel) or 
 uniform bool u_parallel;
 uniform float u_share;         // 1 / number of sample points
 
+uniform int u_face;            // which of the light's six maps this is; -1: the only one
+uniform vec3 u_origin;         // of a perspective map
+
 layout(location = 0) out float o_lit;
+
+// The map that sees a direction: by its longest component, so that each point has just one.
+int face_of(vec3 d) {
+    vec3 a = abs(d);
+    int axis = a.x >= a.y && a.x >= a.z ? 0 : (a.y >= a.z ? 1 : 2);
+    return d[axis] >= 0.0 ? axis : axis + 3;
+}
 
 float tap(ivec2 at, float depth) {
     ivec2 size = textureSize(u_shadow, 0);
@@ -26,13 +36,13 @@ void main() {
 
     // The point is lifted to the smooth surface that the normals describe, so that facets near the
     // terminator do not shadow it, and by two shadow texels along the facet's normal.
-    float depth = dot(u_depth_plane, vec4(p.xyz, 1.0));
-    float texel = u_parallel ? u_texel : u_texel * depth;
+    float texel = u_parallel ? u_texel : u_texel * distance(p.xyz, u_origin);
     vec3 lifted = p.xyz + n * facet.w + facet.xyz * 2.0 * texel;
+    if (u_face >= 0 && face_of(lifted - u_origin) != u_face) discard;
     vec4 clip = u_shadow_clip * vec4(lifted, 1.0);
     if (clip.w <= 0.0) discard;
     vec2 at = clip.xy / clip.w;
-    if (any(greaterThan(abs(at), vec2(1.0)))) discard;  // another of the light's maps sees it
+    if (any(greaterThan(abs(at), vec2(1.0)))) discard;
 
     float receiver = dot(u_depth_plane, vec4(lifted, 1.0)) - texel;
     vec2 where = (at * 0.5 + 0.5) * vec2(textureSize(u_shadow, 0)) - 0.5;
