@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import bpy
 import numpy as np
 import pytest
@@ -214,6 +216,35 @@ LAMPS = {
 }
 
 
+@dataclass(frozen=True)
+class Compared:
+    """Pixels where Cycles says light or no light, and what the shadow maps say."""
+
+    told: np.ndarray  # the light strikes the smooth surface at less than 80 degrees
+    away: np.ndarray  # of those, away from the edges of Cycles' shadows
+    lit: np.ndarray
+    share: np.ndarray  # ours, 0..1
+
+
+def compare(subject, name: str) -> Compared:
+    """The open scene under a lamp of LAMPS, rendered by Cycles and by us."""
+    kind, place, settings = LAMPS[name]
+    light = rig.as_light(rig.lamp(kind, place, **settings))
+    image = rig.render()
+    rgb, position, normal = (image[key][::-1] for key in ("rgb", "position", "normal"))
+    share, shown = lit_by_irpso(subject, light)
+    irradiance = lights.light_irradiance(light, position, normal) * light.power[0]
+    toward = light.matrix[:3, 2] if kind == "SUN" else light.matrix[:3, 3] - position
+    cosine = (normal * toward).sum(-1) / np.linalg.norm(np.broadcast_to(toward, position.shape), axis=-1)
+    told = shown & (cosine > np.cos(np.radians(80))) & (irradiance > 1e-3 * irradiance[shown].max())
+    true = rgb[..., 0] * np.pi / np.where(told, irradiance, 1)
+    assert (np.minimum(np.abs(true), np.abs(true - 1))[told] < 0.02).mean() > 0.99  # Cycles says yes or no
+    lit = true > 0.5
+    reach = np.pad(np.where(told, lit, False), 1), np.pad(np.where(told, ~lit, False), 1)
+    near = [np.any([p[y:y + PIXELS, x:x + PIXELS] for y in range(3) for x in range(3)], axis=0) for p in reach]
+    return Compared(told, told & ~(near[0] & near[1]), lit, share)
+
+
 @pytest.mark.parametrize("name", LAMPS)
 def test_shadows_are_those_that_cycles_renders(name):
     """A vase of 20 000 faces beside a post: light or no light, 99.9 % of the pixels away from shadow's edges.
@@ -229,25 +260,36 @@ def test_shadows_are_those_that_cycles_renders(name):
     for obj in (subject, post):
         white(obj)
     rig.camera((-0.6, -3.6, 0.9), degrees=32)
-    kind, place, settings = LAMPS[name]
-    light = rig.as_light(rig.lamp(kind, place, **settings))
-    image = rig.render()
-    rgb, position, normal = (image[key][::-1] for key in ("rgb", "position", "normal"))
-    share, shown = lit_by_irpso(subject, light)
-    irradiance = lights.light_irradiance(light, position, normal) * light.power[0]
-    toward = light.matrix[:3, 2] if kind == "SUN" else light.matrix[:3, 3] - position
-    cosine = (normal * toward).sum(-1) / np.linalg.norm(np.broadcast_to(toward, position.shape), axis=-1)
-    told = shown & (cosine > np.cos(np.radians(80))) & (irradiance > 1e-3 * irradiance[shown].max())
-    true = rgb[..., 0] * np.pi / np.where(told, irradiance, 1)
-    assert (np.minimum(np.abs(true), np.abs(true - 1))[told] < 0.02).mean() > 0.99  # Cycles says yes or no
-    lit = true > 0.5
-    reach = np.pad(np.where(told, lit, False), 1), np.pad(np.where(told, ~lit, False), 1)
-    near = [np.any([p[y:y + PIXELS, x:x + PIXELS] for y in range(3) for x in range(3)], axis=0) for p in reach]
-    away = told & ~(near[0] & near[1])
-    assert away.sum() > 2000
-    assert 0.02 < (~lit)[away].mean() < 0.8  # there is shadow
-    assert ((share > 0.5) == lit)[away].mean() > 0.999
-    assert ((share > 0.5) == lit)[told].mean() > 0.995
+    got = compare(subject, name)
+    agree = (got.share > 0.5) == got.lit
+    assert got.away.sum() > 2000
+    assert 0.02 < (~got.lit)[got.away].mean() < 0.8  # there is shadow
+    assert agree[got.away].mean() > 0.999
+    assert agree[got.told].mean() > 0.995
+
+
+@pytest.mark.parametrize("name", ["point", "sun"])
+@pytest.mark.parametrize(("shape", "least"), [("ball", 1.0), ("monkey", 0.98)])
+def test_few_smooth_faces_are_lit_as_cycles_lights_them(shape, least, name):
+    """Where a face turns from the light but its smooth normal does not, Cycles lights it; a ray from the face does not.
+
+    The ball has 128 faces, the monkey 500 and its ears and eyes shadow one another.
+    """
+    rig.scene(PIXELS)
+    if shape == "ball":
+        bpy.ops.mesh.primitive_uv_sphere_add(segments=16, ring_count=8)
+    else:
+        bpy.ops.mesh.primitive_monkey_add()
+    subject = bpy.context.object
+    bpy.ops.object.shade_smooth()
+    white(subject)
+    rig.camera((-0.6, -4.6, 0.9), degrees=32)
+    got = compare(subject, name)
+    agree = (got.share > 0.5) == got.lit
+    assert got.told.sum() > 3000
+    assert agree[got.away].mean() >= least
+    if shape == "ball":  # lit all over, edges or not
+        assert agree[got.told].all()
 
 
 def test_the_pixels_that_show_the_subject_are_those_of_cycles():

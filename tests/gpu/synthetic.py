@@ -7,7 +7,7 @@ seen and lit under many angles.  Its normal at a hit is interpolated over the ve
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -235,14 +235,19 @@ def radiance(truth: Truth, points: np.ndarray, toward_viewer: np.ndarray, lamps:
     return total
 
 
-def image_of(truth: Truth, view: View, width: int, height: int) -> RadianceImage:
-    """The exact picture: each pixel is the radiance at its centre."""
-    origin, direction = pixel_rays(view.camera, width, height)
+def image_of(truth: Truth, view: View, width: int, height: int, samples: int = 1) -> RadianceImage:
+    """The exact picture: each pixel is the radiance at its centre, or the mean of samples x samples in its square."""
+    origin, direction = pixel_rays(view.camera, samples * width, samples * height)
     points = meet_plane(origin, direction)
     seen = np.isfinite(points[..., 0]) & (np.abs(points[..., :2]) <= 1).all(-1)
     points = np.where(seen[..., None], points, 0.0)
-    rgb = np.where(seen[..., None], radiance(truth, points, -direction, view.lights), 0.0).astype(np.float32)
-    return RadianceImage(rgb, seen.astype(np.float32), np.ones(seen.shape, bool))
+    rgb = np.where(seen[..., None], radiance(truth, points, -direction, view.lights), 0.0)
+    share = np.add.reduceat(np.add.reduceat(seen, range(0, samples * height, samples), 0),
+                            range(0, samples * width, samples), 1) if samples > 1 else seen.astype(int)
+    mean = np.add.reduceat(np.add.reduceat(rgb, range(0, samples * height, samples), 0),
+                           range(0, samples * width, samples), 1) if samples > 1 else rgb
+    mean = mean / np.maximum(share, 1)[..., None]  # not premultiplied
+    return RadianceImage(mean.astype(np.float32), (share / samples**2).astype(np.float32), np.ones(share.shape, bool))
 
 
 @dataclass(frozen=True)
@@ -279,18 +284,48 @@ def lamps(count: int, **settings: object) -> list[Light]:
 
 
 def shoot(truth: Truth, rig: Sequence[tuple[Camera, Sequence[Light]]], pixels: tuple[int, int] = (72, 72), *,
-          mesh: MeshArrays | None = None, noise: float = 0.0) -> Shoot:
-    """Pictures of the plane, one per (camera, lamps).  ``noise``: relative standard deviation, independent."""
+          mesh: MeshArrays | None = None, noise: float = 0.0, samples: int = 1) -> Shoot:
+    """Pictures of the plane, one per (camera, lamps).
+
+    ``noise``: relative standard deviation, independent.  ``samples``: squared, of a pixel; 1 is its centre alone.
+    """
     views, images = [], {}
     rng = np.random.default_rng(5)
     for n, (cam, lit_by) in enumerate(rig):
         view = View(Path(f"view_{n:02d}.exr"), cam, tuple(lit_by))
-        picture = image_of(truth, view, *pixels)
+        picture = image_of(truth, view, *pixels, samples)
         if noise:
             rgb = picture.rgb * (1 + noise * rng.standard_normal(picture.rgb.shape[:2])[..., None])
             picture = RadianceImage(rgb.astype(np.float32), picture.coverage, picture.valid)
         views.append(view)
         images[view.image.name] = picture
     scene = SceneData("synthetic", mesh or plane_mesh(), np.zeros((0, 3, 3), np.float32), tuple(views),
-                      pixel_filter=0.01)
+                      pixel_filter=1.0 if samples > 1 else 0.01)
     return Shoot(scene, images, truth)
+
+
+def moved(original: Shoot, scale: float, turn: np.ndarray, offset: Sequence[float]) -> Shoot:
+    """The same scene elsewhere, turned and of another size; power grows with area, so that the pictures stay."""
+    shift = np.asarray(offset, np.float64)
+
+    def place(points: np.ndarray) -> np.ndarray:
+        return np.asarray(scale * (points @ turn.T) + shift)
+
+    views = []
+    for view in original.scene.views:
+        cam = view.camera
+        rotation = cam.world_to_camera[:3, :3] @ turn.T
+        world_to_camera = np.eye(4)
+        world_to_camera[:3, :3] = rotation
+        world_to_camera[:3, 3] = -rotation @ place(cam.position)
+        cam = replace(cam, world_to_camera=world_to_camera, position=place(cam.position), forward=turn @ cam.forward)
+        moved_lamps = []
+        for light in view.lights:
+            matrix = np.eye(4)
+            matrix[:3, :3], matrix[:3, 3] = turn @ light.matrix[:3, :3], place(light.matrix[:3, 3])
+            moved_lamps.append(replace(light, matrix=matrix, power=light.power * scale**2))
+        views.append(replace(view, camera=cam, lights=tuple(moved_lamps)))
+    mesh = original.scene.mesh
+    mesh = replace(mesh, positions=place(mesh.positions.astype(np.float64)).astype(np.float32),
+                   normals=(mesh.normals.astype(np.float64) @ turn.T).astype(np.float32))
+    return replace(original, scene=replace(original.scene, mesh=mesh, views=tuple(views)))

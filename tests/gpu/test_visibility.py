@@ -114,8 +114,8 @@ def test_the_six_maps_of_a_lamp_inside_meet_without_seam(on_gl, height):
 
 
 @pytest.mark.parametrize("name", ["point", "point, inside the bounding sphere", "sun"])
-@pytest.mark.parametrize(("segments", "degrees"), [(16, 72), (48, 80)])
-def test_smooth_spheres_do_not_shadow_themselves(on_gl, name, segments, degrees):
+@pytest.mark.parametrize("segments", [16, 48])
+def test_smooth_spheres_do_not_shadow_themselves(on_gl, name, segments):
     """Low-poly ones too: far beyond where a facet turns from the light, the smooth surface is lit, as in Cycles."""
     positions, normals = syn.sphere(segments, segments // 2, radius=0.9)
     light = LAMPS[name]
@@ -127,9 +127,9 @@ def test_smooth_spheres_do_not_shadow_themselves(on_gl, name, segments, degrees)
     n = got[..., :3] / np.linalg.norm(got[..., :3], axis=-1, keepdims=True)
     toward = light.matrix[:3, 2] if light.kind == "SUN" else light.matrix[:3, 3] - got[..., :3]
     cosine = (n * toward).sum(-1) / np.linalg.norm(toward, axis=-1)
-    faces = shown & (cosine > np.cos(np.radians(degrees)))
+    faces = shown & (cosine > np.cos(np.radians(86)))
     assert faces.sum() > 100
-    assert (got[..., 3][faces] > 0.99).mean() > 0.998
+    assert (got[..., 3][faces] > 0.99).mean() > 0.999
 
 
 def test_what_stands_near_the_lamp_or_behind_it(on_gl):
