@@ -217,8 +217,11 @@ PATCHES = Truth(
 )
 
 
+Box = tuple[Sequence[float], Sequence[float]]  # lowest and highest corner
+
+
 def radiance(truth: Truth, points: np.ndarray, toward_viewer: np.ndarray, lamps: Sequence[Light],
-             emitter_points: int = 64) -> np.ndarray:
+             blocks: Sequence[Box] = (), emitter_points: int = 64) -> np.ndarray:
     """Radiance (..., 3) of points of the plane; a lamp with a size is a sum over points on it."""
     uv, normal = plane_uv(points), plane_normal(points)
     base, rough, lobe = (f(uv[..., 0], uv[..., 1]) for f in (truth.base, truth.roughness, truth.lobe))
@@ -229,19 +232,25 @@ def radiance(truth: Truth, points: np.ndarray, toward_viewer: np.ndarray, lamps:
             offset, weight = lights.light_sample(light, points, np.full(points.shape[:-1], i), count)
             L = offset / np.linalg.norm(offset, axis=-1, keepdims=True)
             cosine = np.maximum((L * normal).sum(-1), 0)
+            for low, high in blocks:
+                weight = weight * ~box_blocks(points, L * 100 if light.kind == "SUN" else offset, low, high)
             whole = brdf.principled(base, rough, L, toward_viewer, normal)
             f = np.where(lobe[..., None] > 0, whole, base / np.pi)
             total += (weight * cosine)[..., None] * light.power * f
     return total
 
 
-def image_of(truth: Truth, view: View, width: int, height: int, samples: int = 1) -> RadianceImage:
+def image_of(
+    truth: Truth, view: View, width: int, height: int, samples: int = 1, blocks: Sequence[Box] = ()
+) -> RadianceImage:
     """The exact picture: each pixel is the radiance at its centre, or the mean of samples x samples in its square."""
     origin, direction = pixel_rays(view.camera, samples * width, samples * height)
     points = meet_plane(origin, direction)
     seen = np.isfinite(points[..., 0]) & (np.abs(points[..., :2]) <= 1).all(-1)
     points = np.where(seen[..., None], points, 0.0)
-    rgb = np.where(seen[..., None], radiance(truth, points, -direction, view.lights), 0.0)
+    for low, high in blocks:
+        seen &= ~box_blocks(origin, points - origin, low, high)
+    rgb = np.where(seen[..., None], radiance(truth, points, -direction, view.lights, blocks), 0.0)
     share = np.add.reduceat(np.add.reduceat(seen, range(0, samples * height, samples), 0),
                             range(0, samples * width, samples), 1) if samples > 1 else seen.astype(int)
     mean = np.add.reduceat(np.add.reduceat(rgb, range(0, samples * height, samples), 0),
@@ -284,22 +293,25 @@ def lamps(count: int, **settings: object) -> list[Light]:
 
 
 def shoot(truth: Truth, rig: Sequence[tuple[Camera, Sequence[Light]]], pixels: tuple[int, int] = (72, 72), *,
-          mesh: MeshArrays | None = None, noise: float = 0.0, samples: int = 1) -> Shoot:
+          mesh: MeshArrays | None = None, noise: float = 0.0, samples: int = 1,
+          blocks: Sequence[Box] = ()) -> Shoot:
     """Pictures of the plane, one per (camera, lamps).
 
     ``noise``: relative standard deviation, independent.  ``samples``: squared, of a pixel; 1 is its centre alone.
+    ``blocks``: boxes in the way.
     """
     views, images = [], {}
     rng = np.random.default_rng(5)
     for n, (cam, lit_by) in enumerate(rig):
         view = View(Path(f"view_{n:02d}.exr"), cam, tuple(lit_by))
-        picture = image_of(truth, view, *pixels, samples)
+        picture = image_of(truth, view, *pixels, samples, blocks)
         if noise:
             rgb = picture.rgb * (1 + noise * rng.standard_normal(picture.rgb.shape[:2])[..., None])
             picture = RadianceImage(rgb.astype(np.float32), picture.coverage, picture.valid)
         views.append(view)
         images[view.image.name] = picture
-    scene = SceneData("synthetic", mesh or plane_mesh(), np.zeros((0, 3, 3), np.float32), tuple(views),
+    occluders = np.concatenate([np.zeros((0, 3, 3)), *(box(*block) for block in blocks)]).astype(np.float32)
+    scene = SceneData("synthetic", mesh or plane_mesh(), occluders, tuple(views),
                       pixel_filter=1.0 if samples > 1 else 0.01)
     return Shoot(scene, images, truth)
 
