@@ -5,7 +5,7 @@ uniform int u_channel;  // 0, 1, 2, or -1: the mean of the three
 uniform float u_tint;   // light in the channel, relative to the mean of the three
 uniform int u_row;      // first row of this layer in the atlas
 
-layout(location = 0) out vec4 o_observation;  // f (1/sr), quality, cos_v, channel (+ 0.5: an edge)
+layout(location = 0) out vec4 o_observation;  // f (1/sr), quality, cos_v, 2 channel + edge + match / 2
 
 void main() {
     vec4 match = texelFetch(u_match, ivec2(gl_FragCoord.xy) - ivec2(0, u_row), 0);
@@ -17,5 +17,5 @@ void main() {
     float dim = u_tint / (u_tint + 0.1) * 1.1;  // noise counts for more where there is little light
     float cos_v = clamp(match.z, 1e-3, 1.0);
     bool edge = colour.a < 0.25 * cos_v * cos_v;  // cos_v^2 is what a good pixel has
-    o_observation = vec4(f, colour.a * dim * dim * match.w, cos_v, float(max(u_channel, 0)) + (edge ? 0.5 : 0.0));
+    o_observation = vec4(f, colour.a * dim * dim * match.w, cos_v, 2.0 * float(max(u_channel, 0)) + (edge ? 1.0 : 0.0) + 0.5 * match.w);
 }

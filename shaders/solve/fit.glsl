@@ -24,6 +24,7 @@ bool obs_edge[MAX_OBS];
 int obs_count;
 float obs_base[MAX_OBS];  // mean f of the group, subtracted from each: sums of squares keep their digits in float32
 float obs_total;    // number of good observations
+float obs_share;    // how well the good ones' pixels stand for the texel, 0..1
 float obs_free;     // degrees of freedom that the residual has at the best roughness
 
 ivec2 texel_here() { return ivec2(gl_FragCoord.xy); }
@@ -68,7 +69,7 @@ void weigh_observations() {
 // Loads the texel's valid observations; false when it is uncovered or has none.
 bool load_observations() {
     obs_count = 0;
-    obs_total = obs_free = 0.0;
+    obs_total = obs_free = obs_share = 0.0;
     float groups = 0.0;
     ivec2 texel = texel_here();
     if (any(greaterThanEqual(texel, textureSize(u_texel_position, 0)))) return false;
@@ -84,9 +85,10 @@ bool load_observations() {
         obs_f[n] = o.x;
         obs_weight[n] = first ? -o.y : o.y;
         obs_cos_v[n] = o.z;
-        obs_channel[n] = int(o.w);
-        obs_edge[n] = fract(o.w) > 0.25;
+        obs_channel[n] = int(o.w) / 2;
+        obs_edge[n] = int(o.w) % 2 == 1;
         float good = obs_edge[n] ? 0.0 : 1.0;
+        obs_share += good * 2.0 * fract(o.w);
         obs_total += good;
         groups += first ? good : 0.0;
         for (int l = 0; l < LIGHTS; l++) {
@@ -97,6 +99,7 @@ bool load_observations() {
             lobe_factor[n * LIGHTS + l] = g.w;
         }
     }
+    obs_share /= max(obs_total, 1.0);
     weigh_observations();
     // Within groups, and between them as far as the slack lets that count; one is spent on roughness.
     float all = max(obs_total - groups, 0.0) + max(groups - 1.0, 0.0) / (1.0 + u_group_slack);

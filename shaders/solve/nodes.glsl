@@ -23,9 +23,9 @@ float data_slope(float residual, float degrees, float around) {
 }
 
 // How much of what a texel's data say is believed: nothing from edges alone, all from three good
-// observations on.
-float belief(float observations) {
-    return clamp(0.5 * (observations - 1.0), 0.0, 1.0);
+// observations on; and only its share of a pixel that it has in common with other texels.
+float belief(float observations, float share) {
+    return share * clamp(0.5 * (observations - 1.0), 0.0, 1.0);
 }
 
 // The typical variance around a texel, from the map that solve/noise.frag and fill/down.frag made.

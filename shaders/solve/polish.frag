@@ -36,7 +36,7 @@ void main() {
     around = noise_around(u_noise, texel, textureSize(u_valleys, 0), u_noise_floor);
     least = valleys.y;
     degrees = support.z;
-    trust = belief(support.y);
+    trust = belief(support.y, obs_share);
     mean = prior.x;
     information = 1.0 / prior.y;
     float best_r = 0.5;
@@ -65,5 +65,5 @@ void main() {
     float error = inversesqrt(max(best.z, 1e-6));
     o_roughness = vec4(best_r, error, sqrt(fit.x / max(support.y, 0.25)), 1.0);
     // Half where the standard error of roughness is 0.05; few observations count for less.
-    o_detail = vec4(support.y, fit.x, evaluate_lambert(), belief(support.y) / (1.0 + error * error / (0.05 * 0.05)));
+    o_detail = vec4(support.y, fit.x, evaluate_lambert(), belief(support.y, 1.0) / (1.0 + error * error / (0.05 * 0.05)));
 }

@@ -13,7 +13,7 @@ void main() {
     if (!load_observations()) return;
     vec4 valleys = texelFetch(u_valleys, texel_here(), 0), support = texelFetch(u_support, texel_here(), 0);
     float around = noise_around(u_noise, texel_here(), textureSize(u_valleys, 0), u_noise_floor);
-    float trust = belief(support.y);
+    float trust = belief(support.y, obs_share);
     for (int i = 0; i < 8; i++) {
         vec4 t;
         for (int j = 0; j < 4; j++) {
