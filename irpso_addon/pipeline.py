@@ -131,14 +131,13 @@ def _maps(
     lambert = [s for s, name in enumerate(scene.mesh.slot_names) if model.get(name) == "lambert"]
     is_lambert = np.isin(slots, lambert)
     rough[is_lambert, 0] = 1.0  # without a lobe any roughness renders alike; 1 reads as "no gloss"
-    known = device.texture(found.roughness.width, found.roughness.height, data=rough)
+    known = device.texture(found.roughness.width, found.roughness.height, data=np.stack(
+        [rough[..., 0], is_lambert, np.zeros_like(rough[..., 0]), rough[..., 3]], axis=-1).astype(np.float32))
     filled_roughness = fill(device, known)
     for texture in (known, found.roughness, found.detail):
         texture.release()
     albedo = AlbedoSolver(device, grid, observations)
-    base = yield from albedo.solve(
-        filled_roughness, sum(1 << min(s, 31) for s in lambert), iterations=0 if solver.cancelled else ITERATIONS
-    )
+    base = yield from albedo.solve(filled_roughness, iterations=0 if solver.cancelled else ITERATIONS)
     filled_base = fill(device, base)
     shown = device.read(base)[..., 3] > 0.25
     maps = Maps(
@@ -169,8 +168,9 @@ def _models(
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Model and reason for each material that has texels."""
     model, why = {}, {}
-    for slot, name in enumerate(scene.mesh.slot_names):
-        texels = solved & (slots == slot)
+    names = scene.mesh.slot_names
+    for name in dict.fromkeys(names):  # slots of one material decide together
+        texels = solved & np.isin(slots, [slot for slot, other in enumerate(names) if other == name])
         if settings.model != "auto":
             model[name], why[name] = settings.model, "asked for"
         elif texels.any():

@@ -35,18 +35,18 @@ class AlbedoSolver:
         self.cancelled = False
 
     def solve(
-        self, roughness: moderngl.Texture, lambert_slots: int, iterations: int = ITERATIONS
+        self, roughness: moderngl.Texture, iterations: int = ITERATIONS
     ) -> Generator[Progress, None, moderngl.Texture]:
-        """Roughness (R, holes filled) -> RGBA32F: linear base colour, 1 where a pixel showed the texel.
+        """``roughness``: R roughness, G 1 where there is no lobe, holes filled.
 
-        ``lambert_slots``: bit s is set where material slot s has no specular lobe.
+        Returns RGBA32F: linear base colour, and how far pixels showed the texel (1: wholly).
         """
         device = self.device
         roughness.filter = (moderngl.LINEAR, moderngl.LINEAR)
         cameras = self.observations.cameras
         shown = []
         for i, camera in enumerate(cameras):
-            shown.append(self._pixel_albedo(camera, roughness, lambert_slots))
+            shown.append(self._pixel_albedo(camera, roughness))
             try:
                 yield Progress(0.3 * (i + 1) / len(cameras), "maps", "albedo per pixel")
             except Cancelled:
@@ -71,7 +71,7 @@ class AlbedoSolver:
             release(pair)
         return texture
 
-    def _pixel_albedo(self, camera: ObservedCamera, roughness: moderngl.Texture, lambert_slots: int) -> Shown:
+    def _pixel_albedo(self, camera: ObservedCamera, roughness: moderngl.Texture) -> Shown:
         """Weighted albedo sum and weight of each pixel over the camera's views."""
         device = self.device
         size = camera.maps.position.size
@@ -95,7 +95,7 @@ class AlbedoSolver:
                         **grid, "u_colour": view.colour, "u_specular": specular,
                         "u_before": before[0] if before else None, "u_before_weight": before[1] if before else None,
                     }, uniforms={**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
-                                 "u_tint": view.tint, "u_lambert_slots": lambert_slots})
+                                 "u_tint": view.tint})
             target.release()
             release(before)
             before = shown

@@ -115,7 +115,7 @@ class Solver:
         done = yield from self._over(tiles, (0.0, 0.5), f"solve/{self.settings.method}.frag", search, {}, knobs)
         tiles = tiles[:done]  # fewer when stopped: these are finished, the rest is filled from them
         found = {"u_valleys": valleys, "u_support": support, "u_noise": self._noise(valleys, support)}
-        floor = {"u_noise_floor": NOISE_FLOOR}
+        floor = {"u_noise_floor": NOISE_FLOOR, "u_noise_unknown": CAMERA_SLACK**2}
         yield from self._over(tiles, (0.5, 0.75), "solve/table.frag", table_target, found, floor)
         estimate, prior = self._share(tables)
         for target in (search, table_target):
@@ -235,7 +235,8 @@ class Solver:
             finer.release()
         values = device.read(noise)
         known = values[values[..., 3] > 0.1, 0]
-        variance = float(np.exp(np.median(known))) if len(known) else NOISE_FLOOR**2
+        # With one view a camera nothing but the scatter between cameras tells: that is the noise then.
+        variance = float(np.exp(np.median(known))) if len(known) else CAMERA_SLACK**2
         variance = max(variance, NOISE_FLOOR**2)
         self.uniforms["u_group_slack"] = float(np.clip(CAMERA_SLACK**2 / variance, 1.0, 1e5))
         return noise

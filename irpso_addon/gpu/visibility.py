@@ -11,7 +11,7 @@ import numpy as np
 from ..core import lights as light_model
 from ..core.data import F64, Light
 from .context import Device
-from .surface import MeshBuffer, Occluders, SurfaceMaps, column_major
+from .surface import MeshBuffer, Occluders, SurfaceMaps, column_major, facets
 
 SHADOW_SIZE = 2048  # texels on a side; 0.1 % of lit texels change against 4096
 SOFT_POINTS = 16  # sample points on an emitter that casts a visible penumbra
@@ -104,7 +104,8 @@ class LightVisibility:
         points = mesh.mesh.positions.reshape(-1, 3).astype(np.float64)
         low, high = points.min(axis=0), points.max(axis=0)
         self.center = (low + high) / 2
-        self.radius = float(np.max(np.linalg.norm(points - self.center, axis=1))) * 1.001 + 1e-6
+        lift = float(facets(mesh.mesh)[:, 3].max())  # the look-up lifts points off the facets by so much
+        self.radius = float(np.max(np.linalg.norm(points - self.center, axis=1))) * 1.001 + lift + 1e-6
         if len(occluders.triangles):
             others = occluders.triangles.reshape(-1, 3)
             low, high = np.minimum(low, others.min(axis=0)), np.maximum(high, others.max(axis=0))

@@ -7,13 +7,12 @@ uniform sampler2D u_position;   // pixel grid
 uniform sampler2D u_normal;
 uniform sampler2D u_uv;
 uniform sampler2D u_colour;     // f (1/sr), quality
-uniform sampler2D u_roughness;  // texel grid, holes filled
+uniform sampler2D u_roughness;  // texel grid, holes filled: roughness, 1 where there is no lobe
 uniform sampler2D u_specular;   // of the view's lights, 1/sr
 uniform sampler2D u_before;     // albedo sum of the pass before
 uniform sampler2D u_before_weight;
 uniform bool u_first_pass;
 uniform float u_outlier;        // relative error at which a view loses half its weight
-uniform int u_lambert_slots;    // bit s: slot s has no lobe
 uniform vec3 u_camera_position;
 uniform vec3 u_camera_forward;
 uniform bool u_orthographic;
@@ -28,12 +27,11 @@ void main() {
     vec4 p = texelFetch(u_position, at, 0), colour = texelFetch(u_colour, at, 0);
     if (p.w < 0.5 || colour.a <= 0.0) discard;
     vec3 V = u_orthographic ? -u_camera_forward : normalize(u_camera_position - p.xyz);
-    vec4 normal = texelFetch(u_normal, at, 0);
-    float cos_v = clamp(dot(normal.xyz, V), 1e-3, 1.0);
-    float r = texture(u_roughness, texelFetch(u_uv, at, 0).xy).r;
-    float diffuse = diffuse_principled(r, cos_v);
+    float cos_v = clamp(dot(texelFetch(u_normal, at, 0).xyz, V), 1e-3, 1.0);
+    vec2 rough = texture(u_roughness, texelFetch(u_uv, at, 0).xy).rg;
+    float diffuse = diffuse_principled(rough.r, cos_v);
     vec3 s = texelFetch(u_specular, at, 0).rgb;
-    if ((u_lambert_slots >> min(int(normal.w), 31) & 1) == 1) {
+    if (rough.g > 0.5) {
         diffuse = 1.0 / PI;
         s = vec3(0.0);
     }

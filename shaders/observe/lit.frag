@@ -42,7 +42,7 @@ void main() {
     vec4 clip = u_shadow_clip * vec4(lifted, 1.0);
     if (clip.w <= 0.0) discard;
     vec2 at = clip.xy / clip.w;
-    if (any(greaterThan(abs(at), vec2(1.0)))) discard;
+    if (u_face >= 0 && any(greaterThan(abs(at), vec2(1.0)))) discard;
 
     float receiver = dot(u_depth_plane, vec4(lifted, 1.0)) - texel;
     vec2 where = (at * 0.5 + 0.5) * vec2(textureSize(u_shadow, 0)) - 0.5;

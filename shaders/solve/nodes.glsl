@@ -28,16 +28,19 @@ float belief(float observations, float share) {
     return share * clamp(0.5 * (observations - 1.0), 0.0, 1.0);
 }
 
+uniform float u_noise_floor;
+uniform float u_noise_unknown;  // variance to assume where no camera has views enough to tell
+
 // The typical variance around a texel, from the map that solve/noise.frag and fill/down.frag made.
-float noise_around(sampler2D noise, ivec2 texel, ivec2 size, float noise_floor) {
+float noise_around(sampler2D noise, ivec2 texel, ivec2 size) {
     vec2 at = (vec2(texel) + 0.5) / vec2(size) * vec2(textureSize(noise, 0)) - 0.5;
     ivec2 corner = ivec2(floor(at)), last = textureSize(noise, 0) - 1;
     vec2 f = at - vec2(corner);
-    vec2 sum = vec2(0.0, 1e-9);
+    vec2 sum = vec2(log(u_noise_unknown), 1.0) * 1e-4;
     for (int j = 0; j < 4; j++) {
         ivec2 d = ivec2(j & 1, j >> 1);
         vec4 n = texelFetch(noise, clamp(corner + d, ivec2(0), last), 0);
         sum += (d.x == 1 ? f.x : 1.0 - f.x) * (d.y == 1 ? f.y : 1.0 - f.y) * n.a * vec2(n.r, 1.0);
     }
-    return max(exp(sum.x / sum.y), noise_floor * noise_floor);
+    return max(exp(sum.x / sum.y), u_noise_floor * u_noise_floor);
 }

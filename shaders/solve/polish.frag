@@ -6,7 +6,6 @@ uniform sampler2D u_support;
 uniform sampler2D u_estimate;  // from the pyramid's finest level
 uniform sampler2D u_prior;
 uniform sampler2D u_noise;
-uniform float u_noise_floor;
 uniform float u_prior_cut;
 uniform int u_steps;
 
@@ -33,7 +32,7 @@ void main() {
     ivec2 texel = texel_here();
     vec4 valleys = texelFetch(u_valleys, texel, 0), support = texelFetch(u_support, texel, 0);
     vec4 prior = texelFetch(u_prior, texel, 0);
-    around = noise_around(u_noise, texel, textureSize(u_valleys, 0), u_noise_floor);
+    around = noise_around(u_noise, texel, textureSize(u_valleys, 0));
     least = valleys.y;
     degrees = support.z;
     trust = belief(support.y, obs_share);

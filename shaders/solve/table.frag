@@ -4,7 +4,6 @@
 uniform sampler2D u_valleys;  // whole map
 uniform sampler2D u_support;
 uniform sampler2D u_noise;
-uniform float u_noise_floor;
 
 layout(location = 0) out vec4 o_table[8];
 
@@ -12,7 +11,7 @@ void main() {
     for (int i = 0; i < 8; i++) o_table[i] = vec4(0.0);
     if (!load_observations()) return;
     vec4 valleys = texelFetch(u_valleys, texel_here(), 0), support = texelFetch(u_support, texel_here(), 0);
-    float around = noise_around(u_noise, texel_here(), textureSize(u_valleys, 0), u_noise_floor);
+    float around = noise_around(u_noise, texel_here(), textureSize(u_valleys, 0));
     float trust = belief(support.y, obs_share);
     for (int i = 0; i < 8; i++) {
         vec4 t;

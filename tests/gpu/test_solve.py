@@ -697,8 +697,9 @@ def test_more_material_slots_than_an_int_has_bits():
     mesh = syn.plane_mesh(lambda u, v: np.minimum((u * 40).astype(int), 39), names)
     mixed = replace(syn.PATCHES, lobe=lambda u, v: (np.asarray(u) < 0.5).astype(float))
     found = run(syn.shoot(mixed, rig(), mesh=mesh))
-    assert {found.model[name] for name in names[4:18]} == {"one-lobe"}
-    assert {found.model[name] for name in names[22:36]} == {"lambert"}
+    # The mesh has fewer columns of cells than materials: some slots have no face.
+    assert {found.model[name] for name in names[4:18] if name in found.model} == {"one-lobe"}
+    assert {found.model[name] for name in names[22:36] if name in found.model} == {"lambert"}
     at = (np.arange(SIZE) + 0.5) / SIZE
     base = np.abs(found.maps.base_color - mixed.base(*np.meshgrid(at, at))).max(-1)
     assert np.median(base[4:-4, 6:SIZE // 2 - 3]) < 1e-4
