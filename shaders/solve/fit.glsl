@@ -46,7 +46,7 @@ void weigh_observations() {
     }
     // Edges of shadow and silhouette count where there is little else; beside good observations even
     // their small weight would outweigh the precision of those.
-    float edge = exp2(-6.0 * obs_total);
+    float edge = exp2(-6.0 * min(obs_total, 6.0));  // never zero: a group of edges alone still has a mean
     float sum = 0.0, total = 0.0;
     int first = 0;
     for (int n = 0; n < obs_count; n++) {
