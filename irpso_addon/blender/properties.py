@@ -115,6 +115,7 @@ def register() -> None:
 def unregister() -> None:
     """Removes ``scene.irpso``; the property goes before its classes."""
     atexit.unregister(unregister)
-    del bpy.types.Scene.irpso
+    if hasattr(bpy.types.Scene, "irpso"):  # a second copy of this module may have removed it already
+        del bpy.types.Scene.irpso
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
