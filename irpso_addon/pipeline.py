@@ -144,7 +144,7 @@ def _maps(
         base_color=device.read(filled_base)[..., :3].copy(),
         roughness=device.read(filled_roughness)[..., 0].copy(),
         confidence=np.where(solved & shown, detail[..., 3], 0.0).astype(np.float32),
-        error=np.where(solved, rough[..., 2], 0.0).astype(np.float32),
+        error=np.where(solved & shown, rough[..., 2], 0.0).astype(np.float32),
         filled=~(solved & shown),
         coverage=gbuffer.coverage,
     )
