@@ -13,8 +13,10 @@ $(VENV)/.ready: requirements-dev.txt tools/setup.sh
 demo: setup
 	$(RUN) -m irpso_addon demo --out build/demo
 
+# Two processes: the GPU's tests prove that no Blender is needed, and must not share a process with one.
 test: lint
-	$(RUN) -m pytest
+	$(RUN) -m pytest tests/core tests/gpu
+	$(RUN) -m pytest tests/blender
 
 lint: setup
 	$(RUN) -m ruff check .
