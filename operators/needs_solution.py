@@ -8,7 +8,7 @@ from ..irpso_addon.core.errors import BadInput
 
 
 class NeedsSolution:
-    """Enabled when the active object was solved in this session."""
+    """Enabled when the active object was solved since the file was opened."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -27,5 +27,5 @@ class NeedsSolution:
         """The object's solution.  Raises BadInput: while a file browser is open, another object may become active."""
         found = session.solution_of(obj)
         if found is None:
-            raise BadInput(f"{obj.name}: is not solved in this session; solve it first")
+            raise BadInput(f"{obj.name}: was not solved since the file was opened; solve it first")
         return found

@@ -135,7 +135,7 @@ class IRPSO_PT_result(_Tab, Panel):
         layout.use_property_decorate = False
         solution = session.solution_of(context.active_object)
         if solution is None:
-            layout.label(text="Not solved in this session", icon="INFO")
+            layout.label(text="Not solved since the file was opened", icon="INFO")
         else:
             letters = max(16, int(context.region.width / context.preferences.system.ui_scale / LETTER_WIDTH) - 9)
             self._draw_summary(layout, context.active_object.name, solution, letters)

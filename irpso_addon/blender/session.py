@@ -41,7 +41,7 @@ def keep(obj: bpy.types.Object, solution: Solution) -> None:
 
 
 def solution_of(obj: bpy.types.Object | None) -> Solution | None:
-    """The last solution of ``obj`` in this session."""
+    """The last solution of ``obj`` since the file was opened."""
     return None if obj is None else _solutions.get(obj.session_uid)
 
 
