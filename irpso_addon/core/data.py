@@ -121,11 +121,16 @@ class Maps:
     """The result, row 0 at the bottom (v = 0), holes filled and seams padded."""
 
     base_color: F32  # (n, n, 3) linear
-    roughness: F32  # (n, n) perceptual, 0..1
+    roughness: F32  # (n, n) perceptual, 0..1; of the sharper lobe where there are two
     confidence: F32  # (n, n) 0..1; 0 where filled
     error: F32  # (n, n) weighted relative residual of the fit; 0 where filled
     filled: Bool  # (n, n) True: covered or padded texels whose value came from neighbours
     coverage: Bool  # (n, n) True: inside a UV island
+    roughness_sigma: F32  # (n, n) standard error of roughness; 0 where filled
+    base_sigma: F32  # (n, n) standard error of base color, the mean of its channels, linear; 0 where filled
+    # Only where the model of some material has them, else None:
+    lobes: F32 | None = None  # (n, n, 3) roughness1 <= roughness2 and the weight of lobe 1; (r, r, 1) for one lobe
+    specular: F32 | None = None  # (n, n) Specular IOR Level, 0..1; 0.5 where it was not solved for
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,7 @@ class Solution:
     """Maps with what the report says of them."""
 
     maps: Maps
-    model: dict[str, str]  # material slot name -> "lambert" or "one-lobe"
+    model: dict[str, str]  # material slot name -> one of core/params.py's models
     why: dict[str, str]  # material slot name -> why that model
     texels: dict[str, int]  # covered, observed, solved, filled
     seconds: dict[str, float]  # per stage
@@ -143,3 +148,5 @@ class Solution:
     warnings: tuple[str, ...]
     device: dict[str, Any]  # GL renderer, vendor, version
     cancelled: bool = False  # True: only part of the texels was solved
+    # material slot name -> its one Specular IOR Level, where a single value was solved for the material
+    levels: dict[str, float] = field(default_factory=dict)

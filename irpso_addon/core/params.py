@@ -27,14 +27,41 @@ class SolveSettings:
 
     size: int = parameter(1024, "Width and height of the maps", label="Size", low=16, high=8192, unit="texels")
     model: str = parameter("auto", "How much of the material is solved for", label="Model", choices=(
-        ("auto", "The smaller model that the data support, chosen for each material"),
+        ("auto", "The smallest model that the data support, chosen for each material"),
         ("lambert", "Base colour only: a surface without highlight (Specular IOR Level 0)"),
         ("one-lobe", "Base colour and roughness of the Principled BSDF"),
+        ("one-lobe-specular", "And its Specular IOR Level: for pictures without an absolute scale"),
+        ("two-lobe", "Base colour, two roughnesses and the share of the first lobe"),
     ))
+    specular: str = parameter("material", "Model one-lobe-specular: where the Specular IOR Level may differ",
+                              label="Specular", choices=(
+        ("material", "One value for each material"),
+        ("texel", "A map"),
+    ))
+    ndf: str = parameter("ggx", "Model two-lobe: distribution of the surface's slopes", label="Distribution", choices=(
+        ("ggx", "Two Principled BSDFs, mixed"),
+        ("beckmann", "Cook-Torrance: a diffuse and two Metallic BSDFs without absorption, Beckmann"),
+    ), advanced=True)
     method: str = parameter("refined", "How the swarm searches", label="Method", choices=(
         ("refined", "Stratified particles take Levenberg-Marquardt steps and race; fast and exact"),
+        ("draft", "The same with half the particles and steps, for a first look"),
         ("swarm", "The particle swarm alone, ring topology; slower, makes no use of derivatives"),
+        ("paper", "IRPSO as published, every parameter searched; for comparison"),
     ))
+    particles: int = parameter(16, "Method paper: particles of a texel's swarm (m)", label="Particles", low=2, high=64,
+                               advanced=True)
+    iterations: int = parameter(1600, "Method paper: passes; in each, one particle of every swarm moves",
+                                label="Passes", low=1, high=1_000_000, advanced=True)
+    c1: float = parameter(2.05, "Method paper: pull of a particle's own best (c1)", label="Own Best", low=0.0, high=4.0,
+                          advanced=True)
+    c2: float = parameter(2.05, "Method paper: pull of the texel's best (c2)", label="Texel's Best", low=0.0, high=4.0,
+                          advanced=True)
+    c3: float = parameter(0.05, "Method paper: pull of the neighbours' bests (c3)", label="Neighbours' Bests", low=0.0,
+                          high=4.0, advanced=True)
+    window: int = parameter(3, "Method paper: width of the neighbourhood (H), odd", label="Window", low=1, high=15,
+                            unit="texels", advanced=True)
+    threshold: float = parameter(0.0, "Method paper: a swarm stops once its relative error is below this",
+                                 label="Threshold", low=0.0, high=1.0, advanced=True)
     seed: int = parameter(0, "Seed of the swarm's random numbers", label="Seed", low=0, high=2**31 - 1,
                           advanced=True)
 
