@@ -25,6 +25,8 @@ def make_maps(size: int = SIZE, seed: int = 0) -> Maps:
         error=rng.uniform(0, 0.1, (size, size)).astype("f4"),
         filled=rng.uniform(size=(size, size)) > 0.5,
         coverage=np.ones((size, size), bool),
+        roughness_sigma=rng.uniform(0, 0.1, (size, size)).astype("f4"),
+        base_sigma=rng.uniform(0, 0.1, (size, size)).astype("f4"),
     )
 
 

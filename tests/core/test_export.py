@@ -23,7 +23,9 @@ def make_maps(size: int = 8) -> Maps:
         base_color=rng.uniform(0, 1, (size, size, 3)).astype("f4"),
         roughness=rng.uniform(0, 1, (size, size)).astype("f4"),
         confidence=rng.uniform(0, 1, (size, size)).astype("f4"), error=rng.uniform(0, 1, (size, size)).astype("f4"),
-        filled=rng.uniform(size=(size, size)) > 0.5, coverage=np.ones((size, size), bool))
+        filled=rng.uniform(size=(size, size)) > 0.5, coverage=np.ones((size, size), bool),
+        roughness_sigma=rng.uniform(0, 0.1, (size, size)).astype("f4"),
+        base_sigma=rng.uniform(0, 0.1, (size, size)).astype("f4"))
 
 
 def read(path: Path) -> np.ndarray:

@@ -18,7 +18,7 @@ from irpso_addon.core.report import build_report, peak_memory, version, write_re
 ROOT = Path(__file__).resolve().parents[2]
 NOTHING = np.zeros((1, 1), np.float32)
 SOLUTION = Solution(
-    maps=Maps(np.zeros((1, 1, 3), np.float32), NOTHING, NOTHING, NOTHING, NOTHING > 0, NOTHING > 0),
+    maps=Maps(np.zeros((1, 1, 3), np.float32), NOTHING, NOTHING, NOTHING, NOTHING > 0, NOTHING > 0, NOTHING, NOTHING),
     model={"Glaze": "one-lobe", "": "lambert"}, why={"Glaze": "asked for"},
     texels={"covered": 90, "observed": 80, "solved": 60, "filled": 30}, seconds={"observe": 1.0, "solve": 2.0},
     residual=0.02, views_used=("a.exr",), views_skipped=(("b.exr", "sees nothing"),), warnings=("Töpfe: wärm",),
