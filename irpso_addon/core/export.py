@@ -1,8 +1,9 @@
 """Maps to image files: the names and the order that other programs rely on.
 
-``<object>_basecolor``, ``_roughness``, ``_confidence``, ``_error``, ``_filled``; row 0 of the file is
-the top (``core/image.py`` flips).  EXR holds linear 32-bit floats; PNG and TIFF hold 16 bits and the
-base colour there is sRGB-encoded.  Either every file of a set appears, or none.
+``<object>_basecolor``, ``_roughness``, ``_confidence``, ``_error``, ``_filled``, ``_roughness_sigma``,
+``_basecolor_sigma``, and ``_specular`` where it was solved for; row 0 of the file is the top
+(``core/image.py`` flips).  EXR holds linear 32-bit floats; PNG and TIFF hold 16 bits, cut off at 1, and
+the base colour (that map alone) is sRGB-encoded there.  Either every file of a set appears, or none.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from .image import write_image
 from .staging import Staging
 
 KINDS = ("exr", "png", "tiff")
-STEM_BYTES = 200  # file systems allow 255 bytes a name; the longest suffix is "_confidence.tiff"
+STEM_BYTES = 200  # file systems allow 255 bytes a name; the longest suffix is "_basecolor_sigma.tiff"
 FORBIDDEN = frozenset('/\\:*?"<>|')  # in a file name on some system that artists share files with
 
 
@@ -50,17 +51,25 @@ def write_maps(maps: Maps, stem: str, out: Path, kind: str) -> list[Path]:
         return [staging.out / name for name in names]
 
 
+def layers(maps: Maps) -> dict[str, F32]:
+    """The maps by the ends of their files' names: (n, n) or (n, n, 3) each.
+
+    "roughness" is grey, or, where some material has two lobes, (roughness1, roughness2, weight of lobe 1).
+    """
+    found = {
+        "basecolor": maps.base_color, "roughness": maps.roughness if maps.lobes is None else maps.lobes,
+        "confidence": maps.confidence, "error": maps.error, "filled": maps.filled.astype(np.float32),
+        "roughness_sigma": maps.roughness_sigma, "basecolor_sigma": maps.base_sigma,
+    }
+    return found if maps.specular is None else found | {"specular": maps.specular}
+
+
 def _write_all(maps: Maps, stem: str, folder: Path, kind: str) -> list[str]:
     """One file per map in ``folder``; their names."""
-    layers: tuple[tuple[str, F32, bool], ...] = (
-        ("basecolor", maps.base_color, True),
-        ("roughness", np.repeat(maps.roughness[..., None], 3, axis=2), False),
-        ("confidence", maps.confidence[..., None], False),
-        ("error", maps.error[..., None], False),
-        ("filled", maps.filled[..., None].astype(np.float32), False),
-    )
     names = []
-    for suffix, array, color in layers:
+    for suffix, array in layers(maps).items():
         names.append(f"{stem}_{suffix}.{kind}")
-        write_image(folder / names[-1], array, kind=kind, color=color)
+        channels = 3 if suffix == "roughness" else 1  # three also where they are equal: who reads it need not ask
+        pixels = array if array.ndim == 3 else np.repeat(array[..., None], channels, axis=2)
+        write_image(folder / names[-1], pixels, kind=kind, color=suffix == "basecolor")
     return names

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from irpso_addon.core.export import safe_stem, write_maps
 
 oiio = pytest.importorskip("OpenImageIO")
 
-SUFFIXES = ["basecolor", "roughness", "confidence", "error", "filled"]
+SUFFIXES = ["basecolor", "roughness", "confidence", "error", "filled", "roughness_sigma", "basecolor_sigma"]
 
 
 def make_maps(size: int = 8) -> Maps:
@@ -45,7 +46,7 @@ def test_values(tmp_path: Path, kind: str) -> None:
     paths = write_maps(maps, "Cow", tmp_path / "new" / "folder", kind)
     assert [p.name for p in paths] == [f"Cow_{suffix}.{kind}" for suffix in SUFFIXES]
     assert sorted(os.listdir(tmp_path / "new" / "folder")) == sorted(p.name for p in paths)
-    base, rough, confidence, error, filled = (read(path) for path in paths)
+    base, rough, confidence, error, filled, rough_sigma, base_sigma = (read(path) for path in paths)
     step = 0.0 if kind == "exr" else 0.6 / 65535  # 16 bits, rounded
     np.testing.assert_allclose(base[..., :3], maps.base_color if kind == "exr" else srgb(maps.base_color), atol=step)
     assert rough.shape[2] >= 3
@@ -54,6 +55,22 @@ def test_values(tmp_path: Path, kind: str) -> None:
     np.testing.assert_allclose(confidence[..., 0], maps.confidence, atol=step)
     np.testing.assert_allclose(error[..., 0], maps.error, atol=step)
     np.testing.assert_array_equal(filled[..., 0], maps.filled)
+    np.testing.assert_allclose(rough_sigma[..., 0], maps.roughness_sigma, atol=step)
+    np.testing.assert_allclose(base_sigma[..., 0], maps.base_sigma, atol=step)
+
+
+@pytest.mark.parametrize("kind", ["exr", "png", "tiff"])
+def test_two_lobes_and_the_specular_level(tmp_path: Path, kind: str) -> None:
+    """Data, never colour-encoded; a standard error above 1 is whole in EXR and cut off in 16 bits."""
+    rng = np.random.default_rng(3)
+    lobes, specular = (rng.uniform(0, 1, shape).astype("f4") for shape in ((8, 8, 3), (8, 8)))
+    maps = replace(make_maps(), lobes=lobes, specular=specular, base_sigma=np.full((8, 8), 2.5, "f4"))
+    paths = {p.stem.removeprefix("Cow_"): p for p in write_maps(maps, "Cow", tmp_path, kind)}
+    assert list(paths) == [*SUFFIXES, "specular"]
+    step = 0.0 if kind == "exr" else 0.6 / 65535
+    np.testing.assert_allclose(read(paths["roughness"]), lobes, atol=step)
+    np.testing.assert_allclose(read(paths["specular"])[..., 0], specular, atol=step)
+    np.testing.assert_array_equal(read(paths["basecolor_sigma"]), 2.5 if kind == "exr" else 1.0)
 
 
 @pytest.mark.parametrize(("name", "stem"), [
@@ -75,14 +92,14 @@ def test_long_names_are_cut_and_stay_distinct(tmp_path: Path) -> None:
     names = ["牛" * 120 + end for end in ("a", "b")]
     for name in names:
         assert all(p.exists() for p in write_maps(make_maps(), name, tmp_path, "tiff"))
-    assert len(os.listdir(tmp_path)) == 10
+    assert len(os.listdir(tmp_path)) == 2 * len(SUFFIXES)
 
 
 def test_writing_again_replaces(tmp_path: Path) -> None:
     write_maps(make_maps(8), "Cow", tmp_path, "exr")
     paths = write_maps(make_maps(16), "Cow", tmp_path, "exr")
     assert all(read(path).shape[:2] == (16, 16) for path in paths)
-    assert len(os.listdir(tmp_path)) == 5
+    assert len(os.listdir(tmp_path)) == len(SUFFIXES)
 
 
 def refuses(out: Path, *words: str, kind: str = "exr") -> None:
@@ -103,13 +120,13 @@ def test_a_file_where_the_folder_should_be(tmp_path: Path) -> None:
 def test_all_or_nothing(tmp_path: Path) -> None:
     """The last target cannot be replaced: the older files keep their contents."""
     paths = write_maps(make_maps(), "Cow", tmp_path, "exr")
-    before = {p: p.read_bytes() for p in paths[:4]}
-    paths[4].unlink()
-    paths[4].mkdir()
-    with pytest.raises(BadInput, match="Cow_filled"):
+    before = {p: p.read_bytes() for p in paths[:-1]}
+    paths[-1].unlink()
+    paths[-1].mkdir()
+    with pytest.raises(BadInput, match="Cow_basecolor_sigma"):
         write_maps(make_maps(16), "Cow", tmp_path, "exr")
-    assert {p: p.read_bytes() for p in paths[:4]} == before
-    assert len(os.listdir(tmp_path)) == 5
+    assert {p: p.read_bytes() for p in paths[:-1]} == before
+    assert len(os.listdir(tmp_path)) == len(SUFFIXES)
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full") or os.geteuid() != 0, reason="needs a small file system")
