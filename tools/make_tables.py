@@ -4,8 +4,8 @@
 
 Our own integrals of the published model, on the grids that Cycles keeps its own tables on: the
 albedo of the lobe E1 on 32x32 (roughness, cosine) nodes, its hemispherical mean Eavg on 32, the mean
-Fresnel interpolant s on 16x16x16 (roughness, cosine, sqrt of (n-1)/(n+1)) nodes, of which the two
-slices around IOR 1.5 are needed.  --check prints what resampling them to one table costs.
+Fresnel interpolant s on 16x16x16 (roughness, cosine, sqrt of (n-1)/(n+1)) nodes, of which the nine
+slices up to Specular IOR Level 1 are needed.  --check prints what resampling them to one table costs.
 
 Sources: GGX visible normals: Heitz 2018, "Sampling the GGX Distribution of Visible Normals";
 height-correlated Smith: Heitz 2014, eq. 99; multiple scattering: Kulla and Conty 2017,
@@ -23,9 +23,16 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from irpso_addon.core.data import F64
-from irpso_addon.core.tables import IOR, NODES, bilinear, energy
+from irpso_addon.core.tables import (
+    FRESNEL_NODES,
+    LOBE_NODES,
+    NODES,
+    SLICES,
+    Nodes,
+    bilinear,
+    energy,
+)
 
-LOBE_NODES, MEAN_FRESNEL_NODES = 32, 16  # Cycles' grids
 SMALLEST = 1e-4  # roughness and cosine of the first node: 0 itself is degenerate
 POINTS = 46368  # of a Fibonacci lattice on the unit square (46368 and 28657 are neighbours)
 
@@ -92,31 +99,30 @@ def mean_fresnel(roughness: float, cosine: float, ior: float) -> float:
     return float(np.where(cos_l > 0, np.clip((fresnel(cos_vh, ior) - f0) / (1 - f0), 0, 1), 0).mean())
 
 
-def lobe_tables() -> tuple[F64, F64, F64]:
-    """(E1 (32, 32), Eavg (32,), s (16, 16)), axis 0 roughness, axis 1 cosine; s at IOR between its two slices."""
+def fresnel_slice(k: int) -> F64:
+    """s (16, 16), axis 0 roughness, axis 1 cosine, at the IOR whose F0 is (k / 15)^4."""
+    z2 = (k / (FRESNEL_NODES - 1)) ** 2
+    ior = (1 + z2) / (1 - z2)
+    grid = np.linspace(0, 1, FRESNEL_NODES)
+    return np.array([[mean_fresnel(r, c, ior) for c in grid] for r in grid])
+
+
+def compute_nodes() -> Nodes:
+    """All the integrals; half a minute."""
     grid = np.linspace(0, 1, LOBE_NODES)
     albedo = np.array([[lobe_albedo(r, c) for c in grid] for r in grid])
     mean = np.array([mean_lobe_albedo(r) for r in grid])
-    last = MEAN_FRESNEL_NODES - 1
-    slice_ = np.sqrt((IOR - 1) / (IOR + 1)) * last
-    below = int(slice_)
-    grid = np.linspace(0, 1, MEAN_FRESNEL_NODES)
-    fresnels = []
-    for z in (below / last, (below + 1) / last):  # the slice at z belongs to the IOR whose F0 is z^4
-        ior = (1 + z * z) / (1 - z * z)
-        fresnels.append(np.array([[mean_fresnel(r, c, ior) for c in grid] for r in grid]))
-    share = slice_ - below
-    return albedo, mean, fresnels[0] * (1 - share) + fresnels[1] * share
+    return Nodes(albedo, mean, np.stack([fresnel_slice(k) for k in range(SLICES)]))
 
 
-def check(tables: tuple[F64, F64, F64]) -> None:
+def check(nodes: Nodes) -> None:
     """Print what resampling to n x n costs, relative, in comp, A and 1 - A (which multiplies the diffuse)."""
     rng = np.random.default_rng(0)
     r, c = rng.uniform(0.05, 1, (2, 200_000))
-    truth = energy(*tables, r, c)
+    truth = energy(nodes, r, c)
     for size in (64, 128, 192, 256, 466):
         grid = np.linspace(0, 1, size)
-        comp, dim = bilinear(energy(*tables, *np.meshgrid(grid, grid, indexing="ij")), r, c).T
+        comp, dim = bilinear(energy(nodes, *np.meshgrid(grid, grid, indexing="ij")), r, c).T
         errors = {
             "comp": np.abs(comp / truth[:, 0] - 1), "A": np.abs(dim / truth[:, 1] - 1),
             "1 - A": np.abs((1 - dim) / (1 - truth[:, 1]) - 1),
@@ -129,12 +135,13 @@ def main() -> None:
     """Write the nodes, or with --check print what resampling costs."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--check", action="store_true", help="print resampling errors instead of writing")
-    tables = lobe_tables()
-    if parser.parse_args().check:
-        check(tables)
+    check_only = parser.parse_args().check
+    nodes = compute_nodes()
+    if check_only:
+        check(nodes)
     else:
-        albedo, mean, fresnel = (table.astype(np.float32) for table in tables)
-        np.savez_compressed(NODES, albedo=albedo, mean=mean, fresnel=fresnel)
+        albedo, mean = nodes.albedo.astype(np.float32), nodes.mean.astype(np.float32)
+        np.savez_compressed(NODES, albedo=albedo, mean=mean, fresnel=nodes.fresnel)
 
 
 if __name__ == "__main__":

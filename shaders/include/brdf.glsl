@@ -1,4 +1,5 @@
-// Cycles' Principled BSDF: metallic 0, IOR 1.5, multiscatter GGX.  Twin: irpso_addon/core/brdf.py.
+// The reflectance models, as Cycles renders them.  Twin: irpso_addon/core/brdf.py.
+// Principled BSDF (metallic 0, IOR 1.5, multiscatter GGX) at any Specular IOR Level; Cook-Torrance with Beckmann.
 //
 // alpha = roughness^2, alpha2 = alpha^2; cos_l, cos_v: N.L and N.V; cos_vh: V.H, H the half vector.
 // sin2h: 1 - (N.H)^2, from dot(cross(N,H), cross(N,H)): 1 - cos^2 cancels in float32 near the peak.
@@ -8,7 +9,15 @@
 #define PI 3.14159265358979
 #endif
 
-uniform sampler2D u_principled_table; // core/tables.py: x cosine to the viewer, y roughness; (comp, A)
+// core/tables.py, principled_table: x cosine to the viewer, y roughness; (comp, A) at Specular IOR Level 0.5, and
+// above its square Cycles' nodes for the other levels.
+uniform sampler2D u_principled_table;
+const int TABLE_SIZE = 466, LOBE_NODES = 32, FRESNEL_NODES = 16, FRESNEL_SLICES = 9;
+
+const float LEVEL_F0 = 0.08;      // F0 of Specular IOR Level 1: twice that of IOR 1.5
+const float LEVEL_MIN = 1e-4;     // level below which slopes by level are those of this one
+const float ALPHA2_MIN = 1e-8;    // Beckmann: keeps float32 from overflow
+const float COS2H_MIN = 1e-6;     // Beckmann: D is 0 there at any roughness
 
 // Normal distribution GGX. Walter, Marschner, Li, Torrance 2007, "Microfacet Models for Refraction", eq. 33.
 float D_ggx(float alpha2, float sin2h) {
@@ -38,6 +47,55 @@ float lambda_root(float alpha2, float tan2) {
     return sqrt(1.0 + alpha2 * tan2);
 }
 
+// Beckmann's distribution exp(-tan^2 / alpha2) / (pi alpha2 cos^4) over sin2h +- spread, as D_ggx_spread, with its
+// derivative by alpha2. Walter et al. 2007, eq. 25.
+void D_beckmann_spread_d(float alpha2, float sin2h, float spread, out float value, out float d_alpha2) {
+    float half_width = min(spread, sin2h);
+    vec2 point = vec2(sin2h - half_width, sin2h + half_width);
+    float inv = 1.0 / max(alpha2, ALPHA2_MIN);
+    vec2 inv_cos2 = 1.0 / max(1.0 - point, COS2H_MIN);
+    vec2 x = point * inv_cos2 * inv;
+    vec2 D = exp(-x) * inv_cos2 * inv_cos2 * (inv * 0.5 / PI);
+    value = D.x + D.y;
+    d_alpha2 = dot(D, x - 1.0) * inv;
+}
+
+float D_beckmann_spread(float alpha2, float sin2h, float spread) {
+    float value, unused;
+    D_beckmann_spread_d(alpha2, sin2h, spread, value, unused);
+    return value;
+}
+
+float D_beckmann(float alpha2, float sin2h) {
+    return D_beckmann_spread(alpha2, sin2h, 0.0);
+}
+
+// Smith's Lambda of Beckmann's distribution with its derivative by alpha2: the rational fit of Walter et al. 2007,
+// sec. 5.2, where G1 = n / d is Lambda = d / n - 1; 0 below alpha2 tan2 = 0.39, where Cycles cuts it.
+void lambda_beckmann_d(float alpha2, float tan2, out float value, out float d_alpha2) {
+    float x = alpha2 * tan2;
+    float a = inversesqrt(max(x, 0.39));
+    float above = 1.0 + a * (-1.259 + 0.396 * a), inv_below = 1.0 / (a * (3.535 + 2.181 * a));
+    float ratio = above * inv_below;
+    float by_a = (-1.259 + 0.792 * a - ratio * (3.535 + 4.362 * a)) * inv_below;
+    bool shadowed = x >= 0.39;
+    value = shadowed ? ratio : 0.0;
+    d_alpha2 = shadowed ? -0.5 * a * a * a * tan2 * by_a : 0.0;
+}
+
+// 1 + 2 Lambda, to be used as lambda_root, with its derivative by alpha2.
+void lambda_root_beckmann_d(float alpha2, float tan2, out float value, out float d_alpha2) {
+    lambda_beckmann_d(alpha2, tan2, value, d_alpha2);
+    value = 1.0 + 2.0 * value;
+    d_alpha2 *= 2.0;
+}
+
+float lambda_root_beckmann(float alpha2, float tan2) {
+    float value, unused;
+    lambda_root_beckmann_d(alpha2, tan2, value, unused);
+    return value;
+}
+
 // Unpolarised Fresnel reflectance at IOR 1.5. Cook and Torrance 1982, "A Reflectance Model for Computer Graphics".
 float F_dielectric(float cos_vh) {
     float g = sqrt(1.25 + cos_vh * cos_vh); // IOR^2 - 1 + cos^2
@@ -46,19 +104,53 @@ float F_dielectric(float cos_vh) {
     return 0.5 * perpendicular * perpendicular * (1.0 + parallel * parallel);
 }
 
-// (comp, A) with its derivative by roughness. Kulla and Conty 2017, "Revisiting Physically Based Shading".
-void principled_energy_d(float roughness, float cos_v, out vec2 value, out vec2 d_roughness) {
-    // Interpolated by hand: a sampler's filter has only 8 fractional bits.
-    vec2 last = vec2(textureSize(u_principled_table, 0) - 1);
+// Fresnel reflectance at the IOR of a Specular IOR Level (0..1) / that at IOR 1.5, with its derivative by level.
+// q = sqrt(F0), IOR = (1 + q) / (1 - q), so IOR^2 - 1 = 4 q / (1 - q)^2 and (g - c) / (g + c) is q p, which does not
+// cancel; 0 at level 0.
+void F_level_ratio_d(float cos_vh, float level, out float value, out float d_level) {
+    float q = sqrt(LEVEL_F0 * level), inv_rest = 1.0 / (1.0 - q);
+    float g = sqrt(max(4.0 * q * inv_rest * inv_rest + cos_vh * cos_vh, 1e-12));
+    float u = g + cos_vh, inv_u = 1.0 / u;
+    float p = 4.0 * inv_rest * inv_rest * inv_u * inv_u;
+    float inv_below = 1.0 / (cos_vh * q * p * u + 1.0);
+    float parallel = (cos_vh * u - 1.0) * inv_below;
+    float share = 1.0 + parallel * parallel, scale = 1.0 / F_dielectric(cos_vh);
+    // By g, over q p: the amplitude's 2 c / u^2 and parallel's 2 c (1 - c^2) / below^2.  dg/dlevel has 1/q.
+    float by_g = 2.0 * cos_vh * (share * inv_u * inv_u
+                                 + q * p * parallel * (1.0 - cos_vh * cos_vh) * inv_below * inv_below);
+    value = 0.5 * (q * p) * (q * p) * share * scale;
+    d_level = by_g * p * LEVEL_F0 * (1.0 + q) * inv_rest * inv_rest * inv_rest / g * scale;
+}
+
+float F_level_ratio(float cos_vh, float level) {
+    float value, unused;
+    F_level_ratio_d(cos_vh, level, value, unused);
+    return value;
+}
+
+// Fresnel reflectance at the IOR of a Specular IOR Level.
+float F_level(float cos_vh, float level) {
+    return F_level_ratio(cos_vh, level) * F_dielectric(cos_vh);
+}
+
+// u_principled_table between its texels, with the derivative by roughness, where `corner` is the texel of roughness
+// and cosine 0 and `last` cells follow it.  By hand: a sampler's filter has only 8 fractional bits.
+void interpolate_table(ivec2 corner, float last, float roughness, float cos_v, out vec2 value, out vec2 d_roughness) {
     vec2 at = clamp(vec2(cos_v, roughness), 0.0, 1.0) * last;
     ivec2 cell = ivec2(min(at, last - 1.0));
     vec2 t = at - vec2(cell);
+    cell += corner;
     vec2 low = mix(texelFetch(u_principled_table, cell, 0).rg,
                    texelFetch(u_principled_table, cell + ivec2(1, 0), 0).rg, t.x);
     vec2 high = mix(texelFetch(u_principled_table, cell + ivec2(0, 1), 0).rg,
                     texelFetch(u_principled_table, cell + ivec2(1, 1), 0).rg, t.x);
     value = mix(low, high, t.y);
-    d_roughness = (high - low) * last.y;
+    d_roughness = (high - low) * last;
+}
+
+// (comp, A) with its derivative by roughness. Kulla and Conty 2017, "Revisiting Physically Based Shading".
+void principled_energy_d(float roughness, float cos_v, out vec2 value, out vec2 d_roughness) {
+    interpolate_table(ivec2(0), float(TABLE_SIZE - 1), roughness, cos_v, value, d_roughness);
 }
 
 // (comp, A): gain of the specular lobe by multiple scattering, and dimming of the diffuse. Kulla and Conty 2017.
@@ -68,12 +160,58 @@ vec2 principled_energy(float roughness, float cos_v) {
     return value;
 }
 
+// principled_energy at a Specular IOR Level 0..1, with its derivatives by roughness and by level, from Cycles' nodes.
+// At level 0 it is (1, 0) and starts vertically: below LEVEL_MIN the derivative by level is LEVEL_MIN's.
+void principled_energy_level_d(
+    float roughness, float cos_v, float level, out vec2 value, out vec2 d_roughness, out vec2 d_level
+) {
+    float at_least = max(level, LEVEL_MIN);
+    float f0 = LEVEL_F0 * level, q = sqrt(f0), q_floor = sqrt(LEVEL_F0 * at_least);
+    float z = float(FRESNEL_NODES - 1) * sqrt(q);
+    int k = min(int(z), FRESNEL_SLICES - 2);
+    vec2 lobe, d_lobe, slices, d_slices; // (E1, Eavg); s of slices k and k + 1
+    interpolate_table(ivec2(0, TABLE_SIZE), float(LOBE_NODES - 1), roughness, cos_v, lobe, d_lobe);
+    interpolate_table(ivec2(LOBE_NODES + FRESNEL_NODES * k, TABLE_SIZE), float(FRESNEL_NODES - 1), roughness, cos_v,
+                      slices, d_slices);
+    float s = mix(slices.x, slices.y, z - float(k)), d_s = mix(d_slices.x, d_slices.y, z - float(k));
+    float s_by_level = (slices.y - slices.x) * float(FRESNEL_NODES - 1) * sqrt(q_floor) / (4.0 * at_least);
+    // Kulla and Conty's (n - 1) / (4.08567 + 1.00071 n), n = (1 + q) / (1 - q), and its derivative.
+    float fss = 2.0 * q / (5.08638 - 3.08496 * q);
+    float inv = 1.0 / (5.08638 - 3.08496 * q_floor);
+    float fss_by_level = 10.17276 * inv * inv * 0.5 * LEVEL_F0 / q_floor;
+    float inv_below = 1.0 / (1.0 - fss * (1.0 - lobe.y));
+    float fms = fss * lobe.y * inv_below, fms_by_mean = fss * (1.0 - fss) * inv_below * inv_below;
+    float fms_by_level = lobe.y * inv_below * inv_below * fss_by_level;
+    float inv_e1 = 1.0 / lobe.x, loss = 1.0 - lobe.x;
+    float gained = lobe.x + fms * loss, fresnel = f0 + (1.0 - f0) * s; // gained: E1 comp
+    float gained_by_r = d_lobe.x * (1.0 - fms) + fms_by_mean * d_lobe.y * loss;
+    value = vec2(1.0 + fms * loss * inv_e1, fresnel * gained);
+    d_roughness = vec2((fms_by_mean * d_lobe.y * loss - fms * d_lobe.x * inv_e1) * inv_e1,
+                       (1.0 - f0) * d_s * gained + fresnel * gained_by_r);
+    d_level = vec2(fms_by_level * loss * inv_e1, (LEVEL_F0 * (1.0 - s) + (1.0 - f0) * s_by_level) * gained
+                                                 + fresnel * fms_by_level * loss);
+}
+
+vec2 principled_energy_level(float roughness, float cos_v, float level) {
+    vec2 value, unused, unused_too;
+    principled_energy_level_d(roughness, cos_v, level, value, unused, unused_too);
+    return value;
+}
+
 // D F comp / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)). Heitz 2014, "Understanding the Masking-Shadowing Function".
 float specular_principled(float roughness, float sin2h, float spread, float cos_l, float cos_v, float cos_vh) {
     float alpha2 = roughness * roughness * roughness * roughness;
     float roots = lambda_root(alpha2, 1.0 / (cos_l * cos_l) - 1.0) + lambda_root(alpha2, 1.0 / (cos_v * cos_v) - 1.0);
     return D_ggx_spread(alpha2, sin2h, spread) * F_dielectric(cos_vh) * principled_energy(roughness, cos_v).x
          / (2.0 * cos_l * cos_v * roots);
+}
+
+// The same with Beckmann's distribution, at IOR 1.5 and without comp. Walter et al. 2007, eq. 20.
+float specular_beckmann(float roughness, float sin2h, float spread, float cos_l, float cos_v, float cos_vh) {
+    float alpha2 = roughness * roughness * roughness * roughness;
+    float roots = lambda_root_beckmann(alpha2, 1.0 / (cos_l * cos_l) - 1.0)
+                + lambda_root_beckmann(alpha2, 1.0 / (cos_v * cos_v) - 1.0);
+    return D_beckmann_spread(alpha2, sin2h, spread) * F_dielectric(cos_vh) / (2.0 * cos_l * cos_v * roots);
 }
 
 // (1 - A) / pi: what the specular layer leaves to a white diffuse; depends on the view only, as in Cycles.

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core import brdf
+from irpso_addon.core.tables import F0, SIZE
 
 BRDF = "include/brdf.glsl"
 RTOL = 2e-5
@@ -27,6 +28,7 @@ def arguments() -> dict[str, np.ndarray]:
         "roughness": roughness, "alpha2": roughness**4, "sin2h": sin2h, "spread": sin2h * rng.uniform(0, 1.5, COUNT),
         "cos_l": rng.uniform(0.03, 1, COUNT), "cos_v": rng.uniform(0.03, 1, COUNT),
         "cos_vh": rng.uniform(0.01, 1, COUNT), "tan2": 10 ** rng.uniform(-3, 3, COUNT),
+        "level": rng.uniform(0.005, 1, COUNT),
     }
     return {name: values.astype(np.float32) for name, values in columns.items()}
 
@@ -40,7 +42,10 @@ def columns(arguments: dict[str, np.ndarray], *names: str) -> tuple[np.ndarray, 
     ("D_ggx", ("alpha2", "sin2h")),
     ("D_ggx_spread", ("alpha2", "sin2h", "spread")),
     ("lambda_root", ("alpha2", "tan2")),
+    ("lambda_root_beckmann", ("alpha2", "tan2")),
     ("F_dielectric", ("cos_vh",)),
+    ("F_level", ("cos_vh", "level")),
+    ("F_level_ratio", ("cos_vh", "level")),
     ("diffuse_principled", ("roughness", "cos_v")),
     ("specular_principled", ("roughness", "sin2h", "spread", "cos_l", "cos_v", "cos_vh")),
 ])
@@ -67,10 +72,93 @@ def test_energy_and_its_derivative_equal_their_twin(evaluate, arguments):
     got = evaluate(BRDF, "vec2 v, d; principled_energy_d(a.x, a.y, v, d); o = vec4(v, d);", packed)
     np.testing.assert_allclose(got[:, :2], value, rtol=RTOL)
     # The slope jumps at the nodes, where float32 may choose the other cell: compare where both are inside one.
-    last = len(brdf.principled_table()) - 1
+    last = SIZE - 1
     inside = np.abs((exact[0] * last + 0.5) % 1 - 0.5) > 1e-3
     # A difference of two float32 values near 1 that lie 1/465 apart: 465 * 2 * 6e-8.
     np.testing.assert_allclose(got[inside, 2:], slope[inside], rtol=RTOL, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["D_beckmann", "D_beckmann_spread", "specular_beckmann"])
+def test_beckmann_equals_its_twin(evaluate, arguments, name):
+    """exp(-x) magnifies the rounding of x by x, so the tolerance grows with it; beyond x = 40 it is 1e-17 or less."""
+    geometry = ("roughness", "sin2h", "spread", "cos_l", "cos_v", "cos_vh")
+    names = geometry if name == "specular_beckmann" else ("alpha2", "sin2h", "spread")[: name.count("_") + 1]
+    packed, exact = columns(arguments, *names)
+    places = ["a.x", "a.y", "a.z", "a.w", "b.x", "b.y"][: len(names)]
+    got = evaluate(BRDF, f"o = vec4({name}({', '.join(places)}));", packed)[:, 0]
+    expected = getattr(brdf, name)(*exact)
+    alpha2, sin2h, spread = (arguments[k].astype(np.float64) for k in ("alpha2", "sin2h", "spread"))
+    low = sin2h - (0 if name == "D_beckmann" else np.minimum(spread, sin2h))
+    x = low / np.maximum(1 - low, 1e-9) / alpha2
+    near = x < 40
+    assert near.mean() > 0.4
+    np.testing.assert_array_less(np.abs(got - expected)[near], (RTOL * (1 + 0.25 * x) * expected)[near])
+    if name != "specular_beckmann":  # which divides by the cosines
+        peak = brdf.D_beckmann(alpha2, 0.0) / np.maximum(1 - low, 1e-9) ** 2
+        np.testing.assert_array_less(got[~near], 1e-16 * peak[~near])
+
+
+def test_beckmann_derivatives_equal_their_twins(evaluate, arguments):
+    packed, exact = columns(arguments, "alpha2", "sin2h", "spread")
+    got = evaluate(BRDF, "D_beckmann_spread_d(a.x, a.y, a.z, o.x, o.y);", packed)
+    value, derivative = brdf.D_beckmann_spread_d(*exact)
+    # Its two terms (x - 1) D / alpha2 have opposite signs: relative to the peak's slope.
+    scale = brdf.D_beckmann(exact[0], 0.0)
+    np.testing.assert_array_less(np.abs(got[:, 0] - value) / scale, RTOL)
+    np.testing.assert_array_less(np.abs(got[:, 1] - derivative) * exact[0] / scale, RTOL)
+    packed, exact = columns(arguments, "alpha2", "tan2")
+    smooth = np.abs(exact[0] * exact[1] / 0.39 - 1) > 1e-5
+    got = evaluate(BRDF, "lambda_root_beckmann_d(a.x, a.y, o.x, o.y); lambda_beckmann_d(a.x, a.y, o.z, o.w);", packed)
+    root, slope = brdf.lambda_root_beckmann_d(*exact)
+    # Near the cut the fit's numerator cancels (its value is 1e-4 of its terms).
+    np.testing.assert_allclose(got[smooth, 0], root[smooth], rtol=RTOL)
+    np.testing.assert_allclose(got[smooth, 1], slope[smooth], rtol=RTOL, atol=1e-6)
+    np.testing.assert_allclose(got[smooth, 2], (root[smooth] - 1) / 2, rtol=RTOL, atol=1e-6)
+    np.testing.assert_allclose(2 * got[:, 3], got[:, 1], rtol=1e-6)
+
+
+def test_beckmann_is_finite_in_float32(evaluate):
+    alpha2, sin2h, spread = (x.ravel() for x in np.meshgrid(
+        [0, 1e-12, 6.25e-6, 0.1, 1], [0, 1e-12, 0.5, 1 - 6e-8, 1], [0, 1e-3, 3.0]))
+    packed = np.stack([alpha2, sin2h, spread], 1).astype(np.float32)
+    got = evaluate(BRDF, "D_beckmann_spread_d(a.x, a.y, a.z, o.x, o.y); "
+                         "lambda_beckmann_d(a.x, a.y < 0.1 ? 0.0 : a.y * 1e12, o.z, o.w);", packed)
+    assert np.isfinite(got).all()
+
+
+def test_level_ratio_derivative_equals_its_twin(evaluate, arguments):
+    packed, exact = columns(arguments, "cos_vh", "level")
+    got = evaluate(BRDF, "F_level_ratio_d(a.x, a.y, o.x, o.y);", packed)
+    value, slope = brdf.F_level_ratio_d(*exact)
+    np.testing.assert_allclose(got[:, 0], value, rtol=RTOL)
+    np.testing.assert_allclose(got[:, 1], slope, rtol=RTOL, atol=1e-5)
+
+
+def test_energy_of_a_level_and_its_derivatives_equal_their_twin(evaluate, arguments):
+    packed, exact = columns(arguments, "roughness", "cos_v", "level")
+    twin = brdf.principled_energy_level_d(*exact)
+    call = "vec2 v, r, l; principled_energy_level_d(a.x, a.y, a.z, v, r, l); "
+    got = evaluate(BRDF, call + "o = vec4(v, l);", packed)
+    by_r = evaluate(BRDF, call + "o = vec4(r, principled_energy_level(a.x, a.y, a.z));", packed)
+    np.testing.assert_allclose(got[:, :2], twin[0], rtol=RTOL)
+    np.testing.assert_array_equal(by_r[:, 2:], got[:, :2])
+    # Slopes jump at the nodes, where float32 may choose the other cell or slice: compare inside.
+    grids = exact[0] * 31, exact[0] * 15, exact[1] * 31, exact[1] * 15, 15 * (2 * F0 * exact[2]) ** 0.25
+    inside = np.all([np.abs((x + 0.5) % 1 - 0.5) > 1e-4 for x in grids], axis=0)
+    assert inside.mean() > 0.99
+    np.testing.assert_allclose(by_r[inside, :2], twin[1][inside], rtol=RTOL, atol=1e-5)
+    np.testing.assert_allclose(got[inside, 2:], twin[2][inside], rtol=RTOL, atol=1e-5)
+
+
+def test_level_zero_is_lambert_in_the_shader_too(evaluate, arguments):
+    packed, _ = columns(arguments, "roughness", "cos_v", "cos_vh")
+    call = "vec2 v, r, l; principled_energy_level_d(a.x, a.y, 0.0, v, r, l); o = vec4(v, r); "
+    got = evaluate(BRDF, call, packed)
+    assert (got == [1, 0, 0, 0]).all()
+    got = evaluate(BRDF, call + "o.zw = l; F_level_ratio_d(a.z, 0.0, o.x, o.y);", packed)
+    assert (got[:, 0] == 0).all() and np.isfinite(got).all()
+    grazing = evaluate(BRDF, "F_level_ratio_d(a.x, a.y, o.x, o.y);", np.zeros((1, 2), np.float32))
+    assert grazing[0, 0] == 0 and np.isfinite(grazing).all()
 
 
 def test_energy_is_clamped_outside_the_table(evaluate):
