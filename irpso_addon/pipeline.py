@@ -21,6 +21,7 @@ from .core.models import choose
 from .core.params import SolveSettings
 from .gpu import thread
 from .gpu.albedo import ITERATIONS, AlbedoSolver
+from .gpu.atlas import CameraSource
 from .gpu.fill import fill
 from .gpu.observe import Observations, bytes_per_pixel, observe
 from .gpu.solve import RoughnessMaps, Solver
@@ -109,7 +110,7 @@ def solve(
     observations: Observations = yield from clock.stage("observe", observe(device, scene, mesh, read_image))
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
-    solver = Solver(device, grid, observations, settings)
+    solver = Solver(device, CameraSource(device, grid, observations), settings)
     found: RoughnessMaps = yield from clock.stage("solve", solver.solve())
     solution: Solution = yield from clock.stage(
         "maps", _maps(scene, settings, gbuffer, grid, observations, solver, found))
@@ -143,10 +144,12 @@ def _maps(
     maps = Maps(
         base_color=device.read(filled_base)[..., :3].copy(),
         roughness=device.read(filled_roughness)[..., 0].copy(),
-        confidence=np.where(solved & shown, detail[..., 3], 0.0).astype(np.float32),
+        confidence=np.where(solved & shown, confidence(rough[..., 1], detail[..., 0]), 0.0).astype(np.float32),
         error=np.where(solved & shown, rough[..., 2], 0.0).astype(np.float32),
         filled=~(solved & shown),
         coverage=gbuffer.coverage,
+        roughness_sigma=np.where(solved & shown, rough[..., 1], 0.0).astype(np.float32),
+        base_sigma=np.where(solved & shown, detail[..., 3], 0.0).astype(np.float32),
     )
     for texture in (base, filled_base, filled_roughness):
         texture.release()
@@ -176,6 +179,12 @@ def _models(
         elif texels.any():
             model[name], why[name] = choose(detail[texels, 0], detail[texels, 1], detail[texels, 2])
     return model, why
+
+
+def confidence(sigma: F32, observations: F32) -> F32:
+    """0 to 1: half where the standard error of roughness is 0.05; nothing from edges of shadow alone."""
+    told = np.clip(0.5 * (observations - 1.0), 0.0, 1.0)
+    return np.asarray(told / (1.0 + (sigma / 0.05) ** 2), np.float32)
 
 
 def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, detail: F32, solved: Bool) -> list[str]:

@@ -7,8 +7,10 @@ standalone context lands inside Blender's own, and the window goes black or cras
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import moderngl
@@ -18,6 +20,7 @@ from ..core.data import F32
 from ..core.errors import BadInput
 from .programs import Programs
 
+COMPUTE_GAIN = 1.5  # how many times faster compute shaders must be to be taken
 Textures = moderngl.Texture | tuple[moderngl.Texture, ...] | None
 
 
@@ -58,7 +61,7 @@ class Device:
         raw = np.frombuffer(texture.read(alignment=1), np.float32)
         return raw.reshape(texture.height, texture.width, texture.components)
 
-    def bind(self, program: moderngl.Program, textures: Mapping[str, Textures]) -> None:
+    def bind(self, program: moderngl.Program | moderngl.ComputeShader, textures: Mapping[str, Textures]) -> None:
         """Bind textures to consecutive units, by sampler name; a tuple fills an array of samplers."""
         unit = 0
         for name, value in textures.items():
@@ -85,6 +88,53 @@ class Device:
         target.use()
         self.ctx.viewport = viewport or (0, 0, target.width, target.height)
         self._quads[program.glo].render(moderngl.TRIANGLES, vertices=3)
+
+    def kernel(
+        self, name: str, target: moderngl.Framebuffer, *, textures: Mapping[str, Textures],
+        uniforms: Mapping[str, Any], defines: Mapping[str, str], region: tuple[int, int, int, int],
+    ) -> None:
+        """Run the kernel ``shaders/<name>`` on a region (x, y, width, height) of the target's textures.
+
+        As a compute shader where that is faster on this device (``prefers_compute``), else as a fragment shader.
+        """
+        outputs = target.color_attachments
+        defines = {**defines, "OUTPUTS": str(len(outputs))}
+        if not self.prefers_compute:
+            self.draw(name, target, textures=textures, uniforms=uniforms, defines=defines, viewport=region)
+            return
+        program = self.programs.compute(name, defines)
+        self.bind(program, textures)
+        self.programs.set(program, {**uniforms, "u_region": region})
+        for unit, texture in enumerate(outputs):
+            texture.bind_to_image(unit, read=False, write=True)
+        program.run(-(-region[2] // 8), -(-region[3] // 8))
+        self.ctx.memory_barrier()
+
+    @cached_property
+    def prefers_compute(self) -> bool:
+        """Whether this device runs a kernel clearly faster as a compute shader than as a fragment shader.
+
+        Measured once, by the same arithmetic both ways.  Data-centre GPUs have few graphics units (30 times
+        slower there); elsewhere the two are alike, and fragment shaders run everywhere.
+        """
+        if self.ctx.version_code < 430:
+            return False
+        size = 512
+        target = self.framebuffer([self.texture(size, size)])
+        seconds = []
+        for compute in (False, True):
+            self.__dict__["prefers_compute"] = compute
+            taken = []
+            for _ in range(4):  # the first compiles and warms up
+                start = time.perf_counter()
+                self.kernel("include/probe.glsl", target, textures={}, uniforms={"u_steps": 64}, defines={},
+                            region=(0, 0, size, size))
+                self.ctx.finish()
+                taken.append(time.perf_counter() - start)
+            seconds.append(min(taken[1:]))
+        target.color_attachments[0].release()
+        target.release()
+        return seconds[1] * COMPUTE_GAIN < seconds[0]
 
     @contextmanager
     def adding(self) -> Iterator[None]:

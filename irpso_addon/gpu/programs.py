@@ -16,9 +16,10 @@ import moderngl
 
 SHADERS = Path(__file__).resolve().parents[2] / "shaders"
 VERSION = "#version 330 core"  # the oldest that every Blender machine has; macOS stops at 4.1
+COMPUTE_VERSION = "#version 430 core"
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _FILE = 1_000_000  # line numbers from here on: file number times this, plus the line
-_UNIFORM = re.compile(r"^\s*uniform\s+\w+\s+(\w+)", re.MULTILINE)
+_UNIFORM = re.compile(r"^\s*(?:layout\([^)]*\)\s*)?(?:writeonly\s+)?uniform\s+\w+\s+(\w+)", re.MULTILINE)
 
 
 def assemble(name: str, defines: Mapping[str, str] | None = None) -> str:
@@ -29,9 +30,9 @@ def assemble(name: str, defines: Mapping[str, str] | None = None) -> str:
     return _assemble(name, defines)[0]
 
 
-def _assemble(name: str, defines: Mapping[str, str] | None) -> tuple[str, list[str]]:
+def _assemble(name: str, defines: Mapping[str, str] | None, version: str = VERSION) -> tuple[str, list[str]]:
     files: list[str] = []
-    head = [VERSION, *(f"#define {k} {v}" for k, v in (defines or {}).items())]
+    head = [version, *(f"#define {k} {v}" for k, v in (defines or {}).items())]
     return "\n".join([*head, *_paste(name, files, ())]) + "\n", files
 
 
@@ -68,6 +69,7 @@ class Programs:
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
         self._built: dict[tuple[Any, ...], moderngl.Program] = {}
+        self._kernels: dict[tuple[Any, ...], moderngl.ComputeShader] = {}
         self._declared: dict[int, set[str]] = {}
 
     def get(self, vertex: str, fragment: str, defines: Mapping[str, str] | None = None) -> moderngl.Program:
@@ -86,7 +88,20 @@ class Programs:
             self._declared[program.glo] = set(_UNIFORM.findall(source_v) + _UNIFORM.findall(source_f))
         return self._built[key]
 
-    def set(self, program: moderngl.Program, values: Mapping[str, Any]) -> None:
+    def compute(self, name: str, defines: Mapping[str, str]) -> moderngl.ComputeShader:
+        """``shaders/<name>``, a kernel (include/kernel.glsl), as a compute shader; raises RuntimeError with file:line."""
+        key = (name, *sorted(defines.items()))
+        if key not in self._kernels:
+            source, files = _assemble(name, {**defines, "COMPUTE": "1"}, COMPUTE_VERSION)
+            try:
+                kernel = self._ctx.compute_shader(source)
+            except moderngl.Error as error:
+                raise RuntimeError(f"shaders/{name}: {readable(str(error), files)}") from None
+            self._kernels[key] = kernel
+            self._declared[kernel.glo] = set(_UNIFORM.findall(source))
+        return self._kernels[key]
+
+    def set(self, program: moderngl.Program | moderngl.ComputeShader, values: Mapping[str, Any]) -> None:
         """Set uniforms.  One that the compiler dropped is skipped; one never declared raises KeyError."""
         for name, value in values.items():
             if name in program:

@@ -1,7 +1,7 @@
 """Observations -> roughness per texel: gather, search, share with neighbours, polish.
 
-The search of a texel is one draw of one fused kernel (shaders/solve/).  Tiles bound the memory of
-the gathered observations and the time of a draw.
+The search of a texel is one draw of one fused kernel (shaders/solve/search.glsl).  Tiles bound the
+memory of the gathered observations and the time of a draw.
 """
 
 from __future__ import annotations
@@ -16,186 +16,160 @@ import numpy as np
 from ..core.errors import Cancelled
 from ..core.job import Progress
 from ..core.params import SolveSettings
+from . import share
+from .atlas import Atlas, Source, Tile, tiles
 from .context import Device
-from .observe import Observations
-from .surface import SurfaceMaps
 
-TILE_WIDTH = 512
-TILE_HEIGHT = 128
 SLICE_SECONDS = 0.015  # of GPU time between two chances to do something else
 FIRST_ROWS = 16  # of a tile in the first draw of a kernel, before its speed is known
-ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
-REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
-MAX_OBSERVATIONS = 64  # of a texel; the local arrays of the kernel
-NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
-NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
 FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
-CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
-PRIOR_CUT = 15.0  # an edge in the map costs no more than this, in nats
-POOL_GAIN = 0.3  # of 1: neighbours' errors are alike (shared pixels, model error), four say less than four times one
-METHODS = {  # what each method's kernel does at a texel
-    "refined": {"u_particles": 8, "u_race_steps": 3, "u_final_steps": 8},
-    "swarm": {"u_iterations": 25},
+QUIET = 3e-4  # relative noise below which ...
+SURE = 0.02  # ... texels this sure of their roughness ...
+UNSURE_SHARE = 0.01  # ... but for this share of them, need no neighbours
+POLISH_STEPS = 4  # Levenberg-Marquardt, from each valley
+TAU = 0.03  # two lobes: how much the roughnesses of neighbours differ
+METHODS = {  # knobs of the search kernel: particles, moves of the swarm, refinement steps of all and of the best two
+    "refined": {"u_particles": 8, "u_moves": 0, "u_race_steps": 3, "u_final_steps": 8},
+    "draft": {"u_particles": 4, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 6},
+    "swarm": {"u_particles": 16, "u_moves": 25, "u_race_steps": 0, "u_final_steps": 0},
 }
-ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
+Uniforms = Mapping[str, float | int]
+Textures = Mapping[str, moderngl.Texture | tuple[moderngl.Texture, ...] | None]
 
 
 @dataclass(frozen=True)
 class RoughnessMaps:
     """What the search found, on the texel grid; released by the caller."""
 
-    roughness: moderngl.Texture  # roughness, standard error, relative residual, solved
-    detail: moderngl.Texture  # good observations, residual, residual without lobe, confidence
-
-
-@dataclass(frozen=True)
-class _Layers:
-    """The observations a texel is offered: cameras in turn, their channels in turn, their views in turn."""
-
-    observations: Observations
-
-    @property
-    def count(self) -> int:
-        return self.observations.channels * sum(len(c.views) for c in self.observations.cameras)
-
-    @property
-    def groups(self) -> list[int]:
-        """Camera and channel of each layer."""
-        channels = self.observations.channels
-        return [i * channels + channel for i, c in enumerate(self.observations.cameras)
-                for channel in range(channels) for _ in c.views]
-
-    @property
-    def lights(self) -> int:
-        """Lobes per view, the most that any view has."""
-        return max(len(v.lobes) for c in self.observations.cameras for v in c.views) // self.observations.channels
-
-    def defines(self) -> dict[str, str]:
-        return {"LAYERS": str(self.count), "MAX_OBS": str(min(self.count, MAX_OBSERVATIONS)),
-                "LIGHTS": str(self.lights)}
+    roughness: moderngl.Texture  # roughness, its standard error, relative residual, solved
+    detail: moderngl.Texture  # good observations, residual, residual without lobe, standard error of base colour
+    pairs: moderngl.Texture | None = None  # two lobes: roughness1, roughness2, weight of lobe 1, residual
 
 
 class Solver:
-    """Roughness of every texel of a G-buffer."""
+    """Roughness of every texel that a source observes."""
 
-    def __init__(self, device: Device, grid: SurfaceMaps, observations: Observations, settings: SolveSettings) -> None:
-        self.device, self.grid, self.observations, self.settings = device, grid, observations, settings
-        self.size = grid.position.width
+    def __init__(self, device: Device, source: Source, settings: SolveSettings) -> None:
+        self.device, self.source, self.settings = device, source, settings
         self.cancelled = False
-        self.layers = _Layers(observations)
+        self.neighbours = False  # whether the last solve found noise enough to ask them
+        self.noise = 0.0  # relative, as the last solve found it (median)
         self.bands: dict[str, int] = {}
-        rows = self.layers.count * (1 + self.layers.lights)
-        self.tile = (min(TILE_WIDTH, self.size), max(1, min(TILE_HEIGHT, self.size, ATLAS_ROWS // rows)))
-        self.atlas = device.texture(self.tile[0], self.tile[1] * rows)
-        self.atlas_target = device.framebuffer([self.atlas])
-        self.match = device.texture(*self.tile)
-        self.match_target = device.framebuffer([self.match])
-        self.covered = device.read(grid.position)[..., 3] > 0.5
-        self.uniforms = {"u_group": tuple(self.layers.groups) if self.layers.count > 1 else 0,
-                         "u_group_slack": FIRST_SLACK, "u_tile_height": self.tile[1]}
+        self.atlas = Atlas(device, *source.size, source.layers)
+        self.covered = device.read(source.position)[..., 3] > 0.5
+        self.slack = FIRST_SLACK
+        self.level: moderngl.Texture | None = None  # Specular IOR Level of each texel; None: 0.5
+        self.knobs: Uniforms = {"u_seed": settings.seed, **METHODS.get(settings.method, METHODS["refined"])}
 
-    def tiles(self) -> Iterator[tuple[int, int]]:
-        """First texel of each tile that has covered texels."""
-        w, h = self.tile
-        for y in range(0, self.size, h):
-            for x in range(0, self.size, w):
-                if self.covered[y:y + h, x:x + w].any():
-                    yield x, y
+    def solve(self, only: list[Tile] | None = None) -> Generator[Progress, None, RoughnessMaps]:
+        """One lobe: search every texel alone, pool what texels say, and polish each under its neighbours' prior.
 
-    def solve(self) -> Generator[Progress, None, RoughnessMaps]:
-        """Search every texel alone, pool what texels say, and polish each under its neighbours' prior."""
-        device, size = self.device, self.size
-        valleys, support = self._pair()
-        tables = tuple(device.texture(size, size) for _ in range(8))
-        search = self.framebuffer([valleys, support])
-        table_target = self.framebuffer(tables)
-        tiles = list(self.tiles())
-        knobs = {"u_seed": self.settings.seed, **METHODS[self.settings.method]}
-        self.uniforms["u_group_slack"] = FIRST_SLACK
-        done = yield from self._over(tiles, (0.0, 0.5), f"solve/{self.settings.method}.frag", search, {}, knobs)
-        tiles = tiles[:done]  # fewer when stopped: these are finished, the rest is filled from them
-        found = {"u_valleys": valleys, "u_support": support, "u_noise": self._noise(valleys, support)}
-        floor = {"u_noise_floor": NOISE_FLOOR, "u_noise_unknown": CAMERA_SLACK**2}
-        yield from self._over(tiles, (0.5, 0.75), "solve/table.frag", table_target, found, floor)
-        estimate, prior = self._share(tables)
-        for target in (search, table_target):
-            target.release()
-        for texture in tables:
-            texture.release()
-        roughness, detail = self._pair()
-        polish = self.framebuffer([roughness, detail])
-        yield from self._over(tiles, (0.75, 1.0), "solve/polish.frag", polish,
-                              {**found, "u_estimate": estimate, "u_prior": prior},
-                              {**floor, "u_prior_cut": PRIOR_CUT, "u_steps": 4})
-        polish.release()
-        for texture in (*found.values(), estimate, prior):
+        ``only``: these tiles.
+        """
+        device = self.device
+        chosen = tiles(self.atlas, self.covered) if only is None else only
+        valleys, support = self._textures(2)
+        self.slack = FIRST_SLACK if self.source.camera_slack else 0.0
+        done = yield from self._over(chosen, (0.0, 0.5), "solve/search.glsl", [valleys, support], {}, self.knobs)
+        chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
+        noise, variance = self._noise(valleys, support, 1)
+        found: Textures = {"u_valleys": valleys, "u_support": support, "u_noise": noise}
+        floor = {"u_noise_floor": share.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance}
+        self.neighbours = self._unsure(variance, support)
+        more: dict[str, moderngl.Texture] = {}
+        if self.neighbours:
+            tables = self._textures(8)
+            yield from self._over(chosen, (0.5, 0.75), "solve/table.glsl", tables, found, floor)
+            more["u_estimate"], more["u_prior"] = share.pyramid(device, tuple(tables))
+            for texture in tables:
+                texture.release()
+        roughness, detail = self._textures(2)
+        yield from self._over(chosen, (0.75, 1.0), "solve/polish.glsl", [roughness, detail], {**found, **more},
+                              {**floor, "u_prior_cut": share.PRIOR_CUT, "u_steps": POLISH_STEPS} if more else
+                              {**floor, "u_steps": POLISH_STEPS if self.knobs["u_moves"] else 0})
+        for texture in (valleys, support, noise, *more.values()):
             texture.release()
         return RoughnessMaps(roughness, detail)
 
+    def solve_two(self, only: list[Tile] | None = None) -> Generator[Progress, None, RoughnessMaps]:
+        """Two lobes: search every texel alone, then let it try its neighbours' pairs under a prior about their mean.
+
+        ``detail`` of the result holds no residual without lobe.
+        """
+        chosen = tiles(self.atlas, self.covered) if only is None else only
+        pairs, support, variances = self._textures(3)
+        self.slack = FIRST_SLACK if self.source.camera_slack else 0.0
+        done = yield from self._over(chosen, (0.0, 0.5), "solve/search.glsl", [pairs, support, variances], {},
+                                     self.knobs, lobes=2)
+        chosen = chosen[:done]
+        noise, variance = self._noise(pairs, support, 2)
+        floor = {"u_noise_floor": share.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance,
+                 "u_prior_cut": share.PRIOR_CUT, "u_steps": 6}
+        self.neighbours = variance > QUIET**2
+        # The search's third output is curvature; the passes below want variances.
+        self._invert(variances, support, variance)
+        detail = support
+        for i, stride in enumerate((1, 2, 1)):
+            fresh = self._textures(3)
+            span = (0.5 + i / 6, 0.5 + (i + 1) / 6)
+            yield from self._over(chosen, span, "solve/polish_two.glsl", fresh,
+                                  {"u_pairs": pairs, "u_variance": variances, "u_noise": noise},
+                                  {**floor, "u_stride": stride, "u_tau": TAU if self.neighbours else 0.0}, lobes=2)
+            for texture in (pairs, variances, detail):
+                texture.release()
+            pairs, variances, detail = fresh
+        noise.release()
+        return self._as_roughness(pairs, variances, detail)
+
+    def albedo(self, found: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
+        """Base colour of each texel from its own observations alone; ``found``: roughness, or the pairs of two lobes."""
+        (albedo,) = self._textures(1)
+        yield from self._over(tiles(self.atlas, self.covered), (0.0, 1.0), "solve/albedo.glsl", [albedo],
+                              {"u_found": found}, {"u_channels": self.source.layers.channels}, lobes=lobes, colour=True)
+        return albedo
+
     def _over(
-        self, tiles: list[tuple[int, int]], span: tuple[float, float], fragment: str, target: moderngl.Framebuffer,
-        textures: dict[str, moderngl.Texture], uniforms: Mapping[str, float | int],
+        self, chosen: list[Tile], span: tuple[float, float], kernel: str, outputs: list[moderngl.Texture],
+        textures: Textures, uniforms: Uniforms, *, lobes: int = 1, colour: bool = False,
     ) -> Generator[Progress, None, int]:
         """Run one kernel over tiles; returns how many were done, fewer when the first kernel is stopped.
 
         A later kernel goes on to its end over the tiles that the first one did.
         """
         stoppable = span[0] == 0.0
-        for i, tile in enumerate(tiles):
-            for step in (self._gather(tile), self._run(fragment, target, tile, textures, uniforms)):
-                for _ in step:
-                    try:
-                        part = (i + 1) / len(tiles)
-                        yield Progress(span[0] + (span[1] - span[0]) * part, "solve", f"tile {i + 1} of {len(tiles)}")
-                    except Cancelled:
-                        self.cancelled = True
-            if self.cancelled and stoppable:
-                return i + 1
-        return len(tiles)
-
-    def _pair(self) -> tuple[moderngl.Texture, moderngl.Texture]:
-        return self.device.texture(self.size, self.size), self.device.texture(self.size, self.size)
-
-    def framebuffer(self, textures: list[moderngl.Texture] | tuple[moderngl.Texture, ...]) -> moderngl.Framebuffer:
-        """A cleared framebuffer."""
-        target = self.device.framebuffer(list(textures))
+        target = self.device.framebuffer(outputs)
         target.clear()
-        return target
+        defines = self._defines(kernel, uniforms, lobes, colour, "u_prior" in textures)
+        try:
+            for i, tile in enumerate(chosen):
+                for step in (self.source.gather(self.atlas, tile, colour),
+                             self._run(kernel, target, tile, textures, uniforms, defines)):
+                    for _ in step:
+                        try:
+                            part = (i + 1) / len(chosen)
+                            yield Progress(span[0] + (span[1] - span[0]) * part, "solve",
+                                           f"tile {i + 1} of {len(chosen)}")
+                        except Cancelled:
+                            self.cancelled = True
+                if self.cancelled and stoppable:
+                    return i + 1
+            return len(chosen)
+        finally:
+            target.release()
 
-    def _gather(self, tile: tuple[int, int]) -> Iterator[None]:
-        """Fill the atlas with the observations of the tile's texels."""
-        device, (w, h) = self.device, self.tile
-        channels, lights = self.observations.channels, self.layers.lights
-        layer = 0
-        for camera in self.observations.cameras:
-            device.draw("observe/match.frag", self.match_target, textures={
-                "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
-                "u_position": camera.maps.position, "u_normal": camera.maps.normal,
-            }, uniforms={**camera.uniforms, "u_clip": camera.clip, "u_tile": tile, "u_reach": REACH})
-            for channel in range(channels):
-                for view in camera.views:
-                    row = layer * (1 + lights) * h
-                    device.draw("observe/gather_colour.frag", self.atlas_target,
-                                textures={"u_match": self.match, "u_colour": view.colour},
-                                uniforms={"u_channel": channel if channels > 1 else -1, "u_row": row,
-                                          "u_tint": view.tint[channel] if channels > 1 else 1.0},
-                                viewport=(0, row, w, h))
-                    for n in range(lights):
-                        row += h
-                        index = n * channels + channel
-                        if index < len(view.lobes):
-                            device.draw("observe/gather_lobe.frag", self.atlas_target,
-                                        textures={"u_match": self.match, "u_lobe": view.lobes[index]},
-                                        uniforms={"u_row": row}, viewport=(0, row, w, h))
-                        else:
-                            self.atlas_target.clear(viewport=(0, row, w, h))
-                    layer += 1
-            device.ctx.finish()
-            yield
+    def _defines(self, kernel: str, uniforms: Uniforms, lobes: int, colour: bool, neighbours: bool) -> dict[str, str]:
+        defines = {**self.source.layers.defines(), "LOBES": str(lobes)}
+        switches = {"COLOUR": colour, "SPECULAR": self.level is not None, "NEIGHBOURS": neighbours,
+                    "SWARM": uniforms.get("u_moves", 0) > 0,
+                    "NDF_BECKMANN": lobes == 2 and self.settings.ndf == "beckmann"}
+        return {**defines, **{name: "1" for name, on in switches.items() if on}}
+
+    def _textures(self, count: int) -> list[moderngl.Texture]:
+        return [self.device.texture(*self.source.size) for _ in range(count)]
 
     def _run(
-        self, fragment: str, target: moderngl.Framebuffer, tile: tuple[int, int],
-        textures: dict[str, moderngl.Texture], uniforms: Mapping[str, float | int],
+        self, kernel: str, target: moderngl.Framebuffer, tile: Tile, textures: Textures, uniforms: Uniforms,
+        defines: Mapping[str, str],
     ) -> Iterator[None]:
         """One kernel over one tile, written in place into the whole maps.
 
@@ -203,81 +177,63 @@ class Solver:
         takes the GPU for hung.
         """
         x, y = tile
-        w, end = min(self.tile[0], self.size - x), min(y + self.tile[1], self.size)
+        width, height = self.source.size
+        w, end = min(self.atlas.tile[0], width - x), min(y + self.atlas.tile[1], height)
+        key = kernel + defines["LOBES"]
         while y < end:
-            rows = min(self.bands.get(fragment, FIRST_ROWS), end - y)
+            rows = min(self.bands.get(key, FIRST_ROWS), end - y)
             start = time.perf_counter()
-            self.device.draw(fragment, target, textures={
-                "u_texel_position": self.grid.position, "u_observations": self.atlas,
-                "u_principled_table": self.observations.principled_table, **textures,
-            }, uniforms={**self.uniforms, **uniforms, "u_tile": tile}, defines=self.layers.defines(),
-                viewport=(x, y, w, rows))
+            self.device.kernel(kernel, target, textures={
+                "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
+                "u_principled_table": self.source.principled_table,
+                **({"u_level": self.level} if self.level else {}), **textures,
+            }, uniforms={**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile, **uniforms},
+                defines=defines, region=(x, y, w, rows))
             self.device.ctx.finish()
             took = time.perf_counter() - start
-            fitting = int(rows * min(max(SLICE_SECONDS / max(took, 1e-6), 0.25), 2.0))
-            self.bands[fragment] = min(max(fitting, 4), self.tile[1])
+            fitting = int(rows * min(max(SLICE_SECONDS / max(took, 1e-6), 0.25), 8.0))
+            self.bands[key] = min(max(fitting, 4), self.atlas.tile[1])
             y += rows
             yield
 
-    def _noise(self, valleys: moderngl.Texture, support: moderngl.Texture) -> moderngl.Texture:
-        """Log noise variance around each texel, at 1 / 2^NOISE_LEVELS of the size; sets the slack by its median."""
-        device = self.device
-        noise = device.texture(self.size, self.size)
-        target = device.framebuffer([noise])
-        device.draw("solve/noise.frag", target, textures={"u_valleys": valleys, "u_support": support}, uniforms={})
-        target.release()
-        for _ in range(NOISE_LEVELS):
-            finer = noise
-            noise = device.texture((finer.width + 1) // 2, (finer.height + 1) // 2)
-            target = device.framebuffer([noise])
-            device.draw("fill/down.frag", target, textures={"u_map": finer}, uniforms={})
-            target.release()
-            finer.release()
-        values = device.read(noise)
-        known = values[values[..., 3] > 0.1, 0]
-        # With one view a camera nothing but the scatter between cameras tells: that is the noise then.
-        variance = float(np.exp(np.median(known))) if len(known) else CAMERA_SLACK**2
-        variance = max(variance, NOISE_FLOOR**2)
-        self.uniforms["u_group_slack"] = float(np.clip(CAMERA_SLACK**2 / variance, 1.0, 1e5))
-        return noise
+    def _noise(self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int) -> tuple[moderngl.Texture, float]:
+        """The noise found, and its median variance, by which the slack between cameras is set."""
+        unknown = self.source.camera_slack**2 or share.NOISE_FLOOR**2
+        noise, variance = share.noise_map(self.device, valleys, support, lobes, unknown)
+        self.noise = float(np.sqrt(variance))
+        if self.source.camera_slack:
+            self.slack = float(np.clip(self.source.camera_slack**2 / variance, 1.0, 1e5))
+        return noise, variance
 
-    def _share(self, tables: tuple[moderngl.Texture, ...]) -> tuple[moderngl.Texture, moderngl.Texture]:
-        """The pyramid: tables summed upwards, estimates handed downwards.  Returns (estimate, prior)."""
+    def _unsure(self, variance: float, support: moderngl.Texture) -> bool:
+        """Whether the noise leaves texels that need their neighbours."""
+        if variance > QUIET**2:
+            return True
+        told = self.device.read(support)
+        observed = told[..., 3] > 0.5
+        unsure = (told[..., 1] < 2.5) | (told[..., 0] * SURE**2 < variance)
+        return bool(np.count_nonzero(unsure & observed) > UNSURE_SHARE * max(np.count_nonzero(observed), 1))
+
+    def _invert(self, curvature: moderngl.Texture, support: moderngl.Texture, variance: float) -> None:
+        """Curvatures (r1 r1, r1 r2, r2 r2) become variances of r1 and r2, and whether observed, in place."""
+        bend = self.device.read(curvature).astype(np.float64) / max(variance, 1e-12)
+        told = self.device.read(support)
+        determinant = np.maximum(bend[..., 0] * bend[..., 2] - bend[..., 1] ** 2, 1e-6 * bend[..., 0] * bend[..., 2])
+        result = np.stack([bend[..., 2], bend[..., 0]], axis=-1) / np.maximum(determinant, 1e-12)[..., None]
+        result = np.concatenate([np.clip(result, 1e-8, 0.25), np.zeros_like(told[..., :1]), told[..., 3:]], axis=-1)
+        curvature.write(np.ascontiguousarray(result, np.float32).tobytes())
+
+    def _as_roughness(
+        self, pairs: moderngl.Texture, variances: moderngl.Texture, detail: moderngl.Texture
+    ) -> RoughnessMaps:
+        """The result of two lobes in the form of one: the sharper roughness, the larger standard error."""
         device = self.device
-        levels = [tables]
-        while levels[-1][0].width > 8:
-            below = levels[-1]
-            half = (below[0].width + 1) // 2
-            above = tuple(device.texture(half, half) for _ in range(8))
-            target = device.framebuffer(list(above))
-            device.draw("solve/pool.frag", target, textures={"u_table": below},
-                        uniforms={"u_gain": POOL_GAIN})
-            target.release()
-            levels.append(above)
-        parent: moderngl.Texture | None = None
-        prior: moderngl.Texture | None = None
-        for level in range(len(levels) - 1, -1, -1):
-            table = levels[level]
-            size = table[0].width
-            estimate, given = device.texture(size, size), device.texture(size, size)
-            target = device.framebuffer([estimate, given])
-            device.draw("solve/descend.frag", target, textures={"u_table": table, "u_parent": parent}, uniforms={
-                "u_top": parent is None, "u_step": ROUGHNESS_SLOPE / size, "u_prior_cut": PRIOR_CUT,
-            })
-            target.release()
-            for texture in (parent, prior):
-                if texture is not None:
-                    texture.release()
-            if level > 0:
-                for texture in table:
-                    texture.release()
-            parent, prior = estimate, given
-        assert parent is not None and prior is not None
-        return parent, prior
+        pair, variance, told = (device.read(texture) for texture in (pairs, variances, detail))
+        roughness = np.stack([pair[..., 0], np.sqrt(variance[..., :2].max(axis=-1)), told[..., 2], variance[..., 3]],
+                             axis=-1)
+        variances.release()
+        return RoughnessMaps(device.texture(*self.source.size, data=roughness), detail, pairs)
 
     def release(self) -> None:
-        """Free the tile's textures."""
-        for thing in (self.atlas_target, self.match_target, self.atlas, self.match):
-            thing.release()
-
-
+        """Free the atlas."""
+        self.atlas.release()

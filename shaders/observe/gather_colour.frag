@@ -1,7 +1,7 @@
-// The texels' observations of one view, one channel: copied from the pixels matched to them.
+// The texels' observations of one view: copied from the pixels matched to them.
 uniform sampler2D u_match;
 uniform sampler2D u_colour;
-uniform int u_channel;  // 0, 1, 2, or -1: the mean of the three
+uniform int u_channel;  // 0, 1, 2; -1: the mean of the three; 3: the three as they are, nothing else
 uniform float u_tint;   // light in the channel, relative to the mean of the three
 uniform int u_row;      // first row of this layer in the atlas
 
@@ -12,6 +12,10 @@ void main() {
     o_observation = vec4(0.0);
     if (match.w <= 0.0) return;
     vec4 colour = texelFetch(u_colour, ivec2(match.xy), 0);
+    if (u_channel == 3) {
+        o_observation = vec4(max(colour.rgb, 0.0), 0.0);
+        return;
+    }
     float f = u_channel < 0 ? (colour.r + colour.g + colour.b) / 3.0 : colour[u_channel];
     if (f < -100.0) return;  // no light in this channel
     float dim = u_tint / (u_tint + 0.1) * 1.1;  // noise counts for more where there is little light

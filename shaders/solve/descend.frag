@@ -9,7 +9,7 @@ uniform float u_step;        // how much roughness may differ from the parents' 
 uniform float u_prior_cut;
 
 layout(location = 0) out vec4 o_estimate;  // roughness, variance, -, known
-layout(location = 1) out vec4 o_prior;     // mean and variance that the parents gave
+layout(location = 1) out vec4 o_prior;     // mean and variance that the parents gave; spreads()
 
 void parents(out float mean, out float variance) {
     vec2 at = 0.5 * gl_FragCoord.xy - 0.5;
@@ -24,6 +24,22 @@ void parents(out float mean, out float variance) {
     }
     mean = sum.z > 0.0 ? sum.x / sum.z : 0.5;
     variance = (sum.z > 0.0 ? sum.y / sum.z : 0.1) + u_step * u_step;
+}
+
+// Mean squared distance from r under the posterior: of what lies in other valleys (the one at r being a
+// normal of curvature `bend`), and of all, by the nodes alone, for a valley wider than their steps.
+vec2 spreads(float cost[NODES], float least, float r, float bend) {
+    float here = roughness_node(clamp(r, 0.05, 1.0));
+    vec2 mass = vec2(sqrt(2.0 * 3.14159265 / max(bend, 1e-3)), 1e-12), square = vec2(0.0);
+    for (int i = 0; i < NODES; i++) {
+        float at = node_roughness(float(i));
+        float share = exp(least - cost[i]) * at;  // steps between nodes grow with roughness
+        float off = (at - r) * (at - r);
+        vec2 counts = vec2(abs(float(i) - here) > 1.5 ? 0.0966 : 0.0, 1.0);  // ln 20 / 31: step over roughness
+        mass += counts * share;
+        square += counts * share * off;
+    }
+    return square / mass;
 }
 
 void main() {
@@ -48,7 +64,7 @@ void main() {
             cost[4 * i + j] = t[j] + min(0.5 * off * off / variance, u_prior_cut);
         }
     }
-    o_prior = vec4(mean, variance, 0.0, 0.0);
+    o_prior = vec4(mean, variance, 0.0, variance);
     if (most <= 0.0) {  // nothing observed here
         o_estimate = vec4(mean, variance, 0.0, u_top ? 0.0 : 1.0);
         return;
@@ -62,4 +78,5 @@ void main() {
     float bend = 2.0 * (s1 - s0) / (x2 - x0);
     float r = bend > 0.0 ? clamp(0.5 * (x0 + x1) - s0 / bend, x0, x2) : node_roughness(float(best));
     o_estimate = vec4(r, min(1.0 / max(bend, 1e-3), variance), 0.0, 1.0);
+    o_prior.zw = spreads(cost, cost[best], r, bend);
 }

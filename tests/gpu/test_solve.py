@@ -21,7 +21,7 @@ from irpso_addon.core.data import Light, RadianceImage, Solution
 from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import solve as gpu_solve
+from irpso_addon.gpu import atlas as gpu_atlas
 from irpso_addon.gpu import thread
 from tests.gpu import synthetic as syn
 
@@ -297,8 +297,8 @@ def test_the_same_run_gives_the_same_bytes(patches, solved, method):
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("tile", [(64, 16), (24, 10)])
 def test_tiles_do_not_change_a_byte(patches, solved, monkeypatch, method, tile):
-    monkeypatch.setattr(gpu_solve, "TILE_WIDTH", tile[0])
-    monkeypatch.setattr(gpu_solve, "TILE_HEIGHT", tile[1])
+    monkeypatch.setattr(gpu_atlas, "TILE_WIDTH", tile[0])
+    monkeypatch.setattr(gpu_atlas, "TILE_HEIGHT", tile[1])
     assert raw(run(patches, method=method)) == raw(solved[method])
 
 
@@ -318,8 +318,8 @@ def test_another_seed_changes_nothing_that_matters(patches, solved, method):
 
 def stopped(shoot: syn.Shoot, stage: str, monkeypatch: pytest.MonkeyPatch, after: int = 3) -> Solution:
     """Stop at the ``after``-th step of a stage; the pipeline's own answer to Cancelled."""
-    monkeypatch.setattr(gpu_solve, "TILE_WIDTH", 16)
-    monkeypatch.setattr(gpu_solve, "TILE_HEIGHT", 16)
+    monkeypatch.setattr(gpu_atlas, "TILE_WIDTH", 16)
+    monkeypatch.setattr(gpu_atlas, "TILE_HEIGHT", 16)
 
     def job():
         steps = pipeline.solve(shoot.scene, SolveSettings(size=SIZE), shoot.read_image)

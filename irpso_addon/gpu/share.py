@@ -1,0 +1,75 @@
+"""What texels tell their neighbours: how noisy the data are, and which roughnesses explain them.
+
+Residual tables are summed up a pyramid and estimates handed down as priors: docs/decisions/0004.
+"""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+
+from .context import Device
+
+NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
+NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
+PRIOR_CUT = 15.0  # an edge in the map costs no more than this, in nats
+POOL_GAIN = 0.3  # of 1: neighbours' errors are alike (shared pixels, model error), four say less than four times one
+ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
+
+
+def noise_map(
+    device: Device, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int, unknown: float,
+) -> tuple[moderngl.Texture, float]:
+    """(log variance of the relative noise around each texel, at 1 / 2^NOISE_LEVELS of the size; its median variance).
+
+    ``unknown``: variance where no camera has views enough to tell: only the scatter between cameras does then.
+    """
+    noise = device.texture(*valleys.size)
+    target = device.framebuffer([noise])
+    device.draw("solve/noise.frag", target, textures={"u_valleys": valleys, "u_support": support}, uniforms={},
+                defines={"LOBES": str(lobes)})
+    target.release()
+    for _ in range(NOISE_LEVELS):
+        finer = noise
+        noise = device.texture((finer.width + 1) // 2, (finer.height + 1) // 2)
+        target = device.framebuffer([noise])
+        device.draw("fill/down.frag", target, textures={"u_map": finer}, uniforms={})
+        target.release()
+        finer.release()
+    values = device.read(noise)
+    known = values[values[..., 3] > 0.1, 0]
+    variance = float(np.exp(np.median(known))) if len(known) else unknown
+    return noise, max(variance, NOISE_FLOOR**2)
+
+
+def pyramid(device: Device, tables: tuple[moderngl.Texture, ...]) -> tuple[moderngl.Texture, moderngl.Texture]:
+    """Tables summed upwards, estimates handed downwards: (estimate, prior) of every texel."""
+    levels = [tables]
+    while levels[-1][0].width > 8:
+        below = levels[-1]
+        half = ((below[0].width + 1) // 2, (below[0].height + 1) // 2)
+        above = tuple(device.texture(*half) for _ in range(8))
+        target = device.framebuffer(list(above))
+        device.draw("solve/pool.frag", target, textures={"u_table": below}, uniforms={"u_gain": POOL_GAIN})
+        target.release()
+        levels.append(above)
+    parent: moderngl.Texture | None = None
+    prior: moderngl.Texture | None = None
+    for level in range(len(levels) - 1, -1, -1):
+        table = levels[level]
+        size = table[0].size
+        estimate, given = device.texture(*size), device.texture(*size)
+        target = device.framebuffer([estimate, given])
+        device.draw("solve/descend.frag", target, textures={"u_table": table, "u_parent": parent}, uniforms={
+            "u_top": parent is None, "u_step": ROUGHNESS_SLOPE / size[0], "u_prior_cut": PRIOR_CUT,
+        })
+        target.release()
+        for texture in (parent, prior):
+            if texture is not None:
+                texture.release()
+        if level > 0:
+            for texture in table:
+                texture.release()
+        parent, prior = estimate, given
+    assert parent is not None and prior is not None
+    return parent, prior

@@ -1,0 +1,104 @@
+// How well two roughnesses explain a texel's observations.
+//
+// Model: f = rho * a + w s(r1) + (1 - w) s(r2), a = w a(r1) + (1 - w) a(r2); r1 <= r2.  Base colour rho and
+// weight w are linear at fixed roughness and are eliminated as in fit.glsl; w is solved as a step from the
+// weight given (about which a, the only product of both, is linearised), so that residuals keep their digits.
+#include "solve/observations.glsl"
+
+struct FitTwo {
+    float residual;
+    vec2 gradient;   // -half the residual's slope by (r1, r2)
+    vec3 curvature;  // Gauss-Newton, r1 r1, r1 r2, r2 r2; base colour and weight projected out
+    float weight;    // of lobe 1, at its best
+    vec3 weight_row; // curvature of w: w w, w r1, w r2 (before projection)
+};
+
+// Sums over one group of d, u, t1, t2 (residual and the model's derivatives by w, r1, r2) and their products.
+struct GroupTwo { float w, base; vec4 v; vec4 dv; vec3 uv; vec3 tt; };
+
+const GroupTwo EMPTY = GroupTwo(0.0, 0.0, vec4(0.0), vec4(0.0), vec3(0.0), vec3(0.0));
+
+// Scatter matrix of (d, u, t1, t2): d d, d u, d t1, d t2; u u, u t1, u t2; t1 t1, t1 t2, t2 t2.
+struct Scatter { vec4 dv; vec3 uv; vec3 tt; };
+
+void add(inout Scatter sum, vec4 v, float w) {
+    sum.dv += w * v.x * v;
+    sum.uv += w * v.y * v.yzw;
+    sum.tt += w * vec3(v.z * v.z, v.z * v.w, v.w * v.w);
+}
+
+// Of one channel, over the groups.
+struct Between { float w; vec4 v; Scatter scatter; };
+
+void fold(GroupTwo g, Toward one, Toward two, float weight, int channel, inout Scatter within, inout Between between[3]) {
+    if (g.w <= 0.0) return;
+    within.dv += g.dv;
+    within.uv += g.uv;
+    within.tt += g.tt;
+    add(within, g.v / g.w, -g.w);
+    vec4 mean = g.v / g.w;
+    mean.x += g.base;
+    float a = weight * one.diffuse + (1.0 - weight) * two.diffuse;
+    float rho = mean.x / a;
+    vec4 q = vec4(rho, (mean.yzw + rho * vec3(one.diffuse - two.diffuse, weight * one.d_diffuse, (1.0 - weight) * two.d_diffuse)) / a);
+    float w = a * a * g.w / (1.0 + u_group_slack * g.w * mean.x * mean.x);
+    for (int c = 0; c < 3; c++) {  // no dynamic index: some drivers spill the array
+        if (c == channel) {
+            between[c].w += w;
+            between[c].v += w * q;
+            add(between[c].scatter, q, w);
+        }
+    }
+}
+
+FitTwo evaluate(vec2 r, float weight) {
+    Scatter all = Scatter(vec4(0.0), vec3(0.0), vec3(0.0));
+    Between between[3];
+    for (int c = 0; c < 3; c++) between[c] = Between(0.0, vec4(0.0), all);
+    GroupTwo g = EMPTY;
+    Toward one = Toward(1.0, 0.0, 1.0, 0.0, 1.0, 0.0), two = one;
+    int channel = 0;
+    for (int n = 0; n < obs_count; n++) {
+        float w = obs_weight[n];
+        if (w < 0.0) {
+            fold(g, one, two, weight, channel, all, between);
+            g = EMPTY;
+            g.base = obs_base[n];
+            w = -w;
+            one = toward(r.x, obs_cos_v[n]);
+            two = toward(r.y, obs_cos_v[n]);
+            channel = obs_channel[n];
+        }
+        float s1, ds1, s2, ds2;
+        specular_d(n, r.x, one, s1, ds1);
+        specular_d(n, r.y, two, s2, ds2);
+        vec4 v = vec4(obs_f[n] - (weight * s1 + (1.0 - weight) * s2), s1 - s2, weight * ds1, (1.0 - weight) * ds2);
+        g.w += w;
+        g.v += w * v;
+        g.dv += w * v.x * v;
+        g.uv += w * v.y * v.yzw;
+        g.tt += w * vec3(v.z * v.z, v.z * v.w, v.w * v.w);
+    }
+    fold(g, one, two, weight, channel, all, between);
+    for (int c = 0; c < 3; c++) {
+        if (between[c].w <= 0.0) continue;
+        all.dv += between[c].scatter.dv;
+        all.uv += between[c].scatter.uv;
+        all.tt += between[c].scatter.tt;
+        add(all, between[c].v / between[c].w, -between[c].w);
+    }
+    float wanted = weight + all.dv.y / max(all.uv.x, 1e-20);
+    float best = clamp(wanted, 0.0, 1.0), step = best - weight;
+    FitTwo fit;
+    fit.weight = best;
+    fit.residual = max(all.dv.x - step * (2.0 * all.dv.y - step * all.uv.x), 0.0);
+    fit.gradient = all.dv.zw - step * all.uv.yz;
+    fit.curvature = all.tt;
+    fit.weight_row = all.uv;
+    if (wanted == best) {
+        vec2 share = all.uv.yz / max(all.uv.x, 1e-20);
+        fit.curvature -= vec3(share.x * all.uv.y, share.x * all.uv.z, share.y * all.uv.z);
+    }
+    fit.curvature.xz = max(fit.curvature.xz, 0.0);
+    return fit;
+}

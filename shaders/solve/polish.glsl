@@ -1,0 +1,91 @@
+// The last word on a texel: Levenberg-Marquardt from every valley found, under the neighbours' prior.
+//
+// Define NEIGHBOURS where there is one; without, the data are so clean that the search has said all.
+#include "solve/fit.glsl"
+#include "solve/nodes.glsl"
+uniform sampler2D u_valleys;  // whole maps
+uniform sampler2D u_support;
+uniform sampler2D u_noise;
+#ifdef NEIGHBOURS
+uniform sampler2D u_estimate;  // from the pyramid's finest level
+uniform sampler2D u_prior;
+uniform float u_prior_cut;
+#endif
+uniform int u_steps;
+// out_0: roughness, its standard error, residual (relative RMS), solved
+// out_1: good observations, residual, residual of the model without lobe, standard error of base colour
+
+float mean, information;  // of the prior
+float least, degrees, around, trust;
+
+// Cost, minus its slope, curvature of data and prior together.
+vec3 posterior(float r) {
+    vec3 fit = evaluate(r);
+    float down = 2.0 * trust * data_slope(fit.x, degrees, around);
+#ifdef NEIGHBOURS
+    float off = r - mean;
+    float prior = 0.5 * off * off * information;
+    bool inside = prior < u_prior_cut;
+    return vec3(trust * data_cost(fit.x, least, degrees, around) + min(prior, u_prior_cut),
+                down * fit.y - (inside ? off * information : 0.0), down * fit.z + (inside ? information : 0.0));
+#else
+    return vec3(trust * data_cost(fit.x, least, degrees, around), down * fit.y, down * fit.z);
+#endif
+}
+
+float descend(float r, inout vec3 here) {
+    float damping = 1e-3;
+    for (int i = 0; i < u_steps; i++) {
+        float to = clamp(r + clamp(here.y / (here.z * (1.0 + damping) + 1e-12), -0.15, 0.15), ROUGHNESS_MIN, 1.0);
+        vec3 there = posterior(to);
+        if (there.x < here.x) {
+            r = to;
+            here = there;
+            damping = max(damping * 0.2, 1e-6);
+        } else {
+            damping = min(damping * 8.0, 1e4);
+        }
+    }
+    return r;
+}
+
+void kernel() {
+    out_0 = out_1 = vec4(0.0);
+    if (!load_observations()) return;
+    ivec2 texel = texel_here();
+    vec4 valleys = texelFetch(u_valleys, texel, 0), support = texelFetch(u_support, texel, 0);
+    around = noise_around(u_noise, texel, textureSize(u_valleys, 0));
+    least = valleys.y;
+    degrees = support.z;
+    trust = belief(support.y, obs_share);
+    float r = valleys.x;
+    vec3 best = posterior(r);
+#ifndef NEIGHBOURS
+    r = descend(r, best);
+#endif
+    // Mean squared distance to where else the roughness may be.
+    float elsewhere = exp(-trust * data_cost(valleys.w, least, degrees, around)) * (valleys.z - r) * (valleys.z - r);
+    float variance = 1.0 / max(best.z, 1e-6) + elsewhere;
+#ifdef NEIGHBOURS
+    vec4 prior = texelFetch(u_prior, texel, 0);
+    mean = prior.x;
+    information = 1.0 / prior.y;
+    best = posterior(r);
+    r = descend(r, best);
+    for (int start = 0; start < 2; start++) {
+        float other = start == 0 ? texelFetch(u_estimate, texel, 0).x : valleys.z;
+        vec3 there = posterior(other);
+        other = descend(other, there);
+        if (there.x < best.x) {
+            best = there;
+            r = other;
+        }
+    }
+    variance = 1.0 / max(best.z, 1e-6);
+    variance = variance < 0.01 * r * r ? variance + prior.z : max(prior.w, 0.25 * variance);
+#endif
+    vec3 fit = evaluate(r);
+    float lobeless = evaluate_lambert();
+    out_0 = vec4(r, sqrt(min(variance, 0.25)), sqrt(fit.x / max(support.y, 0.25)), 1.0);
+    out_1 = vec4(support.y, fit.x, lobeless, sqrt(fit_albedo.x * fit_albedo.x * variance + fit_albedo.y * around));
+}

@@ -1,0 +1,105 @@
+// The search of a texel, all in one draw: a stratified swarm, moved by equations (2) and (3), whose particles
+// then take Levenberg-Marquardt steps and race; the two best in different valleys run to the end.
+// The methods `swarm`, `refined` and `draft` are this kernel with other knobs.
+//
+// Defines: LOBES; SWARM where particles move; OUTPUTS 2, or 3 with two lobes.
+#include "include/random.glsl"
+// Here, not in one branch below: a file is pasted only where it is first asked for.
+#include "solve/observations.glsl"
+#if LOBES == 2
+#include "solve/particle_two.glsl"
+#else
+#include "solve/particle.glsl"
+#endif
+uniform int u_particles;
+uniform int u_moves;       // of the swarm
+uniform int u_race_steps;  // Levenberg-Marquardt steps of every particle
+uniform int u_final_steps; // of the two best
+uniform int u_seed;
+
+ROUGH roughness_at(ROUGH x) { return ROUGHNESS_MIN * pow(ROUGH(1.0 / ROUGHNESS_MIN), x); }
+
+#ifdef SWARM
+// Equation (2) of Nagano, Collins, Chen and Nakano in the form that converges: constriction chi (Clerc and
+// Kennedy 2002), velocity limit, walls that absorb; the global best is that of a ring of three (Kennedy and
+// Mendes 2002), because one best for all converges before it has searched.
+const int PARTICLES = 16;
+const float CHI = 0.7298, C1 = 2.05, C2 = 2.05, VELOCITY_MAX = 0.3;
+ROUGH x[PARTICLES], v[PARTICLES], personal[PARTICLES];
+float fitness[PARTICLES];
+
+void swarm() {
+    ivec2 texel = texel_here();
+    for (int i = 0; i < u_particles; i++) {
+        x[i] = personal[i] = stratum(texel, i, u_particles, u_seed);
+        v[i] = 0.2 * (random_step(texel, i, 1, u_seed) - 0.5);
+        fitness[i] = residual_at(roughness_at(x[i]));
+    }
+    for (int t = 2; t < u_moves + 2; t++) {
+        for (int i = 0; i < u_particles; i++) {
+            int left = (i + u_particles - 1) % u_particles, right = (i + 1) % u_particles;
+            int leader = fitness[left] < fitness[i] ? left : i;
+            if (fitness[right] < fitness[leader]) leader = right;
+            ROUGH u1 = random_step(texel, i, 2 * t, u_seed), u2 = random_step(texel, i, 2 * t + 1, u_seed);
+            v[i] = CHI * (v[i] + C1 * u1 * (personal[i] - x[i]) + C2 * u2 * (personal[leader] - x[i]));  // eq. 2
+            v[i] = clamp(v[i], -VELOCITY_MAX, VELOCITY_MAX);
+            ROUGH moved = x[i] + v[i];                                                                   // eq. 3
+            x[i] = clamp(moved, 0.0, 1.0);
+            v[i] *= 1.0 - abs(sign(x[i] - moved));  // a wall takes the velocity
+            x[i] = ordered(x[i]);
+            float fit = residual_at(roughness_at(x[i]));
+            if (fit < fitness[i]) {
+                fitness[i] = fit;
+                personal[i] = x[i];
+            }
+        }
+    }
+}
+#endif
+
+void kernel() {
+    out_0 = vec4(0.5, 0.0, 0.5, 0.0);
+    out_1 = vec4(0.0);
+#if LOBES == 2
+    out_0 = vec4(0.3, 0.6, 0.5, 0.0);
+    out_2 = vec4(0.0);
+#endif
+    if (!load_observations()) return;
+#ifdef SWARM
+    swarm();
+#endif
+    Particle best, second;
+    best.residual = second.residual = 1e30;
+    best.r = second.r = ROUGH(0.5);
+    for (int i = 0; i < u_particles; i++) {
+#ifdef SWARM
+        Particle p = particle_at(roughness_at(personal[i]));
+#else
+        Particle p = particle_at(roughness_at(stratum(texel_here(), i, u_particles, u_seed)));
+#endif
+        refine(p, u_race_steps);
+        bool other = apart(p.r, best.r);
+        if (p.residual < best.residual) {
+            if (other) second = best;
+            best = p;
+        } else if (other && p.residual < second.residual) {
+            second = p;
+        }
+    }
+    refine(best, u_final_steps);
+    if (second.residual < 1e29) refine(second, u_final_steps);
+    else second = best;
+    if (second.residual < best.residual) {
+        Particle swap = best;
+        best = second;
+        second = swap;
+    }
+#if LOBES == 2
+    out_0 = vec4(best.r, best.weight, best.residual);  // best pair, its weight and residual
+    out_1 = vec4(obs_share, obs_total, obs_free, 1.0);
+    out_2 = vec4(best.curvature, 0.0);
+#else
+    out_0 = vec4(best.r, best.residual, second.r, second.residual);  // the two valleys
+    out_1 = vec4(best.curvature, obs_total, obs_free, 1.0);  // good observations, degrees of freedom, observed
+#endif
+}
