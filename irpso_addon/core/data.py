@@ -150,3 +150,4 @@ class Solution:
     cancelled: bool = False  # True: only part of the texels was solved
     # material slot name -> its one Specular IOR Level, where a single value was solved for the material
     levels: dict[str, float] = field(default_factory=dict)
+    ndf: str = "ggx"  # distribution of the two-lobe model, as in core/params.py
