@@ -7,10 +7,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..core.data import Maps
+from ..core.data import F32, Maps
 from ..core.errors import BadInput
 from . import properties
-from .material import TAG
+from .tags import TAG
 
 # A .blend starts so when plain, gzip (before 3.0) or Zstandard.
 MAGIC = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")
@@ -68,19 +68,27 @@ def solved_object(name: str | None) -> bpy.types.Object:
 
 def read_maps(obj: bpy.types.Object) -> Maps:
     """The maps that a solve left in the file.  A texel without confidence counts as filled.  Raises BadInput."""
-    arrays = {}
-    for role in ("base_color", "roughness", "confidence", "error"):
-        image = obj[TAG].get(role)
-        if image is None or (not image.has_data and not image.size[0]):
-            raise BadInput(f"object '{obj.name}': its {role} map is gone; run 'irpso solve' again")
-        width, height = image.size
-        pixels = np.empty(width * height * 4, np.float32)
-        image.pixels.foreach_get(pixels)
-        arrays[role] = pixels.reshape(height, width, 4)
-    confidence = arrays["confidence"][..., 0].copy()
+    base, roughness, confidence, error, roughness_sigma, base_sigma = (
+        _pixels(obj, role)
+        for role in ("base_color", "roughness", "confidence", "error", "roughness_sigma", "basecolor_sigma"))
+    grey = np.array_equal(roughness[..., 0], roughness[..., 2])  # one lobe beside two has weight 1 in blue
+    filled = confidence[..., 0] <= 0
     return Maps(
-        base_color=arrays["base_color"][..., :3].copy(), roughness=arrays["roughness"][..., 0].copy(),
-        confidence=confidence, error=arrays["error"][..., 0].copy(), filled=confidence <= 0, coverage=confidence > 0)
+        base_color=base, roughness=roughness[..., 0].copy(), confidence=confidence[..., 0].copy(),
+        error=error[..., 0].copy(), filled=filled, coverage=~filled, roughness_sigma=roughness_sigma[..., 0].copy(),
+        base_sigma=base_sigma[..., 0].copy(), lobes=None if grey else roughness,
+        specular=_pixels(obj, "specular")[..., 0].copy() if "specular" in obj[TAG] else None)
+
+
+def _pixels(obj: bpy.types.Object, role: str) -> F32:
+    """One of the object's maps, (h, w, 3), row 0 at the bottom.  Raises BadInput."""
+    image = obj[TAG].get(role)
+    if image is None or (not image.has_data and not image.size[0]):
+        raise BadInput(f"object '{obj.name}': its {role} map is gone; run 'irpso solve' again")
+    width, height = image.size
+    pixels = np.empty(width * height * 4, np.float32)
+    image.pixels.foreach_get(pixels)
+    return pixels.reshape(height, width, 4)[..., :3].copy()
 
 
 def one_line(error: Exception) -> str:

@@ -1,13 +1,14 @@
 """Maps onto an object's materials: image datablocks and the nodes that show them.
 
-This is the only file that writes ``bpy.data``.  Images and nodes made here are found again by what
-they are, not by their names: nodes carry the custom property ``irpso`` (their role), and the object's
+Only this file, `wiring` and `two_lobe` write ``bpy.data``.  Images and nodes made here are found again by
+what they are, not by their names: nodes carry the custom property ``irpso`` (their role), and the object's
 custom property ``irpso`` points to its images.  So running twice leaves one set, also after renaming.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -15,19 +16,28 @@ import numpy as np
 
 from ..core.data import F32, Maps, Solution
 from ..core.errors import BadInput
+from ..core.export import layers
 from ..core.export import write_maps as export_maps
+from .tags import TAG
+from .wiring import find_shader, has_nodes, wire
 
-TAG = "irpso"  # custom property on objects (their images) and nodes (their role)
-SPECULAR_TAG = "irpso_specular"  # custom property on a Principled: its Specular IOR Level before we set it to 0
 SUFFIXES = {"base_color": "basecolor"}  # role -> end of the name, where they differ
-SOCKETS = {"base_color": "Base Color", "roughness": "Roughness"}
+OPTIONAL = ("specular",)  # roles that only some models have
 NAME_BYTES = 63  # of a datablock in Blender 4.5; 5.x allows more
+
+
+@dataclass(frozen=True)
+class _Target:
+    """A slot to write to, and the name it was solved under."""
+
+    slot: bpy.types.MaterialSlot
+    solved: str
 
 
 def write_maps(
     obj: bpy.types.Object, solution: Solution, *, packed: bool = True, directory: Path | None = None,
 ) -> tuple[str, ...]:
-    """Wires the maps of ``solution`` into Base Color and Roughness of every material slot it covers.
+    """Wires the maps of ``solution`` into every material slot it covers, each by its own model.
 
     The images are packed into the .blend, or, with ``packed`` False, saved as EXR files in ``directory``.
     Returns what the user should know, one line each.  Raises BadInput, before anything is changed, when
@@ -37,8 +47,8 @@ def write_maps(
         raise BadInput(f"{obj.name}: is not a mesh; choose a mesh object")
     _require_editable(obj, "object")
     targets = _targets(obj, solution.model)
-    for slot, _ in targets:
-        _check_material(slot.material)
+    for target in targets:
+        _check_material(target.slot.material)
     if packed:
         images = write_images(obj, _layers(solution.maps))
     else:
@@ -47,11 +57,12 @@ def write_maps(
         images = _load_saved(obj, solution.maps, directory)
     messages: list[str] = []
     copies: dict[bpy.types.Material, bpy.types.Material] = {}
-    models: dict[bpy.types.Material, str] = {}
-    for slot, model in targets:
-        models[_own_material(obj, slot, copies, messages)] = model
-    for material, model in models.items():
-        messages += [f"material '{material.name}': {text}" for text in _wire(material, images, model)]
+    solved = {_own_material(obj, target.slot, copies, messages): target.solved for target in targets}
+    for material, name in solved.items():
+        found = wire(material, images, model=solution.model[name], lobes=solution.maps.lobes is not None,
+                     level=solution.levels.get(name), ndf=solution.ndf)
+        messages += [f"material '{material.name}': {text}" for text in found]
+    _drop_others(obj, images)
     return tuple(messages)
 
 
@@ -81,7 +92,7 @@ def write_images(obj: bpy.types.Object, layers: Mapping[str, F32]) -> dict[str, 
 def _load_saved(obj: bpy.types.Object, maps: Maps, directory: Path) -> dict[str, bpy.types.Image]:
     """Saves the maps as EXR files and loads those."""
     images = {}
-    paths = {path.stem.rsplit("_", 1)[1]: path for path in export_maps(maps, obj.name, directory, "exr")}
+    paths = dict(zip(layers(maps), export_maps(maps, obj.name, directory, "exr"), strict=True))
     for role in _layers(maps):
         path = str(paths[SUFFIXES.get(role, role)].resolve())
         image = bpy.data.images.load(path)
@@ -93,10 +104,9 @@ def _load_saved(obj: bpy.types.Object, maps: Maps, directory: Path) -> dict[str,
 
 
 def _layers(maps: Maps) -> dict[str, F32]:
-    return {
-        "base_color": maps.base_color, "roughness": maps.roughness,
-        "confidence": maps.confidence, "error": maps.error,
-    }
+    """The maps that the file keeps, by role.  Which texels were filled is in the confidence: 0."""
+    roles = {suffix: role for role, suffix in SUFFIXES.items()}
+    return {roles.get(suffix, suffix): array for suffix, array in layers(maps).items() if suffix != "filled"}
 
 
 def _set_colorspace(image: bpy.types.Image, role: str) -> None:
@@ -122,6 +132,16 @@ def _adopt(obj: bpy.types.Object, role: str, image: bpy.types.Image) -> bpy.type
     return image
 
 
+def _drop_others(obj: bpy.types.Object, images: Mapping[str, bpy.types.Image]) -> None:
+    """Forgets maps of an earlier solve that this one does not have."""
+    for role in OPTIONAL:
+        if role in obj[TAG] and role not in images:
+            image = obj[TAG][role]
+            del obj[TAG][role]
+            if image is not None and image.users == 0:
+                bpy.data.images.remove(image)
+
+
 # ---- materials
 
 
@@ -130,7 +150,7 @@ def _require_editable(data: bpy.types.ID, kind: str) -> None:
         raise BadInput(f"{data.name}: this {kind} is linked from a library; make it local first (Object > Relations)")
 
 
-def _targets(obj: bpy.types.Object, model: Mapping[str, str]) -> list[tuple[bpy.types.MaterialSlot, str]]:
+def _targets(obj: bpy.types.Object, model: Mapping[str, str]) -> list[_Target]:
     """The slots that the solution covers; an object that was solved without a slot gets one."""
     if not obj.material_slots and "" in model:
         _require_editable(obj.data, "mesh")
@@ -141,7 +161,7 @@ def _targets(obj: bpy.types.Object, model: Mapping[str, str]) -> list[tuple[bpy.
         # A material that we made or copied for the slot has another name than when it was solved.
         keys = [key for key in (name, slot.material.get(TAG) if slot.material else None) if key in model]
         if keys:
-            found.append((slot, model[keys[0]]))
+            found.append(_Target(slot, keys[0]))
     if not found:
         solved = ", ".join(f"'{name}'" for name in model) or "none"
         raise BadInput(f"{obj.name}: none of its materials is one that was solved ({solved}); solve again")
@@ -153,17 +173,12 @@ def _check_material(material: bpy.types.Material | None) -> None:
     if material is None:
         return
     _require_editable(material, "material")
-    if not _has_nodes(material) or find_principled(material.node_tree) is not None:
+    if not has_nodes(material) or find_shader(material.node_tree) is not None:
         return
     output = material.node_tree.get_output_node("CYCLES")
     if output is not None and output.inputs["Surface"].is_linked:
         raise BadInput(
             f"material '{material.name}': no Principled BSDF feeds its output; connect one to Surface, not in a group")
-
-
-def _has_nodes(material: bpy.types.Material) -> bool:
-    # From 5.0 on every material has nodes, and asking for use_nodes is deprecated.
-    return material.node_tree is not None and (bpy.app.version >= (5, 0) or material.use_nodes)
 
 
 def _own_material(
@@ -193,85 +208,3 @@ def _own_material(
 def _is_shared(obj: bpy.types.Object, material: bpy.types.Material) -> bool:
     return any(
         slot.material == material for other in bpy.data.objects if other != obj for slot in other.material_slots)
-
-
-# ---- nodes
-
-
-def find_principled(tree: bpy.types.ShaderNodeTree) -> bpy.types.Node | None:
-    """The Principled BSDF that feeds the active output: the first one met, through mix and add shaders."""
-    output = tree.get_output_node("CYCLES")
-    waiting = [output.inputs["Surface"]] if output is not None else []
-    seen = set()
-    while waiting:
-        socket = waiting.pop()
-        for link in socket.links:
-            node = link.from_node
-            if link.is_muted or node in seen:
-                continue
-            seen.add(node)
-            if node.bl_idname == "ShaderNodeBsdfPrincipled":
-                return node
-            waiting += [i for i in reversed(node.inputs) if i.type == "SHADER" or node.bl_idname == "NodeReroute"]
-    return None
-
-
-def _wire(material: bpy.types.Material, images: Mapping[str, bpy.types.Image], model: str) -> list[str]:
-    """Image Texture nodes into the Principled's Base Color and Roughness; the rest of the tree stays.
-
-    They need no UV Map node: by itself an Image Texture takes the UV map that `scene.read_scene` reads,
-    the one whose camera icon is on.
-    """
-    if not _has_nodes(material):
-        material.use_nodes = True
-    tree = material.node_tree
-    principled = find_principled(tree) or _add_principled(tree)
-    left = min(node.location_absolute.x for node in tree.nodes if node.get(TAG) is None)
-    top = principled.location_absolute.y
-    frame = _node(tree, "NodeFrame", "frame", None, (left - 340.0, top))
-    frame.label = "IRPSO"
-    for row, (role, socket) in enumerate(SOCKETS.items()):
-        texture = _node(tree, "ShaderNodeTexImage", role, frame, (left - 320.0, top - 300.0 * row))
-        texture.image = images[role]
-        texture.label = socket
-        tree.links.new(texture.outputs["Color"], principled.inputs[socket])
-    return _set_specular(tree, principled, model)
-
-
-def _add_principled(tree: bpy.types.ShaderNodeTree) -> bpy.types.Node:
-    output = tree.get_output_node("CYCLES") or tree.nodes.new("ShaderNodeOutputMaterial")
-    principled = tree.nodes.new("ShaderNodeBsdfPrincipled")
-    principled.location = (output.location_absolute.x - 300.0, output.location_absolute.y)
-    tree.links.new(principled.outputs["BSDF"], output.inputs["Surface"])
-    return principled
-
-
-def _node(
-    tree: bpy.types.ShaderNodeTree, kind: str, role: str, frame: bpy.types.Node | None, place: tuple[float, float],
-) -> bpy.types.Node:
-    """Our node of this role: the one from last time, where the user left it, or a new one at ``place``."""
-    for node in tree.nodes:
-        if node.get(TAG) == role and node.bl_idname == kind:
-            return node
-    node = tree.nodes.new(kind)
-    node[TAG] = role
-    node.parent = frame
-    node.location_absolute = place
-    node.select = False
-    return node
-
-
-def _set_specular(tree: bpy.types.ShaderNodeTree, principled: bpy.types.Node, model: str) -> list[str]:
-    """Specular IOR Level 0 for a surface without highlight, else what it was before; says if a link went."""
-    socket = principled.inputs["Specular IOR Level"]
-    links = list(socket.links) if model == "lambert" else []
-    if model == "lambert":
-        if SPECULAR_TAG not in principled:
-            principled[SPECULAR_TAG] = socket.default_value
-        for link in links:
-            tree.links.remove(link)
-        socket.default_value = 0.0
-    elif SPECULAR_TAG in principled:
-        socket.default_value = principled[SPECULAR_TAG]
-        del principled[SPECULAR_TAG]
-    return ["Specular IOR Level was linked; unlinked and set to 0"] if links else []

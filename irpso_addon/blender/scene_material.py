@@ -12,7 +12,8 @@ import numpy as np
 from ..core.colour import known_space, to_linear_rec709
 from ..core.data import F32
 from ..core.errors import BadInput
-from .material import SPECULAR_TAG
+from .tags import SPECULAR_TAG
+from .two_lobe import is_two_lobe, lobe_of
 
 Warn = Callable[[str], None]
 
@@ -58,12 +59,12 @@ def read_normal_maps(obj: Any, warn: Warn) -> dict[int, SlotNormalMap]:
 
 
 def find_principled(material: Any) -> Any | None:
-    """The Principled BSDF that the active output shows, None when there is none."""
+    """The Principled BSDF that the active output shows, or our group in its place; None when there is neither."""
     if material.node_tree is None or (bpy.app.version < (5, 0, 0) and not material.use_nodes):
         return None
     output = material.node_tree.get_output_node("CYCLES")
     node = None if output is None else _source(output.inputs["Surface"])[0]
-    return node if node is not None and node.type == "BSDF_PRINCIPLED" else None
+    return node if node is not None and (node.type == "BSDF_PRINCIPLED" or is_two_lobe(node)) else None
 
 
 def _source(socket: Any) -> tuple[Any | None, Any | None]:
@@ -95,8 +96,9 @@ def _name_differences(material: Any, principled: Any, warn: Warn) -> None:
     tint = principled.inputs.get("Specular Tint")
     if tint is not None and (_source(tint)[0] is not None or min(tint.default_value[:3]) < 0.9999):
         warn(f"material '{material.name}': Specular Tint is not modelled; white is assumed")
-    if principled.distribution != "MULTI_GGX":
-        warn(f"material '{material.name}': distribution {principled.distribution} is not modelled; "
+    lobe = lobe_of(principled)
+    if lobe is not None and lobe.distribution != "MULTI_GGX":
+        warn(f"material '{material.name}': distribution {lobe.distribution} is not modelled; "
              "Multiscatter GGX is assumed")
 
 

@@ -14,6 +14,7 @@ from irpso_addon.core.data import Maps, Solution
 from irpso_addon.core.errors import BadInput
 
 SIZE = 16
+ENDS = ["basecolor", "basecolor_sigma", "confidence", "error", "roughness", "roughness_sigma"]  # sorted
 
 
 def make_maps(size: int = SIZE, seed: int = 0) -> Maps:
@@ -129,7 +130,7 @@ def test_cycles_shows_the_values_of_the_maps(empty, tmp_path: Path, where: str) 
     np.testing.assert_allclose(bake(obj, shader, "Base Color"), maps.base_color, atol=1e-6)
     np.testing.assert_allclose(bake(obj, shader, "Roughness")[..., 0], maps.roughness, atol=1e-6)
     images = {name: image for name, image in bpy.data.images.items() if name.startswith("Plane_")}
-    assert sorted(images) == ["Plane_basecolor", "Plane_confidence", "Plane_error", "Plane_roughness"]
+    assert sorted(images) == [f"Plane_{end}" for end in ENDS]
     assert all(image.is_float and bool(image.packed_file) == (where != "saved") for image in images.values())
     pixels = np.empty(SIZE * SIZE * 4, "f4")
     images["Plane_confidence"].pixels.foreach_get(pixels)
@@ -139,7 +140,7 @@ def test_cycles_shows_the_values_of_the_maps(empty, tmp_path: Path, where: str) 
 def test_colour_spaces(empty) -> None:
     material.write_maps(make_plane(), make_solution({"Skin": "one-lobe"}))
     assert bpy.data.images["Plane_basecolor"].colorspace_settings.name == "Linear Rec.709"
-    for role in ("roughness", "confidence", "error"):
+    for role in ENDS[1:]:
         assert bpy.data.images[f"Plane_{role}"].colorspace_settings.is_data
 
 
@@ -188,14 +189,13 @@ def test_a_renamed_object_keeps_one_set(empty) -> None:
     material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
     obj.name = "Cöw"
     material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
-    assert sorted(bpy.data.images.keys()) == ["Cöw_basecolor", "Cöw_confidence", "Cöw_error", "Cöw_roughness"]
+    assert sorted(bpy.data.images.keys()) == [f"Cöw_{end}" for end in ENDS]
 
 
 def test_long_names_stay_distinct(empty) -> None:
     obj = make_plane("é" * 31)
     material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
-    ends = {name.rsplit("_", 1)[1] for name in bpy.data.images.keys()}
-    assert ends == {"basecolor", "roughness", "confidence", "error"}
+    assert {name.split("_", 1)[1] for name in bpy.data.images.keys()} == set(ENDS)
 
 
 def test_an_image_of_the_user_with_the_same_name_is_left_alone(empty) -> None:
@@ -205,7 +205,7 @@ def test_an_image_of_the_user_with_the_same_name_is_left_alone(empty) -> None:
     for _ in range(2):
         material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
     assert tuple(own.size) == (4, 4)
-    assert len(bpy.data.images) == 5
+    assert len(bpy.data.images) == 1 + len(ENDS)
 
 
 def test_several_slots_share_the_images(empty) -> None:
@@ -270,7 +270,7 @@ def test_a_duplicate_gets_its_own_images(empty) -> None:
     twin.name = "Twin"
     material.write_maps(twin, make_solution({"Skin": "one-lobe"}, later))
     material.write_maps(twin, make_solution({"Skin.001": "one-lobe"}, later))
-    assert len(bpy.data.images) == 8
+    assert len(bpy.data.images) == 2 * len(ENDS)
     mine, theirs = obj.material_slots[0].material, twin.material_slots[0].material
     np.testing.assert_allclose(bake(twin, theirs, "Base Color"), later.base_color, atol=1e-6)
     twin.select_set(False)
