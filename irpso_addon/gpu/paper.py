@@ -12,6 +12,7 @@ import random
 import time
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -32,15 +33,14 @@ HALO = 4  # windows beyond a tile's inner part that move along with it, so that 
 class Limits:
     """What keeps a swarm together: nothing of it is in the paper, without it equation (2) diverges."""
 
-    constriction: float = 0.7298
-    velocity: float = 0.3  # of a range of 1
+    constriction: float  # factor of the new velocity; 1: none
     bounded: bool = True  # positions stay in their box, lobes in order
 
 
 def limits_for(c1: float, c2: float) -> Limits:
-    """The limits for given pulls: Clerc and Kennedy 2002, eq. 14, where its phi = c1 + c2 is above the default 4.1."""
+    """Those for given pulls: Clerc and Kennedy 2002, eq. 14, for phi = c1 + c2; 0.7298 at the default and below it."""
     phi = max(c1 + c2, 4.1)
-    return Limits(constriction=2.0 / abs(2.0 - phi - math.sqrt(phi * phi - 4.0 * phi)))
+    return Limits(2.0 / abs(2.0 - phi - math.sqrt(phi * phi - 4.0 * phi)))
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class PaperMaps:
     """What the swarms found, on the texel grid; released by the caller."""
 
     best: moderngl.Texture  # base colour R, G, B; roughness1
-    more: moderngl.Texture  # roughness2, weight of lobe 1, fitness (mean squared relative error), evaluations (0: no swarm)
+    more: moderngl.Texture  # roughness2, weight of lobe 1, mean squared relative error, evaluations (0: no swarm)
     evaluations: int  # of the fitness, over all texels and tiles
 
 
@@ -59,7 +59,7 @@ class Swarms:
         self, device: Device, source: Source, settings: SolveSettings, model: str, limits: Limits | None = None,
     ) -> None:
         if model not in LOBES:
-            raise BadInput(f"method paper: it searches the models {' and '.join(LOBES)}, not {model}: choose one of them")
+            raise BadInput(f"method paper: searches the models {' and '.join(LOBES)}, not {model}; choose one of them")
         if settings.window % 2 == 0:
             raise BadInput(f"window: {settings.window} has no middle; give an odd number of texels")
         self.device, self.source, self.settings, self.lobes = device, source, settings, LOBES[model]
@@ -123,13 +123,13 @@ class Swarms:
                   "u_own_more": textures[3]}
         if self.lobes == 2:
             inputs["u_tail"] = textures[4]
-        uniforms = {"u_particle": particle, "u_pass": number}
+        uniforms: dict[str, Any] = {"u_particle": particle, "u_pass": number}
         if number == 0:  # the rest stays as it is until the next tile
             uniforms |= {
                 "u_tile": self.tile, "u_tile_height": self.atlas.tile[1], "u_seed": settings.seed,
                 "u_pull": (settings.c1, settings.c2, settings.c3), "u_reach": settings.window // 2,
                 "u_done": settings.threshold**2, "u_constriction": self.limits.constriction,
-                "u_velocity_max": self.limits.velocity, "u_bounded": self.limits.bounded,
+                "u_bounded": self.limits.bounded,
             }
         w, h = (min(a, b - c) for a, b, c in zip(self.atlas.tile, self.source.size, self.tile, strict=True))
         self.device.kernel("paper/move.glsl", self._target(), textures=inputs, uniforms=uniforms,
