@@ -33,14 +33,15 @@ HALO = 4  # windows beyond a tile's inner part that move along with it, so that 
 class Limits:
     """What keeps a swarm together: nothing of it is in the paper, without it equation (2) diverges."""
 
-    constriction: float  # factor of the new velocity; 1: none
+    constriction: float = 0.7298  # factor of the new velocity; 1: none
+    velocity: float = 0.3  # the most that a number may change in a pass; the box is 1 wide
     bounded: bool = True  # positions stay in their box, lobes in order
 
 
 def limits_for(c1: float, c2: float) -> Limits:
     """Those for given pulls: Clerc and Kennedy 2002, eq. 14, for phi = c1 + c2; 0.7298 at the default and below it."""
     phi = max(c1 + c2, 4.1)
-    return Limits(2.0 / abs(2.0 - phi - math.sqrt(phi * phi - 4.0 * phi)))
+    return Limits(constriction=2.0 / abs(2.0 - phi - math.sqrt(phi * phi - 4.0 * phi)))
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ class Swarms:
                 "u_tile": self.tile, "u_tile_height": self.atlas.tile[1], "u_seed": settings.seed,
                 "u_pull": (settings.c1, settings.c2, settings.c3), "u_reach": settings.window // 2,
                 "u_done": settings.threshold**2, "u_constriction": self.limits.constriction,
-                "u_bounded": self.limits.bounded,
+                "u_velocity_max": self.limits.velocity, "u_bounded": self.limits.bounded,
             }
         w, h = (min(a, b - c) for a, b, c in zip(self.atlas.tile, self.source.size, self.tile, strict=True))
         self.device.kernel("paper/move.glsl", self._target(), textures=inputs, uniforms=uniforms,

@@ -25,7 +25,7 @@ uniform int u_seed;
 uniform vec3 u_pull;                // c1, c2, c3
 uniform int u_reach;                // H / 2
 uniform float u_done;               // fitness below which a swarm rests
-uniform float u_constriction;
+uniform float u_constriction, u_velocity_max;
 uniform bool u_bounded;
 
 struct Point { vec4 head; vec2 tail; };  // base colour, roughness1; roughness2, weight of lobe 1
@@ -111,10 +111,12 @@ void move(inout Point x, inout Point v, Point own, Point best) {
     Dice r = throw_dice();
     Point mean = x;
     if (u_pull.z > 0.0) mean = neighbours();
-    v.head = u_constriction * (v.head + u_pull.x * r.a * (own.head - x.head) + u_pull.y * r.b * (best.head - x.head)
-                             + u_pull.z * (mean.head - x.head));
-    v.tail = u_constriction * (v.tail + u_pull.x * r.c * (own.tail - x.tail) + u_pull.y * r.d * (best.tail - x.tail)
-                             + u_pull.z * (mean.tail - x.tail));
+    vec4 head = v.head + u_pull.x * r.a * (own.head - x.head) + u_pull.y * r.b * (best.head - x.head)
+              + u_pull.z * (mean.head - x.head);
+    vec2 tail = v.tail + u_pull.x * r.c * (own.tail - x.tail) + u_pull.y * r.d * (best.tail - x.tail)
+              + u_pull.z * (mean.tail - x.tail);
+    v.head = clamp(u_constriction * head, -u_velocity_max, u_velocity_max);
+    v.tail = clamp(u_constriction * tail, -u_velocity_max, u_velocity_max);
     Point moved = Point(x.head + v.head, x.tail + v.tail);
     x = moved;
     if (!u_bounded) return;
