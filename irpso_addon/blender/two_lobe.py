@@ -161,20 +161,21 @@ def _beckmann(group: bpy.types.ShaderNodeTree) -> bpy.types.ShaderNodeTree:
 def _metal(group: bpy.types.ShaderNodeTree, inside: bpy.types.Node, index: int) -> bpy.types.NodeSocket:
     """One Beckmann lobe with the Fresnel of glass: a conductor that absorbs nothing."""
     exact = _exact_metallic()
-    kinds = ["PHYSICAL_CONDUCTOR"] if exact else ["F82", "PHYSICAL_CONDUCTOR"]
+    kinds: dict[str, dict[str, tuple[float, ...]]] = {"PHYSICAL_CONDUCTOR": {
+        "IOR": (1.5 if exact else CONDUCTOR_IOR,) * 3, "Extinction": (0.0 if exact else CONDUCTOR_EXTINCTION,) * 3}}
+    if not exact:
+        kinds["F82"] = {"Base Color": (*(F82_COLOR,) * 3, 1.0), "Edge Tint": (*(F82_TINT,) * 3, 1.0)}
     outputs = []
-    for row, kind in enumerate(kinds):
+    for row, (kind, values) in enumerate(kinds.items()):
         place = (0.0, -300.0 * (row + len(kinds) * index))
         metal = _add(group, "ShaderNodeBsdfMetallic", place, f"Lobe {index + 1}")
         metal.distribution, metal.fresnel_type = "BECKMANN", kind
-        metal.inputs["IOR"].default_value = (1.5 if exact else CONDUCTOR_IOR,) * 3
-        metal.inputs["Extinction"].default_value = (0.0 if exact else CONDUCTOR_EXTINCTION,) * 3
-        metal.inputs["Base Color"].default_value = (F82_COLOR,) * 3 + (1.0,)
-        metal.inputs["Edge Tint"].default_value = (F82_TINT,) * 3 + (1.0,)
+        for name, value in values.items():
+            metal.inputs[name].default_value = value
         group.links.new(inside.outputs[LOBES[index]], metal.inputs["Roughness"])
         group.links.new(inside.outputs["Normal"], metal.inputs["Normal"])
         outputs.append(metal.outputs[0])
-    return outputs[0] if exact else _mix(group, 1.0 - F82_SHARE, *outputs, 300.0)
+    return outputs[0] if exact else _mix(group, F82_SHARE, *outputs, 300.0)
 
 
 def _exact_metallic() -> bool:
