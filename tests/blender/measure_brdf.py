@@ -1,6 +1,6 @@
 """How far the float64 BRDF is from Cycles' pixels.
 
-    python -m tests.blender.measure_brdf      prints the table of docs/brdf.md
+    python -m tests.blender.measure_brdf      prints the tables of docs/brdf.md
 
 A plane under two cameras and three lamps, and a smooth sphere; lamps are points of radius 0, so that one sample
 is free of noise.  Red, green and blue carry three base colours at once.
@@ -8,20 +8,22 @@ is free of noise.  Red, green and blue carry three base colours at once.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
+from typing import Any
 
 import bpy
 import numpy as np
 
 from irpso_addon.core import brdf, lights
-from irpso_addon.core.data import Light
 
 from . import cycles_rig as rig
 
 BASES = (0.05, 0.4, 0.95)
 ROUGHNESSES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
+LEVELS = (0.0, 0.01, 0.2, 0.8, 1.0)  # Specular IOR Level
+LOBES = (0.2, 0.6, 0.3)  # roughness of the first and second, weight of the first
 BINS = (0, 30, 60, 75, 85)
 PEAK = 0.1  # tan theta_h / alpha below which a pixel is on the highlight's very peak
 
@@ -31,6 +33,7 @@ class Pixels:
     """Of one render, the pixels that are lit and seen: (n,) or (n, 3)."""
 
     roughness: float
+    level: float
     error: np.ndarray  # (n, 3) |twin / Cycles - 1| for BASES
     degrees: np.ndarray  # (n,) the larger of the angles to the light and to the viewer
     peak: np.ndarray  # (n,) bool
@@ -51,51 +54,128 @@ def scenes(pixels: int, few: bool) -> Iterator[np.ndarray]:
         yield np.array(eye)
 
 
-def measure(pixels: int = 72, few: bool = False) -> Iterator[Pixels]:
-    """Every scene at every roughness."""
+Model = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # L, V, N (n, 3) -> BRDF (n, 3)
+
+
+def measure(
+    pixels: int = 72, few: bool = False, roughnesses: Sequence[float] = ROUGHNESSES, levels: Sequence[float] = (0.5,),
+) -> Iterator[Pixels]:
+    """The Principled in every scene at every roughness and Specular IOR Level."""
     for eye in scenes(pixels, few):
-        light = rig.as_light(bpy.data.objects["lamp"])
-        nodes = bpy.data.materials["material"].node_tree.nodes
-        bsdf = next(n for n in nodes if n.type == "BSDF_PRINCIPLED")
-        for roughness in ROUGHNESSES:
+        bsdf = principled_node()
+        for level, roughness in product(levels, roughnesses):
             bsdf.inputs["Roughness"].default_value = roughness
-            image = rig.render()
-            P, N = image["position"], image["normal"]
-            seen = np.linalg.norm(N, axis=-1) > 0.5
-            N = N[seen] / np.linalg.norm(N[seen], axis=-1, keepdims=True)
-            yield compare(light, eye, roughness, P[seen], N, image["rgb"][seen])
+            bsdf.inputs["Specular IOR Level"].default_value = level
+
+            def twin(L: np.ndarray, V: np.ndarray, N: np.ndarray, r: float = roughness, s: float = level) -> np.ndarray:
+                return brdf.principled(np.array(BASES), np.array(r), L, V, N, s)
+
+            yield compare(eye, roughness, level, twin)
 
 
-def compare(
-    light: Light, eye: np.ndarray, roughness: float, P: np.ndarray, N: np.ndarray, rgb: np.ndarray,
-) -> Pixels:
-    """The twin's radiance beside Cycles', of pixels that see P with normal N (n, 3)."""
+def measure_two_lobes(ndf: str, pixels: int = 72, few: bool = False) -> Iterator[Pixels]:
+    """Both kinds of two lobes, LOBES, in every scene."""
+    first, second, weight = LOBES
+    for eye in scenes(pixels, few):
+        tree = bpy.data.materials["material"].node_tree
+        output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+        tree.links.new((two_principled if ndf == "ggx" else cook_torrance)(tree), output.inputs["Surface"])
+
+        def twin(L: np.ndarray, V: np.ndarray, N: np.ndarray) -> np.ndarray:
+            return brdf.two_lobe(np.array(BASES), first, second, weight, L, V, N, ndf)
+
+        yield compare(eye, first, 0.5, twin)
+
+
+def principled_node() -> Any:
+    return next(n for n in bpy.data.materials["material"].node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+
+
+def mixed(tree: Any, shaders: list[Any]) -> Any:
+    """Socket: the first shader by LOBES' weight, the second by the rest."""
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    mix.inputs["Fac"].default_value = 1 - LOBES[2]
+    for node, socket in zip(shaders, mix.inputs[1:], strict=True):
+        tree.links.new(node.outputs[0], socket)
+    return mix.outputs[0]
+
+
+def two_principled(tree: Any) -> Any:
+    """Socket: two Principled of BASES."""
+    made = [tree.nodes.new("ShaderNodeBsdfPrincipled") for _ in range(2)]
+    for node, roughness in zip(made, LOBES, strict=False):
+        node.inputs["Base Color"].default_value = (*BASES, 1)
+        node.inputs["Roughness"].default_value = roughness
+    return mixed(tree, made)
+
+
+def cook_torrance(tree: Any) -> Any:
+    """Socket: a diffuse of BASES plus two Beckmann conductors that do not absorb: Fresnel of a dielectric."""
+    made = [tree.nodes.new("ShaderNodeBsdfMetallic") for _ in range(2)]
+    for node, roughness in zip(made, LOBES, strict=False):
+        node.distribution, node.fresnel_type = "BECKMANN", "PHYSICAL_CONDUCTOR"
+        node.inputs["IOR"].default_value, node.inputs["Extinction"].default_value = (1.5,) * 3, (0.0,) * 3
+        node.inputs["Roughness"].default_value = roughness
+    diffuse, add = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeAddShader")
+    diffuse.inputs["Color"].default_value = (*BASES, 1)
+    tree.links.new(diffuse.outputs[0], add.inputs[0])
+    tree.links.new(mixed(tree, made), add.inputs[1])
+    return add.outputs[0]
+
+
+def conductor_is_exact() -> bool:
+    """Blender 4.5's physical conductor uses an approximation that holds for metals only."""
+    return bpy.app.version >= (5, 0, 0)
+
+
+def compare(eye: np.ndarray, roughness: float, level: float, twin: Model) -> Pixels:
+    """Render the scene and lay the twin's radiance beside Cycles'."""
+    light = rig.as_light(bpy.data.objects["lamp"])
+    image = rig.render()
+    P, N, rgb = image["position"], image["normal"], image["rgb"]
+    seen = np.linalg.norm(N, axis=-1) > 0.5
+    P, N, rgb = P[seen], N[seen] / np.linalg.norm(N[seen], axis=-1, keepdims=True), rgb[seen]
     L, V = lights.light_sample(light, P, 0, 1)[0], eye - P
     L, V = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (L, V))
     cos_l, cos_v = (L * N).sum(-1), (V * N).sum(-1)
     lit = (cos_l > 0.03) & (cos_v > 0.03)
     irradiance = lights.light_irradiance(light, P, N)[:, None] * light.power
-    twin = brdf.principled(np.array(BASES), np.array(roughness), L, V, N) * irradiance
+    radiance = twin(L, V, N) * irradiance
     half = (L + V) / np.linalg.norm(L + V, axis=-1, keepdims=True)
     sin2h = (np.cross(N, half) ** 2).sum(-1)
     return Pixels(
-        roughness, np.abs(twin[lit] / rgb[lit] - 1), np.degrees(np.arccos(np.minimum(cos_l, cos_v)[lit])),
+        roughness, level, np.abs(radiance[lit] / rgb[lit] - 1), np.degrees(np.arccos(np.minimum(cos_l, cos_v)[lit])),
         np.sqrt(sin2h / (1 - sin2h))[lit] < PEAK * roughness**2,
     )
 
 
-def main() -> None:
-    """Print max % (mean %) per roughness and angle, pixels on the peak left out and told apart."""
-    found = list(measure())
-    print(f"Blender {bpy.app.version_string}; error in % of radiance, max (mean); base colours {BASES}")
-    print("| roughness | " + " | ".join(f"{a}-{b} deg" for a, b in pairwise(BINS)) + " | peak |")
+def row(name: object, parts: list[Pixels]) -> None:
+    """Print max % (mean %) by angle, pixels on the peak left out and told apart."""
+    error, degrees, peak = (np.concatenate([getattr(p, k) for p in parts]) for k in ("error", "degrees", "peak"))
+    masks = [(degrees >= a) & (degrees < b) & ~peak for a, b in pairwise(BINS)] + [peak]
+    cells = [f"{100 * error[m].max():.4f} ({100 * error[m].mean():.4f})" if m.any() else "-" for m in masks]
+    print(f"| {name} | " + " | ".join(cells) + " |")
+
+
+def head(name: str) -> None:
+    print(f"| {name} | " + " | ".join(f"{a}-{b} deg" for a, b in pairwise(BINS)) + " | peak |")
     print("|---" * (len(BINS) + 1) + "|")
+
+
+def main() -> None:
+    """Print the tables."""
+    print(f"Blender {bpy.app.version_string}; error in % of radiance, max (mean); base colours {BASES}")
+    found = list(measure())
+    head("roughness")
     for roughness in ROUGHNESSES:
-        parts = [p for p in found if p.roughness == roughness]
-        error, degrees, peak = (np.concatenate([getattr(p, k) for p in parts]) for k in ("error", "degrees", "peak"))
-        masks = [(degrees >= a) & (degrees < b) & ~peak for a, b in pairwise(BINS)] + [peak]
-        cells = [f"{100 * error[m].max():.4f} ({100 * error[m].mean():.4f})" if m.any() else "-" for m in masks]
-        print(f"| {roughness} | " + " | ".join(cells) + " |")
+        row(roughness, [p for p in found if p.roughness == roughness])
+    found = list(measure(levels=LEVELS, roughnesses=(0.2, 0.4, 0.8)))
+    head("level")
+    for level in LEVELS:
+        row(level, [p for p in found if p.level == level])
+    head(f"two lobes {LOBES}")
+    for ndf in ["ggx"] + ["beckmann"] * conductor_is_exact():
+        row(ndf, list(measure_two_lobes(ndf)))
 
 
 if __name__ == "__main__":

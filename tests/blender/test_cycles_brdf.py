@@ -7,9 +7,11 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from irpso_addon.core import lights
+import bpy
+
+from irpso_addon.core import brdf, lights
 from tests.blender import cycles_rig as rig
-from tests.blender.measure_brdf import ROUGHNESSES, Pixels, measure
+from tests.blender.measure_brdf import LEVELS, ROUGHNESSES, Pixels, conductor_is_exact, measure, measure_two_lobes
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +41,58 @@ def test_the_peak_is_right_too(found):
     error = np.concatenate([p.error[p.peak] for p in found])
     assert len(error) > 20
     assert error.max() < 0.02
+
+
+@pytest.fixture(scope="module")
+def found_by_level() -> list[Pixels]:
+    return list(measure(pixels=48, few=True, roughnesses=(0.3, 0.7), levels=LEVELS))
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_specular_level_equals_the_pixels(found_by_level, level):
+    """As at level 0.5: 0.05 % at any pixel and 0.005 % on average to 75 degrees, 1 % and 0.02 % beyond."""
+    parts = [p for p in found_by_level if p.level == level]
+    error, degrees = (np.concatenate([getattr(p, k) for p in parts]) for k in ("error", "degrees"))
+    assert len(error) > 4000
+    assert error[degrees < 75].max() < 5e-4
+    assert error[degrees < 75].mean() < 5e-5
+    assert error[degrees >= 75].max() < 0.01
+    assert error[degrees >= 75].mean() < 2e-4
+
+
+@pytest.mark.parametrize("ndf", ["ggx", "beckmann"])
+def test_two_lobes_equal_the_pixels(ndf):
+    if ndf == "beckmann" and not conductor_is_exact():
+        pytest.skip("this Blender's physical conductor has no exact Fresnel")
+    parts = list(measure_two_lobes(ndf, pixels=64, few=True))
+    error, degrees, peak = (np.concatenate([getattr(p, k) for p in parts]) for k in ("error", "degrees", "peak"))
+    assert len(error) > 4000
+    assert error[(degrees < 75) & ~peak].max() < 0.002
+    assert error[(degrees < 75) & ~peak].mean() < 5e-5
+    assert error.mean() < 2e-4
+
+
+def test_beckmann_without_fresnel_equals_glossy_in_every_version():
+    """The Glossy BSDF is D G2 / (4 cos_l cos_v)."""
+    rig.scene(48)
+    rig.principled(rig.plane(), (1, 1, 1), 0.5)
+    rig.camera((0, -2, 1.2))
+    light = rig.as_light(rig.lamp("POINT", (0.4, 0.8, 1.1)))
+    tree = bpy.data.materials["material"].node_tree
+    glossy = tree.nodes.new("ShaderNodeBsdfAnisotropic")
+    glossy.distribution = "BECKMANN"
+    glossy.inputs["Color"].default_value, glossy.inputs["Roughness"].default_value = (1, 1, 1, 1), 0.6
+    tree.links.new(glossy.outputs[0], next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL").inputs["Surface"])
+    image = rig.render()
+    P, N = image["position"], image["normal"]
+    view, toward = np.array([0, -2, 1.2]) - P, lights.light_sample(light, P, 0, 1)[0]
+    V, L = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (view, toward))
+    at = brdf.angles(L, V, N)
+    lobe = brdf.specular_beckmann(0.6, at.sin2h, 0.0, at.cos_l, at.cos_v, at.cos_vh) / brdf.F_dielectric(at.cos_vh)
+    expected = lobe * lights.light_irradiance(light, P, N) * light.power[0]
+    bright = (N[..., 2] > 0.5) & (expected > 1e-5 * expected.max())
+    assert bright.mean() > 0.4
+    np.testing.assert_allclose(image["rgb"][bright][:, 0], expected[bright], rtol=5e-4)
 
 
 def test_specular_level_zero_is_lambert():
