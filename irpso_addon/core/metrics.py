@@ -1,0 +1,69 @@
+"""How far maps are from others: on one common grid, so that methods with maps of any size compare.
+
+Maps are (h, w, channels), row 0 at the bottom; base colour is linear Rec.709, roughness perceptual.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .data import F32, F64, Bool
+
+FAIL = 0.1  # a roughness that is off by more counts as failed
+BAD = 1e3  # stands in for NaN and infinity: such a texel scores as the worst value in range
+
+
+@dataclass(frozen=True)
+class MapErrors:
+    """Errors of one pair of maps over the texels asked for."""
+
+    albedo_rmse: float
+    albedo_psnr: float  # dB, against 1
+    rough_mae: float
+    rough_median: float
+    rough_fail: float  # share of texels off by more than FAIL
+
+
+def at_size(array: F32, size: int) -> F64:
+    """(h, w, c) or (h, w) at ``size`` x ``size`` texels, (size, size, c): block means where it divides, else bilinear.
+
+    NaN and infinite values become -BAD or BAD.
+    """
+    array = np.nan_to_num(array.reshape(*array.shape[:2], -1).astype(np.float64), nan=BAD, posinf=BAD, neginf=-BAD)
+    height, width, channels = array.shape
+    if height % size == 0 and width % size == 0:
+        blocks: F64 = array.reshape(size, height // size, size, width // size, channels).mean((1, 3))
+        return blocks
+    return _lerp(_lerp(array, size, axis=0), size, axis=1)
+
+
+def _lerp(array: F64, size: int, axis: int) -> F64:
+    """Linear interpolation along one axis at the centres of ``size`` texels, clamped at the ends."""
+    length = array.shape[axis]
+    x = np.clip((np.arange(size) + 0.5) / size * length - 0.5, 0, length - 1)
+    low = np.minimum(x.astype(int), max(length - 2, 0))
+    shape = [1] * array.ndim
+    shape[axis] = size
+    t = (x - low).reshape(shape)
+    below, above = array.take(low, axis), array.take(np.minimum(low + 1, length - 1), axis)
+    mixed: F64 = (1 - t) * below + t * above
+    return mixed
+
+
+def map_errors(base: F64, rough: F64, true_base: F64, true_rough: F64, where: Bool) -> MapErrors:
+    """Base colours (n, n, 3) and roughnesses (n, n) against the truth over ``where``, which must hold a texel."""
+    base, rough, true_base, true_rough = base[where], rough[where], true_base[where], true_rough[where]
+    bad = (np.abs(base) > 0.1 * BAD).any(-1) | (np.abs(rough) > 0.1 * BAD)
+    base = np.where(bad[:, None], np.where(true_base > 0.5, 0.0, 1.0), base)
+    off = np.abs(np.where(bad, np.where(true_rough > 0.5, 0.0, 1.0), rough) - true_rough)
+    square = float(np.mean((base - true_base) ** 2))
+    return MapErrors(
+        albedo_rmse=square**0.5, albedo_psnr=psnr(square), rough_mae=float(off.mean()),
+        rough_median=float(np.median(off)), rough_fail=float((off > FAIL).mean()))
+
+
+def psnr(mean_square: float) -> float:
+    """Peak signal-to-noise ratio in dB against a peak of 1."""
+    return float(-10 * np.log10(mean_square + 1e-12))
