@@ -67,13 +67,13 @@ class Swarms:
         self.limits = limits or limits_for(settings.c1, settings.c2)
         self.atlas = Atlas(device, *source.size, source.layers)
         w, h = self.atlas.tile
-        kept = int(source.layers.defines()["MAX_OBS"])
-        self.blocks = kept * (2 + source.layers.lights)
+        layers = source.layers
+        self.blocks = len(set(layers.groups)) + len(layers.groups) * (1 + layers.lights)  # of paper/prepare.glsl
         self.facts = device.texture(w, h * self.blocks)
         self._particles = [[device.texture(w, h) for _ in range(3 + self.lobes)] for _ in range(settings.particles + 1)]
         self._bests = [[device.texture(w, h) for _ in range(2)] for _ in range(2)]
         self._targets: dict[tuple[int, int], moderngl.Framebuffer] = {}
-        self._defines = {**source.layers.defines(), "LAYERS": str(kept), "MAX_OBS": "1", "LOBES": str(self.lobes)}
+        self._defines = {**layers.defines(), "LOBES": str(self.lobes)}
         if self.lobes == 2 and settings.ndf == "beckmann":
             self._defines["NDF_BECKMANN"] = "1"
         self.tile: Tile = (0, 0)
@@ -99,8 +99,8 @@ class Swarms:
                 "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
             }, uniforms={
                 **self.atlas.uniforms, "u_tile": tile, "u_group_slack": 0.0, "u_block": block,
-                "u_first": (-tile[0], block * h - tile[1]), "u_single_channel": self.source.layers.channels > 1,
-            }, defines={**self.source.layers.defines(), "COLOUR": "1"}, region=(0, block * h, w, h))
+                "u_first": (-tile[0], block * h - tile[1]),
+            }, defines={**self._defines, "COLOUR": "1"}, region=(0, block * h, w, h))
         target.release()
         for textures in self._bests:
             target = self.device.framebuffer(textures)

@@ -5,8 +5,7 @@
 // The particle that moves is the same one in all texels, so that its textures alone are bound: those it
 // is read from and spare ones that it is written to.  docs/paper.md tells what else differs from the paper.
 //
-// Defines: LOBES 1 or 2; those of solve/observations.glsl with MAX_OBS 1, whose arrays hold the
-// observation at hand.
+// Defines: those of solve/observations.glsl.
 #include "include/random.glsl"
 #include "solve/observations.glsl"
 uniform sampler2D u_facts;          // shaders/paper/prepare.glsl
@@ -33,43 +32,52 @@ struct Point { vec4 head; vec2 tail; };  // base colour, roughness1; roughness2,
 const vec4 HEAD_LOW = vec4(0.0, 0.0, 0.0, ROUGHNESS_MIN);
 const vec2 TAIL_LOW = vec2(ROUGHNESS_MIN, 0.0);
 
+// Adds a group's weighted squared errors to the sum.
+void add_group(int k, int first, int end, Point p, inout float sum) {
+    ivec2 at = texel_here() + ivec2(0, k * u_tile_height);
+    float cos_v = texelFetch(u_facts, at, 0).x;
+    Toward one = toward(p.head.w, cos_v);
+#if LOBES == 2
+    Toward two = toward(p.tail.x, cos_v);
+#endif
+    at = texel_here() + ivec2(0, (GROUPS + first * (1 + LIGHTS)) * u_tile_height);
+    for (int n = first; n < end; n++) {
+        vec4 f = texelFetch(u_facts, at, 0);
+        at.y += u_tile_height;
+        for (int l = 0; l < LIGHTS; l++) {  // the first elements of the arrays serve every observation
+            vec4 lobe = texelFetch(u_facts, at, 0);
+            at.y += u_tile_height;
+            lobe_sin2h[l] = lobe.x;
+#ifdef SPREAD
+            lobe_spread[l] = lobe.y;
+#endif
+            lobe_tan2[l] = lobe.z;
+            lobe_factor[l] = lobe.w;
+        }
+        float a = one.diffuse, s, unused;
+        specular_d(0, p.head.w, one, s, unused);
+#if LOBES == 2
+        float s2;
+        specular_d(0, p.tail.x, two, s2, unused);
+        s = mix(s2, s, p.tail.y);
+        a = mix(two.diffuse, a, p.tail.y);
+#endif
+#if CHANNELS == 3
+        float error = f.x - (p.head[GROUP_CHANNEL[k]] * a + s);
+        sum += f.w * error * error;
+#else
+        vec3 error = f.rgb - (p.head.rgb * a + s);
+        sum += f.w * dot(error, error) / 3.0;
+#endif
+    }
+}
+
 // Mean over observations and channels of the squared error, relative to that of the signal.
-// Two loops instead of one with a branch: a device that runs both sides of a branch would compute
-// for every observation what is the same for a whole group.
 float fitness(Point p) {
     float sum = 0.0;
-    ivec2 at = texel_here();
-    int end = LAYERS * (2 + LIGHTS) * u_tile_height;
-    vec4 f = texelFetch(u_facts, at, 0);
-    while (f.w < 0.0) {
-        vec4 group = texelFetch(u_facts, at + ivec2(0, u_tile_height), 0);
-        Toward one = toward(p.head.w, group.x);
-#if LOBES == 2
-        Toward two = toward(p.tail.x, group.x);
-#endif
-        do {
-            at.y += 2 * u_tile_height;
-            for (int l = 0; l < LIGHTS; l++) {
-                vec4 lobe = texelFetch(u_facts, at, 0);
-                lobe_sin2h[l] = lobe.x;
-                lobe_spread[l] = lobe.y;
-                lobe_tan2[l] = lobe.z;
-                lobe_factor[l] = lobe.w;
-                at.y += u_tile_height;
-            }
-            float a = one.diffuse, s, unused;
-            specular_d(0, p.head.w, one, s, unused);
-#if LOBES == 2
-            float s2;
-            specular_d(0, p.tail.x, two, s2, unused);
-            s = mix(s2, s, p.tail.y);
-            a = mix(two.diffuse, a, p.tail.y);
-#endif
-            vec3 error = f.rgb - (p.head.rgb * a + s);
-            sum += abs(f.w) * dot(group.yzw, error * error);
-            f = at.y < end ? texelFetch(u_facts, at, 0) : vec4(0.0);
-        } while (f.w > 0.0);
-    }
+    for (int k = 0; k < GROUPS; k++) group_seen[k] = true;
+#define GROUP(k, first, end) add_group(k, first, end, p, sum);
+    EACH_GROUP
     return sum;
 }
 
@@ -138,7 +146,7 @@ void kernel() {
 #if LOBES == 2
     out_6 = vec4(0.0);
 #endif
-    if (texelFetch(u_facts, at, 0).w == 0.0) return;
+    if (texelFetch(u_facts, at, 0).y == 0.0) return;
     vec4 best = texelFetch(u_best, at, 0), best_more = texelFetch(u_best_more, at, 0);
     Point x = Point(vec4(0.0), vec2(0.0)), v = x;
     vec4 own = vec4(0.0), own_more = vec4(0.0);
