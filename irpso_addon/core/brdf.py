@@ -144,7 +144,7 @@ def F_level_ratio_d(cos_vh: ArrayLike, level: ArrayLike) -> tuple[F64, F64]:
 
 @cache
 def _table() -> F64:
-    return principled_table()[:SIZE].astype(np.float64)
+    return principled_table()[:SIZE, :, :2].astype(np.float64)
 
 
 def principled_energy(roughness: ArrayLike, cos_v: ArrayLike) -> F64:

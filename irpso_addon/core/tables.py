@@ -48,7 +48,7 @@ def energy_nodes() -> Nodes:
 
 @cache
 def principled_table() -> F32:
-    """The texture u_principled_table, shape (SIZE + LOBE_NODES, SIZE, 2), read-only.
+    """The texture u_principled_table, shape (SIZE + LOBE_NODES, SIZE, 4), read-only: two values, their steps to the right.
 
     [:SIZE] is (comp, A) at Specular IOR Level 0.5: row i roughness i/(SIZE-1), column j cosine to the viewer
     j/(SIZE-1).  comp multiplies the specular lobe for multiple scattering; A is the share of the light that the
@@ -64,6 +64,7 @@ def principled_table() -> F32:
     for k in range(SLICES - 1):
         left = LOBE_NODES + FRESNEL_NODES * k
         table[SIZE : SIZE + FRESNEL_NODES, left : left + FRESNEL_NODES] = np.moveaxis(nodes.fresnel[k : k + 2], 0, -1)
+    table = np.concatenate([table, np.diff(table, axis=1, append=table[:, -1:])], axis=2)  # two fetches instead of four
     table.setflags(write=False)
     return table
 

@@ -27,7 +27,7 @@ from .surface import SurfaceMaps
 TILE_WIDTH = 512
 TILE_HEIGHT = 128
 ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
-MAX_OBSERVATIONS = 64  # of a texel; the local arrays of the kernels
+UNROLLED = 16  # layers up to which loops over them are unrolled
 REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
 
@@ -41,6 +41,7 @@ class Layers:
     groups: tuple[int, ...]  # camera and channel of each layer
     lights: int  # lobes per layer
     channels: int  # 1: an observation is the mean of R, G and B; 3: each channel by itself
+    spread: bool  # whether a lobe is seen from an area or lit by one
 
     @property
     def blocks(self) -> int:
@@ -50,7 +51,18 @@ class Layers:
     def defines(self) -> dict[str, str]:
         """Of every kernel that includes solve/observations.glsl."""
         count = len(self.groups)
-        return {"LAYERS": str(count), "MAX_OBS": str(min(count, MAX_OBSERVATIONS)), "LIGHTS": str(self.lights)}
+        starts = [n for n in range(count) if n == 0 or self.groups[n] != self.groups[n - 1]]
+        bounds = [*starts, count]
+        each = " ".join(f"GROUP({k}, {bounds[k]}, {bounds[k + 1]})" for k in range(len(starts)))
+        if count > UNROLLED:
+            each = ("for (int k = 0; k < GROUPS; k++) "
+                    "{ GROUP(k, GROUP_START[k], group_seen[k] ? GROUP_START[k + 1] : GROUP_START[k]) }")
+        return {
+            "EACH_GROUP": each,
+            "LAYERS": str(count), "GROUPS": str(len(starts)), "GROUP_STARTS": ", ".join(map(str, bounds)),
+            "GROUP_CHANNELS": ", ".join(str(self.groups[n] % self.channels) for n in starts),
+            "LIGHTS": str(self.lights), "CHANNELS": str(self.channels), **({"SPREAD": "1"} if self.spread else {}),
+        }
 
 
 class Atlas:
@@ -62,8 +74,7 @@ class Atlas:
         self.tile = (min(TILE_WIDTH, width), max(1, min(TILE_HEIGHT, height, ATLAS_ROWS // rows)))
         self.texture = device.texture(self.tile[0], self.tile[1] * rows)
         self.target = device.framebuffer([self.texture])
-        self.uniforms = {"u_group": layers.groups if len(layers.groups) > 1 else layers.groups[0],
-                         "u_tile_height": self.tile[1]}
+        self.uniforms = {"u_tile_height": self.tile[1]}
 
     def block(self, number: int) -> tuple[int, int, int, int]:
         """Viewport of a block."""
@@ -105,7 +116,7 @@ class CameraSource:
         groups = tuple(i * channels + channel for i, camera in enumerate(observations.cameras)
                        for channel in range(channels) for _ in camera.views)
         lights = max(len(v.lobes) for c in observations.cameras for v in c.views) // channels
-        self.layers = Layers(groups, lights, channels)
+        self.layers = Layers(groups, lights, channels, spread=True)
         self.size = grid.position.size
         self.camera_slack = CAMERA_SLACK
         self.position = grid.position
@@ -172,7 +183,7 @@ class ArraySource:
         """
         h, w, count = quality.shape
         self.size = (w, h)
-        self.layers = Layers(groups, lobes.shape[3], 1)
+        self.layers = Layers(groups, lobes.shape[3], 1, spread=bool(np.any(lobes[..., 1])))
         self.camera_slack = 0.0  # texels are observed where they are
         self.position = device.texture(w, h, 4, np.ones((h, w, 4), np.float32))
         self.principled_table = device.texture(table.shape[1], table.shape[0], table.shape[2], table)

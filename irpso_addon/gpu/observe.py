@@ -92,7 +92,7 @@ def observe(
     """Draw every camera's maps, every light's shadow, and turn each reference into observations."""
     occluders = Occluders(device, scene.occluders)
     table = principled_table()
-    table_texture = device.texture(table.shape[1], table.shape[0], 2, table)
+    table_texture = device.texture(table.shape[1], table.shape[0], table.shape[2], table)
     images: dict[int, moderngl.Texture] = {}
     cameras: list[ObservedCamera] = []
     members: list[list[int]] = []

@@ -25,12 +25,12 @@ FIRST_ROWS = 16  # of a tile in the first draw of a kernel, before its speed is 
 FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
 QUIET = 3e-4  # relative noise below which ...
 SURE = 0.02  # ... texels this sure of their roughness ...
-UNSURE_SHARE = 0.01  # ... but for this share of them, need no neighbours
+UNSURE_SHARE = 0.05  # ... but for this share of them, need no neighbours
 POLISH_STEPS = 4  # Levenberg-Marquardt, from each valley
 TAU = 0.03  # two lobes: how much the roughnesses of neighbours differ
 METHODS = {  # knobs of the search kernel: particles, moves of the swarm, refinement steps of all and of the best two
-    "refined": {"u_particles": 8, "u_moves": 0, "u_race_steps": 3, "u_final_steps": 8},
-    "draft": {"u_particles": 4, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 6},
+    "refined": {"u_particles": 6, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 6},
+    "draft": {"u_particles": 4, "u_moves": 0, "u_race_steps": 1, "u_final_steps": 4},
     "swarm": {"u_particles": 16, "u_moves": 25, "u_race_steps": 0, "u_final_steps": 0},
 }
 Uniforms = Mapping[str, float | int]
@@ -125,7 +125,7 @@ class Solver:
         """Base colour of each texel from its own observations alone; ``found``: roughness, or the pairs of two lobes."""
         (albedo,) = self._textures(1)
         yield from self._over(tiles(self.atlas, self.covered), (0.0, 1.0), "solve/albedo.glsl", [albedo],
-                              {"u_found": found}, {"u_channels": self.source.layers.channels}, lobes=lobes, colour=True)
+                              {"u_found": found}, {}, lobes=lobes, colour=True)
         return albedo
 
     def _over(

@@ -140,10 +140,8 @@ void interpolate_table(ivec2 corner, float last, float roughness, float cos_v, o
     ivec2 cell = ivec2(min(at, last - 1.0));
     vec2 t = at - vec2(cell);
     cell += corner;
-    vec2 low = mix(texelFetch(u_principled_table, cell, 0).rg,
-                   texelFetch(u_principled_table, cell + ivec2(1, 0), 0).rg, t.x);
-    vec2 high = mix(texelFetch(u_principled_table, cell + ivec2(0, 1), 0).rg,
-                    texelFetch(u_principled_table, cell + ivec2(1, 1), 0).rg, t.x);
+    vec4 below = texelFetch(u_principled_table, cell, 0), above = texelFetch(u_principled_table, cell + ivec2(0, 1), 0);
+    vec2 low = below.rg + t.x * below.ba, high = above.rg + t.x * above.ba;
     value = mix(low, high, t.y);
     d_roughness = (high - low) * last;
 }

@@ -2,26 +2,40 @@
 // (The product's maps come from gpu/albedo.py, which also knows how far pixels reach; this is what a texel alone says.)
 #include "solve/observations.glsl"
 uniform sampler2D u_found;  // roughness; with two lobes roughness1, roughness2, weight
-uniform int u_channels;      // 1: an observation holds all three, 3: each is of one
+
+void add_group(int k, int first, int end, vec4 found, inout vec3 sum, inout vec3 total) {
+#if LOBES == 2
+    Toward one = toward(found.x, group_cos_v[k]), two = toward(found.y, group_cos_v[k]);
+    float a = mix(two.diffuse, one.diffuse, found.z);
+#else
+    Toward one = toward(found.x, group_cos_v[k]);
+    float a = one.diffuse;
+#endif
+    for (int n = first; n < end; n++) {
+        float s, ds, w = obs_weight[n];
+        specular_d(n, found.x, one, s, ds);
+#if LOBES == 2
+        float s2;
+        specular_d(n, found.y, two, s2, ds);
+        s = mix(s2, s, found.z);
+#endif
+#if CHANNELS == 3
+        int c = GROUP_CHANNEL[k];
+        vec3 share = w * vec3(c == 0, c == 1, c == 2), f = vec3(obs_f[n] + group_base[k]);
+#else
+        vec3 share = vec3(w), f = obs_rgb[n];
+#endif
+        sum += share * a * (f - s);
+        total += share * a * a;
+    }
+}
 
 void kernel() {
     out_0 = vec4(0.0);
     if (!load_observations()) return;
     vec4 found = texelFetch(u_found, texel_here(), 0);
     vec3 sum = vec3(0.0), total = vec3(0.0);
-    for (int n = 0; n < obs_count; n++) {
-#if LOBES == 2
-        float a = mix(observed_diffuse(n, found.y), observed_diffuse(n, found.x), found.z);
-        float s = mix(observed_specular(n, found.y), observed_specular(n, found.x), found.z);
-#else
-        float a = observed_diffuse(n, found.x), s = observed_specular(n, found.x);
-#endif
-        int c = obs_channel[n];
-        float w = abs(obs_weight[n]);
-        vec3 one = u_channels == 3 ? vec3(c == 0, c == 1, c == 2) : vec3(1.0);
-        vec3 f = u_channels == 3 ? vec3(obs_f[n] + obs_base[n]) : obs_rgb[n];
-        sum += one * w * a * (f - s);
-        total += one * w * a * a;
-    }
+#define GROUP(k, first, end) add_group(k, first, end, found, sum, total);
+    EACH_GROUP
     out_0 = vec4(clamp(sum / max(total, vec3(1e-20)), 0.0, 1.0), 1.0);
 }

@@ -7,51 +7,57 @@
 // the texture differently: rho_group = rho + delta, delta ~ N(0, u_group_slack * noise).
 #include "solve/observations.glsl"
 
+// A number for each channel that is kept apart.
+#if CHANNELS == 3
+#define CHANNEL vec3
+float sum(vec3 v) { return v.x + v.y + v.z; }
+vec3 channel_of(int g) { return vec3(GROUP_CHANNEL[g] == 0, GROUP_CHANNEL[g] == 1, GROUP_CHANNEL[g] == 2); }
+#else
+#define CHANNEL float
+float sum(float v) { return v; }
+float channel_of(int g) { return 1.0; }
+#endif
+
 // Sums over one group, and over the groups per channel.
-struct Group { float w, d, dd, s, ss, sd, base; };
-struct Total { vec3 w, r, rr, t, tt, rt; };
+// d is the difference to the group's first: near the solution it is constant in a group, and float32 would
+// lose its variance beside its mean.
+struct Group { float w, d, dd, s, ss, sd, first; };
+struct Total { CHANNEL w, r, rr, t, tt, rt, first; };  // r too is the difference to the first group's
+
+const Total NOTHING = Total(CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0));
 
 // Adds a group's inner variance to `fit` = (residual, gradient, curvature) and its albedo to `total`.
-void fold(Group g, float diffuse, float d_diffuse, vec3 channel, inout vec3 fit, inout Total total) {
+void fold(Group g, float diffuse, float d_diffuse, CHANNEL channel, inout vec3 fit, inout Total total) {
     if (g.w <= 0.0) return;
     float mean = g.d / g.w, slope = g.s / g.w;
     fit += vec3(max(g.dd - g.d * mean, 0.0), g.sd - g.s * mean, max(g.ss - g.s * slope, 0.0));
-    mean += g.base;
+    mean += g.first;
     float rho = mean / diffuse;
     float d_rho = -(slope + rho * d_diffuse) / diffuse;
     float information = diffuse * diffuse * g.w;
     float w = information / (1.0 + u_group_slack * g.w * mean * mean);
+    total.first += (rho - total.first) * channel * (1.0 - step(CHANNEL(1e-20), total.w));
+    CHANNEL off = rho - total.first;
     total.w += w * channel;
-    total.r += w * rho * channel;
-    total.rr += w * rho * rho * channel;
+    total.r += w * off * channel;
+    total.rr += w * off * off * channel;
     total.t += w * d_rho * channel;
     total.tt += w * d_rho * d_rho * channel;
-    total.rt += w * rho * d_rho * channel;
+    total.rt += w * off * d_rho * channel;
 }
 
-// Of the last evaluation: d(rho)/dr, and the variance of rho at that r in units of the noise's (mean of the channels).
-vec2 fit_albedo;
+CHANNEL fit_slope, fit_information;
 
-// Residual, Gauss-Newton gradient (-half the residual's slope) and curvature of the projected
-// problem at roughness r, with Kaufman's approximation (1975) of the projector's derivative.
-vec3 evaluate(float r) {
-    vec3 fit = vec3(0.0);
-    Total total = Total(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
+// One group's observations at roughness r.
+void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total total) {
     Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    Toward t = Toward(1.0, 0.0, 1.0, 0.0, 1.0, 0.0);
-    vec3 channel = vec3(0.0);
-    for (int n = 0; n < obs_count; n++) {
-        float w = obs_weight[n];
-        if (w < 0.0) {
-            fold(g, t.diffuse, t.d_diffuse, channel, fit, total);
-            g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, obs_base[n]);
-            w = -w;
-            t = toward(r, obs_cos_v[n]);
-            channel = vec3(obs_channel[n] == 0, obs_channel[n] == 1, obs_channel[n] == 2);
-        }
+    Toward t = toward(r, group_cos_v[k]);
+    for (int n = first; n < end; n++) {
         float s, ds;
         specular_d(n, r, t, s, ds);
-        float d = obs_f[n] - s;
+        float d = obs_f[n] - s, w = obs_weight[n];
+        if (g.w == 0.0) g.first = d;
+        d -= g.first;
         g.w += w;
         g.d += w * d;
         g.dd += w * d * d;
@@ -59,37 +65,53 @@ vec3 evaluate(float r) {
         g.ss += w * ds * ds;
         g.sd += w * ds * d;
     }
-    fold(g, t.diffuse, t.d_diffuse, channel, fit, total);
+    g.first += group_base[k];
+    fold(g, t.diffuse, t.d_diffuse, channel_of(k), fit, total);
+}
+
+// Residual, Gauss-Newton gradient (-half the residual's slope) and curvature of the projected
+// problem at roughness r, with Kaufman's approximation (1975) of the projector's derivative.
+vec3 evaluate(float r) {
+    vec3 fit = vec3(0.0);
+    Total total = NOTHING;
+#define GROUP(k, first, end) add_group(k, first, end, r, fit, total);
+    EACH_GROUP
+#undef GROUP
     // Between groups: one albedo, bounded by what a surface can reflect.
-    vec3 rho = clamp(total.r / max(total.w, vec3(1e-20)), 0.0, 1.0);
-    vec3 mean_t = total.t / max(total.w, vec3(1e-20));
-    fit.x += dot(max(total.rr - rho * (2.0 * total.r - rho * total.w), 0.0), vec3(1.0));
-    fit.y -= dot(total.rt - rho * total.t, vec3(1.0));
-    fit.z += dot(max(total.tt - total.t * mean_t, 0.0), vec3(1.0));
-    vec3 known = vec3(greaterThan(total.w, vec3(0.0)));
-    float channels = max(dot(known, vec3(1.0)), 1.0);
-    fit_albedo = vec2(dot(known, mean_t), dot(known / max(total.w, vec3(1e-20)), vec3(1.0))) / channels;
+    CHANNEL information = max(total.w, CHANNEL(1e-20));
+    CHANNEL rho = clamp(total.first + total.r / information, 0.0, 1.0) - total.first;
+    CHANNEL mean_t = total.t / information;
+    fit.x += sum(max(total.rr - rho * (2.0 * total.r - rho * total.w), 0.0));
+    fit.y -= sum(total.rt - rho * total.t);
+    fit.z += sum(max(total.tt - total.t * mean_t, 0.0));
+    fit_slope = mean_t;
+    fit_information = total.w;
     return fit;
+}
+
+// Of the last evaluation: d(rho)/dr, and the variance of rho at that r in units of the noise's; mean of the channels.
+vec2 fit_albedo() {
+    CHANNEL known = step(CHANNEL(1e-20), fit_information);
+    return vec2(sum(known * fit_slope), sum(known / max(fit_information, CHANNEL(1e-20)))) / max(sum(known), 1.0);
+}
+
+void add_lambert(int k, int first, int end, inout vec3 fit, inout Total total) {
+    Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, group_base[k]);
+    for (int n = first; n < end; n++) {
+        g.w += obs_weight[n];
+        g.d += obs_weight[n] * obs_f[n];  // relative to the group's mean already
+        g.dd += obs_weight[n] * obs_f[n] * obs_f[n];
+    }
+    fold(g, 1.0 / PI, 0.0, channel_of(k), fit, total);
 }
 
 // Residual of the model without a lobe: f = rho / pi.
 float evaluate_lambert() {
     vec3 fit = vec3(0.0);
-    Total total = Total(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
-    Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    vec3 channel = vec3(0.0);
-    for (int n = 0; n < obs_count; n++) {
-        float w = abs(obs_weight[n]);
-        if (obs_weight[n] < 0.0) {
-            fold(g, 1.0 / PI, 0.0, channel, fit, total);
-            g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, obs_base[n]);
-            channel = vec3(obs_channel[n] == 0, obs_channel[n] == 1, obs_channel[n] == 2);
-        }
-        g.w += w;
-        g.d += w * obs_f[n];
-        g.dd += w * obs_f[n] * obs_f[n];
-    }
-    fold(g, 1.0 / PI, 0.0, channel, fit, total);
-    vec3 rho = clamp(total.r / max(total.w, vec3(1e-20)), 0.0, 1.0);
-    return fit.x + dot(max(total.rr - rho * (2.0 * total.r - rho * total.w), 0.0), vec3(1.0));
+    Total total = NOTHING;
+#define GROUP(k, first, end) add_lambert(k, first, end, fit, total);
+    EACH_GROUP
+#undef GROUP
+    CHANNEL rho = clamp(total.first + total.r / max(total.w, CHANNEL(1e-20)), 0.0, 1.0) - total.first;
+    return fit.x + sum(max(total.rr - rho * (2.0 * total.r - rho * total.w), 0.0));
 }

@@ -14,9 +14,9 @@ struct FitTwo {
 };
 
 // Sums over one group of d, u, t1, t2 (residual and the model's derivatives by w, r1, r2) and their products.
-struct GroupTwo { float w, base; vec4 v; vec4 dv; vec3 uv; vec3 tt; };
-
-const GroupTwo EMPTY = GroupTwo(0.0, 0.0, vec4(0.0), vec4(0.0), vec3(0.0), vec3(0.0));
+// Relative to those of its first observation: near the solution d is constant in a group, and float32 would
+// lose its variance beside its mean.
+struct GroupTwo { float w; vec4 first; vec4 v; vec4 dv; vec3 uv; vec3 tt; };
 
 // Scatter matrix of (d, u, t1, t2): d d, d u, d t1, d t2; u u, u t1, u t2; t1 t1, t1 t2, t2 t2.
 struct Scatter { vec4 dv; vec3 uv; vec3 tt; };
@@ -28,59 +28,60 @@ void add(inout Scatter sum, vec4 v, float w) {
 }
 
 // Of one channel, over the groups.
-struct Between { float w; vec4 v; Scatter scatter; };
+struct Between { float w; vec4 first; vec4 v; Scatter scatter; };
 
-void fold(GroupTwo g, Toward one, Toward two, float weight, int channel, inout Scatter within, inout Between between[3]) {
+void fold(GroupTwo g, Toward one, Toward two, float weight, int channel, inout Scatter within, inout Between between[CHANNELS]) {
     if (g.w <= 0.0) return;
     within.dv += g.dv;
     within.uv += g.uv;
     within.tt += g.tt;
     add(within, g.v / g.w, -g.w);
     vec4 mean = g.v / g.w;
-    mean.x += g.base;
+    mean += g.first;
     float a = weight * one.diffuse + (1.0 - weight) * two.diffuse;
     float rho = mean.x / a;
     vec4 q = vec4(rho, (mean.yzw + rho * vec3(one.diffuse - two.diffuse, weight * one.d_diffuse, (1.0 - weight) * two.d_diffuse)) / a);
     float w = a * a * g.w / (1.0 + u_group_slack * g.w * mean.x * mean.x);
-    for (int c = 0; c < 3; c++) {  // no dynamic index: some drivers spill the array
+    for (int c = 0; c < CHANNELS; c++) {  // no dynamic index: some drivers spill the array
         if (c == channel) {
+            if (between[c].w == 0.0) between[c].first = q;
+            vec4 off = q - between[c].first;
             between[c].w += w;
-            between[c].v += w * q;
-            add(between[c].scatter, q, w);
+            between[c].v += w * off;
+            add(between[c].scatter, off, w);
         }
     }
 }
 
-FitTwo evaluate(vec2 r, float weight) {
-    Scatter all = Scatter(vec4(0.0), vec3(0.0), vec3(0.0));
-    Between between[3];
-    for (int c = 0; c < 3; c++) between[c] = Between(0.0, vec4(0.0), all);
-    GroupTwo g = EMPTY;
-    Toward one = Toward(1.0, 0.0, 1.0, 0.0, 1.0, 0.0), two = one;
-    int channel = 0;
-    for (int n = 0; n < obs_count; n++) {
-        float w = obs_weight[n];
-        if (w < 0.0) {
-            fold(g, one, two, weight, channel, all, between);
-            g = EMPTY;
-            g.base = obs_base[n];
-            w = -w;
-            one = toward(r.x, obs_cos_v[n]);
-            two = toward(r.y, obs_cos_v[n]);
-            channel = obs_channel[n];
-        }
+void add_group(int k, int first, int end, vec2 r, float weight, inout Scatter all, inout Between between[CHANNELS]) {
+    GroupTwo g = GroupTwo(0.0, vec4(0.0), vec4(0.0), vec4(0.0), vec3(0.0), vec3(0.0));
+    Toward one = toward(r.x, group_cos_v[k]), two = toward(r.y, group_cos_v[k]);
+    for (int n = first; n < end; n++) {
         float s1, ds1, s2, ds2;
         specular_d(n, r.x, one, s1, ds1);
         specular_d(n, r.y, two, s2, ds2);
+        float w = obs_weight[n];
         vec4 v = vec4(obs_f[n] - (weight * s1 + (1.0 - weight) * s2), s1 - s2, weight * ds1, (1.0 - weight) * ds2);
+        if (g.w == 0.0) g.first = v;
+        v -= g.first;
         g.w += w;
         g.v += w * v;
         g.dv += w * v.x * v;
         g.uv += w * v.y * v.yzw;
         g.tt += w * vec3(v.z * v.z, v.z * v.w, v.w * v.w);
     }
-    fold(g, one, two, weight, channel, all, between);
-    for (int c = 0; c < 3; c++) {
+    g.first.x += group_base[k];
+    fold(g, one, two, weight, CHANNELS == 1 ? 0 : GROUP_CHANNEL[k], all, between);
+}
+
+FitTwo evaluate(vec2 r, float weight) {
+    Scatter all = Scatter(vec4(0.0), vec3(0.0), vec3(0.0));
+    Between between[CHANNELS];
+    for (int c = 0; c < CHANNELS; c++) between[c] = Between(0.0, vec4(0.0), vec4(0.0), all);
+#define GROUP(k, first, end) add_group(k, first, end, r, weight, all, between);
+    EACH_GROUP
+#undef GROUP
+    for (int c = 0; c < CHANNELS; c++) {
         if (between[c].w <= 0.0) continue;
         all.dv += between[c].scatter.dv;
         all.uv += between[c].scatter.uv;

@@ -1,6 +1,11 @@
 // One texel's observations, as irpso_addon/gpu/atlas.py lays them out.
 //
-// Defines: LAYERS observations offered, MAX_OBS kept, LIGHTS lobes a view, LOBES of the model.
+// Observation n is layer n; one that a texel does not have weighs nothing, and a group that it does not have is
+// passed over.  (Packing those that it has would index arrays differently in each texel: twice as slow.)
+//
+// Defines: LAYERS observations, GROUPS of them with their bounds GROUP_STARTS, their channels GROUP_CHANNELS;
+// LIGHTS lobes a view, CHANNELS (1 or 3), LOBES of the model.  EACH_GROUP expands to GROUP(k, first, end) for each
+// group, with constants where layers are so few that unrolled loops pay (compilers leave a loop around a loop).
 // NDF_BECKMANN: Cook-Torrance with Beckmann's distribution instead of the Principled BSDF.
 // SPECULAR: the Specular IOR Level of each texel is read from u_level; without, it is 0.5.
 #include "include/kernel.glsl"
@@ -9,7 +14,6 @@ uniform sampler2D u_texel_position;
 uniform sampler2D u_observations;  // LAYERS x (2 + LIGHTS) blocks of u_tile_height rows
 uniform int u_tile_height;
 uniform ivec2 u_tile;
-uniform int u_group[LAYERS];       // camera (and channel) of each layer; equal ones follow one another
 uniform float u_group_slack;
 
 #ifdef SPECULAR
@@ -24,15 +28,19 @@ const float SEARCHED = 3.0;  // numbers that are neither base colour nor given
 const float SEARCHED = 1.0;
 #endif
 
-float obs_f[MAX_OBS], obs_weight[MAX_OBS], obs_cos_v[MAX_OBS];  // weight < 0: first of its group
-float lobe_sin2h[MAX_OBS * LIGHTS], lobe_spread[MAX_OBS * LIGHTS], lobe_tan2[MAX_OBS * LIGHTS], lobe_factor[MAX_OBS * LIGHTS];
-int obs_channel[MAX_OBS];
-#ifdef COLOUR
-vec3 obs_rgb[MAX_OBS];  // f of R, G and B
+const int GROUP_START[GROUPS + 1] = int[](GROUP_STARTS);
+const int GROUP_CHANNEL[GROUPS] = int[](GROUP_CHANNELS);
+float obs_f[LAYERS], obs_weight[LAYERS];
+float lobe_sin2h[LAYERS * LIGHTS], lobe_tan2[LAYERS * LIGHTS], lobe_factor[LAYERS * LIGHTS];
+#ifdef SPREAD
+float lobe_spread[LAYERS * LIGHTS];
 #endif
-bool obs_edge[MAX_OBS];
-int obs_count;
-float obs_base[MAX_OBS];  // mean f of the group, subtracted from each: sums of squares keep their digits in float32
+float group_cos_v[GROUPS];
+float group_base[GROUPS];  // mean f of the group, subtracted from each: sums of squares keep their digits in float32
+bool group_seen[GROUPS];
+#ifdef COLOUR
+vec3 obs_rgb[LAYERS];  // f of R, G and B
+#endif
 float obs_total;    // number of good observations
 float obs_share;    // how well the good ones' pixels stand for the texel, 0..1
 float obs_free;     // degrees of freedom that the residual has at the best roughness
@@ -40,13 +48,13 @@ float obs_free;     // degrees of freedom that the residual has at the best roug
 // Noise grows with the signal, so errors count relative to it: to the observation itself where it is
 // a highlight, else to the texel's typical one.  (Relative to itself always, a pixel wrongly taken
 // for lit would outweigh all others by being dark.)
-void weigh_observations() {
+void weigh_observations(bool edges[LAYERS]) {
     float typical = 1e30;
     for (int pass = 0; pass < 4; pass++) {
         float sum = 0.0, total = 1e-12;
-        for (int n = 0; n < obs_count; n++) {
+        for (int n = 0; n < LAYERS; n++) {
             float f = max(obs_f[n], 0.0);
-            float w = abs(obs_weight[n]) / (pass == 0 ? 1.0 : max(f, typical));
+            float w = obs_weight[n] / (pass == 0 ? 1.0 : max(f, typical));
             sum += w * f;
             total += w;
         }
@@ -55,30 +63,22 @@ void weigh_observations() {
     // Edges of shadow and silhouette count where there is little else; beside good observations even
     // their small weight would outweigh the precision of those.
     float edge = exp2(-6.0 * min(obs_total, 6.0));  // never zero: a group of edges alone still has a mean
-    float sum = 0.0, total = 0.0;
-    int first = 0;
-    for (int n = 0; n < obs_count; n++) {
-        float unit = max(obs_f[n], typical);
-        obs_weight[n] *= (obs_edge[n] ? edge : 1.0) / (unit * unit);
-        float w = abs(obs_weight[n]);
-        sum += w * obs_f[n];
-        total += w;
-        if (n + 1 == obs_count || obs_weight[n + 1] < 0.0) {
-            for (int i = first; i <= n; i++) {
-                obs_base[i] = sum / total;
-                obs_f[i] -= obs_base[i];
-            }
-            first = n + 1;
-            sum = total = 0.0;
+    for (int g = 0; g < GROUPS; g++) {
+        float sum = 0.0, total = 1e-30;
+        for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) {
+            float unit = max(obs_f[n], typical);
+            obs_weight[n] *= (edges[n] ? edge : 1.0) / (unit * unit);
+            sum += obs_weight[n] * obs_f[n];
+            total += obs_weight[n];
         }
+        group_base[g] = sum / total;
+        for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) obs_f[n] -= group_base[g];
     }
 }
 
 // Loads the texel's valid observations; false when it is uncovered or has none.
 bool load_observations() {
-    obs_count = 0;
     obs_total = obs_free = obs_share = 0.0;
-    float groups = 0.0;
     ivec2 texel = texel_here();
     if (any(greaterThanEqual(texel, textureSize(u_texel_position, 0)))) return false;
     if (texelFetch(u_texel_position, texel, 0).w < 0.5) return false;
@@ -86,43 +86,52 @@ bool load_observations() {
 #ifdef SPECULAR
     obs_level = texelFetch(u_level, texel, 0).r;
 #endif
-    int group = -1;
-    for (int k = 0; k < LAYERS; k++) {
-        vec4 o = texelFetch(u_observations, at + ivec2(0, k * (2 + LIGHTS) * u_tile_height), 0);
-        if (o.y <= 0.0 || obs_count >= MAX_OBS) continue;
-        int n = obs_count++;
-        bool first = u_group[k] != group;
-        group = u_group[k];
-        obs_f[n] = o.x;
-        obs_weight[n] = first ? -o.y : o.y;
-        obs_cos_v[n] = o.z;
-        obs_channel[n] = int(o.w) / 2;
-        obs_edge[n] = int(o.w) % 2 == 1;
+    bool edges[LAYERS];
+    float groups = 0.0;
+    bool some = false;
+    for (int g = 0; g < GROUPS; g++) {
+        group_seen[g] = false;
+        group_cos_v[g] = 1.0;
+        float good_ones = 0.0;
+        for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) {
+            vec4 o = texelFetch(u_observations, at + ivec2(0, n * (2 + LIGHTS) * u_tile_height), 0);
+            bool seen = o.y > 0.0;
+            obs_f[n] = o.x;
+            obs_weight[n] = max(o.y, 0.0);
+            edges[n] = int(o.w) % 2 == 1;
+            group_cos_v[g] = seen ? o.z : group_cos_v[g];
+            group_seen[g] = group_seen[g] || seen;
 #ifdef COLOUR
-        obs_rgb[n] = texelFetch(u_observations, at + ivec2(0, (k * (2 + LIGHTS) + 1) * u_tile_height), 0).rgb;
+            obs_rgb[n] = texelFetch(u_observations, at + ivec2(0, (n * (2 + LIGHTS) + 1) * u_tile_height), 0).rgb;
 #endif
-        float good = obs_edge[n] ? 0.0 : 1.0;
-        obs_share += good * 2.0 * fract(o.w);
-        obs_total += good;
-        groups += first ? good : 0.0;
-        for (int l = 0; l < LIGHTS; l++) {
-            vec4 g = texelFetch(u_observations, at + ivec2(0, (k * (2 + LIGHTS) + 2 + l) * u_tile_height), 0);
-            lobe_sin2h[n * LIGHTS + l] = g.x;
-            lobe_spread[n * LIGHTS + l] = g.y;
-            lobe_tan2[n * LIGHTS + l] = 1.0 / (g.z * g.z + 1e-12) - 1.0;
-            lobe_factor[n * LIGHTS + l] = g.w;
+            float good = seen && !edges[n] ? 1.0 : 0.0;
+            obs_share += good * 2.0 * fract(o.w);
+            good_ones += good;
+            for (int l = 0; l < LIGHTS; l++) {
+                vec4 v = texelFetch(u_observations, at + ivec2(0, (n * (2 + LIGHTS) + 2 + l) * u_tile_height), 0);
+                int i = n * LIGHTS + l;
+                lobe_sin2h[i] = v.x;
+#ifdef SPREAD
+                lobe_spread[i] = v.y;
+#endif
+                lobe_tan2[i] = 1.0 / (v.z * v.z + 1e-12) - 1.0;
+                lobe_factor[i] = v.w;
 #ifdef SPECULAR
-            float cos_vh = (g.z + o.z) / (2.0 * sqrt(max(1.0 - g.x, 1e-6)));  // from N.H = (N.L + N.V) / |L + V|
-            lobe_factor[n * LIGHTS + l] *= F_level_ratio(min(cos_vh, 1.0), obs_level);
+                float cos_vh = (v.z + o.z) / (2.0 * sqrt(max(1.0 - v.x, 1e-6)));  // from N.H = (N.L + N.V) / |L + V|
+                lobe_factor[i] *= F_level_ratio(min(cos_vh, 1.0), obs_level);
 #endif
+            }
         }
+        obs_total += good_ones;
+        groups += min(good_ones, 1.0);
+        some = some || group_seen[g];
     }
     obs_share /= max(obs_total, 1.0);
-    weigh_observations();
+    weigh_observations(edges);
     // Within groups, and between them as far as the slack lets that count; some are spent on the search.
     float all = max(obs_total - groups, 0.0) + max(groups - 1.0, 0.0) / (1.0 + u_group_slack);
     obs_free = all * max(obs_total - 1.0 - SEARCHED, 0.25) / max(obs_total - 1.0, 0.5);
-    return obs_count > 0;
+    return some;
 }
 
 // What a camera's direction makes of a roughness: the diffuse a and the gain of the lobe with their
@@ -157,6 +166,14 @@ Toward toward(float r, float cos_v) {
     return t;
 }
 
+float spread_of(int i) {
+#ifdef SPREAD
+    return lobe_spread[i];
+#else
+    return 0.0;  // points, seen and lit: the compiler folds the two-point rule to one
+#endif
+}
+
 // Specular part of observation n at roughness r, and its derivative.
 void specular_d(int n, float r, Toward t, out float s, out float ds) {
     float alpha2 = r * r * r * r, d_alpha2 = 4.0 * r * r * r;
@@ -166,11 +183,11 @@ void specular_d(int n, float r, Toward t, out float s, out float ds) {
         float value, slope;
 #ifdef NDF_BECKMANN
         float root_l, d_root_l;
-        D_beckmann_spread_d(alpha2, lobe_sin2h[i], lobe_spread[i], value, slope);
+        D_beckmann_spread_d(alpha2, lobe_sin2h[i], spread_of(i), value, slope);
         lambda_root_beckmann_d(alpha2, lobe_tan2[i], root_l, d_root_l);
         d_root_l *= d_alpha2;
 #else
-        D_ggx_spread_d(alpha2, lobe_sin2h[i], lobe_spread[i], value, slope);
+        D_ggx_spread_d(alpha2, lobe_sin2h[i], spread_of(i), value, slope);
         float root_l = lambda_root(alpha2, lobe_tan2[i]);
         float d_root_l = 0.5 * lobe_tan2[i] / root_l * d_alpha2;
 #endif
@@ -183,11 +200,11 @@ void specular_d(int n, float r, Toward t, out float s, out float ds) {
     s *= t.comp;
 }
 
-// f = base * observed_diffuse + observed_specular.
-float observed_diffuse(int n, float r) { return toward(r, obs_cos_v[n]).diffuse; }
+// f = base * observed_diffuse(group) + observed_specular.
+float observed_diffuse(int g, float r) { return toward(r, group_cos_v[g]).diffuse; }
 
-float observed_specular(int n, float r) {
+float observed_specular(int g, int n, float r) {
     float s, ds;
-    specular_d(n, r, toward(r, obs_cos_v[n]), s, ds);
+    specular_d(n, r, toward(r, group_cos_v[g]), s, ds);
     return s;
 }

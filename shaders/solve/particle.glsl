@@ -3,6 +3,8 @@
 #include "solve/fit.glsl"
 #define ROUGH float
 
+const float CONVERGED = 2e-6;  // a step so short is the last
+
 struct Particle {
     float r;
     float residual;
@@ -24,6 +26,7 @@ void refine(inout Particle p, int steps) {
         vec3 fit = evaluate(r);
         if (fit.x < p.residual) p = Particle(r, fit.x, fit.y, fit.z, max(p.damping * 0.2, 1e-6));
         else p.damping = min(p.damping * 8.0, 1e4);
+        if (abs(step) < CONVERGED) break;
     }
 }
 

@@ -3,6 +3,8 @@
 #include "solve/fit_two.glsl"
 #define ROUGH vec2
 
+const float CONVERGED = 2e-6;  // a step so short is the last
+
 struct Particle {
     vec2 r;
     float weight;
@@ -29,7 +31,8 @@ vec2 solve_2x2(vec3 m, vec2 b) {
 void refine(inout Particle p, int steps) {
     for (int i = 0; i < steps; i++) {
         vec3 damped = p.curvature + vec3(p.damping, 0.0, p.damping) * p.curvature + vec3(1e-12, 0.0, 1e-12);
-        vec2 r = clamp(p.r + clamp(solve_2x2(damped, p.gradient), -0.15, 0.15), ROUGHNESS_MIN, 1.0);
+        vec2 step = clamp(solve_2x2(damped, p.gradient), -0.15, 0.15);
+        vec2 r = clamp(p.r + step, ROUGHNESS_MIN, 1.0);
         float weight = p.weight;
         if (r.x > r.y) {
             r = r.yx;
@@ -38,6 +41,7 @@ void refine(inout Particle p, int steps) {
         Particle moved = particle(r, weight, max(p.damping * 0.2, 1e-6));
         if (moved.residual < p.residual) p = moved;
         else p.damping = min(p.damping * 8.0, 1e4);
+        if (max(abs(step.x), abs(step.y)) < CONVERGED) break;
     }
 }
 

@@ -18,9 +18,13 @@ uniform int u_steps;
 float mean, information;  // of the prior
 float least, degrees, around, trust;
 
+vec3 fit;    // of the data alone, where posterior() was asked last
+float last;
+
 // Cost, minus its slope, curvature of data and prior together.
 vec3 posterior(float r) {
-    vec3 fit = evaluate(r);
+    fit = evaluate(r);
+    last = r;
     float down = 2.0 * trust * data_slope(fit.x, degrees, around);
 #ifdef NEIGHBOURS
     float off = r - mean;
@@ -84,8 +88,8 @@ void kernel() {
     variance = 1.0 / max(best.z, 1e-6);
     variance = variance < 0.01 * r * r ? variance + prior.z : max(prior.w, 0.25 * variance);
 #endif
-    vec3 fit = evaluate(r);
-    float lobeless = evaluate_lambert();
+    if (r != last) fit = evaluate(r);
+    vec2 albedo = fit_albedo();
     out_0 = vec4(r, sqrt(min(variance, 0.25)), sqrt(fit.x / max(support.y, 0.25)), 1.0);
-    out_1 = vec4(support.y, fit.x, lobeless, sqrt(fit_albedo.x * fit_albedo.x * variance + fit_albedo.y * around));
+    out_1 = vec4(support.y, fit.x, evaluate_lambert(), sqrt(albedo.x * albedo.x * variance + albedo.y * around));
 }

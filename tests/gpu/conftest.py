@@ -58,7 +58,7 @@ def evaluate(ctx: moderngl.Context) -> Evaluate:
         textures = {
             "u_a": ctx.texture((WIDTH, rows), 4, padded[:, :4].tobytes(), dtype="f4"),
             "u_b": ctx.texture((WIDTH, rows), 4, padded[:, 4:].tobytes(), dtype="f4"),
-            "u_principled_table": ctx.texture(table.shape[1::-1], 2, table.tobytes(), dtype="f4"),
+            "u_principled_table": ctx.texture(table.shape[1::-1], 4, table.tobytes(), dtype="f4"),
         }
         for unit, (name, texture) in enumerate(textures.items()):
             texture.use(unit)
