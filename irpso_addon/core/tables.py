@@ -48,7 +48,7 @@ def energy_nodes() -> Nodes:
 
 @cache
 def principled_table() -> F32:
-    """The texture u_principled_table, shape (SIZE + LOBE_NODES, SIZE, 4), read-only: two values, their steps to the right.
+    """The texture u_principled_table, shape (SIZE + LOBE_NODES, SIZE, 4), read-only.  Two values, their steps rightward.
 
     [:SIZE] is (comp, A) at Specular IOR Level 0.5: row i roughness i/(SIZE-1), column j cosine to the viewer
     j/(SIZE-1).  comp multiplies the specular lobe for multiple scattering; A is the share of the light that the
