@@ -92,7 +92,7 @@ def two_lobe(ndf: str) -> Model:
 
 def limits(ndf: str) -> tuple[float, float]:
     """Largest and mean error.  Blender 4.5's Beckmann lobes: the fit of the Fresnel, 1 % of the specular part."""
-    return (0.001, 0.00002) if EXACT_METAL or ndf == "ggx" else (0.0105, 0.002)
+    return (0.001, 0.00002) if EXACT_METAL or ndf == "ggx" else (0.0105, 0.006)
 
 
 @pytest.mark.parametrize("ndf", ["ggx", "beckmann"])
@@ -147,19 +147,24 @@ def test_specular_level(level: float | None) -> None:
     assert error.max() < 0.001 and error.mean() < 0.00002, (error.max(), error.mean())
 
 
-def test_all_other_settings_carry_over() -> None:
-    """Two equal lobes render as the one Principled did, whatever else is set or linked on it."""
+@pytest.mark.parametrize("linked", [True, False])
+def test_all_other_settings_carry_over(linked: bool) -> None:
+    """Two equal lobes render as the one Principled did, whatever else is set or linked on it.
+
+    Not linked, Normal and Tangent are the surface's own, not the zero vector of the group's input.
+    """
     obj = stage("sphere", LAMPS["beside"])
     tree = obj.data.materials[0].node_tree
     nodes, links = tree.nodes, tree.links
     principled = next(n for n in nodes if n.type == "BSDF_PRINCIPLED")
     plain = rig.render()["rgb"]
-    noise, bump, turn = (nodes.new(f"ShaderNode{kind}") for kind in ("TexNoise", "Bump", "Tangent"))
-    links.new(noise.outputs[0], bump.inputs["Height"])
-    links.new(bump.outputs["Normal"], principled.inputs["Normal"])
-    links.new(bump.outputs["Normal"], principled.inputs["Coat Normal"])
-    links.new(turn.outputs["Tangent"], principled.inputs["Tangent"])
-    links.new(noise.outputs[0], principled.inputs["Sheen Weight"])
+    if linked:
+        noise, bump, turn = (nodes.new(f"ShaderNode{kind}") for kind in ("TexNoise", "Bump", "Tangent"))
+        links.new(noise.outputs[0], bump.inputs["Height"])
+        links.new(bump.outputs["Normal"], principled.inputs["Normal"])
+        links.new(bump.outputs["Normal"], principled.inputs["Coat Normal"])
+        links.new(turn.outputs["Tangent"], principled.inputs["Tangent"])
+        links.new(noise.outputs[0], principled.inputs["Sheen Weight"])
     for name, value in {"Coat Weight": 0.6, "Coat Roughness": 0.3, "Anisotropic": 0.5, "Metallic": 0.2, "IOR": 1.4,
                         "Emission Strength": 0.01, "Specular Tint": (0.9, 0.5, 0.4, 1)}.items():
         principled.inputs[name].default_value = value
