@@ -128,6 +128,7 @@ def _maps(
     rough, detail = device.read(found.roughness).copy(), device.read(found.detail)
     slots = np.where(gbuffer.coverage, device.read(grid.normal)[..., 3].round().astype(int), -1)
     solved = rough[..., 3] > 0.5
+    relative = np.sqrt(detail[..., 1] / np.maximum(detail[..., 0], 0.25))  # residual
     model, why = _models(scene, settings, slots, solved, detail)
     lambert = [s for s, name in enumerate(scene.mesh.slot_names) if model.get(name) == "lambert"]
     is_lambert = np.isin(slots, lambert)
@@ -145,7 +146,7 @@ def _maps(
         base_color=device.read(filled_base)[..., :3].copy(),
         roughness=device.read(filled_roughness)[..., 0].copy(),
         confidence=np.where(solved & shown, confidence(rough[..., 1], detail[..., 0]), 0.0).astype(np.float32),
-        error=np.where(solved & shown, rough[..., 2], 0.0).astype(np.float32),
+        error=np.where(solved & shown, relative, 0.0).astype(np.float32),
         filled=~(solved & shown),
         coverage=gbuffer.coverage,
         roughness_sigma=np.where(solved & shown, rough[..., 1], 0.0).astype(np.float32),
@@ -153,7 +154,7 @@ def _maps(
     )
     for texture in (base, filled_base, filled_roughness):
         texture.release()
-    residual = float(np.sqrt(np.mean(rough[solved, 2].astype(np.float64) ** 2))) if solved.any() else 0.0
+    residual = float(np.sqrt(np.mean(relative[solved].astype(np.float64) ** 2))) if solved.any() else 0.0
     observed = solved | shown
     return Solution(
         maps=maps, model=model, why=why, residual=residual, seconds={}, device={},

@@ -30,6 +30,7 @@ ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
 UNROLLED = 16  # layers up to which loops over them are unrolled
 REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
+POOL_GAIN = 0.3  # neighbours' errors are alike (shared pixels, model error), four say less than four times one
 
 Tile = tuple[int, int]  # its first texel
 
@@ -93,6 +94,7 @@ class Source(Protocol):
     size: tuple[int, int]  # width and height of the maps
     layers: Layers
     camera_slack: float  # how much albedo may differ between groups, relative
+    pool_gain: float  # of 1: how much four texels together say, in units of what they say apart
     position: moderngl.Texture  # of the texels: world xyz, coverage
     principled_table: moderngl.Texture
 
@@ -119,6 +121,7 @@ class CameraSource:
         self.layers = Layers(groups, lights, channels, spread=True)
         self.size = grid.position.size
         self.camera_slack = CAMERA_SLACK
+        self.pool_gain = POOL_GAIN
         self.position = grid.position
         self.principled_table = observations.principled_table
 
@@ -185,6 +188,7 @@ class ArraySource:
         self.size = (w, h)
         self.layers = Layers(groups, lobes.shape[3], 1, spread=bool(np.any(lobes[..., 1])))
         self.camera_slack = 0.0  # texels are observed where they are
+        self.pool_gain = 1.0  # and each for itself
         self.position = device.texture(w, h, 4, np.ones((h, w, 4), np.float32))
         self.principled_table = device.texture(table.shape[1], table.shape[0], table.shape[2], table)
         flags = np.where(quality > 0, 0.5 * 0.999, 0.0)

@@ -13,7 +13,6 @@ from .context import Device
 NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
 NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
 PRIOR_CUT = 15.0  # an edge in the map costs no more than this, in nats
-POOL_GAIN = 0.3  # of 1: neighbours' errors are alike (shared pixels, model error), four say less than four times one
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
 
 
@@ -42,15 +41,20 @@ def noise_map(
     return noise, max(variance, NOISE_FLOOR**2)
 
 
-def pyramid(device: Device, tables: tuple[moderngl.Texture, ...]) -> tuple[moderngl.Texture, moderngl.Texture]:
-    """Tables summed upwards, estimates handed downwards: (estimate, prior) of every texel."""
+def pyramid(
+    device: Device, tables: tuple[moderngl.Texture, ...], gain: float,
+) -> tuple[moderngl.Texture, moderngl.Texture]:
+    """Tables summed upwards, estimates handed downwards: (estimate, prior) of every texel.
+
+    ``gain``: of 1; how much four texels together say, in units of what they say apart.
+    """
     levels = [tables]
     while levels[-1][0].width > 8:
         below = levels[-1]
         half = ((below[0].width + 1) // 2, (below[0].height + 1) // 2)
         above = tuple(device.texture(*half) for _ in range(8))
         target = device.framebuffer(list(above))
-        device.draw("solve/pool.frag", target, textures={"u_table": below}, uniforms={"u_gain": POOL_GAIN})
+        device.draw("solve/pool.frag", target, textures={"u_table": below}, uniforms={"u_gain": gain})
         target.release()
         levels.append(above)
     parent: moderngl.Texture | None = None

@@ -41,7 +41,7 @@ Textures = Mapping[str, moderngl.Texture | tuple[moderngl.Texture, ...] | None]
 class RoughnessMaps:
     """What the search found, on the texel grid; released by the caller."""
 
-    roughness: moderngl.Texture  # roughness, its standard error, relative residual, solved
+    roughness: moderngl.Texture  # roughness, its standard error, numbers that the data determined, solved
     detail: moderngl.Texture  # good observations, residual, residual without lobe, standard error of base colour
     pairs: moderngl.Texture | None = None  # two lobes: roughness1, roughness2, weight of lobe 1, residual
 
@@ -80,7 +80,7 @@ class Solver:
         if self.neighbours:
             tables = self._textures(8)
             yield from self._over(chosen, (0.5, 0.75), "solve/table.glsl", tables, found, floor)
-            more["u_estimate"], more["u_prior"] = share.pyramid(device, tuple(tables))
+            more["u_estimate"], more["u_prior"] = share.pyramid(device, tuple(tables), self.source.pool_gain)
             for texture in tables:
                 texture.release()
         roughness, detail = self._textures(2)

@@ -12,7 +12,7 @@ uniform sampler2D u_prior;
 uniform float u_prior_cut;
 #endif
 uniform int u_steps;
-// out_0: roughness, its standard error, residual (relative RMS), solved
+// out_0: roughness, its standard error, how many numbers the data themselves determined, solved
 // out_1: good observations, residual, residual of the model without lobe, standard error of base colour
 
 float mean, information;  // of the prior
@@ -90,6 +90,8 @@ void kernel() {
 #endif
     if (r != last) fit = evaluate(r);
     vec2 albedo = fit_albedo();
-    out_0 = vec4(r, sqrt(min(variance, 0.25)), sqrt(fit.x / max(support.y, 0.25)), 1.0);
+    // Effective parameters (Moody 1992): curvature of the data of that of data and prior.
+    float determined = 2.0 * trust * data_slope(fit.x, degrees, around) * fit.z / max(best.z, 1e-12);
+    out_0 = vec4(r, sqrt(min(variance, 0.25)), clamp(determined, 0.0, 1.0), 1.0);
     out_1 = vec4(support.y, fit.x, evaluate_lambert(), sqrt(albedo.x * albedo.x * variance + albedo.y * around));
 }

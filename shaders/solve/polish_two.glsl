@@ -10,9 +10,10 @@ uniform float u_prior_cut;
 uniform float u_tau;           // how much neighbours differ (standard deviation); 0: no prior
 uniform int u_stride;          // to the neighbours whose pairs are tried
 uniform int u_steps;
-// out_0: as u_pairs.  out_1: as u_variance.  out_2: good observations, residual, relative RMS, standard error of base colour
+// out_0: as u_pairs.  out_1: as u_variance.  out_2: good observations, residual, how many numbers the data themselves determined
 
-const int WINDOW = 2;  // 5 x 5
+const int WINDOW = 2;      // 5 x 5
+const float WIDE = 4.0;    // information of a prior as wide as roughness itself
 
 float degrees, around, trust, least;
 vec2 mean, information;  // of the prior
@@ -85,9 +86,12 @@ void kernel() {
     }
     settle(best);
     float down = 2.0 * trust * data_slope(best.residual, degrees, around);
-    vec3 bend = down * best.curvature + vec3(information.x, 0.0, information.y) + vec3(4.0, 0.0, 4.0);
+    vec3 data = down * best.curvature, bend = data + vec3(information.x + WIDE, 0.0, information.y + WIDE);
     float determinant = max(bend.x * bend.z - bend.y * bend.y, 1e-6 * bend.x * bend.z);
+    // Effective parameters (Moody 1992): trace of data (data + prior)^-1, and the weight.
+    float determined = (data.x * bend.z + data.z * bend.x - 2.0 * data.y * bend.y) / determinant;
+    determined = clamp(determined, 0.0, 2.0) + (best.weight > 0.0 && best.weight < 1.0 ? 1.0 : 0.0);
     out_0 = vec4(best.r, best.weight, best.residual);
     out_1 = vec4(bend.z / determinant, bend.x / determinant, 0.0, 1.0);
-    out_2 = vec4(obs_total, best.residual, sqrt(best.residual / max(obs_total, 0.25)), 0.0);
+    out_2 = vec4(obs_total, best.residual, determined, 0.0);
 }
