@@ -126,8 +126,9 @@ def draw(results: dict[Variant, list[Sample]], caption: str) -> None:
 def table(results: dict[Variant, list[Sample]], caption: str) -> str:
     """The last samples, as the page shows them."""
     last = next(iter(results.values()))[-1].passes
-    rows = [f"After {last} passes; {SPEC.title}, {SPEC.size} x {SPEC.size} texels, m = 16, H = 3, c3 = 0.05 but for the",
-            "last row. Spread: standard deviation within a swarm. Medians over texels, but for the last two columns.", "",
+    rows = [f"After {last} passes; {SPEC.title}, {SPEC.size} x {SPEC.size} texels, m = 16, H = 3, c3 = 0.05 but for",
+            "the last row. Spread: standard deviation within a swarm. Medians over texels, but for the last two",
+            "columns; failures: roughness wrong by more than 0.1.", "",
             "| equation (2), c1 = c2 = c | abs x | spread | relative error | roughness MAE | failures |",
             "|---|---|---|---|---|---|"]
     for variant, samples in results.items():
