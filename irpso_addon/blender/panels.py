@@ -15,6 +15,9 @@ from . import session
 
 WARNINGS_SHOWN = 4
 LETTER_WIDTH = 6.2  # pixels of the panel's font, on average
+# Settings that mean something for some choices of another alone: which one, and which choices.
+ONLY_FOR = {"specular": ("model", {"one-lobe-specular"}), "ndf": ("model", {"two-lobe", "auto"})} | dict.fromkeys(
+    ("particles", "iterations", "c1", "c2", "c3", "window", "threshold"), ("method", {"paper"}))
 
 
 class IRPSO_UL_views(UIList):
@@ -29,6 +32,13 @@ class IRPSO_UL_views(UIList):
         parts = row.split(factor=0.6)
         parts.label(text=name or "no image", icon="NONE" if name else "ERROR")
         parts.label(text=view.camera.name if view.camera else "no camera", icon="NONE" if view.camera else "ERROR")
+
+
+def shown(settings: bpy.types.PropertyGroup, advanced: bool) -> list[str]:
+    """The rows of the parameter table that a panel shows: those that the present model and method use."""
+    names = [field.name for field in fields(SolveSettings) if field.metadata["advanced"] == advanced]
+    others = {name: ONLY_FOR.get(name, ("", set())) for name in names}
+    return [name for name, (other, choices) in others.items() if not other or getattr(settings, other) in choices]
 
 
 class _Tab:
@@ -91,9 +101,8 @@ class IRPSO_PT_solve(_Tab, Panel):
         layout.use_property_decorate = False
         column = layout.column()
         column.enabled = session.running is None
-        for field in fields(SolveSettings):
-            if not field.metadata["advanced"]:
-                column.prop(context.scene.irpso, field.name)
+        for name in shown(context.scene.irpso, advanced=False):
+            column.prop(context.scene.irpso, name)
         column = layout.column()
         column.scale_y = 1.4
         column.operator("irpso.solve", icon="PLAY")
@@ -117,9 +126,8 @@ class IRPSO_PT_advanced(_Tab, Panel):
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
-        for field in fields(SolveSettings):
-            if field.metadata["advanced"]:
-                layout.prop(context.scene.irpso, field.name)
+        for name in shown(context.scene.irpso, advanced=True):
+            layout.prop(context.scene.irpso, name)
         layout.operator("irpso.bake_gbuffer", icon="TEXTURE")
 
 
@@ -154,7 +162,8 @@ class IRPSO_PT_result(_Tab, Panel):
         skipped = f", {len(solution.views_skipped)} skipped" if solution.views_skipped else ""
         box.label(text=f"{len(solution.views_used)} views used{skipped}", icon="CAMERA_DATA")
         for slot, model in solution.model.items():
-            box.label(text=f"{slot or name}: {model}", icon="MATERIAL")
+            level = f" {solution.levels[slot]:.3f}" if slot in solution.levels else ""
+            box.label(text=f"{slot or name}: {model}{level}", icon="MATERIAL")
         for warning in solution.warnings[:WARNINGS_SHOWN]:
             _draw_wrapped(box, warning, letters)
         if len(solution.warnings) > WARNINGS_SHOWN:

@@ -84,7 +84,7 @@ def _rna(field: Field[Any]) -> Any:
     meta = field.metadata
     common = {"name": meta["label"], "description": meta["doc"], "default": field.default}
     if meta["choices"]:
-        items = tuple((key, key.replace("-", " ").title(), doc) for key, doc in meta["choices"])
+        items = tuple((key, key.replace("-", " ").title().replace("Ggx", "GGX"), doc) for key, doc in meta["choices"])
         return EnumProperty(items=items, **common)
     if field.type is bool:
         return BoolProperty(**common)

@@ -59,7 +59,7 @@ def build_report(
         "versions": versions() | ({"blender": blender} if blender else {}),
         "command": list(command),
         **asdict(settings),
-        "models": {slot: {"model": model, "why": solution.why.get(slot, "")} for slot, model in solution.model.items()},
+        "models": {slot: _model(solution, slot) for slot in solution.model},
         "seconds": {**solution.seconds, "total": total},
         "texels": dict(solution.texels),
         "texels_per_second": {
@@ -77,6 +77,16 @@ def build_report(
         "cancelled": solution.cancelled,
     }
     return _finite(report)  # type: ignore[no-any-return]
+
+
+def _model(solution: Solution, slot: str) -> dict[str, Any]:
+    """What was solved for in one material, with what only its model has."""
+    found: dict[str, Any] = {"model": solution.model[slot], "why": solution.why.get(slot, "")}
+    if found["model"] == "one-lobe-specular":
+        found["level"] = solution.levels.get(slot)
+    elif found["model"] == "two-lobe":
+        found["ndf"] = solution.ndf
+    return found
 
 
 def write_report(path: Path, report: dict[str, Any]) -> None:

@@ -36,6 +36,17 @@ def test_figures_follow_from_the_solution():
     assert report["versions"]["blender"] == "5.2" and report["cancelled"] is False
 
 
+def test_each_model_says_what_only_it_has():
+    model = {"Cup": "one-lobe-specular", "Jug": "one-lobe-specular", "Skin": "two-lobe", "Chalk": "lambert"}
+    solution = replace(SOLUTION, model=model, why={}, levels={"Cup": np.float32(0.25)}, ndf="beckmann")
+    models = build_report(solution, SolveSettings(), [])["models"]
+    assert models == {
+        "Cup": {"model": "one-lobe-specular", "why": "", "level": 0.25},
+        "Jug": {"model": "one-lobe-specular", "why": "", "level": None},  # a map
+        "Skin": {"model": "two-lobe", "why": "", "ndf": "beckmann"}, "Chalk": {"model": "lambert", "why": ""}}
+    json.dumps(models, allow_nan=False)
+
+
 def test_not_a_number_becomes_null(tmp_path):
     """JSON has no NaN: a parser other than Python's would refuse the file."""
     device = {"limit": np.float32(np.inf), "size": np.int64(3)}

@@ -1,0 +1,59 @@
+"""The panel shows what the present model and method use, and nothing that they do not."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+from itertools import product
+
+import bpy
+import pytest
+
+from irpso_addon.blender import panels, properties
+from irpso_addon.core.params import SolveSettings
+
+CHOICES = {f.name: [key for key, _ in f.metadata["choices"]] for f in fields(SolveSettings)}
+
+
+@pytest.fixture
+def settings(empty):
+    properties.register()
+    yield bpy.context.scene.irpso
+    properties.unregister()
+
+
+def test_every_row_of_the_table_is_a_property(settings) -> None:
+    """With the table's default, choices and limits; and what the panel holds is what the solver gets."""
+    assert properties.settings(settings) == SolveSettings()
+    for field in fields(SolveSettings):
+        rna = settings.bl_rna.properties[field.name]
+        assert rna.description == field.metadata["doc"]
+        if field.metadata["choices"]:
+            assert [item.identifier for item in rna.enum_items] == CHOICES[field.name]
+            for choice in CHOICES[field.name]:
+                setattr(settings, field.name, choice)
+                assert getattr(properties.settings(settings), field.name) == choice
+        else:
+            limits = field.metadata["low"], field.metadata["high"]
+            assert (rna.hard_min, rna.hard_max) == pytest.approx(limits)
+
+
+def test_options_of_a_model_or_method_show_with_it_alone(settings) -> None:
+    """What the table's text says an option is for ("Model two-lobe: ...") decides; nothing else is ever hidden."""
+    for model, method in product(CHOICES["model"], CHOICES["method"]):
+        settings.model, settings.method = model, method
+        for field in fields(SolveSettings):
+            said = re.match(r"(Model|Method) ([\w-]+):", field.metadata["doc"])
+            want = True
+            if said:
+                chosen = getattr(settings, said[1].lower())
+                # "auto" may choose two lobes; it never asks for the level.
+                want = chosen == said[2] or (chosen == "auto" and said[2] == "two-lobe")
+            advanced = field.metadata["advanced"]
+            assert (field.name in panels.shown(settings, advanced)) == want, (field.name, settings.model)
+            assert field.name not in panels.shown(settings, not advanced)
+
+
+def test_the_first_look_is_short(settings) -> None:
+    assert panels.shown(settings, advanced=False) == ["size", "model", "method"]
+    assert panels.shown(settings, advanced=True) == ["ndf", "seed"]
