@@ -16,7 +16,7 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.tables import principled_table
 from irpso_addon.gpu import atlas
 from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.paper import HALO, Limits, PaperMaps, PaperSwarm, Swarms, limits_for, spans
+from irpso_addon.gpu.paper import Limits, PaperMaps, PaperSwarm, Swarms, limits_for, spans
 from tests.bench import problem as bench
 
 FREE = Limits(constriction=1.0, velocity=1e30, bounded=False)  # equation (2) as printed
@@ -264,6 +264,21 @@ def test_the_constriction_follows_the_pulls():
     assert limits_for(4.0, 4.0).constriction == pytest.approx(2 / (6 + np.sqrt(32)), abs=1e-7)
 
 
+@pytest.mark.parametrize("model", ["one-lobe", "two-lobe"])
+def test_compute_shaders_do_what_fragment_shaders_do(on_gl, monkeypatch, model):
+    arrays = random_arrays()
+    if on_gl(lambda device: device.ctx.version_code) < 430:
+        pytest.skip("no compute shaders here")
+    device = on_gl(lambda device: device)
+    found = []
+    for compute in (False, True):
+        monkeypatch.setitem(device.__dict__, "prefers_compute", compute)
+        found.append(walk(on_gl, arrays, 2, model))
+    for drawn, computed in zip(*found, strict=True):
+        np.testing.assert_allclose(computed[0], drawn[0], atol=1e-5)
+        np.testing.assert_allclose(computed[1], drawn[1], atol=1e-5)
+
+
 # ---- results
 
 
@@ -377,7 +392,3 @@ def test_a_stopped_run_gives_what_it_has(on_gl):
 def test_what_it_cannot_do_is_said(on_gl, model, chosen, says):
     with pytest.raises(BadInput, match=says):
         run(on_gl, random_arrays(), model, **chosen)
-
-
-def test_the_halo_is_wider_than_a_window():
-    assert HALO >= 2
