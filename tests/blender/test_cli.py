@@ -19,7 +19,8 @@ import OpenImageIO as oiio
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FILES = {f"Ball_{role}.exr" for role in ("basecolor", "roughness", "confidence", "error", "filled")}
+ROLES = ("basecolor", "roughness", "confidence", "error", "filled", "roughness_sigma", "basecolor_sigma")
+FILES = {f"Ball_{role}.exr" for role in ROLES}
 FILES |= {"report.json", "scene_irpso.blend"}
 BASE, ROUGH = (0.6, 0.3, 0.1), 0.45  # as in tests/make_scenes.py
 
@@ -110,13 +111,13 @@ def test_export_gives_the_same_maps_again(solved, irpso, tmp_path, kind):
     out, _ = solved
     done = irpso("export", out / "scene_irpso.blend", "--out", tmp_path, "--format", kind)
     assert done.returncode == 0, done.stderr
-    assert {p.name for p in tmp_path.iterdir()} == {f"Ball_{r}.{kind}" for r in
-                                                   ("basecolor", "roughness", "confidence", "error", "filled")}
+    assert {p.name for p in tmp_path.iterdir()} == {f"Ball_{role}.{kind}" for role in ROLES}
     linear = read(out / "Ball_basecolor.exr").clip(0, 1)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     assert np.abs(read(tmp_path / f"Ball_basecolor.{kind}") - encoded).max() < 2e-4
-    rough = read(out / "Ball_roughness.exr").clip(0, 1)
-    assert np.abs(read(tmp_path / f"Ball_roughness.{kind}") - rough).max() < 2e-5
+    for role in ("roughness", "roughness_sigma", "basecolor_sigma"):
+        values = read(out / f"Ball_{role}.exr").clip(0, 1)
+        assert np.abs(read(tmp_path / f"Ball_{role}.{kind}") - values).max() < 2e-5
     assert oiio.ImageInput.open(str(tmp_path / f"Ball_roughness.{kind}")).spec().format.basetype == oiio.UINT16
 
 

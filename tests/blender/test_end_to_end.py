@@ -148,5 +148,5 @@ def test_a_new_light_and_a_new_camera_show_the_same_picture(job):
 
 def test_the_same_capture_gives_the_same_bytes(job):
     again = thread.run(lambda: pipeline.solve(job.scene, SolveSettings(size=TEXELS))).maps
-    for name in ("base_color", "roughness", "confidence", "error", "filled"):
+    for name in ("base_color", "roughness", "confidence", "error", "filled", "roughness_sigma", "base_sigma"):
         assert getattr(again, name).tobytes() == getattr(job.solution.maps, name).tobytes()

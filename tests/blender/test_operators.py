@@ -76,22 +76,21 @@ def test_the_whole_job(scene, module, tmp_path: Path) -> None:
     # What is on the material is what is exported.
     scene.irpso.format, scene.irpso.out = "exr", "//maps"
     assert bpy.ops.irpso.export_maps() == {"FINISHED"}
-    assert sorted(os.listdir(tmp_path / "good" / "maps")) == [
-        f"Ball_{suffix}.exr" for suffix in ("basecolor", "confidence", "error", "filled", "roughness")]
+    assert sorted(os.listdir(tmp_path / "good" / "maps")) == sorted(f"{name}.exr" for name in [*maps(), "Ball_filled"])
     saved = bpy.data.images.load(str(tmp_path / "good" / "maps" / "Ball_basecolor.exr"))
     np.testing.assert_array_equal(pixels(saved.name), pixels("Ball_basecolor"))
     bpy.data.images.remove(saved)
     assert bpy.ops.irpso.export_maps(directory=str(tmp_path / "other"), format="png") == {"FINISHED"}
-    assert len(os.listdir(tmp_path / "other")) == 5
+    assert len(os.listdir(tmp_path / "other")) == 7
 
     # The capture file itself gives the same bytes as the list made from it.
-    before = {name: pixels(name) for name in ("Ball_basecolor", "Ball_roughness", "Ball_confidence", "Ball_error")}
+    before = {name: pixels(name) for name in maps()}
     scene.irpso.views.clear()
     scene.irpso.captures = "//captures.json"
     assert bpy.ops.irpso.solve() == {"FINISHED"}
     for name, values in before.items():
         np.testing.assert_array_equal(pixels(name), values)
-    assert len(maps()) == 4
+    assert len(maps()) == 6
 
     # Another file: the solution is forgotten.
     bpy.ops.wm.read_factory_settings(use_empty=False)
@@ -106,7 +105,7 @@ def test_solve_without_writing_then_write_undo_redo(scene) -> None:
     assert bpy.ops.irpso.solve("EXEC_DEFAULT", True, write=False) == {"FINISHED"}
     assert len(maps()) == 0
     assert bpy.ops.irpso.write_maps("EXEC_DEFAULT", True) == {"FINISHED"}
-    assert len(maps()) == 4
+    assert len(maps()) == 6
     values = pixels("Ball_roughness")
     bpy.ops.ed.undo()  # one step
     tree = bpy.data.materials["Paint"].node_tree
