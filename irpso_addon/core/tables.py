@@ -48,12 +48,12 @@ def energy_nodes() -> Nodes:
 
 @cache
 def principled_table() -> F32:
-    """The texture u_principled_table, shape (SIZE + LOBE_NODES, SIZE, 4), read-only.  Two values, their steps rightward.
+    """The texture u_principled_table, shape (SIZE + LOBE_NODES, SIZE, 4), read-only.
 
-    [:SIZE] is (comp, A) at Specular IOR Level 0.5: row i roughness i/(SIZE-1), column j cosine to the viewer
-    j/(SIZE-1).  comp multiplies the specular lobe for multiple scattering; A is the share of the light that the
-    lobe takes from the diffuse below it.  The rows [SIZE:] hold the nodes for other levels: (E1, Eavg) at
-    [SIZE + i, j], and (s_k, s_k+1) at [SIZE + i, LOBE_NODES + FRESNEL_NODES k + j].
+    Two values and their steps to the next column.  Rows [:SIZE] are (comp, A) at Specular IOR Level 0.5: row i
+    roughness i/(SIZE-1), column j cosine to the viewer j/(SIZE-1).  comp multiplies the specular lobe for multiple
+    scattering; A is the share of the light that the lobe takes from the diffuse below it.  Rows [SIZE:] hold the
+    nodes for other levels: (E1, Eavg) at [SIZE + i, j], (s_k, s_k+1) at [SIZE + i, LOBE_NODES + FRESNEL_NODES k + j].
     """
     nodes = energy_nodes()
     table = np.zeros((SIZE + LOBE_NODES, SIZE, 2), np.float32)

@@ -23,7 +23,9 @@ from . import cycles_rig as rig
 BASES = (0.05, 0.4, 0.95)
 ROUGHNESSES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 LEVELS = (0.0, 0.01, 0.2, 0.8, 1.0)  # Specular IOR Level
-LOBES = (0.2, 0.6, 0.3)  # roughness of the first and second, weight of the first
+Lobes = tuple[float, float, float]  # roughness of the first and second, weight of the first
+LOBES: Lobes = (0.2, 0.6, 0.3)
+DARK = 1e-6  # of the brightest pixel: below it, where a lobe stands alone, float32 has few digits
 BINS = (0, 30, 60, 75, 85)
 PEAK = 0.1  # tan theta_h / alpha below which a pixel is on the highlight's very peak
 
@@ -73,16 +75,19 @@ def measure(
             yield compare(eye, roughness, level, twin)
 
 
-def measure_two_lobes(ndf: str, pixels: int = 72, few: bool = False) -> Iterator[Pixels]:
-    """Both kinds of two lobes, LOBES, in every scene."""
-    first, second, weight = LOBES
+def measure_two_lobes(
+    ndf: str, pixels: int = 72, few: bool = False, lobes: Lobes = LOBES, bases: Sequence[float] = BASES,
+) -> Iterator[Pixels]:
+    """Both kinds of two lobes in every scene."""
+    first, second, weight = lobes
     for eye in scenes(pixels, few):
         tree = bpy.data.materials["material"].node_tree
         output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
-        tree.links.new((two_principled if ndf == "ggx" else cook_torrance)(tree), output.inputs["Surface"])
+        make = two_principled if ndf == "ggx" else cook_torrance
+        tree.links.new(make(tree, lobes, bases), output.inputs["Surface"])
 
         def twin(L: np.ndarray, V: np.ndarray, N: np.ndarray) -> np.ndarray:
-            return brdf.two_lobe(np.array(BASES), first, second, weight, L, V, N, ndf)
+            return brdf.two_lobe(np.array(bases), first, second, weight, L, V, N, ndf)
 
         yield compare(eye, first, 0.5, twin)
 
@@ -91,35 +96,35 @@ def principled_node() -> Any:
     return next(n for n in bpy.data.materials["material"].node_tree.nodes if n.type == "BSDF_PRINCIPLED")
 
 
-def mixed(tree: Any, shaders: list[Any]) -> Any:
-    """Socket: the first shader by LOBES' weight, the second by the rest."""
+def mixed(tree: Any, weight: float, shaders: list[Any]) -> Any:
+    """Socket: the first shader by ``weight``, the second by the rest."""
     mix = tree.nodes.new("ShaderNodeMixShader")
-    mix.inputs["Fac"].default_value = 1 - LOBES[2]
+    mix.inputs["Fac"].default_value = 1 - weight
     for node, socket in zip(shaders, mix.inputs[1:], strict=True):
         tree.links.new(node.outputs[0], socket)
     return mix.outputs[0]
 
 
-def two_principled(tree: Any) -> Any:
-    """Socket: two Principled of BASES."""
+def two_principled(tree: Any, lobes: Lobes, bases: Sequence[float]) -> Any:
+    """Socket: two Principled."""
     made = [tree.nodes.new("ShaderNodeBsdfPrincipled") for _ in range(2)]
-    for node, roughness in zip(made, LOBES, strict=False):
-        node.inputs["Base Color"].default_value = (*BASES, 1)
+    for node, roughness in zip(made, lobes, strict=False):
+        node.inputs["Base Color"].default_value = (*bases, 1)
         node.inputs["Roughness"].default_value = roughness
-    return mixed(tree, made)
+    return mixed(tree, lobes[2], made)
 
 
-def cook_torrance(tree: Any) -> Any:
-    """Socket: a diffuse of BASES plus two Beckmann conductors that do not absorb: Fresnel of a dielectric."""
+def cook_torrance(tree: Any, lobes: Lobes, bases: Sequence[float]) -> Any:
+    """Socket: a diffuse plus two Beckmann conductors that do not absorb: Fresnel of a dielectric."""
     made = [tree.nodes.new("ShaderNodeBsdfMetallic") for _ in range(2)]
-    for node, roughness in zip(made, LOBES, strict=False):
+    for node, roughness in zip(made, lobes, strict=False):
         node.distribution, node.fresnel_type = "BECKMANN", "PHYSICAL_CONDUCTOR"
         node.inputs["IOR"].default_value, node.inputs["Extinction"].default_value = (1.5,) * 3, (0.0,) * 3
         node.inputs["Roughness"].default_value = roughness
     diffuse, add = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeAddShader")
-    diffuse.inputs["Color"].default_value = (*BASES, 1)
+    diffuse.inputs["Color"].default_value = (*bases, 1)
     tree.links.new(diffuse.outputs[0], add.inputs[0])
-    tree.links.new(mixed(tree, made), add.inputs[1])
+    tree.links.new(mixed(tree, lobes[2], made), add.inputs[1])
     return add.outputs[0]
 
 
@@ -138,7 +143,7 @@ def compare(eye: np.ndarray, roughness: float, level: float, twin: Model) -> Pix
     L, V = lights.light_sample(light, P, 0, 1)[0], eye - P
     L, V = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (L, V))
     cos_l, cos_v = (L * N).sum(-1), (V * N).sum(-1)
-    lit = (cos_l > 0.03) & (cos_v > 0.03)
+    lit = (cos_l > 0.03) & (cos_v > 0.03) & (rgb.min(-1) > DARK * rgb.max())
     irradiance = lights.light_irradiance(light, P, N)[:, None] * light.power
     radiance = twin(L, V, N) * irradiance
     half = (L + V) / np.linalg.norm(L + V, axis=-1, keepdims=True)
@@ -176,6 +181,9 @@ def main() -> None:
     head(f"two lobes {LOBES}")
     for ndf in ["ggx"] + ["beckmann"] * conductor_is_exact():
         row(ndf, list(measure_two_lobes(ndf)))
+    head("Metallic BSDF as one Beckmann lobe, roughness")
+    for roughness in (0.2, 0.5, 0.8):
+        row(roughness, list(measure_two_lobes("beckmann", lobes=(roughness, roughness, 0.5), bases=(0, 0, 0))))
 
 
 if __name__ == "__main__":
