@@ -1,0 +1,119 @@
+"""Charts of error against time: one panel an error, one curve a method, every curve named at its end.
+
+Needs matplotlib, which Blender does not ship: `draw` raises ImportError without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+# Okabe and Ito's palette: told apart with any colour vision; markers tell apart without any.
+COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#D55E00", "#E69F00", "#CC79A7", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+GREY = "#666666"
+WIDTH, HEIGHT = 4.6, 4.0  # inches a panel
+LABEL_GAP = 12.0  # points between two labels
+DPI = 160
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One method in one panel.  ``seconds`` None: a level, drawn across, of something that takes no time worth a point."""
+
+    label: str
+    place: int  # its colour and marker, the same in every panel
+    seconds: Sequence[float] | None
+    values: Sequence[float]
+    notes: Sequence[str] = ()  # beside each point
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One error."""
+
+    title: str
+    curves: Sequence[Curve]
+    log: bool = False
+    up: bool = False  # whether more is better
+
+
+def draw(panels: Sequence[Sequence[Panel]], title: str, foot: str, stem: Path) -> list[Path]:
+    """Rows of panels into ``stem``.png and .svg; their paths.  Raises ImportError without matplotlib."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    size = WIDTH * max(len(row) for row in panels), HEIGHT * len(panels) + 0.9
+    with rc_context({"font.size": 9, "svg.hashsalt": "irpso", "axes.spines.top": False, "axes.spines.right": False}):
+        figure = Figure(size, dpi=DPI, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
+        grid: Any = figure.subplots(len(panels), len(panels[0]), squeeze=False)
+        labels = [_panel(axes, panel) for row, line in zip(panels, grid, strict=True)
+                  for panel, axes in zip(row, line, strict=True)]
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+        figure.supxlabel(foot, x=0.01, ha="left", fontsize=7, color=GREY)
+        canvas.draw()  # only now is it known where the points lie
+        for axes, ends in zip(grid.ravel(), labels, strict=True):
+            _name(axes, ends)
+        paths = []
+        for kind in ("png", "svg"):
+            paths.append(stem.with_name(f"{stem.name}.{kind}"))
+            figure.savefig(paths[-1], metadata={"Date": None} if kind == "svg" else None)
+    return paths
+
+
+def _panel(axes: Any, panel: Panel) -> list[tuple[Curve, float, float]]:
+    """Draw the curves; where each ends, for its label."""
+    ends = []
+    timed = [s for curve in panel.curves for s in curve.seconds or ()]
+    low, high = min(timed, default=0.1), max(timed, default=1.0)
+    axes.set_xscale("log")
+    if panel.log:
+        axes.set_yscale("log")
+    axes.set_xlim(low / 1.5, high * (high / low) ** 0.5 * 3)  # room for the names
+    for curve in panel.curves:
+        colour, marker = COLOURS[curve.place % len(COLOURS)], MARKERS[curve.place % len(MARKERS)]
+        if curve.seconds is None:
+            axes.axhline(curve.values[0], color=GREY, linestyle=(0, (4, 3)), linewidth=1)
+            ends.append((curve, high * 1.25, curve.values[0]))
+            continue
+        axes.plot(curve.seconds, curve.values, color=colour, marker=marker, markersize=4.5, linewidth=1.4)
+        for x, y, note in zip(curve.seconds, curve.values, curve.notes, strict=False):
+            axes.annotate(note, (x, y), (0, 5), textcoords="offset points", fontsize=6, color=colour, ha="center")
+        ends.append((curve, curve.seconds[-1], curve.values[-1]))
+    axes.set_title(f"{panel.title} ({'higher' if panel.up else 'lower'} is better)", fontsize=9, loc="left")
+    axes.set_xlabel("seconds")
+    for axis in (axes.xaxis, *((axes.yaxis,) if panel.log else ())):
+        _ticks(axis)
+    axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    return ends
+
+
+def _ticks(axis: Any) -> None:
+    """1, 2 and 5 of each decade, as plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0,) if high / low > 100 else (1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _name(axes: Any, ends: list[tuple[Curve, float, float]]) -> None:
+    """Each curve's name right of its end, moved up where another stands there."""
+    from matplotlib.patheffects import withStroke
+
+    scale = axes.figure.dpi / 72
+    spots = [axes.transData.transform((x, y)) / scale for _, x, y in ends]  # in points
+    floor = -1e9
+    for i in sorted(range(len(ends)), key=lambda i: spots[i][1]):
+        curve = ends[i][0]
+        height = max(spots[i][1], floor + LABEL_GAP)
+        floor = height
+        colour = GREY if curve.seconds is None else COLOURS[curve.place % len(COLOURS)]
+        axes.annotate(curve.label, ends[i][1:], (7, height - spots[i][1] - 3), textcoords="offset points", fontsize=8,
+                      color=colour, annotation_clip=False, path_effects=[withStroke(linewidth=2.5, foreground="white")])
