@@ -49,7 +49,12 @@ def park(principled: bpy.types.Node, node: bpy.types.Node) -> None:
     copy_inputs(principled, node)
     move_links(principled, node)
     if PARKED_TAG not in principled:
-        principled[PARKED_TAG] = {"hide": principled.hide, "label": principled.label}
+        # Sockets that show make a collapsed node tall.
+        bare = [socket for socket in principled.inputs if not (socket.hide or socket.is_linked)]
+        names = ",".join(socket.identifier for socket in bare)
+        principled[PARKED_TAG] = {"hide": principled.hide, "label": principled.label, "sockets": names}
+        for socket in bare:
+            socket.hide = True
         principled.hide, principled.label = True, "One lobe (kept by IRPSO)"
 
 
@@ -61,9 +66,15 @@ def bring_back(node: bpy.types.Node, principled: bpy.types.Node) -> None:
 
 def unpark(principled: bpy.types.Node) -> None:
     """Shows ``principled`` again as it was."""
-    if PARKED_TAG in principled:
-        principled.hide, principled.label = principled[PARKED_TAG]["hide"], principled[PARKED_TAG]["label"]
-        del principled[PARKED_TAG]
+    if PARKED_TAG not in principled:
+        return
+    before = principled[PARKED_TAG]
+    bare = before["sockets"].split(",")
+    for socket in principled.inputs:
+        if socket.identifier in bare:
+            socket.hide = False
+    principled.hide, principled.label = before["hide"], before["label"]
+    del principled[PARKED_TAG]
 
 
 def copy_inputs(source: bpy.types.Node, target: bpy.types.Node) -> None:
@@ -167,7 +178,7 @@ def _metal(group: bpy.types.ShaderNodeTree, inside: bpy.types.Node, index: int) 
         kinds["F82"] = {"Base Color": (*(F82_COLOR,) * 3, 1.0), "Edge Tint": (*(F82_TINT,) * 3, 1.0)}
     outputs = []
     for row, (kind, values) in enumerate(kinds.items()):
-        place = (0.0, -300.0 * (row + len(kinds) * index))
+        place = (0.0, -420.0 * (row + len(kinds) * index))
         metal = _add(group, "ShaderNodeBsdfMetallic", place, f"Lobe {index + 1}")
         metal.distribution, metal.fresnel_type = "BECKMANN", kind
         for name, value in values.items():

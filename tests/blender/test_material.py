@@ -81,7 +81,7 @@ def tree_state(tree: bpy.types.NodeTree) -> dict[str, object]:
         settings = {p.identifier: plain(getattr(node, p.identifier)) for p in node.bl_rna.properties
                     if p.identifier not in skip and p.type != "COLLECTION"}
         values = {s.identifier: plain(s.default_value) for s in node.inputs if hasattr(s, "default_value")}
-        state[node.name] = (settings, values)
+        state[node.name] = (settings, values, [s.identifier for s in node.inputs if s.hide])
     state["links"] = sorted(
         (k.from_node.name, k.from_socket.identifier, k.to_node.name, k.to_socket.identifier) for k in tree.links)
     return state
