@@ -13,9 +13,11 @@ $(VENV)/.ready: requirements-dev.txt tools/setup.sh
 demo: setup
 	$(RUN) -m irpso_addon demo --out build/demo
 
-# Two processes: the GPU's tests prove that no Blender is needed, and must not share a process with one.
+# Each in a process of its own: the GPU's tests prove that no Blender is needed and must not share one with it, and
+# the benchmark's make another OpenGL context.
 test: lint
 	$(RUN) -m pytest tests/core tests/gpu
+	$(RUN) -m pytest tests/bench
 	$(RUN) -m pytest tests/blender
 
 lint: setup
@@ -26,8 +28,13 @@ lint: setup
 docs: setup
 	$(RUN) tools/make_docs.py
 
-bench: setup
-	$(RUN) tools/benchmark.py
+bench: $(VENV)-bench/.ready
+	$(VENV)-bench/bin/python -m tests.bench
+
+$(VENV)-bench/.ready: requirements-bench.txt
+	"$$(bash tools/setup.sh --find 3.13)" -m venv --clear $(VENV)-bench
+	$(VENV)-bench/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-bench.txt
+	@touch $@
 
 zip: setup
 	$(RUN) tools/build.py

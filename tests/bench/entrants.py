@@ -23,7 +23,8 @@ from .problem import Errors, Estimate, Problem, Spec, make
 from .worker import Worker
 
 PASSES = (100, 200, 400, 800, 1600)
-SAMPLE = 24  # texels that SciPy solves
+SAMPLE = 48  # texels that SciPy solves
+MITSUBA_SECONDS = 12
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,6 @@ class Point:
     seconds: float
     errors: Errors
     default: bool = False  # what a user of that method gets unasked
-    evaluations: float = 0.0  # of the fitness, per texel, where they are alike
 
 
 @dataclass
@@ -87,8 +87,7 @@ def _product(variants: Mapping[str, Mapping[str, int]], default: str) -> Run:
     def run(stage: Stage, brief: bool) -> Iterator[Point]:
         for name, knobs in list(variants.items())[:1 if brief else None]:
             seconds, found, _ = stage.bench.solve(knobs)
-            yield Point(name, seconds, stage.problem.score(found), name == default,
-                        knobs["u_particles"] * (knobs["u_moves"] + 1.0) if knobs["u_moves"] else 0.0)
+            yield Point(name, seconds, stage.problem.score(found), name == default)
 
     return run
 
@@ -140,7 +139,7 @@ def _paper(stage: Stage, brief: bool) -> Iterator[Point]:
         best, more = (device.read(texture).astype(np.float64) for texture in swarms.best)
         rest = (more[..., 0], more[..., 1]) if swarms.lobes == 2 else ()
         found = Estimate(best[..., :3], best[..., 3], *rest)
-        yield Point(f"{passes} passes", seconds, stage.problem.score(found), passes == settings.iterations, passes)
+        yield Point(f"{passes} passes", seconds, stage.problem.score(found), passes == settings.iterations)
         device.ctx.finish()
         start = time.perf_counter()
     swarms.release()
@@ -191,6 +190,8 @@ ENTRANTS = [
             _asked("torch", "adam", _adam_steps, compiled=True), "torch"),
     Entrant("scipy", "least_squares (SciPy)", "scipy",
             _asked("scipy", "scipy", lambda spec: (1, 4), sample=SAMPLE), "scipy"),
+    Entrant("mitsuba", "Adam (Mitsuba 3)", "mitsuba",
+            _asked("mitsuba", "mitsuba", lambda spec: (1, MITSUBA_SECONDS)), "mitsuba", lambda spec: spec.plane),
     Entrant("none", "no solver", "none", _none),
 ]
 

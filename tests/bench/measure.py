@@ -64,7 +64,7 @@ def _rounds(stage: Stage, entrants: Sequence[Entrant], rounds: int, say: Say) ->
             say(f"{stage.spec.title}: round {number + 1} of {rounds}: {entrant.label}")
             past.append(list(entrant.run(stage, False)))
     return [{"problem": asdict(stage.spec), "title": stage.spec.title, "method": e.key, "label": e.label,
-             "family": e.family, "compile": max(first[e.key], 0.0), "points": _points(runs[e.key])}
+             "family": e.family, "compile": round(max(first[e.key], 0.0), 3), "points": _points(runs[e.key])}
             for e in entrants if e.key in runs]
 
 
@@ -73,8 +73,8 @@ def _spent(runs: Sequence[Sequence[Point]]) -> float:
 
 
 def _points(runs: Sequence[Sequence[Point]]) -> list[dict[str, Any]]:
-    return [{"setting": same[-1].setting, "seconds": median(p.seconds for p in same), "runs": len(same),
-             "default": same[-1].default, "evaluations": same[-1].evaluations, **asdict(same[-1].errors)}
+    return [{"setting": same[-1].setting, "seconds": float(f"{median(p.seconds for p in same):.4g}"), "runs": len(same),
+             "default": same[-1].default, **{k: float(f"{v:.4g}") for k, v in asdict(same[-1].errors).items()}}
             for same in zip(*runs, strict=True)]
 
 

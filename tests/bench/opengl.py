@@ -43,9 +43,9 @@ class Bench:
         """The product's whole solve: search, neighbours, polish, base colour.  (seconds, estimate, more maps)."""
         self.solver.knobs = {"u_seed": self.problem.spec.seed, **knobs}
         start = self._now()
-        maps = _result(self.solver.solve_two() if self.lobes == 2 else self.solver.solve())
+        maps = result(self.solver.solve_two() if self.lobes == 2 else self.solver.solve())
         found = maps.roughness if maps.pairs is None else maps.pairs
-        albedo = _result(self.solver.albedo(found, self.lobes))
+        albedo = result(self.solver.albedo(found, self.lobes))
         seconds = self._now() - start
         more = {"roughness_sigma": self.device.read(maps.roughness)[..., 1],
                 "base_sigma": self.device.read(maps.detail)[..., 3]}
@@ -59,7 +59,7 @@ class Bench:
         found = self.device.texture(*self.source.size)
         start = self._now()
         self.run(name, [found], uniforms)
-        albedo = _result(self.solver.albedo(found, self.lobes))
+        albedo = result(self.solver.albedo(found, self.lobes))
         seconds = self._now() - start
         estimate = self._estimate(found, albedo)
         found.release()
@@ -96,7 +96,7 @@ class Bench:
         self.source.release()
 
 
-def _result(steps: Any) -> Any:
+def result(steps: Any) -> Any:
     """What a generator returns."""
     while True:
         try:

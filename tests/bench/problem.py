@@ -39,9 +39,9 @@ class Spec:
     def title(self) -> str:
         """A line that names it."""
         parts = [self.model, f"K = {self.views}"]
-        parts.append(f"{self.noise:.1%} noise".replace(".0%", " %") if self.noise else "no noise")
+        parts.append(f"{100 * self.noise:g} % noise" if self.noise else "no noise")
         if self.outliers:
-            parts.append(f"{self.outliers:.0%}".replace("%", " % outliers"))
+            parts.append(f"{100 * self.outliers:g} % outliers")
         parts += ["sharp borders"] * self.borders + ["flat plane"] * self.plane
         return ", ".join(parts)
 
@@ -164,7 +164,7 @@ def _surface(spec: Spec, rng: np.random.Generator) -> tuple[F64, F64]:
     slope_v, slope_u = np.gradient(smooth_map(spec.size, rng, -1, 1, 16.0))
     scale = BUMP / slope_u.std()
     bumps = np.stack([-slope_u * scale, -slope_v * scale, np.zeros_like(u)], -1)
-    return place, _unit(_unit(place + [0, 0, PATCH_RADIUS]) + bumps)
+    return place, _unit(_unit(place + np.array([0, 0, PATCH_RADIUS])) + bumps)
 
 
 def _truth(spec: Spec, rng: np.random.Generator) -> Estimate:

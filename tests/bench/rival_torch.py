@@ -24,7 +24,7 @@ LEAST, MOST = 0.05, 1.0  # roughness
 STARTS = (0.14, 0.26, 0.42, 0.65, 0.20, 0.34, 0.52, 0.80)  # spread over the truth's range: known to nobody else
 PAIRS = ((0.14, 0.30), (0.20, 0.50), (0.28, 0.42), (0.32, 0.65), (0.14, 0.60), (0.24, 0.36), (0.40, 0.70), (0.18, 0.40))
 RATE = 0.05  # of Adam.  Tried: .01, .02, .03, .05, .1, each with plain and with relative squared errors; with .05 and
-# plain errors the albedo is within .01 after 290 steps on the patch and 260 on the plane, which is best or near it on both.
+# plain errors the albedo is within .01 after 290 steps on the patch and 260 on the plane, on both among the soonest.
 Point = tuple[int, float, Estimate]  # steps, seconds, what was found
 
 
@@ -77,7 +77,7 @@ class Data:
         self.column, self.along = torch.tensor(column, device=device()), tensor(at - column)
         nodes = np.linspace(0, 1, SIZE)
         table = brdf.principled_energy(nodes[:, None], nodes[None])
-        # The four corners of a cell lie together: (comp, A) at low row, high row, and their differences along the cosine.
+        # A cell's corners lie together: (comp, A) at low row, high row, and their differences along the cosine.
         cells = [table[:-1, :-1], table[1:, :-1], table[:-1, 1:] - table[:-1, :-1], table[1:, 1:] - table[1:, :-1]]
         self.cells = tensor(np.stack(cells, 2).reshape(-1, 8))
 
@@ -113,14 +113,16 @@ class Data:
         root_l, root_v = torch.sqrt(1 + a2 * self.tan2l), torch.sqrt(1 + a2 * self.tan2v)
         inverse = 1 / (root_l + self.each(root_v))
         s = self.factor * self.each(value[0] * (a2 / np.pi)) * inverse / (q * q)
-        by_a2 = 1 / a2 - 2 * (1 - self.sin2h) / q - 0.5 * (self.tan2l / root_l + self.each(self.tan2v / root_v)) * inverse
+        masking = 0.5 * (self.tan2l / root_l + self.each(self.tan2v / root_v)) * inverse
+        by_a2 = 1 / a2 - 2 * (1 - self.sin2h) / q - masking
         ds = s * (by_a2 * (4 * r**3) + self.each(slope[0] / value[0]))
         return self.each((1 - value[1]) / np.pi), s, self.each(-slope[1] / np.pi), ds
 
     def base(self, a: Tensor, s: Tensor) -> Tensor:
         """The base colour that fits best, (N, 3)."""
         wa = self.w * a
-        return ((wa[..., None] * (self.rgb - s[..., None])).sum(0) / (wa * a).sum(0).clamp(min=1e-12)[:, None]).clamp(0, 1)
+        sums = (wa[..., None] * (self.rgb - s[..., None])).sum(0)
+        return (sums / (wa * a).sum(0).clamp(min=1e-12)[:, None]).clamp(0, 1)
 
     def estimate(self, base: Tensor, *rest: Tensor) -> Estimate:
         """As maps."""

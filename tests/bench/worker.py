@@ -1,4 +1,4 @@
-"""The rivals in PyTorch and SciPy in a process of their own: ``python -m tests.bench.worker``.
+"""The rivals in PyTorch, SciPy and Mitsuba, each in a process of its own: ``python -m tests.bench.worker``.
 
 PyTorch's threads and a software OpenGL in one process have crashed each other.  Reads one request a line (JSON), makes
 the problem from its spec, answers with one line.
@@ -45,9 +45,8 @@ class Worker:
 
     def close(self) -> None:
         """End the process."""
-        if self.process.stdin is not None:
-            self.process.stdin.close()
-        self.process.wait(30)
+        with self.process:  # which closes its pipes
+            pass
 
 
 @lru_cache(maxsize=8)
@@ -73,6 +72,10 @@ def answer(method: str, spec: Spec, budgets: Sequence[int], more: dict[str, Any]
             seconds, errors = rival_scipy.solve(problem, starts, more["sample"])
             results.append({"setting": f"{starts} starts", "seconds": seconds, **asdict(errors)})
         return results
+    if method == "mitsuba":
+        from . import mitsuba_plane
+
+        return mitsuba_plane.run(problem, budgets[-1])
     from . import rival_torch
 
     rival = {"lm": rival_torch.lm, "adam": rival_torch.adam}[method]

@@ -1,0 +1,132 @@
+"""How fast this device calculates, and how much of that the search reaches.
+
+The probe (shaders/peak.glsl) runs chains of one operation each.  What an evaluation of the residual needs is counted by
+hand from shaders/solve/{observations,fit}.glsl, in the operations that are left when the compiler has folded what
+constants allow (one light a view, no spread, one camera, one lobe): see PER_OBSERVATION and PER_EVALUATION.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.paper import Swarms
+from irpso_addon.gpu.solve import METHODS
+
+from .opengl import SHADERS, Bench
+from .problem import Spec, make
+
+OPERATIONS = {
+    "multiply-add": ("((a) * x + y)", 2000), "divide": ("(x / ((a) + y))", 200), "square root": ("sqrt((a) + y)", 200),
+    "fetch": ("texelFetch(u_map, ivec2(int(a), 1), 0).x", 100),
+}
+PROBE = 192  # texels
+# specular_d: 25 (D 10, the lamp's root 3, the quotient 2, s 1, its slope 9), add_group: 12.  Divisions: 1 / q,
+# tan2 / root, 1 / (root_l + root).
+PER_OBSERVATION = {"multiply-add": 37, "divide": 3, "square root": 1, "fetch": 0}
+# toward: 40 (powers 4, place in the table 10, its interpolation 16, the rest 10), fold: 45, evaluate and step: 32.
+# Fetches: the four corners of the table's cell.
+PER_EVALUATION = {"multiply-add": 117, "divide": 9, "square root": 1, "fetch": 4}
+
+
+def rates(device: Device, rounds: int) -> dict[str, float]:
+    """Operations a second, by name: the best of the rounds."""
+    target = device.framebuffer([device.texture(PROBE, PROBE)])
+    small = device.texture(8, 8)
+    small.write(bytes(8 * 8 * 16))
+    found: dict[str, float] = {}
+    for name, (operation, steps) in OPERATIONS.items():
+        for _ in range(rounds + 1):
+            device.ctx.finish()
+            start = time.perf_counter()
+            device.kernel(str(SHADERS / "peak.glsl"), target, textures={"u_map": small},
+                          uniforms={"u_steps": steps, "u_x": 0.999, "u_y": 1e-3},
+                          defines={"OPERATION(a)": operation}, region=(0, 0, PROBE, PROBE))
+            device.ctx.finish()
+            found[name] = max(found.get(name, 0.0), PROBE**2 * steps * 48 / (time.perf_counter() - start))
+    for texture in (*target.color_attachments, small):
+        texture.release()
+    target.release()
+    return found
+
+
+def arithmetic(device: Device, rounds: int, size: int) -> dict[str, Any]:
+    """The table of the device's arithmetic, and the fraction that the search reaches."""
+    rows = []
+    peak = rates(device, rounds)
+    for views in (6, 12, 24):
+        bench = Bench(device, make(Spec(views=views, size=size)))
+        # Race steps alone: all texels then make the same number of evaluations, 24 particles x (1 + 2).
+        knobs = {"u_particles": 24, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 0}
+        seconds = search_seconds(bench, knobs, rounds)
+        bench.release()
+        rate = size * size * 72 / seconds
+        needs = {name: views * PER_OBSERVATION[name] + PER_EVALUATION[name] for name in OPERATIONS}
+        bound = 1 / sum(count / peak[name] for name, count in needs.items())
+        flops = 2 * needs["multiply-add"] + needs["divide"] + needs["square root"]
+        rows.append([f"{views}", f"{rate / 1e6:.1f}", f"{bound / 1e6:.1f}", f"{rate / bound:.0%}",
+                     f"{flops * rate / 1e9:.1f}"])
+    told = "; ".join(f"{name} {rate / 1e9:.1f}" for name, rate in peak.items())
+    return {
+        "title": "How much of the device's arithmetic the search uses",
+        "head": ["K", "evaluations (M/s)", "bound by counted operations (M/s)", "reached", "GFLOP/s"], "rows": rows,
+        "note": f"Measured here, 10^9 a second, each alone at its best: {told} (a multiply-add is two flops: "
+                f"{2 * peak['multiply-add'] / 1e9:.0f} GFLOP/s). An evaluation with its derivatives needs, for each "
+                f"observation, {_told(PER_OBSERVATION)}, and once {_told(PER_EVALUATION)}: counted by hand in "
+                "tests/bench/peak.py, good to about 15 %. The bound is the time of these operations one kind after "
+                "the other, without loading, storing or loops; kinds that overlap can exceed it.",
+        "value": float(rows[0][3].rstrip("%")) / 100,
+    }
+
+
+def _told(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} x {name}" for name, count in counts.items() if count)
+
+
+def search_seconds(bench: Bench, knobs: Mapping[str, int], rounds: int) -> float:
+    """Least time of the search kernel alone, in one go."""
+    outputs = [bench.device.texture(*bench.source.size) for _ in range(2 if bench.lobes == 1 else 3)]
+    defines = {"SWARM": "1"} if knobs["u_moves"] else {}
+    taken = []
+    for _ in range(rounds + 1):
+        bench.device.ctx.finish()
+        start = time.perf_counter()
+        bench.run("solve/search.glsl", outputs, {"u_seed": 0, **knobs}, defines)
+        bench.device.ctx.finish()
+        taken.append(time.perf_counter() - start)
+    for texture in outputs:
+        texture.release()
+    return min(taken[1:])
+
+
+def fused(device: Device, rounds: int, size: int) -> dict[str, Any]:
+    """Evaluations a second: a whole swarm in one draw against one particle a pass."""
+    rows, ratios = [], []
+    for spec in (Spec(size=size), Spec("two-lobe", 12, size)):
+        bench = Bench(device, make(spec))
+        knobs = METHODS["swarm"]
+        once = search_seconds(bench, knobs, rounds)
+        swarms = Swarms(device, bench.source, SolveSettings(size=max(size, 16), method="paper"), spec.model)
+        for _ in swarms.gather((0, 0)):
+            pass
+        passes = []
+        for _ in range(rounds + 1):
+            device.ctx.finish()
+            start = time.perf_counter()
+            for _ in range(32):
+                swarms.step()
+            device.ctx.finish()
+            passes.append((time.perf_counter() - start) / 32)
+        swarms.release()
+        bench.release()
+        # The swarm's places, its moves, and one more evaluation of each best with derivatives.
+        together = size * size * knobs["u_particles"] * (knobs["u_moves"] + 2) / once
+        alone = size * size / min(passes[1:])
+        ratios.append(together / alone)
+        rows.append([spec.title, f"{together / 1e6:.1f}", f"{alone / 1e6:.1f}", f"{ratios[-1]:.1f}"])
+    return {"title": "A swarm in one draw against one particle a pass",
+            "head": ["problem", "`swarm` (M evaluations/s)", "`paper` (M evaluations/s)", "ratio"], "rows": rows,
+            "note": "The search kernel alone, and the passes alone; least of the rounds.", "value": ratios[0]}
