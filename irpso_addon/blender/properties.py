@@ -89,7 +89,9 @@ def _rna(field: Field[Any]) -> Any:
     if field.type is bool:
         return BoolProperty(**common)
     limits = {end: meta[key] for end, key in (("min", "low"), ("max", "high")) if meta[key] is not None}
-    return {int: IntProperty, float: FloatProperty}[field.type](**common, **limits)
+    if field.type is int:
+        return IntProperty(**common, **limits)
+    return FloatProperty(precision=3, **common, **limits)
 
 
 IRPSO_PG_scene.__annotations__.update({field.name: _rna(field) for field in fields(SolveSettings)})
