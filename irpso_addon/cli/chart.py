@@ -21,7 +21,7 @@ DPI = 160
 
 @dataclass(frozen=True)
 class Curve:
-    """One method in one panel.  ``seconds`` None: a level, drawn across, of something that takes no time worth a point."""
+    """One method in one panel.  ``seconds`` None: a level drawn across, of what has no time worth a point."""
 
     label: str
     place: int  # its colour and marker, the same in every panel

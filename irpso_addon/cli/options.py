@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
@@ -24,15 +24,24 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
     solve = commands.add_parser("solve", help="maps from a lit scene and its reference images", epilog=EXIT_CODES)
-    solve.add_argument("scene", type=Path, metavar="SCENE.blend", help="file with mesh, cameras and lights")
-    solve.add_argument("--captures", type=Path, help="captures.json naming the views; without it the scene's own "
-                       "list is used, without that the cameras' background images")
-    solve.add_argument("--object", metavar="NAME", help="mesh to solve for; needed where the scene has several")
+    _add_scene(solve)
     solve.add_argument("--out", type=Path, metavar="DIR", help="folder for maps, report and solved .blend "
                        "(default: SCENE_irpso beside the scene)")
     solve.add_argument("--report", type=Path, metavar="FILE", help="write report.json here too")
     _add_format(solve)
     add_settings(solve)
+
+    compare = commands.add_parser("compare", help="every method on one scene: error against time", epilog=EXIT_CODES)
+    _add_scene(compare)
+    compare.add_argument("--out", type=Path, metavar="DIR", help="folder for compare.json, .png and .svg "
+                         "(default: SCENE_compare beside the scene)")
+    compare.add_argument("--truth", type=Path, metavar="DIR", help="folder with the true maps, OBJECT_basecolor and "
+                         "OBJECT_roughness, as 'solve' names them")
+    compare.add_argument("--hold-out", type=_from(0), default=5, metavar="N", help="every N-th view is kept out of the "
+                         "solves and predicted; 0: none, which needs --truth (default: 5)")
+    compare.add_argument("--passes", type=_from(1), nargs="*", default=[100, 400, 1600], metavar="N",
+                         help="method paper: its budgets; none: leave it out (default: 100 400 1600)")
+    add_settings(compare, without=("method", "iterations"), defaults={"size": 256, "model": "one-lobe"})
 
     export = commands.add_parser("export", help="maps of a solved scene to files", epilog=EXIT_CODES)
     export.add_argument("scene", type=Path, metavar="SCENE.blend", help="a file that 'solve' or the operators made")
@@ -47,25 +56,51 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
+def _add_scene(command: argparse.ArgumentParser) -> None:
+    command.add_argument("scene", type=Path, metavar="SCENE.blend", help="file with mesh, cameras and lights")
+    command.add_argument("--captures", type=Path, help="captures.json naming the views; without it the scene's own "
+                         "list is used, without that the cameras' background images")
+    command.add_argument("--object", metavar="NAME", help="mesh to solve for; needed where the scene has several")
+
+
+def _from(low: int) -> Callable[[str], int]:
+    """Reads a whole number that is not below ``low``."""
+
+    def read(text: str) -> int:
+        value = int(text)
+        if value < low:
+            raise argparse.ArgumentTypeError(f"{text}: want {low} or more")
+        return value
+
+    read.__name__ = "int"  # argparse: "invalid int value: ..."
+    return read
+
+
 def _add_format(command: argparse.ArgumentParser) -> None:
     command.add_argument("--format", choices=KINDS, default="exr", help="of the maps: exr is 32-bit float and linear, "
                          "png and tiff are 16-bit with sRGB base colour (default: exr)")
 
 
-def add_settings(command: argparse.ArgumentParser) -> None:
-    """One flag per row of the parameter table."""
+def add_settings(
+    command: argparse.ArgumentParser, without: Sequence[str] = (), defaults: Mapping[str, Any] | None = None,
+) -> None:
+    """One flag per row of the parameter table, but for ``without``; ``defaults`` other than the table's."""
     for field in fields(SolveSettings):
+        if field.name in without:
+            continue
+        default = (defaults or {}).get(field.name, field.default)
         meta = field.metadata
         unit = f", {meta['unit']}" if meta["unit"] else ""
-        help_text = f"{meta['doc']} (default: {field.default}{unit})".replace("%", "%%")
+        help_text = f"{meta['doc']} (default: {default}{unit})".replace("%", "%%")
         choices = [key for key, _ in meta["choices"]] or None
-        command.add_argument(f"--{field.name.replace('_', '-')}", dest=field.name, default=field.default,
+        command.add_argument(f"--{field.name.replace('_', '-')}", dest=field.name, default=default,
                              type=_reader(field), choices=choices, help=help_text)
 
 
 def settings(arguments: argparse.Namespace) -> SolveSettings:
-    """The settings that the flags say."""
-    return SolveSettings(**{field.name: getattr(arguments, field.name) for field in fields(SolveSettings)})
+    """The settings that the flags say; the table's own where the command has no such flag."""
+    given = vars(arguments)
+    return SolveSettings(**{field.name: given[field.name] for field in fields(SolveSettings) if field.name in given})
 
 
 def _reader(field: Field[Any]) -> Callable[[str], Any]:

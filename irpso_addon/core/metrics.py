@@ -26,17 +26,18 @@ class MapErrors:
     rough_fail: float  # share of texels off by more than FAIL
 
 
-def at_size(array: F32, size: int) -> F64:
+def at_size(array: F32 | F64, size: int) -> F64:
     """(h, w, c) or (h, w) at ``size`` x ``size`` texels, (size, size, c): block means where it divides, else bilinear.
 
     NaN and infinite values become -BAD or BAD.
     """
-    array = np.nan_to_num(array.reshape(*array.shape[:2], -1).astype(np.float64), nan=BAD, posinf=BAD, neginf=-BAD)
-    height, width, channels = array.shape
+    finite: F64 = array.reshape(*array.shape[:2], -1).astype(np.float64)
+    finite = np.nan_to_num(finite, nan=BAD, posinf=BAD, neginf=-BAD)
+    height, width, channels = finite.shape
     if height % size == 0 and width % size == 0:
-        blocks: F64 = array.reshape(size, height // size, size, width // size, channels).mean((1, 3))
+        blocks: F64 = finite.reshape(size, height // size, size, width // size, channels).mean((1, 3))
         return blocks
-    return _lerp(_lerp(array, size, axis=0), size, axis=1)
+    return _lerp(_lerp(finite, size, axis=0), size, axis=1)
 
 
 def _lerp(array: F64, size: int, axis: int) -> F64:

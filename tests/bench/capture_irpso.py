@@ -20,14 +20,14 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-from irpso_addon import pipeline  # noqa: E402
-from irpso_addon.blender import files  # noqa: E402
-from irpso_addon.blender.oiio import ensure_openimageio  # noqa: E402
-from irpso_addon.blender.scene import read_scene  # noqa: E402
-from irpso_addon.core.metrics import at_size, map_errors  # noqa: E402
-from irpso_addon.core.params import SolveSettings  # noqa: E402
-from irpso_addon.core.report import versions  # noqa: E402
-from irpso_addon.gpu import thread  # noqa: E402
+from irpso_addon import pipeline
+from irpso_addon.blender import files
+from irpso_addon.blender.oiio import ensure_openimageio
+from irpso_addon.blender.scene import read_scene
+from irpso_addon.core.metrics import at_size, map_errors
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.report import versions
+from irpso_addon.gpu import thread
 
 REPEATS = 3
 SIZES = {"refined": (64, 96, 128, 192, 256, 384, 512), "draft": (64, 128, 256, 512)}
@@ -50,8 +50,8 @@ def main(capture: Path, export: Path, out: Path) -> None:
                 "method": method, "size": size, "seconds": statistics.median(seconds), "first_seconds": runs[0][0],
                 "all_seconds": seconds, "stages": solution.seconds, **score(solution.maps, judge)})
             seen, informed = rows[-1]["seen"], rows[-1]["informed"]
-            print(f"{capture.name}: {method} {size}: {rows[-1]['seconds']:.2f} s, {seen['albedo_psnr']:.2f} dB, roughness "
-                  f"{seen['rough_mae']:.4f}, informed {informed['rough_mae']:.4f}", flush=True)
+            print(f"{capture.name}: {method} {size}: {rows[-1]['seconds']:.2f} s, {seen['albedo_psnr']:.2f} dB, "
+                  f"roughness {seen['rough_mae']:.4f}, informed {informed['rough_mae']:.4f}", flush=True)
     out.write_text(json.dumps({"rows": rows, "device": device,
                                "versions": versions() | {"blender": files.blender_version()}}, indent=1))
 

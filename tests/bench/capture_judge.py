@@ -29,8 +29,8 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-from irpso_addon.blender.oiio import ensure_openimageio  # noqa: E402
-from irpso_addon.core.metrics import at_size  # noqa: E402
+from irpso_addon.blender.oiio import ensure_openimageio
+from irpso_addon.core.metrics import at_size
 
 GRID = 256
 MIN_VIEWS = 3

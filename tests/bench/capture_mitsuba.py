@@ -2,8 +2,9 @@
 
   python tests/bench/capture_mitsuba.py CAPTURE EXPORT OUT.json [--bsdf stock|matched] [--lr .02] [--budget 90]
 
-EXPORT is what capture_judge.py made of CAPTURE.  Needs Mitsuba 3.9 and an LLVM of version 16 or later (llvm_ad_rgb).  `stock` is Mitsuba's own `principled` at specular .5, as a practitioner would take it;
-`matched` evaluates Cycles' Principled BSDF as the product does, by the product's own energy table.
+EXPORT is what capture_judge.py made of CAPTURE.  Needs Mitsuba 3.9 and an LLVM of version 18 or later (llvm_ad_rgb).
+`stock` is Mitsuba's own `principled` at specular .5, as a practitioner would take it; `matched` evaluates Cycles'
+Principled BSDF as the product does, by the product's own energy table.
 
 Settings, the best found on captures of this kind: integrator `direct` with one emitter sample, one random view an
 iteration (without replacement), 4 samples a pixel, L1 on wholly covered pixels over the mean radiance, learning rate

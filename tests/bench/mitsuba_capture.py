@@ -4,9 +4,9 @@
         [--budget 90] [--again PART]
 
 Runs under a Python with Mitsuba and matplotlib (requirements-bench.txt) and starts the parts that need Blender with
---blender-python.  A CAPTURE is a folder as capture_judge.py describes it.  Every part leaves a file in --work and is not
-run again while that is there, unless --again names it (judge, irpso, stock, matched, or all).  Parts run one at a time:
-the times are those of a machine that does nothing else.
+--blender-python.  A CAPTURE is a folder as capture_judge.py describes it.  Every part leaves a file in --work and is
+not run again while that is there, unless --again names it (judge, irpso, stock, matched, or all).  Parts run one at a
+time: the times are those of a machine that does nothing else.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ at least three views see lit, and of those the *informed* ones, near which a hig
 * **refined, draft**: `pipeline.solve` from the scene's arrays, every reference read from disk, to the maps; the points
   are map sizes.  Starting Python, Blender and OpenGL and opening the .blend are not in the time.  The first solve in a
   process, which also compiles the shaders, is the column *first*.
-* **Mitsuba, principled**: Mitsuba 3's own `principled` BSDF and Adam, as a practitioner would set it up; **matched**: the
-  same with a BSDF that equals Cycles'.  The settings are the best found by their score on the truth
-  (`tests/bench/capture_mitsuba.py`).  Seconds inside the optimisation's loop; importing Mitsuba and loading the scene are
-  not in the time.
-* **no solver**: each texel's median over the views of radiance divided by the irradiance of an unshadowed Lambert surface,
-  roughness 0.5.  It is drawn as a level.
+* **Mitsuba, principled**: Mitsuba 3's own `principled` BSDF and Adam, as a practitioner would set it up; **matched**:
+  the same with a BSDF that equals Cycles'.  The settings are the best found by their score on the truth
+  (`tests/bench/capture_mitsuba.py`).  Seconds inside the optimisation's loop; importing Mitsuba and loading the scene
+  are not in the time.
+* **no solver**: each texel's median over the views of radiance divided by the irradiance of an unshadowed Lambert
+  surface, roughness 0.5.  It is drawn as a level.
 
 {tables}
 Made by `python tests/bench/mitsuba_capture.py CAPTURE...`; all figures in `captures.json`.
@@ -113,7 +113,8 @@ def collect(capture, work):
         where: asdict(map_errors(nosolver["base"], nosolver["rough"], judge["base"], judge["rough"], judge[where]))
         for where in ("seen", "informed")}}]
     views = json.loads((capture / "captures.json").read_text())["views"]
-    return {"rows": rows, "versions": versions, "views": len(views), "pixels": picture_size(capture / views[0]["image"]),
+    return {"rows": rows, "versions": versions, "views": len(views),
+            "pixels": picture_size(capture / views[0]["image"]),
             "texels": {where: int(judge[where].sum()) for where in ("seen", "informed")}}
 
 
@@ -152,8 +153,8 @@ def chart(record, stem):
             for place, (method, rows) in zip((0, 1, 4, 5, 6), capture["rows"].items(), strict=True)],
             log=log, up=up) for title, mask, error, log, up in COLUMNS])
     first = next(iter(record["captures"].values()))
-    draw(panels, f"Captures of {first['views']} views, {first['pixels']} pixels: accuracy against the time of the whole "
-                 "solve (refined: the points are map sizes)", machine_line(record), stem)
+    draw(panels, f"Captures of {first['views']} views, {first['pixels']} pixels: accuracy against the time of the "
+                 "whole solve (refined: the points are map sizes)", machine_line(record), stem)
 
 
 def page(record, path):

@@ -1,0 +1,104 @@
+"""Errors between maps of any size, and what maps predict of a view."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from irpso_addon.core import brdf
+from irpso_addon.core.metrics import at_size, map_errors, psnr
+from irpso_addon.core.predict import Surface, TexelView, predict
+
+
+def test_coarser_by_a_whole_number_is_the_mean_of_blocks():
+    array = np.arange(32.0, dtype=np.float32).reshape(4, 8)
+    small = at_size(array, 2)[..., 0]
+    assert small[0, 0] == array[:2, :4].mean() and small[1, 1] == array[2:, 4:].mean()
+
+
+@pytest.mark.parametrize("size", [5, 16, 48, 97])
+def test_a_ramp_stays_a_ramp_at_any_size(size):
+    """Texel centres: v = (row + 1/2) / n, whatever n; the outermost half texels are clamped."""
+    v = (np.arange(24) + 0.5) / 24
+    array = np.repeat(v[:, None], 24, 1).astype(np.float32)
+    want = np.clip((np.arange(size) + 0.5) / size, v[0], v[-1])
+    assert np.abs(at_size(array, size)[..., 0] - want[:, None]).max() < 1e-6
+
+
+def test_errors_are_those_that_were_put_in():
+    base, rough = np.full((8, 8, 3), 0.4), np.full((8, 8), 0.5)
+    where = np.zeros((8, 8), bool)
+    where[:4] = True
+    off = rough + np.where(np.arange(8) < 2, 0.2, 0.02)[None]  # a quarter fails
+    found = map_errors(base + 0.1, off, base, rough, where)
+    assert found.albedo_rmse == pytest.approx(0.1) and found.albedo_psnr == pytest.approx(20.0)
+    assert found.rough_mae == pytest.approx(0.25 * 0.2 + 0.75 * 0.02) and found.rough_fail == 0.25
+    assert psnr(0.01) == pytest.approx(20.0)
+
+
+def test_no_number_is_the_worst_number():
+    base, rough = at_size(np.full((4, 4, 3), np.nan, np.float32), 2), at_size(np.full((4, 4), np.inf, np.float32), 2)
+    found = map_errors(base, rough[..., 0], np.full((2, 2, 3), 0.2), np.full((2, 2), 0.7), np.ones((2, 2), bool))
+    assert found.albedo_rmse == pytest.approx(0.8) and found.rough_mae == pytest.approx(0.7)
+
+
+# ---- prediction
+
+
+def directions(count, rng):
+    """Unit vectors in the upper half (Z is the normal), not grazing."""
+    v = rng.normal(size=(count, 3))
+    v[:, 2] = np.abs(v[:, 2]) + 0.3
+    return v / np.linalg.norm(v, axis=1, keepdims=True)
+
+
+def one_light(count=200):
+    """A view under one point light, with the directions it was made from."""
+    rng = np.random.default_rng(1)
+    light, view = directions(count, rng), directions(count, rng)
+    normal = np.tile([0.0, 0.0, 1.0], (count, 1))
+    at = brdf.angles(light, view, normal)
+    factor = brdf.F_dielectric(at.cos_vh) / (2 * at.cos_l * at.cos_v)
+    lobe = np.stack([at.sin2h, np.zeros(count), at.cos_l, factor], -1).astype(np.float32)
+    lobes = np.repeat(lobe[:, None, None], 3, axis=1)
+    return TexelView(np.zeros((count, 3), np.float32), np.ones((count, 3), np.float32), at.cos_v.astype(np.float32),
+                     lobes), (light, view, normal)
+
+
+def surface(count=200, level=0.5, second=False, beckmann=False):
+    rng = np.random.default_rng(2)
+    r1 = rng.uniform(0.15, 0.5, count)
+    lobes = np.stack([r1, r1 + 0.3, rng.uniform(0.2, 0.8, count)], -1) if second else np.stack(
+        [r1, r1, np.ones(count)], -1)
+    return Surface(rng.uniform(0.1, 0.9, (count, 3)), lobes, np.full(count, level), np.full(count, beckmann))
+
+
+@pytest.mark.parametrize("level", [0.5, 0.2, 0.9])
+def test_one_lobe_is_the_principled_model(level):
+    view, (L, V, N) = one_light()
+    at = surface(level=level)
+    want = brdf.principled(at.base, at.lobes[:, 0], L, V, N, level)
+    assert np.abs(predict(at, view) / want - 1).max() < 2e-4
+
+
+def test_level_zero_is_lambert():
+    view, _ = one_light()
+    at = surface(level=0.0)
+    assert np.allclose(predict(at, view), at.base / np.pi, rtol=1e-6)
+
+
+@pytest.mark.parametrize("ndf", ["ggx", "beckmann"])
+def test_two_lobes_are_the_two_lobe_model(ndf):
+    view, (L, V, N) = one_light()
+    at = surface(second=True, beckmann=ndf == "beckmann")
+    want = brdf.two_lobe(at.base, *at.lobes.T, L, V, N, ndf)
+    assert np.abs(predict(at, view) / want - 1).max() < 2e-4
+
+
+def test_lights_share_the_irradiance():
+    """Two equal lights of half the irradiance each reflect what one of all does."""
+    view, _ = one_light()
+    half = view.lobes.copy()
+    half[..., 3] *= 0.5
+    both = TexelView(view.rgb, view.weight, view.cos_v, np.concatenate([half, half], axis=2))
+    assert np.allclose(predict(surface(), both), predict(surface(), view), rtol=1e-6)
