@@ -11,20 +11,20 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
 
+import moderngl
 import numpy as np
 
 from .core.data import F32, I32, Bool, Maps, RadianceImage, SceneData, Solution, View
 from .core.errors import BadInput, Cancelled
 from .core.image import read_reference
 from .core.job import Progress
-from .core.models import choose
 from .core.params import SolveSettings
 from .gpu import thread
 from .gpu.albedo import ITERATIONS, AlbedoSolver
 from .gpu.atlas import CameraSource
 from .gpu.fill import fill
+from .gpu.ladder import Found, Ladder
 from .gpu.observe import Observations, bytes_per_pixel, observe
-from .gpu.solve import RoughnessMaps, Solver
 from .gpu.surface import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_counts
 
 Result = TypeVar("Result")
@@ -52,12 +52,14 @@ class _Clock:
         start = time.perf_counter()
         low, high = STAGES[name]
         stop_now: Cancelled | None = None
+        reached = 0.0
         try:
             while True:
                 step = steps.throw(stop_now) if stop_now else next(steps)
                 stop_now = None
+                reached = max(reached, step.fraction)  # a model tried on the way starts from 0 again
                 try:
-                    yield Progress(low + (high - low) * step.fraction, name, step.message)
+                    yield Progress(low + (high - low) * reached, name, step.message)
                 except Cancelled as stop:  # the stage may have something to keep
                     stop_now = stop
         except StopIteration as stop:
@@ -110,76 +112,87 @@ def solve(
     observations: Observations = yield from clock.stage("observe", observe(device, scene, mesh, read_image))
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
-    solver = Solver(device, CameraSource(device, grid, observations), settings)
-    found: RoughnessMaps = yield from clock.stage("solve", solver.solve())
+    slots = np.where(gbuffer.coverage, device.read(grid.normal)[..., 3].round().astype(np.int32), -1)
+    ladder = Ladder(device, CameraSource(device, grid, observations), settings, slots, scene.mesh.slot_names)
+    found: Found = yield from clock.stage("solve", ladder.solve())
     solution: Solution = yield from clock.stage(
-        "maps", _maps(scene, settings, gbuffer, grid, observations, solver, found))
-    for thing in (solver, observations, grid, mesh):
+        "maps", _maps(scene, settings, gbuffer, grid, observations, found, slots))
+    for thing in (ladder, observations, grid, mesh):
         thing.release()
     return replace(solution, seconds=clock.seconds, device=device.describe())
 
 
 def _maps(
     scene: SceneData, settings: SolveSettings, gbuffer: GBuffer, grid: SurfaceMaps, observations: Observations,
-    solver: Solver, found: RoughnessMaps,
+    found: Found, slots: I32,
 ) -> Generator[Progress, None, Solution]:
-    """Choose models, solve base colour, fill holes and pad seams, and say what was done."""
+    """Solve base colour, fill holes and pad seams, and say what was done."""
     device = thread.device()
-    rough, detail = device.read(found.roughness).copy(), device.read(found.detail)
-    slots = np.where(gbuffer.coverage, device.read(grid.normal)[..., 3].round().astype(int), -1)
-    solved = rough[..., 3] > 0.5
-    relative = np.sqrt(detail[..., 1] / np.maximum(detail[..., 0], 0.25))  # residual
-    model, why = _models(scene, settings, slots, solved, detail)
-    lambert = [s for s, name in enumerate(scene.mesh.slot_names) if model.get(name) == "lambert"]
-    is_lambert = np.isin(slots, lambert)
-    rough[is_lambert, 0] = 1.0  # without a lobe any roughness renders alike; 1 reads as "no gloss"
-    known = device.texture(found.roughness.width, found.roughness.height, data=np.stack(
-        [rough[..., 0], is_lambert, np.zeros_like(rough[..., 0]), rough[..., 3]], axis=-1).astype(np.float32))
-    filled_roughness = fill(device, known)
-    for texture in (known, found.roughness, found.detail):
-        texture.release()
-    albedo = AlbedoSolver(device, grid, observations)
-    base = yield from albedo.solve(filled_roughness, iterations=0 if solver.cancelled else ITERATIONS)
+    solved = found.roughness[..., 3] > 0.5
+    observed, residual = found.detail[..., 0], found.detail[..., 1]
+    relative = np.sqrt(residual / np.maximum(observed, 0.25))
+    lobes, level = _filled_lobes(scene, found, slots)
+    beckmann = settings.ndf == "beckmann" and "two-lobe" in found.model.values()
+    albedo = AlbedoSolver(device, grid, observations, lobes, level, beckmann)
+    if found.base is None:
+        base = yield from albedo.solve(iterations=0 if found.cancelled else ITERATIONS)
+    else:  # the method has searched it itself
+        base = device.texture(grid.position.width, grid.position.height,
+                              data=np.concatenate([found.base, solved[..., None]], -1).astype(np.float32))
     filled_base = fill(device, base)
     shown = device.read(base)[..., 3] > 0.25
+    good = solved & shown
+    pairs = device.read(lobes)[..., :3].copy()
     maps = Maps(
         base_color=device.read(filled_base)[..., :3].copy(),
-        roughness=device.read(filled_roughness)[..., 0].copy(),
-        confidence=np.where(solved & shown, confidence(rough[..., 1], detail[..., 0]), 0.0).astype(np.float32),
-        error=np.where(solved & shown, relative, 0.0).astype(np.float32),
-        filled=~(solved & shown),
+        roughness=pairs[..., 0].copy(),
+        confidence=np.where(good, confidence(found.roughness[..., 1], observed), 0.0).astype(np.float32),
+        error=np.where(good, relative, 0.0).astype(np.float32),
+        filled=~good,
         coverage=gbuffer.coverage,
-        roughness_sigma=np.where(solved & shown, rough[..., 1], 0.0).astype(np.float32),
-        base_sigma=np.where(solved & shown, detail[..., 3], 0.0).astype(np.float32),
+        roughness_sigma=np.where(good, found.roughness[..., 1], 0.0).astype(np.float32),
+        base_sigma=np.where(good, found.detail[..., 3], 0.0).astype(np.float32),
+        lobes=pairs if found.lobes is not None else None,
+        specular=device.read(level)[..., 0].copy() if level is not None and found.level is not None else None,
     )
-    for texture in (base, filled_base, filled_roughness):
-        texture.release()
-    residual = float(np.sqrt(np.mean(relative[solved].astype(np.float64) ** 2))) if solved.any() else 0.0
-    observed = solved | shown
+    for texture in (base, filled_base, lobes, level):
+        if texture is not None:
+            texture.release()
+    told = relative[solved].astype(np.float64)
     return Solution(
-        maps=maps, model=model, why=why, residual=residual, seconds={}, device={},
-        cancelled=solver.cancelled or albedo.cancelled,
-        texels={"covered": int(gbuffer.coverage.sum()), "observed": int(observed.sum()),
-                "solved": int((solved & shown).sum()), "filled": int((gbuffer.coverage & maps.filled).sum())},
+        maps=maps, model=found.model, why=found.why, seconds={}, device={}, levels=found.levels,
+        residual=float(np.sqrt(np.mean(told**2))) if solved.any() else 0.0,
+        cancelled=found.cancelled or albedo.cancelled, ndf=settings.ndf,
+        texels={"covered": int(gbuffer.coverage.sum()), "observed": int((solved | shown).sum()),
+                "solved": int(good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
         views_skipped=scene.skipped + observations.skipped,
-        warnings=(*scene.warnings, *observations.warnings, *_warnings(scene, gbuffer, maps, detail, solved)),
+        warnings=(*scene.warnings, *observations.warnings, *_warnings(scene, gbuffer, maps, observed, solved)),
     )
 
 
-def _models(
-    scene: SceneData, settings: SolveSettings, slots: I32, solved: Bool, detail: F32
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Model and reason for each material that has texels."""
-    model, why = {}, {}
-    names = scene.mesh.slot_names
-    for name in dict.fromkeys(names):  # slots of one material decide together
-        texels = solved & np.isin(slots, [slot for slot, other in enumerate(names) if other == name])
-        if settings.model != "auto":
-            model[name], why[name] = settings.model, "asked for"
-        elif texels.any():
-            model[name], why[name] = choose(detail[texels, 0], detail[texels, 1], detail[texels, 2])
-    return model, why
+def _filled_lobes(scene: SceneData, found: Found, slots: I32) -> tuple[moderngl.Texture, moderngl.Texture | None]:
+    """(roughness1, roughness2, weight) and, where some material's is not 0.5, Specular IOR Level; holes filled."""
+    r, known = found.roughness[..., 0], found.roughness[..., 3]
+    lambert = np.isin(slots, [s for s, name in enumerate(scene.mesh.slot_names) if found.model.get(name) == "lambert"])
+    lobes = np.stack([r, r, np.ones_like(r)], -1) if found.lobes is None else found.lobes
+    lobes = np.where(lambert[..., None], np.float32(1.0), lobes)  # any roughness renders alike; 1 reads as "no gloss"
+    filled = [_fill(np.concatenate([lobes, known[..., None]], -1)), None]
+    if found.level is not None or lambert.any():
+        level = np.full_like(r, 0.5) if found.level is None else found.level
+        level = np.where(lambert, np.float32(0.0), level)
+        filled[1] = _fill(np.stack([level, level, level, known], -1))
+    assert filled[0] is not None
+    return filled[0], filled[1]
+
+
+def _fill(values: F32) -> moderngl.Texture:
+    """The texture of (h, w, 4) values with holes (alpha 0) filled."""
+    device = thread.device()
+    known = device.texture(values.shape[1], values.shape[0], data=values.astype(np.float32))
+    result = fill(device, known)
+    known.release()
+    return result
 
 
 def confidence(sigma: F32, observations: F32) -> F32:
@@ -188,7 +201,7 @@ def confidence(sigma: F32, observations: F32) -> F32:
     return np.asarray(told / (1.0 + (sigma / 0.05) ** 2), np.float32)
 
 
-def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, detail: F32, solved: Bool) -> list[str]:
+def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, observed: F32, solved: Bool) -> list[str]:
     """What a user must know before trusting the maps."""
     covered = max(int(gbuffer.coverage.sum()), 1)
     name = scene.mesh.name
@@ -204,7 +217,7 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, detail: F32, solve
     if unseen > 0.05:
         found.append(f"{name}: {100 * unseen:.0f} % of its texels are seen lit by no view and were filled "
                      "from their neighbours")
-    few = np.mean(detail[solved, 0] < 3.0) if solved.any() else 0.0
+    few = np.mean(observed[solved] < 3.0) if solved.any() else 0.0
     if few > 0.1:
         found.append(f"{name}: {100 * few:.0f} % of its solved texels have fewer than 3 good observations; "
                      "their roughness leans on their neighbours")

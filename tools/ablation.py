@@ -33,11 +33,11 @@ from irpso_addon.gpu import thread  # noqa: E402
 VARIANTS: list[tuple[str, dict[str, float], bool]] = [
     ("all of it", {}, False),
     ("pixels taken for points (no footprint)", {}, True),
-    ("a pixel counts in full however far from the texel", {"solve.REACH": 1e6}, False),
+    ("a pixel counts in full however far from the texel", {"atlas.REACH": 1e6}, False),
     ("edges count like other pixels", {"observe.EDGE_WEIGHT": 1.0}, False),
-    ("one base colour for all cameras", {"solve.FIRST_SLACK": 0.0, "solve.CAMERA_SLACK": 0.0}, False),
-    ("no neighbours", {"solve.ROUGHNESS_SLOPE": 1e6}, False),
-    ("neighbours' errors taken for independent", {"solve.POOL_GAIN": 1.0}, False),
+    ("one base colour for all cameras", {"solve.FIRST_SLACK": 0.0, "atlas.CAMERA_SLACK": 0.0}, False),
+    ("no neighbours", {"share.ROUGHNESS_SLOPE": 1e6}, False),
+    ("neighbours' errors taken for independent", {"atlas.POOL_GAIN": 1.0}, False),
     ("base colour: no outliers expected", {"albedo.ROBUST_PASSES": 1}, False),
     ("base colour: mean of what the cameras show", {"pipeline.ITERATIONS": 0}, False),
 ]

@@ -1,39 +1,63 @@
 """The ladder of models, and which rung a material needs.
 
-The Bayesian information criterion (Schwarz 1978) is summed over a material's texels: a single texel
-has too few observations to tell.
+Evidence is the Bayesian information criterion (Schwarz 1978) on the noise that each model leaves.  A texel
+alone has too few observations to tell its noise, so that is measured over cells of the material.  And a number
+that neighbours or nothing determine costs nothing: each counts as far as the data themselves determined it
+(effective parameters, Moody 1992).  With p log n for every number instead, two lobes were never believed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
-from .data import F32
+from .data import F32, I32
 
-PARAMETERS = {"lambert": 3, "one-lobe": 4}  # numbers solved for at each texel
+LADDER = ("lambert", "one-lobe", "one-lobe-specular", "two-lobe")  # from the smallest
 FLOOR = 0.003  # relative error below which a better fit is no evidence: the forward model's own
+CELL = 32  # texels: width of the square over which noise is measured
 
 
-def evidence(observations: F32, residual: F32, parameters: int) -> float:
-    """BIC of one model over texels: sum of n log(R / n + floor^2) + p log n.
+@dataclass(frozen=True)
+class Fit:
+    """What one model leaves at (N,) texels."""
 
-    observations, residual: (N,) good observations and weighted relative squared residual of each texel.
+    residual: F32  # weighted relative squared residual
+    searched: F32  # how many numbers, base colour aside, the data determined
+
+
+def evidence(observations: F32, fit: Fit, cells: I32) -> float:
+    """BIC of one model over texels: sum over cells of n log(R / n + floor^2), plus log n for each number determined.
+
+    observations: (N,) good observations of each texel.  cells: (N,) the cell it lies in.
     """
     n = np.maximum(observations.astype(np.float64), 1.0)
-    return float(np.sum(n * np.log(residual / n + FLOOR**2) + parameters * np.log(n)))
+    _, cell = np.unique(cells, return_inverse=True)
+    total, residual = np.bincount(cell, n), np.bincount(cell, fit.residual.astype(np.float64))
+    return float(np.sum(total * np.log(residual / total + FLOOR**2)) + np.sum(fit.searched * np.log(n)))
 
 
-def choose(observations: F32, residual: F32, lambert_residual: F32) -> tuple[str, str]:
-    """The model for one material and why, from its solved texels.
+def choose(
+    observations: F32, fits: Mapping[str, Fit], cells: I32, least_gain: float = 0.0,
+) -> tuple[str, str]:
+    """The model for one material and why, from its texels under each model that was tried.
 
-    Texels with fewer than three observations say nothing; with none at all the smaller model is taken.
+    ``least_gain``: of the criterion, a texel: what a rung above one-lobe must bring, where the data hold errors
+    that a larger model can mimic.
+    Texels with fewer than three observations say nothing; with none at all the smallest model is taken.
     """
     told = observations >= 3.0
+    tried = [name for name in LADDER if name in fits]
     if not told.any():
-        return "lambert", "no texel has three good observations: too few to tell a lobe from none"
-    smaller = evidence(observations[told], lambert_residual[told], PARAMETERS["lambert"])
-    larger = evidence(observations[told], residual[told], PARAMETERS["one-lobe"])
-    name = "one-lobe" if larger < smaller else "lambert"
-    gain = (smaller - larger) / float(np.count_nonzero(told))
-    texels = np.count_nonzero(told)
-    return name, f"a specular lobe changes the information criterion by {-gain:.3g} a texel ({texels} texels)"
+        return tried[0], "no texel has three good observations: too few to tell a lobe from none"
+    texels = int(np.count_nonzero(told))
+    score = {name: evidence(observations[told], Fit(fits[name].residual[told], fits[name].searched[told]), cells[told])
+             / texels for name in tried}
+    best = tried[0]
+    for name in tried[1:]:
+        if score[name] < score[best] - (0.0 if name == "one-lobe" else least_gain):
+            best = name
+    others = ", ".join(f"{name} {score[name] - score[best]:+.3g}" for name in tried if name != best)
+    return best, f"information criterion a texel, beside {best}: {others} ({texels} texels; smaller is better)"

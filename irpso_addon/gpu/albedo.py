@@ -29,29 +29,35 @@ Shown = tuple[moderngl.Texture, moderngl.Texture]  # weighted albedo sum and wei
 class AlbedoSolver:
     """Base colour on the texel grid."""
 
-    def __init__(self, device: Device, grid: SurfaceMaps, observations: Observations) -> None:
+    def __init__(
+        self, device: Device, grid: SurfaceMaps, observations: Observations, lobes: moderngl.Texture,
+        level: moderngl.Texture | None = None, beckmann: bool = False,
+    ) -> None:
+        """On the texel grid, holes filled: ``lobes`` roughness1, roughness2, weight; ``level`` Specular IOR Level.
+
+        Without a level it is 0.5.
+        """
         self.device, self.grid, self.observations = device, grid, observations
+        self.known = {"u_lobes": lobes, **({"u_level": level} if level else {})}
+        self.defines = {**({"SPECULAR": "1"} if level else {}), **({"NDF_BECKMANN": "1"} if beckmann else {})}
         self.size = grid.position.width
         self.cancelled = False
 
-    def solve(
-        self, roughness: moderngl.Texture, iterations: int = ITERATIONS
-    ) -> Generator[Progress, None, moderngl.Texture]:
-        """``roughness``: R roughness, G 1 where there is no lobe, holes filled.
-
-        Returns RGBA32F: linear base colour, and how far pixels showed the texel (1: wholly).
-        """
+    def solve(self, iterations: int = ITERATIONS) -> Generator[Progress, None, moderngl.Texture]:
+        """Returns RGBA32F: linear base colour, and how far pixels showed the texel (1: wholly)."""
         device = self.device
-        roughness.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        for texture in self.known.values():
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         cameras = self.observations.cameras
         shown = []
         for i, camera in enumerate(cameras):
-            shown.append(self._pixel_albedo(camera, roughness))
+            shown.append(self._pixel_albedo(camera))
             try:
                 yield Progress(0.3 * (i + 1) / len(cameras), "maps", "albedo per pixel")
             except Cancelled:
                 self.cancelled, iterations = True, 0
-        roughness.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        for texture in self.known.values():
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         texture = device.texture(self.size, self.size)
         target = device.framebuffer([texture])
         target.clear()
@@ -71,12 +77,12 @@ class AlbedoSolver:
             release(pair)
         return texture
 
-    def _pixel_albedo(self, camera: ObservedCamera, roughness: moderngl.Texture) -> Shown:
+    def _pixel_albedo(self, camera: ObservedCamera) -> Shown:
         """Weighted albedo sum and weight of each pixel over the camera's views."""
         device = self.device
         size = camera.maps.position.size
         grid = {"u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_uv": camera.maps.uv,
-                "u_roughness": roughness, "u_principled_table": self.observations.principled_table}
+                **self.known, "u_principled_table": self.observations.principled_table}
         masks = channel_masks(self.observations.channels)
         specular = device.texture(*size)
         specular_target = device.framebuffer([specular])
@@ -90,12 +96,13 @@ class AlbedoSolver:
                     specular_target.clear()
                     for n, lobe in enumerate(view.lobes):
                         device.draw("albedo/specular.frag", specular_target, textures={**grid, "u_lobe": lobe},
-                                    uniforms={**camera.viewpoint, "u_channel": masks[n % len(masks)]})
+                                    uniforms={**camera.viewpoint, "u_channel": masks[n % len(masks)]},
+                                    defines=self.defines)
                     device.draw("albedo/pixel.frag", target, textures={
                         **grid, "u_colour": view.colour, "u_specular": specular,
                         "u_before": before[0] if before else None, "u_before_weight": before[1] if before else None,
                     }, uniforms={**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
-                                 "u_tint": view.tint})
+                                 "u_tint": view.tint}, defines=self.defines)
             target.release()
             release(before)
             before = shown

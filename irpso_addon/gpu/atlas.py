@@ -24,13 +24,13 @@ from .context import Device
 from .observe import Observations
 from .surface import SurfaceMaps
 
-TILE_WIDTH = 512
-TILE_HEIGHT = 128
+TILE = (512, 128)  # width and height, in texels
 ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
 UNROLLED = 16  # layers up to which loops over them are unrolled
 REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
 POOL_GAIN = 0.3  # neighbours' errors are alike (shared pixels, model error), four say less than four times one
+LEAST_GAIN = 3.0  # nats a texel: pixels that stand for texels leave errors that more lobes can mimic; up to 1.9 seen
 
 Tile = tuple[int, int]  # its first texel
 
@@ -66,13 +66,31 @@ class Layers:
         }
 
 
+class Source(Protocol):
+    """Something that fills an atlas."""
+
+    size: tuple[int, int]  # width and height of the maps
+    layers: Layers
+    camera_slack: float  # how much albedo may differ between groups, relative
+    pool_gain: float  # of 1: how much four texels together say, in units of what they say apart
+    least_gain: float  # of core.models.choose
+    position: moderngl.Texture  # of the texels: world xyz, coverage
+    principled_table: moderngl.Texture
+
+    def gather(self, atlas: Atlas, tile: Tile, colour: bool) -> Iterator[None]:
+        """Fill the atlas with a tile's observations; ``colour``: with those of R, G and B."""
+        ...
+
+
 class Atlas:
     """The texture that holds the observations of one tile."""
 
-    def __init__(self, device: Device, width: int, height: int, layers: Layers) -> None:
-        rows = layers.blocks
-        self.layers = layers
-        self.tile = (min(TILE_WIDTH, width), max(1, min(TILE_HEIGHT, height, ATLAS_ROWS // rows)))
+    def __init__(self, device: Device, source: Source, tile: tuple[int, int] | None = None) -> None:
+        """``tile``: its width and height (else TILE), less where the maps or the device's textures are smaller."""
+        tile = tile or TILE
+        self.layers = layers = source.layers
+        rows, (width, height) = layers.blocks, source.size
+        self.tile = (min(tile[0], width), max(1, min(tile[1], height, ATLAS_ROWS // rows)))
         self.texture = device.texture(self.tile[0], self.tile[1] * rows)
         self.target = device.framebuffer([self.texture])
         self.uniforms = {"u_tile_height": self.tile[1]}
@@ -86,21 +104,6 @@ class Atlas:
         """Free the texture."""
         self.target.release()
         self.texture.release()
-
-
-class Source(Protocol):
-    """Something that fills an atlas."""
-
-    size: tuple[int, int]  # width and height of the maps
-    layers: Layers
-    camera_slack: float  # how much albedo may differ between groups, relative
-    pool_gain: float  # of 1: how much four texels together say, in units of what they say apart
-    position: moderngl.Texture  # of the texels: world xyz, coverage
-    principled_table: moderngl.Texture
-
-    def gather(self, atlas: Atlas, tile: Tile, colour: bool) -> Iterator[None]:
-        """Fill the atlas with a tile's observations; ``colour``: with those of R, G and B."""
-        ...
 
 
 def tiles(atlas: Atlas, covered: Bool) -> list[Tile]:
@@ -122,6 +125,7 @@ class CameraSource:
         self.size = grid.position.size
         self.camera_slack = CAMERA_SLACK
         self.pool_gain = POOL_GAIN
+        self.least_gain = LEAST_GAIN
         self.position = grid.position
         self.principled_table = observations.principled_table
 
@@ -160,8 +164,9 @@ class CameraSource:
         for offset, wanted in enumerate((channel if channels > 1 else -1, 3)):
             if wanted < 3 or colour:
                 place = atlas.block(block + offset)
-                self.device.draw("observe/gather_colour.frag", atlas.target, textures=textures, viewport=place, uniforms={
-                    "u_channel": wanted, "u_row": place[1], "u_tint": tint if channels > 1 else 1.0})
+                self.device.draw("observe/gather_colour.frag", atlas.target, textures=textures, viewport=place,
+                                 uniforms={"u_channel": wanted, "u_row": place[1],
+                                           "u_tint": tint if channels > 1 else 1.0})
         for n in range(lights):
             place = atlas.block(block + 2 + n)
             index = n * channels + channel
@@ -184,11 +189,12 @@ class ArraySource:
         lobes: (h, w, K, lights, 4) as the last blocks of the atlas.  groups: (K) ascending, which camera.
         table: core.tables.principled_table().
         """
-        h, w, count = quality.shape
+        h, w = quality.shape[:2]
         self.size = (w, h)
         self.layers = Layers(groups, lobes.shape[3], 1, spread=bool(np.any(lobes[..., 1])))
         self.camera_slack = 0.0  # texels are observed where they are
         self.pool_gain = 1.0  # and each for itself
+        self.least_gain = 0.0
         self.position = device.texture(w, h, 4, np.ones((h, w, 4), np.float32))
         self.principled_table = device.texture(table.shape[1], table.shape[0], table.shape[2], table)
         flags = np.where(quality > 0, 0.5 * 0.999, 0.0)

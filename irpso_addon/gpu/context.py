@@ -106,6 +106,7 @@ class Device:
         self.bind(program, textures)
         self.programs.set(program, {**uniforms, "u_region": region})
         for unit, texture in enumerate(outputs):
+            assert isinstance(texture, moderngl.Texture)
             texture.bind_to_image(unit, read=False, write=True)
         program.run(-(-region[2] // 8), -(-region[3] // 8))
         self.ctx.memory_barrier()

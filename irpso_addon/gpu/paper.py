@@ -21,7 +21,7 @@ from ..core.data import F32
 from ..core.errors import BadInput, Cancelled
 from ..core.job import Progress
 from ..core.params import SolveSettings
-from .atlas import Atlas, Source, Tile
+from .atlas import TILE, Atlas, Source, Tile
 from .context import Device
 
 LOBES = {"one-lobe": 1, "two-lobe": 2}
@@ -58,6 +58,7 @@ class Swarms:
 
     def __init__(
         self, device: Device, source: Source, settings: SolveSettings, model: str, limits: Limits | None = None,
+        tile: tuple[int, int] = TILE,
     ) -> None:
         if model not in LOBES:
             raise BadInput(f"method paper: searches the models {' and '.join(LOBES)}, not {model}; choose one of them")
@@ -65,7 +66,7 @@ class Swarms:
             raise BadInput(f"window: {settings.window} has no middle; give an odd number of texels")
         self.device, self.source, self.settings, self.lobes = device, source, settings, LOBES[model]
         self.limits = limits or limits_for(settings.c1, settings.c2)
-        self.atlas = Atlas(device, *source.size, source.layers)
+        self.atlas = Atlas(device, source, tile)
         w, h = self.atlas.tile
         layers = source.layers
         self.blocks = len(set(layers.groups)) + len(layers.groups) * (1 + layers.lights)  # of paper/prepare.glsl
@@ -178,10 +179,10 @@ class PaperSwarm:
     """All texels of a source, tile by tile.  Tiles overlap, so that a texel's neighbours always move with it."""
 
     def __init__(
-        self, device: Device, source: Source, settings: SolveSettings, model: str, limits: Limits | None = None,
+        self, device: Device, source: Source, settings: SolveSettings, model: str, tile: tuple[int, int] = TILE,
     ) -> None:
         self.device, self.source, self.settings = device, source, settings
-        self.swarms = Swarms(device, source, settings, model, limits)
+        self.swarms = Swarms(device, source, settings, model, tile=tile)
         self.cancelled = False
 
     def solve(self) -> Generator[Progress, None, PaperMaps]:

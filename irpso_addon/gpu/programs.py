@@ -89,7 +89,10 @@ class Programs:
         return self._built[key]
 
     def compute(self, name: str, defines: Mapping[str, str]) -> moderngl.ComputeShader:
-        """``shaders/<name>``, a kernel (include/kernel.glsl), as a compute shader; raises RuntimeError with file:line."""
+        """``shaders/<name>``, a kernel (include/kernel.glsl), as a compute shader.
+
+        Raises RuntimeError with file:line.
+        """
         key = (name, *sorted(defines.items()))
         if key not in self._kernels:
             source, files = _assemble(name, {**defines, "COMPUTE": "1"}, COMPUTE_VERSION)

@@ -49,13 +49,15 @@ class RoughnessMaps:
 class Solver:
     """Roughness of every texel that a source observes."""
 
-    def __init__(self, device: Device, source: Source, settings: SolveSettings) -> None:
+    def __init__(
+        self, device: Device, source: Source, settings: SolveSettings, tile: tuple[int, int] | None = None,
+    ) -> None:
         self.device, self.source, self.settings = device, source, settings
         self.cancelled = False
         self.neighbours = False  # whether the last solve found noise enough to ask them
         self.noise = 0.0  # relative, as the last solve found it (median)
         self.bands: dict[str, int] = {}
-        self.atlas = Atlas(device, *source.size, source.layers)
+        self.atlas = Atlas(device, source, tile)
         self.covered = device.read(source.position)[..., 3] > 0.5
         self.slack = FIRST_SLACK
         self.level: moderngl.Texture | None = None  # Specular IOR Level of each texel; None: 0.5
@@ -69,8 +71,7 @@ class Solver:
         device = self.device
         chosen = tiles(self.atlas, self.covered) if only is None else only
         valleys, support = self._textures(2)
-        self.slack = FIRST_SLACK if self.source.camera_slack else 0.0
-        done = yield from self._over(chosen, (0.0, 0.5), "solve/search.glsl", [valleys, support], {}, self.knobs)
+        done = yield from self._search(chosen, [valleys, support], 1)
         chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
         noise, variance = self._noise(valleys, support, 1)
         found: Textures = {"u_valleys": valleys, "u_support": support, "u_noise": noise}
@@ -98,9 +99,7 @@ class Solver:
         """
         chosen = tiles(self.atlas, self.covered) if only is None else only
         pairs, support, variances = self._textures(3)
-        self.slack = FIRST_SLACK if self.source.camera_slack else 0.0
-        done = yield from self._over(chosen, (0.0, 0.5), "solve/search.glsl", [pairs, support, variances], {},
-                                     self.knobs, lobes=2)
+        done = yield from self._search(chosen, [pairs, support, variances], 2)
         chosen = chosen[:done]
         noise, variance = self._noise(pairs, support, 2)
         floor = {"u_noise_floor": share.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance,
@@ -121,8 +120,20 @@ class Solver:
         noise.release()
         return self._as_roughness(pairs, variances, detail)
 
+    def search(self, only: list[Tile]) -> Generator[Progress, None, tuple[moderngl.Texture, moderngl.Texture]]:
+        """One lobe, the search alone: (roughness and residual of the two best valleys, support), see search.glsl."""
+        valleys, support = self._textures(2)
+        yield from self._search(only, [valleys, support], 1)
+        return valleys, support
+
+    def _search(
+        self, chosen: list[Tile], outputs: list[moderngl.Texture], lobes: int
+    ) -> Generator[Progress, None, int]:
+        self.slack = FIRST_SLACK if self.source.camera_slack else 0.0
+        return (yield from self._over(chosen, (0.0, 0.5), "solve/search.glsl", outputs, {}, self.knobs, lobes=lobes))
+
     def albedo(self, found: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
-        """Base colour of each texel from its own observations alone; ``found``: roughness, or the pairs of two lobes."""
+        """Base colour of each texel from its own observations alone; ``found``: roughness, or the pairs of lobes."""
         (albedo,) = self._textures(1)
         yield from self._over(tiles(self.atlas, self.covered), (0.0, 1.0), "solve/albedo.glsl", [albedo],
                               {"u_found": found}, {}, lobes=lobes, colour=True)
@@ -196,7 +207,9 @@ class Solver:
             y += rows
             yield
 
-    def _noise(self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int) -> tuple[moderngl.Texture, float]:
+    def _noise(
+        self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int
+    ) -> tuple[moderngl.Texture, float]:
         """The noise found, and its median variance, by which the slack between cameras is set."""
         unknown = self.source.camera_slack**2 or share.NOISE_FLOOR**2
         noise, variance = share.noise_map(self.device, valleys, support, lobes, unknown)
@@ -212,7 +225,7 @@ class Solver:
         told = self.device.read(support)
         observed = told[..., 3] > 0.5
         unsure = (told[..., 1] < 2.5) | (told[..., 0] * SURE**2 < variance)
-        return bool(np.count_nonzero(unsure & observed) > UNSURE_SHARE * max(np.count_nonzero(observed), 1))
+        return int(np.sum(unsure & observed)) > UNSURE_SHARE * max(int(np.sum(observed)), 1)
 
     def _invert(self, curvature: moderngl.Texture, support: moderngl.Texture, variance: float) -> None:
         """Curvatures (r1 r1, r1 r2, r2 r2) become variances of r1 and r2, and whether observed, in place."""

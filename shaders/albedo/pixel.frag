@@ -2,12 +2,11 @@
 // least-squares albedo of one view, added over the camera's views.  Errors count relative to what the
 // albedo of the pass before predicts, and views far from it (missed shadows) lose their weight
 // (Cauchy, by iteratively reweighted least squares; Holland and Welsch 1977).
-#include "include/brdf.glsl"
+#include "include/lobes.glsl"
 uniform sampler2D u_position;   // pixel grid
 uniform sampler2D u_normal;
 uniform sampler2D u_uv;
 uniform sampler2D u_colour;     // f (1/sr), quality
-uniform sampler2D u_roughness;  // texel grid, holes filled: roughness, 1 where there is no lobe
 uniform sampler2D u_specular;   // of the view's lights, 1/sr
 uniform sampler2D u_before;     // albedo sum of the pass before
 uniform sampler2D u_before_weight;
@@ -28,13 +27,8 @@ void main() {
     if (p.w < 0.5 || colour.a <= 0.0) discard;
     vec3 V = u_orthographic ? -u_camera_forward : normalize(u_camera_position - p.xyz);
     float cos_v = clamp(dot(texelFetch(u_normal, at, 0).xyz, V), 1e-3, 1.0);
-    vec2 rough = texture(u_roughness, texelFetch(u_uv, at, 0).xy).rg;
-    float diffuse = diffuse_principled(rough.r, cos_v);
+    float diffuse = diffuse_of(found_at(texelFetch(u_uv, at, 0).xy), cos_v);
     vec3 s = texelFetch(u_specular, at, 0).rgb;
-    if (rough.g > 0.5) {
-        diffuse = 1.0 / PI;
-        s = vec3(0.0);
-    }
     vec3 lit = vec3(greaterThan(colour.rgb, vec3(-100.0)));  // channels that the view's lights have
     vec3 before = vec3(0.5);
     if (!u_first_pass) {

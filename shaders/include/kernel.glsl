@@ -15,11 +15,23 @@ vec4 out_2;
 #endif
 #if OUTPUTS > 3
 layout(rgba32f, binding = 3) writeonly uniform image2D u_out_3;
+vec4 out_3;
+#endif
+#if OUTPUTS > 4
 layout(rgba32f, binding = 4) writeonly uniform image2D u_out_4;
+vec4 out_4;
+#endif
+#if OUTPUTS > 5
 layout(rgba32f, binding = 5) writeonly uniform image2D u_out_5;
+vec4 out_5;
+#endif
+#if OUTPUTS > 6
 layout(rgba32f, binding = 6) writeonly uniform image2D u_out_6;
+vec4 out_6;
+#endif
+#if OUTPUTS > 7
 layout(rgba32f, binding = 7) writeonly uniform image2D u_out_7;
-vec4 out_3, out_4, out_5, out_6, out_7;
+vec4 out_7;
 #endif
 
 ivec2 texel_here() { return u_region.xy + ivec2(gl_GlobalInvocationID.xy); }
@@ -38,9 +50,17 @@ void main() {
 #endif
 #if OUTPUTS > 3
     imageStore(u_out_3, texel_here(), out_3);
+#endif
+#if OUTPUTS > 4
     imageStore(u_out_4, texel_here(), out_4);
+#endif
+#if OUTPUTS > 5
     imageStore(u_out_5, texel_here(), out_5);
+#endif
+#if OUTPUTS > 6
     imageStore(u_out_6, texel_here(), out_6);
+#endif
+#if OUTPUTS > 7
     imageStore(u_out_7, texel_here(), out_7);
 #endif
 }
@@ -54,9 +74,17 @@ layout(location = 2) out vec4 out_2;
 #endif
 #if OUTPUTS > 3
 layout(location = 3) out vec4 out_3;
+#endif
+#if OUTPUTS > 4
 layout(location = 4) out vec4 out_4;
+#endif
+#if OUTPUTS > 5
 layout(location = 5) out vec4 out_5;
+#endif
+#if OUTPUTS > 6
 layout(location = 6) out vec4 out_6;
+#endif
+#if OUTPUTS > 7
 layout(location = 7) out vec4 out_7;
 #endif
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core.models import FLOOR, PARAMETERS, choose, evidence
+from irpso_addon.core.models import FLOOR, Fit, choose, evidence
 
 E = float(np.e)
 
@@ -14,66 +14,88 @@ def f32(*values: float) -> np.ndarray:
     return np.array(values, np.float32)
 
 
-def test_the_ladder_counts_what_is_solved_for():
-    assert PARAMETERS == {"lambert": 3, "one-lobe": 4}
+def fit(residual: np.ndarray, searched: float) -> Fit:
+    return Fit(residual.astype(np.float32), np.full(residual.shape, searched, np.float32))
+
+
+def one_cell(n: np.ndarray) -> np.ndarray:
+    return np.zeros(n.shape, np.int32)
+
+
+def apart(n: np.ndarray) -> np.ndarray:
+    return np.arange(len(n), dtype=np.int32)
 
 
 def test_evidence_is_the_information_criterion():
-    """n log(R / n + floor^2) + p log n, worked out: 10 log(.1) + 3 log 10 = -7 log 10, and 4 log(e^2) + 3 log 4."""
-    assert evidence(f32(10), f32(10 * (0.1 - FLOOR**2)), 3) == pytest.approx(-7 * np.log(10), rel=1e-6)
-    assert evidence(f32(4), f32(4 * (E**2 - FLOOR**2)), 3) == pytest.approx(8 + 3 * np.log(4), rel=1e-6)
+    """n log(R / n + floor^2) + p log n, worked out: 10 log(.1) + 3 log 10 = -7 log 10, and 4 log(e^2) + log 4."""
+    n = f32(10)
+    assert evidence(n, fit(10 * (0.1 - FLOOR**2) * f32(1), 3), one_cell(n)) == pytest.approx(-7 * np.log(10), rel=1e-6)
+    n = f32(4)
+    assert evidence(n, fit(4 * (E**2 - FLOOR**2) * f32(1), 1), one_cell(n)) == pytest.approx(8 + np.log(4), rel=1e-6)
 
 
-def test_evidence_adds_over_texels():
+def test_a_cell_has_one_noise():
+    """Two texels of residuals 1 and 3 with 10 observations each: together 20 log(4 / 20)."""
+    n = f32(10, 10)
+    assert evidence(n, fit(f32(1, 3), 0), one_cell(n)) == pytest.approx(20 * np.log(0.2 + FLOOR**2), rel=1e-6)
+
+
+def test_evidence_adds_over_cells():
     n, r = f32(10, 4, 7), f32(0.02, 0.5, 0.001)
-    single = [evidence(n[i:i + 1], r[i:i + 1], 4) for i in range(3)]
-    assert evidence(n, r, 4) == pytest.approx(sum(single), rel=1e-12)
-
-
-def test_a_texel_without_observations_adds_only_the_floor():
-    assert evidence(f32(0), f32(0), 4) == pytest.approx(np.log(FLOOR**2))
+    single = [evidence(n[i:i + 1], fit(r[i:i + 1], 1), one_cell(n[:1])) for i in range(3)]
+    assert evidence(n, fit(r, 1), apart(n)) == pytest.approx(sum(single), rel=1e-12)
 
 
 @pytest.mark.parametrize(("ratio", "model"), [(1.0, "lambert"), (1.2, "lambert"), (1.3, "one-lobe"), (50, "one-lobe")])
-def test_the_lobe_must_pay_for_its_parameter(ratio, model):
-    """With n = 10 the extra parameter costs log 10 = 2.30; it pays where 10 log(ratio) is more: ratio > 1.259."""
-    residual = f32(*[10 * 0.01] * 5)
-    lambert = (residual + 10 * FLOOR**2) * ratio - 10 * FLOOR**2
-    assert choose(f32(*[10] * 5), residual, lambert.astype(np.float32))[0] == model
+def test_the_lobe_must_pay_for_what_it_determined(ratio, model):
+    """With n = 10 a number that the data determined costs log 10 = 2.30; it pays where 10 log(ratio) is more."""
+    n = f32(*[10] * 5)
+    lobe = np.full(5, 10 * 0.01)
+    lambert = (lobe + 10 * FLOOR**2) * ratio - 10 * FLOOR**2
+    assert choose(n, {"one-lobe": fit(lobe, 1), "lambert": fit(lambert, 0)}, one_cell(n))[0] == model
+
+
+def test_a_number_that_the_data_leave_open_costs_nothing():
+    """A gain of 10 log 1.05 = 0.49 a texel pays for a fifth of a number (0.46), not for a whole one (2.30)."""
+    n = f32(*[10] * 5)
+    lobe = np.full(5, 10 * 0.01)
+    lambert = (lobe + 10 * FLOOR**2) * 1.05 - 10 * FLOOR**2
+    for searched, model in ((0.2, "one-lobe"), (1.0, "lambert")):
+        assert choose(n, {"lambert": fit(lambert, 0), "one-lobe": fit(lobe, searched)}, one_cell(n))[0] == model
 
 
 def test_below_the_floor_a_better_fit_is_no_evidence():
     """Errors of 0.01 % against 0.1 %, both under the forward model's own 0.3 %: 20 log(1.11) = 2.1 < log 20 = 3.0."""
     n = np.full(100, 20, np.float32)
-    assert choose(n, n * 1e-4**2, n * 1e-3**2)[0] == "lambert"
+    assert choose(n, {"lambert": fit(n * 1e-3**2, 0), "one-lobe": fit(n * 1e-4**2, 1)}, one_cell(n))[0] == "lambert"
 
 
 def test_a_few_texels_with_a_highlight_decide_for_the_material():
-    """Most texels never see a highlight and lose log n each by the lobe; the few that do gain far more."""
+    """Most texels never see a highlight; the five that do carry a lobe through."""
     n = np.full(100, 12, np.float32)
     lobe = n * 0.01**2
     lambert = lobe.copy()
     lambert[:5] = 12 * 0.2**2
-    assert choose(n, lobe, lambert)[0] == "one-lobe"
-    lambert[1:5] = lobe[1:5]
-    assert choose(n, lobe, lambert)[0] == "lambert"
+    assert choose(n, {"lambert": fit(lambert, 0), "one-lobe": fit(lobe, 1)}, apart(n))[0] == "one-lobe"
 
 
-def test_texels_with_too_few_observations_say_nothing():
-    good, few = f32(*[10] * 5), f32(*[2.9] * 200)
-    residual, lambert = f32(*[0.1] * 5), f32(*[0.1] * 5)
-    many_residual, many_lambert = np.full(200, 1e-4, np.float32), np.full(200, 5.0, np.float32)
-    name, why = choose(np.concatenate([good, few]), np.concatenate([residual, many_residual]),
-                       np.concatenate([lambert, many_lambert]))
-    assert name == "lambert"
-    assert "(5 texels)" in why
-    assert choose(few, many_residual, many_lambert) == (
-        "lambert", "no texel has three good observations: too few to tell a lobe from none")
+def test_two_lobes_must_bring_what_the_source_asks():
+    """A gain of 12 log 1.2 - log 12 = 2.19 - 2.48 < 0 never does; 12 log 2 - 2.48 = 5.8 does up to that."""
+    n = np.full(50, 12, np.float32)
+    two = n * 0.02**2
+    for ratio, least, model in ((1.2, 0.0, "one-lobe"), (2.0, 5.0, "two-lobe"), (2.0, 6.5, "one-lobe")):
+        one = (two + n * FLOOR**2) * ratio - n * FLOOR**2
+        fits = {"lambert": fit(one * 100, 0), "one-lobe": fit(one, 1), "two-lobe": fit(two, 2)}
+        assert choose(n, fits, one_cell(n), least)[0] == model
 
 
-def test_the_reason_tells_the_gain_of_a_texel():
-    """10 log(.01 / .04) + log 10 = -13.86 + 2.30 = -11.6 a texel."""
-    n = np.full(8, 10, np.float32)
-    name, why = choose(n, n * np.float32(0.01 - FLOOR**2), n * np.float32(0.04 - FLOOR**2))
-    assert name == "one-lobe"
-    assert "-11.6 a texel (8 texels)" in why
+def test_texels_with_few_observations_say_nothing():
+    n = f32(2, 2, 2)
+    model, why = choose(n, {"lambert": fit(f32(1, 1, 1), 0), "one-lobe": fit(f32(0, 0, 0), 1)}, one_cell(n))
+    assert model == "lambert" and "three good observations" in why
+
+
+def test_the_reason_holds_the_numbers():
+    n = f32(*[10] * 4)
+    _, why = choose(n, {"lambert": fit(n * 0.5, 0), "one-lobe": fit(n * 0.01, 1)}, one_cell(n))
+    assert "lambert +3" in why and "4 texels" in why

@@ -84,13 +84,13 @@ def finish(steps: Any) -> Any:
             return end.value
 
 
-def run(on_gl: OnGL, arrays: dict[str, Any], model: str = "one-lobe", limits: Limits | None = None,
+def run(on_gl: OnGL, arrays: dict[str, Any], model: str = "one-lobe", tile: tuple[int, int] = atlas.TILE,
         **chosen: Any) -> tuple[np.ndarray, np.ndarray, int]:
     """(best, more, evaluations) of a whole run."""
 
     def job(device: Device) -> tuple[np.ndarray, np.ndarray, int]:
         source = source_of(device, arrays)
-        solver = PaperSwarm(device, source, settings(**chosen), model, limits)
+        solver = PaperSwarm(device, source, settings(**chosen), model, tile=tile)
         maps: PaperMaps = finish(solver.solve())
         return device.read(maps.best).copy(), device.read(maps.more).copy(), maps.evaluations
 
@@ -333,17 +333,15 @@ def test_a_run_ends_when_all_swarms_rest(on_gl):
     assert evaluations < SIZE * SIZE * 300
 
 
-def test_tiles_do_not_show(on_gl, monkeypatch):
+def test_tiles_do_not_show(on_gl):
     """Without neighbours' pull the tiles' layout changes no byte; with it, texels at seams fit as well as others."""
     _, arrays = exact()
     alone = run(on_gl, arrays, c3=0.0)
     together = run(on_gl, arrays, particles=16, iterations=800)
-    monkeypatch.setattr(atlas, "TILE_WIDTH", 16)
-    monkeypatch.setattr(atlas, "TILE_HEIGHT", 10)
-    tiled = run(on_gl, arrays, c3=0.0)
+    tiled = run(on_gl, arrays, tile=(16, 10), c3=0.0)
     assert alone[0].tobytes() == tiled[0].tobytes()
     assert alone[1].tobytes() == tiled[1].tobytes()
-    split = run(on_gl, arrays, particles=16, iterations=800)
+    split = run(on_gl, arrays, tile=(16, 10), particles=16, iterations=800)
     assert (split[1][..., 3] == 16 + 800).all()
     whole_fit, split_fit = (np.sqrt(np.median(maps[1][..., 2])) for maps in (together, split))
     assert split_fit == pytest.approx(whole_fit, rel=0.25)

@@ -297,8 +297,7 @@ def test_the_same_run_gives_the_same_bytes(patches, solved, method):
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("tile", [(64, 16), (24, 10)])
 def test_tiles_do_not_change_a_byte(patches, solved, monkeypatch, method, tile):
-    monkeypatch.setattr(gpu_atlas, "TILE_WIDTH", tile[0])
-    monkeypatch.setattr(gpu_atlas, "TILE_HEIGHT", tile[1])
+    monkeypatch.setattr(gpu_atlas, "TILE", tile)
     assert raw(run(patches, method=method)) == raw(solved[method])
 
 
@@ -318,8 +317,7 @@ def test_another_seed_changes_nothing_that_matters(patches, solved, method):
 
 def stopped(shoot: syn.Shoot, stage: str, monkeypatch: pytest.MonkeyPatch, after: int = 3) -> Solution:
     """Stop at the ``after``-th step of a stage; the pipeline's own answer to Cancelled."""
-    monkeypatch.setattr(gpu_atlas, "TILE_WIDTH", 16)
-    monkeypatch.setattr(gpu_atlas, "TILE_HEIGHT", 16)
+    monkeypatch.setattr(gpu_atlas, "TILE", (16, 16))
 
     def job():
         steps = pipeline.solve(shoot.scene, SolveSettings(size=SIZE), shoot.read_image)

@@ -1,0 +1,64 @@
+// The material that the search found, looked up at a pixel: two lobes (a single one: equal roughnesses), which may
+// be Principled or Beckmann's (NDF_BECKMANN), at a Specular IOR Level that is a map with SPECULAR, else 0.5.
+#include "include/brdf.glsl"
+uniform sampler2D u_lobes;  // texel grid, holes filled: roughness1, roughness2, weight of lobe 1
+#ifdef SPECULAR
+uniform sampler2D u_level;
+#endif
+
+struct Found { vec2 r; float weight, level; };
+
+Found found_at(vec2 uv) {
+    vec3 lobes = texture(u_lobes, uv).rgb;
+#ifdef SPECULAR
+    return Found(lobes.rg, lobes.b, texture(u_level, uv).r);
+#else
+    return Found(lobes.rg, lobes.b, 0.5);
+#endif
+}
+
+// (comp, A) of one roughness.
+vec2 energy_of(float r, float cos_v, float level) {
+#if defined(NDF_BECKMANN)
+    return vec2(1.0, 0.0);
+#elif defined(SPECULAR)
+    vec2 value, d_roughness, d_level;
+    principled_energy_level_d(r, cos_v, level, value, d_roughness, d_level);
+    return value;
+#else
+    return principled_energy(r, cos_v);
+#endif
+}
+
+// Reflectance of the diffuse below the lobes for white, 1/sr.
+float diffuse_of(Found f, float cos_v) {
+    float taken = energy_of(f.r.x, cos_v, f.level).y;
+    if (f.r.y != f.r.x) taken = mix(energy_of(f.r.y, cos_v, f.level).y, taken, f.weight);
+    return (1.0 - taken) / PI;
+}
+
+// D / (roots) of one roughness: with the lobe's factor, the specular radiance per irradiance.
+float lobe_of(float r, float cos_v, float level, vec4 lobe) {
+    float alpha2 = r * r * r * r, tan2_l = 1.0 / (lobe.z * lobe.z + 1e-12) - 1.0, tan2_v = 1.0 / (cos_v * cos_v) - 1.0;
+#ifdef NDF_BECKMANN
+    float d, root_l, root_v, unused;
+    D_beckmann_spread_d(alpha2, lobe.x, lobe.y, d, unused);
+    lambda_root_beckmann_d(alpha2, tan2_l, root_l, unused);
+    lambda_root_beckmann_d(alpha2, tan2_v, root_v, unused);
+    return d / (root_l + root_v);
+#else
+    return energy_of(r, cos_v, level).x * D_ggx_spread(alpha2, lobe.x, lobe.y)
+         / (lambda_root(alpha2, tan2_l) + lambda_root(alpha2, tan2_v));
+#endif
+}
+
+// Specular radiance per irradiance; lobe: sin2h, spread, cos_l, factor, as observe/lobe.frag leaves it.
+float specular_of(Found f, float cos_v, vec4 lobe) {
+    float s = lobe_of(f.r.x, cos_v, f.level, lobe);
+    if (f.r.y != f.r.x) s = mix(lobe_of(f.r.y, cos_v, f.level, lobe), s, f.weight);
+#ifdef SPECULAR
+    float cos_vh = (lobe.z + cos_v) / (2.0 * sqrt(max(1.0 - lobe.x, 1e-6)));  // from N.H = (N.L + N.V) / |L + V|
+    s *= F_level_ratio(min(cos_vh, 1.0), f.level);
+#endif
+    return s * lobe.w;
+}
