@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 # Okabe and Ito's palette: told apart with any colour vision; markers tell apart without any.
@@ -15,7 +16,7 @@ COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#D55E00", "#E69F00", "#CC79A7", "#0
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 GREY = "#666666"
 WIDTH, HEIGHT = 4.6, 4.0  # inches a panel
-LABEL_GAP = 12.0  # points between two labels
+LABEL_GAP, LETTER = 12.0, 4.5  # points between two labels, and for a letter of one
 DPI = 160
 
 
@@ -47,17 +48,19 @@ def draw(panels: Sequence[Sequence[Panel]], title: str, foot: str, stem: Path) -
     from matplotlib.figure import Figure
 
     size = WIDTH * max(len(row) for row in panels), HEIGHT * len(panels) + 0.9
-    with rc_context({"font.size": 9, "svg.hashsalt": "irpso", "axes.spines.top": False, "axes.spines.right": False}):
+    with rc_context({"font.size": 9, "svg.hashsalt": "irpso", "svg.fonttype": "none", "axes.spines.top": False,
+                     "axes.spines.right": False}):
         figure = Figure(size, dpi=DPI, layout="constrained")
         canvas = FigureCanvasAgg(figure)
         grid: Any = figure.subplots(len(panels), len(panels[0]), squeeze=False)
-        labels = [_panel(axes, panel) for row, line in zip(panels, grid, strict=True)
-                  for panel, axes in zip(row, line, strict=True)]
-        figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-        figure.supxlabel(foot, x=0.01, ha="left", fontsize=7, color=GREY)
+        pairs = [pair for row, line in zip(panels, grid, strict=True) for pair in zip(row, line, strict=True)]
+        for panel, axes in pairs:
+            _panel(axes, panel)
+        figure.suptitle("\n".join(wrap(title, int(13 * size[0]))), x=0.01, ha="left", fontsize=11)
+        figure.supxlabel("\n".join(wrap(foot, int(17 * size[0]))), x=0.01, ha="left", fontsize=7, color=GREY)
         canvas.draw()  # only now is it known where the points lie
-        for axes, ends in zip(grid.ravel(), labels, strict=True):
-            _name(axes, ends)
+        for panel, axes in pairs:
+            _name(axes, panel.curves)
         paths = []
         for kind in ("png", "svg"):
             paths.append(stem.with_name(f"{stem.name}.{kind}"))
@@ -65,32 +68,28 @@ def draw(panels: Sequence[Sequence[Panel]], title: str, foot: str, stem: Path) -
     return paths
 
 
-def _panel(axes: Any, panel: Panel) -> list[tuple[Curve, float, float]]:
-    """Draw the curves; where each ends, for its label."""
-    ends = []
+def _panel(axes: Any, panel: Panel) -> None:
+    """Draw the curves."""
     timed = [s for curve in panel.curves for s in curve.seconds or ()]
     low, high = min(timed, default=0.1), max(timed, default=1.0)
     axes.set_xscale("log")
     if panel.log:
         axes.set_yscale("log")
-    axes.set_xlim(low / 1.5, high * (high / low) ** 0.5 * 3)  # room for the names
+    axes.set_xlim(low / 1.5, high * max(3.0, (1.5 * high / low) ** 0.45))  # room for the names
     for curve in panel.curves:
         colour, marker = COLOURS[curve.place % len(COLOURS)], MARKERS[curve.place % len(MARKERS)]
         if curve.seconds is None:
             axes.axhline(curve.values[0], color=GREY, linestyle=(0, (4, 3)), linewidth=1)
-            ends.append((curve, high * 1.25, curve.values[0]))
             continue
         axes.plot(curve.seconds, curve.values, color=colour, marker=marker, markersize=4.5, linewidth=1.4)
         for x, y, note in zip(curve.seconds, curve.values, curve.notes, strict=False):
-            axes.annotate(note, (x, y), (0, 5), textcoords="offset points", fontsize=6, color=colour, ha="center")
-        ends.append((curve, curve.seconds[-1], curve.values[-1]))
+            axes.annotate(note, (x, y), (-4, 1), textcoords="offset points", fontsize=6, color=colour, ha="right")
     axes.set_title(f"{panel.title} ({'higher' if panel.up else 'lower'} is better)", fontsize=9, loc="left")
     axes.set_xlabel("seconds")
     for axis in (axes.xaxis, *((axes.yaxis,) if panel.log else ())):
         _ticks(axis)
     axes.grid(True, which="major", color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
-    return ends
 
 
 def _ticks(axis: Any) -> None:
@@ -103,17 +102,26 @@ def _ticks(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _name(axes: Any, ends: list[tuple[Curve, float, float]]) -> None:
-    """Each curve's name right of its end, moved up where another stands there."""
-    from matplotlib.patheffects import withStroke
+def _name(axes: Any, curves: Sequence[Curve]) -> None:
+    """Each curve's name right of its end, moved up where a point or another name stands there."""
+    from matplotlib.patheffects import Stroke
 
-    scale = axes.figure.dpi / 72
-    spots = [axes.transData.transform((x, y)) / scale for _, x, y in ends]  # in points
-    floor = -1e9
-    for i in sorted(range(len(ends)), key=lambda i: spots[i][1]):
-        curve = ends[i][0]
-        height = max(spots[i][1], floor + LABEL_GAP)
-        floor = height
+    def spot(x: float, y: float) -> tuple[float, float]:  # in points
+        return tuple(axes.transData.transform((x, y)) * 72 / axes.figure.dpi)
+
+    last = max((s for curve in curves for s in curve.seconds or ()), default=1.0)
+    ends = [(last if curve.seconds is None else curve.seconds[-1], curve.values[-1]) for curve in curves]
+    points = [spot(x, y) for curve in curves for x, y in zip(curve.seconds or (), curve.values, strict=False)]
+    taken = [(x - 3, x + 3, y) for x, y in points]  # left, right, height
+    for curve, end in sorted(zip(curves, ends, strict=True), key=lambda pair: pair[1][1]):
+        start, foot = spot(*end)
+        left, height = start + 6, foot
+        right = left + LETTER * len(curve.label)
+        for other_left, other_right, other in sorted(taken, key=lambda name: name[2]):
+            if left < other_right and other_left < right and abs(height - other) < LABEL_GAP:
+                height = other + LABEL_GAP
+        taken.append((left, right, height))
         colour = GREY if curve.seconds is None else COLOURS[curve.place % len(COLOURS)]
-        axes.annotate(curve.label, ends[i][1:], (7, height - spots[i][1] - 3), textcoords="offset points", fontsize=8,
-                      color=colour, annotation_clip=False, path_effects=[withStroke(linewidth=2.5, foreground="white")])
+        for effects in ([Stroke(linewidth=2.5, foreground="white")], []):  # a halo, which SVG keeps as an outline
+            axes.annotate(curve.label, end, (7, height - foot - 3), textcoords="offset points", fontsize=8, color=colour,
+                          annotation_clip=False, path_effects=effects)

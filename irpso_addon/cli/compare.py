@@ -27,7 +27,7 @@ from ..core.truth import read_truth
 from ..gpu import thread
 from ..gpu.observe import bytes_per_pixel
 from . import chart, console, options
-from .judge import WARM_UP, ReadImage, make_judge
+from .judge import ReadImage, make_judge
 
 FEWEST_VIEWS = 4  # of which one is held out
 REFERENCE = "refined"  # the method from which the others' differences are told
@@ -94,12 +94,11 @@ def compare(
     for passes in sorted(set(arguments.passes)):
         entries[f"paper, {passes} passes"] = replace(base, method="paper", iterations=passes)
     surfaces, seconds = {"no solver": judge.no_solver()}, {"no solver": {"total": judge.seconds}}
-    warm: set[str] = set()
+    for method in ("draft", *(("paper",) if arguments.passes else ())):  # the others are draft's programs
+        _say(f"{method}, once before the clock starts")
+        _solve(fit, replace(base, method=method, iterations=1), read_image)
     for label, settings in entries.items():
         _say(label)
-        if settings.method not in warm:
-            _solve(fit, replace(settings, size=WARM_UP, iterations=1), read_image)
-        warm.add(settings.method)
         solution = _solve(fit, settings, read_image)
         surfaces[label] = surface(solution, base.ndf, judge.grid.slots, fit.mesh.slot_names, judge.where)
         seconds[label] = {**solution.seconds, "total": sum(solution.seconds.values())}

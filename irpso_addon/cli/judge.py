@@ -17,7 +17,7 @@ from ..core.predict import Surface, TexelView, predict
 from ..gpu import thread
 from .texels import Grid, observe_texels
 
-WARM_UP = 16  # texels: something so small is done before the clock starts, so that no time holds compiling shaders
+WARM_UP = 16  # texels: observed before the clock starts, so that no time holds compiling shaders
 GOOD_VIEWS = 3  # that must show a texel well before it counts
 GLOSS = 1.5  # a highlight came near where tan(theta_h) is less than so many true alphas
 ReadImage = Callable[[View], RadianceImage]

@@ -30,7 +30,7 @@ from irpso_addon.core.report import versions
 from irpso_addon.gpu import thread
 
 REPEATS = 3
-SIZES = {"refined": (64, 96, 128, 192, 256, 384, 512), "draft": (64, 128, 256, 512)}
+SIZES = {"refined": (128, 192, 224, 256, 384, 512), "draft": (128, 256, 512)}
 
 
 def main(capture: Path, export: Path, out: Path) -> None:
