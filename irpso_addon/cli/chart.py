@@ -123,5 +123,5 @@ def _name(axes: Any, curves: Sequence[Curve]) -> None:
         taken.append((left, right, height))
         colour = GREY if curve.seconds is None else COLOURS[curve.place % len(COLOURS)]
         for effects in ([Stroke(linewidth=2.5, foreground="white")], []):  # a halo, which SVG keeps as an outline
-            axes.annotate(curve.label, end, (7, height - foot - 3), textcoords="offset points", fontsize=8, color=colour,
-                          annotation_clip=False, path_effects=effects)
+            axes.annotate(curve.label, end, (7, height - foot - 3), textcoords="offset points", fontsize=8,
+                          color=colour, annotation_clip=False, path_effects=effects)

@@ -174,7 +174,7 @@ def draw(report: dict[str, Any], stem: Path) -> bool:
     panels = [chart.Panel(title, _curves(report["rows"], part, key, scale), log=True)
               for title, part, key, scale in PANELS if all(row[part] is not None for row in report["rows"])]
     at = report["machine"]
-    foot = (f"{at['processor']}, {at['cores']} cores, {report['device']['renderer']}; "
+    foot = (f"{at['processor']}, {at['cores']} cores, {at['system']}, {report['device']['renderer']}; "
             f"IRPSO {report['versions']['irpso']}, Blender {report['versions']['blender']}; {report['date']}")
     title = (f"{report['scene']}, {report['object']}: {report['size']} x {report['size']} texels, "
              f"{len(report['views']['solved_from'])} views")

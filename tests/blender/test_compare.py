@@ -66,7 +66,7 @@ def test_views_are_parted(compared):
 
 
 def test_solvers_find_the_paint_and_predict_the_views_held_out(compared):
-    """The forward model is good to a per cent or two at 48 texels and 96 pixels; division alone leaves the highlights."""
+    """The forward model is good to a per cent or two at this size; division alone leaves the highlights."""
     found = rows(compared[2])
     for method in ("refined", "draft", "swarm"):
         assert found[method]["truth"]["albedo_rmse"] < 0.01
@@ -95,7 +95,7 @@ def test_chart_names_every_curve_machine_and_date(compared):
     out, _, report = compared
     svg = (out / "compare.svg").read_text()
     ElementTree.fromstring(svg)
-    for word in ("refined", "draft", "swarm", "paper", "no solver", report["date"], report["machine"]["system"][:5]):
+    for word in ("refined", "draft", "swarm", "paper", "no solver", report["date"], report["machine"]["processor"]):
         assert word in svg, word
     picture = oiio.ImageBuf(str(out / "compare.png"))
     assert picture.spec().width > 1000 and np.asarray(picture.get_pixels(oiio.FLOAT)).std() > 0.02
@@ -107,8 +107,8 @@ def test_without_matplotlib_table_and_json_remain(scenes, irpso, tmp_path):
     (tmp_path / "matplotlib" / "__init__.py").write_text("raise ImportError('none here')\n")
     code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from irpso_addon.__main__ import main; "
     arguments = [str(a) for a in command(scenes, tmp_path / "out", "--passes")]
-    done = subprocess.run([sys.executable, "-c", f"{code}sys.exit(main({arguments!r}))"], capture_output=True, text=True,
-                          cwd=Path(__file__).parents[2])
+    done = subprocess.run([sys.executable, "-c", f"{code}sys.exit(main({arguments!r}))"], cwd=Path(__file__).parents[2],
+                          capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"compare.json"}
     assert done.stderr.splitlines()[-1].startswith("irpso: no chart: ")
