@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from irpso_addon import pipeline
 from irpso_addon.core import brdf
 from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.tables import principled_table
-from irpso_addon.gpu import atlas
+from irpso_addon.gpu import atlas, thread
 from irpso_addon.gpu.context import Device
 from irpso_addon.gpu.paper import Limits, PaperMaps, PaperSwarm, Swarms, limits_for, spans
 from tests.bench import problem as bench
+from tests.gpu import synthetic as syn
 
 FREE = Limits(constriction=1.0, velocity=1e30, bounded=False)  # equation (2) as printed
 SIZE = 24
@@ -380,6 +382,26 @@ def test_a_stopped_run_gives_what_it_has(on_gl):
     assert cancelled
     assert (more[has][:, 3] >= 8).all()
     assert more[..., 3].max() < 1_000_000
+
+
+@pytest.mark.parametrize("model", ["auto", "one-lobe", "two-lobe"])
+def test_through_the_pipeline(model):
+    """Pictures in, maps out; the roughness of half the texels to 0.01 where one lobe is searched."""
+    shoot = syn.shoot(syn.PATCHES, [(camera, [light]) for camera in syn.cameras(2) for light in syn.lamps(8)], (48, 48))
+    chosen = settings(size=32, particles=16, iterations=600, model=model)
+    solution = thread.run(lambda: pipeline.solve(shoot.scene, chosen, shoot.read_image))
+    maps = solution.maps
+    solved = maps.coverage & ~maps.filled
+    assert solved.sum() > 0.9 * maps.coverage.sum()
+    assert solution.model == {"Paint": "two-lobe" if model == "two-lobe" else "one-lobe"}
+    at = (np.arange(32) + 0.5) / 32
+    u, v = np.meshgrid(at, at)
+    assert np.median(np.abs(maps.base_color - syn.PATCHES.base(u, v))[solved]) < 0.01
+    if model == "two-lobe":
+        assert maps.lobes is not None
+        assert (maps.lobes[solved][:, 0] <= maps.lobes[solved][:, 1]).all()
+    else:
+        assert np.median(np.abs(maps.roughness - syn.PATCHES.roughness(u, v))[solved]) < 0.01
 
 
 @pytest.mark.parametrize(("model", "chosen", "says"), [
