@@ -29,7 +29,7 @@ OUT = ROOT / "docs" / "benchmarks"
 FRONT = (CLEAN_ONE, NOISY_ONE, CLEAN_TWO, NOISY_TWO)  # the chart's rows
 TABLES: dict[str, Callable[[Device, int, int], dict[str, Any]]] = {
     "noise": special.noise, "confidence": special.confidence, "moves": special.moves, "auto": special.auto,
-    "fused": peak.fused, "arithmetic": peak.arithmetic,
+    "fused": peak.fused, "arithmetic": peak.arithmetic, "throughput": peak.throughput,
 }
 
 

@@ -124,7 +124,8 @@ def _paper(stage: Stage, brief: bool) -> Iterator[Point]:
     """IRPSO as published, one run with snapshots."""
     device, spec = stage.bench.device, stage.spec
     settings = SolveSettings(size=max(spec.size, 16), method="paper", seed=spec.seed)
-    swarms = Swarms(device, stage.bench.source, settings, "two-lobe" if spec.model == "two-lobe" else "one-lobe")
+    swarms = Swarms(device, stage.bench.source, settings, "two-lobe" if spec.model == "two-lobe" else "one-lobe",
+                    tile=stage.bench.source.size)
     device.ctx.finish()
     start, seconds = time.perf_counter(), 0.0
     for _ in swarms.gather((0, 0)):

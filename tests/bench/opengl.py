@@ -33,7 +33,7 @@ class Bench:
         self.lobes = 2 if problem.spec.model == "two-lobe" else 1
         self.source = ArraySource(device, rgb=problem.rgb, quality=problem.quality, cos_v=problem.cos_v,
                                   lobes=problem.lobes, groups=problem.groups, table=principled_table())
-        self.solver = Solver(device, self.source, SolveSettings(size=max(problem.spec.size, 16)))
+        self.solver = Solver(device, self.source, SolveSettings(size=max(problem.spec.size, 16)), self.source.size)
         for _ in self.source.gather(self.solver.atlas, (0, 0), True):
             pass
         if self.solver.atlas.tile != self.source.size:

@@ -96,6 +96,9 @@ def judge(record: Record) -> list[Row]:
         value = tables["arithmetic"]["value"]
         add("fraction of the device's arithmetic that `refined` reaches", "60 % on llvmpipe", f"{value:.0%}",
             value >= 0.6)
+    if "throughput" in tables and tables["throughput"]["value"]["gpu"]:
+        value = tables["throughput"]["value"]["seconds"]
+        add("4096 x 4096 texels, K = 12, one lobe, at the best rate", "100 ms", f"{value * 1e3:.0f} ms", value <= 0.1)
     return rows
 
 
