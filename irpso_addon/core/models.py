@@ -17,6 +17,7 @@ from .data import F32, I32
 
 LADDER = ("lambert", "one-lobe", "one-lobe-specular", "two-lobe")  # from the smallest
 FLOOR = 0.003  # relative error below which a better fit is no evidence: the forward model's own
+SCALE_IS_KNOWN = 1.0  # nats a texel that a level other than 0.5 must bring beyond all others: lamps' powers are given
 CELL = 32  # texels: width of the square over which noise is measured
 
 
@@ -55,6 +56,8 @@ def choose(
     texels = int(np.count_nonzero(told))
     score = {name: evidence(observations[told], Fit(fits[name].residual[told], fits[name].searched[told]), cells[told])
              / texels for name in tried}
+    if "one-lobe-specular" in score:
+        score["one-lobe-specular"] += SCALE_IS_KNOWN
     best = tried[0]
     for name in tried[1:]:
         if score[name] < score[best] - (0.0 if name == "one-lobe" else least_gain):

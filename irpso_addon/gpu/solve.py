@@ -27,11 +27,18 @@ QUIET = 3e-4  # relative noise below which ...
 SURE = 0.02  # ... texels this sure of their roughness ...
 UNSURE_SHARE = 0.05  # ... but for this share of them, need no neighbours
 POLISH_STEPS = 4  # Levenberg-Marquardt, from each valley
+STRIDES = (1, 2, 1)  # two lobes: how far away the neighbours are whose pairs a texel tries, pass by pass
+QUIET_PASSES = 1  # of them, without noise
 TAU = 0.03  # two lobes: how much the roughnesses of neighbours differ
 METHODS = {  # knobs of the search kernel: particles, moves of the swarm, refinement steps of all and of the best two
     "refined": {"u_particles": 6, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 6},
     "draft": {"u_particles": 4, "u_moves": 0, "u_race_steps": 1, "u_final_steps": 4},
     "swarm": {"u_particles": 16, "u_moves": 25, "u_race_steps": 0, "u_final_steps": 0},
+}
+TWO_LOBES = {  # the valleys of two lobes are long and curved: more steps
+    "refined": {"u_particles": 8, "u_moves": 0, "u_race_steps": 4, "u_final_steps": 16},
+    "draft": {"u_particles": 6, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 6},
+    "swarm": METHODS["swarm"],
 }
 Uniforms = Mapping[str, float | int]
 Textures = Mapping[str, moderngl.Texture | tuple[moderngl.Texture, ...] | None]
@@ -61,7 +68,8 @@ class Solver:
         self.covered = device.read(source.position)[..., 3] > 0.5
         self.slack = FIRST_SLACK
         self.level: moderngl.Texture | None = None  # Specular IOR Level of each texel; None: 0.5
-        self.knobs: Uniforms = {"u_seed": settings.seed, **METHODS.get(settings.method, METHODS["refined"])}
+        method = settings.method if settings.method in METHODS else "refined"
+        self.knobs: dict[int, Uniforms] = {1: METHODS[method], 2: TWO_LOBES[method]}  # by lobes
 
     def solve(self, only: list[Tile] | None = None) -> Generator[Progress, None, RoughnessMaps]:
         """One lobe: search every texel alone, pool what texels say, and polish each under its neighbours' prior.
@@ -87,7 +95,7 @@ class Solver:
         roughness, detail = self._textures(2)
         yield from self._over(chosen, (0.75, 1.0), "solve/polish.glsl", [roughness, detail], {**found, **more},
                               {**floor, "u_prior_cut": share.PRIOR_CUT, "u_steps": POLISH_STEPS} if more else
-                              {**floor, "u_steps": POLISH_STEPS if self.knobs["u_moves"] else 0})
+                              {**floor, "u_steps": POLISH_STEPS if self.knobs[1]["u_moves"] else 0})
         for texture in (valleys, support, noise, *more.values()):
             texture.release()
         return RoughnessMaps(roughness, detail)
@@ -108,9 +116,10 @@ class Solver:
         # The search's third output is curvature; the passes below want variances.
         self._invert(variances, support, variance)
         detail = support
-        for i, stride in enumerate((1, 2, 1)):
+        strides = STRIDES if self.neighbours else STRIDES[:QUIET_PASSES]
+        for i, stride in enumerate(strides):
             fresh = self._textures(3)
-            span = (0.5 + i / 6, 0.5 + (i + 1) / 6)
+            span = (0.5 + 0.5 * i / len(strides), 0.5 + 0.5 * (i + 1) / len(strides))
             yield from self._over(chosen, span, "solve/polish_two.glsl", fresh,
                                   {"u_pairs": pairs, "u_variance": variances, "u_noise": noise},
                                   {**floor, "u_stride": stride, "u_tau": TAU if self.neighbours else 0.0}, lobes=2)
@@ -130,7 +139,8 @@ class Solver:
         self, chosen: list[Tile], outputs: list[moderngl.Texture], lobes: int
     ) -> Generator[Progress, None, int]:
         self.slack = FIRST_SLACK if self.source.camera_slack else 0.0
-        return (yield from self._over(chosen, (0.0, 0.5), "solve/search.glsl", outputs, {}, self.knobs, lobes=lobes))
+        return (yield from self._over(chosen, (0.0, 0.5), "solve/search.glsl", outputs, {},
+                                      {"u_seed": self.settings.seed, **self.knobs[lobes]}, lobes=lobes))
 
     def albedo(self, found: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
         """Base colour of each texel from its own observations alone; ``found``: roughness, or the pairs of lobes."""

@@ -3,6 +3,8 @@
 #include "solve/fit_two.glsl"
 #define ROUGH vec2
 
+const vec2 SHARP = vec2(0.33, 0.7);   // roughness 0.13 to 0.41
+const vec2 RATIO = vec2(0.12, 0.48);  // 1.4 to 4.2
 const float CONVERGED = 2e-6;  // a step so short is the last
 
 struct Particle {
@@ -47,11 +49,12 @@ void refine(inout Particle p, int steps) {
 
 bool apart(vec2 a, vec2 b) { return any(greaterThan(abs(a - b), 0.02 * b + 0.005)); }
 
-// Place of particle i, 0..1 in log roughness: a Kronecker sequence (Roberts 2018) with jitter, folded to r1 <= r2.
+// Place of particle i, 0..1 in log roughness: a Kronecker sequence (Roberts 2018) with jitter, over the sharper
+// lobe and the ratio of the two: lobes much sharper or nearly alike are rare, and reached from their neighbours.
 vec2 stratum(ivec2 texel, int i, int count, int seed) {
     vec2 at = fract(0.5 + float(i + 1) * vec2(0.7548776662, 0.5698402910) + 0.25 / sqrt(float(count)) * random3(texel, i, 0, seed).xy);
-    at = 0.1 + 0.85 * at;
-    return at.x <= at.y ? at : at.yx;
+    float sharp = mix(SHARP.x, SHARP.y, at.x);
+    return vec2(sharp, min(sharp + mix(RATIO.x, RATIO.y, at.y), 1.0));
 }
 
 vec2 random_step(ivec2 texel, int i, int t, int seed) { return random3(texel, i, t, seed).xz; }

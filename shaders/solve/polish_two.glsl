@@ -20,7 +20,8 @@ vec2 mean, information;  // of the prior
 
 void neighbourhood(ivec2 texel) {
     vec2 sum = vec2(0.0), total = vec2(0.0);
-    for (int y = -WINDOW; y <= WINDOW; y++) for (int x = -WINDOW; x <= WINDOW; x++) {
+    int reach = u_tau > 0.0 ? WINDOW : -1;
+    for (int y = -reach; y <= reach; y++) for (int x = -reach; x <= reach; x++) {
         ivec2 at = texel + ivec2(x, y);
         if ((x == 0 && y == 0) || any(lessThan(at, ivec2(0))) || any(greaterThanEqual(at, textureSize(u_pairs, 0)))) continue;
         vec4 variance = texelFetch(u_variance, at, 0);
