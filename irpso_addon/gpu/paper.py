@@ -26,7 +26,7 @@ from .context import Device
 
 LOBES = {"one-lobe": 1, "two-lobe": 2}
 SLICE_SECONDS = 0.015  # of GPU time between two chances to do something else
-HALO = 4  # windows beyond a tile's inner part that move along with it, so that neighbours' bests are at hand there
+HALO = 4  # half windows beyond a tile's inner part that move along with it: its neighbours, and theirs
 
 
 @dataclass(frozen=True)
