@@ -16,7 +16,6 @@ import numpy as np
 from .data import F32, I32
 
 LADDER = ("lambert", "one-lobe", "one-lobe-specular", "two-lobe")  # from the smallest
-FLOOR = 0.003  # relative error below which a better fit is no evidence: the forward model's own
 SCALE_IS_KNOWN = 1.0  # nats a texel that a level other than 0.5 must bring beyond all others: lamps' powers are given
 CELL = 32  # texels: width of the square over which noise is measured
 
@@ -29,19 +28,20 @@ class Fit:
     searched: F32  # how many numbers, base colour aside, the data determined
 
 
-def evidence(observations: F32, fit: Fit, cells: I32) -> float:
+def evidence(observations: F32, fit: Fit, cells: I32, floor: float) -> float:
     """BIC of one model over texels: sum over cells of n log(R / n + floor^2), plus log n for each number determined.
 
-    observations: (N,) good observations of each texel.  cells: (N,) the cell it lies in.
+    observations: (N,) good observations of each texel.  cells: (N,) the cell it lies in.  floor: relative error
+    below which a better fit is no evidence, the forward model's own.
     """
     n = np.maximum(observations.astype(np.float64), 1.0)
     _, cell = np.unique(cells, return_inverse=True)
     total, residual = np.bincount(cell, n), np.bincount(cell, fit.residual.astype(np.float64))
-    return float(np.sum(total * np.log(residual / total + FLOOR**2)) + np.sum(fit.searched * np.log(n)))
+    return float(np.sum(total * np.log(residual / total + floor**2)) + np.sum(fit.searched * np.log(n)))
 
 
 def choose(
-    observations: F32, fits: Mapping[str, Fit], cells: I32, least_gain: float = 0.0,
+    observations: F32, fits: Mapping[str, Fit], cells: I32, floor: float, least_gain: float = 0.0,
 ) -> tuple[str, str]:
     """The model for one material and why, from its texels under each model that was tried.
 
@@ -54,7 +54,7 @@ def choose(
     if not told.any():
         return tried[0], "no texel has three good observations: too few to tell a lobe from none"
     texels = int(np.count_nonzero(told))
-    score = {name: evidence(observations[told], Fit(fits[name].residual[told], fits[name].searched[told]), cells[told])
+    score = {name: evidence(observations[told], Fit(fits[name].residual[told], fits[name].searched[told]), cells[told], floor)
              / texels for name in tried}
     if "one-lobe-specular" in score:
         score["one-lobe-specular"] += SCALE_IS_KNOWN

@@ -30,6 +30,7 @@ UNROLLED = 16  # layers up to which loops over them are unrolled
 REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
 POOL_GAIN = 0.3  # neighbours' errors are alike (shared pixels, model error), four say less than four times one
+MODEL_ERROR = 0.003  # relative: pixels stand for texels
 LEAST_GAIN = 3.0  # nats a texel: pixels that stand for texels leave errors that more lobes can mimic; up to 1.9 seen
 
 Tile = tuple[int, int]  # its first texel
@@ -73,6 +74,7 @@ class Source(Protocol):
     layers: Layers
     camera_slack: float  # how much albedo may differ between groups, relative
     pool_gain: float  # of 1: how much four texels together say, in units of what they say apart
+    model_error: float  # relative, of the forward model: the floor of core.models.evidence
     least_gain: float  # of core.models.choose
     position: moderngl.Texture  # of the texels: world xyz, coverage
     principled_table: moderngl.Texture
@@ -125,6 +127,7 @@ class CameraSource:
         self.size = grid.position.size
         self.camera_slack = CAMERA_SLACK
         self.pool_gain = POOL_GAIN
+        self.model_error = MODEL_ERROR
         self.least_gain = LEAST_GAIN
         self.position = grid.position
         self.principled_table = observations.principled_table
@@ -194,6 +197,7 @@ class ArraySource:
         self.layers = Layers(groups, lobes.shape[3], 1, spread=bool(np.any(lobes[..., 1])))
         self.camera_slack = 0.0  # texels are observed where they are
         self.pool_gain = 1.0  # and each for itself
+        self.model_error = 1e-4  # float32
         self.least_gain = 0.0
         self.position = device.texture(w, h, 4, np.ones((h, w, 4), np.float32))
         self.principled_table = device.texture(table.shape[1], table.shape[0], table.shape[2], table)

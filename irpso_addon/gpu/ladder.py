@@ -130,7 +130,8 @@ class Ladder:
         row, column = np.mgrid[:h, :w] // CELL
         cells = (row * (w // CELL + 1) + column).astype(np.int32)
         chosen = {name.replace("_", "-"): Fit(fit.residual[texels], fit.searched[texels]) for name, fit in fits.items()}
-        return choose(observations[texels], chosen, cells[texels], self.source.least_gain)
+        return choose(observations[texels], chosen, cells[texels], self.source.model_error,
+                      self.source.least_gain)
 
     def _try_larger(self, name: str, texels: Bool, found: Found) -> Generator[Progress, None, tuple[str, str]]:
         """Two lobes, and another specular level, on the squares where a material is seen best."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core.models import FLOOR, Fit, choose, evidence
+from irpso_addon.core.models import Fit, choose, evidence
 
 E = float(np.e)
+FLOOR = 0.003
 
 
 def f32(*values: float) -> np.ndarray:
@@ -29,21 +30,21 @@ def apart(n: np.ndarray) -> np.ndarray:
 def test_evidence_is_the_information_criterion():
     """n log(R / n + floor^2) + p log n, worked out: 10 log(.1) + 3 log 10 = -7 log 10, and 4 log(e^2) + log 4."""
     n = f32(10)
-    assert evidence(n, fit(10 * (0.1 - FLOOR**2) * f32(1), 3), one_cell(n)) == pytest.approx(-7 * np.log(10), rel=1e-6)
+    assert evidence(n, fit(10 * (0.1 - FLOOR**2) * f32(1), 3), one_cell(n), FLOOR) == pytest.approx(-7 * np.log(10), rel=1e-6)
     n = f32(4)
-    assert evidence(n, fit(4 * (E**2 - FLOOR**2) * f32(1), 1), one_cell(n)) == pytest.approx(8 + np.log(4), rel=1e-6)
+    assert evidence(n, fit(4 * (E**2 - FLOOR**2) * f32(1), 1), one_cell(n), FLOOR) == pytest.approx(8 + np.log(4), rel=1e-6)
 
 
 def test_a_cell_has_one_noise():
     """Two texels of residuals 1 and 3 with 10 observations each: together 20 log(4 / 20)."""
     n = f32(10, 10)
-    assert evidence(n, fit(f32(1, 3), 0), one_cell(n)) == pytest.approx(20 * np.log(0.2 + FLOOR**2), rel=1e-6)
+    assert evidence(n, fit(f32(1, 3), 0), one_cell(n), FLOOR) == pytest.approx(20 * np.log(0.2 + FLOOR**2), rel=1e-6)
 
 
 def test_evidence_adds_over_cells():
     n, r = f32(10, 4, 7), f32(0.02, 0.5, 0.001)
-    single = [evidence(n[i:i + 1], fit(r[i:i + 1], 1), one_cell(n[:1])) for i in range(3)]
-    assert evidence(n, fit(r, 1), apart(n)) == pytest.approx(sum(single), rel=1e-12)
+    single = [evidence(n[i:i + 1], fit(r[i:i + 1], 1), one_cell(n[:1]), FLOOR) for i in range(3)]
+    assert evidence(n, fit(r, 1), apart(n), FLOOR) == pytest.approx(sum(single), rel=1e-12)
 
 
 @pytest.mark.parametrize(("ratio", "model"), [(1.0, "lambert"), (1.2, "lambert"), (1.3, "one-lobe"), (50, "one-lobe")])
@@ -52,7 +53,7 @@ def test_the_lobe_must_pay_for_what_it_determined(ratio, model):
     n = f32(*[10] * 5)
     lobe = np.full(5, 10 * 0.01)
     lambert = (lobe + 10 * FLOOR**2) * ratio - 10 * FLOOR**2
-    assert choose(n, {"one-lobe": fit(lobe, 1), "lambert": fit(lambert, 0)}, one_cell(n))[0] == model
+    assert choose(n, {"one-lobe": fit(lobe, 1), "lambert": fit(lambert, 0)}, one_cell(n), FLOOR)[0] == model
 
 
 def test_a_number_that_the_data_leave_open_costs_nothing():
@@ -61,13 +62,13 @@ def test_a_number_that_the_data_leave_open_costs_nothing():
     lobe = np.full(5, 10 * 0.01)
     lambert = (lobe + 10 * FLOOR**2) * 1.05 - 10 * FLOOR**2
     for searched, model in ((0.2, "one-lobe"), (1.0, "lambert")):
-        assert choose(n, {"lambert": fit(lambert, 0), "one-lobe": fit(lobe, searched)}, one_cell(n))[0] == model
+        assert choose(n, {"lambert": fit(lambert, 0), "one-lobe": fit(lobe, searched)}, one_cell(n), FLOOR)[0] == model
 
 
 def test_below_the_floor_a_better_fit_is_no_evidence():
     """Errors of 0.01 % against 0.1 %, both under the forward model's own 0.3 %: 20 log(1.11) = 2.1 < log 20 = 3.0."""
     n = np.full(100, 20, np.float32)
-    assert choose(n, {"lambert": fit(n * 1e-3**2, 0), "one-lobe": fit(n * 1e-4**2, 1)}, one_cell(n))[0] == "lambert"
+    assert choose(n, {"lambert": fit(n * 1e-3**2, 0), "one-lobe": fit(n * 1e-4**2, 1)}, one_cell(n), FLOOR)[0] == "lambert"
 
 
 def test_a_few_texels_with_a_highlight_decide_for_the_material():
@@ -76,7 +77,7 @@ def test_a_few_texels_with_a_highlight_decide_for_the_material():
     lobe = n * 0.01**2
     lambert = lobe.copy()
     lambert[:5] = 12 * 0.2**2
-    assert choose(n, {"lambert": fit(lambert, 0), "one-lobe": fit(lobe, 1)}, apart(n))[0] == "one-lobe"
+    assert choose(n, {"lambert": fit(lambert, 0), "one-lobe": fit(lobe, 1)}, apart(n), FLOOR)[0] == "one-lobe"
 
 
 def test_two_lobes_must_bring_what_the_source_asks():
@@ -86,16 +87,16 @@ def test_two_lobes_must_bring_what_the_source_asks():
     for ratio, least, model in ((1.2, 0.0, "one-lobe"), (2.0, 5.0, "two-lobe"), (2.0, 6.5, "one-lobe")):
         one = (two + n * FLOOR**2) * ratio - n * FLOOR**2
         fits = {"lambert": fit(one * 100, 0), "one-lobe": fit(one, 1), "two-lobe": fit(two, 2)}
-        assert choose(n, fits, one_cell(n), least)[0] == model
+        assert choose(n, fits, one_cell(n), FLOOR, least)[0] == model
 
 
 def test_texels_with_few_observations_say_nothing():
     n = f32(2, 2, 2)
-    model, why = choose(n, {"lambert": fit(f32(1, 1, 1), 0), "one-lobe": fit(f32(0, 0, 0), 1)}, one_cell(n))
+    model, why = choose(n, {"lambert": fit(f32(1, 1, 1), 0), "one-lobe": fit(f32(0, 0, 0), 1)}, one_cell(n), FLOOR)
     assert model == "lambert" and "three good observations" in why
 
 
 def test_the_reason_holds_the_numbers():
     n = f32(*[10] * 4)
-    _, why = choose(n, {"lambert": fit(n * 0.5, 0), "one-lobe": fit(n * 0.01, 1)}, one_cell(n))
+    _, why = choose(n, {"lambert": fit(n * 0.5, 0), "one-lobe": fit(n * 0.01, 1)}, one_cell(n), FLOOR)
     assert "lambert +3" in why and "4 texels" in why
