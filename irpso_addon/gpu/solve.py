@@ -33,12 +33,12 @@ TAU = 0.03  # two lobes: how much the roughnesses of neighbours differ
 METHODS = {  # knobs of the search kernel: particles, moves of the swarm, refinement steps of all and of the best two
     "refined": {"u_particles": 6, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 6},
     "draft": {"u_particles": 4, "u_moves": 0, "u_race_steps": 1, "u_final_steps": 4},
-    "swarm": {"u_particles": 16, "u_moves": 25, "u_race_steps": 0, "u_final_steps": 0},
+    "swarm": {"u_particles": 16, "u_moves": 12, "u_race_steps": 0, "u_final_steps": 0},
 }
 TWO_LOBES = {  # the valleys of two lobes are long and curved: more steps
     "refined": {"u_particles": 8, "u_moves": 0, "u_race_steps": 4, "u_final_steps": 16},
     "draft": {"u_particles": 6, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 6},
-    "swarm": METHODS["swarm"],
+    "swarm": {"u_particles": 16, "u_moves": 25, "u_race_steps": 0, "u_final_steps": 0},
 }
 Uniforms = Mapping[str, float | int]
 Textures = Mapping[str, moderngl.Texture | tuple[moderngl.Texture, ...] | None]
