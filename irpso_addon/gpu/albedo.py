@@ -6,7 +6,7 @@ footprint, so cameras at different distances and angles together know more than 
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 
 import moderngl
 
@@ -14,15 +14,17 @@ from ..core.errors import Cancelled
 from ..core.job import Progress
 from .context import Device
 from .fill import fill
-from .observe import Observations, ObservedCamera, channel_masks
+from .observe import Observations, ObservedCamera, ObservedView, channel_masks
 from .surface import SurfaceMaps
 
 ITERATIONS = 20  # more sharpens noise
 PASSES_MAX = 120  # camera passes in all: with many cameras each iteration takes a share of them
 STEP_SLACK = 0.1  # of 1, the weight of a good pixel seen head on: holds back texels seen at a grazing angle
 ROBUST_PASSES = 4
+VIEWS_AT_ONCE = 4  # in one draw: their two textures each and eight more are what every GL 3.3 driver offers
 OUTLIER = 0.05  # relative error at which a view loses half its weight in a pixel's albedo
 
+Textures = Mapping[str, moderngl.Texture | None]
 Shown = tuple[moderngl.Texture, moderngl.Texture]  # weighted albedo sum and weight per pixel, RGB each
 
 
@@ -39,7 +41,10 @@ class AlbedoSolver:
         """
         self.device, self.grid, self.observations = device, grid, observations
         self.known = {"u_lobes": lobes, **({"u_level": level} if level else {})}
-        self.defines = {**({"SPECULAR": "1"} if level else {}), **({"NDF_BECKMANN": "1"} if beckmann else {})}
+        pairs = device.read(lobes)
+        one = bool((pairs[..., 0] == pairs[..., 1]).all())
+        self.defines = {name: "1" for name, true in (
+            ("SPECULAR", level is not None), ("NDF_BECKMANN", beckmann), ("ONE_LOBE", one)) if true}
         self.size = grid.position.width
         self.cancelled = False
 
@@ -80,35 +85,54 @@ class AlbedoSolver:
     def _pixel_albedo(self, camera: ObservedCamera) -> Shown:
         """Weighted albedo sum and weight of each pixel over the camera's views."""
         device = self.device
-        size = camera.maps.position.size
         grid = {"u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_uv": camera.maps.uv,
                 **self.known, "u_principled_table": self.observations.principled_table}
-        masks = channel_masks(self.observations.channels)
-        specular = device.texture(*size)
-        specular_target = device.framebuffer([specular])
+        specular = [self._specular(camera, view, grid) for view in camera.views]
+        groups = [slice(n, n + VIEWS_AT_ONCE) for n in range(0, len(specular), VIEWS_AT_ONCE)]
         before: Shown | None = None
         for _ in range(ROBUST_PASSES):
-            shown = (device.texture(*size), device.texture(*size))
+            shown = self._shown(camera)
             target = device.framebuffer(shown)
-            target.clear()
             with device.adding():
-                for view in camera.views:
-                    specular_target.clear()
-                    for n, lobe in enumerate(view.lobes):
-                        device.draw("albedo/specular.frag", specular_target, textures={**grid, "u_lobe": lobe},
-                                    uniforms={**camera.viewpoint, "u_channel": masks[n % len(masks)]},
-                                    defines=self.defines)
+                for group in groups:
+                    views = camera.views[group]
+                    tints = [view.tint for view in views]
                     device.draw("albedo/pixel.frag", target, textures={
-                        **grid, "u_colour": view.colour, "u_specular": specular,
-                        "u_before": before[0] if before else None, "u_before_weight": before[1] if before else None,
+                        **grid, "u_before": before[0] if before else None,
+                        "u_before_weight": before[1] if before else None,
+                        "u_colour": tuple(view.colour for view in views), "u_specular": tuple(specular[group]),
                     }, uniforms={**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
-                                 "u_tint": view.tint}, defines=self.defines)
+                                 "u_tint": tints if len(tints) > 1 else tints[0]},
+                        defines={**self.defines, "VIEWS": str(len(views))}, cells=camera.maps.cells)
             target.release()
             release(before)
             before = shown
-        specular_target.release()
-        specular.release()
+        for texture in specular:
+            texture.release()
         return shown
+
+    def _shown(self, camera: ObservedCamera) -> Shown:
+        """Two empty textures of the camera's size."""
+        pair = self.device.texture(*camera.maps.position.size), self.device.texture(*camera.maps.position.size)
+        target = self.device.framebuffer(pair)
+        target.clear()
+        target.release()
+        return pair
+
+    def _specular(self, camera: ObservedCamera, view: ObservedView, grid: Textures) -> moderngl.Texture:
+        """Specular radiance per irradiance of the view's lights at each pixel, 1/sr."""
+        device = self.device
+        masks = channel_masks(self.observations.channels)
+        specular = device.texture(*camera.maps.position.size)
+        target = device.framebuffer([specular])
+        target.clear()
+        with device.adding():
+            for n, lobe in enumerate(view.lobes):
+                device.draw("albedo/specular.frag", target, textures={**grid, "u_lobe": lobe},
+                            uniforms={**camera.viewpoint, "u_channel": masks[n % len(masks)]},
+                            defines=self.defines, cells=camera.maps.cells)
+        target.release()
+        return specular
 
     def _step(
         self, texture: moderngl.Texture, cameras: list[tuple[ObservedCamera, Shown]], *, first: bool
@@ -123,16 +147,17 @@ class AlbedoSolver:
         for camera, (albedo, weight) in cameras:
             residual = device.texture(*albedo.size)
             target = device.framebuffer([residual])
+            target.clear()
             device.draw("albedo/residual.frag", target, textures={
                 "u_albedo": albedo, "u_weight": weight, "u_uv": camera.maps.uv, "u_uv_slope": camera.maps.uv_slope,
                 "u_texture": filled,
-            }, uniforms={"u_footprint": camera.uniforms["u_footprint"]})
+            }, uniforms={"u_footprint": camera.uniforms["u_footprint"]}, cells=camera.maps.cells)
             target.release()
             with device.adding():
                 device.draw("albedo/backproject.frag", update_target, textures={
                     "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
                     "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_residual": residual,
-                }, uniforms={**camera.uniforms, "u_clip": camera.clip})
+                }, uniforms={**camera.uniforms, "u_clip": camera.clip}, cells=self.grid.cells)
             residual.release()
         update_target.release()
         result = device.texture(self.size, self.size)

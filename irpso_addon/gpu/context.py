@@ -18,6 +18,7 @@ import numpy as np
 
 from ..core.data import F32
 from ..core.errors import BadInput
+from .cells import Cells
 from .programs import Programs
 
 COMPUTE_GAIN = 1.5  # how many times faster compute shaders must be to be taken
@@ -71,22 +72,26 @@ class Device:
                     texture.use(unit + several.index(texture))
             if several[0] is not None:
                 units = tuple(range(unit, unit + len(several)))
-                self.programs.set(program, {name: units if isinstance(value, tuple) else unit})
+                self.programs.set(program, {name: units if len(units) > 1 else unit})
             unit += len(several)
 
     def draw(
         self, fragment: str, target: moderngl.Framebuffer, *, textures: Mapping[str, Textures],
         uniforms: Mapping[str, Any], defines: Mapping[str, str] | None = None,
-        viewport: tuple[int, int, int, int] | None = None,
+        viewport: tuple[int, int, int, int] | None = None, cells: Cells | None = None,
     ) -> None:
-        """Run ``shaders/<fragment>`` once for every pixel of the target (or of its viewport)."""
-        program = self.programs.get("include/screen.vert", fragment, defines)
-        if program.glo not in self._quads:
-            self._quads[program.glo] = self.ctx.vertex_array(program, [])
+        """Run ``shaders/<fragment>`` once for every pixel of the target, or of its viewport, or of ``cells`` of it."""
+        program = self.programs.get("include/cells.vert" if cells else "include/screen.vert", fragment, defines)
         self.bind(program, textures)
         self.programs.set(program, uniforms)
         target.use()
         self.ctx.viewport = viewport or (0, 0, target.width, target.height)
+        if cells:
+            self.programs.set(program, cells.uniforms)
+            cells.render(program)
+            return
+        if program.glo not in self._quads:
+            self._quads[program.glo] = self.ctx.vertex_array(program, [])
         self._quads[program.glo].render(moderngl.TRIANGLES, vertices=3)
 
     def kernel(

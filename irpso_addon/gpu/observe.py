@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import moderngl
 import numpy as np
 
 from ..core import lights as light_model
-from ..core.data import F32, Camera, RadianceImage, SceneData, View
+from ..core.data import F32, Bool, Camera, Light, RadianceImage, SceneData, View
 from ..core.job import Progress
 from ..core.tables import principled_table
 from .context import Device
@@ -95,6 +96,7 @@ def observe(
     table_texture = device.texture(table.shape[1], table.shape[0], table.shape[2], table)
     images: dict[int, moderngl.Texture] = {}
     cameras: list[ObservedCamera] = []
+    covered: list[Bool] = []
     members: list[list[int]] = []
     levels: list[F32] = []
     warnings: list[str] = []
@@ -109,10 +111,11 @@ def observe(
             keys[key] = len(cameras)
             maps = draw_pixel_grid(device, mesh, occluders, view.camera, w, h, scene.pixel_filter)
             clip = clip_matrix(view.camera, [scene.mesh.positions, scene.occluders])
+            covered.append(device.read(maps.position)[..., 3] > 0.5)
             cameras.append(ObservedCamera(view.camera, maps, column_major(clip),
                                           camera_uniforms(view.camera, h, scene.pixel_filter)))
             members.append([])
-        shown = device.read(cameras[keys[key]].maps.position)[..., 3] > 0.5
+        shown = covered[keys[key]]
         good = shown & image.valid & (image.coverage > 0.5)
         if not good.any():
             skipped.append((view.image.name, "no usable pixel shows the object: check camera, mask and clipping"))
@@ -141,7 +144,7 @@ def observe(
         for n in group:
             view = scene.views[n]
             shadows = [lit[light.name, c] for light in view.lights]
-            observed = _observe_view(device, cameras[c], view, images[n], shadows, level, channels, table_texture)
+            observed = _observe_view(device, cameras[c], view, images[n], shadows, level, channels)
             cameras[c].views.append(observed)
             images.pop(n).release()
             yield Progress(0.8 + 0.2 * n / len(scene.views), "observe", view.image.name)
@@ -156,40 +159,59 @@ def observe(
 
 def _observe_view(
     device: Device, camera: ObservedCamera, view: View, image: moderngl.Texture, lit: list[moderngl.Texture],
-    level: float, channels: int, table: moderngl.Texture,
+    level: float, channels: int,
 ) -> ObservedView:
-    size = image.size
-    irradiance = device.texture(*size)
-    target = device.framebuffer([irradiance])
-    target.clear()
-    maps = {"u_position": camera.maps.position, "u_normal": camera.maps.normal}
-    lights = [{**light_model.light_uniforms(light), "u_power": tuple(light.power), **camera.uniforms}
-              for light in view.lights]
-    with device.adding():
-        for uniforms, shadow in zip(lights, lit, strict=True):
-            device.draw("observe/irradiance.frag", target, textures={**maps, "u_lit": shadow}, uniforms=uniforms)
-    target.release()
-    lobes = []
-    for light, uniforms, shadow in zip(view.lights, lights, lit, strict=True):
-        point = light.kind != "AREA" and light.radius <= SOFT_ANGLE * 0.1
-        for mask in channel_masks(channels):
-            lobes.append(device.texture(*size))
-            target = device.framebuffer([lobes[-1]])
-            target.clear()
-            device.draw("observe/lobe.frag", target, textures={
-                **maps, "u_lit": shadow, "u_irradiance": irradiance, "u_principled_table": table,
-            }, uniforms={**uniforms, "u_light_points": 1 if point else LIGHT_POINTS, "u_channel": mask})
-            target.release()
-    colour = device.texture(*size)
-    target = device.framebuffer([colour])
-    target.clear()
-    device.draw("observe/colour.frag", target, textures={**maps, "u_image": image, "u_irradiance": irradiance},
-                uniforms={**camera.uniforms, "u_level": level, "u_edge_weight": EDGE_WEIGHT, "u_dark": DARK_SHARE})
-    target.release()
-    irradiance.release()
+    draw = partial(_draw, device, camera.maps)
+    common = {**camera.uniforms, "u_level": level, "u_edge_weight": EDGE_WEIGHT, "u_dark": DARK_SHARE}
+    colour = device.texture(*image.size)
+    if len(lit) == 1 and channels == 1:
+        lobes = [device.texture(*image.size)]
+        draw("observe/view.frag", [colour, lobes[0]], {"u_image": image, "u_lit": lit[0]},
+             {**common, **_lamp(view.lights[0])}, _lamp_defines(view.lights[0]))
+    else:
+        irradiance = device.texture(*image.size)
+        with device.adding():
+            for n, (light, shadow) in enumerate(zip(view.lights, lit, strict=True)):
+                draw("observe/irradiance.frag", [irradiance], {"u_lit": shadow},
+                     {**common, **_lamp(light)}, _lamp_defines(light), clear=n == 0)
+        lobes = []
+        for light, shadow in zip(view.lights, lit, strict=True):
+            for mask in channel_masks(channels):
+                lobes.append(device.texture(*image.size))
+                draw("observe/lobe.frag", [lobes[-1]], {"u_lit": shadow, "u_irradiance": irradiance},
+                     {**common, **_lamp(light), "u_channel": mask}, _lamp_defines(light))
+        draw("observe/colour.frag", [colour], {"u_image": image, "u_irradiance": irradiance, "u_lit": lit[0]}, common)
+        irradiance.release()
     power = np.sum([light.power for light in view.lights], axis=0)
     tint = power / max(float(power.mean()), 1e-20)
     return ObservedView(view, colour, lobes, (float(tint[0]), float(tint[1]), float(tint[2])))
+
+
+def _draw(
+    device: Device, maps: SurfaceMaps, name: str, outputs: list[moderngl.Texture],
+    textures: dict[str, moderngl.Texture], uniforms: dict[str, object], defines: dict[str, str] | None = None,
+    clear: bool = True,
+) -> None:
+    """Draw a shader over a camera's pixels into new textures (or, not cleared, into what is there)."""
+    target = device.framebuffer(outputs)
+    if clear:
+        target.clear()
+    device.draw(name, target, textures={"u_position": maps.position, "u_normal": maps.normal, **textures},
+                uniforms=uniforms, defines=defines, cells=maps.cells)
+    target.release()
+
+
+def _lamp(light: Light) -> dict[str, object]:
+    """Uniforms of one light."""
+    return {**light_model.light_uniforms(light), "u_power": tuple(light.power)}
+
+
+def _lamp_defines(light: Light) -> dict[str, str]:
+    """What the programs for this light are made for: software rasterisers compute branches that uniforms decide."""
+    sharp = light.kind != "AREA" and light.radius == 0.0
+    point = light.kind != "AREA" and light.radius <= SOFT_ANGLE * 0.1
+    return {"LIGHT_KIND": str(light_model.KINDS.index(light.kind)), **({"LIGHT_SHARP": "1"} if sharp else {}),
+            "LIGHT_POINTS": "1" if point else str(LIGHT_POINTS)}
 
 
 def bytes_per_pixel(views: Sequence[View]) -> int:

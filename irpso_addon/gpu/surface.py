@@ -9,6 +9,7 @@ import moderngl
 import numpy as np
 
 from ..core.data import F32, F64, Camera, MeshArrays
+from .cells import Cells
 from .context import Device
 
 _LAYOUT = "3f 3f 2f 4f 3f 4f"
@@ -24,12 +25,13 @@ class SurfaceMaps:
     facet: moderngl.Texture  # RGBA32F: facet normal on the shading side, lift (metres)
     uv: moderngl.Texture | None = None  # RG32F, cameras only
     uv_slope: moderngl.Texture | None = None  # RGBA32F, cameras only: d(uv)/dx, d(uv)/dy
+    cells: Cells | None = None  # the squares of it that show the mesh
 
     def release(self) -> None:
         """Free the textures."""
-        for texture in (self.position, self.normal, self.facet, self.uv, self.uv_slope):
-            if texture is not None:
-                texture.release()
+        for thing in (self.position, self.normal, self.facet, self.uv, self.uv_slope, self.cells):
+            if thing is not None:
+                thing.release()
 
 
 def facets(mesh: MeshArrays) -> F32:
@@ -172,7 +174,8 @@ def draw_texel_grid(device: Device, mesh: MeshBuffer, size: int) -> SurfaceMaps:
     target.clear()
     mesh.draw(target, None)
     target.release()
-    return SurfaceMaps(*textures)
+    position, normal, facet = textures
+    return SurfaceMaps(position, normal, facet, cells=Cells(device.ctx, device.read(position)[..., 3] > 0.5))
 
 
 def overlap_counts(device: Device, mesh: MeshBuffer, size: int) -> F32:
@@ -208,7 +211,8 @@ def draw_pixel_grid(
     ctx.disable(moderngl.DEPTH_TEST)
     target.release()
     depth.release()
-    return SurfaceMaps(*textures)
+    position, normal, facet, uv, slope = textures
+    return SurfaceMaps(position, normal, facet, uv, slope, Cells(ctx, device.read(position)[..., 3] > 0.5))
 
 
 def clip_matrix(camera: Camera, triangles: list[F32]) -> F64:

@@ -156,7 +156,7 @@ class LightVisibility:
                 "u_shadow_clip": column_major(frustum.clip), "u_depth_plane": frustum.plane,
                 "u_texel": frustum.texel, "u_parallel": frustum.parallel, "u_share": share,
                 "u_face": frustum.face, "u_origin": frustum.origin,
-            })
+            }, cells=camera.cells)
         target.release()
 
     def release(self) -> None:

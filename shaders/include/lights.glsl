@@ -8,10 +8,20 @@
 #define PI 3.14159265358979
 #endif
 
+// Software rasterisers compute every branch that a uniform decides, so programs may be made for one kind of lamp
+// (LIGHT_KIND), and for lamps without a radius (LIGHT_SHARP).
+#ifdef LIGHT_KIND
+const int u_light_kind = LIGHT_KIND;
+#else
 uniform int u_light_kind;           // LIGHT_*
+#endif
 uniform vec3 u_light_position;      // world
 uniform vec3 u_light_axis;          // world, unit: where the lamp's -Z points
+#ifdef LIGHT_SHARP
+const float u_light_radius = 0.0;
+#else
 uniform float u_light_radius;       // POINT, SPOT: metres; SUN: half angle, radians
+#endif
 uniform bool u_light_soft;          // POINT, SPOT: the emitter is a disc that faces P (else a sphere)
 uniform mat3 u_light_to_local;      // SPOT: world offset to the lamp's frame, its scale divided out
 uniform vec2 u_light_spot;          // SPOT: cosine of half the cone, 1 / (width of the blend in cosine)
@@ -32,6 +42,9 @@ const int LIGHT_QUADRATURE = 12;     // squared: points where there is no closed
 // Irradiance of a cone of uniform radiance over the horizon, relative to the same cone at the zenith.
 // Lagarde and de Rousiers 2014, "Moving Frostbite to Physically Based Rendering", listing 7 (after Snyder 1996).
 float cone_cosine(float cos_n, float sin_sigma) {
+#ifdef LIGHT_SHARP
+    return max(cos_n, 0.0);
+#endif
     if (cos_n >= sin_sigma) return cos_n;
     if (cos_n <= -sin_sigma) return 0.0;
     float sin_n = sqrt(1.0 - cos_n * cos_n);

@@ -1,5 +1,6 @@
 // The material that the search found, looked up at a pixel: two lobes (a single one: equal roughnesses), which may
-// be Principled or Beckmann's (NDF_BECKMANN), at a Specular IOR Level that is a map with SPECULAR, else 0.5.
+// be Principled or Beckmann's (NDF_BECKMANN), at a Specular IOR Level that is a map with SPECULAR, else 0.5.  With
+// ONE_LOBE no texel has two.
 #include "include/brdf.glsl"
 uniform sampler2D u_lobes;  // texel grid, holes filled: roughness1, roughness2, weight of lobe 1
 #ifdef SPECULAR
@@ -33,7 +34,9 @@ vec2 energy_of(float r, float cos_v, float level) {
 // Reflectance of the diffuse below the lobes for white, 1/sr.
 float diffuse_of(Found f, float cos_v) {
     float taken = energy_of(f.r.x, cos_v, f.level).y;
+#ifndef ONE_LOBE
     if (f.r.y != f.r.x) taken = mix(energy_of(f.r.y, cos_v, f.level).y, taken, f.weight);
+#endif
     return (1.0 - taken) / PI;
 }
 
@@ -55,7 +58,9 @@ float lobe_of(float r, float cos_v, float level, vec4 lobe) {
 // Specular radiance per irradiance; lobe: sin2h, spread, cos_l, factor, as observe/lobe.frag leaves it.
 float specular_of(Found f, float cos_v, vec4 lobe) {
     float s = lobe_of(f.r.x, cos_v, f.level, lobe);
+#ifndef ONE_LOBE
     if (f.r.y != f.r.x) s = mix(lobe_of(f.r.y, cos_v, f.level, lobe), s, f.weight);
+#endif
 #ifdef SPECULAR
     float cos_vh = (lobe.z + cos_v) / (2.0 * sqrt(max(1.0 - lobe.x, 1e-6)));  // from N.H = (N.L + N.V) / |L + V|
     s *= F_level_ratio(min(cos_vh, 1.0), f.level);

@@ -1,0 +1,90 @@
+// What a camera's pixel observes of a light: irradiance, lobe and quality, and whether it lies at an edge.
+#include "include/brdf.glsl"
+#include "include/lights.glsl"
+#include "include/pixel.glsl"
+uniform sampler2D u_lit;       // share of the lamp's light that arrives
+uniform float u_level;         // typical radiance of the views
+uniform float u_edge_weight;
+uniform float u_dark;          // irradiance below this share of the level is as good as none
+#ifdef LIGHT_POINTS
+const int u_light_points = LIGHT_POINTS;
+#else
+uniform int u_light_points;    // sample points on the emitter
+#endif
+
+const float MIN_COS_L = 0.08;  // the terminator: there the irradiance is wrong by the facets' own error
+const float MIN_COS_V = 0.15;  // beyond 81 degrees a pixel's footprint is too long to stand for a point
+const float NO_LIGHT = -1e3;   // marks a channel without light: it says nothing
+
+// Unshadowed irradiance over the pixel's footprint, relative to the lamp's power.
+float irradiance_of(Pixel pixel) {
+    float e = 0.0;
+    for (int j = 0; j < 4; j++) {
+        vec3 P, N;
+        footprint_point(pixel, j, P, N);
+        e += 0.25 * light_irradiance(P, N);
+    }
+    return e;
+}
+
+// Mean and spread of sin^2(theta_h) over the pixel's footprint and the emitter, the cosine to the light, and
+// F / (2 cos_l cos_v); zero where the light is below the horizon.  e: as irradiance_of.
+vec4 lobe_of(Pixel pixel, out float e) {
+    float sum = 0.0, mean = 0.0, square = 0.0, cos_l = 0.0, fresnel = 0.0, cos_v = 0.0;
+    e = 0.0;
+    for (int j = 0; j < 4; j++) {
+        vec3 P, N;
+        footprint_point(pixel, j, P, N);
+        vec3 V = toward_camera(P);
+        cos_v += 0.25 * dot(N, V);
+        e += 0.25 * light_irradiance(P, N);
+        for (int i = 0; i < u_light_points; i++) {
+            float weight;
+            vec3 L = normalize(light_sample(P, i, u_light_points, weight));
+            float nl = dot(N, L);
+            weight *= max(nl, 0.0);
+            vec3 H = normalize(L + V);
+            vec3 off = cross(N, H);
+            float s = dot(off, off);
+            sum += weight;
+            mean += weight * s;
+            square += weight * s * s;
+            cos_l += weight * nl;
+            fresnel += weight * F_dielectric(dot(V, H));
+        }
+    }
+    if (sum <= 0.0 || cos_v <= 0.0) return vec4(0.0);
+    mean /= sum;
+    cos_l = clamp(cos_l / sum, 1e-3, 1.0);
+    cos_v = clamp(cos_v, 1e-3, 1.0);
+    return vec4(mean, sqrt(max(square / sum - mean * mean, 0.0)), cos_l, fresnel / sum / (2.0 * cos_l * cos_v));
+}
+
+// Does a shadow or the terminator pass here?  Does the surface end (which a point sample does not mix with)?
+void edges(ivec2 at, Pixel pixel, float cos_v, out bool shadow, out bool silhouette) {
+    vec4 p = vec4(pixel.P, 1.0);
+    float slant = max(cos_v, 0.15), least = 1.0, most = 0.0;
+    silhouette = false;
+    for (int y = -1; y <= 1; y++) for (int x = -1; x <= 1; x++) {
+        ivec2 near = clamp(at + ivec2(x, y), ivec2(0), textureSize(u_position, 0) - 1);
+        vec4 seen = texelFetch(u_position, near, 0);
+        silhouette = silhouette || !same_surface(p, seen, slant, 1.5);
+        float lit = texelFetch(u_lit, near, 0).r;
+        least = min(least, seen.w < 0.5 ? least : lit);
+        most = max(most, seen.w < 0.5 ? most : lit);
+    }
+    silhouette = silhouette && u_footprint > 0.25;
+    float weight;
+    float cos_l = dot(pixel.N, normalize(light_sample(pixel.P, 0, 1, weight)));
+    shadow = most - least > 0.02 || cos_l < MIN_COS_L;
+}
+
+// Radiance per irradiance and how far to trust it; zero where nothing can be told.  Edges are kept with a small
+// weight: texels that have nothing else would lose all their data.
+vec4 observation(vec4 image, vec3 irradiance, float cos_v, bool edge) {
+    float e = (irradiance.r + irradiance.g + irradiance.b) / 3.0;
+    if (e <= 0.0 || cos_v <= MIN_COS_V || image.a <= 0.0) return vec4(0.0);
+    vec3 f = mix(vec3(NO_LIGHT), image.rgb / max(irradiance, vec3(1e-20)), greaterThan(irradiance, vec3(1e-3 * e)));
+    float quality = cos_v * e / (e + u_dark * u_level) * (edge || image.a < 0.999 ? u_edge_weight : 1.0);
+    return vec4(f, quality * quality);
+}

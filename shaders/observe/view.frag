@@ -1,0 +1,20 @@
+// A view with one light, whole: what its pixels observe, and the light's lobe there.
+#include "include/observed.glsl"
+uniform sampler2D u_image;  // radiance, quality (0: unusable, 1: good, between: partly covered)
+uniform vec3 u_power;
+
+layout(location = 0) out vec4 o_colour;  // radiance / irradiance (1/sr), quality (about 1: good)
+layout(location = 1) out vec4 o_lobe;    // sin2h, spread, cos_l, F / (2 cos_l cos_v)
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    Pixel pixel;
+    if (!load_pixel(at, pixel)) discard;
+    float e, cos_v = dot(pixel.N, toward_camera(pixel.P));
+    o_lobe = lobe_of(pixel, e);
+    e *= texelFetch(u_lit, at, 0).r;
+    if (e <= 0.0) o_lobe.w = 0.0;
+    bool shadow, silhouette;
+    edges(at, pixel, cos_v, shadow, silhouette);
+    o_colour = observation(texelFetch(u_image, at, 0), u_power * e, cos_v, (e > 0.0 && shadow) || silhouette);
+}
