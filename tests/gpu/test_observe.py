@@ -1,0 +1,137 @@
+"""Observations of the self-test's square: a view with one lamp goes another way through the shaders than one with two."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irpso_addon.core import selftest
+from irpso_addon.core.data import Light, SceneData
+from irpso_addon.gpu.cells import CELL, Cells
+from irpso_addon.gpu.observe import observe
+from irpso_addon.gpu.surface import MeshBuffer
+
+
+def observed(on_gl, scene: SceneData, read_image):
+    """Per view (colour, lobes) of the only camera, as arrays."""
+
+    def work(device):
+        mesh = MeshBuffer(device, scene.mesh)
+        steps = observe(device, scene, mesh, read_image)
+        while True:
+            try:
+                next(steps)
+            except StopIteration as end:
+                found = end.value
+                break
+        result = [(device.read(view.colour), [device.read(lobe) for lobe in view.lobes])
+                  for view in found.cameras[0].views]
+        found.release()
+        mesh.release()
+        return result
+
+    return on_gl(work)
+
+
+def halves(light: Light, tint: tuple[float, float, float] = (0.5, 0.5, 0.5)) -> tuple[Light, Light]:
+    """Two lamps in the place of one, which together are it."""
+    share = np.array(tint)
+    return (replace(light, name=f"{light.name} a", power=light.power * share),
+            replace(light, name=f"{light.name} b", power=light.power * (1 - share)))
+
+
+@pytest.fixture(scope="module")
+def test():
+    made = selftest.build()
+    lamps = [replace(view.lights[0], radius=0.0 if i % 2 else 0.3) for i, view in enumerate(made.scene.views)]
+    views = tuple(replace(view, lights=(lamp,)) for view, lamp in zip(made.scene.views, lamps, strict=True))
+    return replace(made, scene=replace(made.scene, views=views[:6]))
+
+
+def test_one_lamp_is_two_halves(on_gl, test):
+    whole = observed(on_gl, test.scene, test.read_image)
+    views = tuple(replace(view, lights=halves(view.lights[0])) for view in test.scene.views)
+    parts = observed(on_gl, replace(test.scene, views=views), lambda view: test.read_image(view_of(test, view)))
+    for (colour, (lobe,)), (colour_2, lobes_2) in zip(whole, parts, strict=True):
+        assert colour[..., 3].max() > 0.5
+        np.testing.assert_allclose(colour_2, colour, rtol=2e-5, atol=1e-6)
+        for half in lobes_2:
+            np.testing.assert_allclose(half[..., :3], lobe[..., :3], rtol=2e-5, atol=1e-6)
+        np.testing.assert_allclose(lobes_2[0][..., 3] + lobes_2[1][..., 3], lobe[..., 3], rtol=2e-5, atol=1e-6)
+
+
+def test_coloured_lamps_share_each_channel(on_gl, test):
+    """A red-weighted and a blue-weighted lamp: three lobes each, whose factors add up to the white lamp's."""
+    whole = observed(on_gl, test.scene, test.read_image)
+    views = tuple(replace(view, lights=halves(view.lights[0], (0.9, 0.5, 0.2))) for view in test.scene.views)
+    parts = observed(on_gl, replace(test.scene, views=views), lambda view: test.read_image(view_of(test, view)))
+    for (colour, (lobe,)), (colour_2, lobes_2) in zip(whole, parts, strict=True):
+        assert len(lobes_2) == 6
+        np.testing.assert_allclose(colour_2, colour, rtol=2e-5, atol=1e-6)
+        for channel, share in enumerate((0.9, 0.5, 0.2)):
+            np.testing.assert_allclose(lobes_2[channel][..., 3], lobe[..., 3] * share, rtol=1e-4, atol=1e-6)
+
+
+def test_what_is_observed_is_what_was_drawn(on_gl, test):
+    """f = radiance / irradiance of the pixel's own lamp, where the lamp is a point: the self-test's formula."""
+    sharp = [i for i, view in enumerate(test.scene.views) if view.lights[0].radius == 0.0]
+    for i, (colour, _) in enumerate(observed(on_gl, test.scene, test.read_image)):
+        if i not in sharp:
+            continue
+        lamp, image = test.scene.views[i].lights[0], test.read_image(test.scene.views[i])
+        good = colour[..., 3] > 0.5
+        size = len(image.rgb)
+        centres = selftest.EDGE * ((np.arange(size) + 0.5) / size * 2 - 1)
+        x, y = np.meshgrid(centres, centres)
+        away = lamp.matrix[:3, 3] - np.stack([x, y, np.zeros_like(x)], -1)
+        square = (away**2).sum(-1)
+        irradiance = lamp.power[0] * away[..., 2] / np.sqrt(square) / (4 * np.pi * square)
+        # The footprint's mean irradiance is the centre's but for the curvature over a pixel.
+        np.testing.assert_allclose(colour[good][:, :3], (image.rgb / irradiance[..., None])[good], rtol=2e-3)
+
+
+def view_of(test, view):
+    """The self-test draws a view by its one lamp."""
+    return next(own for own in test.scene.views if own.image == view.image)
+
+
+@pytest.mark.parametrize("size", [(8, 8), (37, 21), (64, 40)])
+def test_cells_are_the_squares_that_hold_something(on_gl, size):
+    """Drawn into zeros, they cover every covered pixel and nothing outside the squares around them."""
+    width, height = size
+    covered = np.zeros((height, width), bool)
+    covered[height // 2, width // 3], covered[-1, -1], covered[0, 0] = True, True, True
+    want = np.zeros_like(covered)
+    for y, x in np.argwhere(covered):
+        want[y // CELL * CELL:(y // CELL + 1) * CELL, x // CELL * CELL:(x // CELL + 1) * CELL] = True
+
+    def work(device):
+        ones = device.texture(width, height, 4, np.ones((height, width, 4), np.float32))
+        texture = device.texture(width, height)
+        target = device.framebuffer([texture])
+        target.clear()
+        cells = Cells(device.ctx, covered)
+        with device.adding():  # what is drawn twice would show
+            device.draw("fill/up.frag", target, textures={"u_map": ones, "u_parent": ones}, uniforms={}, cells=cells)
+        result = device.read(texture)[..., 0].copy()
+        for thing in (cells, target, texture, ones):
+            thing.release()
+        return result
+
+    assert (on_gl(work) == want).all()
+
+
+def test_cells_of_nothing_draw_nothing(on_gl):
+    def work(device):
+        texture = device.texture(16, 16, 4, np.full((16, 16, 4), 7, np.float32))
+        target = device.framebuffer([texture])
+        cells = Cells(device.ctx, np.zeros((16, 16), bool))
+        device.draw("fill/up.frag", target, textures={"u_map": texture, "u_parent": texture}, uniforms={}, cells=cells)
+        result = device.read(texture).copy()
+        for thing in (cells, target, texture):
+            thing.release()
+        return result
+
+    assert (on_gl(work) == 7).all()
