@@ -16,7 +16,6 @@ import numpy as np
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.context import Device
 from irpso_addon.gpu.paper import Swarms
-from irpso_addon.gpu.solve import METHODS
 
 from .opengl import Bench
 from .problem import Errors, Estimate, Problem, Spec, make
@@ -83,27 +82,28 @@ class Entrant:
         return bool(self.needs) and find_spec(self.needs) is None
 
 
-def _product(variants: Mapping[str, Mapping[str, int]], default: str) -> Run:
+def _product(variants: Callable[[Bench], Mapping[str, Mapping[str, int]]], default: str) -> Run:
     def run(stage: Stage, brief: bool) -> Iterator[Point]:
-        for name, knobs in list(variants.items())[:1 if brief else None]:
+        for name, knobs in list(variants(stage.bench).items())[:1 if brief else None]:
             seconds, found, _ = stage.bench.solve(knobs)
             yield Point(name, seconds, stage.problem.score(found), name == default)
 
     return run
 
 
-def _refined() -> dict[str, dict[str, int]]:
-    """Particles x race steps, final steps: the product's two, and others beside them."""
-    knobs = {f"{p} x {r}, {f}": {"u_particles": p, "u_moves": 0, "u_race_steps": r, "u_final_steps": f}
-             for p, r, f in ((4, 1, 3), (16, 4, 12))}
-    quick, deep = knobs
-    return {quick: knobs[quick], "draft": METHODS["draft"], "refined": METHODS["refined"], deep: knobs[deep]}
+def _refined(bench: Bench) -> dict[str, dict[str, int]]:
+    """The product's two, and one with fewer and one with more of everything."""
+    own = bench.knobs("refined")
+    less, more = ({**own, **{k: int(own[k] * by) for k in ("u_particles", "u_race_steps", "u_final_steps")}}
+                  for by in (0.5, 2))
+    return {"half of all": less, "draft": bench.knobs("draft"), "refined": own, "twice all": more}
 
 
-def _swarm() -> dict[str, dict[str, int]]:
-    own = METHODS["swarm"]
-    moves = sorted({3, 6, 12, 50, own["u_moves"]})
-    return {f"{own['u_particles']} x {n}": {**own, "u_moves": n} for n in moves}
+def _swarm(bench: Bench) -> dict[str, dict[str, int]]:
+    """The product's number of moves, and others."""
+    own = bench.knobs("swarm")
+    counts = sorted({3, 6, 12, 25, 50, own["u_moves"]})
+    return {"swarm" if n == own["u_moves"] else f"{n} moves": {**own, "u_moves": n} for n in counts}
 
 
 def _glsl(shader: str, budgets: Callable[[Spec], list[tuple[str, dict[str, float]]]]) -> Run:
@@ -176,8 +176,8 @@ def _adam_steps(spec: Spec) -> tuple[int, ...]:
 
 LM_STEPS = (1, 2, 4, 8, 12)
 ENTRANTS = [
-    Entrant("refined", "refined", "irpso", _product(_refined(), "refined")),
-    Entrant("swarm", "swarm", "irpso", _product(_swarm(), "16 x 25")),
+    Entrant("refined", "refined", "irpso", _product(_refined, "refined")),
+    Entrant("swarm", "swarm", "irpso", _product(_swarm, "swarm")),
     Entrant("paper", "paper", "irpso", _paper, fitting=lambda spec: spec.model != "lambert"),
     Entrant("single", "LM, one start (GLSL)", "glsl", _glsl("single.glsl", _steps("steps", (2, 4, 8, 16)))),
     Entrant("adam", "Adam (GLSL)", "glsl", _glsl("adam.glsl", _steps("steps", (10, 30, 100, 300), u_rate=0.02))),

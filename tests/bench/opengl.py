@@ -18,7 +18,7 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.tables import principled_table
 from irpso_addon.gpu.atlas import ArraySource
 from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.solve import Solver
+from irpso_addon.gpu.solve import METHODS, TWO_LOBES, Solver
 
 from .problem import Estimate, Problem
 
@@ -33,15 +33,20 @@ class Bench:
         self.lobes = 2 if problem.spec.model == "two-lobe" else 1
         self.source = ArraySource(device, rgb=problem.rgb, quality=problem.quality, cos_v=problem.cos_v,
                                   lobes=problem.lobes, groups=problem.groups, table=principled_table())
-        self.solver = Solver(device, self.source, SolveSettings(size=max(problem.spec.size, 16)), self.source.size)
+        settings = SolveSettings(size=max(problem.spec.size, 16), seed=problem.spec.seed)
+        self.solver = Solver(device, self.source, settings, self.source.size)
         for _ in self.source.gather(self.solver.atlas, (0, 0), True):
             pass
         if self.solver.atlas.tile != self.source.size:
             raise ValueError(f"{problem.spec.size} texels are more than one tile of observations holds")
 
+    def knobs(self, method: str) -> dict[str, int]:
+        """What the search kernel does as one of the product's methods."""
+        return dict((METHODS if self.lobes == 1 else TWO_LOBES)[method])
+
     def solve(self, knobs: Mapping[str, int]) -> tuple[float, Estimate, dict[str, np.ndarray]]:
         """The product's whole solve: search, neighbours, polish, base colour.  (seconds, estimate, more maps)."""
-        self.solver.knobs = {"u_seed": self.problem.spec.seed, **knobs}
+        self.solver.knobs = {self.lobes: knobs}
         start = self._now()
         maps = result(self.solver.solve_two() if self.lobes == 2 else self.solver.solve())
         found = maps.roughness if maps.pairs is None else maps.pairs

@@ -14,7 +14,6 @@ from typing import Any
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.context import Device
 from irpso_addon.gpu.paper import Swarms
-from irpso_addon.gpu.solve import METHODS
 
 from .opengl import SHADERS, Bench
 from .problem import Spec, make
@@ -108,7 +107,7 @@ def throughput(device: Device, rounds: int, size: int) -> dict[str, Any]:
     for noise in (0.0, 0.01):
         for across in (size, 2 * size, 7 * size // 2):
             bench = Bench(device, make(Spec("one-lobe", 12, across, noise=noise)))
-            taken = [bench.solve(METHODS["refined"])[0] for _ in range(rounds + 1)]
+            taken = [bench.solve(bench.knobs("refined"))[0] for _ in range(rounds + 1)]
             bench.release()
             speed = across**2 / min(taken[1:])
             rate = max(rate, speed) if not noise else rate
@@ -130,7 +129,7 @@ def fused(device: Device, rounds: int, size: int) -> dict[str, Any]:
     rows, ratios, passing = [], [], []
     for spec in (Spec(size=size), Spec(views=24, size=size), Spec("two-lobe", 12, size)):
         bench = Bench(device, make(spec))
-        knobs = METHODS["swarm"]
+        knobs = bench.knobs("swarm")
         once = search_seconds(bench, knobs, rounds)
         swarms = Swarms(device, bench.source, SolveSettings(size=max(size, 16), method="paper"), spec.model,
                         tile=bench.source.size)

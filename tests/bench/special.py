@@ -12,7 +12,6 @@ from irpso_addon.core.data import F64
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.context import Device
 from irpso_addon.gpu.ladder import Ladder
-from irpso_addon.gpu.solve import METHODS
 
 from .opengl import Bench, result
 from .problem import FAILED, Estimate, Spec, make
@@ -31,8 +30,8 @@ def noise(device: Device, rounds: int, size: int) -> Table:
             for seed in range(SEEDS):
                 problem = make(Spec("one-lobe", views, size, noise=0.01, borders=borders, seed=seed))
                 bench = Bench(device, problem)
-                alone.append(problem.score(search_alone(bench, METHODS["refined"])).failures)
-                found = bench.solve(METHODS["refined"])[1]
+                alone.append(problem.score(search_alone(bench, bench.knobs("refined"))).failures)
+                found = bench.solve(bench.knobs("refined"))[1]
                 bench.release()
                 together.append(problem.score(found).failures)
                 errors.append(problem.score(found).roughness)
@@ -83,7 +82,7 @@ def confidence(device: Device, rounds: int, size: int) -> Table:
         for seed in range(SEEDS):
             problem = make(replace(spec, seed=seed))
             bench = Bench(device, problem)
-            _, found, more = bench.solve(METHODS["refined"])
+            _, found, more = bench.solve(bench.knobs("refined"))
             bench.release()
             error = np.abs(found.lobes() - problem.truth.lobes())[..., 0]  # sigma is that of the sharper lobe
             sigma = more["roughness_sigma"]
@@ -118,11 +117,11 @@ def moves(device: Device, rounds: int, size: int) -> Table:
         counts = (0, 1, 2, 4, 8)
         taken: dict[int, list[float]] = {n: [] for n in counts}
         for n in counts:
-            bench.solve({**METHODS["refined"], "u_moves": n})
+            bench.solve({**bench.knobs("refined"), "u_moves": n})
         found = {}
         for _ in range(rounds):
             for n in counts:
-                seconds, found[n], _ = bench.solve({**METHODS["refined"], "u_moves": n})
+                seconds, found[n], _ = bench.solve({**bench.knobs("refined"), "u_moves": n})
                 taken[n].append(seconds)
         bench.release()
         for n in counts:

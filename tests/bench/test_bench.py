@@ -12,7 +12,6 @@ import pytest
 
 from irpso_addon.core import brdf
 from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.solve import METHODS
 
 from . import special
 from .entrants import ENTRANTS, Stage, set_up
@@ -121,7 +120,7 @@ def test_entrant_solves_a_clean_problem(entrant: Any, stage: Stage) -> None:
 
 def test_two_lobes_are_told_apart(device: Device) -> None:
     made = set_up(device, Spec("two-lobe", 24, 8), {})
-    found = made.bench.solve(METHODS["refined"])[1]
+    found = made.bench.solve(made.bench.knobs("refined"))[1]
     made.bench.release()
     assert np.median(made.problem.roughness_error(found)) < 1e-3
 

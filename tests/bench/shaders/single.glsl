@@ -13,8 +13,8 @@ uniform int u_steps;
 void kernel() {
     out_0 = vec4(0.5);
     if (!load_observations()) return;
-    Particle p = particle_at(START);
-    refine(p, u_steps);
+    Particle p = untried(START);
+    refine(p, u_steps + 1);  // the first only evaluates
 #if LOBES == 2
     out_0 = vec4(p.r, p.weight, p.residual);
 #else
