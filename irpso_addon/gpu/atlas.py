@@ -31,7 +31,7 @@ REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts h
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
 POOL_GAIN = 0.3  # neighbours' errors are alike (shared pixels, model error), four say less than four times one
 MODEL_ERROR = 0.003  # relative: pixels stand for texels
-LEAST_GAIN = 3.0  # nats a texel: pixels that stand for texels leave errors that more lobes can mimic; up to 1.9 seen
+LEAST_GAIN = 5.0  # nats a texel: such errors are mimicked by more lobes; up to 2.9 was seen
 
 Tile = tuple[int, int]  # its first texel
 

@@ -19,8 +19,8 @@ float channel_of(int g) { return 1.0; }
 #endif
 
 // Sums over one group, and over the groups per channel.
-// d is the difference to the group's first: near the solution it is constant in a group, and float32 would
-// lose its variance beside its mean.
+// d is the difference to the group's first: near the solution it is constant in a group, and float32 would lose its
+// variance beside its mean.  A first that weighs nothing beside a later one (an edge) would not do: it is dropped.
 struct Group { float w, d, dd, s, ss, sd, first; };
 struct Total { CHANNEL w, r, rr, t, tt, rt, first; };  // r too is the difference to the first group's
 
@@ -56,7 +56,7 @@ void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total t
         float s, ds;
         specular_d(n, r, t, s, ds);
         float d = obs_f[n] - s, w = obs_weight[n];
-        if (g.w == 0.0) g.first = d;
+        if (g.w < NEGLIGIBLE * w) g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, d);
         d -= g.first;
         g.w += w;
         g.d += w * d;

@@ -62,7 +62,7 @@ void add_group(int k, int first, int end, vec2 r, float weight, inout Scatter al
         specular_d(n, r.y, two, s2, ds2);
         float w = obs_weight[n];
         vec4 v = vec4(obs_f[n] - (weight * s1 + (1.0 - weight) * s2), s1 - s2, weight * ds1, (1.0 - weight) * ds2);
-        if (g.w == 0.0) g.first = v;
+        if (g.w < NEGLIGIBLE * w) g = GroupTwo(0.0, v, vec4(0.0), vec4(0.0), vec3(0.0), vec3(0.0));
         v -= g.first;
         g.w += w;
         g.v += w * v;

@@ -28,6 +28,8 @@ const float SEARCHED = 3.0;  // numbers that are neither base colour nor given
 const float SEARCHED = 1.0;
 #endif
 
+const float NEGLIGIBLE = 1e-5;  // share of an observation's weight that another's may be dropped for
+
 const int GROUP_START[GROUPS + 1] = int[](GROUP_STARTS);
 const int GROUP_CHANNEL[GROUPS] = int[](GROUP_CHANNELS);
 float obs_f[LAYERS], obs_weight[LAYERS];

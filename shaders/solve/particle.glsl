@@ -14,11 +14,11 @@ struct Particle {
 
 float residual_at(float r) { return evaluate(r).x; }
 
-Particle particle_at(float r) {
-    vec3 fit = evaluate(r);
-    return Particle(r, fit.x, fit.y, fit.z, 1e-3);
-}
+const float UNTRIED = 1e30;  // residual of a particle that was not evaluated yet
 
+Particle untried(float r) { return Particle(r, UNTRIED, 0.0, 1.0, 5e-3); }
+
+// Levenberg-Marquardt; the first step of an untried particle goes nowhere and evaluates it.
 void refine(inout Particle p, int steps) {
     for (int i = 0; i < steps; i++) {
         float step = clamp(p.gradient / (p.curvature * (1.0 + p.damping) + 1e-20), -0.15, 0.15);
@@ -26,7 +26,7 @@ void refine(inout Particle p, int steps) {
         vec3 fit = evaluate(r);
         if (fit.x < p.residual) p = Particle(r, fit.x, fit.y, fit.z, max(p.damping * 0.2, 1e-6));
         else p.damping = min(p.damping * 8.0, 1e4);
-        if (abs(step) < CONVERGED) break;
+        if (abs(step) < CONVERGED && i > 0) break;
     }
 }
 

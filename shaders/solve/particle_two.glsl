@@ -23,13 +23,16 @@ Particle particle(vec2 r, float weight, float damping) {
     return Particle(r, fit.weight, fit.residual, fit.gradient, fit.curvature, damping);
 }
 
-Particle particle_at(vec2 r) { return particle(r, 0.5, 1e-3); }
+const float UNTRIED = 1e30;  // residual of a particle that was not evaluated yet
+
+Particle untried(vec2 r) { return Particle(r, 0.5, UNTRIED, vec2(0.0), vec3(1.0, 0.0, 1.0), 5e-3); }
 
 vec2 solve_2x2(vec3 m, vec2 b) {
     float determinant = max(m.x * m.z - m.y * m.y, 1e-20 + 1e-7 * m.x * m.z);
     return vec2(m.z * b.x - m.y * b.y, m.x * b.y - m.y * b.x) / determinant;
 }
 
+// Levenberg-Marquardt; the first step of an untried particle goes nowhere and evaluates it.
 void refine(inout Particle p, int steps) {
     for (int i = 0; i < steps; i++) {
         vec3 damped = p.curvature + vec3(p.damping, 0.0, p.damping) * p.curvature + vec3(1e-12, 0.0, 1e-12);
@@ -43,7 +46,7 @@ void refine(inout Particle p, int steps) {
         Particle moved = particle(r, weight, max(p.damping * 0.2, 1e-6));
         if (moved.residual < p.residual) p = moved;
         else p.damping = min(p.damping * 8.0, 1e4);
-        if (max(abs(step.x), abs(step.y)) < CONVERGED) break;
+        if (max(abs(step.x), abs(step.y)) < CONVERGED && i > 0) break;
     }
 }
 

@@ -18,13 +18,13 @@ uniform int u_steps;
 float mean, information;  // of the prior
 float least, degrees, around, trust;
 
-vec3 fit;    // of the data alone, where posterior() was asked last
-float last;
+vec3 fit;          // of the data alone, where posterior() was asked last
+vec3 best_fit;     // where descend() ended
+vec2 end_albedo;   // fit_albedo() there
 
 // Cost, minus its slope, curvature of data and prior together.
 vec3 posterior(float r) {
     fit = evaluate(r);
-    last = r;
     float down = 2.0 * trust * data_slope(fit.x, degrees, around);
 #ifdef NEIGHBOURS
     float off = r - mean;
@@ -37,18 +37,22 @@ vec3 posterior(float r) {
 #endif
 }
 
-float descend(float r, inout vec3 here) {
-    float damping = 1e-3;
-    for (int i = 0; i < u_steps; i++) {
-        float to = clamp(r + clamp(here.y / (here.z * (1.0 + damping) + 1e-12), -0.15, 0.15), ROUGHNESS_MIN, 1.0);
+// Damped Gauss-Newton from r: where it ends, and what the posterior is there.
+float descend(float r, int steps, out vec3 here) {
+    float damping = 1e-3, to = r;
+    here = vec3(1e30, 0.0, 1.0);
+    for (int i = 0; i <= steps; i++) {  // the first goes nowhere
         vec3 there = posterior(to);
         if (there.x < here.x) {
             r = to;
             here = there;
+            best_fit = fit;
+            end_albedo = fit_albedo();
             damping = max(damping * 0.2, 1e-6);
         } else {
             damping = min(damping * 8.0, 1e4);
         }
+        to = clamp(r + clamp(here.y / (here.z * (1.0 + damping) + 1e-12), -0.15, 0.15), ROUGHNESS_MIN, 1.0);
     }
     return r;
 }
@@ -62,36 +66,38 @@ void kernel() {
     least = valleys.y;
     degrees = support.z;
     trust = belief(support.y, obs_share);
-    float r = valleys.x;
-    vec3 best = posterior(r);
-#ifndef NEIGHBOURS
-    r = descend(r, best);
-#endif
-    // Mean squared distance to where else the roughness may be.
-    float elsewhere = exp(-trust * data_cost(valleys.w, least, degrees, around)) * (valleys.z - r) * (valleys.z - r);
-    float variance = 1.0 / max(best.z, 1e-6) + elsewhere;
+    vec3 best;
+    vec2 best_albedo;
 #ifdef NEIGHBOURS
     vec4 prior = texelFetch(u_prior, texel, 0);
     mean = prior.x;
     information = 1.0 / prior.y;
-    best = posterior(r);
-    r = descend(r, best);
-    for (int start = 0; start < 2; start++) {
-        float other = start == 0 ? texelFetch(u_estimate, texel, 0).x : valleys.z;
-        vec3 there = posterior(other);
-        other = descend(other, there);
+    vec3 starts = vec3(valleys.x, texelFetch(u_estimate, texel, 0).x, valleys.z);
+    float r = 0.5;
+    best = vec3(1e30, 0.0, 1.0);
+    vec3 final_fit;
+    for (int i = 0; i < 3; i++) {
+        vec3 there;
+        float other = descend(starts[i], u_steps, there);
         if (there.x < best.x) {
             best = there;
             r = other;
+            final_fit = best_fit;
+            best_albedo = end_albedo;
         }
     }
-    variance = 1.0 / max(best.z, 1e-6);
+    float variance = 1.0 / max(best.z, 1e-6);
     variance = variance < 0.01 * r * r ? variance + prior.z : max(prior.w, 0.25 * variance);
+#else
+    float r = descend(valleys.x, u_steps, best);
+    vec3 final_fit = best_fit;
+    best_albedo = end_albedo;
+    // Mean squared distance to where else the roughness may be.
+    float elsewhere = exp(-trust * data_cost(valleys.w, least, degrees, around)) * (valleys.z - r) * (valleys.z - r);
+    float variance = 1.0 / max(best.z, 1e-6) + elsewhere;
 #endif
-    if (r != last) fit = evaluate(r);
-    vec2 albedo = fit_albedo();
     // Effective parameters (Moody 1992): curvature of the data of that of data and prior.
-    float determined = 2.0 * trust * data_slope(fit.x, degrees, around) * fit.z / max(best.z, 1e-12);
+    float determined = 2.0 * trust * data_slope(final_fit.x, degrees, around) * final_fit.z / max(best.z, 1e-12);
     out_0 = vec4(r, sqrt(min(variance, 0.25)), clamp(determined, 0.0, 1.0), 1.0);
-    out_1 = vec4(support.y, fit.x, evaluate_lambert(), sqrt(albedo.x * albedo.x * variance + albedo.y * around));
+    out_1 = vec4(support.y, final_fit.x, evaluate_lambert(), sqrt(best_albedo.x * best_albedo.x * variance + best_albedo.y * around));
 }

@@ -70,13 +70,13 @@ void kernel() {
     vec4 own = texelFetch(u_pairs, texel, 0);
     least = own.w;
     neighbourhood(texel);
-    Particle best = particle(own.xy, own.z, 1e-3);
-    float best_cost = cost(best);
-    for (int j = 0; j < 8; j++) {
-        int k = j < 4 ? j : j + 1;
+    Particle best;
+    float best_cost = 1e30;
+    for (int j = 0; j < 9; j++) {
+        int k = (j + 4) % 9;  // its own first
         ivec2 at = texel + u_stride * ivec2(k % 3 - 1, k / 3 - 1);
         if (any(lessThan(at, ivec2(0))) || any(greaterThanEqual(at, textureSize(u_pairs, 0)))) continue;
-        if (texelFetch(u_variance, at, 0).w < 0.5) continue;
+        if (j > 0 && texelFetch(u_variance, at, 0).w < 0.5) continue;
         vec4 theirs = texelFetch(u_pairs, at, 0);
         Particle other = particle(theirs.xy, theirs.z, 1e-3);
         float other_cost = cost(other);
