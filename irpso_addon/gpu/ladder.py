@@ -66,8 +66,9 @@ class Ladder:
             found = yield from self._specular(list(self.masks))
         else:
             found = self._read((yield from self.solver.solve()))
-        found.model = dict.fromkeys(self.masks, model)
-        found.why = dict.fromkeys(self.masks, "asked for")
+        present = [name for name, mask in self.masks.items() if mask.any()]
+        found.model = dict.fromkeys(present, model)
+        found.why = dict.fromkeys(present, "asked for")
         if model == "auto":
             yield from self._climb(found)
         found.cancelled = self.solver.cancelled
@@ -110,7 +111,8 @@ class Ladder:
         for name, mask in self.masks.items():
             texels = mask & (found.roughness[..., 3] > 0.5)
             if not texels.any():
-                del found.model[name], found.why[name]
+                found.model.pop(name, None)
+                found.why.pop(name, None)
                 continue
             none = Fit(found.detail[..., 2], np.zeros_like(found.detail[..., 2]))
             one = Fit(found.detail[..., 1], np.ones_like(found.detail[..., 1]))  # in full: no lobe needs no neighbours
@@ -119,11 +121,11 @@ class Ladder:
                 found.model[name], found.why[name] = yield from self._try_larger(name, texels, found)
                 larger.setdefault(found.model[name], []).append(name)
         for name in larger.get("one-lobe-specular", []):
-            yield from self._put(found, (yield from self._specular([name])), [name])
+            self._put(found, (yield from self._specular([name])), [name])
         if "two-lobe" in larger:
             names = larger["two-lobe"]
             maps = yield from self.solver.solve_two(self._tiles(self.solver, names))
-            yield from self._put(found, self._read(maps), names)
+            self._put(found, self._read(maps), names)
 
     def _choose(self, texels: Bool, observations: F32, **fits: Fit) -> tuple[str, str]:
         h, w = texels.shape
@@ -175,9 +177,9 @@ class Ladder:
         wanted = np.logical_or.reduce([self.masks[name] for name in names])
         return tiles(solver.atlas, wanted)
 
-    def _put(self, found: Found, part: Found, names: list[str]) -> Generator[Progress, None, None]:
+    def _put(self, found: Found, part: Found, names: list[str]) -> None:
         """Take over what another model found for some materials."""
-        inside = np.logical_or.reduce([self.masks[name] for name in names])
+        inside = np.logical_or.reduce([self.masks[name] for name in names]) & (part.roughness[..., 3] > 0.5)
         lambert_residual = found.detail[..., 2].copy()
         if part.lobes is not None:
             r = found.roughness[..., 0]
@@ -189,7 +191,6 @@ class Ladder:
         found.detail = np.where(inside[..., None], part.detail, found.detail)
         found.detail[..., 2] = lambert_residual
         found.levels |= part.levels
-        yield Progress(1.0, "solve")
 
     # ---- Specular IOR Level
 
@@ -206,6 +207,7 @@ class Ladder:
             support.release()
             places = [place for mask in masks.values() for place in self._best_seen(solver, mask, seen)]
         level = yield from self._levels(solver, masks, places)
+        self.solver.cancelled |= solver.cancelled
         if solver is not self.solver:
             self._set_level(solver, None)
             solver.release()
@@ -228,6 +230,8 @@ class Ladder:
         level = np.full(next(iter(masks.values())).shape, 0.5, np.float32)
         step = LEVEL_STEP
         for _ in range(LEVEL_ROUNDS):
+            if solver.cancelled:
+                break
             offsets = step * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
             costs = []
             for offset in offsets:
@@ -288,11 +292,15 @@ def _box(values: F64, width: int) -> F64:
 
 
 def _lowest(offsets: F64, costs: F64) -> F64:
-    """Where the parabola through the lowest of (5, h, w) costs and its neighbours has its bottom, (h, w)."""
+    """Where the parabola through the lowest of (5, h, w) costs and its neighbours has its bottom, (h, w).
+
+    In the middle where all costs are alike.
+    """
     best = np.clip(costs.argmin(axis=0), 1, len(offsets) - 2)
     left, here, right = (np.take_along_axis(costs, best[None] + i, axis=0)[0] for i in (-1, 0, 1))
     bend = left - 2.0 * here + right
     shift = np.where(bend > 0, 0.5 * (left - right) / np.where(bend > 0, bend, 1.0), 0.0)
     edge = np.where(right < here, 1.0, np.where(left < here, -1.0, 0.0))
     shift = np.where((left < here) | (right < here), edge, shift)
-    return np.asarray(offsets[best] + np.clip(shift, -1.0, 1.0) * (offsets[1] - offsets[0]))
+    flat = costs.max(axis=0) <= costs.min(axis=0)
+    return np.where(flat, 0.0, offsets[best] + np.clip(shift, -1.0, 1.0) * (offsets[1] - offsets[0]))
