@@ -6,7 +6,9 @@ that shows it.  Interpolating colours at the texel's own geometry instead double
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -24,6 +26,7 @@ from .visibility import SOFT_ANGLE, LightVisibility
 EDGE_WEIGHT = 0.03  # of an observation at an edge of shadow or silhouette, beside 1 for a good one
 DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
 LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the spread of half vectors
+READERS = 2  # images read ahead of the one that is looked at
 ReadImage = Callable[[View], RadianceImage]
 
 
@@ -102,8 +105,7 @@ def observe(
     warnings: list[str] = []
     skipped: list[tuple[str, str]] = []
     keys: dict[tuple[str, int, int], int] = {}
-    for n, view in enumerate(scene.views):
-        image = read_image(view)
+    for n, (view, image) in enumerate(zip(scene.views, _read_ahead(read_image, scene.views), strict=True)):
         warnings += [w for w in image.warnings if w not in warnings]
         h, w = image.rgb.shape[:2]
         key = (view.camera.name, w, h)
@@ -155,6 +157,22 @@ def observe(
             camera.release()
     useful = [camera for camera in cameras if camera.views]
     return Observations(useful, channels, level, tuple(skipped), tuple(warnings), table_texture)
+
+
+def _read_ahead(read_image: ReadImage, views: Sequence[View]) -> Iterator[RadianceImage]:
+    """The views' images in order, READERS of them read by other threads while one is used."""
+    with ThreadPoolExecutor(READERS) as readers:
+        waiting: deque[Future[RadianceImage]] = deque()
+        try:
+            for view in views:
+                waiting.append(readers.submit(read_image, view))
+                if len(waiting) > READERS:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:  # a bad image, or a stop: nobody waits for the rest
+            for future in waiting:
+                future.cancel()
 
 
 def _observe_view(
