@@ -12,8 +12,9 @@ import moderngl
 
 from ..core.errors import Cancelled
 from ..core.job import Progress
+from .cells import Cells
 from .context import Device
-from .fill import fill
+from .fill import Filler
 from .observe import Observations, ObservedCamera, ObservedView, channel_masks
 from .surface import SurfaceMaps
 
@@ -26,6 +27,7 @@ OUTLIER = 0.05  # relative error at which a view loses half its weight in a pixe
 
 Textures = Mapping[str, moderngl.Texture | None]
 Shown = tuple[moderngl.Texture, moderngl.Texture]  # weighted albedo sum and weight per pixel, RGB each
+Source = tuple[ObservedCamera, moderngl.Texture, moderngl.Texture]  # a camera with these
 
 
 class AlbedoSolver:
@@ -63,15 +65,11 @@ class AlbedoSolver:
                 self.cancelled, iterations = True, 0
         for texture in self.known.values():
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        texture = device.texture(self.size, self.size)
-        target = device.framebuffer([texture])
-        target.clear()
-        target.release()
+        canvas = _Canvas(device, self.grid, [(c, *s) for c, s in zip(cameras, shown, strict=True)])
         subsets = max(1, -(-iterations * len(cameras) // PASSES_MAX))
         for i in range(iterations + 1):
             # The first step starts from black: it is the weighted mean of what the cameras show.
-            chosen = [c for c in range(len(cameras)) if i == 0 or c % subsets == i % subsets]
-            texture = self._step(texture, [(cameras[c], shown[c]) for c in chosen], first=i == 0)
+            canvas.step([c for c in range(len(cameras)) if i == 0 or c % subsets == i % subsets], first=i == 0)
             device.ctx.finish()
             try:
                 yield Progress(0.3 + 0.7 * (i + 1) / (iterations + 1), "maps", "base colour")
@@ -80,7 +78,7 @@ class AlbedoSolver:
                 break
         for pair in shown:
             release(pair)
-        return texture
+        return canvas.release()
 
     def _pixel_albedo(self, camera: ObservedCamera) -> Shown:
         """Weighted albedo sum and weight of each pixel over the camera's views."""
@@ -134,42 +132,77 @@ class AlbedoSolver:
         target.release()
         return specular
 
-    def _step(
-        self, texture: moderngl.Texture, cameras: list[tuple[ObservedCamera, Shown]], *, first: bool
-    ) -> moderngl.Texture:
-        """One back-projection from some cameras; returns a new texture and frees the old one."""
-        device = self.device
-        filled = texture if first else fill(device, texture)
+
+class _Canvas:
+    """The texture while back-projections change it, and what they need besides."""
+
+    def __init__(self, device: Device, grid: SurfaceMaps, cameras: list[Source]) -> None:
+        self.device, self.grid, self.cameras = device, grid, cameras
+        size = grid.position.size
+        self.texture, self.next, self.update = (device.texture(*size) for _ in range(3))
+        self._target = {t.glo: device.framebuffer([t]) for t in (self.texture, self.next, self.update)}
+        self._target[self.texture.glo].clear()
+        self._filler = Filler(device, size)
+        self._residual: dict[tuple[int, int], moderngl.Texture] = {}  # by size
+        for camera, _, _ in cameras:
+            pixels = camera.maps.position.size
+            if pixels not in self._residual:
+                self._residual[pixels] = device.texture(*pixels)
+                self._target[self._residual[pixels].glo] = device.framebuffer([self._residual[pixels]])
+        self._seen: dict[int, Cells] = {}  # by camera: the texels that it shows
+
+    def step(self, chosen: list[int], *, first: bool) -> None:
+        """One back-projection from some cameras."""
+        filled = self.texture if first else self._filler.fill(self.texture)
         filled.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        update = device.texture(self.size, self.size)
-        update_target = device.framebuffer([update])
-        update_target.clear()
-        for camera, (albedo, weight) in cameras:
-            residual = device.texture(*albedo.size)
-            target = device.framebuffer([residual])
-            target.clear()
-            device.draw("albedo/residual.frag", target, textures={
-                "u_albedo": albedo, "u_weight": weight, "u_uv": camera.maps.uv, "u_uv_slope": camera.maps.uv_slope,
-                "u_texture": filled,
-            }, uniforms={"u_footprint": camera.uniforms["u_footprint"]}, cells=camera.maps.cells)
+        sum_target = self._target[self.update.glo]
+        sum_target.clear()
+        for n in chosen:
+            residual = self._difference(n, filled)
+            if n not in self._seen:
+                target = self._target[self.next.glo]
+                target.clear()
+                self._carry_back(n, residual, target, self.grid.cells)
+                self._seen[n] = Cells(self.device, self.next)
+            with self.device.adding():
+                self._carry_back(n, residual, sum_target, self._seen[n])
+        self.device.draw("albedo/update.frag", self._target[self.next.glo], textures={
+            "u_texture": self.texture, "u_update": self.update}, uniforms={"u_slack": 0.0 if first else STEP_SLACK})
+        self.texture, self.next = self.next, self.texture
+
+    def _difference(self, n: int, filled: moderngl.Texture) -> moderngl.Texture:
+        """How far the texture is from what each pixel of a camera shows."""
+        camera, albedo, weight = self.cameras[n]
+        residual = self._residual[albedo.size]
+        target = self._target[residual.glo]
+        target.clear()
+        self.device.draw("albedo/residual.frag", target, textures={
+            "u_albedo": albedo, "u_weight": weight, "u_uv": camera.maps.uv, "u_uv_slope": camera.maps.uv_slope,
+            "u_texture": filled,
+        }, uniforms={"u_footprint": camera.uniforms["u_footprint"]}, cells=camera.maps.cells)
+        return residual
+
+    def _carry_back(
+        self, n: int, residual: moderngl.Texture, target: moderngl.Framebuffer, cells: Cells | None,
+    ) -> None:
+        """A camera's residuals to the texels that it shows."""
+        camera = self.cameras[n][0]
+        self.device.draw("albedo/backproject.frag", target, textures={
+            "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
+            "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_residual": residual,
+        }, uniforms={**camera.uniforms, "u_clip": camera.clip}, cells=cells)
+
+    def release(self) -> moderngl.Texture:
+        """Free all but the texture, which is returned."""
+        self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._filler.release()
+        for target in self._target.values():
             target.release()
-            with device.adding():
-                device.draw("albedo/backproject.frag", update_target, textures={
-                    "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
-                    "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_residual": residual,
-                }, uniforms={**camera.uniforms, "u_clip": camera.clip}, cells=self.grid.cells)
-            residual.release()
-        update_target.release()
-        result = device.texture(self.size, self.size)
-        target = device.framebuffer([result])
-        device.draw("albedo/update.frag", target, textures={"u_texture": texture, "u_update": update},
-                    uniforms={"u_slack": 0.0 if first else STEP_SLACK})
-        target.release()
-        if filled is not texture:
-            filled.release()
-        update.release()
-        texture.release()
-        return result
+        for texture in (*self._residual.values(), self.next, self.update):
+            texture.release()
+        for cells in self._seen.values():
+            cells.release()
+        return self.texture
 
 
 def release(pair: Shown | None) -> None:

@@ -6,27 +6,31 @@ pixel that a draw covers, even where the shader leaves at once.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import moderngl
 import numpy as np
 
-from ..core.data import Bool
+if TYPE_CHECKING:
+    from .context import Device
 
-CELL = 8  # pixels
+CELL = 8  # pixels, as in observe/held.frag
 
 
 class Cells:
-    """The squares of CELL x CELL pixels of one grid size that hold a covered pixel."""
+    """The squares of CELL x CELL pixels of a texture that hold a pixel whose alpha is not 0."""
 
-    def __init__(self, ctx: moderngl.Context, covered: Bool) -> None:
-        """``covered``: (h, w)."""
-        height, width = covered.shape
-        padded = np.pad(covered, ((0, -height % CELL), (0, -width % CELL)))
-        held = padded.reshape(padded.shape[0] // CELL, CELL, -1, CELL).any((1, 3))
-        y, x = np.nonzero(held)
+    def __init__(self, device: Device, texture: moderngl.Texture) -> None:
+        self.size = texture.size
+        squares = device.texture(-(-texture.width // CELL), -(-texture.height // CELL), 1)
+        target = device.framebuffer([squares])
+        device.draw("observe/held.frag", target, textures={"u_map": texture}, uniforms={})
+        y, x = np.nonzero(device.read(squares)[..., 0])
+        target.release()
+        squares.release()
         self.count = len(x)
-        self.size = width, height
-        self._ctx = ctx
-        self._corners = ctx.buffer(np.stack([x, y], -1).astype(np.float32).tobytes()) if len(x) else None
+        self._ctx = device.ctx
+        self._corners = device.ctx.buffer(np.stack([x, y], -1).astype(np.float32).tobytes()) if len(x) else None
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
     def render(self, program: moderngl.Program) -> None:

@@ -175,7 +175,7 @@ def draw_texel_grid(device: Device, mesh: MeshBuffer, size: int) -> SurfaceMaps:
     mesh.draw(target, None)
     target.release()
     position, normal, facet = textures
-    return SurfaceMaps(position, normal, facet, cells=Cells(device.ctx, device.read(position)[..., 3] > 0.5))
+    return SurfaceMaps(position, normal, facet, cells=Cells(device, position))
 
 
 def overlap_counts(device: Device, mesh: MeshBuffer, size: int) -> F32:
@@ -212,7 +212,7 @@ def draw_pixel_grid(
     target.release()
     depth.release()
     position, normal, facet, uv, slope = textures
-    return SurfaceMaps(position, normal, facet, uv, slope, Cells(ctx, device.read(position)[..., 3] > 0.5))
+    return SurfaceMaps(position, normal, facet, uv, slope, Cells(device, position))
 
 
 def clip_matrix(camera: Camera, triangles: list[F32]) -> F64:

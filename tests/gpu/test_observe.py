@@ -111,8 +111,9 @@ def test_cells_are_the_squares_that_hold_something(on_gl, size):
         ones = device.texture(width, height, 4, np.ones((height, width, 4), np.float32))
         texture = device.texture(width, height)
         target = device.framebuffer([texture])
+        texture.write(np.repeat(covered[..., None], 4, axis=2).astype(np.float32).tobytes())
+        cells = Cells(device, texture)
         target.clear()
-        cells = Cells(device.ctx, covered)
         with device.adding():  # what is drawn twice would show
             device.draw("fill/up.frag", target, textures={"u_map": ones, "u_parent": ones}, uniforms={}, cells=cells)
         result = device.read(texture)[..., 0].copy()
@@ -127,10 +128,11 @@ def test_cells_of_nothing_draw_nothing(on_gl):
     def work(device):
         texture = device.texture(16, 16, 4, np.full((16, 16, 4), 7, np.float32))
         target = device.framebuffer([texture])
-        cells = Cells(device.ctx, np.zeros((16, 16), bool))
+        nothing = device.texture(16, 16, 4, np.zeros((16, 16, 4), np.float32))
+        cells = Cells(device, nothing)
         device.draw("fill/up.frag", target, textures={"u_map": texture, "u_parent": texture}, uniforms={}, cells=cells)
         result = device.read(texture).copy()
-        for thing in (cells, target, texture):
+        for thing in (cells, target, texture, nothing):
             thing.release()
         return result
 
