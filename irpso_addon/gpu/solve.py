@@ -33,12 +33,12 @@ TAU = 0.03  # two lobes: how much the roughnesses of neighbours differ
 METHODS = {  # knobs of the search kernel: particles, moves of the swarm, refinement steps of all and of the best two
     "refined": {"u_particles": 6, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 6},
     "draft": {"u_particles": 4, "u_moves": 0, "u_race_steps": 1, "u_final_steps": 4},
-    "swarm": {"u_particles": 16, "u_moves": 12, "u_race_steps": 0, "u_final_steps": 0},
+    "swarm": {"u_particles": 16, "u_moves": 10, "u_race_steps": 0, "u_final_steps": 4},
 }
 TWO_LOBES = {  # the valleys of two lobes are long and curved: more steps
     "refined": {"u_particles": 8, "u_moves": 0, "u_race_steps": 4, "u_final_steps": 16},
     "draft": {"u_particles": 6, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 6},
-    "swarm": {"u_particles": 16, "u_moves": 25, "u_race_steps": 0, "u_final_steps": 0},
+    "swarm": {"u_particles": 16, "u_moves": 25, "u_race_steps": 0, "u_final_steps": 4},
 }
 Uniforms = Mapping[str, float | int]
 Textures = Mapping[str, moderngl.Texture | tuple[moderngl.Texture, ...] | None]
@@ -78,25 +78,29 @@ class Solver:
         """
         device = self.device
         chosen = tiles(self.atlas, self.covered) if only is None else only
-        valleys, support = self._textures(2)
-        done = yield from self._search(chosen, [valleys, support], 1)
+        valleys, support, extra = self._textures(3)
+        done = yield from self._search(chosen, [valleys, support, extra], 1)
         chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
         noise, variance = self._noise(valleys, support, 1)
         found: Textures = {"u_valleys": valleys, "u_support": support, "u_noise": noise}
         floor = {"u_noise_floor": share.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance}
         self.neighbours = self._unsure(variance, support)
-        more: dict[str, moderngl.Texture] = {}
+        roughness, detail = self._textures(2)
         if self.neighbours:
             tables = self._textures(8)
             yield from self._over(chosen, (0.5, 0.75), "solve/table.glsl", tables, found, floor)
-            more["u_estimate"], more["u_prior"] = share.pyramid(device, tuple(tables), self.source.pool_gain)
-            for texture in tables:
+            estimate, prior = share.pyramid(device, tuple(tables), self.source.pool_gain)
+            yield from self._over(chosen, (0.75, 1.0), "solve/polish.glsl", [roughness, detail],
+                                  {**found, "u_estimate": estimate, "u_prior": prior},
+                                  {**floor, "u_prior_cut": share.PRIOR_CUT, "u_steps": POLISH_STEPS})
+            for texture in (*tables, estimate, prior):
                 texture.release()
-        roughness, detail = self._textures(2)
-        yield from self._over(chosen, (0.75, 1.0), "solve/polish.glsl", [roughness, detail], {**found, **more},
-                              {**floor, "u_prior_cut": share.PRIOR_CUT, "u_steps": POLISH_STEPS} if more else
-                              {**floor, "u_steps": POLISH_STEPS if self.knobs[1]["u_moves"] else 0})
-        for texture in (valleys, support, noise, *more.values()):
+        else:
+            target = device.framebuffer([roughness, detail])
+            device.kernel("solve/finish.glsl", target, textures={**found, "u_extra": extra}, uniforms=floor, defines={},
+                          region=(0, 0, *self.source.size))
+            target.release()
+        for texture in (valleys, support, extra, noise):
             texture.release()
         return RoughnessMaps(roughness, detail)
 
@@ -131,8 +135,9 @@ class Solver:
 
     def search(self, only: list[Tile]) -> Generator[Progress, None, tuple[moderngl.Texture, moderngl.Texture]]:
         """One lobe, the search alone: (roughness and residual of the two best valleys, support), see search.glsl."""
-        valleys, support = self._textures(2)
-        yield from self._search(only, [valleys, support], 1)
+        valleys, support, extra = self._textures(3)
+        yield from self._search(only, [valleys, support, extra], 1)
+        extra.release()
         return valleys, support
 
     def _search(
@@ -160,7 +165,7 @@ class Solver:
         stoppable = span[0] == 0.0
         target = self.device.framebuffer(outputs)
         target.clear()
-        defines = self._defines(kernel, uniforms, lobes, colour, "u_prior" in textures)
+        defines = self._defines(kernel, uniforms, lobes, colour)
         try:
             for i, tile in enumerate(chosen):
                 for step in (self.source.gather(self.atlas, tile, colour),
@@ -178,9 +183,9 @@ class Solver:
         finally:
             target.release()
 
-    def _defines(self, kernel: str, uniforms: Uniforms, lobes: int, colour: bool, neighbours: bool) -> dict[str, str]:
+    def _defines(self, kernel: str, uniforms: Uniforms, lobes: int, colour: bool) -> dict[str, str]:
         defines = {**self.source.layers.defines(), "LOBES": str(lobes)}
-        switches = {"COLOUR": colour, "SPECULAR": self.level is not None, "NEIGHBOURS": neighbours,
+        switches = {"COLOUR": colour, "SPECULAR": self.level is not None,
                     "SWARM": uniforms.get("u_moves", 0) > 0,
                     "NDF_BECKMANN": lobes == 2 and self.settings.ndf == "beckmann"}
         return {**defines, **{name: "1" for name, on in switches.items() if on}}

@@ -3,7 +3,7 @@
 #include "solve/fit.glsl"
 #define ROUGH float
 
-const float CONVERGED = 2e-6;  // a step so short is the last
+const float CONVERGED = 2e-5;  // a step so short is the last: errors left are of its square
 
 struct Particle {
     float r;

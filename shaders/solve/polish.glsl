@@ -1,16 +1,12 @@
 // The last word on a texel: Levenberg-Marquardt from every valley found, under the neighbours' prior.
-//
-// Define NEIGHBOURS where there is one; without, the data are so clean that the search has said all.
 #include "solve/fit.glsl"
 #include "solve/nodes.glsl"
 uniform sampler2D u_valleys;  // whole maps
 uniform sampler2D u_support;
 uniform sampler2D u_noise;
-#ifdef NEIGHBOURS
 uniform sampler2D u_estimate;  // from the pyramid's finest level
 uniform sampler2D u_prior;
 uniform float u_prior_cut;
-#endif
 uniform int u_steps;
 // out_0: roughness, its standard error, how many numbers the data themselves determined, solved
 // out_1: good observations, residual, residual of the model without lobe, standard error of base colour
@@ -26,15 +22,11 @@ vec2 end_albedo;   // fit_albedo() there
 vec3 posterior(float r) {
     fit = evaluate(r);
     float down = 2.0 * trust * data_slope(fit.x, degrees, around);
-#ifdef NEIGHBOURS
     float off = r - mean;
     float prior = 0.5 * off * off * information;
     bool inside = prior < u_prior_cut;
     return vec3(trust * data_cost(fit.x, least, degrees, around) + min(prior, u_prior_cut),
                 down * fit.y - (inside ? off * information : 0.0), down * fit.z + (inside ? information : 0.0));
-#else
-    return vec3(trust * data_cost(fit.x, least, degrees, around), down * fit.y, down * fit.z);
-#endif
 }
 
 // Damped Gauss-Newton from r: where it ends, and what the posterior is there.
@@ -66,16 +58,13 @@ void kernel() {
     least = valleys.y;
     degrees = support.z;
     trust = belief(support.y, obs_share);
-    vec3 best;
-    vec2 best_albedo;
-#ifdef NEIGHBOURS
+    vec3 best = vec3(1e30, 0.0, 1.0), final_fit = best;
+    vec2 best_albedo = vec2(0.0);
     vec4 prior = texelFetch(u_prior, texel, 0);
     mean = prior.x;
     information = 1.0 / prior.y;
     vec3 starts = vec3(valleys.x, texelFetch(u_estimate, texel, 0).x, valleys.z);
     float r = 0.5;
-    best = vec3(1e30, 0.0, 1.0);
-    vec3 final_fit;
     for (int i = 0; i < 3; i++) {
         vec3 there;
         float other = descend(starts[i], u_steps, there);
@@ -88,14 +77,6 @@ void kernel() {
     }
     float variance = 1.0 / max(best.z, 1e-6);
     variance = variance < 0.01 * r * r ? variance + prior.z : max(prior.w, 0.25 * variance);
-#else
-    float r = descend(valleys.x, u_steps, best);
-    vec3 final_fit = best_fit;
-    best_albedo = end_albedo;
-    // Mean squared distance to where else the roughness may be.
-    float elsewhere = exp(-trust * data_cost(valleys.w, least, degrees, around)) * (valleys.z - r) * (valleys.z - r);
-    float variance = 1.0 / max(best.z, 1e-6) + elsewhere;
-#endif
     // Effective parameters (Moody 1992): curvature of the data of that of data and prior.
     float determined = 2.0 * trust * data_slope(final_fit.x, degrees, around) * final_fit.z / max(best.z, 1e-12);
     out_0 = vec4(r, sqrt(min(variance, 0.25)), clamp(determined, 0.0, 1.0), 1.0);

@@ -2,7 +2,7 @@
 // then take Levenberg-Marquardt steps and race; the two best in different valleys run to the end.
 // The methods `swarm`, `refined` and `draft` are this kernel with other knobs.
 //
-// Defines: LOBES; SWARM where particles move; OUTPUTS 2, or 3 with two lobes.
+// Defines: LOBES; SWARM where particles move.
 #include "include/random.glsl"
 // Here, not in one branch below: a file is pasted only where it is first asked for.
 #include "solve/observations.glsl"
@@ -11,6 +11,8 @@
 #else
 #include "solve/particle.glsl"
 #endif
+const float HOPELESS = 1e4;  // times the best's residual: a valley so much worse is not followed to its end
+
 uniform int u_particles;
 uniform int u_moves;       // of the swarm
 uniform int u_race_steps;  // Levenberg-Marquardt steps of every particle
@@ -69,9 +71,9 @@ ROUGH start(int i) {
 void kernel() {
     out_0 = vec4(0.5, 0.0, 0.5, 0.0);
     out_1 = vec4(0.0);
+    out_2 = vec4(0.0);
 #if LOBES == 2
     out_0 = vec4(0.3, 0.6, 0.5, 0.0);
-    out_2 = vec4(0.0);
 #endif
     if (!load_observations()) return;
 #ifdef SWARM
@@ -87,7 +89,8 @@ void kernel() {
         Particle p = best;
         if (race) p = untried(start(min(round, u_particles - 1)));
         else if (round > u_particles) p = second;
-        refine(p, race ? u_race_steps + 1 : (p.residual < UNTRIED ? u_final_steps : 0));
+        bool hopeful = p.residual < min(UNTRIED, HOPELESS * best.residual);
+        refine(p, race ? u_race_steps + 1 : (hopeful ? u_final_steps : 0));
         if (round == u_particles) best = p;
         else if (round > u_particles) second = p;
         else {
@@ -113,5 +116,7 @@ void kernel() {
 #else
     out_0 = vec4(best.r, best.residual, second.r, second.residual);  // the two valleys
     out_1 = vec4(best.curvature, obs_total, obs_free, 1.0);  // good observations, degrees of freedom, observed
+    evaluate(best.r);
+    out_2 = vec4(evaluate_lambert(), fit_albedo(), obs_share);  // residual without lobe; what fit_albedo() says
 #endif
 }
