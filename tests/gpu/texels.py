@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import moderngl
 import numpy as np
 
 from irpso_addon.core import brdf
@@ -25,6 +27,19 @@ def finish(steps: Generator[Any, Any, Any]) -> Any:
             next(steps)
         except StopIteration as end:
             return end.value
+
+
+KINDS = (moderngl.Texture, moderngl.Framebuffer, moderngl.Buffer, moderngl.VertexArray)
+
+
+def held(device: Device) -> int:
+    """Objects that Python still holds and that were not released, and those it dropped without release.
+
+    Programs are kept for good, each with a vertex array: draw everything once before counting.
+    """
+    gc.collect()
+    alive = [thing.mglo for thing in gc.get_objects() if isinstance(thing, KINDS) and thing.ctx is device.ctx]
+    return sum(not isinstance(mglo, moderngl.InvalidObject) for mglo in [*alive, *device.ctx.objects])
 
 
 @dataclass(frozen=True)
@@ -108,10 +123,11 @@ class Twin:
         quality = texels.quality.reshape(-1, count).astype(np.float64)
         edge = np.zeros(quality.shape, bool) if texels.edge is None else texels.edge.reshape(-1, count) > 0
         self.good = ((quality > 0) & ~edge).sum(-1)
-        self.weight = self._weights(quality, edge)
+        self.whole = self._weights(quality, edge)
         names = list(dict.fromkeys(texels.groups))
         self.members = [np.array([n for n in range(count) if texels.groups[n] == name]) for name in names]
         self.channel = np.array([name % texels.channels for name in names])
+        self.weight = self._dropped(self.whole)
 
     def _weights(self, quality: np.ndarray, edge: np.ndarray) -> np.ndarray:
         """Relative to the observation where it is a highlight, else to the texel's typical one (docs/method.md)."""
@@ -122,6 +138,15 @@ class Twin:
             typical = np.maximum((w * f).sum(-1) / np.maximum(w.sum(-1), 1e-12), 1e-4)
         w = quality / np.maximum(f, typical[:, None]) ** 2
         return w * np.where(edge, 2.0 ** (-6.0 * np.minimum(self.good, 6))[:, None], 1.0)
+
+    def _dropped(self, weight: np.ndarray) -> np.ndarray:
+        """Without those first of a group that weigh less than NEGLIGIBLE of what comes next: sums start there."""
+        weight = weight.copy()
+        for members in self.members:
+            for i, n in enumerate(members):
+                before = weight[:, members[:i]]
+                weight[:, members[:i]] = np.where((before.sum(-1) < 1e-5 * weight[:, n])[:, None], 0, before)
+        return weight
 
     def parts(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(a, s) of f = rho a + s at roughness r (texels)."""
@@ -200,7 +225,7 @@ def random_texels(groups: tuple[int, ...], channels: int = 1, lights: int = 2, s
     camera = np.array(groups) // channels
     cos_v = rng.uniform(0.2, 1.0, (size, size, camera.max() + 1))[:, :, camera]
     edge = (rng.random(shape) < 0.2).astype(np.float32)
-    edge[..., [n for n in range(len(groups)) if n == 0 or groups[n] != groups[n - 1]]] = 0  # sums refer to the first
+    edge[..., (camera == 0) & (channels == 3)] = 0  # sums over groups refer to a channel's first
     return Texels(rng.uniform(0.02, 0.5, (*shape, 3)).astype(np.float32), quality.astype(np.float32),
                   cos_v.astype(np.float32), lobes.astype(np.float32), groups, edge, channels)
 
