@@ -65,8 +65,8 @@ def main() -> int:
     page = write(record, OUT, SAMPLE)
     print(summary(record))
     for row in judge(record):
-        print(f"{'met  ' if row.met else 'BELOW'}  {row.comparison}")
-        print(f"         wanted {row.wanted}; reached {row.reached}")
+        print(f"{ {True: 'met', False: 'BELOW', None: ''}[row.met]:7}{row.comparison}")
+        print(f"{'':9}{f'wanted {row.wanted}; ' * bool(row.wanted)}reached {row.reached}")
     print(f"{page.relative_to(ROOT)} written; {time.perf_counter() - start:.0f} s")
     return 0
 

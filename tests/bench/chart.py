@@ -84,6 +84,7 @@ def _dress(axis: Axes, title: str) -> None:
     axis.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high / low > 100 else (1.0, 2.0, 5.0)))
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}" if value < 1e-4 else f"{value:g}"))
     axis.yaxis.set_minor_formatter(NullFormatter())
+    axis.set_xlim(left=axis.get_xlim()[0] / 2.5)  # room for a name
     axis.set_title(title, fontsize=10, loc="left")
     axis.xaxis.set_major_locator(LogLocator(numticks=12))
     axis.xaxis.set_major_formatter(FuncFormatter(_duration))

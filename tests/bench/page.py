@@ -48,7 +48,8 @@ def write(record: Record, out: Path, sample: int) -> Path:
     """The page; returns its path."""
     captures = " [captures.md](captures.md) compares on captures." if (out / "captures.md").exists() else ""
     parts = [HEAD.format(size=record["size"], more=captures, **record["machine"])]
-    parts += [_row([r.comparison, r.wanted, r.reached, "met" if r.met else "**below**"]) for r in judge(record)]
+    verdicts = {True: "met", False: "**below**", None: ""}
+    parts += [_row([r.comparison, r.wanted, r.reached, verdicts[r.met]]) for r in judge(record)]
     for table in record["tables"].values():
         parts.append(f"\n## {table['title']}\n\n{_table(table['head'], table['rows'])}\n{table['note']}\n")
     parts.append(RIVALS.format(sample=sample))
