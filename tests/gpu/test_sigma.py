@@ -1,0 +1,73 @@
+"""Standard errors against true errors, and when neighbours are asked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.solve import Solver
+from tests.gpu.texels import Texels, exact, finish
+
+NINETY = 1.6449  # standard deviations that hold 90 % of a normal distribution
+
+
+def solve(on_gl: Any, texels: Texels) -> tuple[np.ndarray, np.ndarray, np.ndarray, Solver]:
+    """(roughness map, detail map, base colour, the solver) of one lobe."""
+
+    def job(device: Device) -> tuple[np.ndarray, np.ndarray, np.ndarray, Solver]:
+        source = texels.source(device)
+        solver = Solver(device, source, SolveSettings(size=texels.quality.shape[0]))
+        maps = finish(solver.solve())
+        albedo = finish(solver.albedo(maps.roughness))
+        result = tuple(device.read(t).astype(np.float64) for t in (maps.roughness, maps.detail, albedo))
+        for thing in (maps.roughness, maps.detail, albedo, solver, source):
+            thing.release()
+        return *result, solver
+
+    return on_gl(job)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_intervals_hold_as_often_as_they_say(on_gl, seed):
+    """90 % of them should; 82 to 97 % may.  Base colour: of the mean of its channels, as its standard error."""
+    problem, texels = exact(size=64, noise=0.01, seed=seed)
+    roughness, detail, base, _ = solve(on_gl, texels)
+    off = np.abs(roughness[..., 0] - problem.truth.roughness)
+    assert 0.82 < (off <= NINETY * roughness[..., 1]).mean() < 0.97
+    off_base = np.abs((base[..., :3] - problem.truth.base).mean(-1))
+    assert 0.82 < (off_base <= NINETY * detail[..., 3]).mean() < 0.97
+    # And not by being the same everywhere: errors are far smaller in the surer half.
+    for sigma, error in ((roughness[..., 1], off), (detail[..., 3], off_base)):
+        sure = sigma < np.median(sigma)
+        assert error[sure].mean() < 0.6 * error[~sure].mean()
+
+
+def test_neighbours_are_asked_where_there_is_noise(on_gl):
+    """Clean observations need none."""
+    for spec, asked in (({}, False), ({"views": 6}, False), ({"noise": 0.01}, True), ({"noise": 0.003}, True)):
+        solver = solve(on_gl, exact(**spec)[1])[3]
+        assert solver.neighbours is asked, spec
+        noise = spec.get("noise", 0.0) / np.sqrt(3)  # the mean of three channels
+        assert solver.noise == pytest.approx(noise, rel=0.3, abs=2e-4), spec
+
+
+def test_neighbours_help(on_gl):
+    """At 1 % noise they more than halve the failures of texels alone, and the mean error with them."""
+    problem, texels = exact(size=64, noise=0.01)
+
+    def alone(device: Device) -> np.ndarray:
+        source = texels.source(device)
+        solver = Solver(device, source, SolveSettings(size=64))
+        valleys, support = finish(solver.search([(0, 0)]))
+        found = device.read(valleys)[..., 0].astype(np.float64)
+        for thing in (valleys, support, solver, source):
+            thing.release()
+        return found
+
+    off = [np.abs(found - problem.truth.roughness) for found in (on_gl(alone), solve(on_gl, texels)[0][..., 0])]
+    assert (off[1] > 0.1).mean() < 0.5 * (off[0] > 0.1).mean() < 0.2
+    assert off[1].mean() < 0.5 * off[0].mean()
