@@ -143,13 +143,15 @@ def observe(
         lit.update({(name, c): texture for c, texture in zip(chosen, found, strict=True)})
     visibility.release()
     for c, group in enumerate(members):
+        rim = _rim(device, cameras[c])
         for n in group:
             view = scene.views[n]
             shadows = [lit[light.name, c] for light in view.lights]
-            observed = _observe_view(device, cameras[c], view, images[n], shadows, level, channels)
+            observed = _observe_view(device, cameras[c], rim, view, images[n], shadows, level, channels)
             cameras[c].views.append(observed)
             images.pop(n).release()
             yield Progress(0.8 + 0.2 * n / len(scene.views), "observe", view.image.name)
+        rim.release()
     for texture in lit.values():
         texture.release()
     for camera in cameras:
@@ -176,21 +178,21 @@ def _read_ahead(read_image: ReadImage, views: Sequence[View]) -> Iterator[Radian
 
 
 def _observe_view(
-    device: Device, camera: ObservedCamera, view: View, image: moderngl.Texture, lit: list[moderngl.Texture],
-    level: float, channels: int,
+    device: Device, camera: ObservedCamera, rim: moderngl.Texture, view: View, image: moderngl.Texture,
+    lit: list[moderngl.Texture], level: float, channels: int,
 ) -> ObservedView:
     draw = partial(_draw, device, camera.maps)
     common = {**camera.uniforms, "u_level": level, "u_edge_weight": EDGE_WEIGHT, "u_dark": DARK_SHARE}
     colour = device.texture(*image.size)
     if len(lit) == 1 and channels == 1:
         lobes = [device.texture(*image.size)]
-        draw("observe/view.frag", [colour, lobes[0]], {"u_image": image, "u_lit": lit[0]},
+        draw("observe/view.frag", [colour, lobes[0]], {"u_image": image, "u_lit": lit[0], "u_rim": rim},
              {**common, **_lamp(view.lights[0])}, _lamp_defines(view.lights[0]))
     else:
         irradiance = device.texture(*image.size)
         with device.adding():
             for n, (light, shadow) in enumerate(zip(view.lights, lit, strict=True)):
-                draw("observe/irradiance.frag", [irradiance], {"u_lit": shadow},
+                draw("observe/irradiance.frag", [irradiance], {"u_lit": shadow, "u_rim": rim},
                      {**common, **_lamp(light)}, _lamp_defines(light), clear=n == 0)
         lobes = []
         for light, shadow in zip(view.lights, lit, strict=True):
@@ -198,11 +200,18 @@ def _observe_view(
                 lobes.append(device.texture(*image.size))
                 draw("observe/lobe.frag", [lobes[-1]], {"u_lit": shadow, "u_irradiance": irradiance},
                      {**common, **_lamp(light), "u_channel": mask}, _lamp_defines(light))
-        draw("observe/colour.frag", [colour], {"u_image": image, "u_irradiance": irradiance, "u_lit": lit[0]}, common)
+        draw("observe/colour.frag", [colour], {"u_image": image, "u_irradiance": irradiance, "u_rim": rim}, common)
         irradiance.release()
     power = np.sum([light.power for light in view.lights], axis=0)
     tint = power / max(float(power.mean()), 1e-20)
     return ObservedView(view, colour, lobes, (float(tint[0]), float(tint[1]), float(tint[2])))
+
+
+def _rim(device: Device, camera: ObservedCamera) -> moderngl.Texture:
+    """What surrounds each of a camera's pixels; half floats hold its whole numbers exactly."""
+    rim = device.texture(camera.maps.position.width, camera.maps.position.height, 1, dtype="f2")
+    _draw(device, camera.maps, "observe/rim.frag", [rim], {}, camera.uniforms)
+    return rim
 
 
 def _draw(

@@ -3,6 +3,7 @@
 #include "include/lights.glsl"
 #include "include/pixel.glsl"
 uniform sampler2D u_lit;       // share of the lamp's light that arrives
+uniform sampler2D u_rim;       // as observe/rim.frag leaves it
 uniform float u_level;         // typical radiance of the views
 uniform float u_edge_weight;
 uniform float u_dark;          // irradiance below this share of the level is as good as none
@@ -14,6 +15,7 @@ uniform int u_light_points;    // sample points on the emitter
 
 const float MIN_COS_L = 0.08;  // the terminator: there the irradiance is wrong by the facets' own error
 const float MIN_COS_V = 0.15;  // beyond 81 degrees a pixel's footprint is too long to stand for a point
+const int SILHOUETTE = 512;    // in the rim
 const float NO_LIGHT = -1e3;   // marks a channel without light: it says nothing
 
 // Unshadowed irradiance over the pixel's footprint, relative to the lamp's power.
@@ -60,23 +62,19 @@ vec4 lobe_of(Pixel pixel, out float e) {
     return vec4(mean, sqrt(max(square / sum - mean * mean, 0.0)), cos_l, fresnel / sum / (2.0 * cos_l * cos_v));
 }
 
-// Does a shadow or the terminator pass here?  Does the surface end (which a point sample does not mix with)?
-void edges(ivec2 at, Pixel pixel, float cos_v, out bool shadow, out bool silhouette) {
-    vec4 p = vec4(pixel.P, 1.0);
-    float slant = max(cos_v, 0.15), least = 1.0, most = 0.0;
-    silhouette = false;
-    for (int y = -1; y <= 1; y++) for (int x = -1; x <= 1; x++) {
-        ivec2 near = clamp(at + ivec2(x, y), ivec2(0), textureSize(u_position, 0) - 1);
-        vec4 seen = texelFetch(u_position, near, 0);
-        silhouette = silhouette || !same_surface(p, seen, slant, 1.5);
+// Does a shadow or the terminator pass here?
+bool shadow_edge(ivec2 at, Pixel pixel, int rim) {
+    float least = 1.0, most = 0.0;
+    for (int j = 0; j < 9; j++) {
+        ivec2 near = clamp(at + ivec2(j % 3, j / 3) - 1, ivec2(0), textureSize(u_lit, 0) - 1);
         float lit = texelFetch(u_lit, near, 0).r;
-        least = min(least, seen.w < 0.5 ? least : lit);
-        most = max(most, seen.w < 0.5 ? most : lit);
+        bool shown = (rim >> j & 1) == 1;
+        least = min(least, shown ? lit : least);
+        most = max(most, shown ? lit : most);
     }
-    silhouette = silhouette && u_footprint > 0.25;
     float weight;
     float cos_l = dot(pixel.N, normalize(light_sample(pixel.P, 0, 1, weight)));
-    shadow = most - least > 0.02 || cos_l < MIN_COS_L;
+    return most - least > 0.02 || cos_l < MIN_COS_L;
 }
 
 // Radiance per irradiance and how far to trust it; zero where nothing can be told.  Edges are kept with a small

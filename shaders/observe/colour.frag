@@ -11,7 +11,6 @@ void main() {
     if (!load_pixel(at, pixel)) discard;
     float cos_v = dot(pixel.N, toward_camera(pixel.P));
     vec4 irradiance = texelFetch(u_irradiance, at, 0);
-    bool shadow, silhouette;
-    edges(at, pixel, cos_v, shadow, silhouette);
+    bool silhouette = int(texelFetch(u_rim, at, 0).r) >= SILHOUETTE;
     o_colour = observation(texelFetch(u_image, at, 0), irradiance.rgb, cos_v, irradiance.a > 0.0 || silhouette);
 }

@@ -9,7 +9,6 @@ void main() {
     Pixel pixel;
     if (!load_pixel(at, pixel)) discard;
     float e = irradiance_of(pixel);
-    bool shadow, silhouette;
-    edges(at, pixel, 1.0, shadow, silhouette);
+    bool shadow = shadow_edge(at, pixel, int(texelFetch(u_rim, at, 0).r));
     o_irradiance = vec4(u_power * e * texelFetch(u_lit, at, 0).r, e > 0.0 && shadow ? 1.0 : 0.0);
 }

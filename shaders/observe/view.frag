@@ -14,7 +14,7 @@ void main() {
     o_lobe = lobe_of(pixel, e);
     e *= texelFetch(u_lit, at, 0).r;
     if (e <= 0.0) o_lobe.w = 0.0;
-    bool shadow, silhouette;
-    edges(at, pixel, cos_v, shadow, silhouette);
-    o_colour = observation(texelFetch(u_image, at, 0), u_power * e, cos_v, (e > 0.0 && shadow) || silhouette);
+    int rim = int(texelFetch(u_rim, at, 0).r);
+    bool edge = (e > 0.0 && shadow_edge(at, pixel, rim)) || rim >= SILHOUETTE;
+    o_colour = observation(texelFetch(u_image, at, 0), u_power * e, cos_v, edge);
 }
