@@ -46,6 +46,8 @@ def draw(curves: Sequence[dict[str, Any]], machine: dict[str, str], out: Path) -
             for curve in (c for c in curves if c["title"] == title):
                 drawn[curve["label"]] = _curve(axis, curve, key)
             _dress(axis, f"{title}: {label}")
+    seconds = [p["seconds"] for c in curves for p in c["points"]]
+    axes[0, 0].set_xlim(min(seconds) / 4, max(seconds) * 1.5)  # of all; room for a name on the left
     for axis in axes[-1]:
         axis.set_xlabel("time for all texels")
     _head(figure, drawn, curves, machine)
@@ -84,7 +86,6 @@ def _dress(axis: Axes, title: str) -> None:
     axis.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high / low > 100 else (1.0, 2.0, 5.0)))
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}" if value < 1e-4 else f"{value:g}"))
     axis.yaxis.set_minor_formatter(NullFormatter())
-    axis.set_xlim(left=axis.get_xlim()[0] / 2.5)  # room for a name
     axis.set_title(title, fontsize=10, loc="left")
     axis.xaxis.set_major_locator(LogLocator(numticks=12))
     axis.xaxis.set_major_formatter(FuncFormatter(_duration))

@@ -52,7 +52,7 @@ class Probe:
                                uniforms={"u_steps": steps, "u_x": 0.999, "u_y": 1e-3},
                                defines={"OPERATION(a)": operation}, region=(0, 0, PROBE, PROBE))
             self.device.ctx.finish()
-            rate = PROBE**2 * steps * 48 / (time.perf_counter() - start)
+            rate = PROBE**2 * steps * 64 / (time.perf_counter() - start)
             self.rates[name] = max(self.rates[name], rate)
 
     def release(self) -> None:
