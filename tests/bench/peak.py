@@ -172,5 +172,6 @@ def fused(device: Device, rounds: int, size: int) -> dict[str, Any]:
             "note": "The search kernel alone, and the passes alone; least of the rounds. A pass at K = 6 takes "
                     f"{passing[0] * 1e3:.2f} ms; {fixed / passing[0]:.0%} of it would be left with no observation at "
                     "all (from the times at 6 and 24): state read and written, random numbers, neighbours. An "
-                    "evaluation of the exact model is dear, so that this weighs less than with a plain one.",
+                    "evaluation of the exact model is dear, so that this weighs less than with a plain one; and one "
+                    "of `swarm` finds the best base colour as well, where `paper`'s takes the particle's.",
             "value": ratios[0]}

@@ -87,7 +87,8 @@ def judge(record: Record) -> list[Row]:
     if "confidence" in tables:
         value = tables["confidence"]["value"][NOISY_ONE.title]
         add("confidence at 1 % noise, K = 12", "rank correlation 0.75 or more; 90 % intervals hold 85 to 95 %",
-            f"{value['rank']:.2f}, {value['held']:.1%}", value["rank"] >= 0.75 and 0.85 <= value["held"] <= 0.95)
+            f"{value['rank']:.2f} (errors drawn from these standard errors have {value['drawn']:.2f}), "
+            f"{value['held']:.1%}", value["rank"] >= 0.75 and 0.85 <= value["held"] <= 0.95)
     if "auto" in tables:
         value = tables["auto"]["value"]
         wanted = {"lambert": 0.99, "one-lobe": 0.97, "two-lobe": 0.90}
