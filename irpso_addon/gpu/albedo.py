@@ -19,6 +19,7 @@ from .observe import Observations, ObservedCamera, ObservedView, channel_masks
 from .surface import SurfaceMaps
 
 ITERATIONS = 20  # more sharpens noise
+COARSE_ITERATIONS, COARSE = 5, 1.5  # where so many pixels and more show a texel, there is little to sharpen
 PASSES_MAX = 120  # camera passes in all: with many cameras each iteration takes a share of them
 STEP_SLACK = 0.1  # of 1, the weight of a good pixel seen head on: holds back texels seen at a grazing angle
 ROBUST_PASSES = 4
@@ -67,12 +68,16 @@ class AlbedoSolver:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         canvas = _Canvas(device, self.grid, [(c, *s) for c, s in zip(cameras, shown, strict=True)])
         subsets = max(1, -(-iterations * len(cameras) // PASSES_MAX))
-        for i in range(iterations + 1):
+        i = 0
+        while i <= iterations:
             # The first step starts from black: it is the weighted mean of what the cameras show.
             canvas.step([c for c in range(len(cameras)) if i == 0 or c % subsets == i % subsets], first=i == 0)
             device.ctx.finish()
+            if i == 0 and canvas.pixels_per_texel() > COARSE:
+                iterations = min(iterations, COARSE_ITERATIONS)
+            i += 1
             try:
-                yield Progress(0.3 + 0.7 * (i + 1) / (iterations + 1), "maps", "base colour")
+                yield Progress(0.3 + 0.7 * i / (iterations + 1), "maps", "base colour")
             except Cancelled:  # a less sharp texture, but a whole one
                 self.cancelled = True
                 break
@@ -169,6 +174,11 @@ class _Canvas:
         self.device.draw("albedo/update.frag", self._target[self.next.glo], textures={
             "u_texture": self.texture, "u_update": self.update}, uniforms={"u_slack": 0.0 if first else STEP_SLACK})
         self.texture, self.next = self.next, self.texture
+
+    def pixels_per_texel(self) -> float:
+        """How many pixels show a texel, by the squares that hold them; after the first step."""
+        pixels = sum(camera.maps.cells.count for camera, _, _ in self.cameras if camera.maps.cells)
+        return pixels / max(sum(cells.count for cells in self._seen.values()), 1)
 
     def _difference(self, n: int, filled: moderngl.Texture) -> moderngl.Texture:
         """How far the texture is from what each pixel of a camera shows."""
