@@ -44,7 +44,7 @@ class SolveSettings:
     ), advanced=True)
     method: str = parameter("refined", "How the swarm searches", label="Method", choices=(
         ("refined", "Stratified particles take Levenberg-Marquardt steps and race; fast and exact"),
-        ("draft", "The same with half the particles and steps, for a first look"),
+        ("draft", "The same with fewer particles and steps, for a first look"),
         ("swarm", "The particle swarm alone, ring topology; slower, makes no use of derivatives"),
         ("paper", "IRPSO as published, every parameter searched; for comparison"),
     ))

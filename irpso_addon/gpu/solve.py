@@ -32,7 +32,7 @@ QUIET_PASSES = 1  # of them, without noise
 TAU = 0.03  # two lobes: how much the roughnesses of neighbours differ
 METHODS = {  # knobs of the search kernel: particles, moves of the swarm, refinement steps of all and of the best two
     "refined": {"u_particles": 6, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 6},
-    "draft": {"u_particles": 4, "u_moves": 0, "u_race_steps": 1, "u_final_steps": 4},
+    "draft": {"u_particles": 4, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 4},
     "swarm": {"u_particles": 16, "u_moves": 10, "u_race_steps": 0, "u_final_steps": 4},
 }
 TWO_LOBES = {  # the valleys of two lobes are long and curved: more steps
