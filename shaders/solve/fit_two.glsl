@@ -74,6 +74,10 @@ void add_group(int k, int first, int end, vec2 r, float weight, inout Scatter al
     fold(g, one, two, weight, CHANNELS == 1 ? 0 : GROUP_CHANNEL[k], all, between);
 }
 
+// Of the last evaluation, mean of the channels: variance of rho at given (w, r1, r2) in units of the noise's, and how
+// much rho falls with each of the three.
+vec4 fit_albedo;
+
 FitTwo evaluate(vec2 r, float weight) {
     Scatter all = Scatter(vec4(0.0), vec3(0.0), vec3(0.0));
     Between between[CHANNELS];
@@ -81,12 +85,14 @@ FitTwo evaluate(vec2 r, float weight) {
 #define GROUP(k, first, end) add_group(k, first, end, r, weight, all, between);
     EACH_GROUP
 #undef GROUP
+    fit_albedo = vec4(0.0);
     for (int c = 0; c < CHANNELS; c++) {
         if (between[c].w <= 0.0) continue;
         all.dv += between[c].scatter.dv;
         all.uv += between[c].scatter.uv;
         all.tt += between[c].scatter.tt;
         add(all, between[c].v / between[c].w, -between[c].w);
+        fit_albedo += vec4(1.0 / between[c].w, between[c].first.yzw + between[c].v.yzw / between[c].w) / float(CHANNELS);
     }
     float wanted = weight + all.dv.y / max(all.uv.x, 1e-20);
     float best = clamp(wanted, 0.0, 1.0), step = best - weight;

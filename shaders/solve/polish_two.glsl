@@ -4,13 +4,14 @@
 #include "solve/particle_two.glsl"
 #include "solve/nodes.glsl"
 uniform sampler2D u_pairs;     // roughness1, roughness2, weight, residual; whole maps
-uniform sampler2D u_variance;  // of roughness1, roughness2; -, observed
+uniform sampler2D u_variance;  // of roughness1, roughness2 with their neighbours; of the worse by itself; observed
 uniform sampler2D u_noise;
 uniform float u_prior_cut;
 uniform float u_tau;           // how much neighbours differ (standard deviation); 0: no prior
 uniform int u_stride;          // to the neighbours whose pairs are tried
 uniform int u_steps;
-// out_0: as u_pairs.  out_1: as u_variance.  out_2: good observations, residual, how many numbers the data themselves determined
+// out_0: as u_pairs.  out_1: as u_variance.  out_2: good observations, residual, how many numbers the data themselves
+// determined, standard error of base colour
 
 const int WINDOW = 2;      // 5 x 5
 const float WIDE = 4.0;    // information of a prior as wide as roughness itself
@@ -93,6 +94,16 @@ void kernel() {
     float determined = (data.x * bend.z + data.z * bend.x - 2.0 * data.y * bend.y) / determinant;
     determined = clamp(determined, 0.0, 2.0) + (best.weight > 0.0 && best.weight < 1.0 ? 1.0 : 0.0);
     out_0 = vec4(best.r, best.weight, best.residual);
-    out_1 = vec4(bend.z / determinant, bend.x / determinant, 0.0, 1.0);
-    out_2 = vec4(obs_total, best.residual, determined, 0.0);
+    // The standard error is that of the texel's own data: neighbours err together with it (two lobes are often told
+    // apart by none of them), so their agreement proves little.
+    vec3 alone = data + vec3(WIDE, 0.0, WIDE);
+    float worse = max(alone.x, alone.z) / max(alone.x * alone.z - alone.y * alone.y, 1e-6 * alone.x * alone.z);
+    out_1 = vec4(bend.z / determinant, bend.x / determinant, worse, 1.0);
+    // The weight follows the roughnesses, and has an error of its own.
+    FitTwo last = evaluate(best.r, best.weight);
+    float weights = max(last.weight_row.x, 1e-12);
+    vec2 slope = fit_albedo.zw - fit_albedo.y * last.weight_row.yz / weights;
+    float spread = (slope.x * slope.x * bend.z - 2.0 * slope.x * slope.y * bend.y + slope.y * slope.y * bend.x) / determinant;
+    float of_weight = fit_albedo.y * fit_albedo.y / (down * weights + WIDE);
+    out_2 = vec4(obs_total, best.residual, determined, sqrt(fit_albedo.x * around + spread + of_weight));
 }
