@@ -51,7 +51,7 @@ class Stage:
 
     def worker(self, name: str) -> Worker:
         """The process of that name; started when first asked for."""
-        if name not in self.workers:
+        if name not in self.workers or self.workers[name].process.poll() is not None:
             self.workers[name] = Worker()
         return self.workers[name]
 

@@ -100,7 +100,7 @@ def confidence(device: Device, rounds: int, size: int) -> Table:
             "head": ["problem", "rank correlation of roughness_sigma with the error", "drawn",
                      "90 % intervals that hold: roughness", "base colour (mean of its channels)"],
             "note": f"`refined`; mean of {SEEDS} scenes. An interval is the value plus and minus 1.645 of its standard "
-                    "error; with two lobes those of the sharper. Drawn: the rank correlation that errors have which are "
+                    "error; with two lobes that of the sharper. Drawn: the rank correlation that errors have which are "
                     "drawn at random, normal, with just these standard errors. The more alike neighbours make the "
                     "standard errors, the less there is to rank."}
 
