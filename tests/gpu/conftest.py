@@ -10,11 +10,14 @@ import moderngl
 import numpy as np
 import pytest
 
+from irpso_addon.core.data import Solution
 from irpso_addon.core.job import Progress
 from irpso_addon.core.tables import principled_table
 from irpso_addon.gpu import thread
 from irpso_addon.gpu.context import Device
 from irpso_addon.gpu.programs import assemble
+from tests.gpu import shoots
+from tests.gpu import synthetic as syn
 
 WIDTH = 64  # of the image whose pixels are the calls
 Evaluate = Callable[..., np.ndarray]
@@ -94,3 +97,15 @@ def on_gl() -> OnGL:
         return thread.run(job)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def patches() -> syn.Shoot:
+    """Four materials on a plane, two cameras with eight lamps each, without noise."""
+    return syn.shoot(syn.PATCHES, shoots.rig())
+
+
+@pytest.fixture(scope="session")
+def solved(patches: syn.Shoot) -> dict[str, Solution]:
+    """Their solutions by each method."""
+    return {method: shoots.run(patches, method=method) for method in shoots.METHODS}

@@ -48,7 +48,8 @@ def test_intervals_hold_as_often_as_they_say(on_gl, seed):
 
 def test_neighbours_are_asked_where_there_is_noise(on_gl):
     """Clean observations need none."""
-    for spec, asked in (({}, False), ({"views": 6}, False), ({"noise": 0.01}, True), ({"noise": 0.003}, True)):
+    specs = [({}, False), ({"views": 6, "size": 96}, False), ({"noise": 0.01}, True), ({"noise": 0.003}, True)]
+    for spec, asked in specs:
         solver = solve(on_gl, exact(**spec)[1])[3]
         assert solver.neighbours is asked, spec
         noise = spec.get("noise", 0.0) / np.sqrt(3)  # the mean of three channels

@@ -29,7 +29,7 @@ def finish(steps: Generator[Any, Any, Any]) -> Any:
             return end.value
 
 
-KINDS = (moderngl.Texture, moderngl.Framebuffer, moderngl.Buffer, moderngl.VertexArray)
+KINDS = (moderngl.Texture, moderngl.Framebuffer, moderngl.Buffer, moderngl.VertexArray, moderngl.Program)
 
 
 def held(device: Device) -> int:

@@ -1,0 +1,288 @@
+"""The whole pipeline on every kind of lamp, camera and view, and on what cannot be used: exact synthetic pictures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import Light, RadianceImage
+from irpso_addon.core.errors import BadInput
+from tests.gpu import synthetic as syn
+from tests.gpu.shoots import SIZE, check, errors, rig, run, turned_away
+
+# ---- what cannot be used, and what must be said
+
+
+def test_views_that_see_nothing_are_skipped_and_named(patches):
+    found = run(turned_away(patches, 2))
+    names = [view.image.name for view in patches.scene.views]
+    assert found.views_used == tuple(names[:-2])
+    assert [name for name, _ in found.views_skipped] == names[-2:]
+    assert all("no usable pixel" in why for _, why in found.views_skipped)
+    assert np.median(errors(found, syn.PATCHES).rough) < 1e-5
+
+
+def test_no_view_that_sees_anything_is_an_error(patches):
+    with pytest.raises(BadInput, match=r"view_00\.exr: no usable pixel"):
+        run(turned_away(patches, len(patches.scene.views)))
+
+
+def test_masked_and_clipped_pixels_say_nothing(patches):
+    """A stripe of each picture is nonsense: clipped in half of the views, masked in the others."""
+    images = {}
+    for n, (name, image) in enumerate(patches.images.items()):
+        rgb, coverage, valid = image.rgb.copy(), image.coverage.copy(), image.valid.copy()
+        start = (11 * n) % 60
+        rgb[start:start + 8] = 7.0
+        if n % 2:
+            coverage[start:start + 8] = 0
+        else:
+            valid[start:start + 8] = False
+        images[name] = RadianceImage(rgb, coverage, valid)
+    found = errors(run(replace(patches, images=images)), syn.PATCHES)
+    assert found.share > 0.99
+    assert np.median(found.rough) < 1e-5
+    assert np.quantile(found.rough, 0.95) < 0.005
+    assert np.median(found.base) < 1e-4
+
+
+def test_overlapping_uvs_are_named(patches):
+    mesh = patches.scene.mesh
+    uvs = mesh.uvs.copy()
+    uvs[: len(uvs) // 2] = uvs[len(uvs) // 2:]
+    found = run(replace(patches, scene=replace(patches.scene, mesh=replace(mesh, uvs=uvs))))
+    assert any("Subject" in w and "overlapping UVs" in w for w in found.warnings)
+
+
+def test_uvs_outside_the_square_are_named(patches):
+    mesh = patches.scene.mesh
+    uvs = mesh.uvs.copy()
+    uvs[: len(uvs) // 4, :, 0] += 1
+    found = run(replace(patches, scene=replace(patches.scene, mesh=replace(mesh, uvs=uvs))))
+    assert any("25.0 % of its faces lie outside" in w for w in found.warnings)
+
+
+def test_a_clean_solve_warns_of_nothing(solved):
+    assert solved["refined"].warnings == ()
+
+
+def test_what_no_view_sees_is_filled_and_said(patches):
+    """The last quarter of the plane is turned away from all cameras: taken off the pictures, kept in the mesh."""
+    mesh = patches.scene.mesh
+    positions = mesh.positions.copy()
+    hidden = len(positions) // 4
+    positions[:hidden, :, 2] -= 5  # far below: the cameras' frames do not reach it
+    positions[:hidden, :, 0] -= 40
+    moved = replace(mesh, positions=positions)
+    found = run(replace(patches, scene=replace(patches.scene, mesh=moved)))
+    assert any("seen lit by no view" in w for w in found.warnings)
+    assert found.texels["filled"] > 0.2 * found.texels["covered"]
+    assert np.isfinite(found.maps.base_color).all()
+
+
+def test_too_few_views_are_said(patches):
+    few = replace(patches, scene=replace(patches.scene, views=patches.scene.views[:2]))
+    found = run(few)
+    assert any("fewer than 3 good observations" in w for w in found.warnings)
+    assert np.isfinite(found.maps.roughness).all()
+    assert (found.maps.confidence < 0.5).mean() > 0.9
+
+
+# ---- every kind of lamp, camera and view
+
+
+def test_lamps_of_colour():
+    """All lamps (1, .6, .2): the base colour is what is under white light."""
+    check(syn.shoot(syn.PATCHES, rig(power=(100.0, 60.0, 20.0))))
+
+
+def test_lamps_of_many_colours():
+    lamps = [replace(light, power=100 * np.roll([1.0, 0.6, 0.2], i)) for i, light in enumerate(syn.lamps(8))]
+    check(syn.shoot(syn.PATCHES, [(c, [light]) for c in syn.cameras(2) for light in lamps]))
+
+
+def test_lamps_of_pure_colours():
+    """Red, green and blue lamps in turn: a view tells of one channel only."""
+    lamps = [replace(light, power=100 * np.eye(3)[i % 3]) for i, light in enumerate(syn.lamps(12))]
+    check(syn.shoot(syn.PATCHES, [(c, [light]) for c in syn.cameras(2) for light in lamps]), tail=0.02)
+
+
+def test_two_lamps_in_one_view():
+    lamps = syn.lamps(8)
+    check(syn.shoot(syn.PATCHES, [(c, [lamps[i], lamps[(i + 3) % 8]]) for c in syn.cameras(2) for i in range(8)]))
+
+
+def test_two_lamps_of_different_colour_in_one_view():
+    lamps = [replace(light, power=100 * np.roll([1.0, 0.5, 0.2], i)) for i, light in enumerate(syn.lamps(8))]
+    check(syn.shoot(syn.PATCHES, [(c, [lamps[i], lamps[(i + 4) % 8]]) for c in syn.cameras(2) for i in range(8)]))
+
+
+def test_views_with_one_lamp_and_with_three():
+    lamps = syn.lamps(8)
+    views = [(c, lamps[i:i + 1] if i % 2 else [lamps[i], lamps[i - 3], lamps[i - 5]])
+             for c in syn.cameras(2) for i in range(8)]
+    check(syn.shoot(syn.PATCHES, views))
+
+
+def of_kind(kind: str, count: int, **settings: Any) -> list[Light]:
+    return [syn.lamp(light.matrix[:3, 3], kind=kind, name=light.name, **settings) for light in syn.lamps(count)]
+
+
+@pytest.mark.parametrize(("kind", "settings"), [
+    ("SUN", {"power": (3.0, 2.5, 2.0)}),
+    ("SPOT", {"spot_angle": 1.2, "spot_blend": 0.5}),
+    ("POINT", {"radius": 0.01}),
+])
+def test_lamps_without_a_size(kind, settings):
+    """A radius of 1 cm at 3 m is 0.2 degrees: much narrower than any lobe here."""
+    loose = 5e-4 if "radius" in settings else 1e-5
+    check(syn.shoot(syn.PATCHES, [(c, [lamp]) for c in syn.cameras(2) for lamp in of_kind(kind, 8, **settings)],
+                    (40, 40)), size=40,
+          rough=loose, base=10 * loose)
+
+
+@pytest.mark.parametrize(("kind", "settings"), [
+    ("AREA", {"size": (0.4, 0.4)}),
+    ("AREA", {"shape": "DISK", "size": (0.3, 0.3)}),
+    ("POINT", {"radius": 0.15}),
+    ("SUN", {"radius": np.radians(3)}),
+])
+def test_lamps_with_a_size(kind, settings):
+    """The mean of the lobe over the emitter by the two-point rule: 0.0008 of roughness; one point has 0.003."""
+    lamps = of_kind(kind, 8, **settings)
+    check(syn.shoot(syn.PATCHES, [(c, [lamp]) for c in syn.cameras(2) for lamp in lamps], (32, 32)), size=32,
+          rough=1.5e-3, base=5e-4, tail=0.006)
+
+
+def test_orthographic_cameras():
+    cameras = syn.cameras(2, width=2.3)
+    check(syn.shoot(syn.PATCHES, [(c, [light]) for c in cameras for light in syn.lamps(8)]))
+
+
+def test_pictures_that_are_not_square():
+    cameras = syn.cameras(2, aspect=1.5, degrees=40.0, shift=(0.1, -0.05))
+    check(syn.shoot(syn.PATCHES, [(c, [light]) for c in cameras for light in syn.lamps(8)], (102, 68)))
+
+
+def test_cameras_with_pictures_of_two_sizes():
+    """The same camera, photographed at two resolutions."""
+    camera = syn.cameras(1)[0]
+    small = syn.shoot(syn.PATCHES, [(camera, [light]) for light in syn.lamps(8)], (60, 60))
+    large = syn.shoot(syn.PATCHES, [(camera, [light]) for light in syn.lamps(8)[:4]], (90, 90))
+    views = [replace(view, image=Path("large_" + view.image.name)) for view in large.scene.views]
+    images = small.images | {"large_" + name: image for name, image in large.images.items()}
+    both = syn.Shoot(replace(small.scene, views=small.scene.views + tuple(views)), images, syn.PATCHES)
+    check(both)
+
+
+def test_a_single_camera():
+    check(syn.shoot(syn.PATCHES, rig(cameras=1, lamps=9)))
+
+
+def test_a_pixel_is_the_mean_over_its_square():
+    """Pictures of 25 samples a pixel on rolling normals: half the error of taking a pixel for its centre."""
+    shoot = syn.shoot(syn.PATCHES, rig(), (48, 48), samples=5)
+    aware = errors(run(shoot), syn.PATCHES)
+    point = errors(run(replace(shoot, scene=replace(shoot.scene, pixel_filter=0.01))), syn.PATCHES)
+    assert aware.share > 0.9  # less the rim, which only edge pixels show
+    assert np.median(aware.rough) < 0.0012
+    assert np.quantile(aware.rough, 0.9) < 0.007
+    assert np.median(aware.base) < 8e-4
+    assert np.median(aware.rough) < 0.65 * np.median(point.rough)
+
+
+TURN = np.linalg.qr(np.array([[0.9, 0.3, -0.2], [-0.4, 0.8, 0.5], [0.3, -0.35, 0.9]]))[0]
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+@pytest.mark.parametrize(("scale", "offset"), [(1, (3, -2, 5)), (1e-3, (0, 0, 0)), (1e3, (0, 0, 0)),
+                                               (1, (800, -400, 500))])
+def test_place_and_size_of_the_scene_do_not_matter(scale, offset, orthographic):
+    """A millimetre, a kilometre, a kilometre away (where float32 has 6e-5 m left: 1e-4 of roughness)."""
+    cameras = syn.cameras(2, width=2.3 if orthographic else None)
+    shoot = syn.shoot(syn.PATCHES, [(c, [light]) for c in cameras for light in syn.lamps(8)])
+    if orthographic:  # metres per image: part of the projection
+        projection = np.diag([1 / scale, 1 / scale, 1, 1])
+        views = tuple(replace(v, camera=replace(v.camera, projection=v.camera.projection @ projection))
+                      for v in shoot.scene.views)
+        shoot = replace(shoot, scene=replace(shoot.scene, views=views))
+    check(syn.moved(shoot, scale, TURN * np.sign(np.linalg.det(TURN)), offset), rough=2e-4)
+
+
+def test_more_views_than_the_kernel_keeps():
+    check(syn.shoot(syn.PATCHES, rig(cameras=6, lamps=13), (48, 48)), size=48)
+
+
+def test_shadows_do_not_darken_the_paint():
+    """Two boxes over the plane: what one lamp does not reach, others show.  Under them nothing may be seen."""
+    blocks = [((-0.5, -0.4, 0.2), (-0.1, 0.3, 0.5)), ((0.35, -0.6, 0.05), (0.55, 0.7, 0.25))]
+    shoot = syn.shoot(syn.PATCHES, rig(cameras=4, lamps=8), blocks=blocks)
+    dark = np.mean([(image.rgb[image.coverage > 0] == 0).mean() for image in shoot.images.values()])
+    assert dark > 0.05
+    off = errors(run(shoot), syn.PATCHES)
+    assert off.share > 0.9
+    assert np.median(off.rough) < 1e-5
+    assert np.quantile(off.rough, 0.95) < 0.02
+    assert np.median(off.base) < 1e-4
+    assert np.quantile(off.base, 0.95) < 0.03
+
+
+def test_one_view_per_camera_under_many_lamps():
+    """All lamps stay on and only the camera moves, as in a room: highlights wander over the surface none the less."""
+    lamps = syn.lamps(8)
+    found = run(syn.shoot(syn.PATCHES, [(camera, lamps) for camera in syn.cameras(10)], (56, 56)))
+    assert found.model == {"Paint": "one-lobe"}
+    off = errors(found, syn.PATCHES)
+    assert np.median(off.rough) < 0.01
+    assert np.median(off.base) < 0.003
+
+
+def test_slots_of_one_material_decide_together():
+    """A material may sit in two slots.  A corner that shows no highlight does not take it from the rest."""
+    mesh = syn.plane_mesh(lambda u, v: (u > 0.9) & (v > 0.9), ("Paint", "Paint"))
+    dull_corner = replace(syn.PATCHES, lobe=lambda u, v: 1.0 - ((np.asarray(u) > 0.9) & (np.asarray(v) > 0.9)))
+    found = run(syn.shoot(dull_corner, rig(), mesh=mesh))
+    assert found.model == {"Paint": "one-lobe"}
+    assert np.median(errors(found, syn.PATCHES).rough) < 1e-5
+
+
+def test_more_material_slots_than_an_int_has_bits():
+    """Forty materials, the right half of them dull."""
+    names = tuple(f"Material {i}" for i in range(40))
+    mesh = syn.plane_mesh(lambda u, v: np.minimum((u * 40).astype(int), 39), names)
+    mixed = replace(syn.PATCHES, lobe=lambda u, v: (np.asarray(u) < 0.5).astype(float))
+    found = run(syn.shoot(mixed, rig(), mesh=mesh))
+    # The mesh has fewer columns of cells than materials: some slots have no face.
+    assert {found.model[name] for name in names[4:18] if name in found.model} == {"one-lobe"}
+    assert {found.model[name] for name in names[22:36] if name in found.model} == {"lambert"}
+    at = (np.arange(SIZE) + 0.5) / SIZE
+    base = np.abs(found.maps.base_color - mixed.base(*np.meshgrid(at, at))).max(-1)
+    assert np.median(base[4:-4, 6:SIZE // 2 - 3]) < 1e-4
+    assert np.median(base[4:-4, SIZE // 2 + 3:-6]) < 1e-4
+
+
+def test_a_material_of_no_colour_and_a_mirror_like_one():
+    """Black, white, smooth and fully rough quarters."""
+    hard = syn.Truth(base=syn.quarters([(0.01, 0.01, 0.01), (0.95, 0.95, 0.95), (0.9, 0.1, 0.02), (0.3, 0.3, 0.3)]),
+                     roughness=syn.quarters([0.5, 0.35, 0.85, 0.2]))
+    found = run(syn.shoot(hard, rig(cameras=2, lamps=12)))
+    off = errors(found, hard)
+    assert np.median(off.rough) < 1e-4
+    assert np.median(off.base) < 5e-4
+    assert np.isfinite(found.maps.base_color).all()
+
+
+def test_a_shadow_in_a_picture_that_the_scene_does_not_explain(patches):
+    """A dark band over one view (something unmodelled): the robust base colour stays within 0.02."""
+    images = dict(patches.images)
+    name = patches.scene.views[4].image.name
+    rgb = images[name].rgb.copy()
+    rgb[20:50] *= 0.3
+    images[name] = replace(images[name], rgb=rgb)
+    off = errors(run(replace(patches, images=images)), syn.PATCHES)
+    assert np.median(off.base) < 0.005
+    assert np.quantile(off.base, 0.9) < 0.03

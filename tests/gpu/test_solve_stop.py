@@ -1,0 +1,125 @@
+"""The whole pipeline told to stop at any step: what it keeps, how it tells its progress, and what it leaves behind."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from irpso_addon import pipeline
+from irpso_addon.core.data import Solution
+from irpso_addon.core.errors import BadInput, Cancelled
+from irpso_addon.core.job import Progress
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.gpu import atlas as gpu_atlas
+from irpso_addon.gpu import thread
+from tests.gpu import synthetic as syn
+from tests.gpu.shoots import SIZE, errors, run, turned_away
+from tests.gpu.texels import held
+
+
+def stopped(shoot: syn.Shoot, stage: str, monkeypatch: pytest.MonkeyPatch, after: int = 3) -> Solution:
+    """Stop at the ``after``-th step of a stage; the pipeline's own answer to Cancelled."""
+    monkeypatch.setattr(gpu_atlas, "TILE", (16, 16))
+
+    def job():
+        steps = pipeline.solve(shoot.scene, SolveSettings(size=SIZE), shoot.read_image)
+        seen = 0
+        try:
+            while True:
+                step = next(steps)
+                seen += step.stage == stage
+                if seen == after:
+                    seen += 1
+                    step = steps.throw(Cancelled())
+                yield step
+        except StopIteration as stop:
+            return stop.value
+
+    return thread.run(job)
+
+
+def test_a_stop_in_the_search_keeps_what_was_found(patches, monkeypatch):
+    """Three tiles of sixteen are solved, the rest is filled from them."""
+    found = stopped(patches, "solve", monkeypatch)
+    assert found.cancelled
+    maps = found.maps
+    for values in (maps.base_color, maps.roughness, maps.confidence, maps.error):
+        assert np.isfinite(values).all()
+    rows, _ = np.nonzero(maps.coverage & ~maps.filled)
+    assert 100 < len(rows) <= 3 * 16 * 16
+    assert rows.max() < 32
+    off = errors(found, syn.PATCHES)
+    assert np.median(off.rough) < 1e-4
+    assert np.median(off.base) < 0.05
+    assert found.texels["solved"] + found.texels["filled"] == found.texels["covered"]
+
+
+@pytest.mark.parametrize("after", [1, 17, 33])
+def test_a_stop_at_any_step_of_the_search_gives_a_solution(patches, monkeypatch, after):
+    found = stopped(patches, "solve", monkeypatch, after)
+    assert found.cancelled
+    assert np.isfinite(found.maps.base_color).all()
+    assert found.texels["solved"] > 0
+
+
+def test_a_stop_in_the_base_colour_keeps_the_roughness(patches, solved, monkeypatch):
+    found = stopped(patches, "maps", monkeypatch)
+    assert found.cancelled
+    assert np.isfinite(found.maps.base_color).all()
+    np.testing.assert_allclose(found.maps.roughness, solved["refined"].maps.roughness, atol=1e-6)
+
+
+@pytest.mark.parametrize("stage", ["gbuffer", "observe"])
+def test_a_stop_before_the_search_has_nothing_to_keep(patches, monkeypatch, stage):
+    with pytest.raises(Cancelled):
+        stopped(patches, stage, monkeypatch, after=1)
+
+
+def test_progress_only_grows(patches):
+    told: list[Progress] = []
+
+    def job():
+        steps = pipeline.solve(patches.scene, SolveSettings(size=SIZE), patches.read_image)
+        while True:
+            try:
+                told.append(next(steps))
+            except StopIteration as stop:
+                return stop.value
+            yield told[-1]
+
+    thread.run(job)
+    fractions = [step.fraction for step in told]
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0]
+    assert 0.99 < fractions[-1] <= 1
+    stages = [step.stage for step in told]
+    assert list(dict.fromkeys(stages)) == ["gbuffer", "observe", "solve", "maps"]
+
+
+def on_device(on_gl: Any) -> int:
+    """Objects that Python still holds and that were not released, and those it dropped without release."""
+    return int(on_gl(held))
+
+
+def test_nothing_is_left_on_the_device(on_gl, patches):
+    """Whether it ends well, is stopped or fails; programs stay, and so they are built before."""
+    run(patches)
+    before = on_device(on_gl)
+    for _ in range(2):
+        run(patches)
+        assert on_device(on_gl) == before
+    with pytest.raises(BadInput):
+        run(turned_away(patches, len(patches.scene.views)))
+    assert on_device(on_gl) == before
+
+
+def test_a_stop_leaves_nothing_on_the_device(on_gl, patches, monkeypatch):
+    stopped(patches, "solve", monkeypatch)
+    before = on_device(on_gl)
+    stopped(patches, "solve", monkeypatch)
+    assert on_device(on_gl) == before
+    with pytest.raises(Cancelled):
+        stopped(patches, "observe", monkeypatch)
+    assert on_device(on_gl) == before
