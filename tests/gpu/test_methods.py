@@ -14,7 +14,6 @@ from irpso_addon.gpu.solve import Solver
 from tests.gpu.texels import Texels, exact, finish
 
 METHODS = ("refined", "draft", "swarm")
-EXACT = ("refined", "swarm")
 
 
 def solve(on_gl: Any, texels: Texels, lobes: int = 1, **chosen: Any) -> list[np.ndarray]:
@@ -36,7 +35,7 @@ def solve(on_gl: Any, texels: Texels, lobes: int = 1, **chosen: Any) -> list[np.
     return on_gl(job)
 
 
-@pytest.mark.parametrize("method", EXACT)
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("views", [6, 12, 24])
 def test_a_method_finds_exact_maps(on_gl, method, views):
     """Mean error of roughness below 0.001, of base colour too; 24 views are more than loops are unrolled for."""
@@ -50,7 +49,7 @@ def test_a_method_finds_exact_maps(on_gl, method, views):
     assert (found[..., 3] == 1).all()
 
 
-@pytest.mark.parametrize("method", EXACT)
+@pytest.mark.parametrize("method", METHODS)
 def test_cameras_and_lamps_of_every_number(on_gl, method):
     """Three cameras with four views each."""
     problem, texels = exact(size=48, cameras=3)
@@ -73,7 +72,7 @@ def test_the_same_bytes_again_and_with_other_tiles(on_gl, monkeypatch, method, t
     assert [a.tobytes() for a in solve(on_gl, texels, lobes, method=method)] == whole
 
 
-@pytest.mark.parametrize("method", EXACT)
+@pytest.mark.parametrize("method", METHODS)
 def test_a_seed_is_used_and_does_not_matter(on_gl, method):
     texels = exact()[1]
     first, other = (solve(on_gl, texels, method=method, seed=seed)[0][..., 0] for seed in (1, 2))
