@@ -36,7 +36,7 @@ class Panel:
     """One error."""
 
     title: str
-    curves: Sequence[Curve]
+    curves: list[Curve]
     log: bool = False
     up: bool = False  # whether more is better
 

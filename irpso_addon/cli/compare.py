@@ -16,7 +16,7 @@ import numpy as np
 from .. import pipeline
 from ..blender import files
 from ..blender.scene import read_scene
-from ..core.data import F64, RadianceImage, SceneData, Solution, View
+from ..core.data import F64, Bool, RadianceImage, SceneData, Solution, View
 from ..core.errors import BadInput, Cancelled
 from ..core.image import read_reference
 from ..core.params import SolveSettings
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> None:
         files.open_blend(scene)
     data = read_scene(None, arguments.object, arguments.captures)
     fit, held = hold_out(data, arguments.hold_out, arguments.truth is not None)
-    truth = read_truth(arguments.truth, data.mesh.name, arguments.size) if arguments.truth else None
+    truth = read_truth(arguments.truth, data.mesh.name) if arguments.truth else None
     with Staging(out) as staging:
         try:
             report = compare(fit, held, truth, arguments)
@@ -100,17 +100,19 @@ def compare(
     for label, settings in entries.items():
         _say(label)
         solution = _solve(fit, settings, read_image)
-        surfaces[label] = surface(solution, base.ndf, judge.grid.slots, fit.mesh.slot_names, judge.where)
+        surfaces[label] = surface(solution, base.ndf, judge.grid.slots, fit.mesh.slot_names)
         seconds[label] = {**solution.seconds, "total": sum(solution.seconds.values())}
+    true = judge.true_maps()
     return {
         "versions": versions() | {"blender": files.blender_version()}, "device": solution.device, "machine": machine(),
         "date": time.strftime("%Y-%m-%d"), "command": ["irpso", *sys.argv[1:]], "scene": fit.name,
         "object": fit.mesh.name, "size": arguments.size, "model": arguments.model, "reading_seconds": reading,
         "views": {"solved_from": [view.image.name for view in fit.views],
                   "held_out": [view.image.name for view in held.views] if held else []},
-        "texels": int(judge.where.sum()),
-        "rows": [{"method": label, "seconds": seconds[label], **judge.errors(at),
-                  "from_refined": difference(at, surfaces[REFERENCE])} for label, at in surfaces.items()]}
+        "texels": int(judge.where.sum()), "truth_held_out": judge.held_out(true) if judge.held and true else None,
+        "rows": [{"method": label, "seconds": seconds[label], **judge.errors(maps),
+                  "from_refined": difference(maps, surfaces[REFERENCE], judge.where)}
+                 for label, maps in surfaces.items()]}
 
 
 def read_once(views: tuple[View, ...]) -> ReadImage:
@@ -127,10 +129,11 @@ def _solve(scene: SceneData, settings: SolveSettings, read_image: ReadImage) -> 
     return solution
 
 
-def difference(at: Surface, reference: Surface) -> dict[str, float]:
-    """Of two results at the same texels."""
-    return {"base_rmse": float(np.sqrt(np.mean((at.base - reference.base) ** 2))),
-            "rough_mae": float(np.abs(at.lobes[:, 0] - reference.lobes[:, 0]).mean())}
+def difference(maps: Surface, reference: Surface, where: Bool) -> dict[str, float]:
+    """Of two results over the texels ``where``."""
+    part = where.ravel()
+    return {"base_rmse": float(np.sqrt(np.mean((maps.base - reference.base)[part] ** 2))),
+            "rough_mae": float(np.abs((maps.lobes - reference.lobes)[part, 0]).mean())}
 
 
 def machine() -> dict[str, Any]:
@@ -164,6 +167,8 @@ def tell(report: dict[str, Any], out: Path, drawn: bool) -> None:
     console.say(f"{report['object']}: {report['size']} x {report['size']} texels, {report['texels']:,} judged; "
                 f"{len(report['views']['solved_from'])} views, {len(report['views']['held_out'])} held out")
     console.table(head, rows)
+    if report["truth_held_out"] is not None:
+        console.say(f"the true maps themselves are off by {report['truth_held_out']:.2%} on the views held out")
     console.say(f"{out}: compare.json" + (", compare.png, compare.svg" if drawn else ""))
     if not drawn:
         console.warn("no chart: this Python has no matplotlib (nor has Blender's); compare.json holds it all")
@@ -173,6 +178,8 @@ def draw(report: dict[str, Any], stem: Path) -> bool:
     """The chart, unless there is no matplotlib."""
     panels = [chart.Panel(title, _curves(report["rows"], part, key, scale), log=True)
               for title, part, key, scale in PANELS if all(row[part] is not None for row in report["rows"])]
+    if report["truth_held_out"] is not None:
+        panels[0].curves.append(chart.Curve("true maps", 6, None, [100 * report["truth_held_out"]]))
     at = report["machine"]
     foot = (f"{at['processor']}, {at['cores']} cores, {at['system']}, {report['device']['renderer']}; "
             f"IRPSO {report['versions']['irpso']}, Blender {report['versions']['blender']}; {report['date']}")

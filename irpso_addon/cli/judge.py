@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import asdict, dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..core.data import F32, F64, I32, Bool, RadianceImage, SceneData, View
 from ..core.errors import BadInput
-from ..core.metrics import map_errors
-from ..core.predict import Surface, TexelView, predict
+from ..core.job import Progress
+from ..core.metrics import at_size, map_errors
+from ..core.predict import Pixels, PlaceView, Surface, predict, shown
 from ..gpu import thread
-from .texels import Grid, observe_texels
+from ..gpu.fill import fill
+from .texels import Grid, observe_pixels, observe_texels
 
 WARM_UP = 16  # texels: observed before the clock starts, so that no time holds compiling shaders
 GOOD_VIEWS = 3  # that must show a texel well before it counts
@@ -25,89 +26,106 @@ ReadImage = Callable[[View], RadianceImage]
 
 @dataclass(frozen=True)
 class Judge:
-    """The T texels that count, and what is known of them."""
+    """The texels that count, and what is known of them."""
 
     grid: Grid
-    where: Bool  # (n, n) the T texels
-    held: list[TexelView]  # views that no solve has seen
-    tan_h: F32  # (T,) nearest highlight: least tan(theta_h) over the views solved from
-    lambert: F32  # (T, 3) median over the views solved from of pi times radiance over irradiance
+    where: Bool  # (n, n) those texels
+    held: list[tuple[Pixels, list[PlaceView]]]  # per camera: pixels that show them, in views that no solve has seen
+    tan_h: F32  # (n, n) nearest highlight: least tan(theta_h) over the views solved from
+    lambert: F32  # (n, n, 3) median over the views solved from of pi times radiance over irradiance, holes filled
     seconds: float  # that took
-    truth: tuple[F64, F64] | None  # base colour (n, n, 3) and roughness (n, n)
+    truth: tuple[F64, F64] | None  # base colour (m, m, 3) and roughness (m, m), as fine as it is known
 
     def no_solver(self) -> Surface:
         """What division alone gives: `lambert` and a roughness of 0.5."""
-        count = len(self.lambert)
-        return Surface(np.clip(self.lambert.astype(np.float64), 0, 1), np.tile([0.5, 0.5, 1.0], (count, 1)),
-                       np.full(count, 0.5), np.zeros(count, bool))
+        count = self.where.size
+        return Surface(np.clip(self.lambert.reshape(-1, 3).astype(np.float64), 0, 1),
+                       np.tile([0.5, 0.5, 1.0], (count, 1)), np.full(count, 0.5), np.zeros(count, bool))
 
-    def errors(self, at: Surface) -> dict[str, Any]:
+    def true_maps(self) -> Surface | None:
+        """The truth, where it is known: its error on the held-out views is what no method can be blamed for."""
+        if self.truth is None:
+            return None
+        base, rough = self.truth
+        r = rough.ravel()
+        return Surface(base.reshape(-1, 3), np.stack([r, r, np.ones_like(r)], -1), np.full(r.shape, 0.5),
+                       np.zeros(r.shape, bool))
+
+    def errors(self, maps: Surface) -> dict[str, Any]:
         """``held_out`` and ``truth`` of the report; None for what there is nothing to judge by."""
-        return {"held_out": self._held_out(at) if self.held else None, "truth": self._truth(at) if self.truth else None}
+        return {"held_out": self.held_out(maps) if self.held else None,
+                "truth": self._truth(maps) if self.truth else None}
 
-    def _held_out(self, at: Surface) -> float:
+    def held_out(self, maps: Surface) -> float:
         """Sum of the absolute errors of all predictions over the sum of what was seen, in radiance / irradiance."""
         off = seen = 0.0
-        for view in self.held:
-            off += float(np.sum(view.weight * np.abs(predict(at, view) - view.rgb)))
-            seen += float(np.sum(view.weight * view.rgb))
+        for pixels, views in self.held:
+            at = shown(maps, pixels)
+            for view in views:
+                off += float(np.sum(view.weight * np.abs(predict(at, view) - view.rgb)))
+                seen += float(np.sum(view.weight * view.rgb))
         return off / max(seen, 1e-20)
 
-    def _truth(self, at: Surface) -> dict[str, float]:
+    def _truth(self, maps: Surface) -> dict[str, float]:
         assert self.truth is not None
-        base, rough = self.truth[0][self.where], self.truth[1][self.where]
-        found = asdict(map_errors(at.base, at.lobes[:, 0], base, rough, np.ones(len(rough), bool)))
-        informed = self.tan_h < GLOSS * rough**2
+        size = len(self.where)
+        base, rough = at_size(self.truth[0], size), at_size(self.truth[1], size)[..., 0]
+        mine = maps.lobes[:, 0].reshape(rough.shape)
+        found = asdict(map_errors(maps.base.reshape(base.shape), mine, base, rough, self.where))
+        informed = self.where & (self.tan_h < GLOSS * rough**2)
         if informed.any():
-            found["rough_mae_informed"] = float(np.abs(at.lobes[:, 0] - rough)[informed].mean())
-        return found | {"informed_share": float(informed.mean())}
+            found["rough_mae_informed"] = float(np.abs(mine - rough)[informed].mean())
+        return found | {"informed_share": float(informed.sum() / self.where.sum())}
 
 
 def make_judge(
     fit: SceneData, held: SceneData | None, truth: tuple[F64, F64] | None, read_image: ReadImage, size: int,
 ) -> Judge:
-    """Gather the views at the texels and choose which of these count.  Raises BadInput where none does."""
+    """Gather the views and choose which texels count.  Raises BadInput where none does."""
     thread.run(lambda: observe_texels(fit, WARM_UP, read_image, _digest))
     started = time.perf_counter()
     grid, parts = thread.run(lambda: observe_texels(fit, size, read_image, _digest))
-    seconds = time.perf_counter() - started
     shape = grid.covered.shape
-    count, tan_h, lambert = np.zeros(shape, np.int32), np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32)
+    count, tan_h, lambert = np.zeros(shape, np.int32), np.zeros(shape, np.float32), np.zeros((*shape, 4), np.float32)
     for inside, *values in parts:
         count[inside], tan_h[inside], lambert[inside] = values
+    filled = thread.run(lambda: _filled(lambert))
+    seconds = time.perf_counter() - started
     where = count >= GOOD_VIEWS
     if not where.any():
         raise BadInput(f"{fit.mesh.name}: no texel is seen well by {GOOD_VIEWS} of the {len(fit.views)} views solved "
                        "from; add views, or hold fewer out")
-    views: list[TexelView] = []
-    if held is not None:
-        _, chosen = thread.run(lambda: observe_texels(held, size, read_image, partial(_choose, where)))
-        views = _join(chosen, where)
-    return Judge(grid, where, views, tan_h[where], lambert[where], seconds, truth)
+    cameras = [] if held is None else thread.run(lambda: observe_pixels(held, read_image))
+    return Judge(grid, where, [_choose(*camera, where) for camera in cameras], tan_h, filled, seconds, truth)
 
 
-def _digest(inside: Bool, views: list[TexelView]) -> tuple[Bool, I32, F32, F32]:
-    """The texels of a tile, how many views show each well, its nearest highlight, its median of pi f."""
+def _digest(inside: Bool, views: list[PlaceView]) -> tuple[Bool, I32, F32, F32]:
+    """The texels of a tile, how many views show each well, its nearest highlight, its median of pi f (and known)."""
     good = np.stack([view.weight.min(-1) > 0 for view in views])  # (K, T)
     sin2h = np.stack([view.lobes[:, :, :, 0].min((1, 2)) for view in views])
     tan_h = np.sqrt(np.where(good, sin2h / np.maximum(1 - sin2h, 1e-6), 1e6)).min(0)
     f = np.ma.array(np.stack([view.rgb for view in views]), mask=np.repeat(~good[..., None], 3, -1))
-    median = np.pi * np.ma.median(f, axis=0).filled(0.5 / np.pi)
-    return inside, good.sum(0).astype(np.int32), tan_h.astype(np.float32), median.astype(np.float32)
+    median = np.pi * np.ma.median(f, axis=0).filled(0.0)
+    known = np.concatenate([median, good.any(0)[:, None]], -1)
+    return inside, good.sum(0).astype(np.int32), tan_h.astype(np.float32), known.astype(np.float32)
 
 
-def _choose(where: Bool, inside: Bool, views: list[TexelView]) -> tuple[Bool, list[TexelView]]:
-    """The texels of a tile that count, (n, n), and the views there."""
-    part = where[inside]
-    return inside & where, [TexelView(*(getattr(view, name)[part] for name in TexelView.__dataclass_fields__))
-                            for view in views]
+def _filled(values: F32) -> Generator[Progress, None, F32]:
+    """Runs on the GL thread: (n, n, 3) of (n, n, 4), holes (where the fourth is 0) filled."""
+    device = thread.device()
+    yield Progress(0.0, "maps")
+    source = device.texture(values.shape[1], values.shape[0], data=values)
+    filled = fill(device, source)
+    result = device.read(filled)[..., :3].copy()
+    source.release()
+    filled.release()
+    return result
 
 
-def _join(parts: list[tuple[Bool, list[TexelView]]], where: Bool) -> list[TexelView]:
-    """The views over all texels that count, in the order of ``where``."""
-    place = np.zeros(where.shape, np.int64)
-    place[where] = np.arange(np.count_nonzero(where))
-    order = np.argsort(np.concatenate([place[inside] for inside, _ in parts]))
-    return [TexelView(*(np.concatenate([getattr(view, name) for view in tiles])[order]
-                        for name in TexelView.__dataclass_fields__))
-            for tiles in zip(*(views for _, views in parts), strict=True)]
+def _choose(pixels: Pixels, views: list[PlaceView], where: Bool) -> tuple[Pixels, list[PlaceView]]:
+    """The pixels that show texels that count."""
+    size = len(where)
+    x, y = np.clip((pixels.uv * size).astype(int), 0, size - 1).T
+    part = where[y, x]
+    return Pixels(pixels.uv[part], pixels.slope[part], pixels.footprint), [
+        PlaceView(view.rgb[part], view.weight[part], view.cos_v[part], view.lobes[part]) for view in views]

@@ -14,14 +14,15 @@ from .image_file import open_image
 from .metrics import at_size
 
 
-def read_truth(folder: Path, name: str, size: int) -> tuple[F64, F64]:
-    """(base colour (n, n, 3) linear, roughness (n, n)) of object ``name`` at ``size`` texels.
+def read_truth(folder: Path, name: str) -> tuple[F64, F64]:
+    """(base colour (n, n, 3) linear, roughness (n, n)) of object ``name``, n the larger width of the two.
 
     Reads ``<name>_basecolor`` and ``<name>_roughness`` (.exr, .png or .tiff), as they are exported: sRGB base colour in
     integer files.  Raises BadInput.
     """
     base, rough = (_read(folder, f"{safe_stem(name)}_{role}", color=role == "basecolor")
                    for role in ("basecolor", "roughness"))
+    size = max(base.shape[1], rough.shape[1])
     return at_size(base, size), at_size(rough, size)[..., 0]
 
 

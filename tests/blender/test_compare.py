@@ -78,6 +78,14 @@ def test_solvers_find_the_paint_and_predict_the_views_held_out(compared):
     assert found["refined"]["from_refined"] == {"base_rmse": 0.0, "rough_mae": 0.0}
 
 
+def test_nothing_predicts_better_than_the_truth(compared):
+    """The judge blames the true maps for less than any estimate: what is left is its own error."""
+    report = compared[2]
+    assert report["truth_held_out"] < 0.02
+    assert report["truth_held_out"] <= 1.01 * min(row["held_out"] for row in report["rows"])
+    assert "the true maps themselves are off by" in compared[1].stdout
+
+
 def test_more_passes_find_more(compared):
     few, more = (rows(compared[2])[f"paper, {n} passes"] for n in PASSES)
     assert more["held_out"] < few["held_out"] and more["seconds"]["solve"] > few["seconds"]["solve"]

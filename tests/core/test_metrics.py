@@ -7,7 +7,7 @@ import pytest
 
 from irpso_addon.core import brdf
 from irpso_addon.core.metrics import at_size, map_errors, psnr
-from irpso_addon.core.predict import Surface, TexelView, predict
+from irpso_addon.core.predict import Pixels, PlaceView, Surface, predict, shown
 
 
 def test_coarser_by_a_whole_number_is_the_mean_of_blocks():
@@ -61,7 +61,7 @@ def one_light(count=200):
     factor = brdf.F_dielectric(at.cos_vh) / (2 * at.cos_l * at.cos_v)
     lobe = np.stack([at.sin2h, np.zeros(count), at.cos_l, factor], -1).astype(np.float32)
     lobes = np.repeat(lobe[:, None, None], 3, axis=1)
-    return TexelView(np.zeros((count, 3), np.float32), np.ones((count, 3), np.float32), at.cos_v.astype(np.float32),
+    return PlaceView(np.zeros((count, 3), np.float32), np.ones((count, 3), np.float32), at.cos_v.astype(np.float32),
                      lobes), (light, view, normal)
 
 
@@ -100,5 +100,36 @@ def test_lights_share_the_irradiance():
     view, _ = one_light()
     half = view.lobes.copy()
     half[..., 3] *= 0.5
-    both = TexelView(view.rgb, view.weight, view.cos_v, np.concatenate([half, half], axis=2))
+    both = PlaceView(view.rgb, view.weight, view.cos_v, np.concatenate([half, half], axis=2))
     assert np.allclose(predict(surface(), both), predict(surface(), view), rtol=1e-6)
+
+
+def maps(base, rough):
+    """A Surface of (n, n, 3) and (n, n)."""
+    r = rough.ravel()
+    return Surface(base.reshape(-1, 3), np.stack([r, r, np.ones_like(r)], -1), np.full(r.shape, 0.5),
+                   np.zeros(r.shape, bool))
+
+
+def test_a_pixel_shows_its_footprints_mean():
+    """A checkerboard of texels under a pixel two texels wide is grey; under a point it is what lies there."""
+    rows, columns = np.mgrid[0:32, 0:32]
+    checks = np.repeat(((rows + columns) % 2.0)[..., None], 3, -1)
+    uv = np.array([[10.5, 20.5], [11.5, 20.5]], np.float32) / 32
+    slope = np.tile(np.array([2.0, 0.0, 0.0, 2.0], np.float32) / 32, (2, 1))
+    whole = shown(maps(checks, rows / 32), Pixels(uv, slope, 1.0))
+    assert np.abs(whole.base - 0.5).max() < 0.02
+    point = shown(maps(checks, rows / 32), Pixels(uv, slope, 0.0))
+    assert np.allclose(point.base[:, 0], [0.0, 1.0], atol=1e-5)
+    assert np.allclose(point.lobes[:, 0], 20 / 32, atol=1e-5)
+
+
+def test_a_slanted_footprint_averages_along_itself():
+    """Where base colour is linear in u and v its mean is the centre's, whatever the footprint."""
+    rng = np.random.default_rng(4)
+    v, u = (np.mgrid[0:64, 0:64] + 0.5) / 64
+    base = np.stack([0.2 + 0.5 * u, 0.1 + 0.6 * v, 0.3 + 0.2 * u + 0.2 * v], -1)
+    uv = rng.uniform(0.2, 0.8, (50, 2)).astype(np.float32)
+    at = shown(maps(base, v), Pixels(uv, rng.uniform(-0.05, 0.05, (50, 4)).astype(np.float32), 1.0))
+    want = np.stack([0.2 + 0.5 * uv[:, 0], 0.1 + 0.6 * uv[:, 1], 0.3 + 0.2 * uv.sum(-1)], -1)
+    assert np.abs(at.base - want).max() < 1e-5
