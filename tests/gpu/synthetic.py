@@ -199,6 +199,8 @@ class Truth:
     base: Callable[[np.ndarray, np.ndarray], np.ndarray]
     roughness: Callable[[np.ndarray, np.ndarray], np.ndarray]
     lobe: Callable[[np.ndarray, np.ndarray], np.ndarray] = field(default=lambda u, v: np.ones_like(u))
+    # The BRDF, 1/sr, from base, roughness, L, V, N; where ``lobe`` is 0 it is base / pi.
+    reflect: Callable[..., np.ndarray] = field(default=brdf.principled)
 
 
 def quarters(values: Sequence[object]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
@@ -234,7 +236,7 @@ def radiance(truth: Truth, points: np.ndarray, toward_viewer: np.ndarray, lamps:
             cosine = np.maximum((L * normal).sum(-1), 0)
             for low, high in blocks:
                 weight = weight * ~box_blocks(points, L * 100 if light.kind == "SUN" else offset, low, high)
-            whole = brdf.principled(base, rough, L, toward_viewer, normal)
+            whole = truth.reflect(base, rough, L, toward_viewer, normal)
             f = np.where(lobe[..., None] > 0, whole, base / np.pi)
             total += (weight * cosine)[..., None] * light.power * f
     return total
