@@ -58,7 +58,9 @@ def run(options: Options) -> Record:
     pixels = _pixels(one, truth, fit, relit)
     few = [_one_image(options, one, pixels, "paper"), _one_image(options, one, pixels, "refined")]
     scene = _read(options.out, many)
-    results = [_many(options, scene, truth, pixels, "refined"), _many(options, scene, truth, pixels, "paper")]
+    results = [_many(options, scene, truth, pixels, SolveSettings(size=options.size, model="two-lobe")),
+               _many(options, scene, truth, pixels, SolveSettings(
+                   size=options.size // 2, model="two-lobe", method="paper", iterations=options.many_passes))]
     auto: Solution = thread.run(lambda: pipeline.solve(scene, SolveSettings(size=options.size)))
     judge = make_judge(scene, None, None, read_reference, options.size)
     near = np.zeros_like(judge.where)
@@ -68,7 +70,7 @@ def run(options: Options) -> Record:
 
 
 def _render_views(options: Options) -> dict[str, tuple[str, str]]:
-    """References of every camera under every lamp that lights some of what it sees."""
+    """References of every camera under every lamp: image -> (camera, lamp)."""
     views = {}
     for camera in scan.cameras():
         for lamp in scan.lamps():
@@ -155,18 +157,17 @@ def sample(image: F32, uv: F32) -> F32:
 # ---- many lights, the product's own way
 
 
-def _many(options: Options, scene: SceneData, truth: scan.Truth, pixels: Pixels, method: str) -> Result:
-    settings = SolveSettings(size=options.size, model="two-lobe", method=method, iterations=options.many_passes)
+def _many(options: Options, scene: SceneData, truth: scan.Truth, pixels: Pixels, settings: SolveSettings) -> Result:
     solution: Solution = thread.run(lambda: pipeline.solve(scene, settings))
     maps: Maps = solution.maps
     assert maps.lobes is not None
     scan.wear(maps, in_pixels=False)
-    seen = maps.coverage & ~maps.filled
-    nearest = np.clip((pixels.uv * options.size).astype(int), 0, options.size - 1)
+    seen, size, method = maps.coverage & ~maps.filled, settings.size, settings.method
+    nearest = np.clip((pixels.uv * size).astype(int), 0, size - 1)
     return Result(
-        method, maps.base_color, maps.lobes, at_size(truth.base, options.size),
-        at_size(truth.lobes, options.size), seen, solution.seconds["solve"], sample(maps.base_color, pixels.uv),
-        sample(maps.lobes, pixels.uv), pixels.shown & seen[nearest[..., 1], nearest[..., 0]],
+        method, maps.base_color, maps.lobes, at_size(truth.base, size), at_size(truth.lobes, size), seen,
+        solution.seconds["solve"], sample(maps.base_color, pixels.uv), sample(maps.lobes, pixels.uv),
+        pixels.shown & seen[nearest[..., 1], nearest[..., 0]],
         *(scan.render(options.out / f"many_{method}_{lamp}.exr", CAMERA, lamp) for lamp in (ONE_LAMP, scan.HELD_OUT)),
         solution=solution)
 
