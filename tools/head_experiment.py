@@ -63,9 +63,7 @@ def run(options: Options) -> Record:
                    size=options.size // 2, model="two-lobe", method="paper", iterations=options.many_passes))]
     auto: Solution = thread.run(lambda: pipeline.solve(scene, SolveSettings(size=options.size)))
     judge = make_judge(scene, None, None, read_reference, options.size)
-    near = np.zeros_like(judge.where)
-    true_lobes = results[0].true_lobes
-    near[judge.where] = judge.tan_h < GLOSS * true_lobes[judge.where][:, 0] ** 2
+    near = judge.where & (judge.tan_h < GLOSS * results[0].true_lobes[..., 0] ** 2)
     return Record(options, pixels, few, results, auto, near, rendering, len(many))
 
 
