@@ -2,7 +2,7 @@
 
     python tools/ablation.py [--size 512]
 
-The references are those of tools/benchmark.py (rendered once into build/bench).
+The references are the demo's, rendered once into build/bench.
 """
 
 from __future__ import annotations
