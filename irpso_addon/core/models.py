@@ -54,8 +54,10 @@ def choose(
     if not told.any():
         return tried[0], "no texel has three good observations: too few to tell a lobe from none"
     texels = int(np.count_nonzero(told))
-    score = {name: evidence(observations[told], Fit(fits[name].residual[told], fits[name].searched[told]), cells[told], floor)
-             / texels for name in tried}
+    score = {}
+    for name in tried:
+        fit = Fit(fits[name].residual[told], fits[name].searched[told])
+        score[name] = evidence(observations[told], fit, cells[told], floor) / texels
     if "one-lobe-specular" in score:
         score["one-lobe-specular"] += SCALE_IS_KNOWN
     best = tried[0]

@@ -257,8 +257,8 @@ class Solver:
         """The result of two lobes in the form of one: the sharper roughness, the larger standard error."""
         device = self.device
         pair, variance, told = (device.read(texture) for texture in (pairs, variances, detail))
-        roughness = np.stack([pair[..., 0], np.sqrt(np.minimum(variance[..., 2], 0.25)), told[..., 2], variance[..., 3]],
-                             axis=-1)
+        sigma = np.sqrt(np.minimum(variance[..., 2], 0.25))
+        roughness = np.stack([pair[..., 0], sigma, told[..., 2], variance[..., 3]], axis=-1)
         variances.release()
         return RoughnessMaps(device.texture(*self.source.size, data=roughness), detail, pairs)
 

@@ -30,9 +30,11 @@ def apart(n: np.ndarray) -> np.ndarray:
 def test_evidence_is_the_information_criterion():
     """n log(R / n + floor^2) + p log n, worked out: 10 log(.1) + 3 log 10 = -7 log 10, and 4 log(e^2) + log 4."""
     n = f32(10)
-    assert evidence(n, fit(10 * (0.1 - FLOOR**2) * f32(1), 3), one_cell(n), FLOOR) == pytest.approx(-7 * np.log(10), rel=1e-6)
+    residual = 10 * (0.1 - FLOOR**2) * f32(1)
+    assert evidence(n, fit(residual, 3), one_cell(n), FLOOR) == pytest.approx(-7 * np.log(10), rel=1e-6)
     n = f32(4)
-    assert evidence(n, fit(4 * (E**2 - FLOOR**2) * f32(1), 1), one_cell(n), FLOOR) == pytest.approx(8 + np.log(4), rel=1e-6)
+    residual = 4 * (E**2 - FLOOR**2) * f32(1)
+    assert evidence(n, fit(residual, 1), one_cell(n), FLOOR) == pytest.approx(8 + np.log(4), rel=1e-6)
 
 
 def test_a_cell_has_one_noise():
@@ -68,7 +70,8 @@ def test_a_number_that_the_data_leave_open_costs_nothing():
 def test_below_the_floor_a_better_fit_is_no_evidence():
     """Errors of 0.01 % against 0.1 %, both under the forward model's own 0.3 %: 20 log(1.11) = 2.1 < log 20 = 3.0."""
     n = np.full(100, 20, np.float32)
-    assert choose(n, {"lambert": fit(n * 1e-3**2, 0), "one-lobe": fit(n * 1e-4**2, 1)}, one_cell(n), FLOOR)[0] == "lambert"
+    fits = {"lambert": fit(n * 1e-3**2, 0), "one-lobe": fit(n * 1e-4**2, 1)}
+    assert choose(n, fits, one_cell(n), FLOOR)[0] == "lambert"
 
 
 def test_a_few_texels_with_a_highlight_decide_for_the_material():

@@ -1,4 +1,4 @@
-"""Observations of the self-test's square: a view with one lamp goes another way through the shaders than one with two."""
+"""Observations of the self-test's square: a view of one lamp goes another way through the shaders than one of two."""
 
 from __future__ import annotations
 
