@@ -302,5 +302,5 @@ def _lowest(offsets: F64, costs: F64) -> F64:
     shift = np.where(bend > 0, 0.5 * (left - right) / np.where(bend > 0, bend, 1.0), 0.0)
     edge = np.where(right < here, 1.0, np.where(left < here, -1.0, 0.0))
     shift = np.where((left < here) | (right < here), edge, shift)
-    flat = costs.max(axis=0) <= costs.min(axis=0)
+    flat = costs.max(axis=0) - costs.min(axis=0) <= 1e-6  # sums over windows round
     return np.where(flat, 0.0, offsets[best] + np.clip(shift, -1.0, 1.0) * (offsets[1] - offsets[0]))

@@ -157,7 +157,7 @@ def test_the_specular_level_of_a_material_comes_out(on_gl, level, noise, within)
         assert rough.mean() < (0.04 if noise else 1e-3)
 
 
-@pytest.mark.parametrize("specular", ["material"])
+@pytest.mark.parametrize("specular", ["material", "texel"])
 def test_what_no_view_sees_keeps_the_usual_level(on_gl, specular):
     """A quarter that nothing observes, as a material of its own."""
     problem, texels = exact()
