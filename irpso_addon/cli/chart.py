@@ -102,8 +102,16 @@ def _ticks(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
+def _free(height: float, others: list[float]) -> float:
+    """The first place from ``height`` upwards that is LABEL_GAP from all ``others`` (ascending)."""
+    for other in others:
+        if abs(height - other) < LABEL_GAP:
+            height = other + LABEL_GAP
+    return height
+
+
 def _name(axes: Any, curves: Sequence[Curve]) -> None:
-    """Each curve's name right of its end, moved up where a point or another name stands there."""
+    """Each curve's name right of its end, moved up (or down) where a point or another name stands there."""
     from matplotlib.patheffects import Stroke
 
     def spot(x: float, y: float) -> tuple[float, float]:  # in points
@@ -112,14 +120,15 @@ def _name(axes: Any, curves: Sequence[Curve]) -> None:
     last = max((s for curve in curves for s in curve.seconds or ()), default=1.0)
     ends = [(last if curve.seconds is None else curve.seconds[-1], curve.values[-1]) for curve in curves]
     points = [spot(x, y) for curve in curves for x, y in zip(curve.seconds or (), curve.values, strict=False)]
+    top = axes.bbox.y1 * 72 / axes.figure.dpi
     taken = [(x - 3, x + 3, y) for x, y in points]  # left, right, height
     for curve, end in sorted(zip(curves, ends, strict=True), key=lambda pair: pair[1][1]):
         start, foot = spot(*end)
-        left, height = start + 6, foot
-        right = left + LETTER * len(curve.label)
-        for other_left, other_right, other in sorted(taken, key=lambda name: name[2]):
-            if left < other_right and other_left < right and abs(height - other) < LABEL_GAP:
-                height = other + LABEL_GAP
+        left, right = start + 6, start + 6 + LETTER * len(curve.label)
+        beside = sorted(other for other_left, other_right, other in taken if left < other_right and other_left < right)
+        height = _free(foot, beside)
+        if height > top:
+            height = -_free(-foot, [-other for other in reversed(beside)])
         taken.append((left, right, height))
         colour = GREY if curve.seconds is None else COLOURS[curve.place % len(COLOURS)]
         for effects in ([Stroke(linewidth=2.5, foreground="white")], []):  # a halo, which SVG keeps as an outline

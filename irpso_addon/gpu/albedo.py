@@ -19,7 +19,7 @@ from .observe import Observations, ObservedCamera, ObservedView, channel_masks
 from .surface import SurfaceMaps
 
 ITERATIONS = 20  # more sharpens noise
-COARSE_ITERATIONS, COARSE = 5, 1.5  # where so many pixels and more show a texel, there is little to sharpen
+COARSE_ITERATIONS, COARSE = 5, 1.15  # where so many pixels and more show a texel, there is little to sharpen
 PASSES_MAX = 120  # camera passes in all: with many cameras each iteration takes a share of them
 STEP_SLACK = 0.1  # of 1, the weight of a good pixel seen head on: holds back texels seen at a grazing angle
 ROBUST_PASSES = 4
