@@ -11,6 +11,7 @@ import numpy as np
 
 from ..blender import demo, files, picture
 from ..core.data import F32, Bool, Maps, Solution
+from ..core.image import write_image
 from ..core.job import Progress
 from ..core.params import SolveSettings
 from ..core.staging import Staging
@@ -40,6 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
     with Staging(out) as staging:  # proves that the folder can be written
         staging.publish()
     made = make(out)
+    write_truth(out / "truth", made)
     rendered = time.perf_counter()
     solution = solve(Request(
         scene=made.scene, out=out, settings=SolveSettings(size=demo.TEXELS), captures=made.captures))
@@ -66,6 +68,13 @@ def score(truth: tuple[F32, F32], maps: Maps) -> Scores:
         rough_mae=float(error[solved].mean()), rough_median=float(np.median(error[solved])),
         rough_mae_confident=float(error[sure].mean()) if sure.any() else float("nan"),
         confident=float(sure.sum() / solved.sum()))
+
+
+def write_truth(folder: Path, made: demo.Demo) -> None:
+    """The true maps, under the names that `irpso compare --truth` looks for."""
+    folder.mkdir(exist_ok=True)
+    for role, array in (("basecolor", made.base_color), ("roughness", made.roughness[..., None])):
+        write_image(folder / f"{demo.NAME}_{role}.exr", array, kind="exr", color=role == "basecolor")
 
 
 def make(out: Path) -> demo.Demo:

@@ -384,8 +384,10 @@ def test_demo(irpso, tmp_path):
     assert picture.shape[1] > 700 and (tmp_path / "demo" / "demo.jpg").stat().st_size < 400_000
     header = picture[:30, :260]  # where the first label stands: ink on a dark ground
     assert header.max() > 0.7 and np.median(header) < 0.2
-    assert {"scene.blend", "captures.json", "refs", "scene_irpso.blend", "report.json"} <= {
+    assert {"scene.blend", "captures.json", "refs", "scene_irpso.blend", "report.json", "truth"} <= {
         p.name for p in (tmp_path / "demo").iterdir()}
+    truth = read(tmp_path / "demo" / "truth" / "Vase_roughness.exr")
+    assert truth.shape == read(tmp_path / "demo" / "Vase_roughness.exr").shape[:2] + (1,)
 
 
 def test_progress_bar_on_a_terminal(scenes, tmp_path):
