@@ -182,8 +182,8 @@ def main() -> int:
     except BadInput as error:
         print(error, file=sys.stderr)
         return 3
+    page.write(record)  # first: it says of which commit, and a new picture makes the checkout dirty
     page.draw(record, page.IMAGES)
-    page.write(record)
     return 0
 
 
