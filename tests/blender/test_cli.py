@@ -387,7 +387,7 @@ def test_demo(irpso, tmp_path):
     assert {"scene.blend", "captures.json", "refs", "scene_irpso.blend", "report.json", "truth"} <= {
         p.name for p in (tmp_path / "demo").iterdir()}
     truth = read(tmp_path / "demo" / "truth" / "Vase_roughness.exr")
-    assert truth.shape == read(tmp_path / "demo" / "Vase_roughness.exr").shape[:2] + (1,)
+    assert truth.shape == (*read(tmp_path / "demo" / "Vase_roughness.exr").shape[:2], 1)
 
 
 def test_progress_bar_on_a_terminal(scenes, tmp_path):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
 import subprocess
 import sys
+import time
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -169,3 +171,18 @@ def test_older_results_survive_a_failure(scenes, irpso, tmp_path):
                  tmp_path / "broken" / "captures.json", "--out", out, "--size", 48)
     assert done.returncode == 3, done.stderr
     assert (out / "compare.json").read_text() == "old" and {p.name for p in out.iterdir()} == {"compare.json"}
+
+
+def test_cancel_leaves_nothing(scenes, tmp_path):
+    arguments = [str(a) for a in command(scenes, tmp_path / "out", "--passes", 1_000_000)]
+    with subprocess.Popen([sys.executable, "-m", "irpso_addon", *arguments], stderr=subprocess.PIPE, text=True,
+                          stdout=subprocess.DEVNULL, cwd=Path(__file__).parents[2]) as process:
+        for line in process.stderr:
+            if line.startswith("irpso: paper, 1000000"):
+                time.sleep(1.0)
+                process.send_signal(signal.SIGINT)
+                break
+        rest = process.stderr.read()
+    assert process.returncode == 130, rest
+    assert rest.splitlines()[-1] == "irpso: cancelled; nothing was written"
+    assert not (tmp_path / "out").exists()
