@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .data import F32, I32
+from .data import F32, I32, Bool
 
 LADDER = ("lambert", "one-lobe", "one-lobe-specular", "two-lobe")  # from the smallest
 SCALE_IS_KNOWN = 1.0  # nats a texel that a level other than 0.5 must bring beyond all others: lamps' powers are given
+EXPLAINED = 0.75  # share of a cell's texels that is heard: those that some model explains best
 CELL = 32  # texels: width of the square over which noise is measured
 
 
@@ -47,10 +48,11 @@ def choose(
 
     ``least_gain``: of the criterion, a texel: what a rung above one-lobe must bring, where the data hold errors
     that a larger model can mimic.
-    Texels with fewer than three observations say nothing; with none at all the smallest model is taken.
+    Texels with fewer than three observations say nothing, nor do those that no model explains (edges of shadow would
+    drown all others); with none at all the smallest model is taken.
     """
-    told = observations >= 3.0
     tried = [name for name in LADDER if name in fits]
+    told = _heard(observations, fits, cells)
     if not told.any():
         return tried[0], "no texel has three good observations: too few to tell a lobe from none"
     texels = int(np.count_nonzero(told))
@@ -66,3 +68,15 @@ def choose(
             best = name
     others = ", ".join(f"{name} {score[name] - score[best]:+.3g}" for name in tried if name != best)
     return best, f"information criterion a texel, beside {best}: {others} ({texels} texels; smaller is better)"
+
+
+def _heard(observations: F32, fits: Mapping[str, Fit], cells: I32) -> Bool:
+    """Texels with observations enough whose best residual is among the lower EXPLAINED of their cell."""
+    told = np.flatnonzero(observations >= 3.0)
+    best = np.min([fit.residual[told] for fit in fits.values()], axis=0) / observations[told]
+    order = told[np.lexsort((best, cells[told]))]  # by cell, the best explained first
+    _, first, count = np.unique(cells[order], return_index=True, return_counts=True)
+    rank = np.arange(len(order)) - np.repeat(first, count)
+    heard = np.zeros(len(observations), bool)
+    heard[order[rank < np.ceil(EXPLAINED * np.repeat(count, count))]] = True
+    return heard
