@@ -16,7 +16,8 @@ demo: setup
 # Each in a process of its own: the GPU's tests prove that no Blender is needed and must not share one with it, and
 # the benchmark's make another OpenGL context.
 test: lint
-	$(RUN) -m pytest tests/core tests/gpu
+	$(RUN) -m pytest tests/core
+	$(RUN) -m pytest tests/gpu
 	$(RUN) -m pytest tests/bench
 	$(RUN) -m pytest tests/blender
 
