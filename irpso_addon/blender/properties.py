@@ -108,7 +108,8 @@ CLASSES = (IRPSO_PG_light, IRPSO_PG_view, IRPSO_PG_scene)
 def register() -> None:
     """Adds ``scene.irpso``.  Enough by itself to read a scene's view list without the add-on."""
     for cls in CLASSES:
-        bpy.utils.register_class(cls)
+        if not cls.is_registered:  # a second copy of this module may have removed the property alone
+            bpy.utils.register_class(cls)
     bpy.types.Scene.irpso = PointerProperty(type=IRPSO_PG_scene)
     if bpy.app.module:
         atexit.register(unregister)  # the bpy module of 4.5 hangs or crashes at exit on classes left registered
