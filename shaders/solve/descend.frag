@@ -35,7 +35,8 @@ vec2 spreads(float cost[NODES], float least, float r, float bend) {
         float at = node_roughness(float(i));
         float share = exp(least - cost[i]) * at;  // steps between nodes grow with roughness
         float off = (at - r) * (at - r);
-        vec2 counts = vec2(abs(float(i) - here) > 1.5 ? 0.0966 : 0.0, 1.0);  // ln 20 / 31: step over roughness
+        bool elsewhere = abs(float(i) - here) > 1.5 && off * max(bend, 1e-3) > 9.0;  // not this valley's own tail
+        vec2 counts = vec2(elsewhere ? 0.0966 : 0.0, 1.0);  // ln 20 / 31: step over roughness
         mass += counts * share;
         square += counts * share * off;
     }
