@@ -28,6 +28,7 @@ from .gpu.observe import Observations, bytes_per_pixel, observe
 from .gpu.surface import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_counts
 
 Result = TypeVar("Result")
+NO_CONFIDENCE = "method paper: says nothing of how sure it is; confidence is 0, the standard errors are 0.5 everywhere"
 OBSERVATION_BYTES = 2_000_000_000  # what references, observations and pixel maps may take together
 STAGES = {"gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85), "maps": (0.85, 1.0)}
 
@@ -167,7 +168,8 @@ def _maps(
                 "solved": int(good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
         views_skipped=scene.skipped + observations.skipped,
-        warnings=(*scene.warnings, *observations.warnings, *_warnings(scene, gbuffer, maps, observed, solved)),
+        warnings=(*scene.warnings, *observations.warnings, *_warnings(scene, gbuffer, maps, observed, solved),
+                  *([NO_CONFIDENCE] if settings.method == "paper" else [])),
     )
 
 
@@ -217,6 +219,8 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, observed: F32, sol
     if unseen > 0.05:
         found.append(f"{name}: {100 * unseen:.0f} % of its texels are seen lit by no view and were filled "
                      "from their neighbours")
+    if not maps.confidence.any():  # nothing is known of how sure the method is
+        return found
     few = np.mean(observed[solved] < 3.0) if solved.any() else 0.0
     if few > 0.1:
         found.append(f"{name}: {100 * few:.0f} % of its solved texels have fewer than 3 good observations; "

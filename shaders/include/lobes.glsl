@@ -18,11 +18,12 @@ Found found_at(vec2 uv) {
 #endif
 }
 
-// (comp, A) of one roughness.
+// With NDF_BECKMANN, whether a place has Beckmann's lobes: other materials of the object have one Principled lobe.
+bool is_beckmann(Found f) { return f.r.x != f.r.y || f.weight < 1.0; }
+
+// (comp, A) of one roughness of the Principled BSDF.
 vec2 energy_of(float r, float cos_v, float level) {
-#if defined(NDF_BECKMANN)
-    return vec2(1.0, 0.0);
-#elif defined(SPECULAR)
+#if defined(SPECULAR)
     vec2 value, d_roughness, d_level;
     principled_energy_level_d(r, cos_v, level, value, d_roughness, d_level);
     return value;
@@ -33,6 +34,9 @@ vec2 energy_of(float r, float cos_v, float level) {
 
 // Reflectance of the diffuse below the lobes for white, 1/sr.
 float diffuse_of(Found f, float cos_v) {
+#ifdef NDF_BECKMANN
+    if (is_beckmann(f)) return 1.0 / PI;
+#endif
     float taken = energy_of(f.r.x, cos_v, f.level).y;
 #ifndef ONE_LOBE
     if (f.r.y != f.r.x) taken = mix(energy_of(f.r.y, cos_v, f.level).y, taken, f.weight);
@@ -41,25 +45,26 @@ float diffuse_of(Found f, float cos_v) {
 }
 
 // D / (roots) of one roughness: with the lobe's factor, the specular radiance per irradiance.
-float lobe_of(float r, float cos_v, float level, vec4 lobe) {
+float lobe_of(Found f, float r, float cos_v, vec4 lobe) {
     float alpha2 = r * r * r * r, tan2_l = 1.0 / (lobe.z * lobe.z + 1e-12) - 1.0, tan2_v = 1.0 / (cos_v * cos_v) - 1.0;
 #ifdef NDF_BECKMANN
-    float d, root_l, root_v, unused;
-    D_beckmann_spread_d(alpha2, lobe.x, lobe.y, d, unused);
-    lambda_root_beckmann_d(alpha2, tan2_l, root_l, unused);
-    lambda_root_beckmann_d(alpha2, tan2_v, root_v, unused);
-    return d / (root_l + root_v);
-#else
-    return energy_of(r, cos_v, level).x * D_ggx_spread(alpha2, lobe.x, lobe.y)
-         / (lambda_root(alpha2, tan2_l) + lambda_root(alpha2, tan2_v));
+    if (is_beckmann(f)) {
+        float d, root_l, root_v, unused;
+        D_beckmann_spread_d(alpha2, lobe.x, lobe.y, d, unused);
+        lambda_root_beckmann_d(alpha2, tan2_l, root_l, unused);
+        lambda_root_beckmann_d(alpha2, tan2_v, root_v, unused);
+        return d / (root_l + root_v);
+    }
 #endif
+    return energy_of(r, cos_v, f.level).x * D_ggx_spread(alpha2, lobe.x, lobe.y)
+         / (lambda_root(alpha2, tan2_l) + lambda_root(alpha2, tan2_v));
 }
 
 // Specular radiance per irradiance; lobe: sin2h, spread, cos_l, factor, as observe/lobe.frag leaves it.
 float specular_of(Found f, float cos_v, vec4 lobe) {
-    float s = lobe_of(f.r.x, cos_v, f.level, lobe);
+    float s = lobe_of(f, f.r.x, cos_v, lobe);
 #ifndef ONE_LOBE
-    if (f.r.y != f.r.x) s = mix(lobe_of(f.r.y, cos_v, f.level, lobe), s, f.weight);
+    if (f.r.y != f.r.x) s = mix(lobe_of(f, f.r.y, cos_v, lobe), s, f.weight);
 #endif
 #ifdef SPECULAR
     float cos_vh = (lobe.z + cos_v) / (2.0 * sqrt(max(1.0 - lobe.x, 1e-6)));  // from N.H = (N.L + N.V) / |L + V|

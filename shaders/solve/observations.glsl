@@ -201,12 +201,3 @@ void specular_d(int n, float r, Toward t, out float s, out float ds) {
     ds = ds * t.comp + s * t.d_comp;
     s *= t.comp;
 }
-
-// f = base * observed_diffuse(group) + observed_specular.
-float observed_diffuse(int g, float r) { return toward(r, group_cos_v[g]).diffuse; }
-
-float observed_specular(int g, int n, float r) {
-    float s, ds;
-    specular_d(n, r, toward(r, group_cos_v[g]), s, ds);
-    return s;
-}

@@ -41,11 +41,12 @@ def evaluate(ctx: moderngl.Context) -> Evaluate:
 
     idle = ctx.simple_framebuffer((1, 1))
 
-    def call(include: str, body: str, arguments: np.ndarray, uniforms: Mapping[str, Any] | None = None) -> np.ndarray:
+    def call(include: str, body: str, arguments: np.ndarray, uniforms: Mapping[str, Any] | None = None,
+             defines: Mapping[str, str] | None = None) -> np.ndarray:
         rows = -(-len(arguments) // WIDTH)
         padded = np.zeros((rows * WIDTH, 8), np.float32)
         padded[: len(arguments), : arguments.shape[1]] = arguments
-        source = assemble(include) + f"""
+        source = assemble(include, defines) + f"""
             uniform sampler2D u_a;
             uniform sampler2D u_b;
             out vec4 o;

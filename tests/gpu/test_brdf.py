@@ -166,3 +166,20 @@ def test_energy_is_clamped_outside_the_table(evaluate):
     clamped = np.clip(outside, 0, 1)
     got = evaluate(BRDF, "o.xy = principled_energy(a.x, a.y);", outside)[:, :2]
     np.testing.assert_allclose(got, brdf.principled_energy(clamped[:, 0], clamped[:, 1]), rtol=RTOL)
+
+
+def test_one_lobe_beside_beckmann_materials_is_principled(evaluate):
+    """A material of one lobe keeps its Principled BSDF where another of the object has Beckmann's two."""
+    rng = np.random.default_rng(3)
+    a = np.stack([rng.uniform(0.2, 0.9, 500), rng.uniform(0.2, 1, 500), rng.uniform(0.001, 0.4, 500),
+                  rng.uniform(0.3, 1, 500)], -1).astype(np.float32)  # roughness, cos_v, sin2h, cos_l
+    body = ("Found f = Found(a.xx, {}, 0.5); "
+            "o = vec4(diffuse_of(f, a.y), specular_of(f, a.y, vec4(a.z, 0.0, a.w, 1.0)), 0.0, 0.0);")
+    one = evaluate("include/lobes.glsl", body.format("1.0"), a, defines={"NDF_BECKMANN": "1"})
+    r, cos_v, sin2h, cos_l = a.T.astype(np.float64)
+    energy = brdf.principled_energy(r, cos_v)
+    roots = brdf.lambda_root(r**4, 1 / cos_l**2 - 1) + brdf.lambda_root(r**4, 1 / cos_v**2 - 1)
+    np.testing.assert_allclose(one[:, 0], (1 - energy[:, 1]) / np.pi, rtol=2e-5)
+    np.testing.assert_allclose(one[:, 1], energy[:, 0] * brdf.D_ggx(r**4, sin2h) / roots, rtol=2e-5)
+    two = evaluate("include/lobes.glsl", body.format("0.5"), a, defines={"NDF_BECKMANN": "1"})
+    np.testing.assert_allclose(two[:, 0], 1 / np.pi, rtol=1e-6)
