@@ -3,7 +3,7 @@
 Evidence is the Bayesian information criterion (Schwarz 1978) on the noise that each model leaves.  A texel
 alone has too few observations to tell its noise, so that is measured over cells of the material.  And a number
 that neighbours or nothing determine costs nothing: each counts as far as the data themselves determined it
-(effective parameters, Moody 1992).  With p log n for every number instead, two lobes were never believed.
+(effective parameters, Moody 1992).  With p log n for every number instead, two lobes were seldom believed.
 """
 
 from __future__ import annotations
