@@ -6,7 +6,7 @@ Each function is a generator of Progress and must run on the GL thread: ``gpu.th
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
@@ -14,7 +14,7 @@ from typing import TypeVar
 import moderngl
 import numpy as np
 
-from .core.data import F32, I32, Bool, Maps, RadianceImage, SceneData, Solution, View
+from .core.data import F32, I32, Bool, Bounced, Maps, RadianceImage, SceneData, Solution, View
 from .core.errors import BadInput, Cancelled
 from .core.image import read_reference
 from .core.job import Progress
@@ -28,9 +28,12 @@ from .gpu.observe import Observations, bytes_per_pixel, observe
 from .gpu.surface import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_counts
 
 Result = TypeVar("Result")
+ReadImage = Callable[[View], RadianceImage]
+Bounce = Callable[[SceneData, Solution], Generator[Progress, None, Mapping[int, Bounced]]]
+BOUNCE_ROUNDS = 2  # solves with indirect light: the second comes to where more would stay
 NO_CONFIDENCE = "method paper: says nothing of how sure it is; confidence is 0, the standard errors are 0.5 everywhere"
 OBSERVATION_BYTES = 2_000_000_000  # what references, observations and pixel maps may take together
-STAGES = {"gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85), "maps": (0.85, 1.0)}
+STAGES = {"gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85), "maps": (0.85, 1.0), "indirect": (0.0, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -94,19 +97,36 @@ def bake_gbuffer(scene: SceneData, size: int) -> Generator[Progress, None, GBuff
 
 
 def solve(
-    scene: SceneData, settings: SolveSettings, read_image: Callable[[View], RadianceImage] | None = None
+    scene: SceneData, settings: SolveSettings, read_image: ReadImage | None = None, bounce: Bounce | None = None,
 ) -> Generator[Progress, None, Solution]:
     """From a scene's data to its maps.
 
     ``read_image`` gives a view's reference; None reads its file, reduced where all views together
-    would not fit OBSERVATION_BYTES.  Cancelled after the first solved tile, it returns the partial
-    maps (``Solution.cancelled``); before that it raises Cancelled.  Raises BadInput for what cannot
-    be used.
+    would not fit OBSERVATION_BYTES.  ``bounce`` renders indirect light from the maps so far; None: there is none.
+    Cancelled after the first solved tile, it returns the partial maps (``Solution.cancelled``), or those of the round
+    before; before that it raises Cancelled.  Raises BadInput for what cannot be used.
     """
-    device = thread.device()
     if read_image is None:
         read_image = partial(read_reference, max_pixels=int(OBSERVATION_BYTES / bytes_per_pixel(scene.views)))
     clock = _Clock()
+    solution = yield from _round(scene, settings, read_image, clock)
+    if bounce is None or settings.indirect == "off" or solution.cancelled:
+        return solution
+    for _ in range(BOUNCE_ROUNDS):
+        try:
+            bounced = yield from clock.stage("indirect", bounce(scene, solution))
+            solution = yield from _round(scene, settings, read_image, clock, bounced)
+        except Cancelled:
+            return replace(solution, cancelled=True, seconds=clock.seconds)
+    return solution
+
+
+def _round(
+    scene: SceneData, settings: SolveSettings, read_image: ReadImage, clock: _Clock,
+    bounced: Mapping[int, Bounced] | None = None,
+) -> Generator[Progress, None, Solution]:
+    """One solve of the scene as it is given; ``bounced``: indirect light, by the view's place in the scene."""
+    device = thread.device()
     mesh = MeshBuffer(device, scene.mesh)
     gbuffer = yield from clock.stage("gbuffer", bake_gbuffer(scene, settings.size))
     grid = draw_texel_grid(device, mesh, settings.size)

@@ -117,6 +117,14 @@ class RadianceImage:
 
 
 @dataclass(frozen=True)
+class Bounced:
+    """Light that reaches a view's pixels by way of other surfaces; row 0 at the bottom, of the image's aspect."""
+
+    irradiance: F32  # (h, w, 3) on the surface, W/m^2
+    glossy: F32  # (h, w, 3) what highlights of it add to the picture, W/(m^2 sr)
+
+
+@dataclass(frozen=True)
 class Maps:
     """The result, row 0 at the bottom (v = 0), holes filled and seams padded."""
 

@@ -62,6 +62,26 @@ class SolveSettings:
                             unit="texels", advanced=True)
     threshold: float = parameter(0.0, "Method paper: a swarm stops once its relative error is below this",
                                  label="Threshold", low=0.0, high=1.0, advanced=True)
+    loss: str = parameter("auto", "How much an observation counts that fits nothing: a missed shadow, a mirrored lamp",
+                          label="Loss", choices=(
+        ("auto", "Robust where the first fit leaves such observations"),
+        ("squares", "Squares: in full"),
+        ("robust", "The less the farther it is off"),
+    ), advanced=True)
+    indirect: str = parameter("auto", "Light that came by way of other surfaces, rendered by Cycles from the maps found "
+                              "and taken out", label="Indirect Light", choices=(
+        ("auto", "Where shadows of the references are not dark"),
+        ("off", "The references hold direct light alone"),
+        ("on", "The references hold it"),
+    ))
+    registration: str = parameter("given", "Where the cameras look", label="Registration", choices=(
+        ("given", "Exactly where the scene says"),
+        ("solve", "Shifted until the pictures fit; for cameras that are off by up to some pixels"),
+    ), advanced=True)
+    exposures: str = parameter("given", "Exposure of each view", label="Exposures", choices=(
+        ("given", "As the view says"),
+        ("solve", "Drifting: found from the pictures, their mean as the views say"),
+    ), advanced=True)
     seed: int = parameter(0, "Seed of the swarm's random numbers", label="Seed", low=0, high=2**31 - 1,
                           advanced=True)
 
