@@ -33,7 +33,8 @@ Bounce = Callable[[SceneData, Solution], Generator[Progress, None, Mapping[int, 
 BOUNCE_ROUNDS = 2  # solves with indirect light: the second comes to where more would stay
 NO_CONFIDENCE = "method paper: says nothing of how sure it is; confidence is 0, the standard errors are 0.5 everywhere"
 OBSERVATION_BYTES = 2_000_000_000  # what references, observations and pixel maps may take together
-STAGES = {"gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85), "maps": (0.85, 1.0), "indirect": (0.0, 1.0)}
+STAGES = {"gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85), "maps": (0.85, 1.0),
+          "indirect": (0.0, 1.0)}
 
 
 @dataclass(frozen=True)

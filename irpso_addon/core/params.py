@@ -68,8 +68,8 @@ class SolveSettings:
         ("squares", "Squares: in full"),
         ("robust", "The less the farther it is off"),
     ), advanced=True)
-    indirect: str = parameter("auto", "Light that came by way of other surfaces, rendered by Cycles from the maps found "
-                              "and taken out", label="Indirect Light", choices=(
+    indirect: str = parameter("auto", "Light that came by way of other surfaces, rendered by Cycles from the maps "
+                              "found and taken out", label="Indirect Light", choices=(
         ("auto", "Where shadows of the references are not dark"),
         ("off", "The references hold direct light alone"),
         ("on", "The references hold it"),
