@@ -88,9 +88,8 @@ class AlbedoSolver:
     def _pixel_albedo(self, camera: ObservedCamera) -> Shown:
         """Weighted albedo sum and weight of each pixel over the camera's views."""
         device = self.device
-        grid = {"u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_uv": camera.maps.uv,
-                **self.known, "u_principled_table": self.observations.principled_table}
-        specular = [self._specular(camera, view, grid) for view in camera.views]
+        grid = self.looked_up(camera)
+        specular = [self.specular(camera, view) for view in camera.views]
         groups = [slice(n, n + VIEWS_AT_ONCE) for n in range(0, len(specular), VIEWS_AT_ONCE)]
         before: Shown | None = None
         for _ in range(ROBUST_PASSES):
@@ -114,6 +113,11 @@ class AlbedoSolver:
             texture.release()
         return shown
 
+    def looked_up(self, camera: ObservedCamera) -> Textures:
+        """What every draw over the camera's pixels looks up."""
+        return {"u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_uv": camera.maps.uv,
+                **self.known, "u_principled_table": self.observations.principled_table}
+
     def _shown(self, camera: ObservedCamera) -> Shown:
         """Two empty textures of the camera's size."""
         pair = self.device.texture(*camera.maps.position.size), self.device.texture(*camera.maps.position.size)
@@ -122,9 +126,9 @@ class AlbedoSolver:
         target.release()
         return pair
 
-    def _specular(self, camera: ObservedCamera, view: ObservedView, grid: Textures) -> moderngl.Texture:
+    def specular(self, camera: ObservedCamera, view: ObservedView) -> moderngl.Texture:
         """Specular radiance per irradiance of the view's lights at each pixel, 1/sr."""
-        device = self.device
+        device, grid = self.device, self.looked_up(camera)
         masks = channel_masks(self.observations.channels)
         specular = device.texture(*camera.maps.position.size)
         target = device.framebuffer([specular])

@@ -14,6 +14,7 @@ from functools import partial
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import lights as light_model
 from ..core.data import F32, Bool, Camera, Light, RadianceImage, SceneData, View
@@ -28,6 +29,8 @@ DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as 
 LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the spread of half vectors
 READERS = 2  # images read ahead of the one that is looked at
 ReadImage = Callable[[View], RadianceImage]
+F16 = NDArray[np.float16]
+Reference = tuple[F16, float]  # as ObservedView.reference and .scale
 
 
 @dataclass
@@ -38,6 +41,8 @@ class ObservedView:
     colour: moderngl.Texture  # RGBA32F: radiance / irradiance (1/sr), quality
     lobes: list[moderngl.Texture]  # per light, per channel: sin2h, spread, cos_l, factor
     tint: tuple[float, float, float]  # power of the view's lights per channel, mean 1
+    reference: F16  # (h, w, 3) the picture in the camera's window, radiance / scale; NaN where it is not usable
+    scale: float
 
 
 @dataclass
@@ -48,6 +53,7 @@ class ObservedCamera:
     maps: SurfaceMaps
     clip: bytes  # world to clip space
     uniforms: dict[str, object]
+    window: tuple[int, int, int, int]  # x, y, width, height of the pixels that show the object
     views: list[ObservedView] = field(default_factory=list)
 
     @property
@@ -98,6 +104,7 @@ def observe(
     table = principled_table()
     table_texture = device.texture(table.shape[1], table.shape[0], table.shape[2], table)
     images: dict[int, moderngl.Texture] = {}
+    references: dict[int, Reference] = {}
     cameras: list[ObservedCamera] = []
     covered: list[Bool] = []
     members: list[list[int]] = []
@@ -115,7 +122,7 @@ def observe(
             clip = clip_matrix(view.camera, [scene.mesh.positions, scene.occluders])
             covered.append(device.read(maps.position)[..., 3] > 0.5)
             cameras.append(ObservedCamera(view.camera, maps, column_major(clip),
-                                          camera_uniforms(view.camera, h, scene.pixel_filter)))
+                                          camera_uniforms(view.camera, h, scene.pixel_filter), _window(covered[-1])))
             members.append([])
         shown = covered[keys[key]]
         good = shown & image.valid & (image.coverage > 0.5)
@@ -126,6 +133,7 @@ def observe(
         quality = np.where(image.valid, np.where(image.coverage > 0.5, image.coverage, 0.0), 0.0)
         packed = np.concatenate([image.rgb, quality[..., None]], axis=2)
         images[n] = device.texture(w, h, 4, packed)
+        references[n] = _reference(packed, cameras[keys[key]].window, float(levels[-1][0]))
         members[keys[key]].append(n)
         yield Progress(0.5 * (n + 1) / len(scene.views), "observe", f"reading {view.image.name}")
     level = float(np.median(np.concatenate(levels))) if levels else 1.0
@@ -147,7 +155,7 @@ def observe(
         for n in group:
             view = scene.views[n]
             shadows = [lit[light.name, c] for light in view.lights]
-            observed = _observe_view(device, cameras[c], rim, view, images[n], shadows, level, channels)
+            observed = _observe_view(device, cameras[c], rim, view, images[n], references[n], shadows, level, channels)
             cameras[c].views.append(observed)
             images.pop(n).release()
             yield Progress(0.8 + 0.2 * n / len(scene.views), "observe", view.image.name)
@@ -179,7 +187,7 @@ def _read_ahead(read_image: ReadImage, views: Sequence[View]) -> Iterator[Radian
 
 def _observe_view(
     device: Device, camera: ObservedCamera, rim: moderngl.Texture, view: View, image: moderngl.Texture,
-    lit: list[moderngl.Texture], level: float, channels: int,
+    reference: Reference, lit: list[moderngl.Texture], level: float, channels: int,
 ) -> ObservedView:
     draw = partial(_draw, device, camera.maps)
     common = {**camera.uniforms, "u_level": level, "u_edge_weight": EDGE_WEIGHT, "u_dark": DARK_SHARE}
@@ -204,7 +212,25 @@ def _observe_view(
         irradiance.release()
     power = np.sum([light.power for light in view.lights], axis=0)
     tint = power / max(float(power.mean()), 1e-20)
-    return ObservedView(view, colour, lobes, (float(tint[0]), float(tint[1]), float(tint[2])))
+    return ObservedView(view, colour, lobes, (float(tint[0]), float(tint[1]), float(tint[2])), *reference)
+
+
+def _window(covered: Bool) -> tuple[int, int, int, int]:
+    """x, y, width and height of what is covered; a pixel where nothing is."""
+    y, x = np.nonzero(covered)
+    if not len(x):
+        return 0, 0, 1, 1
+    return int(x.min()), int(y.min()), int(np.ptp(x)) + 1, int(np.ptp(y)) + 1
+
+
+def _reference(packed: F32, window: tuple[int, int, int, int], level: float) -> Reference:
+    """The picture's part in a window; packed: (H, W, 4) radiance, quality."""
+    x, y, w, h = window
+    part = packed[y:y + h, x:x + w]
+    scale = max(level, 1e-20)
+    with np.errstate(over="ignore"):
+        values = np.where(part[..., 3:] > 0, part[..., :3] / scale, np.nan).astype(np.float16)
+    return np.where(np.isinf(values), np.float16(np.nan), values), scale
 
 
 def _rim(device: Device, camera: ObservedCamera) -> moderngl.Texture:

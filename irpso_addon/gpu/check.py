@@ -1,0 +1,136 @@
+"""What the maps say that each view should show, beside what it shows: at the camera's own pixels, one view at a time.
+
+The same prediction as the base colour's (shaders/albedo): base colour averaged over the pixel's footprint, times the
+diffuse, plus the lobes.  core/checks.py and core/registration.py make of it what a user should know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from ..core.data import F32, Bool, View
+from .albedo import AlbedoSolver
+from .context import Device
+from .observe import ObservedCamera, ObservedView
+
+WINDOW = 1_500_000  # pixels of a view that are looked at, at most: its middle rows
+MIN_COS_V = 0.2  # of a pixel that is unlit: seen flatter, shaders/include/observed.glsl says nothing of it
+EDGE = 0.25  # of a good pixel's quality: below it lies an edge of shadow or silhouette
+
+
+@dataclass(frozen=True)
+class Window:
+    """The part of a camera's pixels that is looked at, (h, w); row 0 at the bottom."""
+
+    corner: tuple[int, int]  # x, y of its first pixel in the camera's image
+    image: tuple[int, int]  # width and height of that image
+    covered: Bool  # (h, w) the object is what the pixel's centre sees
+    position: F32  # (h, w, 3) world, metres; of what is covered, as are the following
+    normal: F32  # (h, w, 3) world, unit, normal map included
+    uv: F32  # (h, w, 2)
+    slot: F32  # (h, w) material slot
+    cos_v: F32  # (h, w)
+
+
+@dataclass(frozen=True)
+class CheckedView:
+    """One view: what its pixels show, and what the maps say that they should."""
+
+    view: View
+    window: Window
+    observed: F32  # (h, w, 3) radiance / irradiance, 1/sr; 0 where quality is 0, below 0 in a channel without light
+    predicted: F32  # (h, w, 3) the same by the maps; 0 where not covered
+    specular: F32  # (h, w, 3) the lobes' part of it
+    quality: F32  # (h, w) cos_v^2 for a well lit pixel, thousandths at an edge, 0: tells nothing
+    edge: Bool  # (h, w) at an edge of shadow, at a silhouette or the terminator; or quality is 0
+    unlit: Bool  # (h, w) covered, seen well enough and not at a light: what shines there has bounced
+    radiance: F32  # (h, w, 3) of the reference, W/(m^2 sr); NaN where it has none (clipped, masked)
+    irradiance: F32  # (h, w, 3) of the view's lights, W/m^2; 0 where quality is 0
+
+    @property
+    def good(self) -> Bool:
+        """(h, w) pixels to judge by."""
+        return (self.quality > 0) & ~self.edge
+
+
+def check_views(albedo: AlbedoSolver, base: moderngl.Texture) -> Iterator[CheckedView]:
+    """Each view in turn, by cameras; runs on the GL thread.  ``base``: the texture found, holes filled."""
+    device = albedo.device
+    for texture in (base, *albedo.known.values()):
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    for camera in albedo.observations.cameras:
+        part = _viewport(camera)
+        diffuse = _diffuse(albedo, camera, base, part)
+        window = _window(device, camera, part, diffuse[..., 3])
+        for view in camera.views:
+            yield _check(albedo, camera, view, window, part, diffuse[..., :3])
+    for texture in (base, *albedo.known.values()):
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+
+
+Part = tuple[int, int, int, int]  # x, y, width, height
+
+
+def _viewport(camera: ObservedCamera) -> Part:
+    """The window's place: the camera's (``ObservedCamera.window``), or its middle rows."""
+    x, y, w, h = camera.window
+    rows = min(h, max(WINDOW // w, 1))
+    return x, y + (h - rows) // 2, w, rows
+
+
+def _read(device: Device, texture: moderngl.Texture, part: Part) -> F32:
+    """(h, w, channels) of a part of a texture."""
+    frame = device.framebuffer([texture])
+    raw = frame.read(part, components=texture.components, dtype="f4", alignment=1)
+    frame.release()
+    return np.frombuffer(raw, np.float32).reshape(part[3], part[2], texture.components)
+
+
+def _window(device: Device, camera: ObservedCamera, part: Part, cos_v: F32) -> Window:
+    maps = camera.maps
+    assert maps.uv is not None
+    position, normal = _read(device, maps.position, part), _read(device, maps.normal, part)
+    return Window(corner=part[:2], image=maps.position.size, covered=position[..., 3] > 0.5, position=position[..., :3],
+                  normal=normal[..., :3], uv=_read(device, maps.uv, part), slot=normal[..., 3], cos_v=cos_v)
+
+
+def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Texture, part: Part) -> F32:
+    """(h, w, 4): what the base colour shows, and cos_v; the same in all the camera's views."""
+    device, maps = albedo.device, camera.maps
+    texture = device.texture(*maps.position.size)
+    target = device.framebuffer([texture])
+    target.clear()
+    device.draw("check/diffuse.frag", target, textures={
+        **albedo.looked_up(camera), "u_uv_slope": maps.uv_slope, "u_base": base,
+    }, uniforms={**camera.viewpoint, "u_footprint": camera.uniforms["u_footprint"]}, defines=albedo.defines,
+        cells=maps.cells)
+    target.release()
+    values = _read(device, texture, part)
+    texture.release()
+    return values
+
+
+def _check(
+    albedo: AlbedoSolver, camera: ObservedCamera, view: ObservedView, window: Window, part: Part, diffuse: F32,
+) -> CheckedView:
+    device = albedo.device
+    texture = albedo.specular(camera, view)
+    specular = _read(device, texture, part)[..., :3]
+    texture.release()
+    colour = _read(device, view.colour, part)
+    observed, quality = colour[..., :3], colour[..., 3]
+    x, y = part[0] - camera.window[0], part[1] - camera.window[1]
+    reference = view.reference[y:y + part[3], x:x + part[2]].astype(np.float32)
+    reference *= np.float32(view.scale)
+    seen = np.isfinite(reference[..., 0])
+    told = (quality > 0)[..., None] & (observed > 0)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        irradiance = np.where(told, reference / observed, np.float32(0))
+    return CheckedView(
+        view=view.view, window=window, observed=observed, predicted=diffuse + specular, specular=specular,
+        quality=quality, edge=quality < EDGE * window.cos_v**2, radiance=reference, irradiance=irradiance,
+        unlit=window.covered & seen & (window.cos_v > MIN_COS_V) & (quality == 0))
