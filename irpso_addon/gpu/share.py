@@ -8,11 +8,15 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
+from ..core.data import F32
 from .context import Device
 
 NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
 NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
 PRIOR_CUT = 15.0  # an edge in the map costs no more than this, in nats
+TOLD = 3.0  # degrees of freedom from which on a texel tells something of the noise
+TAIL, TAIL_Z = 0.9, 1.2816  # share of texels below the upper tail, and its place under a normal distribution
+FAR = 2.0  # log of a variance: outliers make their texels' so much larger
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
 
 
@@ -39,6 +43,21 @@ def noise_map(
     known = values[values[..., 3] > 0.1, 0]
     variance = float(np.exp(np.median(known))) if len(known) else unknown
     return noise, max(variance, NOISE_FLOOR**2)
+
+
+def clean_noise(residual: F32, degrees: F32) -> tuple[float, bool]:
+    """(variance of the noise without outliers, whether there are outliers) from what fits leave, (N,) each.
+
+    Texels that no outlier touched are the lower tail: its place under normal noise (chi-squared, by Wilson and
+    Hilferty 1931) tells the variance.  There are outliers where the upper tail lies far from its own place.
+    """
+    told = degrees >= TOLD
+    if not told.any():
+        return NOISE_FLOOR**2, False
+    log = np.log(np.maximum(residual[told] / degrees[told], 1e-12))
+    low, high = (np.quantile(log - 3 * np.log1p(-2 / (9 * degrees[told]) + z * np.sqrt(2 / (9 * degrees[told]))), q)
+                 for z, q in ((-TAIL_Z, 1 - TAIL), (TAIL_Z, TAIL)))
+    return max(float(np.exp(low)), NOISE_FLOOR**2), bool(high - low > FAR)
 
 
 def pyramid(

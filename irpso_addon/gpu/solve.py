@@ -61,8 +61,10 @@ class Solver:
     ) -> None:
         self.device, self.source, self.settings = device, source, settings
         self.cancelled = False
+        self.robust = False  # whether the last solve of one lobe disbelieved outliers
         self.neighbours = False  # whether the last solve found noise enough to ask them
         self.noise = 0.0  # relative, as the last solve found it (median)
+        self.noise_map: moderngl.Texture | None = None  # log variance of it, see share.noise_map
         self.bands: dict[str, int] = {}
         self.atlas = Atlas(device, source, tile)
         self.covered = device.read(source.position)[..., 3] > 0.5
@@ -82,17 +84,25 @@ class Solver:
         done = yield from self._search(chosen, [valleys, support, extra], 1)
         chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
         noise, variance = self._noise(valleys, support, 1)
+        clean, self.robust = self._clean(valleys, support, variance)
+        if self.robust:
+            yield from self._over(chosen, (0.4, 0.5), "solve/search.glsl", [valleys, support, extra],
+                                  {"u_noise": noise}, {**self._search_uniforms(1), "u_noise_share": clean,
+                                                       **self._floor(variance)}, robust=True)
+            noise, variance = self._noise(valleys, support, 1)
         found: Textures = {"u_valleys": valleys, "u_support": support, "u_noise": noise}
-        floor = {"u_noise_floor": share.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance}
+        floor = self._floor(variance)
         self.neighbours = self._unsure(variance, support)
         roughness, detail = self._textures(2)
         if self.neighbours:
             tables = self._textures(8)
-            yield from self._over(chosen, (0.5, 0.75), "solve/table.glsl", tables, found, floor)
+            yield from self._over(chosen, (0.5, 0.75), "solve/table.glsl", tables, found, floor,
+                                  robust=self.robust)
             estimate, prior = share.pyramid(device, tuple(tables), self.source.pool_gain)
             yield from self._over(chosen, (0.75, 1.0), "solve/polish.glsl", [roughness, detail],
                                   {**found, "u_estimate": estimate, "u_prior": prior},
-                                  {**floor, "u_prior_cut": share.PRIOR_CUT, "u_steps": POLISH_STEPS})
+                                  {**floor, "u_prior_cut": share.PRIOR_CUT, "u_steps": POLISH_STEPS},
+                                  robust=self.robust)
             for texture in (*tables, estimate, prior):
                 texture.release()
         else:
@@ -100,7 +110,7 @@ class Solver:
             device.kernel("solve/finish.glsl", target, textures={**found, "u_extra": extra}, uniforms=floor, defines={},
                           region=(0, 0, *self.source.size))
             target.release()
-        for texture in (valleys, support, extra, noise):
+        for texture in (valleys, support, extra):
             texture.release()
         return RoughnessMaps(roughness, detail)
 
@@ -114,8 +124,7 @@ class Solver:
         done = yield from self._search(chosen, [pairs, support, variances], 2)
         chosen = chosen[:done]
         noise, variance = self._noise(pairs, support, 2)
-        floor = {"u_noise_floor": share.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance,
-                 "u_prior_cut": share.PRIOR_CUT, "u_steps": 6}
+        floor = {**self._floor(variance), "u_prior_cut": share.PRIOR_CUT, "u_steps": 6}
         self.neighbours = variance > QUIET**2
         # The search's third output is curvature; the passes below want variances.
         self._invert(variances, support, variance)
@@ -130,7 +139,6 @@ class Solver:
             for texture in (pairs, variances, detail):
                 texture.release()
             pairs, variances, detail = fresh
-        noise.release()
         return self._as_roughness(pairs, variances, detail)
 
     def search(self, only: list[Tile]) -> Generator[Progress, None, tuple[moderngl.Texture, moderngl.Texture]]:
@@ -145,18 +153,39 @@ class Solver:
     ) -> Generator[Progress, None, int]:
         self.slack = FIRST_SLACK if self.source.camera_slack else 0.0
         return (yield from self._over(chosen, (0.0, 0.5), "solve/search.glsl", outputs, {},
-                                      {"u_seed": self.settings.seed, **self.knobs[lobes]}, lobes=lobes))
+                                      self._search_uniforms(lobes), lobes=lobes))
+
+    def _search_uniforms(self, lobes: int) -> Uniforms:
+        return {"u_seed": self.settings.seed, **self.knobs[lobes]}
+
+    def _floor(self, variance: float) -> Uniforms:
+        """Variances of the noise that are assumed where the map of it says less, or nothing."""
+        return {"u_noise_floor": share.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance}
+
+    def _clean(
+        self, valleys: moderngl.Texture, support: moderngl.Texture, variance: float,
+    ) -> tuple[float, bool]:
+        """Of a typical texel's variance the share that is not outliers, and whether the fit is to be robust."""
+        if self.settings.loss == "squares":
+            return 1.0, False
+        told = self.device.read(support)
+        observed = told[..., 3] > 0.5
+        noise, outliers = share.clean_noise(self.device.read(valleys)[observed, 1], told[observed, 2])
+        return min(noise / variance, 1.0), outliers or self.settings.loss == "robust"
 
     def albedo(self, found: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
         """Base colour of each texel from its own observations alone; ``found``: roughness, or the pairs of lobes."""
         (albedo,) = self._textures(1)
+        robust = self.robust and lobes == 1
         yield from self._over(tiles(self.atlas, self.covered), (0.0, 1.0), "solve/albedo.glsl", [albedo],
-                              {"u_found": found}, {}, lobes=lobes, colour=True)
+                              {"u_found": found, **({"u_noise": self.noise_map} if robust else {})},
+                              self._floor(self.noise**2) if robust else {}, lobes=lobes, colour=True, robust=robust)
         return albedo
 
     def _over(
         self, chosen: list[Tile], span: tuple[float, float], kernel: str, outputs: list[moderngl.Texture],
         textures: Textures, uniforms: Uniforms, *, lobes: int = 1, colour: bool = False,
+        robust: bool = False,
     ) -> Generator[Progress, None, int]:
         """Run one kernel over tiles; returns how many were done, fewer when the first kernel is stopped.
 
@@ -165,7 +194,7 @@ class Solver:
         stoppable = span[0] == 0.0
         target = self.device.framebuffer(outputs)
         target.clear()
-        defines = self._defines(kernel, uniforms, lobes, colour)
+        defines = self._defines(uniforms, lobes, colour, robust)
         try:
             for i, tile in enumerate(chosen):
                 for step in (self.source.gather(self.atlas, tile, colour),
@@ -183,10 +212,10 @@ class Solver:
         finally:
             target.release()
 
-    def _defines(self, kernel: str, uniforms: Uniforms, lobes: int, colour: bool) -> dict[str, str]:
+    def _defines(self, uniforms: Uniforms, lobes: int, colour: bool, robust: bool) -> dict[str, str]:
         defines = {**self.source.layers.defines(), "LOBES": str(lobes)}
         switches = {"COLOUR": colour, "SPECULAR": self.level is not None,
-                    "SWARM": uniforms.get("u_moves", 0) > 0,
+                    "SWARM": uniforms.get("u_moves", 0) > 0, "ROBUST": robust,
                     "NDF_BECKMANN": lobes == 2 and self.settings.ndf == "beckmann"}
         return {**defines, **{name: "1" for name, on in switches.items() if on}}
 
@@ -228,7 +257,9 @@ class Solver:
         """The noise found, and its median variance, by which the slack between cameras is set."""
         unknown = self.source.camera_slack**2 or share.NOISE_FLOOR**2
         noise, variance = share.noise_map(self.device, valleys, support, lobes, unknown)
-        self.noise = float(np.sqrt(variance))
+        if self.noise_map is not None:
+            self.noise_map.release()
+        self.noise_map, self.noise = noise, float(np.sqrt(variance))
         if self.source.camera_slack:
             self.slack = float(np.clip(self.source.camera_slack**2 / variance, 1.0, 1e5))
         return noise, variance
@@ -263,5 +294,7 @@ class Solver:
         return RoughnessMaps(device.texture(*self.source.size, data=roughness), detail, pairs)
 
     def release(self) -> None:
-        """Free the atlas."""
+        """Free the atlas and the map of the noise."""
         self.atlas.release()
+        if self.noise_map is not None:
+            self.noise_map.release()

@@ -5,7 +5,6 @@
 uniform sampler2D u_valleys;  // the three outputs of solve/search.glsl; whole maps
 uniform sampler2D u_support;
 uniform sampler2D u_extra;
-uniform sampler2D u_noise;
 // out_0, out_1: as of solve/polish.glsl
 
 void kernel() {

@@ -6,6 +6,7 @@
 // variance about the group's mean.  Groups may differ in rho a little, because their pixels cover
 // the texture differently: rho_group = rho + delta, delta ~ N(0, u_group_slack * noise).
 #include "solve/observations.glsl"
+#include "solve/nodes.glsl"
 
 // A number for each channel that is kept apart.
 #if CHANNELS == 3
@@ -47,15 +48,29 @@ void fold(Group g, float diffuse, float d_diffuse, CHANNEL channel, inout vec3 f
 }
 
 CHANNEL fit_slope, fit_information;
+float fit_squares;   // of the last evaluation: the residual without what outliers cost
+float fit_outliers;  // and how many good observations were not believed
+
+#ifdef ROBUST
+#include "solve/robust.glsl"
+#endif
 
 // One group's observations at roughness r.
 void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total total) {
     Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+#ifdef ROBUST
+    Toward t = group_toward[k];
+#else
     Toward t = toward(r, group_cos_v[k]);
+#endif
     for (int n = first; n < end; n++) {
+#ifdef ROBUST
+        float d = obs_off[n], ds = obs_slope[n], w = obs_weight[n] * obs_trust[n];
+#else
         float s, ds;
         specular_d(n, r, t, s, ds);
         float d = obs_f[n] - s, w = obs_weight[n];
+#endif
         if (g.w < NEGLIGIBLE * w) g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, d);
         d -= g.first;
         g.w += w;
@@ -74,6 +89,9 @@ void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total t
 vec3 evaluate(float r) {
     vec3 fit = vec3(0.0);
     Total total = NOTHING;
+#ifdef ROBUST
+    float price = disbelieve(r);
+#endif
 #define GROUP(k, first, end) add_group(k, first, end, r, fit, total);
     EACH_GROUP
 #undef GROUP
@@ -86,6 +104,10 @@ vec3 evaluate(float r) {
     fit.z += sum(max(total.tt - total.t * mean_t, 0.0));
     fit_slope = mean_t;
     fit_information = total.w;
+    fit_squares = fit.x;
+#ifdef ROBUST
+    fit.x += price;
+#endif
     return fit;
 }
 
@@ -98,14 +120,19 @@ vec2 fit_albedo() {
 void add_lambert(int k, int first, int end, inout vec3 fit, inout Total total) {
     Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, group_base[k]);
     for (int n = first; n < end; n++) {
-        g.w += obs_weight[n];
-        g.d += obs_weight[n] * obs_f[n];  // relative to the group's mean already
-        g.dd += obs_weight[n] * obs_f[n] * obs_f[n];
+#ifdef ROBUST
+        float w = obs_weight[n] * obs_trust[n];
+#else
+        float w = obs_weight[n];
+#endif
+        g.w += w;
+        g.d += w * obs_f[n];  // relative to the group's mean already
+        g.dd += w * obs_f[n] * obs_f[n];
     }
     fold(g, 1.0 / PI, 0.0, channel_of(k), fit, total);
 }
 
-// Residual of the model without a lobe: f = rho / pi.
+// Residual of the model without a lobe: f = rho / pi.  ROBUST: of the observations that the last evaluation believed.
 float evaluate_lambert() {
     vec3 fit = vec3(0.0);
     Total total = NOTHING;

@@ -1,4 +1,5 @@
 // The roughness nodes of the residual tables, and the noise that gives them their unit.
+uniform sampler2D u_noise;  // as solve/noise.frag leaves it, made coarser
 const int NODES = 32;
 
 float node_roughness(float i) { return 0.05 * pow(20.0, i / float(NODES - 1)); }

@@ -3,7 +3,6 @@
 #include "solve/nodes.glsl"
 uniform sampler2D u_valleys;  // whole maps
 uniform sampler2D u_support;
-uniform sampler2D u_noise;
 uniform sampler2D u_estimate;  // from the pyramid's finest level
 uniform sampler2D u_prior;
 uniform float u_prior_cut;
@@ -12,7 +11,7 @@ uniform int u_steps;
 // out_1: good observations, residual, residual of the model without lobe, standard error of base colour
 
 float mean, information;  // of the prior
-float least, degrees, around, trust;
+float least, price, degrees, around, trust;
 
 vec3 fit;          // of the data alone, where posterior() was asked last
 vec3 best_fit;     // where descend() ended
@@ -21,6 +20,7 @@ vec2 end_albedo;   // fit_albedo() there
 // Cost, minus its slope, curvature of data and prior together.
 vec3 posterior(float r) {
     fit = evaluate(r);
+    fit.x -= price;
     float down = 2.0 * trust * data_slope(fit.x, degrees, around);
     float off = r - mean;
     float prior = 0.5 * off * off * information;
@@ -58,6 +58,11 @@ void kernel() {
     least = valleys.y;
     degrees = support.z;
     trust = belief(support.y, obs_share);
+    price = 0.0;
+#ifdef ROBUST
+    obs_variance = around;
+    price = evaluate(valleys.x).x - fit_squares;
+#endif
     vec3 best = vec3(1e30, 0.0, 1.0), final_fit = best;
     vec2 best_albedo = vec2(0.0);
     vec4 prior = texelFetch(u_prior, texel, 0);

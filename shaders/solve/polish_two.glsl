@@ -5,7 +5,6 @@
 #include "solve/nodes.glsl"
 uniform sampler2D u_pairs;     // roughness1, roughness2, weight, residual; whole maps
 uniform sampler2D u_variance;  // of roughness1, roughness2 with their neighbours; of the worse by itself; observed
-uniform sampler2D u_noise;
 uniform float u_prior_cut;
 uniform float u_tau;           // how much neighbours differ (standard deviation); 0: no prior
 uniform int u_stride;          // to the neighbours whose pairs are tried

@@ -2,7 +2,7 @@
 // then take Levenberg-Marquardt steps and race; the two best in different valleys run to the end.
 // The methods `swarm`, `refined` and `draft` are this kernel with other knobs.
 //
-// Defines: LOBES; SWARM where particles move.
+// Defines: LOBES; SWARM where particles move; ROBUST where outliers are not believed (one lobe).
 #include "include/random.glsl"
 // Here, not in one branch below: a file is pasted only where it is first asked for.
 #include "solve/observations.glsl"
@@ -76,6 +76,9 @@ void kernel() {
     out_0 = vec4(0.3, 0.6, 0.5, 0.0);
 #endif
     if (!load_observations()) return;
+#ifdef ROBUST
+    obs_variance = u_noise_share * noise_around(u_noise, texel_here(), textureSize(u_texel_position, 0));
+#endif
 #ifdef SWARM
     swarm();
 #endif
@@ -114,9 +117,15 @@ void kernel() {
     out_1 = vec4(obs_share, obs_total, obs_free, 1.0);
     out_2 = vec4(best.curvature, 0.0);
 #else
+    evaluate(best.r);
+#ifdef ROBUST
+    second.residual -= best.residual - fit_squares;  // what outliers cost says nothing of the noise
+    best.residual = fit_squares;
+    obs_total -= fit_outliers;
+    obs_free = max(obs_free - fit_outliers, 0.25);
+#endif
     out_0 = vec4(best.r, best.residual, second.r, second.residual);  // the two valleys
     out_1 = vec4(best.curvature, obs_total, obs_free, 1.0);  // good observations, degrees of freedom, observed
-    evaluate(best.r);
     out_2 = vec4(evaluate_lambert(), fit_albedo(), obs_share);  // residual without lobe; what fit_albedo() says
 #endif
 }

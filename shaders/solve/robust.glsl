@@ -1,0 +1,86 @@
+// Observations that fit nothing: shadows taken for light, lamps mirrored by something else.
+//
+// The noise is a contaminated normal (Tukey 1960): an observation is an outlier, of any size, with a likelihood of
+// OUTLIER beside that of a perfect fit.  At each roughness the base colour is found by iteratively reweighted least
+// squares (Holland and Welsch 1977) under a scale that falls from the residual's own to the noise's (graduated
+// non-convexity, Blake and Zisserman 1987), so that outliers cannot capture it.
+uniform float u_noise_share;  // of the variance there that is not outliers
+
+const float OUTLIER = 0.0025;
+const int CALMER = 4;  // steps of the falling scale
+
+float obs_variance;  // of the noise, relative
+float obs_off[LAYERS], obs_slope[LAYERS], obs_trust[LAYERS];  // f - s - the group's base, ds/dr, how far believed 0..1
+Toward group_toward[GROUPS];
+
+void prepare_group(int k, int first, int end, float r) {
+    group_toward[k] = toward(r, group_cos_v[k]);
+    for (int n = first; n < end; n++) {
+        float s;
+        specular_d(n, r, group_toward[k], s, obs_slope[n]);
+        obs_off[n] = obs_f[n] - s;
+        obs_trust[n] = 1.0;
+    }
+}
+
+// A group's weight and mean under the present trust.
+vec2 group_mean(int k, int first, int end) {
+    vec2 sum = vec2(1e-20, 0.0);
+    for (int n = first; n < end; n++) sum += obs_weight[n] * obs_trust[n] * vec2(1.0, obs_off[n]);
+    return vec2(sum.x, sum.y / sum.x);
+}
+
+void add_mean(int k, int first, int end, inout CHANNEL weight, inout CHANNEL albedo) {
+    vec2 g = group_mean(k, first, end);
+    float mean = g.y + group_base[k], a = group_toward[k].diffuse;
+    float w = a * a * g.x / (1.0 + u_group_slack * g.x * mean * mean);
+    weight += w * channel_of(k);
+    albedo += w * mean / a * channel_of(k);
+}
+
+// (sum of squares, what outliers cost, how many there are) of one group about what its own mean and the albedo of all
+// say together, in units of the noise; under the scale, trust is set anew.
+vec3 trust_group(int k, int first, int end, float albedo, float scale) {
+    vec2 g = group_mean(k, first, end);
+    float mean = g.y + group_base[k];
+    float prior = 1.0 / max(u_group_slack * mean * mean, 1e-12);
+    float centre = (g.x * mean + prior * albedo * group_toward[k].diffuse) / (g.x + prior) - group_base[k];
+    vec3 told = vec3(0.0);
+    for (int n = first; n < end; n++) {
+        float off = obs_off[n] - centre;
+        float square = obs_weight[n] * off * off / obs_variance;
+        float likely = exp(-0.5 * square / scale);
+        float trust = likely / (likely + OUTLIER);
+        told.x += square;
+        if (scale <= 0.0) continue;
+        obs_trust[n] = trust;
+        told.y += -2.0 * log((likely + OUTLIER) / (1.0 + OUTLIER)) - trust * square;
+        told.z += obs_weight[n] > 0.0 ? 1.0 - trust : 0.0;
+    }
+    return told;
+}
+
+// Sets each observation's trust at roughness r; returns what those not believed cost, in units of the residual.
+float disbelieve(float r) {
+#define GROUP(k, first, end) prepare_group(k, first, end, r);
+    EACH_GROUP
+#undef GROUP
+    vec3 told = vec3(0.0);
+    float spread = 1.0;
+    for (int i = 0; i <= CALMER; i++) {
+        CHANNEL weight = CHANNEL(1e-20), albedo = CHANNEL(0.0);
+#define GROUP(k, first, end) add_mean(k, first, end, weight, albedo);
+        EACH_GROUP
+#undef GROUP
+        albedo = clamp(albedo / weight, 0.0, 1.0);
+        float scale = i == 0 ? -1.0 : max(pow(spread, 1.0 - float(i) / float(CALMER)), 1.0);
+        told = vec3(0.0);
+#define GROUP(k, first, end) told += trust_group(k, first, end, sum(albedo * channel_of(k)), scale);
+        EACH_GROUP
+#undef GROUP
+        if (i == 0) spread = told.x / max(obs_total, 1.0);
+        if (i == 0 && spread < 4.0) i = CALMER - 1;  // nothing is far off
+    }
+    fit_outliers = told.z;
+    return told.y * obs_variance;
+}
