@@ -7,12 +7,12 @@ diffuse, plus the lobes.  core/checks.py and core/registration.py make of it wha
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import moderngl
 import numpy as np
 
-from ..core.data import F32, Bool, View
+from ..core.checked import CheckedView, Window
+from ..core.data import F32
 from .albedo import AlbedoSolver
 from .context import Device
 from .observe import ObservedCamera, ObservedView
@@ -20,41 +20,6 @@ from .observe import ObservedCamera, ObservedView
 WINDOW = 1_500_000  # pixels of a view that are looked at, at most: its middle rows
 MIN_COS_V = 0.2  # of a pixel that is unlit: seen flatter, shaders/include/observed.glsl says nothing of it
 EDGE = 0.25  # of a good pixel's quality: below it lies an edge of shadow or silhouette
-
-
-@dataclass(frozen=True)
-class Window:
-    """The part of a camera's pixels that is looked at, (h, w); row 0 at the bottom."""
-
-    corner: tuple[int, int]  # x, y of its first pixel in the camera's image
-    image: tuple[int, int]  # width and height of that image
-    covered: Bool  # (h, w) the object is what the pixel's centre sees
-    position: F32  # (h, w, 3) world, metres; of what is covered, as are the following
-    normal: F32  # (h, w, 3) world, unit, normal map included
-    uv: F32  # (h, w, 2)
-    slot: F32  # (h, w) material slot
-    cos_v: F32  # (h, w)
-
-
-@dataclass(frozen=True)
-class CheckedView:
-    """One view: what its pixels show, and what the maps say that they should."""
-
-    view: View
-    window: Window
-    observed: F32  # (h, w, 3) radiance / irradiance, 1/sr; 0 where quality is 0, below 0 in a channel without light
-    predicted: F32  # (h, w, 3) the same by the maps; 0 where not covered
-    specular: F32  # (h, w, 3) the lobes' part of it
-    quality: F32  # (h, w) cos_v^2 for a well lit pixel, thousandths at an edge, 0: tells nothing
-    edge: Bool  # (h, w) at an edge of shadow, at a silhouette or the terminator; or quality is 0
-    unlit: Bool  # (h, w) covered, seen well enough and not at a light: what shines there has bounced
-    radiance: F32  # (h, w, 3) of the reference, W/(m^2 sr); NaN where it has none (clipped, masked)
-    irradiance: F32  # (h, w, 3) of the view's lights, W/m^2; 0 where quality is 0
-
-    @property
-    def good(self) -> Bool:
-        """(h, w) pixels to judge by."""
-        return (self.quality > 0) & ~self.edge
 
 
 def check_views(albedo: AlbedoSolver, base: moderngl.Texture) -> Iterator[CheckedView]:
@@ -124,6 +89,8 @@ def _check(
     colour = _read(device, view.colour, part)
     observed, quality = colour[..., :3], colour[..., 3]
     x, y = part[0] - camera.window[0], part[1] - camera.window[1]
+    lobes = [_read(device, lobe, part) for lobe in view.lobes]
+    away = [np.where(lobe[..., 3] > 0, lobe[..., 0], np.float32(1)) for lobe in lobes]  # no light, no highlight
     reference = view.reference[y:y + part[3], x:x + part[2]].astype(np.float32)
     reference *= np.float32(view.scale)
     seen = np.isfinite(reference[..., 0])
@@ -133,4 +100,5 @@ def _check(
     return CheckedView(
         view=view.view, window=window, observed=observed, predicted=diffuse + specular, specular=specular,
         quality=quality, edge=quality < EDGE * window.cos_v**2, radiance=reference, irradiance=irradiance,
+        sin2h=np.minimum.reduce(away), clipped=view.clipped,
         unlit=window.covered & seen & (window.cos_v > MIN_COS_V) & (quality == 0))

@@ -30,7 +30,7 @@ LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the sp
 READERS = 2  # images read ahead of the one that is looked at
 ReadImage = Callable[[View], RadianceImage]
 F16 = NDArray[np.float16]
-Reference = tuple[F16, float]  # as ObservedView.reference and .scale
+Reference = tuple[F16, float, float]  # as ObservedView.reference, .scale and .clipped
 
 
 @dataclass
@@ -43,6 +43,7 @@ class ObservedView:
     tint: tuple[float, float, float]  # power of the view's lights per channel, mean 1
     reference: F16  # (h, w, 3) the picture in the camera's window, radiance / scale; NaN where it is not usable
     scale: float
+    clipped: float  # share of the object's pixels that the picture has clipped
 
 
 @dataclass
@@ -133,7 +134,8 @@ def observe(
         quality = np.where(image.valid, np.where(image.coverage > 0.5, image.coverage, 0.0), 0.0)
         packed = np.concatenate([image.rgb, quality[..., None]], axis=2)
         images[n] = device.texture(w, h, 4, packed)
-        references[n] = _reference(packed, cameras[keys[key]].window, float(levels[-1][0]))
+        references[n] = _reference(packed, cameras[keys[key]].window, float(levels[-1][0]),
+                                   float(np.mean(~image.valid[shown & (image.coverage > 0.5)])))
         members[keys[key]].append(n)
         yield Progress(0.5 * (n + 1) / len(scene.views), "observe", f"reading {view.image.name}")
     level = float(np.median(np.concatenate(levels))) if levels else 1.0
@@ -223,14 +225,14 @@ def _window(covered: Bool) -> tuple[int, int, int, int]:
     return int(x.min()), int(y.min()), int(np.ptp(x)) + 1, int(np.ptp(y)) + 1
 
 
-def _reference(packed: F32, window: tuple[int, int, int, int], level: float) -> Reference:
+def _reference(packed: F32, window: tuple[int, int, int, int], level: float, clipped: float) -> Reference:
     """The picture's part in a window; packed: (H, W, 4) radiance, quality."""
     x, y, w, h = window
     part = packed[y:y + h, x:x + w]
     scale = max(level, 1e-20)
     with np.errstate(over="ignore"):
         values = np.where(part[..., 3:] > 0, part[..., :3] / scale, np.nan).astype(np.float16)
-    return np.where(np.isinf(values), np.float16(np.nan), values), scale
+    return np.where(np.isinf(values), np.float16(np.nan), values), scale, clipped
 
 
 def _rim(device: Device, camera: ObservedCamera) -> moderngl.Texture:
