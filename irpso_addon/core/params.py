@@ -74,7 +74,8 @@ class SolveSettings:
         ("off", "The references hold direct light alone"),
         ("on", "The references hold it"),
     ))
-    registration: str = parameter("given", "Where the cameras look", label="Registration", choices=(
+    registration: str = parameter("auto", "Where the cameras look", label="Registration", choices=(
+        ("auto", "Shifted where the pictures say beyond doubt that they are off"),
         ("given", "Exactly where the scene says"),
         ("solve", "Shifted until the pictures fit; for cameras that are off by up to some pixels"),
     ), advanced=True)

@@ -16,7 +16,10 @@ NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
 PRIOR_CUT = 15.0  # an edge in the map costs no more than this, in nats
 TOLD = 3.0  # degrees of freedom from which on a texel tells something of the noise
 TAIL, TAIL_Z = 0.9, 1.2816  # share of texels below the upper tail, and its place under a normal distribution
-FAR = 2.0  # log of a variance: outliers make their texels' so much larger
+FAR = 2.0  # log of a variance: outliers make their texels' so much larger, ...
+NOISE_MOST = 0.06  # relative: more is not noise, but outliers in every texel: then ...
+NOISE_GUESS = 0.02  # ... this much is taken for a start
+GROSS = 0.03  # ... and leave relative errors of this size: finer ones are the model's, and alike in neighbours
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
 
 
@@ -49,15 +52,18 @@ def clean_noise(residual: F32, degrees: F32) -> tuple[float, bool]:
     """(variance of the noise without outliers, whether there are outliers) from what fits leave, (N,) each.
 
     Texels that no outlier touched are the lower tail: its place under normal noise (chi-squared, by Wilson and
-    Hilferty 1931) tells the variance.  There are outliers where the upper tail lies far from its own place.
+    Hilferty 1931) tells the variance.  There are outliers where the upper tail lies far above its own place.
     """
     told = degrees >= TOLD
     if not told.any():
         return NOISE_FLOOR**2, False
     log = np.log(np.maximum(residual[told] / degrees[told], 1e-12))
-    low, high = (np.quantile(log - 3 * np.log1p(-2 / (9 * degrees[told]) + z * np.sqrt(2 / (9 * degrees[told]))), q)
-                 for z, q in ((-TAIL_Z, 1 - TAIL), (TAIL_Z, TAIL)))
-    return max(float(np.exp(low)), NOISE_FLOOR**2), bool(high - low > FAR)
+    step = 2 / (9 * degrees[told])
+    low, high = (np.quantile(log - 3 * np.log1p(-step + z * np.sqrt(step)), share)
+                 for z, share in ((-TAIL_Z, 1 - TAIL), (TAIL_Z, TAIL)))
+    if low > 2 * np.log(NOISE_MOST):
+        return NOISE_GUESS**2, True
+    return max(float(np.exp(low)), NOISE_FLOOR**2), bool(high - low > FAR and high > 2 * np.log(GROSS))
 
 
 def pyramid(

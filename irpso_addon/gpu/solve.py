@@ -26,6 +26,7 @@ FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's
 QUIET = 3e-4  # relative noise below which ...
 SURE = 0.02  # ... texels this sure of their roughness ...
 UNSURE_SHARE = 0.05  # ... but for this share of them, need no neighbours
+ROBUST_SEARCHES = 4  # at most
 POLISH_STEPS = 4  # Levenberg-Marquardt, from each valley
 STRIDES = (1, 2, 1)  # two lobes: how far away the neighbours are whose pairs a texel tries, pass by pass
 QUIET_PASSES = 1  # of them, without noise
@@ -85,11 +86,14 @@ class Solver:
         chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
         noise, variance = self._noise(valleys, support, 1)
         clean, self.robust = self._clean(valleys, support, variance)
-        if self.robust:
+        for _ in range(ROBUST_SEARCHES if self.robust else 0):
             yield from self._over(chosen, (0.4, 0.5), "solve/search.glsl", [valleys, support, extra],
                                   {"u_noise": noise}, {**self._search_uniforms(1), "u_noise_share": clean,
                                                        **self._floor(variance)}, robust=True)
+            before, clean = clean * variance, 1.0
             noise, variance = self._noise(valleys, support, 1)
+            if variance > 0.5 * before:  # else there were outliers in every texel, which hid each other
+                break
         found: Textures = {"u_valleys": valleys, "u_support": support, "u_noise": noise}
         floor = self._floor(variance)
         self.neighbours = self._unsure(variance, support)

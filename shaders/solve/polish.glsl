@@ -20,7 +20,7 @@ vec2 end_albedo;   // fit_albedo() there
 // Cost, minus its slope, curvature of data and prior together.
 vec3 posterior(float r) {
     fit = evaluate(r);
-    fit.x -= price;
+    fit.x = max(fit.x - price, 0.0);
     float down = 2.0 * trust * data_slope(fit.x, degrees, around);
     float off = r - mean;
     float prior = 0.5 * off * off * information;

@@ -7,7 +7,7 @@ uniform sampler2D u_support;
 vec4 node_costs(int i, vec4 valleys, float price, float degrees, float around, float trust) {
     vec4 cost;
     for (int j = 0; j < 4; j++) {
-        cost[j] = trust * data_cost(evaluate(node_roughness(float(4 * i + j))).x - price, valleys.y, degrees, around);
+        cost[j] = trust * data_cost(max(evaluate(node_roughness(float(4 * i + j))).x - price, 0.0), valleys.y, degrees, around);
     }
     return max(cost, 0.0);
 }
