@@ -5,7 +5,7 @@ from typing import Any
 import bpy
 
 from ..irpso_addon import pipeline
-from ..irpso_addon.blender import material, properties, scene, session
+from ..irpso_addon.blender import indirect, material, properties, scene, session
 from ..irpso_addon.core.data import Solution
 from ..irpso_addon.gpu.thread import JobFunction
 from .modal_job import ModalJob
@@ -28,7 +28,10 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         """Reads the scene and the panel's settings."""
         settings = properties.settings(context.scene.irpso)
         data = scene.read_scene(context, obj.name, captures_path(context.scene))
-        return lambda: pipeline.solve(data, settings)
+        if settings.indirect == "off":
+            return lambda: pipeline.solve(data, settings)
+        bounce = indirect.Bouncer.of_copy()
+        return lambda: bounce.around(pipeline.solve(data, settings, bounce=bounce))
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> None:
         """Keeps the solution, wires the maps, says what happened."""

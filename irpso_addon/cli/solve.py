@@ -10,6 +10,7 @@ from pathlib import Path
 
 from .. import pipeline
 from ..blender import files, material
+from ..blender.indirect import Bouncer
 from ..blender.scene import read_scene
 from ..core.data import SceneData, Solution
 from ..core.errors import BadInput, Cancelled
@@ -55,7 +56,7 @@ def solve(request: Request) -> Solution:
     data = read_scene(None, request.object_name, request.captures)
     read = time.perf_counter()
     with Staging(request.out) as staging:
-        solution = solve_data(data, request.settings)
+        solution = solve_data(data, request.settings, Bouncer.of_open_file(request.scene))
         solved = time.perf_counter()
         messages = material.write_maps(files.object_named(data.mesh.name), solution)
         solution = replace(solution, warnings=(*solution.warnings, *messages))
@@ -73,11 +74,12 @@ def solve(request: Request) -> Solution:
     return solution
 
 
-def solve_data(data: SceneData, settings: SolveSettings) -> Solution:
+def solve_data(data: SceneData, settings: SolveSettings, bounce: pipeline.Bounce) -> Solution:
     """Run the pipeline with its progress shown; the partial solution when it was stopped with one."""
     with console.progress() as show:
         try:
-            result: Solution = thread.run(lambda: pipeline.solve(data, settings), on_progress=show)
+            result: Solution = thread.run(
+                lambda: pipeline.solve(data, settings, bounce=bounce), on_progress=show)
         except Cancelled as stop:
             if not isinstance(stop.partial, Solution):
                 raise

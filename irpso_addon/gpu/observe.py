@@ -7,7 +7,7 @@ that shows it.  Interpolating colours at the texel's own geometry instead double
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import lights as light_model
-from ..core.data import F32, Bool, Camera, Light, RadianceImage, SceneData, View
+from ..core.data import F32, Bool, Bounced, Camera, Light, RadianceImage, SceneData, View
 from ..core.job import Progress
 from ..core.tables import principled_table
+from .bounced import Smoother
 from .context import Device
 from .surface import MeshBuffer, Occluders, SurfaceMaps, clip_matrix, column_major, draw_pixel_grid
 from .visibility import SOFT_ANGLE, LightVisibility
@@ -27,6 +28,8 @@ from .visibility import SOFT_ANGLE, LightVisibility
 EDGE_WEIGHT = 0.03  # of an observation at an edge of shadow or silhouette, beside 1 for a good one
 DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
 LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the spread of half vectors
+MARGIN = 6  # pixels around the object in which its outline may be looked for
+HALF_MOST = 60_000.0  # half floats end at 65504
 READERS = 2  # images read ahead of the one that is looked at
 ReadImage = Callable[[View], RadianceImage]
 F16 = NDArray[np.float16]
@@ -41,7 +44,7 @@ class ObservedView:
     colour: moderngl.Texture  # RGBA32F: radiance / irradiance (1/sr), quality
     lobes: list[moderngl.Texture]  # per light, per channel: sin2h, spread, cos_l, factor
     tint: tuple[float, float, float]  # power of the view's lights per channel, mean 1
-    reference: F16  # (h, w, 3) the picture in the camera's window, radiance / scale; NaN where it is not usable
+    reference: F16  # (h, w, 4) the picture in the camera's window: radiance / scale (NaN: not usable), coverage
     scale: float
     clipped: float  # share of the object's pixels that the picture has clipped
 
@@ -54,7 +57,7 @@ class ObservedCamera:
     maps: SurfaceMaps
     clip: bytes  # world to clip space
     uniforms: dict[str, object]
-    window: tuple[int, int, int, int]  # x, y, width, height of the pixels that show the object
+    window: tuple[int, int, int, int]  # x, y, width, height of the pixels that show the object, and MARGIN
     views: list[ObservedView] = field(default_factory=list)
 
     @property
@@ -98,9 +101,13 @@ def camera_uniforms(camera: Camera, height: int, footprint: float) -> dict[str, 
 
 
 def observe(
-    device: Device, scene: SceneData, mesh: MeshBuffer, read_image: ReadImage
+    device: Device, scene: SceneData, mesh: MeshBuffer, read_image: ReadImage,
+    bounced: Mapping[int, Bounced] | None = None,
 ) -> Generator[Progress, None, Observations]:
-    """Draw every camera's maps, every light's shadow, and turn each reference into observations."""
+    """Draw every camera's maps, every light's shadow, and turn each reference into observations.
+
+    ``bounced``: indirect light, by the view's place in the scene.
+    """
     occluders = Occluders(device, scene.occluders)
     table = principled_table()
     table_texture = device.texture(table.shape[1], table.shape[0], table.shape[2], table)
@@ -134,8 +141,8 @@ def observe(
         quality = np.where(image.valid, np.where(image.coverage > 0.5, image.coverage, 0.0), 0.0)
         packed = np.concatenate([image.rgb, quality[..., None]], axis=2)
         images[n] = device.texture(w, h, 4, packed)
-        references[n] = _reference(packed, cameras[keys[key]].window, float(levels[-1][0]),
-                                   float(np.mean(~image.valid[shown & (image.coverage > 0.5)])))
+        clipped = float(np.mean(~image.valid[shown & (image.coverage > 0.5)]))
+        references[n] = _reference(packed, image.coverage, cameras[keys[key]].window, clipped)
         members[keys[key]].append(n)
         yield Progress(0.5 * (n + 1) / len(scene.views), "observe", f"reading {view.image.name}")
     level = float(np.median(np.concatenate(levels))) if levels else 1.0
@@ -154,13 +161,18 @@ def observe(
     visibility.release()
     for c, group in enumerate(members):
         rim = _rim(device, cameras[c])
-        for n in group:
-            view = scene.views[n]
-            shadows = [lit[light.name, c] for light in view.lights]
-            observed = _observe_view(device, cameras[c], rim, view, images[n], references[n], shadows, level, channels)
-            cameras[c].views.append(observed)
-            images.pop(n).release()
-            yield Progress(0.8 + 0.2 * n / len(scene.views), "observe", view.image.name)
+        pixels = partial(camera_uniforms, cameras[c].camera, footprint=0.0)
+        with Smoother(device, mesh, occluders, cameras[c].camera, cameras[c].maps, pixels) as smoother:
+            for n in group:
+                view = scene.views[n]
+                shadows = [lit[light.name, c] for light in view.lights]
+                indirect = smoother.smooth(bounced[n]) if bounced else None
+                observed = _observe_view(
+                    device, cameras[c], rim, view, images[n], references[n], shadows, level, channels, indirect)
+                cameras[c].views.append(observed)
+                for texture in (images.pop(n), *(indirect or ())):
+                    texture.release()
+                yield Progress(0.8 + 0.2 * n / len(scene.views), "observe", view.image.name)
         rim.release()
     for texture in lit.values():
         texture.release()
@@ -190,11 +202,13 @@ def _read_ahead(read_image: ReadImage, views: Sequence[View]) -> Iterator[Radian
 def _observe_view(
     device: Device, camera: ObservedCamera, rim: moderngl.Texture, view: View, image: moderngl.Texture,
     reference: Reference, lit: list[moderngl.Texture], level: float, channels: int,
+    indirect: tuple[moderngl.Texture, moderngl.Texture] | None = None,
 ) -> ObservedView:
+    """``indirect``: irradiance and what highlights of it add to the picture."""
     draw = partial(_draw, device, camera.maps)
     common = {**camera.uniforms, "u_level": level, "u_edge_weight": EDGE_WEIGHT, "u_dark": DARK_SHARE}
     colour = device.texture(*image.size)
-    if len(lit) == 1 and channels == 1:
+    if len(lit) == 1 and channels == 1 and indirect is None:
         lobes = [device.texture(*image.size)]
         draw("observe/view.frag", [colour, lobes[0]], {"u_image": image, "u_lit": lit[0], "u_rim": rim},
              {**common, **_lamp(view.lights[0])}, _lamp_defines(view.lights[0]))
@@ -204,13 +218,17 @@ def _observe_view(
             for n, (light, shadow) in enumerate(zip(view.lights, lit, strict=True)):
                 draw("observe/irradiance.frag", [irradiance], {"u_lit": shadow, "u_rim": rim},
                      {**common, **_lamp(light)}, _lamp_defines(light), clear=n == 0)
+        bounced = {"u_bounced": indirect[0]} if indirect else {}
+        glossy = {"u_glossy": indirect[1]} if indirect else {}
+        defines = {"BOUNCED": "1"} if indirect else {}
         lobes = []
         for light, shadow in zip(view.lights, lit, strict=True):
             for mask in channel_masks(channels):
                 lobes.append(device.texture(*image.size))
-                draw("observe/lobe.frag", [lobes[-1]], {"u_lit": shadow, "u_irradiance": irradiance},
-                     {**common, **_lamp(light), "u_channel": mask}, _lamp_defines(light))
-        draw("observe/colour.frag", [colour], {"u_image": image, "u_irradiance": irradiance, "u_rim": rim}, common)
+                draw("observe/lobe.frag", [lobes[-1]], {"u_lit": shadow, "u_irradiance": irradiance, **bounced},
+                     {**common, **_lamp(light), "u_channel": mask}, _lamp_defines(light) | defines)
+        draw("observe/colour.frag", [colour],
+             {"u_image": image, "u_irradiance": irradiance, "u_rim": rim, **bounced, **glossy}, common, defines)
         irradiance.release()
     power = np.sum([light.power for light in view.lights], axis=0)
     tint = power / max(float(power.mean()), 1e-20)
@@ -218,21 +236,22 @@ def _observe_view(
 
 
 def _window(covered: Bool) -> tuple[int, int, int, int]:
-    """x, y, width and height of what is covered; a pixel where nothing is."""
+    """x, y, width and height of what is covered, with a margin; a pixel where nothing is."""
     y, x = np.nonzero(covered)
     if not len(x):
         return 0, 0, 1, 1
-    return int(x.min()), int(y.min()), int(np.ptp(x)) + 1, int(np.ptp(y)) + 1
+    low = np.maximum([x.min() - MARGIN, y.min() - MARGIN], 0)
+    high = np.minimum([x.max() + 1 + MARGIN, y.max() + 1 + MARGIN], covered.shape[::-1])
+    return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
 
 
-def _reference(packed: F32, window: tuple[int, int, int, int], level: float, clipped: float) -> Reference:
+def _reference(packed: F32, coverage: F32, window: tuple[int, int, int, int], clipped: float) -> Reference:
     """The picture's part in a window; packed: (H, W, 4) radiance, quality."""
     x, y, w, h = window
     part = packed[y:y + h, x:x + w]
-    scale = max(level, 1e-20)
-    with np.errstate(over="ignore"):
-        values = np.where(part[..., 3:] > 0, part[..., :3] / scale, np.nan).astype(np.float16)
-    return np.where(np.isinf(values), np.float16(np.nan), values), scale, clipped
+    scale = max(float(part[..., :3].max()) / HALF_MOST, 1e-20)
+    rgb = np.where(part[..., 3:] > 0, part[..., :3] / np.float32(scale), np.nan)
+    return np.concatenate([rgb, coverage[y:y + h, x:x + w, None]], axis=2).astype(np.float16), scale, clipped
 
 
 def _rim(device: Device, camera: ObservedCamera) -> moderngl.Texture:
