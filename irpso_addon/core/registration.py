@@ -1,0 +1,215 @@
+"""How far each view lies from where its camera says, and how far its exposure has drifted; and scenes put right.
+
+Texture cannot tell where a camera looks, since the maps are what the views agree on; so every pixel's brightness
+(a factor on the prediction, the same in all views of the camera) is eliminated, and what is left moves the camera:
+shading, shadows and highlights, which stay while the paint would move, and the silhouette, where the image has alpha
+or a mask.  Beside the other views of its camera a single view is held by the texture as well.
+
+Gauss-Newton on image differences (Lucas and Kanade 1981; Baker and Matthews, IJCV 56, 2004), with variable projection
+(Golub and Pereyra 1973) for the pixels' factors and Cauchy weights; standard errors from the scores of tiles (the
+sandwich of Huber 1967 over clusters), because neighbouring pixels share their errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .checked import CheckedView, Window
+from .data import F32, F64, Bool, Camera, SceneData, View
+from .shifts import Fit, blurred, eroded, fit_views, gain_of_cameras, silhouette, tiles_of
+
+MEAN = np.full(3, 1 / 3, np.float32)  # of the channels
+SAMPLES = 20_000  # pixels of a camera, at most, that are looked at
+RIM = 4  # pixels next to an edge of the object, left to the silhouette
+SHIFT_FLOOR, GAIN_FLOOR = 0.01, 0.002  # errors that no statistics shows: pixels, relative
+SIGMAS = 4.0  # a shift or gain this many standard errors off is believed
+LEAST_SHIFT, LEAST_GAIN = 0.03, 0.003  # less is not worth a second solve: pixels, relative
+LEAST_ALONE = 0.1  # pixels from the other views of its camera: then a view is believed to have moved by itself
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """One view beside its prediction."""
+
+    image: Path
+    camera: str
+    size: tuple[int, int]  # pixels of the image: width, height
+    shift: tuple[float, float]  # pixels by which the image's content lies to the right of and above the prediction
+    shift_error: float  # standard error of each, pixels
+    gain: float  # radiance of the image over the predicted; geometric mean over the views 1
+    gain_error: float  # relative
+    alone: bool  # it departs from the other views of its camera, which share their shift
+
+    @property
+    def pixels(self) -> float:
+        """Length of the shift."""
+        return float(np.hypot(*self.shift))
+
+    @property
+    def shifted(self) -> bool:
+        """The shift is beyond doubt, and worth mending."""
+        return self.pixels > max(LEAST_SHIFT, SIGMAS * self.shift_error)
+
+    @property
+    def drifted(self) -> bool:
+        """So is the exposure's."""
+        return abs(float(np.log(self.gain))) > max(LEAST_GAIN, SIGMAS * self.gain_error)
+
+
+class Registration:
+    """Takes the checked views one by one, those of a camera together, and keeps little of each."""
+
+    def __init__(self) -> None:
+        self._window: Window | None = None
+        self._camera: _Collected | None = None
+        self._done: list[_Estimate] = []
+
+    def add(self, view: CheckedView) -> None:
+        """One more view."""
+        if view.window is not self._window:
+            self._finish()
+            self._window, self._camera = view.window, _Collected(view.window)
+        assert self._camera is not None
+        self._camera.add(view)
+
+    def estimate(self) -> tuple[Misfit, ...]:
+        """What was found, one for each view that was added."""
+        self._finish()
+        gains = gain_of_cameras([(e.uv, e.fit.factor) for e in self._done])
+        logs = [e.fit.log_gain + g for e, g in zip(self._done, gains, strict=True)]
+        mean = float(np.mean(np.concatenate(logs))) if logs else 0.0
+        return tuple(m for e, log in zip(self._done, logs, strict=True) for m in e.misfits(log - mean))
+
+    def _finish(self) -> None:
+        if self._camera is not None and self._camera.views:
+            self._done.append(self._camera.solve())
+        self._window = self._camera = None
+
+
+class _Collected:
+    """One camera's views at a sample of its pixels."""
+
+    def __init__(self, window: Window) -> None:
+        self.window = window
+        self.views: list[View] = []
+        inside = eroded(window.covered, RIM)
+        inside[:RIM], inside[-RIM:], inside[:, :RIM], inside[:, -RIM:] = False, False, False, False
+        at = np.flatnonzero(inside)
+        self.at = at[:: max(1, -(-len(at) // SAMPLES))]
+        self.seen: list[F32] = []  # (4, N): predicted radiance, its slopes, observed; NaN where it tells nothing
+        self.outlines: list[tuple[F64, F64] | None] = []
+        self._coverage: F32 | None = None
+        self._outline: tuple[F64, F64] | None = None
+        self._product = np.zeros(window.covered.shape, np.float32)
+        self._square = np.zeros(window.covered.shape, np.float32)
+
+    def add(self, checked: CheckedView) -> None:
+        self.views.append(checked.view)
+        radiance = checked.radiance @ MEAN
+        told = self.window.covered & np.isfinite(radiance) & ((checked.quality > 0) | checked.unlit)
+        observed = blurred(np.where(told, radiance, np.float32(0)))
+        predicted = blurred(np.where(told, (checked.predicted * checked.irradiance) @ MEAN, np.float32(0)))
+        whole = eroded(told, RIM)
+        self._product += np.where(whole, observed * predicted, np.float32(0))
+        self._square += np.where(whole, predicted * predicted, np.float32(0))
+        up, right = np.gradient(predicted)
+        rows = np.stack([np.where(whole, a, np.nan).ravel()[self.at] for a in (predicted, right, up, observed)])
+        self.seen.append(rows.astype(np.float32))
+        if self._coverage is None or not np.array_equal(self._coverage, checked.coverage):
+            self._coverage, self._outline = checked.coverage, silhouette(self.window.covered, checked.coverage)
+        self.outlines.append(self._outline)
+
+    def solve(self) -> _Estimate:
+        told = self._square > 1e-6 * max(float(self._square.max(initial=0.0)), 1e-30)
+        factor = np.where(told, self._product / np.where(told, self._square, np.float32(1)), np.float32(0))
+        up, right = np.gradient(factor)
+        at = self.at[eroded(told, 1).ravel()[self.at]]
+        known = np.isin(self.at, at, assume_unique=True)
+        rows, columns = np.divmod(at, told.shape[1])
+        fit = fit_views(np.stack(self.seen, 1)[..., known].astype(np.float64),
+                        np.stack([a.ravel()[at] for a in (factor, right, up)]).astype(np.float64),
+                        tiles_of(rows, columns))
+        shift, error, alone = _settled(fit, self.outlines)
+        return _Estimate(self.views, self.window.image, shift, error, alone, fit, self.window.uv.reshape(-1, 2)[at])
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """Of one camera's V views."""
+
+    views: list[View]
+    size: tuple[int, int]
+    shift: F64  # (V, 2) pixels
+    shift_error: F64  # (V,)
+    alone: Bool  # (V,)
+    fit: Fit
+    uv: F32  # (N, 2) where the fit's pixels look
+
+    def misfits(self, log_gain: F64) -> list[Misfit]:
+        """With the views' gains, (V,)."""
+        errors = np.hypot(self.fit.gain_error, GAIN_FLOOR)
+        return [
+            Misfit(view.image, view.camera.name, self.size, (float(x), float(y)), float(error), float(np.exp(gain)),
+                   float(gain_error), bool(alone))
+            for view, (x, y), error, gain, gain_error, alone in zip(
+                self.views, self.shift, self.shift_error, log_gain, errors, self.alone, strict=True)]
+
+
+def _settled(fit: Fit, outlines: list[tuple[F64, F64] | None]) -> tuple[F64, F64, Bool]:
+    """Pixels and silhouettes together: (V, 2) shifts, (V,) their standard errors, (V,) departs from its camera.
+
+    Shading is only as good as the model of light and shape.  What its error may be shows in how far its views, each
+    under other lights, scatter, and in how far they lie from the silhouettes; so the silhouettes win a quarrel.
+    """
+    shift, covariance = fit.shift.copy(), fit.covariance + SHIFT_FLOOR**2 * np.eye(2)
+    away = [shift[v] - outline[0] for v, outline in enumerate(outlines) if outline is not None]
+    if away:
+        covariance += (np.median(away, axis=0) ** 2).mean() * np.eye(2)
+    for v, outline in enumerate(outlines):
+        if outline is not None:
+            both = np.linalg.inv(covariance[v]), np.linalg.inv(outline[1] + SHIFT_FLOOR**2 * np.eye(2))
+            covariance[v] = np.linalg.inv(both[0] + both[1])
+            shift[v] = covariance[v] @ (both[0] @ fit.shift[v] + both[1] @ outline[0])
+    middle = np.median(shift, axis=0)
+    scatter = 1.4826 * float(np.median(np.abs(shift - middle)))
+    error = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2 + scatter**2)
+    alone = np.hypot(*(shift - middle).T) > np.maximum(LEAST_ALONE, SIGMAS * error)
+    together = ~alone
+    common = np.average(shift[together], axis=0, weights=error[together] ** -2) if together.any() else middle
+    count = max(int(together.sum()), 1)  # scatter averages out, what the views' errors have in common does not
+    shared = float(np.sqrt(np.median(np.trace(covariance, axis1=1, axis2=2)) / 2 + scatter**2 / count))
+    return np.where(alone[:, None], shift, common), np.where(alone, error, shared), alone
+
+
+def corrected(scene: SceneData, misfits: Sequence[Misfit], shifts: bool, gains: bool) -> SceneData:
+    """The scene with cameras and exposures put right where they are off beyond doubt; else the scene itself.
+
+    Views of a camera that share their shift go on sharing it; one that departs gets a camera of its own.
+    """
+    found = {(m.image, m.camera): m for m in misfits}
+    cameras: dict[str, Camera] = {}
+    views = []
+    for view in scene.views:
+        misfit = found.get((view.image, view.camera.name))
+        if misfit is not None and shifts and misfit.shifted:
+            name = f"{view.camera.name} ({view.image.name})" if misfit.alone else view.camera.name
+            if name not in cameras:
+                cameras[name] = moved(replace(view.camera, name=name), misfit.shift, misfit.size)
+            view = replace(view, camera=cameras[name])
+        if misfit is not None and gains and misfit.drifted:
+            view = replace(view, gain=view.gain * misfit.gain)
+        views.append(view)
+    same = all(new is old for new, old in zip(views, scene.views, strict=True))
+    return scene if same else replace(scene, views=tuple(views))
+
+
+def moved(camera: Camera, shift: tuple[float, float], size: tuple[int, int]) -> Camera:
+    """The camera whose image lies ``shift`` pixels (right, up) from that of ``camera``; ``size``: width, height."""
+    projection = camera.projection.copy()
+    for axis in (0, 1):
+        projection[axis] += 2 * shift[axis] / size[axis] * projection[3]
+    return replace(camera, projection=projection)
