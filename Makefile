@@ -3,7 +3,7 @@ VENV ?= .venv
 PYTHON ?=
 RUN = $(VENV)/bin/python
 
-.PHONY: setup demo test lint docs bench zip clean
+.PHONY: setup demo test lint docs bench stability zip clean
 
 setup: $(VENV)/.ready
 
@@ -19,6 +19,7 @@ test: lint
 	$(RUN) -m pytest tests/core
 	$(RUN) -m pytest tests/gpu
 	$(RUN) -m pytest tests/bench
+	$(RUN) -m pytest tests/stability
 	$(RUN) -m pytest tests/blender
 
 lint: setup
@@ -36,6 +37,9 @@ $(VENV)-bench/.ready: requirements-bench.txt
 	"$$(bash tools/setup.sh --find 3.13)" -m venv --clear $(VENV)-bench
 	$(VENV)-bench/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-bench.txt
 	@touch $@
+
+stability: setup
+	$(RUN) -m tests.stability
 
 zip: setup
 	$(RUN) tools/build.py

@@ -1,0 +1,175 @@
+"""The methods on a problem: the product's through irpso_addon.gpu, the rivals of tests/bench, each to the same maps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from irpso_addon.core.data import F32, F64
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.tables import principled_table
+from irpso_addon.gpu.atlas import CAMERA_SLACK, MODEL_ERROR, POOL_GAIN, ArraySource, Layers
+from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.paper import Swarms
+from irpso_addon.gpu.solve import Solver
+from irpso_addon.pipeline import confidence
+from tests.bench.opengl import SHADERS, result
+
+from .problem import Problem
+
+CROP, GUTTER = 16, 2  # method paper: texels of each seed's map; between them, wider than its window reaches
+ADAM = {"u_steps": 100, "u_rate": 0.02}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a method says of a map."""
+
+    base: F64  # (h, w, 3)
+    roughness: F64  # (h, w)
+    solved: np.ndarray  # (h, w) whether any observation
+    sigma: F32 | None = None  # (h, w) standard error of roughness, where the method has one
+    confidence: F32 | None = None  # (h, w) as the product's map
+    observed: F32 | None = None  # (h, w) good observations
+
+
+class PictureSource(ArraySource):
+    """Arrays treated as the product treats pictures (CameraSource): channels apart where lamps are coloured."""
+
+    def __init__(self, device: Device, problem: Problem) -> None:
+        super().__init__(device, rgb=problem.rgb, quality=problem.quality, cos_v=problem.cos_v, lobes=problem.lobes,
+                         groups=problem.groups, table=principled_table())
+        self.camera_slack, self.pool_gain, self.model_error = CAMERA_SLACK, POOL_GAIN, MODEL_ERROR
+        if problem.channels == 3:
+            self._apart(problem)
+
+    def _apart(self, problem: Problem) -> None:
+        """The layers of each camera three times, for R, G and B, as shaders/observe/gather_colour.frag makes them."""
+        dim = problem.tint / (problem.tint + 0.1) * 1.1
+        groups, layers = [], []
+        for camera in sorted(set(problem.groups)):
+            for channel in range(3):
+                for k in (k for k, group in enumerate(problem.groups) if group == camera):
+                    groups.append(3 * camera + channel)
+                    dark = problem.tint[k, channel] < 1e-3 * problem.tint[k].mean()
+                    quality = problem.quality[..., k] * (0.0 if dark else dim[k, channel] ** 2)
+                    flags = np.where(quality > 0, 2 * channel + 0.5 * 0.999, 0.0)
+                    first = [problem.rgb[..., k, channel], quality, problem.cos_v[..., k], flags]
+                    second = [*np.moveaxis(problem.rgb[..., k, :], -1, 0), np.zeros_like(quality)]
+                    layers += [np.stack(first, -1), np.stack(second, -1), problem.lobes[..., k, 0, :]]
+        self.layers = Layers(tuple(groups), 1, 3, self.layers.spread)
+        self.blocks = np.ascontiguousarray(np.stack(layers), np.float32)
+
+
+class Table:
+    """A problem on the GPU, and every method's answer to it."""
+
+    def __init__(self, device: Device, problem: Problem) -> None:
+        self.device, self.problem = device, problem
+        self.source = PictureSource(device, problem)
+
+    def product(self, method: str, loss: str) -> Answer:
+        """The product's whole solve of one lobe."""
+        trial = self.problem.trial
+        settings = SolveSettings(size=max(trial.size, 16), method=method, seed=trial.seed, loss=loss)
+        solver = Solver(self.device, self.source, settings, self.source.size)
+        maps = result(solver.solve())
+        albedo = result(solver.albedo(maps.roughness))
+        rough, detail = (self.device.read(t).copy() for t in (maps.roughness, maps.detail))
+        base = self.device.read(albedo)[..., :3].astype(np.float64)
+        for thing in (maps.roughness, maps.detail, albedo, solver):
+            thing.release()
+        solved = rough[..., 3] > 0.5
+        told = np.where(solved, confidence(rough[..., 1], detail[..., 0]), 0.0).astype(np.float32)
+        return Answer(base, rough[..., 0].astype(np.float64), solved, rough[..., 1], told, detail[..., 0])
+
+    def rival(self, shader: str, uniforms: dict[str, float]) -> Answer:
+        """A kernel of tests/bench/shaders, with the slack between cameras that the product starts from."""
+        trial = self.problem.trial
+        solver = Solver(self.device, self.source, SolveSettings(size=max(trial.size, 16)), self.source.size)
+        solver.slack = CAMERA_SLACK**2 / max(trial.noise, 1e-3) ** 2
+        for _ in self.source.gather(solver.atlas, (0, 0), True):
+            pass
+        found = self.device.texture(*self.source.size)
+        target = self.device.framebuffer([found])
+        self.device.kernel(str(SHADERS / shader), target, textures={
+            "u_texel_position": self.source.position, "u_observations": solver.atlas.texture,
+            "u_principled_table": self.source.principled_table,
+        }, uniforms={**solver.atlas.uniforms, "u_group_slack": solver.slack, "u_tile": (0, 0), **uniforms},
+            defines={**self.source.layers.defines(), "LOBES": "1"}, region=(0, 0, *self.source.size))
+        albedo = result(solver.albedo(found))
+        rough, base = (self.device.read(t).astype(np.float64) for t in (found, albedo))
+        for thing in (target, found, albedo, solver):
+            thing.release()
+        return Answer(base[..., :3], rough[..., 0], (self.problem.quality > 0).any(-1))
+
+    def release(self) -> None:
+        """Free the textures."""
+        self.source.release()
+
+
+def paper(device: Device, problems: Sequence[Problem]) -> list[Answer]:
+    """Method `paper` on the middle of every problem's map, all in one map: nothing but its window couples texels."""
+    columns = int(np.ceil(np.sqrt(len(problems))))
+    step = CROP + GUTTER
+    places = [(step * (i // columns), step * (i % columns)) for i in range(len(problems))]
+    rows = -(-len(problems) // columns)
+
+    def together(name: str) -> F32:
+        cut = [getattr(p, name)[middle(p)] for p in problems]
+        whole = np.zeros((step * rows, step * columns, *cut[0].shape[2:]), np.float32)
+        for (y, x), part in zip(places, cut, strict=True):
+            whole[y:y + CROP, x:x + CROP] = part
+        return whole
+
+    whole = replace(problems[0], **{name: together(name) for name in ("rgb", "quality", "cos_v", "lobes")})
+    source = PictureSource(device, whole)
+    settings = SolveSettings(size=max(source.size), method="paper")
+    swarms = Swarms(device, source, settings, "one-lobe", tile=source.size)
+    result(swarms.gather((0, 0)))
+    while swarms.passes < settings.iterations:
+        swarms.step()
+        if swarms.passes % 8 == 0:
+            device.ctx.finish()  # a queue too long is no faster
+    best, more = (device.read(texture).astype(np.float64) for texture in swarms.best)
+    swarms.release()
+    source.release()
+    answers = []
+    for y, x in places:
+        part = best[y:y + CROP, x:x + CROP]
+        answers.append(Answer(part[..., :3], part[..., 3], more[y:y + CROP, x:x + CROP, 3] > 0))
+    return answers
+
+
+def middle(problem: Problem) -> tuple[slice, slice]:
+    """The texels that method paper gets."""
+    first = (problem.trial.size - CROP) // 2
+    return slice(first, first + CROP), slice(first, first + CROP)
+
+
+@dataclass(frozen=True)
+class Method:
+    """One that takes part."""
+
+    key: str
+    label: str
+    run: Callable[[Table], Answer] | None  # None: paper, many seeds at once
+    files: tuple[str, ...]  # what a result depends on, from the root of the repository
+
+
+_SOLVE = ("irpso_addon/gpu/solve.py", "irpso_addon/gpu/share.py", "irpso_addon/gpu/atlas.py", "shaders/solve",
+          "shaders/include", "irpso_addon/core/tables.py")
+METHODS = (
+    Method("paper", "paper", None, ("irpso_addon/gpu/paper.py", "shaders/paper", "shaders/solve/observations.glsl",
+                                    "shaders/include")),
+    Method("swarm", "swarm", lambda t: t.product("swarm", "auto"), _SOLVE),
+    Method("squares", "refined, squares", lambda t: t.product("refined", "squares"), _SOLVE),
+    Method("refined", "refined", lambda t: t.product("refined", "auto"), _SOLVE),
+    Method("single", "LM, one start", lambda t: t.rival("single.glsl", {"u_steps": 16}),
+           ("shaders/solve/observations.glsl", "shaders/solve/fit.glsl", "shaders/include", "tests/bench/shaders")),
+    Method("adam", "Adam", lambda t: t.rival("adam.glsl", ADAM),
+           ("shaders/solve/observations.glsl", "shaders/solve/fit.glsl", "shaders/include", "tests/bench/shaders")),
+)
+BY_KEY = {m.key: m for m in METHODS}

@@ -1,0 +1,115 @@
+"""docs/stability: atlas.json, a chart and a picture for each axis, and README.md with the figures in its words."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from irpso_addon.gpu.context import Device
+from tests.bench.measure import machine
+
+from . import chart
+from .axes import ALONE, AXES, PAIRS, ROW, Axis
+from .methods import BY_KEY, METHODS
+from .store import FOLDER, ROOT, Store
+from .words import filled, parts
+
+OUT = ROOT / "docs" / "stability"
+LOW_SHARE = 0.95  # of failing texels in the worst-confidence half of their maps
+PRODUCT = ("refined", "swarm")
+BESIDE = {"registration.md": "Misregistration and drifting exposure, corrected", "indirect.md": "Indirect light",
+          "measured.md": "Measured materials"}
+Summaries = Mapping[str, Any]  # {point: {method: summary}}
+
+
+def publish(device: Device, seeds: int, out: Path = OUT) -> list[Path]:
+    """Everything, from what the store holds; axes without records are left out."""
+    out.mkdir(parents=True, exist_ok=True)
+    found = {axis.key: Store(axis).summaries(seeds) for axis in (*AXES, ROW)}
+    found = {key: points for key, points in found.items() if points}
+    written = [out / "atlas.json"]
+    told = {"machine": machine(device), "seeds": seeds, "axes": found}
+    lines = json.dumps(told).replace('{"seeds"', '\n{"seeds"')
+    written[0].write_text(lines + "\n", encoding="utf-8")
+    worst = {}
+    for axis in AXES:
+        if axis.key not in found:
+            continue
+        written.append(chart.draw(axis, found[axis.key], out / f"{axis.key}.png"))
+        records = {p.label: Store(axis).seeds(p, BY_KEY["refined"], any_age=True) for p in axis.points}
+        if any(records.values()):
+            worst[axis.key] = chart.worst_map(device, axis, records, out / f"{axis.key}_worst.png")
+            written.append(out / f"{axis.key}_worst.png")
+    written.append(out / "README.md")
+    written[-1].write_text(page(told, out), encoding="utf-8")
+    return written
+
+
+def page(told: Mapping[str, Any], out: Path) -> str:
+    """README.md."""
+    found = told["axes"]
+    identical = FOLDER / "identical.json"
+    same = json.loads(identical.read_text("utf-8"))["words"] if identical.exists() else "not run"
+    words = parts()
+    text = [words["head"].format(seeds=told["seeds"], identical=same, **told["machine"])]
+    beside = [f"[{title}]({name})" for name, title in BESIDE.items() if (out / name).exists()]
+    if beside:
+        text.append(f"\nBeside this page: {'; '.join(beside)}.\n")
+    text.append("\n## Whether it holds\n\n" + bars(found))
+    if ROW.key in found:
+        text.append("\n## Outliers, the figure that was asked for\n\n" + row(found[ROW.key]))
+    for title, axes in (("Each alone", ALONE), ("Nasty pairs", PAIRS)):
+        text.append(f"\n## {title}\n")
+        for axis in axes:
+            if axis.key in found:
+                text.append(f"\n### {axis.title}\n\n![{axis.title}]({axis.key}.png)\n\n"
+                            f"{filled(words.get(axis.key, ''), found[axis.key])}\n\n"
+                            f"![The worst map]({axis.key}_worst.png)\n")
+    return "".join(text)
+
+
+def bars(found: Mapping[str, Summaries]) -> str:
+    """The table of what every axis must hold."""
+    lines = ["| axis | failing texels in the worst-confidence half | not-a-number | maps off by > 0.15 on > 10 % | of "
+             "these unwarned | warned of |\n|---|---|---|---|---|---|\n"]
+    titles = {axis.key: axis.title for axis in (*AXES, ROW)}
+    for key, points in found.items():
+        told = [s[m] for s in points.values() for m in PRODUCT if m in s]
+        if not told:
+            continue
+        failed, low = sum(t["halved"] for t in told), sum(t["halved_low"] for t in told)
+        nan = sum(s["nan"] for point in points.values() for s in point.values())
+        judged = [t for t in told if "unwarned" in t]
+        gross, unwarned = sum(t["gross_maps"] for t in judged), sum(t["unwarned"] for t in judged)
+        share = f"{low / failed:.1%} of {failed}" if failed else "none fails"
+        if failed and low / failed < LOW_SHARE:
+            share = f"**{share}**"
+        kinds: dict[str, int] = {}
+        for t in judged:
+            for kind, count in t["kinds"].items():
+                kinds[kind] = kinds.get(kind, 0) + count
+        words = ", ".join(f"{kind} ({count})" for kind, count in sorted(kinds.items(), key=lambda item: -item[1]))
+        lines.append(f"| {titles[key]} | {share} | {nan or 0} | {gross} | {f'**{unwarned}**' if unwarned else 0} | "
+                     f"{words} |\n")
+    return "".join(lines)
+
+
+def row(points: Summaries) -> str:
+    """Failures without and with outliers."""
+    kept = [m for m in METHODS if any(m.key in s for s in points.values())]
+    lines = ["| outliers | " + " | ".join(m.label for m in kept) + " |\n", "|---|" + "---|" * len(kept) + "\n"]
+    for label, told in points.items():
+        cells = [f"{told[m.key]['failures']:.2%}" if m.key in told else "" for m in kept]
+        lines.append(f"| {label} | " + " | ".join(cells) + " |\n")
+    return "".join(lines)
+
+
+def table(axis: Axis, found: Summaries) -> str:
+    """For the terminal: mean roughness error and failures of every method at every point."""
+    lines = [f"\n{axis.title} ({axis.unit}): roughness error / failures"]
+    for label, told in found.items():
+        cells = [f"{key} {s['roughness']:.3f}/{s['failures']:.1%}" for key, s in told.items()]
+        lines.append(f"  {label:>24}  " + "  ".join(cells))
+    return "\n".join(lines)

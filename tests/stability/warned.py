@@ -1,0 +1,89 @@
+"""What the product would warn of after a solve: core/checks.py and core/advice.py on the problem's views."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from irpso_addon.core import brdf
+from irpso_addon.core.advice import warnings
+from irpso_addon.core.checked import CheckedView, Window
+from irpso_addon.core.checks import TexelFit, measure
+from irpso_addon.core.data import F32, Camera, Light, View
+
+from .methods import Answer
+from .problem import Problem
+
+KINDS = {  # words of a warning -> its kind in the atlas; the first that fits
+    "to the power": "not linear", "pixels off": "registration", "check its p": "light",
+    "exposure": "exposure", "brighter or darker": "exposure", "no light arrives": "indirect light",
+    "clipped": "clipped", "unexplained": "misfit", "good observations": "few observations", "highlight": "no highlight",
+    "lit by no view": "not seen",
+}
+UNSEEN = 0.05  # irpso_addon/pipeline.py: share of texels seen by no view
+
+
+def warned(problem: Problem, answer: Answer) -> list[tuple[str, str]]:
+    """(kind, text) of each warning."""
+    return [(kind_of(text), text) for text in _warnings(problem, answer)]
+
+
+def kind_of(text: str) -> str:
+    """What a warning is about."""
+    return next((kind for words, kind in KINDS.items() if words in text), "other")
+
+
+def _warnings(problem: Problem, answer: Answer) -> list[str]:
+    assert answer.observed is not None and answer.sigma is not None
+    found = []
+    if (~answer.solved).mean() > UNSEEN:
+        found.append(f"patch: {(~answer.solved).mean():.0%} of its texels are seen lit by no view")
+    texels = TexelFit("patch", {"Paint": "one-lobe"}, np.zeros(answer.solved.shape, np.int32), ("Paint",),
+                      answer.solved, answer.observed, answer.roughness.astype(np.float32), answer.sigma)
+    return [*found, *warnings(measure(checked_views(problem, answer), texels))]
+
+
+def checked_views(problem: Problem, answer: Answer) -> Iterator[CheckedView]:
+    """Each view beside what the estimate says that it should show; the texels are the cameras' pixels."""
+    h, w = problem.quality.shape[:2]
+    believed = problem.believed
+    at = (np.stack(np.meshgrid(np.arange(w), np.arange(h)), -1) + 0.5) / (w, h)
+    windows: dict[int, Window] = {}
+    for k, camera in enumerate(problem.groups):
+        cos_v = problem.cos_v[..., k]
+        if camera not in windows:
+            windows[camera] = Window((0, 0), (w, h), np.ones((h, w), bool), believed.place.astype(np.float32),
+                                     believed.normal.astype(np.float32), at.astype(np.float32),
+                                     np.zeros((h, w), np.float32), cos_v)
+        specular, diffuse = predicted(problem, answer, k)
+        quality = problem.quality[..., k]
+        yield CheckedView(
+            view=_view(problem, k, camera), window=windows[camera], observed=problem.rgb[:, :, k],
+            predicted=diffuse + specular[..., None], specular=np.repeat(specular[..., None], 3, -1), quality=quality,
+            edge=quality <= 0, unlit=problem.unlit[..., k], radiance=problem.radiance[:, :, k],
+            irradiance=np.where((quality > 0)[..., None], problem.irradiance[:, :, k], np.float32(0)),
+            sin2h=problem.lobes[:, :, k, 0, 0], coverage=np.ones((h, w), np.float32),
+            clipped=float(problem.clipped[k]))
+
+
+def predicted(problem: Problem, answer: Answer, k: int) -> tuple[F32, F32]:
+    """(specular (h, w), diffuse (h, w, 3)) of view k by the estimate in the believed geometry, 1/sr."""
+    sin2h, spread, cos_l, factor = np.moveaxis(problem.lobes[:, :, k, 0].astype(np.float64), -1, 0)
+    cos_v = problem.cos_v[..., k].astype(np.float64)
+    r = np.clip(answer.roughness, 0.05, 1.0)
+    energy = brdf.principled_energy(r, cos_v)
+    roots = brdf.lambda_root(r**4, 1 / cos_l**2 - 1) + brdf.lambda_root(r**4, 1 / cos_v**2 - 1)
+    specular = energy[..., 0] * brdf.D_ggx_spread(r**4, sin2h, spread) * factor / roots
+    diffuse = answer.base * ((1 - energy[..., 1]) / np.pi)[..., None]
+    return specular.astype(np.float32), diffuse.astype(np.float32)
+
+
+def _view(problem: Problem, k: int, camera: int) -> View:
+    place = problem.believed.cameras[camera]
+    matrix = np.eye(4)
+    lamp = problem.believed.lamps[k]
+    matrix[:3, 3] = lamp if lamp.ndim == 1 else lamp.mean((0, 1))
+    seen = Camera(f"camera {camera + 1}", np.eye(4), np.eye(4), place, -place / np.linalg.norm(place), False, 1.0)
+    return View(Path(f"view_{k + 1:02}"), seen, (Light(f"lamp {k + 1}", "POINT", problem.believed.power[k], matrix),))
