@@ -12,19 +12,19 @@ from irpso_addon.core import brdf
 from irpso_addon.core.data import F32, F64, Bool
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.tables import principled_table
-from irpso_addon.gpu.atlas import ArraySource
+from irpso_addon.gpu.atlas import LEAST_GAIN, MODEL_ERROR, ArraySource
 from irpso_addon.gpu.context import Device
 from irpso_addon.gpu.ladder import Found, Ladder
 
-from .rig import Geometry
+from .rig import NORMAL, Geometry
 
 NAME = "material"
-NORMAL = np.array([0.0, 0.0, 1.0])
+NEAREST = 0.15  # share of the texels by which a uniform material is told
 
 
 @dataclass(frozen=True)
 class Principled:
-    """Numbers of the product's models, each (...); of one texel, of many, or of all."""
+    """Numbers of the product's models, each (...); of one texel or of many."""
 
     model: str
     base: F64  # (..., 3)
@@ -50,30 +50,26 @@ class Recovered:
     """Maps (h, w) of one solve."""
 
     maps: Principled
-    sigma: F64  # standard error of roughness
     solved: Bool
-    why: str
+    nearest: F64  # (h, w) 1 - (N.H)^2 of the texel's observation that came nearest to the half vector
 
     def uniform(self) -> Principled:
-        """One value for the whole material: medians, each texel counting as its roughness is sure."""
-        weight = 1 / (self.sigma[self.solved] ** 2 + 0.01**2)
-        of = self.maps.at(self.solved)
-        base = np.array([median(of.base[:, c], weight) for c in range(3)])
-        rest = (np.asarray(median(v, weight)) for v in (of.roughness, of.roughness2, of.weight, of.level))
-        return Principled(of.model, base, *rest)
+        """One value for the whole material: medians over the texels that came nearest to a highlight.
 
-
-def median(values: F64, weight: F64) -> float:
-    """Weighted median."""
-    order = np.argsort(values)
-    total = np.cumsum(weight[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])
+        The others cannot know it, and take the lobe that best explains the model's error far from it.
+        """
+        near = self.solved & (self.nearest <= np.quantile(self.nearest[self.solved], NEAREST))
+        of = self.maps.at(near)
+        rest = (np.median(v) for v in (of.roughness, of.roughness2, of.weight, of.level))
+        return Principled(of.model, np.median(of.base, axis=0), *map(np.asarray, rest))
 
 
 def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: Any) -> Recovered:
     """Solve for one material's maps by ``model``, auto or one of the ladder's rungs."""
     source = ArraySource(device, rgb=rgb, quality=seen.quality, cos_v=seen.cos_v, lobes=seen.lobes,
                          groups=seen.groups, table=principled_table())
+    # No model is exact here, as none is in pictures: those the sources of pictures allow for.
+    source.model_error, source.least_gain = MODEL_ERROR, LEAST_GAIN
     h, w = seen.quality.shape[:2]
     slots = np.where((seen.quality > 0).any(-1), 0, -1).astype(np.int32)
     ladder = Ladder(device, source, SolveSettings(size=max(h, w, 16), model=model, **settings), slots, (NAME,))
@@ -88,7 +84,8 @@ def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: An
     rough = found.roughness[..., 0].astype(np.float64)
     lobes = found.lobes if found.lobes is not None else np.stack([rough, rough, np.ones_like(rough)], -1)
     maps = Principled(chosen, base, *np.moveaxis(lobes.astype(np.float64), -1, 0), level.astype(np.float64))
-    return Recovered(maps, found.roughness[..., 1].astype(np.float64), found.roughness[..., 3] > 0.5, found.why[NAME])
+    nearest = np.where(seen.quality > 0, seen.lobes[..., 0, 0], 1.0).min(-1).astype(np.float64)
+    return Recovered(maps, found.roughness[..., 3] > 0.5, nearest)
 
 
 def _base(device: Device, ladder: Ladder, found: Found, level: F32) -> F64:

@@ -13,6 +13,7 @@ from irpso_addon.core.data import F32, F64, Bool
 
 Reflectance = Callable[[F64, F64], F64]  # (L, V) in the normal's frame -> (..., 3)
 
+NORMAL = np.array([0.0, 0.0, 1.0])
 SPHERE_EDGE = np.radians(80)  # of the part that has texels, about +z
 CONE = np.radians(65)  # half angle of the lamps'
 DISTANCE = 4.0  # of the lamps, in radii
@@ -127,7 +128,7 @@ def geometry(of: list[View]) -> Geometry:
     typical = np.median(np.concatenate([v.irradiance[v.seen] for v in of]))
     quality, cosines, lobes = [], [], []
     for view in of:
-        at = brdf.angles(view.L, view.V, np.array([0.0, 0.0, 1.0]))
+        at = brdf.angles(view.L, view.V, NORMAL)
         quality.append(np.where(view.seen, at.cos_v * np.minimum(view.irradiance / typical, 1.0), 0.0))
         cosines.append(at.cos_v)
         factor = brdf.F_dielectric(at.cos_vh) / (2 * at.cos_l * at.cos_v)

@@ -1,0 +1,158 @@
+"""All materials under all methods: errors and numbers, for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from irpso_addon.core.data import F64
+from irpso_addon.gpu.context import Device
+
+from . import fit, merl, rig
+from .judge import Judge, Judgement
+from .recover import Principled, Recovered, recover
+
+SPHERE, COW = 32, 48  # width of the maps
+NOISE = 0.01
+LOSS_MODELS = ("one-lobe-specular", "cook-torrance")
+PUBLISHED = tuple(merl.FITS)
+MAPS = "one-lobe-specular"  # the rung that the page compares with what is published
+
+
+@dataclass(frozen=True)
+class Solve:
+    """One way to ask the product."""
+
+    name: str
+    model: str
+    loss: str = "squares"
+    everywhere: bool = False  # also on the cow, and with noise
+
+
+SOLVES = (
+    Solve("lambert", "lambert"), Solve("one-lobe", "one-lobe"), Solve(MAPS, MAPS, everywhere=True),
+    Solve("two-lobe", "two-lobe"), Solve("auto", "auto", everywhere=True), Solve("robust", MAPS, "robust"),
+)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An object with what is observed of it and what is held out."""
+
+    name: str
+    noise: float
+    seen: rig.Geometry
+    held_out: list[rig.View]
+
+    @property
+    def title(self) -> str:
+        """As the page names it."""
+        return f"{self.name}, {f'{100 * self.noise:g} % noise' if self.noise else 'no noise'}"
+
+
+@dataclass
+class Material:
+    """What is known of one material in the end."""
+
+    name: str
+    kind: str
+    truth: merl.Network
+    published: dict[str, merl.CookTorrance]
+    errors: dict[str, Judgement] = field(default_factory=dict)  # by "scene: method"
+    uniform: dict[str, Principled] = field(default_factory=dict)  # by "scene: solve"
+    fitted: dict[str, fit.Fitted] = field(default_factory=dict)  # by "model: loss"
+    maps: Recovered | None = None  # of MAPS on the sphere without noise
+
+    def display(self, method: str) -> float:
+        """Display error on the sphere without noise."""
+        return self.errors[f"sphere, no noise: {method}"].display
+
+
+def scenes(cow: Path | None) -> list[Scene]:
+    """Sphere and cow, without and with noise."""
+    surfaces = [rig.sphere(SPHERE), *([rig.cow(cow, COW)] if cow else [])]
+    made = []
+    for surface in surfaces:
+        seen = rig.geometry(rig.views(surface, rig.CAMERAS, rig.lamps(rig.LAMPS)))
+        cameras = np.array([rig.CAMERAS[0], rig.HELD_OUT_CAMERA])
+        held_out = rig.views(surface, cameras, rig.lamps(rig.HELD_OUT_LAMPS, turn=1.3))
+        made += [Scene(surface.name, noise, seen, held_out) for noise in (0.0, NOISE)]
+    return made
+
+
+def run(device: Device, folder: Path, cow: Path | None, only: Callable[[str], bool]) -> Iterator[Material]:
+    """One material after the other."""
+    published, places = merl.fits(folder), scenes(cow)
+    for network in merl.networks(folder):
+        if not only(network.name):
+            continue
+        fits = {source: table[network.name] for source, table in published.items() if network.name in table}
+        material = Material(network.name, kind_of(network.name), network, fits)
+        for scene in places:
+            _solve(device, material, scene)
+        _fit(material, places[0])
+        yield material
+
+
+def _judge(material: Material, scene: Scene) -> Judge:
+    told = (scene.seen.quality > 0).sum(-1) >= 3
+    return Judge(scene.held_out, lambda v, m: material.truth(v.L[m], v.V[m]), told)
+
+
+def _everywhere(reflectance: Callable[[F64, F64], F64]) -> Callable[[rig.View, np.ndarray], F64]:
+    return lambda v, m: reflectance(v.L[m], v.V[m])
+
+
+def _solve(device: Device, material: Material, scene: Scene) -> None:
+    judge = _judge(material, scene)
+    rgb = rig.observe(scene.seen.views, material.truth, scene.noise)
+    first = scene.name == "sphere" and not scene.noise
+    for name, reflectance in material.published.items():
+        material.errors[f"{scene.title}: {name}"] = judge(_everywhere(reflectance))
+    for solve in SOLVES:
+        if not (first or solve.everywhere):
+            continue
+        found = recover(device, scene.seen, rgb, solve.model, loss=solve.loss)
+        key, one = f"{scene.title}: {solve.name}", found.uniform()
+        material.errors[key] = judge(lambda v, m, maps=found.maps: maps.at(m)(v.L[m], v.V[m]))
+        material.errors[f"{key}, one value"] = judge(_everywhere(one))
+        material.uniform[key] = one
+        if first and solve.name == MAPS:
+            material.maps = found
+
+
+def _fit(material: Material, scene: Scene) -> None:
+    """One value by every loss."""
+    judge = _judge(material, scene)
+    rgb = rig.observe(scene.seen.views, material.truth, scene.noise)
+    of = fit.samples(scene.seen.views, rgb, scene.seen.quality)
+    for model in LOSS_MODELS:
+        scale = 0.0
+        for loss in fit.LOSSES:
+            found = fit.fit(model, of, loss, scale)
+            if loss == "relative":
+                scale = fit.scale_of(found, of)
+            material.fitted[f"{model}: {loss}"] = found
+            material.errors[f"{scene.title}: {model}: {loss}"] = judge(_everywhere(found))
+    found = material.fitted["metallic"] = fit.fit("metallic", of, "relative")
+    material.errors[f"{scene.title}: metallic"] = judge(_everywhere(found))
+
+
+KINDS = {
+    "metal": ("alum-bronze", "aluminium", "black-oxidized-steel", "brass", "chrome", "grease-covered-steel", "nickel",
+              "ss440", "steel", "tungsten-carbide", "two-layer", "hematite"),
+    "metallic paint": ("metallic-paint", "color-changing-paint", "gold-paint", "silver-paint", "pearl-paint"),
+    "fabric": ("fabric", "felt"),
+    "wood": ("cherry", "maple", "fruitwood", "pine", "natural-209", "oak", "walnut"),
+    "paint": ("paint", "latex"),
+    "stone, glass": ("alumina-oxide", "aventurnine", "obsidian", "jasper", "marble", "silicon-nitrade"),
+    "plastic, rubber": ("",),
+}
+
+
+def kind_of(name: str) -> str:
+    """The first kind of which a word is in the name."""
+    return next(kind for kind, words in KINDS.items() if any(word in name for word in words))
