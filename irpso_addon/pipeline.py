@@ -14,14 +14,19 @@ from typing import TypeVar
 import moderngl
 import numpy as np
 
+from .core.advice import warnings
+from .core.checks import Checks, TexelFit, measure
 from .core.data import F32, I32, Bool, Bounced, Maps, RadianceImage, SceneData, Solution, View
 from .core.errors import BadInput, Cancelled
+from .core.residuals import is_indirect
 from .core.image import read_reference
 from .core.job import Progress
 from .core.params import SolveSettings
+from .core.registration import corrected
 from .gpu import thread
 from .gpu.albedo import ITERATIONS, AlbedoSolver
 from .gpu.atlas import CameraSource
+from .gpu.check import check_views
 from .gpu.fill import fill
 from .gpu.ladder import Found, Ladder
 from .gpu.observe import Observations, bytes_per_pixel, observe
@@ -30,7 +35,8 @@ from .gpu.surface import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_count
 Result = TypeVar("Result")
 ReadImage = Callable[[View], RadianceImage]
 Bounce = Callable[[SceneData, Solution], Generator[Progress, None, Mapping[int, Bounced]]]
-BOUNCE_ROUNDS = 2  # solves with indirect light: the second comes to where more would stay
+ALIGN_ROUNDS = 4  # of finding where cameras look
+ROUND_SIZE = 512  # texels: of maps that only the next round needs
 NO_CONFIDENCE = "method paper: says nothing of how sure it is; confidence is 0, the standard errors are 0.5 everywhere"
 OBSERVATION_BYTES = 2_000_000_000  # what references, observations and pixel maps may take together
 STAGES = {"gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85), "maps": (0.85, 1.0),
@@ -110,16 +116,37 @@ def solve(
     if read_image is None:
         read_image = partial(read_reference, max_pixels=int(OBSERVATION_BYTES / bytes_per_pixel(scene.views)))
     clock = _Clock()
+    small = replace(settings, size=min(settings.size, ROUND_SIZE))
     solution = yield from _round(scene, settings, read_image, clock)
-    if bounce is None or settings.indirect == "off" or solution.cancelled:
+    if solution.cancelled:
         return solution
-    for _ in range(BOUNCE_ROUNDS):
-        try:
-            bounced = yield from clock.stage("indirect", bounce(scene, solution))
-            solution = yield from _round(scene, settings, read_image, clock, bounced)
-        except Cancelled:
-            return replace(solution, cancelled=True, seconds=clock.seconds)
-    return solution
+    try:
+        aligned = scene
+        rough = solution
+        for _ in range(ALIGN_ROUNDS):
+            better = corrected(aligned, rough.checks.registration, shifts=settings.registration != "given",
+                               gains=settings.exposures == "solve")
+            if better is aligned:
+                break
+            aligned = better
+            rough = yield from _round(aligned, small, read_image, clock)
+        if bounce is not None and _bounced(settings, rough):
+            rough = yield from _round(aligned, small, read_image, clock, (
+                yield from clock.stage("indirect", bounce(scene, rough))))
+            solution = yield from _round(aligned, settings, read_image, clock, (
+                yield from clock.stage("indirect", bounce(scene, rough))))
+        elif aligned is not scene:
+            solution = rough if small == settings else (yield from _round(aligned, settings, read_image, clock))
+    except Cancelled:  # the maps so far are whole
+        solution = replace(solution, cancelled=True)
+    except BadInput as error:  # nothing of the first round is lost
+        solution = replace(solution, warnings=(*solution.warnings, str(error)))
+    return replace(solution, seconds=clock.seconds)
+
+
+def _bounced(settings: SolveSettings, solution: Solution) -> bool:
+    """Whether indirect light is to be rendered."""
+    return settings.indirect == "on" or (settings.indirect == "auto" and is_indirect(solution.checks.unlit_share))
 
 
 def _round(
@@ -131,7 +158,7 @@ def _round(
     mesh = MeshBuffer(device, scene.mesh)
     gbuffer = yield from clock.stage("gbuffer", bake_gbuffer(scene, settings.size))
     grid = draw_texel_grid(device, mesh, settings.size)
-    observations: Observations = yield from clock.stage("observe", observe(device, scene, mesh, read_image))
+    observations: Observations = yield from clock.stage("observe", observe(device, scene, mesh, read_image, bounced))
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
     slots = np.where(gbuffer.coverage, device.read(grid.normal)[..., 3].round().astype(np.int32), -1)
@@ -177,6 +204,7 @@ def _maps(
         lobes=pairs if found.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and found.level is not None else None,
     )
+    checks = yield from _checks(scene, settings, albedo, filled_base, found, slots, good, maps)
     for texture in (base, filled_base, lobes, level):
         if texture is not None:
             texture.release()
@@ -188,8 +216,8 @@ def _maps(
         texels={"covered": int(gbuffer.coverage.sum()), "observed": int((solved | shown).sum()),
                 "solved": int(good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
-        views_skipped=scene.skipped + observations.skipped,
-        warnings=(*scene.warnings, *observations.warnings, *_warnings(scene, gbuffer, maps, observed, solved),
+        views_skipped=scene.skipped + observations.skipped, checks=checks,
+        warnings=(*scene.warnings, *observations.warnings, *_warnings(scene, gbuffer, maps), *warnings(checks),
                   *([NO_CONFIDENCE] if settings.method == "paper" else [])),
     )
 
@@ -224,8 +252,20 @@ def confidence(sigma: F32, observations: F32) -> F32:
     return np.asarray(told / (1.0 + (sigma / 0.05) ** 2), np.float32)
 
 
-def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, observed: F32, solved: Bool) -> list[str]:
-    """What a user must know before trusting the maps."""
+def _checks(
+    scene: SceneData, settings: SolveSettings, albedo: AlbedoSolver, base: moderngl.Texture, found: Found, slots: I32,
+    good: Bool, maps: Maps,
+) -> Generator[Progress, None, Checks]:
+    """What the views say of the maps."""
+    views = check_views(albedo, base)
+    texels = TexelFit(scene.mesh.name, found.model, slots, scene.mesh.slot_names, good, found.detail[..., 0],
+                      maps.roughness, maps.roughness_sigma, sure=settings.method != "paper")
+    yield Progress(1.0, "maps", "checks")
+    return measure(views, texels)
+
+
+def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps) -> list[str]:
+    """What a user must know of the mesh before trusting the maps."""
     covered = max(int(gbuffer.coverage.sum()), 1)
     name = scene.mesh.name
     found = []
@@ -240,14 +280,4 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, observed: F32, sol
     if unseen > 0.05:
         found.append(f"{name}: {100 * unseen:.0f} % of its texels are seen lit by no view and were filled "
                      "from their neighbours")
-    if not maps.confidence.any():  # nothing is known of how sure the method is
-        return found
-    few = np.mean(observed[solved] < 3.0) if solved.any() else 0.0
-    if few > 0.1:
-        found.append(f"{name}: {100 * few:.0f} % of its solved texels have fewer than 3 good observations; "
-                     "their roughness leans on their neighbours")
-    unsure = np.mean(maps.confidence[solved] < 0.2) if solved.any() else 0.0
-    if unsure > 0.25:
-        found.append(f"{name}: no highlight came near {100 * unsure:.0f} % of its solved texels; "
-                     "their roughness is a guess (see the confidence map)")
     return found

@@ -36,6 +36,7 @@ class CheckedView:
     radiance: F32  # (h, w, 3) of the reference, W/(m^2 sr); NaN where it has none (clipped, masked)
     irradiance: F32  # (h, w, 3) of the view's lights, W/m^2; 0 where quality is 0
     sin2h: F32  # (h, w) sin^2 of the angle between normal and half vector, the least over the view's lights
+    coverage: F32  # (h, w) 0..1 of the reference: alpha times mask
     clipped: float  # share of the object's pixels that the reference has clipped
 
     @property

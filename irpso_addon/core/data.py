@@ -9,10 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .checks import Checks
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -159,3 +162,4 @@ class Solution:
     # material slot name -> its one Specular IOR Level, where a single value was solved for the material
     levels: dict[str, float] = field(default_factory=dict)
     ndf: str = "ggx"  # distribution of the two-lobe model, as in core/params.py
+    checks: Checks | None = None  # what the views say of the maps

@@ -15,6 +15,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from .checks import Checks
 from .data import Solution
 from .errors import BadInput
 from .params import SolveSettings
@@ -71,6 +72,7 @@ def build_report(
             "skipped": [{"view": view, "why": why} for view, why in solution.views_skipped],
         },
         "residual": solution.residual,
+        "checks": _checks(solution.checks) if solution.checks else None,
         "warnings": list(solution.warnings),
         "device": dict(solution.device),
         "peak_memory_bytes": peak_memory(),
@@ -87,6 +89,24 @@ def _model(solution: Solution, slot: str) -> dict[str, Any]:
     elif found["model"] == "two-lobe":
         found["ndf"] = solution.ndf
     return found
+
+
+def _checks(checks: Checks) -> dict[str, Any]:
+    """What was measured, all of one view in one place."""
+    inside = "name", "sure", "slope", "registration"
+    found = {key: value for key, value in asdict(checks).items() if key not in inside}
+    shifts = {(m.image.name, m.camera): m for m in checks.registration}
+    views = []
+    for view in checks.views:
+        record = {"view": view.view, "camera": view.camera, "lights": view.lights, "clipped": view.clipped,
+                  **asdict(view.residual), "exponent": view.slope.exponent if view.slope else None,
+                  "exponent_error": view.slope.error if view.slope else None}
+        if misfit := shifts.get((view.view, view.camera)):
+            record |= {"shift": misfit.shift, "shift_error": misfit.shift_error, "exposure": misfit.gain,
+                       "exposure_error": misfit.gain_error}
+        views.append(record)
+    return {**found, "views": views, "exponent": checks.slope.exponent if checks.slope else None,
+            "exponent_error": checks.slope.error if checks.slope else None}
 
 
 def write_report(path: Path, report: dict[str, Any]) -> None:

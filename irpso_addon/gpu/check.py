@@ -92,13 +92,13 @@ def _check(
     lobes = [_read(device, lobe, part) for lobe in view.lobes]
     away = [np.where(lobe[..., 3] > 0, lobe[..., 0], np.float32(1)) for lobe in lobes]  # no light, no highlight
     reference = view.reference[y:y + part[3], x:x + part[2]].astype(np.float32)
-    reference *= np.float32(view.scale)
-    seen = np.isfinite(reference[..., 0])
+    radiance = reference[..., :3] * np.float32(view.scale)
+    seen = np.isfinite(radiance[..., 0])
     told = (quality > 0)[..., None] & (observed > 0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        irradiance = np.where(told, reference / observed, np.float32(0))
+        irradiance = np.where(told, radiance / observed, np.float32(0))
     return CheckedView(
         view=view.view, window=window, observed=observed, predicted=diffuse + specular, specular=specular,
-        quality=quality, edge=quality < EDGE * window.cos_v**2, radiance=reference, irradiance=irradiance,
-        sin2h=np.minimum.reduce(away), clipped=view.clipped,
+        quality=quality, edge=quality < EDGE * window.cos_v**2, radiance=radiance, irradiance=irradiance,
+        sin2h=np.minimum.reduce(away), coverage=reference[..., 3], clipped=view.clipped,
         unlit=window.covered & seen & (window.cos_v > MIN_COS_V) & (quality == 0))

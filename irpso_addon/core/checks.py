@@ -1,0 +1,161 @@
+"""Can the maps be trusted?  Figures from the views and the maps, and the lines that warn of what they show.
+
+Pure functions of arrays: the pipeline asks them about pictures, tests/stability about problems without a scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .checked import CheckedView
+from .data import F32, F64, I32, Bool
+from .registration import Misfit, Registration
+from .residuals import LightResidual, Places, Residual, Slope, log_ratio, residual
+
+WRONG = 0.15  # an error of roughness that a user would see
+CELLS = 256  # squared: the grid over the UV square on which highlights are counted
+NO_HIGHLIGHT = 2.0  # tan(theta_h) / alpha from which on a lobe tells little: a fifth of the texels fail at 1 % noise
+NEEDED = {"lambert": 1.0, "one-lobe": 3.0, "one-lobe-specular": 6.0, "two-lobe": 12.0}  # good observations a texel
+NEEDED_IN_NOISE = NEEDED | {"two-lobe": 24.0}  # from TWO_LOBE_NOISE on
+TWO_LOBE_NOISE = 0.002
+
+
+@dataclass(frozen=True)
+class TexelFit:
+    """What the solve says of each texel, (n, n) unless told."""
+
+    name: str  # of the object
+    models: Mapping[str, str]  # material -> model
+    slots: I32  # material of each texel, -1: none
+    slot_names: tuple[str, ...]
+    solved: Bool
+    observed: F32  # good observations
+    roughness: F32  # of the sharper lobe
+    sigma: F32  # its standard error
+    sure: bool = True  # False: the method knows no standard errors
+
+
+@dataclass(frozen=True)
+class ViewCheck:
+    """One view."""
+
+    view: str
+    camera: str
+    lights: tuple[str, ...]
+    clipped: float  # share of the object's pixels
+    residual: Residual
+    slope: Slope | None
+
+
+@dataclass(frozen=True)
+class MaterialCheck:
+    """One material."""
+
+    material: str
+    model: str
+    observations: float  # median of good ones a texel
+    needed: float
+    fewer: float  # share of its solved texels with fewer than needed
+
+
+@dataclass(frozen=True)
+class Checks:
+    """What was measured after a solve.  Shares are of 1."""
+
+    name: str  # of the object
+    views: tuple[ViewCheck, ...]
+    lights: tuple[LightResidual, ...]
+    materials: tuple[MaterialCheck, ...]
+    noise: float  # relative: of a pixel, median over views
+    structure: float  # relative: what neighbouring pixels leave over together, median over views
+    highlight: float  # the same in highlights
+    slope: Slope | None  # of all views
+    unlit_share: float  # radiance where no light arrives, as a share of the lit median; NaN: nothing tells
+    clipped: float  # share of the object's pixels, all views together
+    no_highlight: float  # share of the seen surface that no half vector came near: tan(theta_h) > 2 alpha
+    nearest: float  # median over the seen surface of the least tan(theta_h) / alpha
+    doubtful: float  # share of solved texels whose roughness, by its standard error, is off by more than 0.15
+    sure: bool  # whether the method tells standard errors
+    registration: tuple[Misfit, ...] = ()  # of each view: by how much its camera and its exposure are off
+
+
+def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
+    """Consumes one view at a time; those of a camera follow one another."""
+    places, registration, found, gains = Places(), Registration(), [], []
+    nearest = np.full((CELLS, CELLS), np.inf, np.float32)
+    for view in views:
+        y, share, good = log_ratio(view)
+        figures = residual(view, y, share, good)
+        gains.append(figures.gain)
+        places.add(view, y, share, good, figures.gain)
+        registration.add(view)
+        _see_highlights(nearest, view, good)
+        found.append((view.view.image.name, view.view.camera.name, tuple(light.name for light in view.view.lights),
+                      view.clipped, figures))
+    overall, each = places.slopes()
+    residuals = [figures for *_, figures in found]
+    highlights = [r.highlight for r in residuals if r.highlight is not None]
+    dark = np.array([(r.unlit, r.unlit_pixels) for r in residuals if r.unlit is not None])
+    noise = _median([r.noise for r in residuals])
+    least, seen = _alphas(nearest, texels)
+    return Checks(
+        name=texels.name,
+        views=tuple(ViewCheck(*view, slope) for view, slope in zip(found, each, strict=True)),
+        lights=tuple(places.lights(gains)), materials=tuple(_materials(texels, noise)), noise=noise,
+        structure=_median([r.structure for r in residuals]), highlight=_median(highlights), slope=overall,
+        unlit_share=float(np.average(dark[:, 0], weights=dark[:, 1])) if len(dark) else float("nan"),
+        clipped=float(np.mean([view[3] for view in found])) if found else 0.0,
+        no_highlight=float(np.mean(least[seen] > NO_HIGHLIGHT)) if seen.any() else 0.0,
+        nearest=float(np.median(least[seen])) if seen.any() else float("inf"),
+        doubtful=doubtful(texels.sigma[texels.solved]) if texels.sure else float("nan"), sure=texels.sure,
+        registration=registration.estimate())
+
+
+def doubtful(sigma: F32) -> float:
+    """The share of texels to expect off by more than WRONG, given their standard errors."""
+    from math import erfc
+
+    if not len(sigma):
+        return 0.0
+    edges = np.linspace(0, 1, 201)
+    counts, _ = np.histogram(np.clip(sigma, 0, 1), edges)
+    chances = [erfc(WRONG / (s * 2**0.5)) for s in (edges[1:] + edges[:-1]) / 2]
+    return float(counts @ np.array(chances) / len(sigma))
+
+
+def _median(values: list[float]) -> float:
+    return float(np.median(values)) if values else 0.0
+
+
+def _see_highlights(nearest: F32, view: CheckedView, good: Bool) -> None:
+    """Take a view's half vectors into the least tan(theta_h) seen of each cell."""
+    s = np.minimum(view.sin2h[good], np.float32(1 - 1e-6))
+    x, y = (np.clip(view.window.uv[good] * CELLS, 0, CELLS - 1).astype(np.int64)).T
+    np.minimum.at(nearest.reshape(-1), y * CELLS + x, np.sqrt(s / (1 - s)))
+
+
+def _alphas(nearest: F32, texels: TexelFit) -> tuple[F64, Bool]:
+    """(CELLS, CELLS) least tan(theta_h) / alpha, and which cells were seen and solved (those without gloss are not)."""
+    n = texels.solved.shape[0]
+    at = np.minimum(((np.arange(CELLS) + 0.5) * n / CELLS).astype(int), n - 1)
+    pick = np.ix_(at, at)
+    dull = [slot for slot, name in enumerate(texels.slot_names) if texels.models.get(name) == "lambert"]
+    matt = np.isin(texels.slots, dull)
+    seen = np.isfinite(nearest) & texels.solved[pick] & ~matt[pick]
+    alpha = np.maximum(texels.roughness[pick].astype(np.float64), 0.05) ** 2
+    return np.where(seen, nearest, 0) / alpha, seen
+
+
+def _materials(texels: TexelFit, noise: float) -> list[MaterialCheck]:
+    found = []
+    needed = NEEDED_IN_NOISE if noise > TWO_LOBE_NOISE else NEEDED
+    for slot, name in enumerate(texels.slot_names):
+        seen = texels.observed[texels.solved & (texels.slots == slot)]
+        model = texels.models.get(name, "one-lobe")
+        if len(seen):
+            found.append(MaterialCheck(name, model, float(np.median(seen)), needed[model],
+                                       float(np.mean(seen < needed[model]))))
+    return found
