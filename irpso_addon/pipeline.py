@@ -14,15 +14,15 @@ from typing import TypeVar
 import moderngl
 import numpy as np
 
-from .core.advice import warnings
+from .core.advice import grouped, warnings
 from .core.checks import Checks, TexelFit, measure
 from .core.data import F32, I32, Bool, Bounced, Maps, RadianceImage, SceneData, Solution, View
 from .core.errors import BadInput, Cancelled
-from .core.residuals import is_indirect
 from .core.image import read_reference
 from .core.job import Progress
 from .core.params import SolveSettings
 from .core.registration import corrected
+from .core.residuals import is_indirect
 from .gpu import thread
 from .gpu.albedo import ITERATIONS, AlbedoSolver
 from .gpu.atlas import CameraSource
@@ -217,8 +217,8 @@ def _maps(
                 "solved": int(good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
         views_skipped=scene.skipped + observations.skipped, checks=checks,
-        warnings=(*scene.warnings, *observations.warnings, *_warnings(scene, gbuffer, maps), *warnings(checks),
-                  *([NO_CONFIDENCE] if settings.method == "paper" else [])),
+        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps),
+                  *warnings(checks), *([NO_CONFIDENCE] if settings.method == "paper" else [])),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from dataclasses import fields
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import bpy
 from bpy.types import Panel, UIList
 
+from ..core.checks import Checks
 from ..core.data import Solution
 from ..core.params import SolveSettings
 from . import session
@@ -170,10 +172,56 @@ class IRPSO_PT_result(_Tab, Panel):
             box.label(text=f"{len(solution.warnings) - WARNINGS_SHOWN} more in the Info editor", icon="BLANK1")
 
 
+class IRPSO_PT_checks(_Tab, Panel):
+    """What the pictures say of the maps, in figures."""
+
+    bl_label = "Checks"
+    bl_parent_id = "IRPSO_PT_result"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only of a solution."""
+        solution = session.solution_of(context.active_object)
+        return solution is not None and solution.checks is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """A row for each figure."""
+        solution = session.solution_of(context.active_object)
+        assert solution is not None and solution.checks is not None
+        column = self.layout.column(align=True)
+        for name, value in figures(solution.checks):
+            row = column.split(factor=0.5)
+            label = row.row()
+            label.alignment = "RIGHT"
+            label.label(text=name)
+            row.label(text=value)
+
+
+def figures(checks: Checks) -> list[tuple[str, str]]:
+    """Name and value of each figure that a user may want to see; the worst of the views, lights and cameras."""
+    def percent(value: float) -> str:
+        return f"{value:.1%}" if math.isfinite(value) else "unknown"
+
+    rows = [("Noise", percent(checks.noise)), ("Unexplained", percent(checks.structure)),
+            ("Doubtful Roughness", percent(checks.doubtful)), ("No Highlight", percent(checks.no_highlight)),
+            ("Clipped", percent(checks.clipped)), ("Light in Shadows", percent(checks.unlit_share))]
+    if checks.slope:
+        rows.append(("Exponent", f"{checks.slope.exponent:.3f}"))
+    if checks.registration:
+        worst = max(checks.registration, key=lambda m: m.pixels)
+        rows.append(("Registration", f"{worst.pixels:.2f} px ({worst.camera})"))
+    if checks.lights:
+        light = max(checks.lights, key=lambda x: abs(math.log(x.gain)))
+        rows.append(("Light Power", f"{light.gain - 1:+.1%} ({light.name})"))
+    return rows
+
+
 def _draw_wrapped(layout: bpy.types.UILayout, text: str, letters: int) -> None:
     """A label does not wrap: one for each line."""
     for row, line in enumerate(textwrap.wrap(text, letters)):
         layout.label(text=line, icon="BLANK1" if row else "ERROR")
 
 
-CLASSES = (IRPSO_UL_views, IRPSO_PT_capture, IRPSO_PT_solve, IRPSO_PT_advanced, IRPSO_PT_result)
+CLASSES = (IRPSO_UL_views, IRPSO_PT_capture, IRPSO_PT_solve, IRPSO_PT_advanced, IRPSO_PT_result,
+           IRPSO_PT_checks)

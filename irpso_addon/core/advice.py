@@ -17,8 +17,9 @@ from .residuals import LightResidual, is_indirect, scale_of
 
 LEAST_GAIN, LEAST_MOVE = 0.015, 0.01  # relative errors of brightness, of shading, below which nothing is said
 EXPLAINED = 0.25  # of the residual's variance that a light's move must explain
-LEAST_POWER, LEAST_POWER_ALONE = 0.03, 0.1  # how far from 1 an exponent must be: of all views, of one
-SIGMAS = 6.0
+LEAST_POWER, LEAST_POWER_ALONE = 0.02, 0.1  # how far from 1 an exponent must be: of all views, of one
+SIGMAS, SIGMAS_POWER = 6.0, 3.0
+LEAST_SHIFT = 0.1  # pixels
 PER_PIXEL = 0.05  # relative error of brightness that a pixel of misregistration makes
 CLIPPED = 0.01  # of the object's pixels
 STRUCTURE, HIGHLIGHT = 0.02, 0.10  # relative: what neighbouring pixels leave over together
@@ -34,6 +35,15 @@ def warnings(checks: Checks) -> tuple[str, ...]:
     if not curve:  # else its errors are of every kind
         causes += [*_curve_of_some(checks), *_lights(checks), *_exposures(checks)]
     return (*causes, *_clipped(checks), *([] if causes else _unexplained(checks)), *_few(checks), *_doubtful(checks))
+
+
+def grouped(lines: Sequence[str]) -> tuple[str, ...]:
+    """"name: text" lines; those of one text as one line, that names a few."""
+    names: dict[str, list[str]] = {}
+    for line in lines:
+        name, _, text = line.partition(": ")
+        names.setdefault(text, []).append(name)
+    return tuple(f"{_names(of, '')}: {text}" if len(of) > 1 else f"{of[0]}: {text}" for text, of in names.items())
 
 
 def _floor(checks: Checks) -> float:
@@ -54,7 +64,7 @@ LINEAR = "not 1; check that they are linear (no sRGB curve, no view transform), 
 
 def _curve(checks: Checks) -> list[str]:
     slope = checks.slope
-    if not slope or abs(slope.exponent - 1) <= max(LEAST_POWER + _floor(checks), SIGMAS * slope.error):
+    if not slope or abs(slope.exponent - 1) <= max(LEAST_POWER + _floor(checks), SIGMAS_POWER * slope.error):
         return []
     return [f"all views: brightness follows light to the power {slope.exponent:.2f}, {LINEAR}"]
 
@@ -64,7 +74,8 @@ def _curved(checks: Checks) -> dict[str, float]:
     elsewhere = {light.name for light in _moved(checks)}
     off = {m.image.name for m in checks.registration if m.shifted}
     return {v.view: v.slope.exponent for v in checks.views
-            if v.slope and abs(v.slope.exponent - 1) > max(LEAST_POWER_ALONE + _floor(checks), SIGMAS * v.slope.error)
+            if v.slope
+            and abs(v.slope.exponent - 1) > max(LEAST_POWER_ALONE + _floor(checks), SIGMAS_POWER * v.slope.error)
             and not elsewhere & set(v.lights) and v.view not in off}
 
 
@@ -77,7 +88,7 @@ def _curve_of_some(checks: Checks) -> list[str]:
 
 
 def _registration(checks: Checks) -> list[str]:
-    off = [m for m in checks.registration if m.shifted]
+    off = [m for m in checks.registration if m.shifted and m.pixels > LEAST_SHIFT]
     return [f"{_shifted(off)}; check the cameras' calibration, or solve with registration 'solve'"] if off else []
 
 
@@ -192,7 +203,7 @@ def _doubtful(checks: Checks) -> list[str]:
             f"median) at {checks.noise:.1%} noise; take views with highlights there (see the confidence map)"]
 
 
-def _names(names: Sequence[str]) -> str:
+def _names(names: Sequence[str], mark: str = "'") -> str:
     """A few names in one line."""
-    quoted = [f"'{name}'" for name in names[:NAMED]]
-    return ", ".join(quoted) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(f"{mark}{name}{mark}" for name in names[:NAMED]) + more

@@ -44,8 +44,6 @@ def read_reference(view: View, max_pixels: int | None = None) -> RadianceImage:
     warnings += file.warnings
     if file.bits <= 8:
         warnings += (f"{view.image.name}: has 8 bits a channel; use EXR or 16 bits for exact maps",)
-    if survey.clipped > 0.01:
-        warnings += (f"{view.image.name}: {survey.clipped:.1%} of its pixels are clipped and left out; expose less",)
     scale = 1.0 / (2.0**view.exposure * view.gain)
     shrink = 1.0 if max_pixels is None else max(1.0, (file.width * file.height / max_pixels) ** 0.5)
     width, height = max(1, int(file.width / shrink)), max(1, int(file.height / shrink))

@@ -306,9 +306,12 @@ def _share(light: Light, lights: Sequence[Light], P: F64, N: F64) -> F64:
 
 
 def _without_place(values: F64, ok: Bool) -> F64:
-    """(K, P) less the mean over the views that are ok."""
-    mean = np.where(ok, values, 0).sum(0) / np.maximum(ok.sum(0), 1)
-    return np.asarray(values - mean)
+    """(K, P) less each place's median over the views that are ok, which one odd view does not move."""
+    ordered = np.sort(np.where(ok, values, np.inf), axis=0)
+    count = np.maximum(ok.sum(0), 1)
+    middle = [np.take_along_axis(ordered, index[None], 0)[0] for index in ((count - 1) // 2, count // 2)]
+    with np.errstate(invalid="ignore"):  # a place that no view sees well
+        return np.asarray(values - (middle[0] + middle[1]) / 2)
 
 
 def _huber(left: F64) -> F64:

@@ -29,6 +29,7 @@ EDGE_WEIGHT = 0.03  # of an observation at an edge of shadow or silhouette, besi
 DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
 LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the spread of half vectors
 MARGIN = 6  # pixels around the object in which its outline may be looked for
+BLACK = np.float32(1e-6)  # of the brightest: no lit pixel is darker, so that its irradiance is radiance / f
 HALF_MOST = 60_000.0  # half floats end at 65504
 READERS = 2  # images read ahead of the one that is looked at
 ReadImage = Callable[[View], RadianceImage]
@@ -139,7 +140,8 @@ def observe(
             continue
         levels.append(np.median(image.rgb[good].mean(axis=1))[None])
         quality = np.where(image.valid, np.where(image.coverage > 0.5, image.coverage, 0.0), 0.0)
-        packed = np.concatenate([image.rgb, quality[..., None]], axis=2)
+        rgb = np.maximum(image.rgb, BLACK * image.rgb.max())
+        packed = np.concatenate([rgb, quality[..., None]], axis=2)
         images[n] = device.texture(w, h, 4, packed)
         clipped = float(np.mean(~image.valid[shown & (image.coverage > 0.5)]))
         references[n] = _reference(packed, image.coverage, cameras[keys[key]].window, clipped)
