@@ -124,6 +124,7 @@ def solve(
         aligned = scene
         rough = solution
         for _ in range(ALIGN_ROUNDS):
+            assert rough.checks is not None
             better = corrected(aligned, rough.checks.registration, shifts=settings.registration != "given",
                                gains=settings.exposures == "solve")
             if better is aligned:
@@ -146,6 +147,7 @@ def solve(
 
 def _bounced(settings: SolveSettings, solution: Solution) -> bool:
     """Whether indirect light is to be rendered."""
+    assert solution.checks is not None
     return settings.indirect == "on" or (settings.indirect == "auto" and is_indirect(solution.checks.unlit_share))
 
 

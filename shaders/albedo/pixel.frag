@@ -30,7 +30,7 @@ void add_view(vec4 colour, vec3 s, vec3 tint, float diffuse, vec3 before) {
         float off = dot(lit, colour.rgb - expected) / (max(dot(lit, vec3(1.0)), 1.0) * grey);
         w /= 1.0 + off * off / (u_outlier * u_outlier);
     }
-    vec3 dim = tint / (tint + 0.1) * 1.1;
+    vec3 dim = min(tint, 1.0);  // the camera's own noise counts for more where there is little light
     vec3 weight = lit * w * dim * dim * diffuse;
     o_albedo += vec4(weight * (colour.rgb - s), 1.0);
     o_weight += vec4(weight * diffuse, 1.0);
