@@ -7,12 +7,10 @@
 uniform float u_noise_share;  // of the variance there that is not outliers
 
 const float OUTLIER = 0.0025;
-const float LOBE_ERROR = 0.2;  // relative: a highlight that the model misses by less is no outlier, but another material
 const int CALMER = 4;  // steps of the falling scale
 
 float obs_variance;  // of the noise, relative
-// f - s - the group's base, ds/dr, s, how far believed 0..1
-float obs_off[LAYERS], obs_slope[LAYERS], obs_lobe[LAYERS], obs_trust[LAYERS];
+float obs_off[LAYERS], obs_slope[LAYERS], obs_trust[LAYERS];  // f - s - the group's base, ds/dr, how far believed 0..1
 Toward group_toward[GROUPS];
 
 void prepare_group(int k, int first, int end, float r) {
@@ -21,7 +19,6 @@ void prepare_group(int k, int first, int end, float r) {
         float s;
         specular_d(n, r, group_toward[k], s, obs_slope[n]);
         obs_off[n] = obs_f[n] - s;
-        obs_lobe[n] = s;
         obs_trust[n] = 1.0;
     }
 }
@@ -51,8 +48,7 @@ vec3 trust_group(int k, int first, int end, float albedo, float scale) {
     vec3 told = vec3(0.0);
     for (int n = first; n < end; n++) {
         float off = obs_off[n] - centre;
-        float lobe = LOBE_ERROR * obs_lobe[n];
-        float square = obs_weight[n] * off * off / (obs_variance + obs_weight[n] * lobe * lobe);
+        float square = obs_weight[n] * off * off / obs_variance;
         float likely = exp(-0.5 * square / scale);
         float trust = likely / (likely + OUTLIER);
         told.x += square;
