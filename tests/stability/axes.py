@@ -28,18 +28,18 @@ class Axis:
     title: str
     unit: str  # what stands below the chart
     points: tuple[Point, ...]
-    plain: int = 0  # the point where nothing is wrong yet
+    drifts: bool = False  # exposures are off: they are solved as well
 
 
-def _axis(key: str, title: str, unit: str, base: Trial, values: Sequence[Any], *fields: str, plain: int = 0,
-          percent: bool = False, **more: Any) -> Axis:
+def _axis(key: str, title: str, unit: str, base: Trial, values: Sequence[Any], *fields: str, percent: bool = False,
+          drifts: bool = False, **more: Any) -> Axis:
     """An axis along fields of the trial that all get the value; percent: of 1, and told so."""
     points = []
     for value in values:
         amount = value / 100 if percent else value
         points.append(Point(f"{value:g}" if isinstance(value, (int, float)) else value,
                             replace(base, **{**dict.fromkeys(fields, amount), **more})))
-    return Axis(key, title, unit, tuple(points), plain)
+    return Axis(key, title, unit, tuple(points), drifts)
 
 
 def _both(base: Trial, values: Sequence[float]) -> tuple[Point, ...]:
@@ -49,23 +49,21 @@ def _both(base: Trial, values: Sequence[float]) -> tuple[Point, ...]:
 
 SHARES = (0, 2, 5, 10, 20, 30)
 ALONE = (
-    _axis("views", "Number of views", "views, 1 % noise", NOISY, (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 64), "views",
-          plain=-1),
-    _axis("cameras", "Cameras that share 12 views", "cameras, 1 % noise", NOISY, (1, 2, 3, 4, 6, 12), "cameras",
-          plain=2),
+    _axis("views", "Number of views", "views, 1 % noise", NOISY, (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 64), "views"),
+    _axis("cameras", "Cameras that share 12 views", "cameras, 1 % noise", NOISY, (1, 2, 3, 4, 6, 12), "cameras"),
     _axis("roughness", "True roughness", "roughness, 1 % noise", NOISY, (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 0.8, 1),
-          "roughness", plain=3),
+          "roughness"),
     _axis("coverage", "Highlight coverage", "tan(theta_h) / alpha of the best view, 6 views, 1 % noise",
           replace(NOISY, views=6), (0, 0.5, 1, 2, 3, 4, 6, 8), "coverage"),
     _axis("grazing", "Grazing angle", "degrees between cameras and normal, 1 % noise", NOISY,
-          (0, 25, 45, 60, 65, 70, 75, 80, 85), "grazing", plain=1),
+          (0, 25, 45, 60, 65, 70, 75, 80, 85), "grazing"),
     _axis("noise", "Noise in proportion", "% of the signal", QUIET, (0, 0.1, 0.2, 0.5, 1, 2, 3, 5), "noise",
           percent=True),
     _axis("shot", "Shot noise", "% of white, by the root below", QUIET, (0, 0.2, 0.5, 1, 2, 3, 5), "shot",
           percent=True),
     _axis("read", "Read noise", "% of white", QUIET, (0, 0.2, 0.5, 1, 2, 3, 5), "read", percent=True),
     _axis("depth", "Depth of the files", "bits (8: sRGB, else linear)", QUIET, ("8", "10", "12", "16", "half", "float"),
-          "depth", plain=-1),
+          "depth"),
     _axis("tone", "Non-linear files", "exponent of a curve that is not undone", QUIET,
           (1, 0.95, 0.9, 0.8, 0.65, 0.4545), "tone"),
     _axis("saturation", "Saturation, clipped pixels left out", "clipped at, of white", QUIET,
@@ -88,7 +86,7 @@ ALONE = (
     _axis("moved-one", "Wrong position of one lamp", "% of its distance", QUIET, (0, 1, 2, 5, 10, 20, 40), "moved_one",
           percent=True),
     _axis("gain", "Wrong intensities, or drifting exposure", "%, standard deviation", QUIET, (0, 0.5, 1, 2, 5, 10, 20),
-          "gain", percent=True),
+          "gain", percent=True, drifts=True),
     _axis("radius", "Lamps with a size, believed points", "radius, % of their distance", QUIET,
           (0, 2, 5, 10, 15, 20, 30), "radius", percent=True),
     _axis("footprint", "Texel larger than the highlight", "spread of the half vector over a texel, of alpha", QUIET,
@@ -97,7 +95,7 @@ ALONE = (
           percent=True),
     _axis("fresnel", "Wrong Fresnel", "IOR of the surface (solved for 1.5)", QUIET,
           ("1.5", "Schlick", "1.4", "1.6", "1.33", "1.8", "2.4", "metal"), "fresnel"),
-    _axis("albedo", "Albedo", "albedo, 1 % noise", NOISY, (0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 1), "albedo", plain=4),
+    _axis("albedo", "Albedo", "albedo, 1 % noise", NOISY, (0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 1), "albedo"),
     _axis("colour", "Coloured lamps", "saturation of the lamps, 0.5 % read noise", replace(QUIET, read=0.005),
           (0, 0.5, 0.7, 0.8, 0.9, 0.97, 1), "colour"),
     _axis("border", "Sharp borders", "width of the spots, texels (two roughnesses), 1 % noise", NOISY,
@@ -105,24 +103,23 @@ ALONE = (
 )
 PAIRS = (
     _axis("views-outliers", "Few views, outliers", "views, 10 % outliers, 1 % noise",
-          replace(NOISY, shadows=0.05, doubled=0.05), (3, 4, 6, 8, 12, 24, 64), "views", plain=-1),
-    _axis("views-quiet", "Few views, nothing else", "views, 0.2 % noise", QUIET, (1, 2, 3, 4, 6, 8, 12, 24), "views",
-          plain=-1),
+          replace(NOISY, shadows=0.05, doubled=0.05), (3, 4, 6, 8, 12, 24, 64), "views"),
+    _axis("views-quiet", "Few views, nothing else", "views, 0.2 % noise", QUIET, (1, 2, 3, 4, 6, 8, 12, 24), "views"),
     _axis("shift-border", "Misregistration, sharp borders", "texels, spots of 6 texels", replace(QUIET, border=6.0),
           (0, 0.1, 0.25, 0.5, 1, 1.5, 2), "shift"),
     _axis("depth-dark", "Depth of the files, dark surface", "bits (8: sRGB, else linear), albedo 0.02",
-          replace(QUIET, albedo=0.02), ("8", "10", "12", "16", "half", "float"), "depth", plain=-1),
+          replace(QUIET, albedo=0.02), ("8", "10", "12", "16", "half", "float"), "depth"),
     _axis("saturation-sharp", "Saturation, sharp highlights believed", "clipped at, of white, roughness 0.2",
           replace(QUIET, roughness=0.2, masked=False), (10, 3, 1.5, 1, 0.7, 0.5, 0.35), "clip"),
     _axis("grazing-normal", "Grazing angle, wrong normals", "degrees, normals off by 2 degrees",
-          replace(QUIET, normal=2.0), (0, 25, 45, 60, 65, 70, 75, 80), "grazing", plain=1),
+          replace(QUIET, normal=2.0), (0, 25, 45, 60, 65, 70, 75, 80), "grazing"),
     _axis("moved-sharp", "Wrong lamps, sharp highlights", "% of their distance, roughness 0.15",
           replace(QUIET, roughness=0.15), (0, 0.2, 0.5, 1, 2, 5, 10), "moved", percent=True),
     _axis("footprint-unknown", "Bumps smaller than a texel, unknown",
           "spread of the half vector over a texel, of alpha", replace(QUIET, known=False), (0, 0.25, 0.5, 1, 2, 4),
           "footprint"),
     _axis("gain-views", "Drifting exposure, 6 views", "%, standard deviation", replace(QUIET, views=6),
-          (0, 0.5, 1, 2, 5, 10, 20), "gain", percent=True),
+          (0, 0.5, 1, 2, 5, 10, 20), "gain", percent=True, drifts=True),
     _axis("coverage-outliers", "Highlight coverage, outliers",
           "tan(theta_h) / alpha of the best view, 10 % outliers, 1 % noise",
           replace(NOISY, shadows=0.05, doubled=0.05), (0, 0.5, 1, 2, 3, 4, 6, 8), "coverage"),

@@ -25,6 +25,7 @@ STYLES: dict[str, dict[str, Any]] = {  # colours and marks as in docs/benchmarks
        for key in ("paper", "swarm", "refined", "single", "adam")},
     "squares": {"color": "#D55E00", "marker": "o", "markerfacecolor": "white", "linestyle": "--", "linewidth": 1.4,
                 "zorder": 6},
+    "exposed": {"color": "#882255", "marker": "P", "linewidth": 2.0, "zorder": 7},
 }
 PANELS = (("roughness", "roughness error (mean)", True), ("worst", "of the worst 1 % of texels (mean)", False),
           ("failures", "share of texels off by more than 0.1", False), ("albedo", "albedo error (RMSE)", True))
@@ -33,7 +34,7 @@ FLOOR = 3e-4
 
 def draw(axis: Axis, found: Mapping[str, Any], out: Path) -> Path:
     """The axis's chart; ``found``: {point: {method: summary}}."""
-    figure = Figure(figsize=(13, 3.7))
+    figure = Figure(figsize=(13, 3.4))
     FigureCanvasAgg(figure)  # no window, whatever the machine
     panels = figure.subplots(1, len(PANELS))
     points = [p for p in axis.points if p.label in found]
@@ -47,13 +48,13 @@ def draw(axis: Axis, found: Mapping[str, Any], out: Path) -> Path:
     figure.suptitle(f"{axis.title}", x=0.01, y=0.985, ha="left", va="top", fontsize=13, fontweight="bold")
     figure.legend(lines.values(), lines.keys(), loc="upper right", bbox_to_anchor=(0.995, 1.0), ncols=len(lines),
                   fontsize=9, frameon=False, handlelength=2.6, columnspacing=1.4)
-    figure.tight_layout(rect=(0, 0, 1, 0.92), w_pad=1.2)
+    figure.tight_layout(rect=(0, 0, 1, 0.97), w_pad=1.2)
     figure.savefig(out, dpi=75, facecolor="white", pil_kwargs={"optimize": True})
     return out
 
 
 def _line(panel: Axes, method: str, key: str, told: list[tuple[int, Any]], log: bool) -> Any:
-    style = {"markersize": 5, **STYLES[method]}
+    style = {"markersize": 8 if method == "swarm" else 5, **STYLES[method]}  # what lies under refined looks out
     x = [i for i, _ in told]
     y = np.array([s[key] for _, s in told])
     spread = np.array([s[f"{key}_spread"] for _, s in told])
@@ -68,7 +69,8 @@ def _line(panel: Axes, method: str, key: str, told: list[tuple[int, Any]], log: 
 def _dress(panel: Axes, title: str, axis: Axis, points: list[Point], log: bool) -> None:
     if log:
         panel.set_yscale("log")
-        panel.set_ylim(bottom=FLOOR * 0.8)
+        low, high = panel.get_ylim()
+        panel.set_ylim(max(low, FLOOR * 0.8), max(high, 12 * low))
         panel.yaxis.set_major_locator(LogLocator(subs=(1.0,)))
         panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         panel.yaxis.set_minor_formatter(NullFormatter())

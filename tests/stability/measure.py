@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from irpso_addon.core.checks import Checks
 from irpso_addon.core.data import F64, Bool
 from tests.bench.problem import FAILED
 
@@ -21,8 +22,10 @@ UNSURE = 0.5  # a confidence below says: standard error of roughness above 0.05
 Record = dict[str, Any]
 
 
-def record(problem: Problem, answer: Answer, part: tuple[slice, slice] | None = None, judged: bool = False) -> Record:
-    """Of one map; ``part``: the texels that were answered for; ``judged``: with the product's warnings."""
+def record(
+    problem: Problem, answer: Answer, part: tuple[slice, slice] | None = None, checks: Checks | None = None,
+) -> Record:
+    """Of one map; ``part``: the texels that were answered for; ``checks``: what the product found after its solve."""
     where = part or (slice(None), slice(None))
     error = roughness_error(problem, answer, where)
     solved = answer.solved
@@ -40,8 +43,8 @@ def record(problem: Problem, answer: Answer, part: tuple[slice, slice] | None = 
         told = answer.confidence[solved]
         found |= {"failed": int(wrong.sum()), "failed_low": int((wrong & worst_half(told)).sum()),
                   "failed_unsure": int((wrong & (told < UNSURE)).sum()), "unsure": _mean(told < UNSURE)}
-    if judged:
-        found["warnings"] = warned(problem, answer)
+    if checks is not None:
+        found["warnings"] = warned(answer, checks)
     return {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in found.items()}
 
 

@@ -47,7 +47,7 @@ class PictureSource(ArraySource):
 
     def _apart(self, problem: Problem) -> None:
         """The layers of each camera three times, for R, G and B, as shaders/observe/gather_colour.frag makes them."""
-        dim = problem.tint / (problem.tint + 0.1) * 1.1
+        dim = np.minimum(problem.tint, 1.0)
         groups, layers = [], []
         for camera in sorted(set(problem.groups)):
             for channel in range(3):
@@ -157,16 +157,22 @@ class Method:
     label: str
     run: Callable[[Table], Answer] | None  # None: paper, many seeds at once
     files: tuple[str, ...]  # what a result depends on, from the root of the repository
+    rounds: bool = False  # with checks, warnings and registration, as the product comes
+    exposures: bool = False  # and exposures solved
 
 
 _SOLVE = ("irpso_addon/gpu/solve.py", "irpso_addon/gpu/share.py", "irpso_addon/gpu/atlas.py", "shaders/solve",
           "shaders/include", "irpso_addon/core/tables.py")
+_CHECKS = ("tests/stability/aligned.py", "tests/stability/warned.py", *(f"irpso_addon/core/{name}.py" for name in (
+    "advice", "checks", "checked", "indirect", "registration", "residuals", "shifts")))
 METHODS = (
     Method("paper", "paper", None, ("irpso_addon/gpu/paper.py", "shaders/paper", "shaders/solve/observations.glsl",
                                     "shaders/include")),
     Method("swarm", "swarm", lambda t: t.product("swarm", "auto"), _SOLVE),
     Method("squares", "refined, squares", lambda t: t.product("refined", "squares"), _SOLVE),
-    Method("refined", "refined", lambda t: t.product("refined", "auto"), _SOLVE),
+    Method("refined", "refined", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS), rounds=True),
+    Method("exposed", "refined, exposures solved", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS),
+           rounds=True, exposures=True),
     Method("single", "LM, one start", lambda t: t.rival("single.glsl", {"u_steps": 16}),
            ("shaders/solve/observations.glsl", "shaders/solve/fit.glsl", "shaders/include", "tests/bench/shaders")),
     Method("adam", "Adam", lambda t: t.rival("adam.glsl", ADAM),

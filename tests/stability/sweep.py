@@ -7,11 +7,12 @@ from dataclasses import replace
 
 from irpso_addon.gpu.context import Device
 
+from .aligned import rounds
 from .axes import Axis
-from .measure import record
-from .methods import Method, Table, middle, paper
+from .measure import Record, record
+from .methods import Answer, Method, Table, middle, paper
 from .problem import Problem, make
-from .store import JUDGED, Store
+from .store import Store
 
 Say = Callable[[str], None]
 
@@ -20,26 +21,44 @@ def sweep(device: Device, axis: Axis, methods: Sequence[Method], seeds: int, say
     """Fill the axis's file."""
     store = Store(axis)
     for point in axis.points:
-        missing = {m: [s for s in range(seeds) if str(s) not in store.seeds(point, m)] for m in methods}
-        wanted = sorted({s for m in methods for s in missing[m]})
+        taking = [m for m in methods if not m.exposures or axis.drifts]
+        missing = {m: [s for s in range(seeds) if str(s) not in store.seeds(point, m)] for m in taking}
+        wanted = sorted({s for m in taking for s in missing[m]})
         if not wanted:
             continue
         say(f"{axis.title}: {point.label}")
         problems: dict[int, Problem] = {}
         for seed in wanted:
             problem = problems[seed] = make(replace(point.trial, seed=seed))
-            if not any(m.run and seed in missing[m] for m in methods):
+            if not any(m.run and seed in missing[m] for m in taking):
                 continue
             table = Table(device, problem)
-            for method in methods:
+            for method in taking:
                 if method.run and seed in missing[method]:
-                    told = record(problem, method.run(table), judged=method.key == JUDGED)
-                    store.put(point, method, {str(seed): told})
+                    store.put(point, method, {str(seed): _record(device, table, method)})
             table.release()
-        for method in methods:
+        for method in taking:
             if method.run is None and missing[method]:
                 chosen = [problems[s] for s in missing[method]]
                 answers = paper(device, chosen)
                 store.put(point, method, {str(s): record(p, a, middle(p)) for s, p, a in
                                           zip(missing[method], chosen, answers, strict=True)})
         store.write()
+
+
+def _record(device: Device, table: Table, method: Method) -> Record:
+    assert method.run is not None
+    run, problem = method.run, table.problem
+    if not method.rounds:
+        return record(problem, run(table))
+
+    def solve(mended: Problem) -> Answer:
+        if mended is problem:
+            return run(table)
+        other = Table(device, mended)
+        answer = run(other)
+        other.release()
+        return answer
+
+    _, answer, checks = rounds(problem, solve, method.exposures)
+    return record(problem, answer, checks=checks)

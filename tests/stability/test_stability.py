@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from irpso_addon.core import brdf
-from irpso_addon.core.checks import TexelFit, measure
 from irpso_addon.gpu.context import Device
 
 from . import page, store
@@ -23,7 +22,7 @@ from .methods import BY_KEY, METHODS, Answer, Table, middle, paper
 from .problem import CAMERA_ANGLE, Problem, Trial, fresnel, make
 from .spoil import shifted, stored
 from .sweep import sweep
-from .warned import checked_views, kind_of
+from .warned import checked_views, checks_of, kind_of
 from .words import filled, parts
 
 TINY = Trial(size=20, noise=0.0)
@@ -188,10 +187,7 @@ def test_checks_hear_what_is_wrong() -> None:
     """The whole way from arrays to measured checks, and each of the atlas's kinds."""
     p = make(replace(TINY, size=32, noise=0.002))
     answer = answer_of(p, p.truth.roughness, np.ones((32, 32), np.float32))
-    assert answer.sigma is not None and answer.observed is not None
-    texels = TexelFit("patch", {"Paint": "one-lobe"}, np.zeros((32, 32), np.int32), ("Paint",), answer.solved,
-                      answer.observed, answer.roughness.astype(np.float32), answer.sigma)
-    checks = measure(checked_views(p, answer), texels)
+    checks = checks_of(p, answer)
     assert len(checks.views) == 12 and checks.noise == pytest.approx(0.002, rel=0.5)
     assert kind_of("view 3 is 0.8 pixels off") == "registration"
 

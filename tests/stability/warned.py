@@ -10,7 +10,7 @@ import numpy as np
 from irpso_addon.core import brdf
 from irpso_addon.core.advice import warnings
 from irpso_addon.core.checked import CheckedView, Window
-from irpso_addon.core.checks import TexelFit, measure
+from irpso_addon.core.checks import Checks, TexelFit, measure
 from irpso_addon.core.data import F32, Camera, Light, View
 
 from .methods import Answer
@@ -25,24 +25,25 @@ KINDS = {  # words of a warning -> its kind in the atlas; the first that fits
 UNSEEN = 0.05  # irpso_addon/pipeline.py: share of texels seen by no view
 
 
-def warned(problem: Problem, answer: Answer) -> list[tuple[str, str]]:
+def warned(answer: Answer, checks: Checks) -> list[tuple[str, str]]:
     """(kind, text) of each warning."""
-    return [(kind_of(text), text) for text in _warnings(problem, answer)]
+    found = warnings(checks)
+    if (~answer.solved).mean() > UNSEEN:
+        found = [f"patch: {(~answer.solved).mean():.0%} of its texels are seen lit by no view", *found]
+    return [(kind_of(text), text) for text in found]
+
+
+def checks_of(problem: Problem, answer: Answer) -> Checks:
+    """As irpso_addon/pipeline.py, _checks."""
+    assert answer.observed is not None and answer.sigma is not None
+    return measure(checked_views(problem, answer), TexelFit(
+        "patch", {"Paint": "one-lobe"}, np.zeros(answer.solved.shape, np.int32), ("Paint",), answer.solved,
+        answer.observed, answer.roughness.astype(np.float32), answer.sigma))
 
 
 def kind_of(text: str) -> str:
     """What a warning is about."""
     return next((kind for words, kind in KINDS.items() if words in text), "other")
-
-
-def _warnings(problem: Problem, answer: Answer) -> list[str]:
-    assert answer.observed is not None and answer.sigma is not None
-    found = []
-    if (~answer.solved).mean() > UNSEEN:
-        found.append(f"patch: {(~answer.solved).mean():.0%} of its texels are seen lit by no view")
-    texels = TexelFit("patch", {"Paint": "one-lobe"}, np.zeros(answer.solved.shape, np.int32), ("Paint",),
-                      answer.solved, answer.observed, answer.roughness.astype(np.float32), answer.sigma)
-    return [*found, *warnings(measure(checked_views(problem, answer), texels))]
 
 
 def checked_views(problem: Problem, answer: Answer) -> Iterator[CheckedView]:
