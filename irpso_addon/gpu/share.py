@@ -8,7 +8,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from ..core.data import F32
+from ..core.data import F32, Bool
 from .context import Device
 
 NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
@@ -19,7 +19,7 @@ TAIL, TAIL_Z = 0.9, 1.2816  # share of texels below the upper tail, and its plac
 FAR = 2.0  # log of a variance: outliers make their texels' so much larger, ...
 NOISE_MOST = 0.06  # relative: more is not noise, but outliers in every texel: then ...
 NOISE_GUESS = 0.02  # ... this much is taken for a start
-GROSS = 0.03  # ... and leave relative errors of this size: finer ones are the model's, and alike in neighbours
+GROSS = 0.01  # ... and leave relative errors of this size: finer ones are the model's, and alike in neighbours
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
 
 
@@ -64,6 +64,14 @@ def clean_noise(residual: F32, degrees: F32) -> tuple[float, bool]:
     if low > 2 * np.log(NOISE_MOST):
         return NOISE_GUESS**2, True
     return max(float(np.exp(low)), NOISE_FLOOR**2), bool(high - low > FAR and high > 2 * np.log(GROSS))
+
+
+def scatter(roughness: F32, observed: Bool) -> float:
+    """Mean difference of roughness between neighbouring texels, (h, w) each; 0 where none are observed."""
+    across = np.abs(np.diff(roughness, axis=1))[observed[:, 1:] & observed[:, :-1]]
+    along = np.abs(np.diff(roughness, axis=0))[observed[1:] & observed[:-1]]
+    both = np.concatenate([across, along])
+    return float(both.mean(dtype=np.float64)) if len(both) else 0.0
 
 
 def pyramid(

@@ -81,20 +81,13 @@ class Solver:
         """
         device = self.device
         chosen = tiles(self.atlas, self.covered) if only is None else only
-        valleys, support, extra = self._textures(3)
-        done = yield from self._search(chosen, [valleys, support, extra], 1)
+        searched = self._textures(3)
+        done = yield from self._search(chosen, searched, 1)
         chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
-        noise, variance = self._noise(valleys, support, 1)
-        clean, self.robust = self._clean(valleys, support, variance)
-        for _ in range(ROBUST_SEARCHES if self.robust else 0):
-            yield from self._over(chosen, (0.4, 0.5), "solve/search.glsl", [valleys, support, extra],
-                                  {"u_noise": noise}, {**self._search_uniforms(1), "u_noise_share": clean,
-                                                       **self._floor(variance)}, robust=True)
-            before, clean = clean * variance, 1.0
-            noise, variance = self._noise(valleys, support, 1)
-            if variance > 0.5 * before:  # else there were outliers in every texel, which hid each other
-                break
-        found: Textures = {"u_valleys": valleys, "u_support": support, "u_noise": noise}
+        variance = self._noise(searched[0], searched[1], 1)
+        searched, variance = yield from self._believed(chosen, searched, variance)
+        valleys, support, extra = searched
+        found: Textures = {"u_valleys": valleys, "u_support": support, "u_noise": self.noise_map}
         floor = self._floor(variance)
         self.neighbours = self._unsure(variance, support)
         roughness, detail = self._textures(2)
@@ -114,9 +107,39 @@ class Solver:
             device.kernel("solve/finish.glsl", target, textures={**found, "u_extra": extra}, uniforms=floor, defines={},
                           region=(0, 0, *self.source.size))
             target.release()
-        for texture in (valleys, support, extra):
+        for texture in searched:
             texture.release()
         return RoughnessMaps(roughness, detail)
+
+    def _believed(
+        self, chosen: list[Tile], plain: list[moderngl.Texture], variance: float,
+    ) -> Generator[Progress, None, tuple[list[moderngl.Texture], float]]:
+        """Where the search has left outliers, search again without believing them: (what to go on from, noise).
+
+        Where the model is wrong its errors look like outliers: then roughness becomes rougher from texel to texel,
+        and the plain search is kept.
+        """
+        self.robust, loss = False, self.settings.loss
+        if loss == "squares":
+            return plain, variance
+        told = self.device.read(plain[1])
+        observed = told[..., 3] > 0.5
+        clean, outliers = share.clean_noise(self.device.read(plain[0])[observed, 1], told[observed, 2])
+        if not outliers and loss == "auto":
+            return plain, variance
+        part, found = min(clean / variance, 1.0), self._textures(3)
+        for _ in range(ROBUST_SEARCHES):
+            yield from self._over(chosen, (0.4, 0.5), "solve/search.glsl", found, {"u_noise": self.noise_map}, {
+                **self._search_uniforms(1), "u_noise_share": part, **self._floor(variance)}, robust=True)
+            before, part = part * variance, 1.0
+            variance = self._noise(found[0], found[1], 1)
+            if variance > 0.5 * before:  # else there were outliers in every texel, which hid each other
+                break
+        rough = [share.scatter(self.device.read(maps[0])[..., 0], observed) for maps in (plain, found)]
+        self.robust = loss == "robust" or rough[1] < rough[0]
+        for texture in plain if self.robust else found:
+            texture.release()
+        return (found, variance) if self.robust else (plain, self._noise(plain[0], plain[1], 1))
 
     def solve_two(self, only: list[Tile] | None = None) -> Generator[Progress, None, RoughnessMaps]:
         """Two lobes: search every texel alone, then let it try its neighbours' pairs under a prior about their mean.
@@ -127,7 +150,7 @@ class Solver:
         pairs, support, variances = self._textures(3)
         done = yield from self._search(chosen, [pairs, support, variances], 2)
         chosen = chosen[:done]
-        noise, variance = self._noise(pairs, support, 2)
+        variance = self._noise(pairs, support, 2)
         floor = {**self._floor(variance), "u_prior_cut": share.PRIOR_CUT, "u_steps": 6}
         self.neighbours = variance > QUIET**2
         # The search's third output is curvature; the passes below want variances.
@@ -138,7 +161,7 @@ class Solver:
             fresh = self._textures(3)
             span = (0.5 + 0.5 * i / len(strides), 0.5 + 0.5 * (i + 1) / len(strides))
             yield from self._over(chosen, span, "solve/polish_two.glsl", fresh,
-                                  {"u_pairs": pairs, "u_variance": variances, "u_noise": noise},
+                                  {"u_pairs": pairs, "u_variance": variances, "u_noise": self.noise_map},
                                   {**floor, "u_stride": stride, "u_tau": TAU if self.neighbours else 0.0}, lobes=2)
             for texture in (pairs, variances, detail):
                 texture.release()
@@ -165,17 +188,6 @@ class Solver:
     def _floor(self, variance: float) -> Uniforms:
         """Variances of the noise that are assumed where the map of it says less, or nothing."""
         return {"u_noise_floor": share.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance}
-
-    def _clean(
-        self, valleys: moderngl.Texture, support: moderngl.Texture, variance: float,
-    ) -> tuple[float, bool]:
-        """Of a typical texel's variance the share that is not outliers, and whether the fit is to be robust."""
-        if self.settings.loss == "squares":
-            return 1.0, False
-        told = self.device.read(support)
-        observed = told[..., 3] > 0.5
-        noise, outliers = share.clean_noise(self.device.read(valleys)[observed, 1], told[observed, 2])
-        return min(noise / variance, 1.0), outliers or self.settings.loss == "robust"
 
     def albedo(self, found: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
         """Base colour of each texel from its own observations alone; ``found``: roughness, or the pairs of lobes."""
@@ -257,8 +269,8 @@ class Solver:
 
     def _noise(
         self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int
-    ) -> tuple[moderngl.Texture, float]:
-        """The noise found, and its median variance, by which the slack between cameras is set."""
+    ) -> float:
+        """Maps the noise; returns its median variance, by which the slack between cameras is set too."""
         unknown = self.source.camera_slack**2 or share.NOISE_FLOOR**2
         noise, variance = share.noise_map(self.device, valleys, support, lobes, unknown)
         if self.noise_map is not None:
@@ -266,7 +278,7 @@ class Solver:
         self.noise_map, self.noise = noise, float(np.sqrt(variance))
         if self.source.camera_slack:
             self.slack = float(np.clip(self.source.camera_slack**2 / variance, 1.0, 1e5))
-        return noise, variance
+        return variance
 
     def _unsure(self, variance: float, support: moderngl.Texture) -> bool:
         """Whether the noise leaves texels that need their neighbours."""
