@@ -24,7 +24,7 @@ from ..core.data import F32, Bounced, SceneData, Solution
 from ..core.errors import BadInput
 from ..core.job import Progress
 
-SAMPLES = 16  # paths of a pixel
+SAMPLES = 32  # paths of a pixel
 SIDE = 256  # pixels of the longer side
 POLL = 0.05  # seconds
 PACKAGE = Path(__file__).resolve().parents[1]

@@ -12,7 +12,7 @@ from ..core.data import F32, Bounced, Camera
 from .context import Device
 from .surface import MeshBuffer, Occluders, SurfaceMaps, draw_pixel_grid
 
-MEAN, SHARE = (4, 1.6), (1, 0.6)  # reach and width, in small pixels: over noise, and to the camera's pixels
+MEAN, SHARE = (5, 2.0), (1, 0.6)  # reach and width, in small pixels: over noise, and to the camera's pixels
 Pair = tuple[moderngl.Texture, moderngl.Texture]  # irradiance and glossy radiance, RGB
 
 

@@ -14,30 +14,51 @@ uniform float u_sigma;               // small pixels: width of the Gaussian
 
 const float SHARPNESS = 16.0; // power of the cosine between two normals
 const float OTHER = 1e-4;     // weight of what lies elsewhere, for pixels that have nothing near
+const float SPARK = 24.0;     // times the typical value: what is brighter is a rare path, cut to that
+
+vec4 p;
+vec3 n;
+vec2 center;
+float width;
+
+// How well a pixel of the small picture stands for this one.
+float weight_of(ivec2 at) {
+    vec4 q = texelFetch(u_small_position, at, 0);
+    if (q.w < 0.5) return 0.0;
+    vec2 off = vec2(at) + 0.5 - center;
+    float height = dot(q.xyz - p.xyz, n) / width;
+    float same = pow(max(dot(texelFetch(u_small_normal, at, 0).xyz, n), 0.0), SHARPNESS);
+    return exp(-dot(off, off) / (2.0 * u_sigma * u_sigma)) * (same * exp(-height * height) + OTHER);
+}
+
+vec3 cut(vec3 value, float typical) {
+    return value * min(1.0, SPARK * typical / max(dot(value, vec3(1.0)), 1e-30));
+}
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy), small = textureSize(u_small_position, 0);
-    vec4 p = texelFetch(u_position, at, 0);
+    p = texelFetch(u_position, at, 0);
     if (p.w < 0.5) discard;
-    vec3 n = texelFetch(u_normal, at, 0).xyz;
+    n = texelFetch(u_normal, at, 0).xyz;
     vec2 ratio = vec2(textureSize(u_position, 0)) / vec2(small);
-    vec2 center = gl_FragCoord.xy / ratio;
-    float width = u_sigma * max(ratio.x, ratio.y) * pixel_width(p.xyz);
+    center = gl_FragCoord.xy / ratio;
+    width = u_sigma * max(ratio.x, ratio.y) * pixel_width(p.xyz);
     ivec2 first = max(ivec2(floor(center)) - u_reach, ivec2(0)), last = min(ivec2(floor(center)) + u_reach, small - 1);
-    vec3 irradiance = vec3(0.0), glossy = vec3(0.0);
-    float total = 0.0;
+    vec2 root = vec2(0.0);  // the mean of roots, squared, is a typical value that hardly hears of sparks
+    float total = 1e-30;
     for (int y = first.y; y <= last.y; y++) for (int x = first.x; x <= last.x; x++) {
-        vec4 q = texelFetch(u_small_position, ivec2(x, y), 0);
-        if (q.w < 0.5) continue;
-        vec2 off = vec2(x, y) + 0.5 - center;
-        float height = dot(q.xyz - p.xyz, n) / width;
-        float same = pow(max(dot(texelFetch(u_small_normal, ivec2(x, y), 0).xyz, n), 0.0), SHARPNESS);
-        float w = exp(-dot(off, off) / (2.0 * u_sigma * u_sigma)) * (same * exp(-height * height) + OTHER);
-        irradiance += w * texelFetch(u_small_irradiance, ivec2(x, y), 0).rgb;
-        glossy += w * texelFetch(u_small_glossy, ivec2(x, y), 0).rgb;
+        float w = weight_of(ivec2(x, y));
+        root += w * sqrt(max(vec2(dot(texelFetch(u_small_irradiance, ivec2(x, y), 0).rgb, vec3(1.0)),
+                                  dot(texelFetch(u_small_glossy, ivec2(x, y), 0).rgb, vec3(1.0))), 0.0));
         total += w;
     }
-    total = max(total, 1e-30);
+    vec2 typical = root * root / (total * total);
+    vec3 irradiance = vec3(0.0), glossy = vec3(0.0);
+    for (int y = first.y; y <= last.y; y++) for (int x = first.x; x <= last.x; x++) {
+        float w = weight_of(ivec2(x, y));
+        irradiance += w * cut(texelFetch(u_small_irradiance, ivec2(x, y), 0).rgb, typical.x);
+        glossy += w * cut(texelFetch(u_small_glossy, ivec2(x, y), 0).rgb, typical.y);
+    }
     o_irradiance = vec4(irradiance / total, 0.0);
     o_glossy = vec4(glossy / total, 0.0);
 }
