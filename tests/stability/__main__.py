@@ -8,6 +8,7 @@ there already, made by the same code, is not made again.  --redraw: charts and p
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 
@@ -18,7 +19,7 @@ from .identical import identical
 from .methods import METHODS
 from .page import publish, table
 from .store import Store
-from .sweep import sweep
+from .sweep import sweep_all
 
 
 def arguments() -> argparse.Namespace:
@@ -29,6 +30,7 @@ def arguments() -> argparse.Namespace:
                         help=f"of {', '.join([*axes, 'identical'])}; default: all")
     parser.add_argument("--methods", nargs="+", choices=methods, default=methods)
     parser.add_argument("--seeds", type=int, default=20, help="default 20")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="axes at a time; default: processors")
     parser.add_argument("--redraw", action="store_true", help="measure nothing")
     parser.add_argument("--no-docs", action="store_true", help="measure and print alone")
     return parser.parse_args()
@@ -40,16 +42,17 @@ def main() -> int:
     start = time.perf_counter()
     axes = [axis for axis in (*AXES, ROW) if axis.key in chosen.axes]
     methods = [m for m in METHODS if m.key in chosen.methods]
-    device = Device()
     if not chosen.redraw:
         def say(words: str) -> None:
             print(f"{time.perf_counter() - start:6.1f} s  {words}", flush=True)
 
-        for axis in axes:
-            sweep(device, axis, methods, chosen.seeds, say)
+        sweep_all(axes, methods, chosen.seeds, chosen.jobs, say)
         if "identical" in chosen.axes:
             say("seeds, tile sizes and tile orders")
+            device = Device()
             identical(device)
+            device.release()
+    device = Device()
     for axis in axes:
         print(table(axis, Store(axis).summaries(chosen.seeds)))
     if not chosen.no_docs:

@@ -28,18 +28,18 @@ class Axis:
     title: str
     unit: str  # what stands below the chart
     points: tuple[Point, ...]
-    drifts: bool = False  # exposures are off: they are solved as well
+    kind: str = ""  # "drifts": exposures are off; "other": the material is not of the model
 
 
 def _axis(key: str, title: str, unit: str, base: Trial, values: Sequence[Any], *fields: str, percent: bool = False,
-          drifts: bool = False, **more: Any) -> Axis:
+          kind: str = "", **more: Any) -> Axis:
     """An axis along fields of the trial that all get the value; percent: of 1, and told so."""
     points = []
     for value in values:
         amount = value / 100 if percent else value
         points.append(Point(f"{value:g}" if isinstance(value, (int, float)) else value,
                             replace(base, **{**dict.fromkeys(fields, amount), **more})))
-    return Axis(key, title, unit, tuple(points), drifts)
+    return Axis(key, title, unit, tuple(points), kind)
 
 
 def _both(base: Trial, values: Sequence[float]) -> tuple[Point, ...]:
@@ -86,15 +86,15 @@ ALONE = (
     _axis("moved-one", "Wrong position of one lamp", "% of its distance", QUIET, (0, 1, 2, 5, 10, 20, 40), "moved_one",
           percent=True),
     _axis("gain", "Wrong intensities, or drifting exposure", "%, standard deviation", QUIET, (0, 0.5, 1, 2, 5, 10, 20),
-          "gain", percent=True, drifts=True),
+          "gain", percent=True, kind="drifts"),
     _axis("radius", "Lamps with a size, believed points", "radius, % of their distance", QUIET,
           (0, 2, 5, 10, 15, 20, 30), "radius", percent=True),
     _axis("footprint", "Texel larger than the highlight", "spread of the half vector over a texel, of alpha", QUIET,
           (0, 0.25, 0.5, 1, 2, 4), "footprint"),
     _axis("beckmann", "Wrong distribution", "% Beckmann in the lobe", QUIET, (0, 10, 25, 50, 75, 100), "beckmann",
-          percent=True),
+          percent=True, kind="other"),
     _axis("fresnel", "Wrong Fresnel", "IOR of the surface (solved for 1.5)", QUIET,
-          ("1.5", "Schlick", "1.4", "1.6", "1.33", "1.8", "2.4", "metal"), "fresnel"),
+          ("1.5", "Schlick", "1.4", "1.6", "1.33", "1.8", "2.4", "metal"), "fresnel", kind="other"),
     _axis("albedo", "Albedo", "albedo, 1 % noise", NOISY, (0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 1), "albedo"),
     _axis("colour", "Coloured lamps", "saturation of the lamps, 0.5 % read noise", replace(QUIET, read=0.005),
           (0, 0.5, 0.7, 0.8, 0.9, 0.97, 1), "colour"),
@@ -119,7 +119,7 @@ PAIRS = (
           "spread of the half vector over a texel, of alpha", replace(QUIET, known=False), (0, 0.25, 0.5, 1, 2, 4),
           "footprint"),
     _axis("gain-views", "Drifting exposure, 6 views", "%, standard deviation", replace(QUIET, views=6),
-          (0, 0.5, 1, 2, 5, 10, 20), "gain", percent=True, drifts=True),
+          (0, 0.5, 1, 2, 5, 10, 20), "gain", percent=True, kind="drifts"),
     _axis("coverage-outliers", "Highlight coverage, outliers",
           "tan(theta_h) / alpha of the best view, 10 % outliers, 1 % noise",
           replace(NOISY, shadows=0.05, doubled=0.05), (0, 0.5, 1, 2, 3, 4, 6, 8), "coverage"),

@@ -26,6 +26,7 @@ STYLES: dict[str, dict[str, Any]] = {  # colours and marks as in docs/benchmarks
     "squares": {"color": "#D55E00", "marker": "o", "markerfacecolor": "white", "linestyle": "--", "linewidth": 1.4,
                 "zorder": 6},
     "exposed": {"color": "#882255", "marker": "P", "linewidth": 2.0, "zorder": 7},
+    "auto": {"color": "#882255", "marker": "P", "linewidth": 2.0, "zorder": 7},
 }
 PANELS = (("roughness", "roughness error (mean)", True), ("worst", "of the worst 1 % of texels (mean)", False),
           ("failures", "share of texels off by more than 0.1", False), ("albedo", "albedo error (RMSE)", True))

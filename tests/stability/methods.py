@@ -9,9 +9,11 @@ import numpy as np
 
 from irpso_addon.core.data import F32, F64
 from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.predict import PlaceView, Surface, predict
 from irpso_addon.core.tables import principled_table
 from irpso_addon.gpu.atlas import CAMERA_SLACK, MODEL_ERROR, POOL_GAIN, ArraySource, Layers
 from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.ladder import Ladder
 from irpso_addon.gpu.paper import Swarms
 from irpso_addon.gpu.solve import Solver
 from irpso_addon.pipeline import confidence
@@ -19,7 +21,7 @@ from tests.bench.opengl import SHADERS, result
 
 from .problem import Problem
 
-CROP, GUTTER = 16, 2  # method paper: texels of each seed's map; between them, wider than its window reaches
+CROP, GUTTER = 12, 2  # method paper: texels of each seed's map; between them, wider than its window reaches
 ADAM = {"u_steps": 100, "u_rate": 0.02}
 
 
@@ -33,6 +35,9 @@ class Answer:
     sigma: F32 | None = None  # (h, w) standard error of roughness, where the method has one
     confidence: F32 | None = None  # (h, w) as the product's map
     observed: F32 | None = None  # (h, w) good observations
+    lobes: F64 | None = None  # (h, w, 3) both roughnesses and the first's weight, where the model has them
+    level: F64 | None = None  # (h, w) Specular IOR Level, where the model has one
+    model: str = "one-lobe"
 
 
 class PictureSource(ArraySource):
@@ -85,6 +90,23 @@ class Table:
         told = np.where(solved, confidence(rough[..., 1], detail[..., 0]), 0.0).astype(np.float32)
         return Answer(base, rough[..., 0].astype(np.float64), solved, rough[..., 1], told, detail[..., 0])
 
+    def whole(self) -> Answer:
+        """The product's solve with model `auto`: the smallest model that the data support."""
+        trial, shape = self.problem.trial, self.problem.quality.shape[:2]
+        settings = SolveSettings(size=max(trial.size, 16), seed=trial.seed)
+        ladder = Ladder(self.device, self.source, settings, np.zeros(shape, np.int32), ("Paint",))
+        found = result(ladder.solve())
+        ladder.release()
+        solved, model = found.roughness[..., 3] > 0.5, found.model.get("Paint", "one-lobe")
+        rough = found.roughness[..., 0].astype(np.float64)
+        level = None if found.level is None else found.level.astype(np.float64)
+        if model == "lambert":
+            rough, level = np.ones(shape), np.zeros(shape)
+        told = np.where(solved, confidence(found.roughness[..., 1], found.detail[..., 0]), 0.0).astype(np.float32)
+        answer = Answer(np.zeros((*shape, 3)), rough, solved, found.roughness[..., 1], told, found.detail[..., 0],
+                        None if found.lobes is None else found.lobes.astype(np.float64), level, model)
+        return replace(answer, base=base_of(self.problem, answer))
+
     def rival(self, shader: str, uniforms: dict[str, float]) -> Answer:
         """A kernel of tests/bench/shaders, with the slack between cameras that the product starts from."""
         trial = self.problem.trial
@@ -108,6 +130,31 @@ class Table:
     def release(self) -> None:
         """Free the textures."""
         self.source.release()
+
+
+def predicted(problem: Problem, answer: Answer, k: int) -> tuple[F64, F64]:
+    """(specular (h, w, 3), what a white diffuse gives (h, w, 1)) of view k in the believed geometry, 1/sr."""
+    shape = answer.roughness.shape
+    r = np.clip(answer.roughness, 0.05, 1.0)
+    lobes = np.stack([r, r, np.ones_like(r)], -1) if answer.lobes is None else answer.lobes
+    level = np.full(shape, 0.5) if answer.level is None else answer.level
+    rgb = problem.rgb[:, :, k].reshape(-1, 3)
+    geometry = np.repeat(problem.lobes[:, :, k].reshape(-1, 1, 1, 4), 3, 1)
+    view = PlaceView(rgb, np.ones_like(rgb), problem.cos_v[..., k].ravel(), geometry)
+    black, white = (predict(Surface(np.full((r.size, 3), base), lobes.reshape(-1, 3), level.ravel(),
+                                    np.zeros(r.size, bool)), view).reshape(*shape, 3) for base in (0.0, 1.0))
+    return black, (white - black)[..., :1]
+
+
+def base_of(problem: Problem, answer: Answer) -> F64:
+    """Base colour (h, w, 3) by least squares at the lobes found."""
+    total, weight = np.zeros((*answer.roughness.shape, 3)), np.full((*answer.roughness.shape, 1), 1e-12)
+    for k in range(problem.trial.views):
+        specular, white = predicted(problem, answer, k)
+        quality = problem.quality[..., k, None]
+        total += quality * white * (problem.rgb[:, :, k] - specular)
+        weight += quality * white**2
+    return np.clip(total / weight, 0.0, 1.0)
 
 
 def paper(device: Device, problems: Sequence[Problem]) -> list[Answer]:
@@ -158,7 +205,7 @@ class Method:
     run: Callable[[Table], Answer] | None  # None: paper, many seeds at once
     files: tuple[str, ...]  # what a result depends on, from the root of the repository
     rounds: bool = False  # with checks, warnings and registration, as the product comes
-    exposures: bool = False  # and exposures solved
+    needs: str = ""  # the axes it is for: "drifts", where exposures are solved as well; "other", another material
 
 
 _SOLVE = ("irpso_addon/gpu/solve.py", "irpso_addon/gpu/share.py", "irpso_addon/gpu/atlas.py", "shaders/solve",
@@ -172,7 +219,9 @@ METHODS = (
     Method("squares", "refined, squares", lambda t: t.product("refined", "squares"), _SOLVE),
     Method("refined", "refined", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS), rounds=True),
     Method("exposed", "refined, exposures solved", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS),
-           rounds=True, exposures=True),
+           rounds=True, needs="drifts"),
+    Method("auto", "refined, model auto", lambda t: t.whole(),
+           (*_SOLVE, *_CHECKS, "irpso_addon/gpu/ladder.py", "irpso_addon/core/models.py"), rounds=True, needs="other"),
     Method("single", "LM, one start", lambda t: t.rival("single.glsl", {"u_steps": 16}),
            ("shaders/solve/observations.glsl", "shaders/solve/fit.glsl", "shaders/include", "tests/bench/shaders")),
     Method("adam", "Adam", lambda t: t.rival("adam.glsl", ADAM),

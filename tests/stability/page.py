@@ -18,7 +18,7 @@ from .words import filled, parts
 
 OUT = ROOT / "docs" / "stability"
 LOW_SHARE = 0.95  # of failing texels in the worst-confidence half of their maps
-PRODUCT = ("refined", "swarm")
+PRODUCT = ("refined", "swarm")  # on axes of another material with model auto, as it comes
 BESIDE = {"registration.md": "Misregistration and drifting exposure, corrected", "indirect.md": "Indirect light",
           "measured.md": "Measured materials"}
 Summaries = Mapping[str, Any]  # {point: {method: summary}}
@@ -76,7 +76,8 @@ def bars(found: Mapping[str, Summaries]) -> str:
              "these unwarned | warned of |\n|---|---|---|---|---|---|\n"]
     titles = {axis.key: axis.title for axis in (*AXES, ROW)}
     for key, points in found.items():
-        told = [s[m] for s in points.values() for m in PRODUCT if m in s]
+        default = ("auto",) if any("auto" in s for s in points.values()) else PRODUCT
+        told = [s[m] for s in points.values() for m in default if m in s]
         if not told:
             continue
         failed, low = sum(t["halved"] for t in told), sum(t["halved_low"] for t in told)

@@ -1,8 +1,11 @@
-"""Runs an axis: every point, every method, every seed that is not there yet."""
+"""Runs the axes: every point, every method, every seed that is not there yet."""
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 
 from irpso_addon.gpu.context import Device
@@ -10,18 +13,38 @@ from irpso_addon.gpu.context import Device
 from .aligned import rounds
 from .axes import Axis
 from .measure import Record, record
-from .methods import Answer, Method, Table, middle, paper
+from .methods import BY_KEY, Answer, Method, Table, middle, paper
 from .problem import Problem, make
 from .store import Store
 
 Say = Callable[[str], None]
+THREADS = "LP_NUM_THREADS"  # of Mesa's software rasteriser
 
 
-def sweep(device: Device, axis: Axis, methods: Sequence[Method], seeds: int, say: Say) -> None:
+def sweep_all(axes: Sequence[Axis], methods: Sequence[Method], seeds: int, jobs: int, say: Say) -> None:
+    """Fill the files of all axes, so many at a time, each by a process of its own: small maps leave threads idle."""
+    os.environ.setdefault(THREADS, "1")
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as workers:
+        waiting = {workers.submit(_axis, axis, [m.key for m in methods], seeds): axis for axis in axes}
+        for number, done in enumerate(as_completed(waiting)):
+            done.result()
+            say(f"{number + 1} of {len(axes)}: {waiting[done].title}")
+
+
+_devices: list[Device] = []  # this process's, once it has one
+
+
+def _axis(axis: Axis, methods: Sequence[str], seeds: int) -> None:
+    if not _devices:
+        _devices.append(Device())
+    sweep(_devices[0], axis, [BY_KEY[key] for key in methods], seeds)
+
+
+def sweep(device: Device, axis: Axis, methods: Sequence[Method], seeds: int, say: Say = lambda words: None) -> None:
     """Fill the axis's file."""
     store = Store(axis)
     for point in axis.points:
-        taking = [m for m in methods if not m.exposures or axis.drifts]
+        taking = [m for m in methods if m.needs in ("", axis.kind)]
         missing = {m: [s for s in range(seeds) if str(s) not in store.seeds(point, m)] for m in taking}
         wanted = sorted({s for m in taking for s in missing[m]})
         if not wanted:
@@ -60,5 +83,5 @@ def _record(device: Device, table: Table, method: Method) -> Record:
         other.release()
         return answer
 
-    _, answer, checks = rounds(problem, solve, method.exposures)
+    _, answer, checks = rounds(problem, solve, method.needs == "drifts")
     return record(problem, answer, checks=checks)

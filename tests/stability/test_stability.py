@@ -162,7 +162,7 @@ def test_paper_in_one_map_is_paper_alone(device: Device, monkeypatch: pytest.Mon
     alone, together = paper(device, problems[:1])[0], paper(device, problems)
     np.testing.assert_array_equal(alone.roughness, together[0].roughness)
     told = [record(p, a, middle(p)) for p, a in zip(problems, together, strict=True)]
-    assert all(r["failures"] < 0.7 and r["texels"] == 256 for r in told)
+    assert all(r["failures"] < 0.7 and r["texels"] == 144 for r in told)
 
 
 def test_record_and_summary_by_hand() -> None:

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from irpso_addon.core import brdf
 from irpso_addon.core.advice import warnings
 from irpso_addon.core.checked import CheckedView, Window
 from irpso_addon.core.checks import Checks, TexelFit, measure
-from irpso_addon.core.data import F32, Camera, Light, View
+from irpso_addon.core.data import Camera, Light, View
 
-from .methods import Answer
+from .methods import Answer, predicted
 from .problem import Problem
 
 KINDS = {  # words of a warning -> its kind in the atlas; the first that fits
@@ -37,7 +36,7 @@ def checks_of(problem: Problem, answer: Answer) -> Checks:
     """As irpso_addon/pipeline.py, _checks."""
     assert answer.observed is not None and answer.sigma is not None
     return measure(checked_views(problem, answer), TexelFit(
-        "patch", {"Paint": "one-lobe"}, np.zeros(answer.solved.shape, np.int32), ("Paint",), answer.solved,
+        "patch", {"Paint": answer.model}, np.zeros(answer.solved.shape, np.int32), ("Paint",), answer.solved,
         answer.observed, answer.roughness.astype(np.float32), answer.sigma))
 
 
@@ -58,27 +57,16 @@ def checked_views(problem: Problem, answer: Answer) -> Iterator[CheckedView]:
             windows[camera] = Window((0, 0), (w, h), np.ones((h, w), bool), believed.place.astype(np.float32),
                                      believed.normal.astype(np.float32), at.astype(np.float32),
                                      np.zeros((h, w), np.float32), cos_v)
-        specular, diffuse = predicted(problem, answer, k)
+        specular, white = predicted(problem, answer, k)
         quality = problem.quality[..., k]
         yield CheckedView(
             view=_view(problem, k, camera), window=windows[camera], observed=problem.rgb[:, :, k],
-            predicted=diffuse + specular[..., None], specular=np.repeat(specular[..., None], 3, -1), quality=quality,
+            predicted=(answer.base * white + specular).astype(np.float32), specular=specular.astype(np.float32),
+            quality=quality,
             edge=quality <= 0, unlit=problem.unlit[..., k], radiance=problem.radiance[:, :, k],
             irradiance=np.where((quality > 0)[..., None], problem.irradiance[:, :, k], np.float32(0)),
             sin2h=problem.lobes[:, :, k, 0, 0], coverage=np.ones((h, w), np.float32),
             clipped=float(problem.clipped[k]))
-
-
-def predicted(problem: Problem, answer: Answer, k: int) -> tuple[F32, F32]:
-    """(specular (h, w), diffuse (h, w, 3)) of view k by the estimate in the believed geometry, 1/sr."""
-    sin2h, spread, cos_l, factor = np.moveaxis(problem.lobes[:, :, k, 0].astype(np.float64), -1, 0)
-    cos_v = problem.cos_v[..., k].astype(np.float64)
-    r = np.clip(answer.roughness, 0.05, 1.0)
-    energy = brdf.principled_energy(r, cos_v)
-    roots = brdf.lambda_root(r**4, 1 / cos_l**2 - 1) + brdf.lambda_root(r**4, 1 / cos_v**2 - 1)
-    specular = energy[..., 0] * brdf.D_ggx_spread(r**4, sin2h, spread) * factor / roots
-    diffuse = answer.base * ((1 - energy[..., 1]) / np.pi)[..., None]
-    return specular.astype(np.float32), diffuse.astype(np.float32)
 
 
 def _view(problem: Problem, k: int, camera: int) -> View:
