@@ -22,9 +22,10 @@ SIGMAS, SIGMAS_POWER = 6.0, 3.0
 LEAST_SHIFT = 0.1  # pixels
 PER_PIXEL = 0.05  # relative error of brightness that a pixel of misregistration makes
 CLIPPED = 0.01  # of the object's pixels
-STRUCTURE, HIGHLIGHT = 0.02, 0.10  # relative: what neighbouring pixels leave over together
+STRUCTURE, NOISE_SHARE = 0.004, 0.3  # relative errors that neighbouring pixels share, and beside the noise
+HIGHLIGHT = 0.06  # such errors of highlights, relative to the lobes
 FEW = 0.1  # of a material's texels
-DOUBTFUL = 0.08  # of the texels are off by more than 0.15, by their own standard errors
+DOUBTFUL = 0.05  # of the texels are off by more than 0.15, by their own standard errors
 NAMED = 3  # views or lights that a line names
 
 
@@ -141,7 +142,7 @@ def _lights(checks: Checks) -> list[str]:
         x, y, z = light.offset
         lines.append(f"light '{light.name}': its shading fits if it stands {np.linalg.norm(light.offset):.2g} m "
                      f"({light.offset_share:.0%} of its distance) elsewhere, by ({x:+.2g}, {y:+.2g}, {z:+.2g}); "
-                     f"check its place{' and its power' if light in strong else ''}")
+                     f"check its place and size{', and its power' if light in strong else ''}")
     for light in [light for light in strong if light not in moved][:NAMED]:
         off = f"{abs(light.gain - 1):.1%} {'less' if light.gain < 1 else 'more'} light"
         lines.append(f"light '{light.name}': its {light.views} views show {off} than the others explain; "
@@ -177,14 +178,16 @@ def _clipped(checks: Checks) -> list[str]:
 
 
 def _unexplained(checks: Checks) -> list[str]:
-    if checks.structure > STRUCTURE:
-        worst = max(checks.views, key=lambda v: v.residual.structure)
-        return [f"{checks.name}: the maps leave {checks.structure:.1%} of the brightness unexplained, most in "
-                f"'{worst.view}' ({worst.residual.structure:.1%}); check cameras, lights and the material's model"]
+    lines = []
     if checks.highlight > HIGHLIGHT:
-        return [f"{checks.name}: the maps leave {checks.highlight:.0%} of highlights unexplained; its lobe has another "
-                "shape (try model two-lobe), or a light has another size"]
-    return []
+        lines.append(f"{checks.name}: highlights are off by {checks.highlight:.0%} of their brightness; they have "
+                     "another strength or shape (try model one-lobe-specular or two-lobe), or a light's size is")
+    elif checks.structure > max(STRUCTURE, NOISE_SHARE * checks.noise):
+        worst = max(checks.views, key=lambda v: v.residual.structure)
+        lines.append(f"{checks.name}: the maps leave {checks.structure:.1%} of the brightness unexplained, most in "
+                     f"'{worst.view}' ({worst.residual.structure:.1%}); check the mesh, its normals, lights' sizes and "
+                     "what else lights the scene")
+    return lines
 
 
 def _few(checks: Checks) -> list[str]:

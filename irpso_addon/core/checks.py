@@ -13,7 +13,7 @@ import numpy as np
 from .checked import CheckedView
 from .data import F32, F64, I32, Bool
 from .registration import Misfit, Registration
-from .residuals import LightResidual, Places, Residual, Slope, log_ratio, residual
+from .residuals import LEAST, SMALL, LightResidual, Places, Residual, Slope, log_ratio, residual, shared
 
 WRONG = 0.15  # an error of roughness that a user would see
 CELLS = 256  # squared: the grid over the UV square on which highlights are counted
@@ -71,7 +71,7 @@ class Checks:
     materials: tuple[MaterialCheck, ...]
     noise: float  # relative: of a pixel, median over views
     structure: float  # relative: what neighbouring pixels leave over together, median over views
-    highlight: float  # the same in highlights
+    highlight: float  # the same in highlights, relative to the lobes' part, all views together
     slope: Slope | None  # of all views
     unlit_share: float  # radiance where no light arrives, as a share of the lit median; NaN: nothing tells
     clipped: float  # share of the object's pixels, all views together
@@ -84,11 +84,12 @@ class Checks:
 
 def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
     """Consumes one view at a time; those of a camera follow one another."""
-    places, registration, found, gains = Places(), Registration(), [], []
+    places, registration, found, gains, lobes = Places(), Registration(), [], [], []
     nearest = np.full((CELLS, CELLS), np.inf, np.float32)
     for view in views:
         y, share, good = log_ratio(view)
-        figures = residual(view, y, share, good)
+        figures, shiny = residual(view, y, share, good)
+        lobes.append(shiny)
         gains.append(figures.gain)
         places.add(view, y, share, good, figures.gain)
         registration.add(view)
@@ -97,7 +98,7 @@ def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
                       view.clipped, figures))
     overall, each = places.slopes()
     residuals = [figures for *_, figures in found]
-    highlights = [r.highlight for r in residuals if r.highlight is not None]
+    means, within = (np.concatenate(parts) for parts in zip(*lobes, strict=True)) if lobes else (np.zeros(0),) * 2
     dark = np.array([(r.unlit, r.unlit_pixels) for r in residuals if r.unlit is not None])
     noise = _median([r.noise for r in residuals])
     least, seen = _alphas(nearest, texels)
@@ -105,7 +106,8 @@ def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
         name=texels.name,
         views=tuple(ViewCheck(*view, slope) for view, slope in zip(found, each, strict=True)),
         lights=tuple(places.lights(gains)), materials=tuple(_materials(texels, noise)), noise=noise,
-        structure=_median([r.structure for r in residuals]), highlight=_median(highlights), slope=overall,
+        structure=_median([r.structure for r in residuals]), slope=overall,
+        highlight=shared(means, within, SMALL) if len(means) >= LEAST / SMALL**2 else 0.0,
         unlit_share=float(np.average(dark[:, 0], weights=dark[:, 1])) if len(dark) else float("nan"),
         clipped=float(np.mean([view[3] for view in found])) if found else 0.0,
         no_highlight=float(np.mean(least[seen] > NO_HIGHLIGHT)) if seen.any() else 0.0,

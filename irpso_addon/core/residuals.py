@@ -15,9 +15,10 @@ from .checked import CheckedView, Window
 from .data import F32, F64, Bool, Light
 from .lights import light_irradiance
 
-BLOCK = 4  # pixels: errors that reach so far are no noise
-DIFFUSE, HIGHLIGHT = 0.25, 0.35  # at most and at least such a share of the prediction is the lobes'
+BLOCK, SMALL = 4, 2  # pixels: errors that reach so far are no noise; in highlights, which are small
+DIFFUSE, HIGHLIGHT = 0.25, 0.1  # at most and at least such a share of the prediction is the lobes'
 LEAST = 200  # pixels that a statistic needs
+SAMPLE = 10_000  # values that a median looks at
 PLACES = 5000  # of a camera that the regressions look at
 LOG_MOST = 3.0  # |y| beyond is cut
 BOUNCED = 0.01  # radiance of shadows, as a share of the lit median, from which on light has bounced
@@ -28,8 +29,9 @@ CORRELATED = 5.0  # standard errors of regressions, times what independent pixel
 
 
 def scale_of(values: F64 | F32) -> float:
-    """Robust standard deviation about the median."""
-    return float(MAD * np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
+    """Robust standard deviation about the median; of a sample where there are many."""
+    some = values[::max(1, len(values) // SAMPLE)]
+    return float(MAD * np.median(np.abs(some - np.median(some)))) if len(some) else 0.0
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,6 @@ class Residual:
     spread: float  # robust standard deviation of observed / predicted
     noise: float  # the part of it that differs from pixel to pixel
     structure: float  # the part that neighbours share: what the model does not explain
-    highlight: float | None  # the same in highlights, relative to the whole
     unlit: float | None  # radiance where no light of the view arrives, as a share of the lit pixels' median
     unlit_pixels: int
 
@@ -63,41 +64,45 @@ def log_ratio(view: CheckedView) -> tuple[F64, F64, Bool]:
     return y, np.where(good, grey(view.specular, lit) / safe, 0.0), good
 
 
-def residual(view: CheckedView, y: F64, share: F64, good: Bool) -> Residual:
-    """A view's figures."""
+def residual(view: CheckedView, y: F64, share: F64, good: Bool) -> tuple[Residual, tuple[F64, F64]]:
+    """A view's figures, and block_means of its highlights, relative to the lobes' part."""
     diffuse = good & (share < DIFFUSE)
     judged = diffuse if diffuse.sum() >= LEAST else good
     values = y[judged]
     if len(values) < LEAST:
-        return Residual(len(values), 1.0, np.inf, 0.0, 0.0, 0.0, None, *unlit(view))
+        return Residual(len(values), 1.0, np.inf, 0.0, 0.0, 0.0, *unlit(view)), (np.zeros(0), np.zeros(0))
     middle, spread = float(np.median(values)), scale_of(values)
     clear = judged[:, 1:] & judged[:, :-1]
     noise = scale_of((y[:, 1:] - y[:, :-1])[clear]) / np.sqrt(2) if clear.sum() >= LEAST else spread
-    blocks, structure = shared(y - middle, judged, spread)
+    blocks, within = block_means(y - middle, judged, BLOCK)
+    structure = shared(blocks, within, BLOCK) if len(blocks) >= LEAST / BLOCK**2 else 0.0
+    error = 1.2533 * float(np.hypot(structure, spread / BLOCK)) / max(len(blocks), 1) ** 0.5
     shiny = good & (share > HIGHLIGHT)
-    highlight = None
-    if shiny.sum() >= LEAST:
-        highlight = shared(y - middle, shiny, scale_of(y[shiny]))[1]
-    error = 1.2533 * float(np.hypot(structure, spread / BLOCK)) / max(blocks, 1) ** 0.5
-    return Residual(int(judged.sum()), float(np.exp(middle)), error, spread, noise, structure, highlight, *unlit(view))
+    lobes = block_means((y - middle) / np.maximum(share, HIGHLIGHT), shiny, SMALL)
+    return Residual(int(judged.sum()), float(np.exp(middle)), error, spread, noise, structure, *unlit(view)), lobes
 
 
-def shared(y: F64, good: Bool, spread: float) -> tuple[int, float]:
-    """How many blocks of pixels there are, and the robust standard deviation of what a block's pixels have in common.
+def block_means(values: F64, good: Bool, size: int) -> tuple[F64, F64]:
+    """Means over blocks of size x size pixels most of which are good, and what their pixels depart from them."""
+    h, w = (n // size * size for n in values.shape)
+    shape = (h // size, size, w // size, size)
+    inside = good[:h, :w].reshape(shape)
+    count = inside.sum((1, 3))
+    known = np.where(inside, values[:h, :w].reshape(shape), 0.0)
+    full = count >= 0.7 * size**2
+    mean = np.where(full, known.sum((1, 3)) / np.maximum(count, 1), 0.0)
+    left = (known - mean[:, None, :, None])[inside & full[:, None, :, None]]
+    return mean[full], left[::max(1, len(left) // SAMPLE)]
 
-    The mean of n pixels of independent noise s has s / sqrt(n); what is more is shared.
+
+def shared(means: F64, within: F64, size: int) -> float:
+    """Robust standard deviation of what the pixels of a block have in common.
+
+    The mean of n pixels of independent noise s has s / sqrt(n), and they depart from it by s sqrt(1 - 1 / n).
+    About 0, not about the median: a bias is an error too.
     """
-    h, w = (n // BLOCK * BLOCK for n in y.shape)
-    cut = np.clip(y, -5 * spread, 5 * spread)[:h, :w]
-    shape = (h // BLOCK, BLOCK, w // BLOCK, BLOCK)
-    count = good[:h, :w].reshape(shape).sum((1, 3))
-    total = np.where(good[:h, :w], cut, 0.0).reshape(shape).sum((1, 3))
-    full = count >= 0.7 * BLOCK**2
-    if full.sum() < LEAST / BLOCK**2:
-        return int(full.sum()), 0.0
-    means = total[full] / count[full]
-    blocks = float(MAD * np.median(np.abs(means)))  # about 0, not about their median: a bias is an error too
-    return len(means), float(np.sqrt(max(blocks**2 - spread**2 / BLOCK**2, 0.0)))
+    noise = scale_of(within) / (size**2 - 1) ** 0.5
+    return float(np.sqrt(max((MAD * float(np.median(np.abs(means)))) ** 2 - noise**2, 0.0)))
 
 
 def unlit(view: CheckedView) -> tuple[float | None, int]:

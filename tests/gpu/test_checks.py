@@ -21,7 +21,7 @@ from tests.gpu import synthetic as syn
 
 PIXELS = (96, 96)
 CAUSES = ("to the power", "pixels off", "stand", "check its power", "exposure", "no light arrives", "are clipped",
-          "unexplained")
+          "unexplained", "highlights are off")
 
 
 @pytest.fixture(scope="module")
