@@ -193,15 +193,16 @@ def _maps(
     filled_base = fill(device, base)
     shown = device.read(base)[..., 3] > 0.25
     good = solved & shown
+    rough, sigma = found.roughness[..., 0], found.roughness[..., 1]
     pairs = device.read(lobes)[..., :3].copy()
     maps = Maps(
         base_color=device.read(filled_base)[..., :3].copy(),
         roughness=pairs[..., 0].copy(),
-        confidence=np.where(good, confidence(found.roughness[..., 1], observed), 0.0).astype(np.float32),
+        confidence=np.where(good, confidence(rough, sigma, observed, good), np.float32(0)),
         error=np.where(good, relative, 0.0).astype(np.float32),
         filled=~good,
         coverage=gbuffer.coverage,
-        roughness_sigma=np.where(good, found.roughness[..., 1], 0.0).astype(np.float32),
+        roughness_sigma=np.where(good, sigma, 0.0).astype(np.float32),
         base_sigma=np.where(good, found.detail[..., 3], 0.0).astype(np.float32),
         lobes=pairs if found.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and found.level is not None else None,
@@ -248,10 +249,19 @@ def _fill(values: F32) -> moderngl.Texture:
     return result
 
 
-def confidence(sigma: F32, observations: F32) -> F32:
-    """0 to 1: half where the standard error of roughness is 0.05; nothing from edges of shadow alone."""
+def confidence(roughness: F32, sigma: F32, observations: F32, solved: Bool) -> F32:
+    """(h, w) 0 to 1: half where the standard error of roughness is 0.05; nothing from edges of shadow alone.
+
+    What a texel departs from the median of 3 x 3 counts as error too: data that are wrong, not noisy, make texels sure
+    of different things.
+    """
+    around = np.pad(np.where(solved, roughness, np.nan), 1, constant_values=np.nan)
+    h, w = roughness.shape
+    near = np.stack([around[y:y + h, x:x + w] for y in range(3) for x in range(3)])
+    near = np.where(np.isnan(near), roughness, near)
+    apart = roughness - np.partition(near, 4, axis=0)[4]
     told = np.clip(0.5 * (observations - 1.0), 0.0, 1.0)
-    return np.asarray(told / (1.0 + (sigma / 0.05) ** 2), np.float32)
+    return np.asarray(told / (1.0 + (sigma**2 + apart**2) / 0.05**2), np.float32)
 
 
 def _checks(
