@@ -20,14 +20,17 @@ import numpy as np
 
 from .checked import CheckedView, Window
 from .data import F32, F64, Bool, Camera, SceneData, View
-from .shifts import Fit, blurred, eroded, fit_views, gain_of_cameras, silhouette, tiles_of
+from .shifts import Fit, Found, blurred, eroded, fit_views, gain_of_cameras, silhouette, tiles_of
 
 MEAN = np.full(3, 1 / 3, np.float32)  # of the channels
 SAMPLES = 20_000  # pixels of a camera, at most, that are looked at
+# Lights that stand elsewhere bend the shading of the whole object, so that its tiles err alike: shifts are then off by
+# ten times their standard errors (the cow with lights off by 1 and 3 %).
+MODEL = 10.0
 RIM = 4  # pixels next to an edge of the object, left to the silhouette
-SHIFT_FLOOR, GAIN_FLOOR = 0.01, 0.002  # errors that no statistics shows: pixels, relative
+SHIFT_FLOOR, GAIN_FLOOR = 0.005, 0.002  # errors that no statistics shows: pixels, relative
 SIGMAS = 4.0  # a shift or gain this many standard errors off is believed
-LEAST_SHIFT, LEAST_GAIN = 0.03, 0.003  # less is not worth a second solve: pixels, relative
+LEAST_SHIFT, LEAST_GAIN = 0.02, 0.003  # less is not worth a second solve: pixels, relative
 LEAST_ALONE = 0.1  # pixels from the other views of its camera: then a view is believed to have moved by itself
 
 
@@ -101,9 +104,9 @@ class _Collected:
         at = np.flatnonzero(inside)
         self.at = at[:: max(1, -(-len(at) // SAMPLES))]
         self.seen: list[F32] = []  # (4, N): predicted radiance, its slopes, observed; NaN where it tells nothing
-        self.outlines: list[tuple[F64, F64] | None] = []
+        self.outlines: list[Found | None] = []
         self._coverage: F32 | None = None
-        self._outline: tuple[F64, F64] | None = None
+        self._outline: Found | None = None
         self._product = np.zeros(window.covered.shape, np.float32)
         self._square = np.zeros(window.covered.shape, np.float32)
 
@@ -159,30 +162,38 @@ class _Estimate:
                 self.views, self.shift, self.shift_error, log_gain, errors, self.alone, strict=True)]
 
 
-def _settled(fit: Fit, outlines: list[tuple[F64, F64] | None]) -> tuple[F64, F64, Bool]:
-    """Pixels and silhouettes together: (V, 2) shifts, (V,) their standard errors, (V,) departs from its camera.
-
-    Shading is only as good as the model of light and shape.  What its error may be shows in how far its views, each
-    under other lights, scatter, and in how far they lie from the silhouettes; so the silhouettes win a quarrel.
-    """
-    shift, covariance = fit.shift.copy(), fit.covariance + SHIFT_FLOOR**2 * np.eye(2)
-    away = [shift[v] - outline[0] for v, outline in enumerate(outlines) if outline is not None]
-    if away:
-        covariance += (np.median(away, axis=0) ** 2).mean() * np.eye(2)
-    for v, outline in enumerate(outlines):
-        if outline is not None:
-            both = np.linalg.inv(covariance[v]), np.linalg.inv(outline[1] + SHIFT_FLOOR**2 * np.eye(2))
-            covariance[v] = np.linalg.inv(both[0] + both[1])
-            shift[v] = covariance[v] @ (both[0] @ fit.shift[v] + both[1] @ outline[0])
+def _settled(fit: Fit, outlines: list[Found | None]) -> tuple[F64, F64, Bool]:
+    """Pixels and silhouettes together: (V, 2) shifts, (V,) their standard errors, (V,) departs from its camera."""
+    views = range(len(outlines))
+    floor = SHIFT_FLOOR**2 * np.eye(2)
+    pixels = [(fit.shift[v], MODEL**2 * fit.covariance[v]) for v in views]
+    # Shading is only as good as the model of light and shape: where silhouettes gainsay it, they win.
+    quarrel = np.median([fit.shift[v] - o[0] for v, o in enumerate(outlines) if o is not None] or [(0.0, 0.0)], axis=0)
+    doubt = floor + (quarrel**2).mean() * np.eye(2)
+    each = [_joined((pixels[v][0], pixels[v][1] + doubt), outlines[v]) for v in views]
+    shift = np.array([e[0] for e in each])
+    error = np.array([np.sqrt(np.trace(e[1]) / 2) for e in each])
     middle = np.median(shift, axis=0)
-    scatter = 1.4826 * float(np.median(np.abs(shift - middle)))
-    error = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2 + scatter**2)
     alone = np.hypot(*(shift - middle).T) > np.maximum(LEAST_ALONE, SIGMAS * error)
-    together = ~alone
-    common = np.average(shift[together], axis=0, weights=error[together] ** -2) if together.any() else middle
-    count = max(int(together.sum()), 1)  # scatter averages out, what the views' errors have in common does not
-    shared = float(np.sqrt(np.median(np.trace(covariance, axis1=1, axis2=2)) / 2 + scatter**2 / count))
-    return np.where(alone[:, None], shift, common), np.where(alone, error, shared), alone
+    together = np.flatnonzero(~alone)
+    if len(together):
+        weights = np.array([np.linalg.inv(pixels[v][1] + floor) for v in together])
+        total = np.linalg.inv(weights.sum(0))
+        mean = total @ np.einsum("vij,vj->i", weights, fit.shift[together])
+        drawn = [o for v in together if (o := outlines[v]) is not None]  # of one shape: their errors do not average out
+        outline = (np.mean([o[0] for o in drawn], axis=0), np.mean([o[1] for o in drawn], axis=0)) if drawn else None
+        common = _joined((mean, total + doubt), outline)
+        shift[together], error[together] = common[0], np.sqrt(np.trace(common[1]) / 2)
+    return shift, error, alone
+
+
+def _joined(pixels: Found, outline: Found | None) -> Found:
+    """Two estimates' mean by their covariances."""
+    if outline is None:
+        return pixels
+    first, second = np.linalg.inv(pixels[1]), np.linalg.inv(outline[1] + SHIFT_FLOOR**2 * np.eye(2))
+    total = np.linalg.inv(first + second)
+    return total @ (first @ pixels[0] + second @ outline[0]), total
 
 
 def corrected(scene: SceneData, misfits: Sequence[Misfit], shifts: bool, gains: bool) -> SceneData:

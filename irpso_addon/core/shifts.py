@@ -18,6 +18,7 @@ CAUCHY = 2.4  # standard deviations at which a pixel has lost half its weight: 9
 WIDEST = 10.0  # pixels: prior of shifts, so that nothing to see gives a large error instead of nonsense
 BINS = 128  # by BINS, over the UV square: what two cameras show of it is compared
 Image = TypeVar("Image", F32, Bool)
+Found = tuple[F64, F64]  # shift (2,) and its covariance (2, 2), pixels
 BAND = 3  # pixels around a silhouette in which the image's must lie
 
 
@@ -107,7 +108,7 @@ def tiles_of(rows: I32, columns: I32) -> I32:
     return np.asarray(np.unique(rows // TILE * 65536 + columns // TILE, return_inverse=True)[1], np.int32)
 
 
-def silhouette(covered: Bool, coverage: F32) -> tuple[F64, F64] | None:
+def silhouette(covered: Bool, coverage: F32) -> Found | None:
     """Shift (2,) of the object's outline in an image and its covariance (2, 2), pixels; None where none can be seen.
 
     ``covered`` (h, w): what a camera's pixel centres see of the object; ``coverage`` (h, w) 0..1: the image's alpha or
