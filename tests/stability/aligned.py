@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from irpso_addon.core.advice import mended
 from irpso_addon.core.checks import Checks
 from irpso_addon.core.data import F64
 from irpso_addon.pipeline import ALIGN_ROUNDS
@@ -20,11 +21,13 @@ from .spoil import shifted
 from .warned import checks_of
 
 
-def rounds(problem: Problem, solve: Callable[[Problem], Answer], exposures: bool) -> tuple[Problem, Answer, Checks]:
-    """(problem as it was put right, the answer to it, its checks): cameras always, exposures where asked."""
+def rounds(
+    problem: Problem, solve: Callable[[Problem], Answer], exposures: bool,
+) -> tuple[Answer, Checks, tuple[str, ...]]:
+    """(answer, its checks, what was put right before it, in words): cameras always, exposures where asked."""
     shift, gain = np.zeros((problem.trial.views, 2)), np.ones(problem.trial.views)
-    mended, answer = problem, solve(problem)
-    checks = checks_of(mended, answer)
+    answer = solve(problem)
+    first = checks = checks_of(problem, answer)
     for _ in range(ALIGN_ROUNDS):
         changed = False
         for k, misfit in enumerate(checks.registration):
@@ -36,10 +39,10 @@ def rounds(problem: Problem, solve: Callable[[Problem], Answer], exposures: bool
                 changed = True
         if not changed:
             break
-        mended = _mended(problem, shift, gain)
-        answer = solve(mended)
-        checks = checks_of(mended, answer)
-    return mended, answer, checks
+        better = _mended(problem, shift, gain)
+        answer = solve(better)
+        checks = checks_of(better, answer)
+    return answer, checks, mended(first, True, exposures)
 
 
 def _mended(problem: Problem, shift: F64, gain: F64) -> Problem:

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from irpso_addon.core.checks import Checks
 from irpso_addon.core.data import F64, Bool
 from tests.bench.problem import FAILED
 
 from .methods import Answer
 from .problem import Problem
-from .warned import warned
 
 GROSS = 0.15  # an error of roughness above this, on more than ...
 GROSS_SHARE = 0.10  # ... this share of a map, must be warned of
@@ -23,9 +21,10 @@ Record = dict[str, Any]
 
 
 def record(
-    problem: Problem, answer: Answer, part: tuple[slice, slice] | None = None, checks: Checks | None = None,
+    problem: Problem, answer: Answer, part: tuple[slice, slice] | None = None,
+    warnings: list[tuple[str, str]] | None = None,
 ) -> Record:
-    """Of one map; ``part``: the texels that were answered for; ``checks``: what the product found after its solve."""
+    """Of one map; ``part``: the texels that were answered for; ``warnings``: kinds and texts of the product's."""
     where = part or (slice(None), slice(None))
     error = roughness_error(problem, answer, where)
     solved = answer.solved
@@ -43,8 +42,8 @@ def record(
         told = answer.confidence[solved]
         found |= {"failed": int(wrong.sum()), "failed_low": int((wrong & worst_half(told)).sum()),
                   "failed_unsure": int((wrong & (told < UNSURE)).sum()), "unsure": _mean(told < UNSURE)}
-    if checks is not None:
-        found["warnings"] = warned(answer, checks)
+    if warnings is not None:
+        found["warnings"] = warnings
     return {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in found.items()}
 
 

@@ -87,8 +87,9 @@ class Table:
         for thing in (maps.roughness, maps.detail, albedo, solver):
             thing.release()
         solved = rough[..., 3] > 0.5
-        told = np.where(solved, confidence(rough[..., 1], detail[..., 0]), 0.0).astype(np.float32)
-        return Answer(base, rough[..., 0].astype(np.float64), solved, rough[..., 1], told, detail[..., 0])
+        told = np.where(solved, confidence(rough[..., 0], rough[..., 1], detail[..., 0], solved), 0.0)
+        return Answer(base, rough[..., 0].astype(np.float64), solved, rough[..., 1],
+                      told.astype(np.float32), detail[..., 0])
 
     def whole(self) -> Answer:
         """The product's solve with model `auto`: the smallest model that the data support."""
@@ -102,7 +103,8 @@ class Table:
         level = None if found.level is None else found.level.astype(np.float64)
         if model == "lambert":
             rough, level = np.ones(shape), np.zeros(shape)
-        told = np.where(solved, confidence(found.roughness[..., 1], found.detail[..., 0]), 0.0).astype(np.float32)
+        told = np.where(solved, confidence(found.roughness[..., 0], found.roughness[..., 1], found.detail[..., 0],
+                                           solved), 0.0).astype(np.float32)
         answer = Answer(np.zeros((*shape, 3)), rough, solved, found.roughness[..., 1], told, found.detail[..., 0],
                         None if found.lobes is None else found.lobes.astype(np.float64), level, model)
         return replace(answer, base=base_of(self.problem, answer))
@@ -173,7 +175,7 @@ def paper(device: Device, problems: Sequence[Problem]) -> list[Answer]:
 
     whole = replace(problems[0], **{name: together(name) for name in ("rgb", "quality", "cos_v", "lobes")})
     source = PictureSource(device, whole)
-    settings = SolveSettings(size=max(source.size), method="paper")
+    settings = SolveSettings(size=max(*source.size, 16), method="paper")
     swarms = Swarms(device, source, settings, "one-lobe", tile=source.size)
     result(swarms.gather((0, 0)))
     while swarms.passes < settings.iterations:
@@ -209,7 +211,7 @@ class Method:
 
 
 _SOLVE = ("irpso_addon/gpu/solve.py", "irpso_addon/gpu/share.py", "irpso_addon/gpu/atlas.py", "shaders/solve",
-          "shaders/include", "irpso_addon/core/tables.py")
+          "shaders/include", "irpso_addon/core/tables.py", "irpso_addon/pipeline.py")
 _CHECKS = ("tests/stability/aligned.py", "tests/stability/warned.py", *(f"irpso_addon/core/{name}.py" for name in (
     "advice", "checks", "checked", "indirect", "registration", "residuals", "shifts")))
 METHODS = (

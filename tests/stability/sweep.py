@@ -16,6 +16,7 @@ from .measure import Record, record
 from .methods import BY_KEY, Answer, Method, Table, middle, paper
 from .problem import Problem, make
 from .store import Store
+from .warned import warned
 
 Say = Callable[[str], None]
 THREADS = "LP_NUM_THREADS"  # of Mesa's software rasteriser
@@ -75,13 +76,13 @@ def _record(device: Device, table: Table, method: Method) -> Record:
     if not method.rounds:
         return record(problem, run(table))
 
-    def solve(mended: Problem) -> Answer:
-        if mended is problem:
+    def solve(better: Problem) -> Answer:
+        if better is problem:
             return run(table)
-        other = Table(device, mended)
+        other = Table(device, better)
         answer = run(other)
         other.release()
         return answer
 
-    _, answer, checks = rounds(problem, solve, method.needs == "drifts")
-    return record(problem, answer, checks=checks)
+    answer, checks, mended = rounds(problem, solve, method.needs == "drifts")
+    return record(problem, answer, warnings=warned(answer, checks, mended))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +16,17 @@ from .methods import Answer, predicted
 from .problem import Problem
 
 KINDS = {  # words of a warning -> its kind in the atlas; the first that fits
-    "to the power": "not linear", "pixels off": "registration", "check its p": "light",
+    "to the power": "not linear", "pixels off": "registration", "check its p": "light", "stand elsewhere": "light",
     "exposure": "exposure", "brighter or darker": "exposure", "no light arrives": "indirect light",
-    "clipped": "clipped", "unexplained": "misfit", "good observations": "few observations", "highlight": "no highlight",
+    "clipped": "clipped", "highlights are off": "misfit", "unexplained": "misfit", "good observations": "few observations", "highlight": "no highlight",
     "lit by no view": "not seen",
 }
 UNSEEN = 0.05  # irpso_addon/pipeline.py: share of texels seen by no view
 
 
-def warned(answer: Answer, checks: Checks) -> list[tuple[str, str]]:
-    """(kind, text) of each warning."""
-    found = warnings(checks)
+def warned(answer: Answer, checks: Checks, mended: Sequence[str] = ()) -> list[tuple[str, str]]:
+    """(kind, text) of each warning; ``mended``: what was put right before these checks."""
+    found = [*mended, *warnings(checks)]
     if (~answer.solved).mean() > UNSEEN:
         found = [f"patch: {(~answer.solved).mean():.0%} of its texels are seen lit by no view", *found]
     return [(kind_of(text), text) for text in found]
