@@ -18,8 +18,8 @@ from .problem import Problem
 KINDS = {  # words of a warning -> its kind in the atlas; the first that fits
     "to the power": "not linear", "pixels off": "registration", "check its p": "light", "stand elsewhere": "light",
     "exposure": "exposure", "brighter or darker": "exposure", "no light arrives": "indirect light",
-    "clipped": "clipped", "highlights are off": "misfit", "unexplained": "misfit", "good observations": "few observations", "highlight": "no highlight",
-    "lit by no view": "not seen",
+    "clipped": "clipped", "highlights are off": "misfit", "unexplained": "misfit",
+    "good observations": "few observations", "highlight": "no highlight", "lit by no view": "not seen",
 }
 UNSEEN = 0.05  # irpso_addon/pipeline.py: share of texels seen by no view
 
