@@ -3,7 +3,8 @@
 Texture cannot tell where a camera looks, since the maps are what the views agree on; so every pixel's brightness
 (a factor on the prediction, the same in all views of the camera) is eliminated, and what is left moves the camera:
 shading, shadows and highlights, which stay while the paint would move, and the silhouette, where the image has alpha
-or a mask.  Beside the other views of its camera a single view is held by the texture as well.
+or a mask.  Beside the other views of its camera a single view is held by the texture as well.  A camera with one view
+alone is held by the paint that the other cameras agree on: part of it is its own, so it takes some rounds.
 
 Gauss-Newton on image differences (Lucas and Kanade 1981; Baker and Matthews, IJCV 56, 2004), with variable projection
 (Golub and Pereyra 1973) for the pixels' factors and Cauchy weights; standard errors from the scores of tiles (the
@@ -129,13 +130,16 @@ class _Collected:
     def solve(self) -> _Estimate:
         told = self._square > 1e-6 * max(float(self._square.max(initial=0.0)), 1e-30)
         factor = np.where(told, self._product / np.where(told, self._square, np.float32(1)), np.float32(0))
+        single = len(self.views) == 1
+        if single:  # beside what other cameras show of the same paint
+            factor = np.where(told, np.median(factor[told]) if told.any() else np.float32(1), np.float32(0))
         up, right = np.gradient(factor)
         at = self.at[eroded(told, 1).ravel()[self.at]]
         known = np.isin(self.at, at, assume_unique=True)
         rows, columns = np.divmod(at, told.shape[1])
         fit = fit_views(np.stack(self.seen, 1)[..., known].astype(np.float64),
                         np.stack([a.ravel()[at] for a in (factor, right, up)]).astype(np.float64),
-                        tiles_of(rows, columns))
+                        tiles_of(rows, columns), free=not single)
         shift, error, alone = _settled(fit, self.outlines)
         return _Estimate(self.views, self.window.image, shift, error, alone, fit, self.window.uv.reshape(-1, 2)[at])
 

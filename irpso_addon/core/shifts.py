@@ -16,9 +16,10 @@ TILE = 32  # pixels: errors this far apart are independent
 ROUNDS = 4
 CAUCHY = 2.4  # standard deviations at which a pixel has lost half its weight: 95 % efficient for normal errors
 WIDEST = 10.0  # pixels: prior of shifts, so that nothing to see gives a large error instead of nonsense
-BINS = 128  # by BINS, over the UV square: what two cameras show of it is compared
+BINS = 64  # by BINS, over the UV square: what two cameras show of it is compared
 Image = TypeVar("Image", F32, Bool)
 Found = tuple[F64, F64]  # shift (2,) and its covariance (2, 2), pixels
+ALIKE = 0.9  # least cosine between what a silhouette's slope is and what it should be
 BAND = 3  # pixels around a silhouette in which the image's must lie
 
 
@@ -33,7 +34,7 @@ class Fit:
     factor: F64  # (N,) brightness that all views show over the predicted
 
 
-def fit_views(seen: F64, factor: F64, tiles: I32) -> Fit:
+def fit_views(seen: F64, factor: F64, tiles: I32, free: bool = True) -> Fit:
     """Shifts and gains of views that share their pixels.
 
     ``seen`` (4, V, N): predicted radiance, its slopes to the right and upwards (by pixel), observed; NaN where a view
@@ -41,7 +42,7 @@ def fit_views(seen: F64, factor: F64, tiles: I32) -> Fit:
     of pixels that share their errors.
 
     To first order observed = (factor + df) predicted + gain * factor predicted - slope . shift, where the slope is
-    that of factor times prediction; df of each pixel is eliminated.
+    that of factor times prediction; df of each pixel is eliminated (not ``free``: it is 0).
     """
     told = np.isfinite(seen).all(0)
     predicted, right, up, observed = np.where(told, seen, 0.0)
@@ -54,7 +55,7 @@ def fit_views(seen: F64, factor: F64, tiles: I32) -> Fit:
     noise = np.full((len(told), 1), 0.01)
     weight = told / ((noise * level) ** 2 + edges)
     for _ in range(ROUNDS):
-        solved, inverse, remains, change = _projected(columns, predicted, left, weight)
+        solved, inverse, remains, change = _projected(columns, predicted, left, weight, free)
         noise = np.array([[_scale(r[t])] for r, t in zip(remains / level, told, strict=True)])
         sure = told / ((noise * level) ** 2 + edges)
         spread = max(_scale((remains * np.sqrt(sure))[told]), 1e-6)
@@ -64,19 +65,19 @@ def fit_views(seen: F64, factor: F64, tiles: I32) -> Fit:
     covariance = inverse @ (scores @ scores.T) @ inverse
     variance = np.diag(covariance)
     pairs = np.arange(views)[:, None] + np.array([0, views])
-    gains = solved[2 * views:]
+    gains = np.log1p(np.maximum(solved[2 * views:], -0.9))
     return Fit(
         shift=solved[:2 * views].reshape(2, views).T, covariance=covariance[pairs[:, :, None], pairs[:, None, :]],
         log_gain=gains - gains.mean(), gain_error=np.sqrt(variance[2 * views:]), factor=factor[0] + change)
 
 
-def _projected(columns: F64, predicted: F64, left: F64, weight: F64) -> tuple[F64, F64, F64, F64]:
+def _projected(columns: F64, predicted: F64, left: F64, weight: F64, free: bool) -> tuple[F64, F64, F64, F64]:
     """Weighted least squares with each pixel's brightness eliminated.
 
     Returns the 3 V unknowns, the inverse of their normal matrix, what remains (V, N) and the pixels' changes (N,).
     """
     count, views = len(columns), len(left)
-    total = np.maximum((weight * predicted**2).sum(0), 1e-30)
+    total = np.maximum((weight * predicted**2).sum(0), 1e-30) if free else np.full(predicted.shape[1], np.inf)
     across = weight * predicted * columns  # (3, V, N)
     flat = (across / np.sqrt(total)).reshape(count * views, -1)
     normal = -(flat @ flat.T)
@@ -86,9 +87,9 @@ def _projected(columns: F64, predicted: F64, left: F64, weight: F64) -> tuple[F6
             normal[a * views + at, b * views + at] += (weight * columns[a] * columns[b]).sum(1)
     normal[np.diag_indices(2 * views)] += WIDEST**-2
     normal[2 * views:, 2 * views:] += max(np.trace(normal[2 * views:, 2 * views:]), 1.0) / views**2  # gains: mean 0
-    free = left - predicted * ((weight * predicted * left).sum(0) / total)
+    rest = left - predicted * ((weight * predicted * left).sum(0) / total)
     inverse = np.linalg.inv(normal)
-    solved = inverse @ (weight * columns * free).sum(-1).reshape(-1)
+    solved = inverse @ (weight * columns * rest).sum(-1).reshape(-1)
     remains = left - (columns * solved.reshape(count, views, 1)).sum(0)
     change = (weight * predicted * remains).sum(0) / total
     return solved, inverse, (remains - predicted * change) * (weight > 0), change
@@ -115,11 +116,14 @@ def silhouette(covered: Bool, coverage: F32) -> Found | None:
     mask.  Along the outline the difference of the two areas is the shift's part across it.
     """
     seen, drawn = blurred(blurred(coverage)), blurred(blurred(covered.astype(np.float32)))
-    up, right = np.gradient(0.5 * (seen + drawn))
+    (up, right), (up_drawn, right_drawn) = np.gradient(seen), np.gradient(drawn)
+    steep, steep_drawn = np.hypot(up, right), np.hypot(up_drawn, right_drawn)
+    alike = up * up_drawn + right * right_drawn > ALIKE * steep * steep_drawn  # not where a mask cuts through the object
+    up, right = 0.5 * (up + up_drawn), 0.5 * (right + right_drawn)
     lowest, highest = coverage, coverage
     for _ in range(BAND):
         lowest, highest = _around(lowest, np.minimum), _around(highest, np.maximum)
-    near = (np.hypot(*np.gradient(drawn)) > 0.05) & (highest > 0.75) & (lowest < 0.25)
+    near = (steep_drawn > 0.05) & (steep > 0.005) & alike & (highest > 0.75) & (lowest < 0.25)
     near[:BAND], near[-BAND:], near[:, :BAND], near[:, -BAND:] = False, False, False, False
     at = np.flatnonzero(near)
     if len(at) < 50:
