@@ -24,7 +24,7 @@ from .data import F32, F64, Bool, Camera, SceneData, View
 from .shifts import Fit, Found, blurred, eroded, fit_views, gain_of_cameras, silhouette, tiles_of
 
 MEAN = np.full(3, 1 / 3, np.float32)  # of the channels
-SAMPLES = 20_000  # pixels of a camera, at most, that are looked at
+SAMPLES = 12_000  # pixels of a camera, at most, that are looked at
 # Lights that stand elsewhere bend the shading of the whole object, so that its tiles err alike: shifts are then off by
 # ten times their standard errors (the cow with lights off by 1 and 3 %).
 MODEL = 10.0

@@ -13,7 +13,7 @@ BINOMIAL = (1 / 16, 4 / 16, 6 / 16)  # sigma 1 pixel: what is aliased in the pre
 ALIASING = 0.2  # pixels: how far an edge in the prediction may lie from the true one
 DARK = 0.1  # of the typical radiance: added to a pixel's own, for errors relative to it
 TILE = 32  # pixels: errors this far apart are independent
-ROUNDS = 4
+ROUNDS = 3
 CAUCHY = 2.4  # standard deviations at which a pixel has lost half its weight: 95 % efficient for normal errors
 WIDEST = 10.0  # pixels: prior of shifts, so that nothing to see gives a large error instead of nonsense
 BINS = 64  # by BINS, over the UV square: what two cameras show of it is compared
@@ -118,7 +118,7 @@ def silhouette(covered: Bool, coverage: F32) -> Found | None:
     seen, drawn = blurred(blurred(coverage)), blurred(blurred(covered.astype(np.float32)))
     (up, right), (up_drawn, right_drawn) = np.gradient(seen), np.gradient(drawn)
     steep, steep_drawn = np.hypot(up, right), np.hypot(up_drawn, right_drawn)
-    alike = up * up_drawn + right * right_drawn > ALIKE * steep * steep_drawn  # not where a mask cuts through the object
+    alike = up * up_drawn + right * right_drawn > ALIKE * steep * steep_drawn  # not where a mask cuts the object
     up, right = 0.5 * (up + up_drawn), 0.5 * (right + right_drawn)
     lowest, highest = coverage, coverage
     for _ in range(BAND):
