@@ -131,7 +131,7 @@ def silhouette(covered: Bool, coverage: F32) -> Found | None:
     slope = np.stack([right.ravel()[at], up.ravel()[at]]).astype(np.float64)
     left = (drawn - seen).ravel()[at].astype(np.float64)
     weight = np.ones(len(at))
-    for _ in range(ROUNDS):
+    for _ in range(2 * ROUNDS):
         inverse = np.linalg.inv((weight * slope) @ slope.T + np.eye(2) * WIDEST**-2)
         shift = inverse @ (slope @ (weight * left))
         remains = left - shift @ slope
