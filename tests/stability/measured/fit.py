@@ -84,7 +84,7 @@ def _metal(at: brdf.Angles, base: F64, shared: F64) -> F64:
 
 def _metallic(at: brdf.Angles, base: F64, shared: F64) -> F64:
     metallic = shared[2]
-    return metallic * _metal(at, base, shared[:1]) + (1 - metallic) * _one_lobe(at, base, shared[:2])
+    return np.asarray(metallic * _metal(at, base, shared[:1]) + (1 - metallic) * _one_lobe(at, base, shared[:2]))
 
 
 def _masked(at: brdf.Angles, r: float) -> F64:
@@ -99,7 +99,7 @@ def _cook_torrance(at: brdf.Angles, scales: F64, shared: F64) -> F64:
     cos2h = np.maximum(1 - at.sin2h, 1e-12)
     D = np.exp(-at.sin2h / (m * m * cos2h)) / (m * m * cos2h**2)
     lobe = D * fresnel(at.cos_vh, eta) * v_grooves(np.sqrt(cos2h), at.cos_l, at.cos_v, at.cos_vh)
-    return scales[0] / np.pi + scales[1] * (lobe / (np.pi * at.cos_l * at.cos_v))[:, None]
+    return np.asarray(scales[0] / np.pi + scales[1] * (lobe / (np.pi * at.cos_l * at.cos_v))[:, None])
 
 
 ROUGH, LEVEL = (0.05, 1.0), (0.001, 1.0)

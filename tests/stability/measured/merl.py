@@ -30,8 +30,8 @@ class Network:
     """One material: half and difference direction -> 21 -> 21 -> RGB."""
 
     name: str
-    weights: tuple[F64, F64, F64]  # (6, 21), (21, 21), (21, 3)
-    biases: tuple[F64, F64, F64]
+    weights: tuple[F64, ...]  # (6, 21), (21, 21), (21, 3)
+    biases: tuple[F64, ...]
 
     def __call__(self, L: F64, V: F64) -> F64:
         """(..., 3)."""
@@ -49,7 +49,7 @@ def networks(folder: Path) -> list[Network]:
     with np.load(folder / NETWORKS) as file:
         data = {key: file[key] for key in file.files}
     layers = [[data[f"{kind}{n}"].astype(np.float64) for n in (1, 2, 3)] for kind in ("fc", "b")]
-    return [Network(str(name), tuple(w[i] for w in layers[0]), tuple(b[i] for b in layers[1]))  # type: ignore[arg-type]
+    return [Network(str(name), tuple(w[i] for w in layers[0]), tuple(b[i] for b in layers[1]))
             for i, name in enumerate(data["names"])]
 
 

@@ -83,7 +83,8 @@ def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: An
         thing.release()
     rough = found.roughness[..., 0].astype(np.float64)
     lobes = found.lobes if found.lobes is not None else np.stack([rough, rough, np.ones_like(rough)], -1)
-    maps = Principled(chosen, base, *np.moveaxis(lobes.astype(np.float64), -1, 0), level.astype(np.float64))
+    first, second, weight = np.moveaxis(lobes.astype(np.float64), -1, 0)
+    maps = Principled(chosen, base, first, second, weight, level.astype(np.float64))
     nearest = np.where(seen.quality > 0, seen.lobes[..., 0, 0], 1.0).min(-1).astype(np.float64)
     return Recovered(maps, found.roughness[..., 3] > 0.5, nearest)
 

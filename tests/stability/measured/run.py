@@ -34,7 +34,7 @@ class Solve:
 
 SOLVES = (
     Solve("lambert", "lambert"), Solve("one-lobe", "one-lobe"), Solve(MAPS, MAPS, everywhere=True),
-    Solve("two-lobe", "two-lobe"), Solve("auto", "auto", everywhere=True), Solve("robust", MAPS, "robust"),
+    Solve("two-lobe", "two-lobe"), Solve("auto", "auto", "auto", everywhere=True), Solve("robust", MAPS, "robust"),
 )
 
 
@@ -106,6 +106,10 @@ def _everywhere(reflectance: Callable[[F64, F64], F64]) -> Callable[[rig.View, n
     return lambda v, m: reflectance(v.L[m], v.V[m])
 
 
+def _by_texel(maps: Principled) -> Callable[[rig.View, np.ndarray], F64]:
+    return lambda v, m: maps.at(m)(v.L[m], v.V[m])
+
+
 def _solve(device: Device, material: Material, scene: Scene) -> None:
     judge = _judge(material, scene)
     rgb = rig.observe(scene.seen.views, material.truth, scene.noise)
@@ -117,7 +121,7 @@ def _solve(device: Device, material: Material, scene: Scene) -> None:
             continue
         found = recover(device, scene.seen, rgb, solve.model, loss=solve.loss)
         key, one = f"{scene.title}: {solve.name}", found.uniform()
-        material.errors[key] = judge(lambda v, m, maps=found.maps: maps.at(m)(v.L[m], v.V[m]))
+        material.errors[key] = judge(_by_texel(found.maps))
         material.errors[f"{key}, one value"] = judge(_everywhere(one))
         material.uniform[key] = one
         if first and solve.name == MAPS:

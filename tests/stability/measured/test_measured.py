@@ -13,7 +13,7 @@ from irpso_addon.core.data import F64
 from irpso_addon.gpu.context import Device
 
 from . import fit, merl, rig
-from .judge import Judge
+from .judge import Judge, Shown
 from .recover import recover
 
 UP = np.array([[0.0, 0.0, 1.0]])
@@ -151,8 +151,8 @@ def test_judge() -> None:
     surface = rig.sphere(16)
     views = rig.views(surface, rig.CAMERAS[:1], rig.lamps(2))
 
-    def grey(scale: float) -> Judge:
-        return lambda v, m: np.full((int(m.sum()), 3), scale / np.pi)  # type: ignore[return-value]
+    def grey(scale: float) -> Shown:
+        return lambda v, m: np.full((int(m.sum()), 3), scale / np.pi)
 
     judge = Judge(views, grey(0.2), surface.covered)
     assert judge(grey(0.2)).display == judge(grey(0.2)).relative == 0
