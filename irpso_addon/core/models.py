@@ -46,8 +46,8 @@ def choose(
 ) -> tuple[str, str]:
     """The model for one material and why, from its texels under each model that was tried.
 
-    ``least_gain``: of the criterion, a texel: what a rung above one-lobe must bring, where the data hold errors
-    that a larger model can mimic.
+    ``least_gain``: of the criterion, a texel: what two lobes must bring, where the data hold errors that numbers
+    found in each texel can mimic.  (A Specular IOR Level is one number for all of them.)
     Texels with fewer than three observations say nothing, nor do those that no model explains (edges of shadow would
     drown all others); with none at all the smallest model is taken.
     """
@@ -64,7 +64,7 @@ def choose(
         score["one-lobe-specular"] += SCALE_IS_KNOWN
     best = tried[0]
     for name in tried[1:]:
-        if score[name] < score[best] - (0.0 if name == "one-lobe" else least_gain):
+        if score[name] < score[best] - (least_gain if name == "two-lobe" else 0.0):
             best = name
     others = ", ".join(f"{name} {score[name] - score[best]:+.3g}" for name in tried if name != best)
     return best, f"information criterion a texel, beside {best}: {others} ({texels} texels; smaller is better)"

@@ -93,6 +93,16 @@ def test_two_lobes_must_bring_what_the_source_asks():
         assert choose(n, fits, one_cell(n), FLOOR, least)[0] == model
 
 
+def test_a_level_need_not_bring_what_two_lobes_must():
+    """It is one number for all texels: 12 log 1.2 = 2.19 pays for its one nat, 12 log 1.05 = 0.59 does not."""
+    n = np.full(50, 12, np.float32)
+    level = n * 0.02**2
+    for ratio, model in ((1.2, "one-lobe-specular"), (1.05, "one-lobe")):
+        one = (level + n * FLOOR**2) * ratio - n * FLOOR**2
+        fits = {"lambert": fit(one * 100, 0), "one-lobe": fit(one, 1), "one-lobe-specular": fit(level, 1)}
+        assert choose(n, fits, one_cell(n), FLOOR, 5.0)[0] == model
+
+
 def test_texels_with_few_observations_say_nothing():
     n = f32(2, 2, 2)
     model, why = choose(n, {"lambert": fit(f32(1, 1, 1), 0), "one-lobe": fit(f32(0, 0, 0), 1)}, one_cell(n), FLOOR)

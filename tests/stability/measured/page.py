@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from irpso_addon.gpu.atlas import LEAST_GAIN
-
 from . import fit, rig
 from .judge import Judgement
 from .picture import best_published
@@ -184,9 +182,7 @@ def _short(materials: Sequence[Material]) -> str:
   only where a texel saw it.
 * The maps of one material are not of one value: far from highlights a texel takes the lobe, usually a rougher one, that
   explains the model's error there, and its standard error does not say so (that error is not noise). Hence the one
-  value by the texels nearest to highlights.
-* `auto` takes one-lobe-specular less often than would be best: where data are pictures, {LEAST_GAIN:g} nats a texel are
-  asked of it."""
+  value by the texels nearest to highlights."""
 
 
 def _numbers(materials: Sequence[Material]) -> str:
