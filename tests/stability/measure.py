@@ -16,7 +16,7 @@ from .problem import Problem
 GROSS = 0.15  # an error of roughness above this, on more than ...
 GROSS_SHARE = 0.10  # ... this share of a map, must be warned of
 WORST = 0.01  # share of texels
-UNSURE = 0.5  # a confidence below says: standard error of roughness above 0.05
+UNSURE = 0.5  # a confidence below says so: a standard error of roughness above 0.05
 Record = dict[str, Any]
 
 
@@ -40,8 +40,9 @@ def record(
     }
     if answer.confidence is not None:
         told = answer.confidence[solved]
-        found |= {"failed": int(wrong.sum()), "failed_low": int((wrong & worst_half(told)).sum()),
-                  "failed_unsure": int((wrong & (told < UNSURE)).sum()), "unsure": _mean(told < UNSURE)}
+        low = worst_half(told)
+        found |= {"failed": int(wrong.sum()), "failed_low": int((wrong & low).sum()),
+                  "failed_told": int((wrong & (low | (told < UNSURE))).sum()), "unsure": _mean(told < UNSURE)}
     if warnings is not None:
         found["warnings"] = warnings
     return {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in found.items()}
@@ -72,7 +73,7 @@ def summary(records: Sequence[Record]) -> Record:
     found["gross_maps"] = sum(is_gross(r) for r in told)
     if all("failed" in r for r in records):
         low = [r for r in told if r["failures"] <= 0.5]  # where more than half fail they are not in any half
-        for key in ("failed", "failed_low", "failed_unsure"):
+        for key in ("failed", "failed_low", "failed_told"):
             found[key] = sum(r[key] for r in told)
         found["halved"], found["halved_low"] = sum(r["failed"] for r in low), sum(r["failed_low"] for r in low)
         found["unsure"] = float(np.mean([r["unsure"] for r in told])) if told else 1.0

@@ -211,7 +211,7 @@ class Method:
 
 
 _SOLVE = ("irpso_addon/gpu/solve.py", "irpso_addon/gpu/share.py", "irpso_addon/gpu/atlas.py", "shaders/solve",
-          "shaders/include", "irpso_addon/core/tables.py", "irpso_addon/pipeline.py")
+          "shaders/include", "irpso_addon/core/tables.py", "irpso_addon/pipeline.py", "tests/stability/measure.py")
 _CHECKS = ("tests/stability/aligned.py", "tests/stability/warned.py", *(f"irpso_addon/core/{name}.py" for name in (
     "advice", "checks", "checked", "indirect", "registration", "residuals", "shifts")))
 METHODS = (

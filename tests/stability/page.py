@@ -18,7 +18,7 @@ from .words import filled, parts
 
 OUT = ROOT / "docs" / "stability"
 LOW_SHARE = 0.95  # of failing texels in the worst-confidence half of their maps
-PRODUCT = ("refined", "swarm")  # on axes of another material with model auto, as it comes
+PRODUCT = ("refined",)  # on axes of another material with model auto, as it comes
 BESIDE = {"registration.md": "Misregistration and drifting exposure, corrected", "indirect.md": "Indirect light",
           "measured.md": "Measured materials"}
 Summaries = Mapping[str, Any]  # {point: {method: summary}}
@@ -57,7 +57,7 @@ def page(told: Mapping[str, Any], out: Path) -> str:
     beside = [f"[{title}]({name})" for name, title in BESIDE.items() if (out / name).exists()]
     if beside:
         text.append(f"\nBeside this page: {'; '.join(beside)}.\n")
-    text.append("\n## Whether it holds\n\n" + bars(found))
+    text.append("\n## Whether it says so\n\n" + words["bars"] + "\n\n" + bars(found))
     if ROW.key in found:
         text.append("\n## Outliers, the figure that was asked for\n\n" + row(found[ROW.key]))
     for title, axes in (("Each alone", ALONE), ("Nasty pairs", PAIRS)):
@@ -72,29 +72,38 @@ def page(told: Mapping[str, Any], out: Path) -> str:
 
 def bars(found: Mapping[str, Summaries]) -> str:
     """The table of what every axis must hold."""
-    lines = ["| axis | failing texels in the worst-confidence half | not-a-number | maps off by > 0.15 on > 10 % | of "
-             "these unwarned | warned of |\n|---|---|---|---|---|---|\n"]
+    lines = ["| axis | failing texels | in the worst-confidence half | or told unsure | not-a-number | maps off by > 0.15 "
+             "on > 10 % | of these unwarned | warned of |\n|---|---|---|---|---|---|---|---|\n"]
     titles = {axis.key: axis.title for axis in (*AXES, ROW)}
+    total = {"halved": 0, "halved_low": 0, "failed": 0, "failed_told": 0, "gross_maps": 0, "unwarned": 0}
     for key, points in found.items():
         default = ("auto",) if any("auto" in s for s in points.values()) else PRODUCT
         told = [s[m] for s in points.values() for m in default if m in s]
         if not told:
             continue
-        failed, low = sum(t["halved"] for t in told), sum(t["halved_low"] for t in told)
         nan = sum(s["nan"] for point in points.values() for s in point.values())
-        judged = [t for t in told if "unwarned" in t]
-        gross, unwarned = sum(t["gross_maps"] for t in judged), sum(t["unwarned"] for t in judged)
-        share = f"{low / failed:.1%} of {failed}" if failed else "none fails"
-        if failed and low / failed < LOW_SHARE:
-            share = f"**{share}**"
+        part = {name: sum(t.get(name, 0) for t in told) for name in total}
+        total = {name: total[name] + part[name] for name in total}
         kinds: dict[str, int] = {}
-        for t in judged:
-            for kind, count in t["kinds"].items():
-                kinds[kind] = kinds.get(kind, 0) + count
+        for kind, count in (item for t in told for item in t.get("kinds", {}).items()):
+            kinds[kind] = kinds.get(kind, 0) + count
         words = ", ".join(f"{kind} ({count})" for kind, count in sorted(kinds.items(), key=lambda item: -item[1]))
-        lines.append(f"| {titles[key]} | {share} | {nan or 0} | {gross} | {f'**{unwarned}**' if unwarned else 0} | "
-                     f"{words} |\n")
-    return "".join(lines)
+        lines.append(_bar(titles[key], part, str(nan), words))
+    return "".join([*lines, _bar("**All**", total, "", "")])
+
+
+def _bar(title: str, part: Mapping[str, int], nan: str, words: str) -> str:
+    low, told = (_share(part[a], part[b]) for a, b in (("halved_low", "halved"), ("failed_told", "failed")))
+    unwarned = f"**{part['unwarned']}**" if part["unwarned"] else "0"
+    cells = [title, str(part["failed"]), low, told, nan, str(part["gross_maps"]), unwarned, words]
+    return f"| {' | '.join(cells)} |\n"
+
+
+def _share(count: int, whole: int) -> str:
+    if not whole:
+        return "-"
+    text = f"{count / whole:.1%}"
+    return text if count / whole >= LOW_SHARE else f"**{text}**"
 
 
 def row(points: Summaries) -> str:

@@ -173,11 +173,15 @@ def test_record_and_summary_by_hand() -> None:
     sure.ravel()[:24] = 0.1  # of which three quarters are told
     told = record(p, answer_of(p, rough, sure))
     assert told["failures"] == told["gross"] == pytest.approx(32 / 256)
-    assert (told["failed"], told["failed_unsure"], told["albedo"], told["nan"]) == (32, 24, 0.0, 0)
+    assert (told["failed"], told["albedo"], told["nan"]) == (32, 0.0, 0)
     assert told["worst"] == pytest.approx(0.2, rel=1e-4)
     assert told["failed_low"] == 32  # all others are alike: none is above the median
-    sure.ravel()[100:] = np.linspace(0.2, 0.9, 156)
-    assert record(p, answer_of(p, rough, sure))["failed_low"] == 24
+    sure.ravel()[100:] = np.linspace(0.6, 0.9, 156)
+    sure.ravel()[24:28], sure.ravel()[28:32] = 0.95, 0.45  # 4 are sure of it, 4 are not
+    sure.ravel()[32:100] = 0.3
+    sure.ravel()[100:180] = 0.4
+    told = record(p, answer_of(p, rough, sure))
+    assert (told["failed_low"], told["failed_told"]) == (24, 28)
     whole = summary([told, {**told, "failures": 0.0, "gross": 0.0}])
     assert whole["gross_maps"] == 1 and whole["failures"] == pytest.approx(1 / 16)
     assert whole["failures_spread"] == pytest.approx(1 / 16)
