@@ -1,0 +1,261 @@
+"""Indirect light: what the second Blender renders, and maps recovered from pictures that hold it.
+
+A ball above a floor.  References and the independent renders are Cycles' own, of other passes and other settings.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from irpso_addon import pipeline
+from irpso_addon.blender import demo, files, indirect
+from irpso_addon.blender.scene import read_scene
+from irpso_addon.core.data import Bounced, Maps, SceneData, Solution
+from irpso_addon.core.errors import BadInput, Cancelled
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.gpu import thread
+
+BASE, ROUGH, PIXELS = (0.7, 0.35, 0.15), 0.4, 96
+
+
+def build(base, rough, level) -> bpy.types.Scene:
+    """Ball, floor, two cameras, three lamps; the ball has the given material."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    scene = bpy.context.scene
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=48, ring_count=24, radius=0.8)
+    ball = bpy.context.object
+    ball.name = "Ball"
+    bpy.ops.object.shade_smooth()
+    bpy.ops.mesh.primitive_plane_add(size=6, location=(0, 0, -0.8))
+    floor = bpy.context.object
+    floor.name = "Floor"
+    paint(ball, "Paint", base, rough, level)
+    paint(floor, "Floor", (0.6, 0.6, 0.5), 1.0, 0.0)
+    for i, x in enumerate((-1.2, 1.2)):
+        add(f"Camera {i}", bpy.data.cameras.new("Camera"), (x, -4.0, 0.9)).data.lens = 75
+    for i, place in enumerate(((-2.8, -0.6, 1.5), (0.5, -2.5, 2.5), (2.8, -0.4, 1.0))):
+        lamp = bpy.data.lights.new("Lamp", "POINT")
+        lamp.energy, lamp.shadow_soft_size = 200.0, 0.0
+        add(f"Lamp {i}", lamp, place)
+    demo._set_up_render(scene)
+    scene.render.resolution_x = scene.render.resolution_y = PIXELS
+    scene.cycles.samples, scene.cycles.max_bounces = 32, 4
+    bpy.context.view_layer.objects.active = ball
+    return scene
+
+
+def add(name, data, place) -> bpy.types.Object:
+    return demo._add(name, data, demo.Vector(place))
+
+
+def paint(obj, name, base, rough, level) -> None:
+    if not obj.data.materials:
+        obj.data.materials.append(demo._material(name))
+    inputs = obj.data.materials[0].node_tree.nodes["Principled BSDF"].inputs
+    inputs["Base Color"].default_value, inputs["Roughness"].default_value = (*base, 1), rough
+    inputs["Specular IOR Level"].default_value = level
+
+
+def references(folder: Path) -> None:
+    """A picture of each camera under each lamp; then the file, its ball unpainted."""
+    (folder / "refs").mkdir(parents=True)
+    views = []
+    for camera in ("Camera 0", "Camera 1"):
+        for lamp in ("Lamp 0", "Lamp 1", "Lamp 2"):
+            image = f"refs/{camera}, {lamp}.exr"
+            demo._render(folder / image, bpy.data.objects[camera], bpy.data.objects[lamp])
+            views.append({"image": image, "camera": camera, "lights": [lamp]})
+    (folder / "captures.json").write_text(json.dumps({"views": views}))
+    paint(bpy.data.objects["Ball"], "Paint", (0.8, 0.8, 0.8), 0.5, 0.5)
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
+
+
+def solution_of(base, rough, model) -> Solution:
+    """Constant maps."""
+    shape, none = (8, 8), np.zeros((8, 8), np.float32)
+    maps = Maps(base_color=np.broadcast_to(np.array(base, np.float32), (*shape, 3)), roughness=none + np.float32(rough),
+                confidence=none, error=none, filled=none > 0, coverage=none > 0, roughness_sigma=none, base_sigma=none)
+    return Solution(maps=maps, model={"Paint": model}, why={}, texels={}, seconds={}, residual=0.0, views_used=(),
+                    views_skipped=(), warnings=(), device={})
+
+
+def ran(steps):
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def bounced(tmp_path_factory) -> Path:
+    """The capture with 4 bounces."""
+    folder = tmp_path_factory.mktemp("bounced")
+    build(BASE, ROUGH, 0.5)
+    references(folder)
+    return folder
+
+
+@pytest.fixture
+def scene(bounced: Path, monkeypatch) -> SceneData:
+    """It, open."""
+    monkeypatch.setattr(indirect, "SIDE", 48)
+    files.open_blend(bounced / "scene.blend")
+    return read_scene(None, "Ball", bounced / "captures.json")
+
+
+@pytest.mark.parametrize(("base", "model", "level"), [(0.5, "lambert", 0.0), (0.0, "one-lobe", 0.5)])
+def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level) -> None:
+    """White paint without highlight: rho / pi times the irradiance; black paint with one: the glossy light alone.
+
+    Beside them the same paint by Cycles with 4 bounces minus without any.  Means over the ball: noise is averaged.
+    """
+    monkeypatch.setattr(indirect, "SIDE", PIXELS)
+    monkeypatch.setattr(indirect, "SAMPLES", 64)
+    scene = build((base,) * 3, ROUGH, level)
+    scene.render.resolution_x = scene.render.resolution_y = 48
+    scene.cycles.samples = 64
+    light = {}
+    for bounces in (0, 4):
+        scene.cycles.max_bounces = bounces
+        demo._render(tmp_path / f"{bounces}.exr", bpy.data.objects["Camera 0"], bpy.data.objects["Lamp 0"])
+        light[bounces] = demo.read_render(tmp_path / f"{bounces}.exr")[..., :3]
+    scene.cycles.film_exposure = 2.0  # is of the references, not of light
+    captures = tmp_path / "captures.json"
+    captures.write_text('{"views": [{"image": "4.exr", "camera": "Camera 0", "lights": ["Lamp 0"]}]}')
+    file = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    found = ran(indirect.Bouncer.of_open_file(file)(
+        read_scene(None, "Ball", captures), solution_of((base,) * 3, ROUGH, model)))
+    assert list(found) == [0]
+    drawn = base / math.pi * found[0].irradiance if base else found[0].glossy
+    ball = np.hypot(*np.mgrid[-1:1:48j, -1:1:48j]) < 0.3  # around the picture's middle
+    want = (light[4] - light[0])[ball].mean(0)
+    assert (want > 0.002 * light[0][ball].mean()).all()
+    np.testing.assert_allclose(drawn[ball].mean(0), want, rtol=0.05 if base else 0.12)
+
+
+def test_albedo_is_recovered_where_direct_light_alone_fails(scene: SceneData, bounced: Path) -> None:
+    before = digest(bounced / "scene.blend")
+    bouncer = indirect.Bouncer.of_open_file(bounced / "scene.blend")
+    errors, rough = {}, {}
+    for mode in ("off", "auto"):
+        settings = SolveSettings(size=64, indirect=mode)
+        solution = thread.run(lambda settings=settings: pipeline.solve(scene, settings, bounce=bouncer))
+        solved = solution.maps.coverage & ~solution.maps.filled
+        solved[32:] = False  # the ball's lower half, which sees the floor
+        errors[mode] = np.median(np.abs(solution.maps.base_color[solved] / BASE - 1), axis=0).max()
+        sure = solution.maps.confidence > 0.5
+        rough[mode] = np.median(np.abs(solution.maps.roughness[sure] - ROUGH))
+        assert any("bounced" in warning for warning in solution.warnings) == (mode == "off")
+    assert errors["off"] > 0.3, errors
+    assert errors["auto"] < 0.05, errors
+    assert rough["auto"] < 0.02, rough
+    assert digest(bounced / "scene.blend") == before
+    assert bpy.data.filepath == str(bounced / "scene.blend") and not bpy.data.images.get("Ball_basecolor")
+
+
+def test_direct_light_is_left_alone(scenes: Path) -> None:
+    """Shadows are dark: nothing is rendered, and every map is the same, bit for bit."""
+    files.open_blend(scenes / "good" / "scene.blend")
+    data = read_scene(None, "Ball", scenes / "good" / "captures.json")
+
+    def bounce(scene: SceneData, solution: Solution) -> Iterator[object]:
+        raise AssertionError("rendered indirect light of a capture without it")
+        yield
+
+    found = [thread.run(lambda mode=mode: pipeline.solve(data, SolveSettings(size=32, indirect=mode), bounce=bounce))
+             for mode in ("off", "auto")]
+    for name in ("base_color", "roughness", "confidence", "error"):
+        np.testing.assert_array_equal(getattr(found[0].maps, name), getattr(found[1].maps, name))
+    assert not any("bounced" in warning for solution in found for warning in solution.warnings)
+
+
+class Kept(subprocess.Popen):
+    """Remembers what was started, and where."""
+
+    made: list[Kept] = []
+
+    def __init__(self, *arguments, **options) -> None:
+        super().__init__(*arguments, **options)
+        self.folder = Path(options["cwd"])
+        self.made.append(self)
+
+
+def test_stopping_ends_the_child(scene: SceneData, bounced: Path, monkeypatch) -> None:
+    monkeypatch.setattr(indirect, "SAMPLES", 1_000_000)
+    monkeypatch.setattr(subprocess, "Popen", Kept)
+    steps = indirect.Bouncer.of_open_file(bounced / "scene.blend")(scene, solution_of(BASE, ROUGH, "one-lobe"))
+    next(steps)
+    child = Kept.made.pop()
+    assert child.poll() is None and child.folder.is_dir()
+    with pytest.raises(Cancelled):
+        steps.throw(Cancelled())
+    assert child.returncode is not None and not child.folder.exists()
+
+
+def test_a_child_that_fails_costs_a_warning(scene: SceneData, tmp_path: Path) -> None:
+    """One line that says why; the direct result stays."""
+    bad = tmp_path / "bad.blend"
+    bad.write_bytes(b"BLENDER is not what this is")
+    bouncer = indirect.Bouncer.of_open_file(bad)
+    with pytest.raises(BadInput, match=r"bad\.blend: indirect light cannot be rendered") as caught:
+        ran(bouncer(scene, solution_of(BASE, ROUGH, "one-lobe")))
+    assert "\n" not in str(caught.value)
+    solution = thread.run(lambda: pipeline.solve(scene, SolveSettings(size=16, indirect="on"), bounce=bouncer))
+    assert str(caught.value) in solution.warnings and not solution.cancelled
+
+
+def test_a_copy_holds_what_was_not_saved(scene: SceneData) -> None:
+    """And goes when the job is done."""
+    bpy.data.objects["Ball"]["mark"] = 1
+    bouncer = indirect.Bouncer.of_copy()
+    path = bpy.data.filepath
+    with bpy.data.libraries.load(str(bouncer.blend)) as (there, here):
+        here.objects = ["Ball"] if "Ball" in there.objects else []
+    assert here.objects[0]["mark"] == 1
+    assert bpy.data.filepath == path and bouncer.blend != Path(path)
+
+    def job() -> Iterator[int]:
+        yield 1
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        ran(bouncer.around(job()))
+    assert not bouncer.blend.exists()
+
+
+def test_world_light_is_indirect_too(scene: SceneData, tmp_path: Path, bounced: Path) -> None:
+    """A grey world of radiance 1 above an open floor: irradiance is below pi, and most of it where the ball looks up."""
+    world = bpy.data.worlds.new("Grey")
+    world.color = (1, 1, 1)
+    if bpy.app.version < (5, 0, 0):
+        world.use_nodes = True
+    tree = world.node_tree
+    if tree is not None:
+        next(node for node in tree.nodes if node.type == "BACKGROUND").inputs["Color"].default_value = (1, 1, 1, 1)
+    bpy.context.scene.world = world
+    bpy.context.scene.cycles.max_bounces = 1
+    file = tmp_path / "world.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True)
+    found: Bounced = ran(indirect.Bouncer.of_open_file(file)(
+        replace(scene, views=scene.views[:1]), solution_of(BASE, ROUGH, "lambert")))[0]
+    middle = slice(21, 27)
+    column = found.irradiance[:, middle].mean((1, 2))
+    on = np.flatnonzero(column > 0)
+    top = column[on[-int(0.2 * len(on)):]].max()
+    assert 2.0 < top < 1.6 * math.pi

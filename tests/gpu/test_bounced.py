@@ -1,0 +1,116 @@
+"""Indirect light in the observations, on the self-test's square: light that the pictures hold besides the lamps'."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irpso_addon.core import selftest
+from irpso_addon.core.data import Bounced
+from irpso_addon.gpu import bounced as smoothing
+from irpso_addon.gpu.bounced import Smoother
+from irpso_addon.gpu.observe import camera_uniforms, observe
+from irpso_addon.gpu.surface import MeshBuffer, Occluders, draw_pixel_grid
+
+TINT = np.array([0.9, 0.5, 0.2], np.float32)  # of the indirect light
+
+
+def ran(steps):
+    """A generator's value."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def observed(on_gl, scene, read_image, bounced):
+    """Per view (colour, lobe factor), (h, w, 4) and (h, w)."""
+    def work(device):
+        mesh = MeshBuffer(device, scene.mesh)
+        found = ran(observe(device, scene, mesh, read_image, bounced))
+        result = [(device.read(view.colour).copy(), device.read(view.lobes[0])[..., 3].copy())
+                  for view in found.cameras[0].views]
+        found.release()
+        mesh.release()
+        return result
+
+    return on_gl(work)
+
+
+@pytest.fixture(scope="module")
+def square():
+    test = selftest.build()
+    return replace(test, scene=replace(test.scene, views=test.scene.views[:4]))
+
+
+def flat(light: float, glossy: float, size: int = 16) -> Bounced:
+    """The same everywhere."""
+    return Bounced(np.full((size, size, 3), light, np.float32) * TINT, np.full((size, size, 3), glossy, np.float32))
+
+
+def test_irradiance_is_the_sum_and_glossy_light_goes_off_the_picture(on_gl, square):
+    """f = (L - glossy) / (E_lamp + E_indirect); the lamp's lobe counts by its share of the light, mean over RGB."""
+    direct = observed(on_gl, square.scene, square.read_image, None)
+    indirect = observed(on_gl, square.scene, square.read_image, dict.fromkeys(range(4), flat(3.0, 0.05)))
+    for view, (plain, lobe), (colour, lobe_2) in zip(square.scene.views, direct, indirect, strict=True):
+        good = (plain[..., 3] > 0.5) & (colour[..., 3] > 0)
+        assert good.sum() > 1000
+        radiance = square.read_image(view).rgb[good].astype(np.float64)
+        lamp = radiance / plain[good][:, :3]
+        want = np.maximum(radiance - 0.05, 0) / (lamp + 3.0 * TINT)
+        np.testing.assert_allclose(colour[good][:, :3], want, rtol=2e-4, atol=1e-6)
+        share = (lamp / (lamp + 3.0 * TINT)).mean(-1)
+        np.testing.assert_allclose(lobe_2[good], lobe[good] * share, rtol=2e-4)
+        assert (colour[good][:, 3] < plain[good][:, 3]).all()  # less is known than of lamps alone
+
+
+def test_no_indirect_light_changes_nothing(on_gl, square):
+    direct = observed(on_gl, square.scene, square.read_image, None)
+    none = observed(on_gl, square.scene, square.read_image, dict.fromkeys(range(4), flat(0.0, 0.0)))
+    for (plain, lobe), (colour, lobe_2) in zip(direct, none, strict=True):
+        np.testing.assert_allclose(colour, plain, rtol=2e-5, atol=1e-6)
+        np.testing.assert_allclose(lobe_2, lobe, rtol=2e-5, atol=1e-6)
+
+
+def smoothed(on_gl, scene, picture: Bounced, size: int = 64) -> np.ndarray:
+    """(size, size, 4) irradiance at the square's pixels, and coverage."""
+    def work(device):
+        mesh, camera = MeshBuffer(device, scene.mesh), scene.views[0].camera
+        nothing = Occluders(device, scene.occluders)
+        maps = draw_pixel_grid(device, mesh, nothing, camera, size, size, 0.0)
+        with Smoother(device, mesh, nothing, camera, maps, lambda h: camera_uniforms(camera, h, 0.0)) as smoother:
+            pair = smoother.smooth(picture)
+        result = device.read(pair[0]).copy()
+        result[..., 3] = device.read(maps.position)[..., 3]
+        for thing in (*pair, maps, mesh):
+            thing.release()
+        return result
+
+    return on_gl(work)
+
+
+def test_smoothing_keeps_what_is_smooth_and_cuts_sparks(on_gl, square):
+    """A ramp stays (but for the borders, where the window is one-sided); of one pixel with 10 000 times its light, which
+    the mean would show 400 times brighter, little is left."""
+    ramp = np.repeat(np.linspace(1, 2, 32, dtype=np.float32)[None, :, None], 32, 0).repeat(3, 2)
+    result = smoothed(on_gl, square.scene, Bounced(ramp, ramp))
+    at = (np.arange(64) + 0.5) / 2 - 0.5
+    inner = slice(16, 48)
+    np.testing.assert_allclose(result[inner, inner, 0], np.interp(at, np.arange(32), ramp[0, :, 0])[None, inner].repeat(
+        32, 0), rtol=5e-3)
+    spark = ramp.copy()
+    spark[16, 16] *= 1e4
+    lit = smoothed(on_gl, square.scene, Bounced(spark, ramp))
+    assert lit[..., 0].max() < 40 * 1.5
+
+
+def test_noise_is_averaged(on_gl, square):
+    """Independent noise falls by the root of the window's effective number of pixels, 4 pi sigma^2."""
+    noise = np.random.default_rng(1).gamma(4.0, 0.25, (64, 64, 1)).astype(np.float32).repeat(3, 2)  # 50 % of its mean
+    result = smoothed(on_gl, square.scene, Bounced(noise, noise))
+    inner = result[12:52, 12:52, 0]
+    assert abs(inner.mean() - 1) < 0.02
+    assert inner.std() < 1.3 * 0.5 / np.sqrt(4 * np.pi * smoothing.MEAN[1] ** 2)
