@@ -29,7 +29,8 @@ SAMPLES = 12_000  # pixels of a camera, at most, that are looked at
 # ten times their standard errors (the cow with lights off by 1 and 3 %).
 MODEL = 10.0
 RIM = 4  # pixels next to an edge of the object, left to the silhouette
-SHIFT_FLOOR, GAIN_FLOOR = 0.005, 0.002  # errors that no statistics shows: pixels, relative
+SHIFT_FLOOR, GAIN_FLOOR = 0.005, 0.001  # errors that no statistics shows: pixels, relative
+GAIN_PER_PIXEL = 0.005  # relative, per pixel of shift: while cameras are off the base colours are wrong too
 SIGMAS = 4.0  # a shift or gain this many standard errors off is believed
 LEAST_SHIFT, LEAST_GAIN = 0.02, 0.003  # less is not worth a second solve: pixels, relative
 LEAST_ALONE = 0.1  # pixels from the other views of its camera: then a view is believed to have moved by itself
@@ -158,7 +159,7 @@ class _Estimate:
 
     def misfits(self, log_gain: F64) -> list[Misfit]:
         """With the views' gains, (V,)."""
-        errors = np.hypot(self.fit.gain_error, GAIN_FLOOR)
+        errors = np.sqrt(self.fit.gain_error**2 + GAIN_FLOOR**2 + (GAIN_PER_PIXEL * np.hypot(*self.shift.T)) ** 2)
         return [
             Misfit(view.image, view.camera.name, self.size, (float(x), float(y)), float(error), float(np.exp(gain)),
                    float(gain_error), bool(alone))
