@@ -3,7 +3,12 @@
 Matusik et al. 2003, "A Data-Driven Reflectance Model" (the 100 materials); Sztrajman et al. 2021, "Neural BRDF
 Representation and Importance Sampling" (the networks); Ngan et al. 2005, "Experimental Analysis of BRDF Models", and
 Low et al. 2012, "BRDF Models for Accurate and Efficient Rendering of Glossy Surfaces" (the fits, as Peers' bbm holds
-them).  None of that is in the repository: ``--data`` names a folder with ``merl_nbrdf.npz`` and the fits' CSV tables.
+them).  None of that is in the repository: ``--data`` names a folder with
+
+    merl_nbrdf.npz   names (n), and of each material fc1 (6, 21), b1 (21), fc2 (21, 21), b2 (21), fc3 (21, 3), b3 (3):
+                     the weights of github.com/asztr/Neural-BRDF
+    low_cooktorrance_E1.csv, low_cooktorrance_E2.csv, ngan_cooktorrance.csv
+                     material, kd_r, kd_g, kd_b, ks_r, ks_g, ks_b, roughness, eta: of github.com/bsdfbenchmark/bbm
 
 All directions are unit vectors (..., 3) in the frame of the normal, which is z; all BRDFs 1/sr, without the cosine, and
 0 below the horizon.

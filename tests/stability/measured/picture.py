@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from irpso_addon.core import predict
+from irpso_addon.core import tables
 from irpso_addon.core.data import F64, Bool
 
 from . import fit, rig
@@ -160,10 +160,11 @@ def _looked_up(found: Recovered, normal: F64) -> Principled:
     flat = np.maximum(np.hypot(normal[:, 0], normal[:, 1]), 1e-9)
     uv = (normal[:, :2] / flat[:, None] * radius[:, None] + 1) / 2
     on = radius < 1 - 2 / SPHERE
+    at = (uv * SPHERE - 0.5) / (SPHERE - 1)  # 0..1 from the first texel's centre to the last's
 
     def look(grid: F64, else_: F64) -> F64:
         filled = np.where(found.solved[..., None], grid, else_)
-        return np.where(on[:, None], predict._bilinear(filled, np.clip(uv, 0, 1)), else_)
+        return np.where(on[:, None], tables.bilinear(filled, at[:, 1], at[:, 0]), else_)
 
     names = ("roughness", "roughness2", "weight", "level")
     rest = [look(getattr(maps, n)[..., None], getattr(one, n)[None])[:, 0] for n in names]
