@@ -12,8 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from .checks import Checks
+from .consensus import LightResidual
 from .registration import Misfit
-from .residuals import LightResidual, is_indirect, scale_of
+from .residuals import is_indirect, scale_of
 
 LEAST_GAIN, LEAST_MOVE = 0.015, 0.01  # relative errors of brightness, of shading, below which nothing is said
 EXPLAINED = 0.25  # of the residual's variance that a light's move must explain
@@ -60,12 +61,17 @@ def _indirect(checks: Checks) -> list[str]:
             "bounced light (or a black level) is in them: solve with indirect light 'on', or darken the surroundings"]
 
 
-LINEAR = "not 1; check that they are linear (no sRGB curve, no view transform), and their colour space"
+LINEAR = ("not 1; check that they are linear (no sRGB curve, no view transform), their colour space, and that no other "
+          "light is in them")
 
 
 def _curve(checks: Checks) -> list[str]:
     slope = checks.slope
-    if not slope or abs(slope.exponent - 1) <= max(LEAST_POWER + _floor(checks), SIGMAS_POWER * slope.error):
+    if not slope:
+        return []
+    # A curve is the same in all views; lights in wrong places bend each view in its own way.
+    scatter = scale_of(np.array([v.slope.exponent for v in checks.views if v.slope]))
+    if abs(slope.exponent - 1) <= max(LEAST_POWER + _floor(checks), SIGMAS_POWER * slope.error, scatter):
         return []
     return [f"all views: brightness follows light to the power {slope.exponent:.2f}, {LINEAR}"]
 
@@ -155,7 +161,7 @@ def _exposures(checks: Checks) -> list[str]:
     curved = _curved(checks)
     rest = [v for v in checks.views if not said & set(v.lights) and v.view not in curved]
     gains = {v.view: v.residual.gain for v in rest}
-    least = max(LEAST_GAIN, _floor(checks))
+    least = max([LEAST_GAIN, _floor(checks), *(2 * light.effect for light in _moved(checks))])
     off = {v.view: abs(float(np.log(v.residual.gain))) for v in rest
            if abs(np.log(v.residual.gain)) > max(least, SIGMAS * v.residual.gain_error)}
     if not off:

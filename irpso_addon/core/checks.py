@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .checked import CheckedView
-from .data import F32, F64, I32, Bool
+from .consensus import LightResidual, Places, Slope
+from .data import F32, F64, I32, Bool, View
 from .registration import Misfit, Registration
-from .residuals import LEAST, SMALL, LightResidual, Places, Residual, Slope, log_ratio, residual, shared
+from .residuals import SMALL, Residual, Shared, look, residual, sample, shared
 
 WRONG = 0.15  # an error of roughness that a user would see
 CELLS = 256  # squared: the grid over the UV square on which highlights are counted
@@ -71,7 +72,7 @@ class Checks:
     materials: tuple[MaterialCheck, ...]
     noise: float  # relative: of a pixel, median over views
     structure: float  # relative: what neighbouring pixels leave over together, median over views
-    highlight: float  # the same in highlights, relative to the lobes' part, all views together
+    highlight: float  # relative to the lobes' part: what blocks of 2 x 2 pixels leave over in highlights alone
     slope: Slope | None  # of all views
     unlit_share: float  # radiance where no light arrives, as a share of the lit median; NaN: nothing tells
     clipped: float  # share of the object's pixels, all views together
@@ -84,34 +85,44 @@ class Checks:
 
 def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
     """Consumes one view at a time; those of a camera follow one another."""
-    places, registration, found, gains, lobes = Places(), Registration(), [], [], []
-    nearest = np.full((CELLS, CELLS), np.inf, np.float32)
+    places, registration, window = Places(), Registration(), None
+    found: list[tuple[View, float, Residual]] = []
+    lobes: list[Shared] = []
+    others: list[Shared] = []
+    nearest = np.full(CELLS * CELLS, np.inf, np.float32)
     for view in views:
-        y, share, good = log_ratio(view)
-        figures, shiny = residual(view, y, share, good)
-        lobes.append(shiny)
-        gains.append(figures.gain)
-        places.add(view, y, share, good, figures.gain)
         registration.add(view)
-        _see_highlights(nearest, view, good)
-        found.append((view.view.image.name, view.view.camera.name, tuple(light.name for light in view.view.lights),
-                      view.clipped, figures))
+        if view.window is not window:
+            window = view.window
+            at = sample(window)
+            places.camera(window, at)
+            x, y = (np.clip(window.uv.reshape(-1, 2)[at] * CELLS, 0, CELLS - 1).astype(np.int64)).T
+            cells = (y * CELLS + x).T
+        seen = look(view, at)
+        figures, shiny, other = residual(seen)
+        places.add(view.view, seen, figures.gain)
+        sines = np.minimum(view.sin2h.ravel()[at[seen.good]], np.float32(1 - 1e-6))
+        np.minimum.at(nearest, cells[seen.good], np.sqrt(sines / (1 - sines)))
+        found.append((view.view, view.clipped, figures))
+        lobes.append(shiny)
+        others.append(other)
     overall, each = places.slopes()
     residuals = [figures for *_, figures in found]
-    means, within = (np.concatenate(parts) for parts in zip(*lobes, strict=True)) if lobes else (np.zeros(0),) * 2
     dark = np.array([(r.unlit, r.unlit_pixels) for r in residuals if r.unlit is not None])
     noise = _median([r.noise for r in residuals])
-    least, seen = _alphas(nearest, texels)
+    least, solved = _alphas(nearest.reshape(CELLS, CELLS), texels)
     return Checks(
         name=texels.name,
-        views=tuple(ViewCheck(*view, slope) for view, slope in zip(found, each, strict=True)),
-        lights=tuple(places.lights(gains)), materials=tuple(_materials(texels, noise)), noise=noise,
+        views=tuple(ViewCheck(view.image.name, view.camera.name, tuple(light.name for light in view.lights), clipped,
+                              figures, slope) for (view, clipped, figures), slope in zip(found, each, strict=True)),
+        lights=tuple(places.lights([r.gain for r in residuals])), noise=noise,
+        materials=tuple(_materials(texels, noise)),
         structure=_median([r.structure for r in residuals]), slope=overall,
-        highlight=shared(means, within, SMALL) if len(means) >= LEAST / SMALL**2 else 0.0,
+        highlight=max(shared(_together(lobes)) ** 2 - shared(_together(others)) ** 2, 0.0) ** 0.5,
         unlit_share=float(np.average(dark[:, 0], weights=dark[:, 1])) if len(dark) else float("nan"),
-        clipped=float(np.mean([view[3] for view in found])) if found else 0.0,
-        no_highlight=float(np.mean(least[seen] > NO_HIGHLIGHT)) if seen.any() else 0.0,
-        nearest=float(np.median(least[seen])) if seen.any() else float("inf"),
+        clipped=float(np.mean([clipped for _, clipped, _ in found])) if found else 0.0,
+        no_highlight=float(np.mean(least[solved] > NO_HIGHLIGHT)) if solved.any() else 0.0,
+        nearest=float(np.median(least[solved])) if solved.any() else float("inf"),
         doubtful=doubtful(texels.sigma[texels.solved]) if texels.sure else float("nan"), sure=texels.sure,
         registration=registration.estimate())
 
@@ -132,11 +143,11 @@ def _median(values: list[float]) -> float:
     return float(np.median(values)) if values else 0.0
 
 
-def _see_highlights(nearest: F32, view: CheckedView, good: Bool) -> None:
-    """Take a view's half vectors into the least tan(theta_h) seen of each cell."""
-    s = np.minimum(view.sin2h[good], np.float32(1 - 1e-6))
-    x, y = (np.clip(view.window.uv[good] * CELLS, 0, CELLS - 1).astype(np.int64)).T
-    np.minimum.at(nearest.reshape(-1), y * CELLS + x, np.sqrt(s / (1 - s)))
+def _together(parts: list[Shared]) -> Shared:
+    """Those of all views."""
+    none = np.zeros(0, np.float32)
+    return Shared(np.concatenate([none, *(x.means for x in parts)]), np.concatenate([none, *(x.within for x in parts)]),
+                  SMALL**2)
 
 
 def _alphas(nearest: F32, texels: TexelFit) -> tuple[F64, Bool]:
