@@ -31,7 +31,7 @@ MODEL = 10.0
 RIM = 4  # pixels next to an edge of the object, left to the silhouette
 SHIFT_FLOOR, GAIN_FLOOR = 0.005, 0.001  # errors that no statistics shows: pixels, relative
 GAIN_PER_PIXEL = 0.005  # relative, per pixel of shift: while cameras are off the base colours are wrong too
-SIGMAS = 4.0  # a shift or gain this many standard errors off is believed
+SIGMAS, LIKELY = 4.0, 2.0  # a shift or gain so many standard errors off is beyond doubt, likely
 LEAST_SHIFT, LEAST_GAIN = 0.02, 0.003  # less is not worth a second solve: pixels, relative
 LEAST_ALONE = 0.1  # pixels from the other views of its camera: then a view is believed to have moved by itself
 
@@ -202,25 +202,26 @@ def _joined(pixels: Found, outline: Found | None) -> Found:
 
 
 def corrected(scene: SceneData, misfits: Sequence[Misfit], shifts: bool, gains: bool) -> SceneData:
-    """The scene with cameras and exposures put right where they are off beyond doubt; else the scene itself.
+    """The scene with cameras and exposures put right; the scene itself where none is off beyond doubt.
 
+    Where one is, the others are put right as well, by what is likely (two standard errors): the round comes anyway.
     Views of a camera that share their shift go on sharing it; one that departs gets a camera of its own.
     """
     found = {(m.image, m.camera): m for m in misfits}
+    shifts, gains = shifts and any(m.shifted for m in misfits), gains and any(m.drifted for m in misfits)
     cameras: dict[str, Camera] = {}
     views = []
     for view in scene.views:
         misfit = found.get((view.image, view.camera.name))
-        if misfit is not None and shifts and misfit.shifted:
+        if misfit is not None and shifts and misfit.pixels > LIKELY * misfit.shift_error:
             name = f"{view.camera.name} ({view.image.name})" if misfit.alone else view.camera.name
             if name not in cameras:
                 cameras[name] = moved(replace(view.camera, name=name), misfit.shift, misfit.size)
             view = replace(view, camera=cameras[name])
-        if misfit is not None and gains and misfit.drifted:
+        if misfit is not None and gains and abs(np.log(misfit.gain)) > LIKELY * misfit.gain_error:
             view = replace(view, gain=view.gain * misfit.gain)
         views.append(view)
-    same = all(new is old for new, old in zip(views, scene.views, strict=True))
-    return scene if same else replace(scene, views=tuple(views))
+    return replace(scene, views=tuple(views)) if shifts or gains else scene
 
 
 def moved(camera: Camera, shift: tuple[float, float], size: tuple[int, int]) -> Camera:

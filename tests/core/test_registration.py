@@ -214,3 +214,11 @@ def test_shared_shifts_stay_shared_and_a_lone_one_gets_its_own_camera():
     assert first.camera.projection[0, 3] == pytest.approx(2 / WIDTH)  # the identity's row 3 is (0, 0, 0, 1)
     assert second.camera.projection[0, 3] == pytest.approx(6 / WIDTH)
     assert (first.gain, third.gain) == (1.0, pytest.approx(1.1))
+
+
+def test_what_is_only_likely_is_put_right_beside_what_is_sure():
+    given = scene()
+    mended = corrected(given, [misfit(0, (0.015, 0)), misfit(1, (0.03, 0), alone=True), misfit(2, (0.5, 0), alone=True)],
+                       shifts=True, gains=True)
+    assert mended.views[0].camera is given.views[0].camera
+    assert mended.views[1].camera.projection[0, 3] == pytest.approx(0.06 / WIDTH)
