@@ -19,6 +19,7 @@ from tests.bench.chart import STYLES as BENCH
 from .axes import Axis, Point
 from .methods import BY_KEY, METHODS, Answer, Table
 from .problem import Problem, make
+from .sweep import answered
 
 STYLES: dict[str, dict[str, Any]] = {  # colours and marks as in docs/benchmarks
     **{key: {**BENCH[key], "linewidth": 2.0 if key in ("refined", "swarm", "paper") else 1.4}
@@ -94,9 +95,7 @@ def worst_map(device: Device, axis: Axis, records: Mapping[str, Mapping[str, Any
     trial = next(p.trial for p in axis.points if p.label == label)
     problem = make(replace(trial, seed=seed))
     table = Table(device, problem)
-    run = BY_KEY["refined"].run
-    assert run is not None
-    answer = run(table)
+    answer, _ = answered(device, table, BY_KEY["refined"])
     table.release()
     wrong = f"off by more than 0.1: {shares[label, seed]:.0%}"
     picture(problem, answer, f"{axis.title}: {label} (seed {seed}), {wrong}", out)

@@ -71,18 +71,24 @@ def sweep(device: Device, axis: Axis, methods: Sequence[Method], seeds: int, say
 
 
 def _record(device: Device, table: Table, method: Method) -> Record:
+    answer, warnings = answered(device, table, method)
+    return record(table.problem, answer, warnings=warnings)
+
+
+def answered(device: Device, table: Table, method: Method) -> tuple[Answer, list[tuple[str, str]] | None]:
+    """What a method says, after all its rounds, and what it warns of, where the product would."""
     assert method.run is not None
-    run, problem = method.run, table.problem
+    run = method.run
     if not method.rounds:
-        return record(problem, run(table))
+        return run(table), None
 
     def solve(better: Problem) -> Answer:
-        if better is problem:
+        if better is table.problem:
             return run(table)
         other = Table(device, better)
         answer = run(other)
         other.release()
         return answer
 
-    answer, checks, mended = rounds(problem, solve, method.needs == "drifts")
-    return record(problem, answer, warnings=warned(answer, checks, mended))
+    answer, checks, mended = rounds(table.problem, solve, method.needs == "drifts")
+    return answer, warned(answer, checks, mended)
