@@ -218,7 +218,7 @@ def test_shared_shifts_stay_shared_and_a_lone_one_gets_its_own_camera():
 
 def test_what_is_only_likely_is_put_right_beside_what_is_sure():
     given = scene()
-    mended = corrected(given, [misfit(0, (0.015, 0)), misfit(1, (0.03, 0), alone=True), misfit(2, (0.5, 0), alone=True)],
-                       shifts=True, gains=True)
+    lone = [misfit(1, (0.03, 0), alone=True), misfit(2, (0.5, 0), alone=True)]
+    mended = corrected(given, [misfit(0, (0.015, 0)), *lone], shifts=True, gains=True)
     assert mended.views[0].camera is given.views[0].camera
     assert mended.views[1].camera.projection[0, 3] == pytest.approx(0.06 / WIDTH)
