@@ -12,6 +12,7 @@ import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import bpy
 import numpy as np
@@ -188,7 +189,7 @@ def test_direct_light_is_left_alone(scenes: Path) -> None:
 class Kept(subprocess.Popen):
     """Remembers what was started, and where."""
 
-    made: list[Kept] = []
+    made: ClassVar[list[Kept]] = []
 
     def __init__(self, *arguments, **options) -> None:
         super().__init__(*arguments, **options)
@@ -240,7 +241,7 @@ def test_a_copy_holds_what_was_not_saved(scene: SceneData) -> None:
 
 
 def test_world_light_is_indirect_too(scene: SceneData, tmp_path: Path, bounced: Path) -> None:
-    """A grey world of radiance 1 above an open floor: irradiance is below pi, and most of it where the ball looks up."""
+    """A grey world of radiance 1 above an open floor: irradiance is below pi, most of it where the ball looks up."""
     world = bpy.data.worlds.new("Grey")
     world.color = (1, 1, 1)
     if bpy.app.version < (5, 0, 0):

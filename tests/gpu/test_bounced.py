@@ -93,7 +93,7 @@ def smoothed(on_gl, scene, picture: Bounced, size: int = 64) -> np.ndarray:
 
 
 def test_smoothing_keeps_what_is_smooth_and_cuts_sparks(on_gl, square):
-    """A ramp stays (but for the borders, where the window is one-sided); of one pixel with 10 000 times its light, which
+    """A ramp stays (but for the borders, where the window is one-sided); of one pixel of 10 000 times its light, which
     the mean would show 400 times brighter, little is left."""
     ramp = np.repeat(np.linspace(1, 2, 32, dtype=np.float32)[None, :, None], 32, 0).repeat(3, 2)
     result = smoothed(on_gl, square.scene, Bounced(ramp, ramp))
