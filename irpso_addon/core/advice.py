@@ -25,6 +25,7 @@ PER_PIXEL = 0.05  # relative error of brightness that a pixel of misregistration
 CLIPPED = 0.01  # of the object's pixels
 STRUCTURE, NOISE_SHARE = 0.004, 0.3  # relative errors that neighbouring pixels share, and beside the noise
 HIGHLIGHT = 0.06  # such errors of highlights, relative to the lobes
+COARSE = 2.0  # pixels a texel from which on maps cannot show what the pictures do
 FEW = 0.1  # of a material's texels
 DOUBTFUL = 0.05  # of the texels are off by more than 0.15, by their own standard errors
 NAMED = 3  # views or lights that a line names
@@ -184,16 +185,19 @@ def _clipped(checks: Checks) -> list[str]:
 
 
 def _unexplained(checks: Checks) -> list[str]:
-    lines = []
-    if checks.highlight > HIGHLIGHT:
-        lines.append(f"{checks.name}: highlights are off by {checks.highlight:.0%} of their brightness; they have "
-                     "another strength or shape (try model one-lobe-specular or two-lobe), or a light's size is")
-    elif checks.structure > max(STRUCTURE, NOISE_SHARE * checks.noise):
+    lobes, all_of_it = checks.highlight > HIGHLIGHT, checks.structure > max(STRUCTURE, NOISE_SHARE * checks.noise)
+    if (lobes or all_of_it) and checks.pixels_per_texel > COARSE:
+        return [f"{checks.name}: maps are coarser than the pictures ({checks.pixels_per_texel:.0f} pixels a texel), "
+                f"which leaves {max(checks.structure, checks.highlight):.1%} unexplained; solve at a larger size"]
+    if lobes:
+        return [f"{checks.name}: highlights are off by {checks.highlight:.0%} of their brightness; they have "
+                "another strength or shape (try model one-lobe-specular or two-lobe), or a light's size is"]
+    if all_of_it:
         worst = max(checks.views, key=lambda v: v.residual.structure)
-        lines.append(f"{checks.name}: the maps leave {checks.structure:.1%} of the brightness unexplained, most in "
-                     f"'{worst.view}' ({worst.residual.structure:.1%}); check the mesh, its normals, lights' sizes and "
-                     "what else lights the scene")
-    return lines
+        return [f"{checks.name}: the maps leave {checks.structure:.1%} of the brightness unexplained, most in "
+                f"'{worst.view}' ({worst.residual.structure:.1%}); check the mesh, its normals, lights' sizes and "
+                "what else lights the scene"]
+    return []
 
 
 def _few(checks: Checks) -> list[str]:

@@ -14,7 +14,7 @@ from .checked import CheckedView
 from .consensus import LightResidual, Places, Slope
 from .data import F32, F64, I32, Bool, View
 from .registration import Misfit, Registration
-from .residuals import SMALL, Residual, Shared, look, residual, sample, shared
+from .residuals import BLOCK, SMALL, Residual, Shared, look, residual, sample, shared
 
 WRONG = 0.15  # an error of roughness that a user would see
 CELLS = 256  # squared: the grid over the UV square on which highlights are counted
@@ -80,6 +80,7 @@ class Checks:
     nearest: float  # median over the seen surface of the least tan(theta_h) / alpha
     doubtful: float  # share of solved texels whose roughness, by its standard error, is off by more than 0.15
     sure: bool  # whether the method tells standard errors
+    pixels_per_texel: float  # area, median over what the cameras see
     registration: tuple[Misfit, ...] = ()  # of each view: by how much its camera and its exposure are off
 
 
@@ -89,6 +90,7 @@ def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
     found: list[tuple[View, float, Residual]] = []
     lobes: list[Shared] = []
     others: list[Shared] = []
+    areas: list[F32] = []  # texels that a pixel shows, at the cameras' blocks
     nearest = np.full(CELLS * CELLS, np.inf, np.float32)
     for view in views:
         registration.add(view)
@@ -96,8 +98,11 @@ def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
             window = view.window
             at = sample(window)
             places.camera(window, at)
-            x, y = (np.clip(window.uv.reshape(-1, 2)[at] * CELLS, 0, CELLS - 1).astype(np.int64)).T
-            cells = (y * CELLS + x).T
+            uv = window.uv.reshape(-1, 2)[at]
+            x, y = np.moveaxis(np.clip(uv * CELLS, 0, CELLS - 1).astype(np.int64), -1, 0)
+            cells = y * CELLS + x
+            right, up = uv[:, 1] - uv[:, 0], uv[:, BLOCK] - uv[:, 0]
+            areas.append(np.abs(right[:, 0] * up[:, 1] - right[:, 1] * up[:, 0]) * texels.solved.size)
         seen = look(view, at)
         figures, shiny, other = residual(seen)
         places.add(view.view, seen, figures.gain)
@@ -124,6 +129,7 @@ def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
         no_highlight=float(np.mean(least[solved] > NO_HIGHLIGHT)) if solved.any() else 0.0,
         nearest=float(np.median(least[solved])) if solved.any() else float("inf"),
         doubtful=doubtful(texels.sigma[texels.solved]) if texels.sure else float("nan"), sure=texels.sure,
+        pixels_per_texel=1 / max(float(np.median(np.concatenate([*areas, np.zeros(0)]))), 1e-9) if found else 0.0,
         registration=registration.estimate())
 
 

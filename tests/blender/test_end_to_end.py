@@ -6,7 +6,7 @@ Blenders with room for another driver: a break of any stage costs far more.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
@@ -17,6 +17,7 @@ from irpso_addon import pipeline
 from irpso_addon.blender import demo, files, material
 from irpso_addon.blender.scene import read_scene
 from irpso_addon.core import vase
+from irpso_addon.core.advice import warnings
 from irpso_addon.core.data import SceneData, Solution
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu import thread
@@ -150,3 +151,31 @@ def test_the_same_capture_gives_the_same_bytes(job):
     again = thread.run(lambda: pipeline.solve(job.scene, SolveSettings(size=TEXELS))).maps
     for name in ("base_color", "roughness", "confidence", "error", "filled", "roughness_sigma", "base_sigma"):
         assert getattr(again, name).tobytes() == getattr(job.solution.maps, name).tobytes()
+
+
+def told(scene: SceneData) -> tuple[str, ...]:
+    """What the checks say of scene and pictures."""
+    settings = SolveSettings(size=64, model="one-lobe", registration="given", indirect="off")
+    solution = thread.run(lambda: pipeline.solve(scene, settings))
+    assert solution.checks is not None
+    return warnings(solution.checks)
+
+
+def test_checks_are_silent_on_a_clean_capture(smooth):
+    assert warnings(smooth.solution.checks) == ()
+    assert max(abs(view.residual.gain - 1) for view in smooth.solution.checks.views) < 0.002
+
+
+def test_checks_name_the_lamp_and_the_camera_that_are_wrong(smooth):
+    """A lamp 10 % too strong in the scene, and a camera that looks a pixel and a half aside."""
+    views = smooth.scene.views
+    lamp, camera = views[0].lights[0].name, views[-1].camera.name
+    strong = [replace(v, lights=tuple(replace(x, power=1.1 * x.power) if x.name == lamp else x for x in v.lights))
+              for v in views]
+    line, = told(replace(smooth.scene, views=tuple(strong)))
+    assert f"'{lamp}'" in line and "check its power" in line
+    aside = views[-1].camera.projection.copy()
+    aside[0] += 1.5 * 2 / 160 * aside[3]
+    off = [replace(v, camera=replace(v.camera, projection=aside)) if v.camera.name == camera else v for v in views]
+    line = told(replace(smooth.scene, views=tuple(off)))[0]
+    assert camera in line and "1.5" in line and "pixels off" in line, line

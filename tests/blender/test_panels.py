@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import product
 
 import bpy
 import pytest
 
 from irpso_addon.blender import panels, properties
+from irpso_addon.core.checks import Checks
+from irpso_addon.core.consensus import LightResidual
 from irpso_addon.core.params import SolveSettings
 
 CHOICES = {f.name: [key for key, _ in f.metadata["choices"]] for f in fields(SolveSettings)}
@@ -58,5 +60,17 @@ def test_options_of_a_model_or_method_show_with_it_alone(settings) -> None:
 
 
 def test_the_first_look_is_short(settings) -> None:
-    assert panels.shown(settings, advanced=False) == ["size", "model", "method"]
-    assert panels.shown(settings, advanced=True) == ["ndf", "seed"]
+    assert panels.shown(settings, advanced=False) == ["size", "model", "method", "indirect"]
+    assert panels.shown(settings, advanced=True) == ["ndf", "loss", "registration", "exposures", "seed"]
+
+
+def test_checks_have_a_row_each() -> None:
+    """The worst camera and light by name; what nothing tells is unknown."""
+    light = LightResidual("Key", 3, 0.9, 0.01, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+    checks = Checks(
+        name="Vase", views=(), lights=(replace(light, name="Rim", gain=1.01), light), materials=(), noise=0.012,
+        structure=0.0, highlight=0.0, slope=None, unlit_share=float("nan"), clipped=0.25, no_highlight=0.5, nearest=2.0,
+        doubtful=0.03, sure=True, pixels_per_texel=1.0)
+    rows = dict(panels.figures(checks))
+    assert rows["Noise"] == "1.2%" and rows["Clipped"] == "25.0%" and rows["Light in Shadows"] == "unknown"
+    assert rows["Light Power"] == "-10.0% (Key)" and "Registration" not in rows

@@ -10,10 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irpso_addon.core.advice import grouped
+from irpso_addon.core.checks import Checks, MaterialCheck, ViewCheck
+from irpso_addon.core.consensus import LightResidual, Slope
 from irpso_addon.core.data import Maps, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.registration import Misfit
 from irpso_addon.core.report import build_report, peak_memory, version, write_report
+from irpso_addon.core.residuals import Residual
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTHING = np.zeros((1, 1), np.float32)
@@ -58,6 +63,31 @@ def test_not_a_number_becomes_null(tmp_path):
     assert report["residual"] is None and report["device"] == {"limit": None, "size": 3}
     assert report["texels_per_second"] == {"solve": None, "total": None}
     assert report["warnings"] == ["Töpfe: wärm"]
+
+
+def test_checks_of_a_view_stand_together(tmp_path):
+    """Whatever was found of a view, of it and of its camera, in one record that is JSON."""
+    slope = Slope(0.99, 0.001)
+    figures = Residual(900, 1.05, 0.002, 0.02, 0.01, 0.003, None, 0)
+    view = ViewCheck("a.exr", "Cam", ("Key",), 0.02, figures, slope)
+    misfit = Misfit(Path("refs/a.exr"), "Cam", (64, 48), (0.5, -0.25), 0.01, 1.05, 0.002, False)
+    light = LightResidual("Key", 1, 1.05, float("inf"), (0.1, 0.0, 0.0), 0.03, 0.02, 0.9)
+    checks = Checks(
+        name="Cup", views=(view,), lights=(light,), materials=(MaterialCheck("Glaze", "one-lobe", 5.0, 3.0, 0.0),),
+        noise=0.01, structure=0.003, highlight=0.0, slope=slope, unlit_share=float("nan"), clipped=0.02,
+        no_highlight=0.1, nearest=1.0, doubtful=0.01, sure=True, pixels_per_texel=0.5, registration=(misfit,))
+    write_report(tmp_path / "r.json", build_report(replace(SOLUTION, checks=checks), SolveSettings(), []))
+    found = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["checks"]
+    record, = found["views"]
+    assert record["view"] == "a.exr" and record["shift"] == [0.5, -0.25] and record["exponent"] == 0.99
+    assert record["gain"] == record["exposure"] == 1.05 and record["clipped"] == 0.02
+    assert found["unlit_share"] is None and found["lights"][0]["gain_error"] is None
+    assert found["materials"][0]["material"] == "Glaze" and found["exponent"] == 0.99
+
+
+def test_warnings_that_differ_in_the_name_alone_are_one():
+    lines = [f"{n}.png: has 8 bits" for n in "abcd"] + ["Cup: has no UVs"]
+    assert grouped(lines) == ("a.png, b.png, c.png and 1 more: has 8 bits", "Cup: has no UVs")
 
 
 def test_unwritable_report_leaves_nothing(tmp_path):
