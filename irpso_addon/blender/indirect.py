@@ -157,4 +157,4 @@ def _last_line(path: Path) -> str:
     """What a failed child said last."""
     lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
     told = [line.strip() for line in lines if line.strip()]
-    return told[-1].removeprefix("irpso_addon.core.errors.BadInput: ")[:200] if told else "it ended without a word"
+    return told[-1][:200] if told else "it ended without a word"

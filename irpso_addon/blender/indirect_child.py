@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -13,14 +14,25 @@ import numpy as np
 
 from ..core.data import Maps, Solution
 from . import material
+from .files import one_line
 
 BOUNCES = 4  # where the file renders direct light alone
 
 
 def main(name: str) -> None:
-    """Does the job in the folder ``name``: from job.json and maps.npz to 0.exr, 1.exr, ..."""
+    """Does the job in the folder ``name`` and ends the process; says in one line on stderr why it could not."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    folder = Path(name)
+    status = 0
+    try:
+        _render(Path(name))
+    except Exception as error:
+        print(one_line(error) or repr(error), file=sys.stderr, flush=True)
+        status = 1
+    os._exit(status)  # an orderly end hangs in Blender 4.5 while the thread reads
+
+
+def _render(folder: Path) -> None:
+    """From job.json and maps.npz to 0.exr, 1.exr, ..."""
     job: dict[str, Any] = json.loads((folder / "job.json").read_text(encoding="utf-8"))
     bpy.ops.wm.open_mainfile(filepath=job["blend"], load_ui=False)
     scene = bpy.data.scenes[job["scene"]]
