@@ -97,7 +97,7 @@ def _curve_of_some(checks: Checks) -> list[str]:
 
 def _registration(checks: Checks) -> list[str]:
     off = [m for m in checks.registration if m.shifted and m.pixels > LEAST_SHIFT]
-    return [f"{_shifted(off)}; check the cameras' calibration, or solve with registration 'solve'"] if off else []
+    return [f"{_shifted(off)}; check the cameras' calibration, or solve with registration 'auto'"] if off else []
 
 
 def _shifted(off: Sequence[Misfit]) -> str:
