@@ -133,6 +133,11 @@ def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
         registration=registration.estimate())
 
 
+def worse(after: Checks, before: Checks) -> bool:
+    """Whether what was put right between the two made the maps explain less; beyond what coarser maps do."""
+    return after.structure > 2 * before.structure + 0.001
+
+
 def doubtful(sigma: F32) -> float:
     """The share of texels to expect off by more than WRONG, given their standard errors."""
     from math import erfc
