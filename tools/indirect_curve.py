@@ -103,9 +103,9 @@ def main() -> int:
         print(rows[-1], flush=True)
         if name == SHOWN:
             show(made, view, off, auto)
-    (OUT / "indirect.md").write_text(PAGE.format(
-        rows="\n".join(rows), views=len(scene.views), pixels=PIXELS, samples=SAMPLES, size=size, side=indirect.SIDE,
-        paths=indirect.SAMPLES), encoding="utf-8")
+        (OUT / "indirect.md").write_text(PAGE.format(
+            rows="\n".join(rows), views=len(scene.views), pixels=PIXELS, samples=SAMPLES, size=size,
+            side=indirect.SIDE, paths=indirect.SAMPLES), encoding="utf-8")
     return 0
 
 
