@@ -28,6 +28,7 @@ SAMPLES = 12_000  # pixels of a camera, at most, that are looked at
 # Lights that stand elsewhere bend the shading of the whole object, so that its tiles err alike: shifts are then off by
 # ten times their standard errors (the cow with lights off by 1 and 3 %).
 MODEL = 10.0
+UNEXPLAINED = 5.0  # pixels of doubt per unit of relative error left in the pixels: outliers, bad maps
 RIM = 4  # pixels next to an edge of the object, left to the silhouette
 SHIFT_FLOOR, GAIN_FLOOR = 0.005, 0.001  # errors that no statistics shows: pixels, relative
 GAIN_PER_PIXEL = 0.005  # relative, per pixel of shift: while cameras are off the base colours are wrong too
@@ -174,7 +175,7 @@ def _settled(fit: Fit, outlines: list[Found | None]) -> tuple[F64, F64, Bool]:
     pixels = [(fit.shift[v], MODEL**2 * fit.covariance[v]) for v in views]
     # Shading is only as good as the model of light and shape: where silhouettes gainsay it, they win.
     quarrel = np.median([fit.shift[v] - o[0] for v, o in enumerate(outlines) if o is not None] or [(0.0, 0.0)], axis=0)
-    doubt = floor + (quarrel**2).mean() * np.eye(2)
+    doubt = floor + ((quarrel**2).mean() + (UNEXPLAINED * fit.noise) ** 2) * np.eye(2)
     each = [_joined((pixels[v][0], pixels[v][1] + doubt), outlines[v]) for v in views]
     shift = np.array([e[0] for e in each])
     error = np.array([np.sqrt(np.trace(e[1]) / 2) for e in each])

@@ -32,6 +32,7 @@ class Fit:
     log_gain: F64  # (V,) mean 0
     gain_error: F64  # (V,)
     factor: F64  # (N,) brightness that all views show over the predicted
+    noise: float  # what is left, relative: robust, the median of the views
 
 
 def fit_views(seen: F64, factor: F64, tiles: I32, free: bool = True) -> Fit:
@@ -68,7 +69,8 @@ def fit_views(seen: F64, factor: F64, tiles: I32, free: bool = True) -> Fit:
     gains = np.log1p(np.maximum(solved[2 * views:], -0.9))
     return Fit(
         shift=solved[:2 * views].reshape(2, views).T, covariance=covariance[pairs[:, :, None], pairs[:, None, :]],
-        log_gain=gains - gains.mean(), gain_error=np.sqrt(variance[2 * views:]), factor=factor[0] + change)
+        log_gain=gains - gains.mean(), gain_error=np.sqrt(variance[2 * views:]), factor=factor[0] + change,
+        noise=float(np.median(noise)))
 
 
 def _projected(columns: F64, predicted: F64, left: F64, weight: F64, free: bool) -> tuple[F64, F64, F64, F64]:
