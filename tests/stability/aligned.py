@@ -5,47 +5,50 @@ Where the product moves a camera, the picture is moved here: the texels are the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from irpso_addon.core.advice import mended
-from irpso_addon.core.checks import Checks
-from irpso_addon.core.data import F64
+from irpso_addon.core.checks import Checks, worse
+from irpso_addon.core.data import SceneData, View
+from irpso_addon.core.registration import corrected
 from irpso_addon.pipeline import ALIGN_ROUNDS
+from tests.gpu.synthetic import plane_mesh
 
 from .methods import Answer
 from .problem import Problem
 from .spoil import shifted
-from .warned import checks_of
+from .warned import checks_of, views_of
 
 
 def rounds(
     problem: Problem, solve: Callable[[Problem], Answer], exposures: bool,
 ) -> tuple[Answer, Checks, tuple[str, ...]]:
     """(answer, its checks, what was put right before it, in words): cameras always, exposures where asked."""
-    shift, gain = np.zeros((problem.trial.views, 2)), np.ones(problem.trial.views)
+    scene = SceneData("patch", plane_mesh(), np.zeros((0, 3, 3), np.float32), views_of(problem))
     answer = solve(problem)
     first = checks = checks_of(problem, answer)
+    changed = False
     for _ in range(ALIGN_ROUNDS):
-        changed = False
-        for k, misfit in enumerate(checks.registration):
-            if misfit.shifted:
-                shift[k] += misfit.shift
-                changed = True
-            if exposures and misfit.drifted:
-                gain[k] *= misfit.gain
-                changed = True
-        if not changed:
+        better = corrected(scene, checks.registration, shifts=True, gains=exposures)
+        if better is scene:
             break
-        better = _mended(problem, shift, gain)
-        answer = solve(better)
-        checks = checks_of(better, answer)
-    return answer, checks, mended(first, True, exposures)
+        mended_problem = _mended(problem, better.views)
+        there = solve(mended_problem)
+        told = checks_of(mended_problem, there, better.views)
+        if worse(told, checks):
+            break
+        scene, answer, checks, changed = better, there, told, True
+    return answer, checks, mended(first, True, exposures) if changed else ()
 
 
-def _mended(problem: Problem, shift: F64, gain: F64) -> Problem:
+def _mended(problem: Problem, views: Sequence[View]) -> Problem:
+    """With pictures moved by what the views' projections were, and divided by their gains."""
+    h, w = problem.quality.shape[:2]
+    shift = np.stack([view.camera.projection[:2, 3] for view in views]) * (w / 2, h / 2)
+    gain = [view.gain for view in views]
     rgb, quality, radiance = (a.copy() for a in (problem.rgb, problem.quality, problem.radiance))
     for k in range(problem.trial.views):
         picture = problem.radiance[:, :, k].astype(np.float64)

@@ -27,7 +27,7 @@ from .problem import Problem, Trial, make
 from .store import FOLDER
 
 TRIALS = {"1 % noise": Trial(noise=0.01), "10 % outliers": Trial(noise=0.01, shadows=0.05, doubled=0.05)}
-TILES = ((40, 40), (40, 7), (16, 40), (9, 13))
+TILES = ((32, 32), (32, 7), (16, 32), (9, 13))
 ORDERS = ("as they come", "backwards", "shuffled")
 RUNS = ((0, 0), (1, 0), (1, 1), (2, 2), (3, 0), (3, 2))  # which tiles, in which order
 SEEDS = (0, 1, 12345)

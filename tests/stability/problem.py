@@ -19,7 +19,7 @@ from .spoil import Pictures, develop, shifted
 LEAST_COS_L, LEAST_COS_V = 0.08, 0.15  # shaders/include/observed.glsl: what is more grazing is no good observation
 DARK_SHARE = 0.02  # irpso_addon/gpu/observe.py
 CAMERA_DISTANCE, CAMERA_ANGLE = 5.0, 25.0  # half widths of the patch; degrees from the patch's normal
-SUB_TEXELS, SUB_LAMPS = 5, 24  # across a texel; points on a lamp with a size
+SUB_TEXELS, SUB_LAMPS = 4, 16  # across a texel; points on a lamp with a size
 GAUSS = (-0.5 / np.sqrt(3.0), 0.5 / np.sqrt(3.0))  # two-point rule over a texel's width
 
 
@@ -29,7 +29,7 @@ class Trial:
 
     views: int = 12
     cameras: int = 3  # the views are shared out among them
-    size: int = 40
+    size: int = 32
     noise: float = 0.002  # relative standard deviation, of each channel by itself, as renderers make it
     shot: float = 0.0  # standard deviation of white; below it goes by the root
     read: float = 0.0  # standard deviation of everything, in units of white

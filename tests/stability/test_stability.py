@@ -21,8 +21,8 @@ from .measure import record, summary
 from .methods import BY_KEY, METHODS, Answer, Table, middle, paper
 from .problem import CAMERA_ANGLE, Problem, Trial, fresnel, make
 from .spoil import shifted, stored
-from .sweep import sweep
-from .warned import checked_views, checks_of, kind_of
+from .sweep import answered, sweep
+from .warned import checked_views, checks_of, kind_of, views_of
 from .words import filled, parts
 
 TINY = Trial(size=20, noise=0.0)
@@ -60,7 +60,7 @@ def test_observation_is_the_brdf_of_the_scene() -> None:
 def test_arrays_and_truth_predict_the_pictures() -> None:
     """What the checks are shown agrees with the observations where nothing is wrong."""
     p = make(TINY)
-    for k, view in enumerate(checked_views(p, answer_of(p, p.truth.roughness))):
+    for k, view in enumerate(checked_views(p, answer_of(p, p.truth.roughness), views_of(p))):
         np.testing.assert_allclose(view.predicted[view.good], view.observed[view.good], rtol=5e-4)
         assert view.good.sum() == (p.quality[..., k] > 0).sum()
 
@@ -194,6 +194,20 @@ def test_checks_hear_what_is_wrong() -> None:
     checks = checks_of(p, answer)
     assert len(checks.views) == 12 and checks.noise == pytest.approx(0.002, rel=0.5)
     assert kind_of("view 3 is 0.8 pixels off") == "registration"
+
+
+def test_a_camera_that_is_off_is_put_right(device: Device) -> None:
+    """And an exposure, where asked; named either way."""
+    p = make(replace(TINY, size=32, noise=0.002, shift=0.7, gain=0.05))
+    table = Table(device, p)
+    failures = {}
+    for key in ("squares", "refined", "exposed"):
+        answer, told = answered(device, table, BY_KEY[key])
+        failures[key] = record(p, answer)["failures"]
+        if told is not None:
+            assert {"registration", "exposure"} <= {kind for kind, _ in told}
+    table.release()
+    assert failures["exposed"] < 0.5 * failures["squares"]
 
 
 def test_tiles_change_no_byte(device: Device) -> None:

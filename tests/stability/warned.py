@@ -32,10 +32,10 @@ def warned(answer: Answer, checks: Checks, mended: Sequence[str] = ()) -> list[t
     return [(kind_of(text), text) for text in found]
 
 
-def checks_of(problem: Problem, answer: Answer) -> Checks:
-    """As irpso_addon/pipeline.py, _checks."""
+def checks_of(problem: Problem, answer: Answer, views: Sequence[View] = ()) -> Checks:
+    """As irpso_addon/pipeline.py, _checks; ``views``: the problem's, where they were put right."""
     assert answer.observed is not None and answer.sigma is not None
-    return measure(checked_views(problem, answer), TexelFit(
+    return measure(checked_views(problem, answer, views or views_of(problem)), TexelFit(
         "patch", {"Paint": answer.model}, np.zeros(answer.solved.shape, np.int32), ("Paint",), answer.solved,
         answer.observed, answer.roughness.astype(np.float32), answer.sigma))
 
@@ -45,13 +45,14 @@ def kind_of(text: str) -> str:
     return next((kind for words, kind in KINDS.items() if words in text), "other")
 
 
-def checked_views(problem: Problem, answer: Answer) -> Iterator[CheckedView]:
+def checked_views(problem: Problem, answer: Answer, views: Sequence[View]) -> Iterator[CheckedView]:
     """Each view beside what the estimate says that it should show; the texels are the cameras' pixels."""
     h, w = problem.quality.shape[:2]
     believed = problem.believed
     at = (np.stack(np.meshgrid(np.arange(w), np.arange(h)), -1) + 0.5) / (w, h)
-    windows: dict[int, Window] = {}
-    for k, camera in enumerate(problem.groups):
+    windows: dict[str, Window] = {}
+    for k, seen in enumerate(views):
+        camera = seen.camera.name
         cos_v = problem.cos_v[..., k]
         if camera not in windows:
             windows[camera] = Window((0, 0), (w, h), np.ones((h, w), bool), believed.place.astype(np.float32),
@@ -60,13 +61,18 @@ def checked_views(problem: Problem, answer: Answer) -> Iterator[CheckedView]:
         specular, white = predicted(problem, answer, k)
         quality = problem.quality[..., k]
         yield CheckedView(
-            view=_view(problem, k, camera), window=windows[camera], observed=problem.rgb[:, :, k],
+            view=seen, window=windows[camera], observed=problem.rgb[:, :, k],
             predicted=(answer.base * white + specular).astype(np.float32), specular=specular.astype(np.float32),
             quality=quality,
             edge=quality <= 0, unlit=problem.unlit[..., k], radiance=problem.radiance[:, :, k],
             irradiance=np.where((quality > 0)[..., None], problem.irradiance[:, :, k], np.float32(0)),
             sin2h=problem.lobes[:, :, k, 0, 0], coverage=np.ones((h, w), np.float32),
             clipped=float(problem.clipped[k]))
+
+
+def views_of(problem: Problem) -> tuple[View, ...]:
+    """The problem's views as the pipeline has them; the identity for a projection."""
+    return tuple(_view(problem, k, camera) for k, camera in enumerate(problem.groups))
 
 
 def _view(problem: Problem, k: int, camera: int) -> View:
