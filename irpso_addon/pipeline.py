@@ -14,8 +14,8 @@ from typing import TypeVar
 import moderngl
 import numpy as np
 
-from .core.advice import grouped, warnings
-from .core.checks import Checks, TexelFit, measure
+from .core.advice import grouped, mended, warnings
+from .core.checks import Checks, TexelFit, measure, worse
 from .core.data import F32, I32, Bool, Bounced, Maps, RadianceImage, SceneData, Solution, View
 from .core.errors import BadInput, Cancelled
 from .core.image import read_reference
@@ -116,21 +116,14 @@ def solve(
     if read_image is None:
         read_image = partial(read_reference, max_pixels=int(OBSERVATION_BYTES / bytes_per_pixel(scene.views)))
     clock = _Clock()
-    small = replace(settings, size=min(settings.size, ROUND_SIZE))
-    solution = yield from _round(scene, settings, read_image, clock)
-    if solution.cancelled:
-        return solution
+    first = yield from _round(scene, settings, read_image, clock)
+    if first.cancelled:
+        return first
+    solution = first
+    small = replace(settings, size=min(settings.size, ROUND_SIZE))  # of rounds that only the next one needs
     try:
-        aligned = scene
-        rough = solution
-        for _ in range(ALIGN_ROUNDS):
-            assert rough.checks is not None
-            better = corrected(aligned, rough.checks.registration, shifts=settings.registration != "given",
-                               gains=settings.exposures == "solve")
-            if better is aligned:
-                break
-            aligned = better
-            rough = yield from _round(aligned, small, read_image, clock)
+        aligned, rough = yield from _align(scene, first, settings, partial(_round, settings=small,
+                                                                           read_image=read_image, clock=clock))
         if bounce is not None and _bounced(settings, rough):
             rough = yield from _round(aligned, small, read_image, clock, (
                 yield from clock.stage("indirect", bounce(scene, rough))))
@@ -138,11 +131,33 @@ def solve(
                 yield from clock.stage("indirect", bounce(scene, rough))))
         elif aligned is not scene:
             solution = rough if small == settings else (yield from _round(aligned, settings, read_image, clock))
+        if aligned is not scene and first.checks is not None:
+            told = mended(first.checks, settings.registration == "auto", settings.exposures == "solve")
+            solution = replace(solution, warnings=(*told, *solution.warnings))
     except Cancelled:  # the maps so far are whole
         solution = replace(solution, cancelled=True)
     except BadInput as error:  # nothing of the first round is lost
         solution = replace(solution, warnings=(*solution.warnings, str(error)))
     return replace(solution, seconds=clock.seconds)
+
+
+def _align(
+    scene: SceneData, solution: Solution, settings: SolveSettings,
+    again: Callable[[SceneData], Generator[Progress, None, Solution]],
+) -> Generator[Progress, None, tuple[SceneData, Solution]]:
+    """The scene with cameras and exposures put right as far as the settings let, and its solution."""
+    for _ in range(ALIGN_ROUNDS):
+        assert solution.checks is not None
+        better = corrected(scene, solution.checks.registration, shifts=settings.registration == "auto",
+                           gains=settings.exposures == "solve")
+        if better is scene:
+            break
+        after = yield from again(better)
+        assert after.checks is not None
+        if worse(after.checks, solution.checks):
+            break
+        scene, solution = better, after
+    return scene, solution
 
 
 def _bounced(settings: SolveSettings, solution: Solution) -> bool:

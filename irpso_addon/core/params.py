@@ -77,7 +77,6 @@ class SolveSettings:
     registration: str = parameter("auto", "Where the cameras look", label="Registration", choices=(
         ("auto", "Shifted where the pictures say beyond doubt that they are off"),
         ("given", "Exactly where the scene says"),
-        ("solve", "Shifted until the pictures fit; for cameras that are off by up to some pixels"),
     ), advanced=True)
     exposures: str = parameter("given", "Exposure of each view", label="Exposures", choices=(
         ("given", "As the view says"),
