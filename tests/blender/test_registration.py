@@ -59,7 +59,8 @@ def shot(tmp_path_factory):
 
 
 def solved(shot, **settings):
-    return thread.run(lambda: pipeline.solve(shot[1], SolveSettings(size=TEXELS, model="one-lobe", indirect="off", **settings)))
+    chosen = SolveSettings(size=TEXELS, model="one-lobe", indirect="off", **settings)
+    return thread.run(lambda: pipeline.solve(shot[1], chosen))
 
 
 def psnr(shot, maps, where):
