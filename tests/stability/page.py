@@ -14,7 +14,7 @@ from . import chart
 from .axes import ALONE, AXES, PAIRS, ROW, Axis
 from .methods import BY_KEY, METHODS
 from .store import FOLDER, ROOT, Store
-from .words import filled, parts
+from .words import filled, parts, wrapped
 
 OUT = ROOT / "docs" / "stability"
 LOW_SHARE = 0.95  # of failing texels in the worst-confidence half of their maps
@@ -53,7 +53,7 @@ def page(told: Mapping[str, Any], out: Path) -> str:
     identical = FOLDER / "identical.json"
     same = json.loads(identical.read_text("utf-8"))["words"] if identical.exists() else "not run"
     words = parts()
-    text = [words["head"].format(seeds=told["seeds"], identical=same, **told["machine"])]
+    text = [wrapped(words["head"].strip().format(seeds=told["seeds"], identical=same, **told["machine"])) + "\n"]
     beside = [f"[{title}]({name})" for name, title in BESIDE.items() if (out / name).exists()]
     if beside:
         text.append(f"\nBeside this page: {'; '.join(beside)}.\n")

@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "stability"
 COMMON = ("tests/stability/problem.py", "tests/stability/spoil.py", "tests/bench/problem.py",
           "irpso_addon/core/brdf.py")
-EDITION = 1  # raised when measure.py or methods.py make other records of the same answers
+EDITION = 2  # raised when measure.py or methods.py make other records of the same answers
 
 
 @cache
@@ -44,14 +44,15 @@ class Store:
         """Records by seed; none where trial or code have changed since."""
         held = self.held.get(point.label, {}).get(method.key, {})
         fresh = held.get("stamp") == stamp(method) and held.get("trial") == _trial(point)
-        found: dict[str, Record] = held.get("seeds", {}) if fresh or any_age else {}
+        readable = any_age and held.get("edition") == EDITION
+        found: dict[str, Record] = held.get("seeds", {}) if fresh or readable else {}
         return found
 
     def put(self, point: Point, method: Method, records: dict[str, Record]) -> None:
         """Add records and write the file."""
         kept = self.seeds(point, method)
         self.held.setdefault(point.label, {})[method.key] = {
-            "stamp": stamp(method), "trial": _trial(point), "seeds": {**kept, **records}}
+            "stamp": stamp(method), "edition": EDITION, "trial": _trial(point), "seeds": {**kept, **records}}
 
     def write(self) -> None:
         """All of it, whole or not at all."""
@@ -61,7 +62,7 @@ class Store:
         fresh.replace(self.path)
 
     def summaries(self, seeds: int) -> dict[str, Any]:
-        """{point: {method: summary}} of the first seeds, whatever their age."""
+        """{point: {method: summary}} of the first seeds, made by whatever code."""
         found: dict[str, Any] = {}
         for point in self.axis.points:
             for method in METHODS:

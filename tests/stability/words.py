@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,13 @@ _FIGURE = re.compile(r"\{(\w+)\.(\w+)@([^}]+)\}")
 
 def filled(words: str, points: Mapping[str, Any]) -> str:
     """With the figures of an axis; one that was not measured is a dash."""
-    return _FIGURE.sub(lambda m: _figure(points, *m.groups()), words)
+    return wrapped(_FIGURE.sub(lambda m: _figure(points, *m.groups()), words))
+
+
+def wrapped(text: str) -> str:
+    """Paragraphs in lines of 120."""
+    return "\n\n".join(part if part.startswith("#") else "\n".join(
+        textwrap.wrap(part, 120, break_long_words=False, break_on_hyphens=False)) for part in text.split("\n\n"))
 
 
 def _figure(points: Mapping[str, Any], method: str, what: str, label: str) -> str:
