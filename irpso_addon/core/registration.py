@@ -32,7 +32,8 @@ UNEXPLAINED = 5.0  # pixels of doubt per unit of relative error left in the pixe
 RIM = 4  # pixels next to an edge of the object, left to the silhouette
 SHIFT_FLOOR, GAIN_FLOOR = 0.005, 0.001  # errors that no statistics shows: pixels, relative
 GAIN_PER_PIXEL = 0.005  # relative, per pixel of shift: while cameras are off the base colours are wrong too
-SIGMAS, LIKELY = 4.0, 2.0  # a shift or gain so many standard errors off is beyond doubt, likely
+SIGMAS = 4.0  # a shift or gain so many standard errors off is beyond doubt
+LIKELY = 2.0  # a shift so many off is likely
 LEAST_SHIFT, LEAST_GAIN = 0.02, 0.003  # less is not worth a second solve: pixels, relative
 LEAST_ALONE = 0.1  # pixels from the other views of its camera: then a view is believed to have moved by itself
 
@@ -205,11 +206,13 @@ def _joined(pixels: Found, outline: Found | None) -> Found:
 def corrected(scene: SceneData, misfits: Sequence[Misfit], shifts: bool, gains: bool) -> SceneData:
     """The scene with cameras and exposures put right; the scene itself where none is off beyond doubt.
 
-    Where one is, the others are put right as well, by what is likely (two standard errors): the round comes anyway.
+    Where a camera is, the others are put right as well, by what is likely (two standard errors): the round comes
+    anyway.  Not so gains: those of views lit from behind run away with the roughness that explains them as well.
     Views of a camera that share their shift go on sharing it; one that departs gets a camera of its own.
     """
     found = {(m.image, m.camera): m for m in misfits}
-    shifts, gains = shifts and any(m.shifted for m in misfits), gains and any(m.drifted for m in misfits)
+    shifts = shifts and any(m.shifted for m in misfits)
+    gains = gains and any(m.drifted for m in misfits)
     cameras: dict[str, Camera] = {}
     views = []
     for view in scene.views:
@@ -219,7 +222,7 @@ def corrected(scene: SceneData, misfits: Sequence[Misfit], shifts: bool, gains: 
             if name not in cameras:
                 cameras[name] = moved(replace(view.camera, name=name), misfit.shift, misfit.size)
             view = replace(view, camera=cameras[name])
-        if misfit is not None and gains and abs(np.log(misfit.gain)) > LIKELY * misfit.gain_error:
+        if misfit is not None and gains and misfit.drifted:
             view = replace(view, gain=view.gain * misfit.gain)
         views.append(view)
     return replace(scene, views=tuple(views)) if shifts or gains else scene
