@@ -31,7 +31,7 @@ def main() -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     picture.chart(materials, options.out / "measured.png")
     picture.spheres(materials, options.out / "measured-spheres.jpg")
-    text = page.page(materials, device.describe()["renderer"], time.perf_counter() - start)
+    text = page.page(materials, device.describe()["renderer"], time.process_time())
     (options.out / "measured.md").write_text(text, encoding="utf-8")
     return 0
 
