@@ -17,7 +17,7 @@ from .registration import Misfit
 from .residuals import is_indirect, scale_of
 
 LEAST_GAIN, LEAST_MOVE = 0.015, 0.01  # relative errors of brightness, of shading, below which nothing is said
-EXPLAINED = 0.25  # of the residual's variance that a light's move must explain
+EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move must explain; that leaves no doubt
 LEAST_POWER, LEAST_POWER_ALONE = 0.02, 0.1  # how far from 1 an exponent must be: of all views, of one
 SIGMAS, SIGMAS_POWER = 6.0, 3.0
 LEAST_SHIFT = 0.1  # pixels
@@ -52,7 +52,18 @@ def grouped(lines: Sequence[str]) -> tuple[str, ...]:
 def _floor(checks: Checks) -> float:
     """Relative errors of brightness that causes other than lights and exposures make."""
     bounced = 2 * checks.unlit_share if is_indirect(checks.unlit_share) else 0.0
-    return max([bounced, *(PER_PIXEL * m.pixels for m in checks.registration if m.shifted)])
+    return max([bounced, *(PER_PIXEL * m.pixels for m in _off(checks))])
+
+
+def _off(checks: Checks) -> list[Misfit]:
+    """Views beside their predictions; not through cameras that see a light which, without doubt, stands elsewhere.
+
+    Its shading pulls at the camera, while a camera that is off explains nothing by lights.
+    """
+    sure = {light.name for light in checks.lights
+            if light.effect > LEAST_MOVE and light.offset_share > LEAST_MOVE and light.explained > SURE}
+    excused = {v.camera for v in checks.views if sure & set(v.lights)}
+    return [m for m in checks.registration if m.shifted and m.pixels > LEAST_SHIFT and m.camera not in excused]
 
 
 def _indirect(checks: Checks) -> list[str]:
@@ -96,7 +107,7 @@ def _curve_of_some(checks: Checks) -> list[str]:
 
 
 def _registration(checks: Checks) -> list[str]:
-    off = [m for m in checks.registration if m.shifted and m.pixels > LEAST_SHIFT]
+    off = _off(checks)
     return [f"{_shifted(off)}; check the cameras' calibration, or solve with registration 'auto'"] if off else []
 
 
