@@ -175,8 +175,8 @@ def _short(materials: Sequence[Material]) -> str:
              for n in (MAPS, f"{MAPS}, one value", f"{MAPS}: relative")]
     best = [at_or_below(wide, FIRST, n, PUBLISHED, DISPLAY) or 0 for n in (MAPS, f"{MAPS}, one value")]
     return f"""* The lead is the loss's, and the networks'. Beside Cook-Torrance refitted by the same loss to the same
-  data (8 numbers for 5) the maps are at or below it for {refit[0]} of {len(materials)} materials, one value for {refit[1]}, the
-  joint fit for {refit[2]}. And of the {len(wide)} materials whose highlight is wide (m at least {NARROW} by Low E2), so
+  data (8 numbers for 5) the maps are at or below it for {refit[0]} of {len(materials)} materials, one value for {refit[1]},
+  the joint fit for {refit[2]}. And of the {len(wide)} materials whose highlight is wide (m at least {NARROW} by Low E2), so
   that a network is near to the measurement, the maps are at or below the best published fit for {best[0]}, one value
   for {best[1]}.
 * The maps of {len(worse)} materials are relit worse than by the best published fit; first
