@@ -175,10 +175,10 @@ def _short(materials: Sequence[Material]) -> str:
              for n in (MAPS, f"{MAPS}, one value", f"{MAPS}: relative")]
     best = [at_or_below(wide, FIRST, n, PUBLISHED, DISPLAY) or 0 for n in (MAPS, f"{MAPS}, one value")]
     return f"""* The lead is the loss's, and the networks'. Beside Cook-Torrance refitted by the same loss to the same
-  data (8 numbers for 5) the maps are at or below it for {refit[0]} of {len(materials)} materials, one value for {refit[1]},
-  the joint fit for {refit[2]}. And of the {len(wide)} materials whose highlight is wide (m at least {NARROW} by Low E2), so
-  that a network is near to the measurement, the maps are at or below the best published fit for {best[0]}, one value
-  for {best[1]}.
+  data (8 numbers for 5) the maps are at or below it for {refit[0]} of {len(materials)} materials, one value for
+  {refit[1]}, the joint fit for {refit[2]}. And of the {len(wide)} materials whose highlight is wide (m at least
+  {NARROW} by Low E2), so that a network is near to the measurement, the maps are at or below the best published fit for
+  {best[0]}, one value for {best[1]}.
 * The maps of {len(worse)} materials are relit worse than by the best published fit; first
   {named(worse[:5], best_published)}. A dielectric's highlight is white and weak (Specular IOR Level 1 at most). With
   Metallic as one more number, fitted jointly, {counts[0]} of {len(materials)} are at or below the best published fit;
