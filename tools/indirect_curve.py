@@ -38,7 +38,7 @@ FOOT = -0.8  # metres: the vase's foot
 PIXELS, SAMPLES = 160, 64
 Colour = tuple[float, float, float]
 FLOORS: dict[str, Colour | None] = {
-    "red": (0.8, 0.1, 0.05), "none": None, "0.3": (0.3, 0.3, 0.3), "0.6": (0.6, 0.6, 0.6)}
+    "red": (0.8, 0.1, 0.05), "none": None, "0.3": (0.3, 0.3, 0.3)}
 SHOWN = "red"
 PAGE = """\
 # Light that bounced
