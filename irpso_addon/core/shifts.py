@@ -15,6 +15,8 @@ DARK = 0.1  # of the typical radiance: added to a pixel's own, for errors relati
 TILE = 32  # pixels: errors this far apart are independent
 ROUNDS = 3
 CAUCHY = 2.4  # standard deviations at which a pixel has lost half its weight: 95 % efficient for normal errors
+LEAST_PIXELS = 12  # of a view: from fewer it tells nothing
+RIDGE = 1e-9  # of the largest: what the normal matrix has at least, where views tell nothing
 WIDEST = 10.0  # pixels: prior of shifts, so that nothing to see gives a large error instead of nonsense
 BINS = 64  # by BINS, over the UV square: what two cameras show of it is compared
 Image = TypeVar("Image", F32, Bool)
@@ -64,7 +66,9 @@ def fit_views(seen: F64, factor: F64, tiles: I32, free: bool = True) -> Fit:
     views = len(told)
     scores = np.stack([_by_tile(weight[v] * column[v] * remains[v], tiles) for column in columns for v in range(views)])
     covariance = inverse @ (scores @ scores.T) @ inverse
-    variance = np.diag(covariance)
+    blind = np.tile(told.sum(axis=1) < LEAST_PIXELS, 3)  # views that tell nothing: clipped, masked, not seen
+    covariance = np.where(blind | blind[:, None], 0.0, covariance) + np.diag(np.where(blind, WIDEST**2, 0.0))
+    variance = np.maximum(np.diag(covariance), 0.0)
     pairs = np.arange(views)[:, None] + np.array([0, views])
     gains = np.log1p(np.maximum(solved[2 * views:], -0.9))
     return Fit(
@@ -89,6 +93,7 @@ def _projected(columns: F64, predicted: F64, left: F64, weight: F64, free: bool)
             normal[a * views + at, b * views + at] += (weight * columns[a] * columns[b]).sum(1)
     normal[np.diag_indices(2 * views)] += WIDEST**-2
     normal[2 * views:, 2 * views:] += max(np.trace(normal[2 * views:, 2 * views:]), 1.0) / views**2  # gains: mean 0
+    normal[np.diag_indices(count * views)] += RIDGE * normal.diagonal().max()
     rest = left - predicted * ((weight * predicted * left).sum(0) / total)
     inverse = np.linalg.inv(normal)
     solved = inverse @ (weight * columns * rest).sum(-1).reshape(-1)

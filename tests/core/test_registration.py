@@ -222,3 +222,16 @@ def test_what_is_only_likely_is_put_right_beside_what_is_sure():
     mended = corrected(given, [misfit(0, (0.015, 0)), *lone], shifts=True, gains=True)
     assert mended.views[0].camera is given.views[0].camera
     assert mended.views[1].camera.projection[0, 3] == pytest.approx(0.06 / WIDTH)
+
+
+def test_views_that_tell_nothing_are_not_moved() -> None:
+    """Two of four views without a pixel (all clipped): no crash, and an error that nobody believes."""
+    rng = np.random.default_rng(1)
+    seen = rng.random((4, 4, 2000)) + 0.5
+    seen[3] = seen[0] * (1 + 0.01 * rng.standard_normal((4, 2000)))
+    seen[:, 2:] = np.nan
+    factor = np.stack([np.ones(2000), np.zeros(2000), np.zeros(2000)])
+    fit = fit_views(seen, factor, (np.arange(2000) // 50).astype(np.int32))
+    assert np.isfinite(fit.shift).all() and (np.abs(fit.shift[2:]) < 1e-6).all()
+    assert (np.sqrt(fit.covariance[2:, 0, 0]) > 1).all() and (fit.gain_error[2:] > 1).all()
+    assert (fit.gain_error[:2] < 0.1).all()

@@ -28,7 +28,11 @@ def sweep_all(axes: Sequence[Axis], methods: Sequence[Method], seeds: int, jobs:
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as workers:
         waiting = {workers.submit(_axis, axis, [m.key for m in methods], seeds): axis for axis in axes}
         for number, done in enumerate(as_completed(waiting)):
-            done.result()
+            try:
+                done.result()
+            except BaseException:  # no other axis begins
+                workers.shutdown(wait=False, cancel_futures=True)
+                raise
             say(f"{number + 1} of {len(axes)}: {waiting[done].title}")
 
 
