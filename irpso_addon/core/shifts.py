@@ -16,7 +16,7 @@ TILE = 32  # pixels: errors this far apart are independent
 ROUNDS = 3
 CAUCHY = 2.4  # standard deviations at which a pixel has lost half its weight: 95 % efficient for normal errors
 LEAST_PIXELS = 12  # of a view: from fewer it tells nothing
-RIDGE = 1e-9  # of the largest: what the normal matrix has at least, where views tell nothing
+RIDGE = 1e-9  # of the largest: what the normal matrix's diagonal has at least
 WIDEST = 10.0  # pixels: prior of shifts, so that nothing to see gives a large error instead of nonsense
 BINS = 64  # by BINS, over the UV square: what two cameras show of it is compared
 Image = TypeVar("Image", F32, Bool)
@@ -93,7 +93,8 @@ def _projected(columns: F64, predicted: F64, left: F64, weight: F64, free: bool)
             normal[a * views + at, b * views + at] += (weight * columns[a] * columns[b]).sum(1)
     normal[np.diag_indices(2 * views)] += WIDEST**-2
     normal[2 * views:, 2 * views:] += max(np.trace(normal[2 * views:, 2 * views:]), 1.0) / views**2  # gains: mean 0
-    normal[np.diag_indices(count * views)] += RIDGE * normal.diagonal().max()
+    blind = np.tile((weight > 0).sum(axis=1) < LEAST_PIXELS, count)
+    normal[np.diag_indices(count * views)] += np.where(blind, 1.0, RIDGE) * normal.diagonal().max()
     rest = left - predicted * ((weight * predicted * left).sum(0) / total)
     inverse = np.linalg.inv(normal)
     solved = inverse @ (weight * columns * rest).sum(-1).reshape(-1)
