@@ -286,7 +286,8 @@ def _checks(
     """What the views say of the maps."""
     views = check_views(albedo, base)
     texels = TexelFit(scene.mesh.name, found.model, slots, scene.mesh.slot_names, good, found.detail[..., 0],
-                      maps.roughness, maps.roughness_sigma, sure=settings.method != "paper")
+                      maps.roughness, maps.roughness_sigma, sure=settings.method != "paper",
+                      chosen=settings.model == "auto")
     yield Progress(1.0, "maps", "checks")
     return measure(views, texels)
 

@@ -211,12 +211,15 @@ def _unexplained(checks: Checks) -> list[str]:
     return []
 
 
+FEWER = {"lambert": "too few to tell a highlight by; take more views",
+         "two-lobe": "as model two-lobe needs; take more views, or solve for one-lobe"}
+
+
 def _few(checks: Checks) -> list[str]:
     return [f"{checks.name}: {m.fewer:.0%} of the solved texels of '{m.material}' have fewer than {m.needed:g} good "
-            f"observations (median {m.observations:.0f}), as model {m.model} needs; " + (
-                "take more views, or solve for one-lobe" if m.model == "two-lobe"
-                else "their roughness leans on their neighbours; take more views")
-            for m in checks.materials if checks.sure and m.model != "lambert" and m.fewer > FEW]
+            f"observations (median {m.observations:.0f}), " + FEWER.get(m.model, (
+                f"as model {m.model} needs; their roughness leans on their neighbours; take more views"))
+            for m in checks.materials if checks.sure and m.needed > 1 and m.fewer > FEW]
 
 
 def _doubtful(checks: Checks) -> list[str]:

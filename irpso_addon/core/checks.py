@@ -37,6 +37,7 @@ class TexelFit:
     roughness: F32  # of the sharper lobe
     sigma: F32  # its standard error
     sure: bool = True  # False: the method knows no standard errors
+    chosen: bool = False  # whether the models were chosen by the data, and not asked for
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,7 @@ def _materials(texels: TexelFit, noise: float) -> list[MaterialCheck]:
     for slot, name in enumerate(texels.slot_names):
         seen = texels.observed[texels.solved & (texels.slots == slot)]
         model = texels.models.get(name, "one-lobe")
+        enough = needed["one-lobe" if texels.chosen and model == "lambert" else model]  # to tell that there is no lobe
         if len(seen):
-            found.append(MaterialCheck(name, model, float(np.median(seen)), needed[model],
-                                       float(np.mean(seen < needed[model]))))
+            found.append(MaterialCheck(name, model, float(np.median(seen)), enough, float(np.mean(seen < enough))))
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import moderngl
 import numpy as np
@@ -136,16 +136,20 @@ class Ladder:
                       self.source.least_gain)
 
     def _try_larger(self, name: str, texels: Bool, found: Found) -> Generator[Progress, None, tuple[str, str]]:
-        """Two lobes, and another specular level, on the squares where a material is seen best."""
-        solver = Solver(self.device, self.source, self.settings, (SAMPLE, SAMPLE))
+        """Two lobes, and another specular level, on the squares where a material is seen best.
+
+        All by squares: what one lobe does not explain would else be disbelieved as outliers, and speak for no other.
+        """
+        solver = Solver(self.device, self.source, replace(self.settings, loss="squares"), (SAMPLE, SAMPLE))
         try:
             places = self._best_seen(solver, texels, found.detail[..., 0])
+            plain = self._read((yield from solver.solve(places))) if self.solver.robust else found
             two = self._read((yield from solver.solve_two(places)))
             sample = texels & _inside(texels.shape, places, SAMPLE)
-            one = np.ones_like(found.detail[..., 1])
-            fits = {"lambert": Fit(found.detail[..., 2], np.zeros_like(found.detail[..., 2])),
-                    "one_lobe": Fit(found.detail[..., 1], one),
-                    "two_lobe": Fit(two.detail[..., 1], one + two.roughness[..., 2] - found.roughness[..., 2])}
+            one = np.ones_like(plain.detail[..., 1])
+            fits = {"lambert": Fit(plain.detail[..., 2], np.zeros_like(one)),
+                    "one_lobe": Fit(plain.detail[..., 1], one),
+                    "two_lobe": Fit(two.detail[..., 1], one + two.roughness[..., 2] - plain.roughness[..., 2])}
             if (yield from self._level_differs(solver, sample, places)):
                 level = yield from self._levels(solver, {name: texels}, places)
                 self._set_level(solver, level)
@@ -154,7 +158,7 @@ class Ladder:
             if solver.cancelled:
                 self.solver.cancelled = True
                 return found.model[name], found.why[name]
-            return self._choose(sample, found.detail[..., 0], **fits)
+            return self._choose(sample, plain.detail[..., 0], **fits)
         finally:
             self._set_level(solver, None)
             solver.release()
