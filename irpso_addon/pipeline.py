@@ -267,8 +267,8 @@ def _fill(values: F32) -> moderngl.Texture:
 def confidence(roughness: F32, sigma: F32, observations: F32, solved: Bool) -> F32:
     """(h, w) 0 to 1: half where the standard error of roughness is 0.05; nothing from edges of shadow alone.
 
-    What a texel departs from the median of 3 x 3 counts as error too: data that are wrong, not noisy, make texels sure
-    of different things.
+    Where a texel departs from the median of 3 x 3 by more than that, its departure is taken: data that are wrong, not
+    noisy, make texels sure of different things.
     """
     around = np.pad(np.where(solved, roughness, np.nan), 1, constant_values=np.nan)
     h, w = roughness.shape
@@ -276,7 +276,7 @@ def confidence(roughness: F32, sigma: F32, observations: F32, solved: Bool) -> F
     near = np.where(np.isnan(near), roughness, near)
     apart = roughness - np.partition(near, 4, axis=0)[4]
     told = np.clip(0.5 * (observations - 1.0), 0.0, 1.0)
-    return np.asarray(told / (1.0 + (sigma**2 + apart**2) / 0.05**2), np.float32)
+    return np.asarray(told / (1.0 + (np.maximum(sigma, np.abs(apart)) / 0.05) ** 2), np.float32)
 
 
 def _checks(

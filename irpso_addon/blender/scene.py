@@ -100,8 +100,8 @@ class _Reader:
     def name_unmodelled(self, subject: Any) -> None:
         """Warns of what lights or shapes the references but not the solver's model."""
         if not _is_black(self.scene.world):
-            self.warn(f"world '{self.scene.world.name}': its light counts as indirect (setting indirect), which is less "
-                      "exact; make it black for the references")
+            self.warn(f"world '{self.scene.world.name}': its light counts as indirect (setting indirect), which is "
+                      "less exact; make it black for the references")
         for modifier in subject.modifiers:
             if modifier.show_viewport != modifier.show_render or (
                 modifier.show_render and getattr(modifier, "levels", 0) != getattr(modifier, "render_levels", 0)

@@ -76,7 +76,7 @@ def test_report_has_its_keys(solved):
     report = json.loads((out / "report.json").read_text())
     assert set(report) == {field.name for field in fields(SolveSettings)} | {
         "versions", "command", "models", "seconds", "texels", "texels_per_second",
-        "views", "residual", "warnings", "device", "peak_memory_bytes", "cancelled"}
+        "views", "residual", "warnings", "checks", "device", "peak_memory_bytes", "cancelled"}
     assert report["models"]["Paint"]["model"] == "one-lobe" and report["models"]["Paint"]["why"]
     assert {"scene", "gbuffer", "observe", "solve", "maps", "write", "total"} == set(report["seconds"])
     assert {"covered", "observed", "solved", "filled"} == set(report["texels"])
