@@ -47,7 +47,8 @@ Made by `python tools/indirect_curve.py`. The demo's vase stands on a matt floor
 {pixels} x {pixels} pixels with 4 bounces and {samples} samples. Solved at {size} x {size} texels with `indirect` `off`
 and `auto`. Errors are medians over the texels solved by both: of base colour relative to the truth (then the error
 that 95 % of them stay below), of roughness absolute where it is sure (confidence above 0.5). *Shadows* is the radiance
-where no lamp's light arrives, as a share of the lit pixels' median, by which `auto` decides.
+where no lamp's light arrives, as a share of the lit pixels' median, by which `auto` decides. Seconds are of the machine
+as it was, other work included.
 
 | floor | shadows | base colour, off | auto | 95 % below, off | auto | roughness, off | auto | seconds, off | auto |
 |---|---|---|---|---|---|---|---|---|---|
