@@ -17,9 +17,9 @@ PRIOR_CUT = 15.0  # an edge in the map costs no more than this, in nats
 TOLD = 3.0  # degrees of freedom from which on a texel tells something of the noise
 TAIL, TAIL_Z = 0.9, 1.2816  # share of texels below the upper tail, and its place under a normal distribution
 FAR = 2.0  # log of a variance: outliers make their texels' so much larger, ...
+GROSS = 0.01  # ... and leave relative errors of this size: finer ones are the model's, and alike in neighbours
 NOISE_MOST = 0.06  # relative: more is not noise, but outliers in every texel: then ...
 NOISE_GUESS = 0.02  # ... this much is taken for a start
-GROSS = 0.01  # ... and leave relative errors of this size: finer ones are the model's, and alike in neighbours
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
 
 

@@ -49,10 +49,10 @@ vec3 trust_group(int k, int first, int end, float albedo, float scale) {
     for (int n = first; n < end; n++) {
         float off = obs_off[n] - centre;
         float square = obs_weight[n] * off * off / obs_variance;
+        told.x += square;
+        if (scale <= 0.0) continue;  // asked for the spread alone
         float likely = exp(-0.5 * square / scale);
         float trust = likely / (likely + OUTLIER);
-        told.x += square;
-        if (scale <= 0.0) continue;
         obs_trust[n] = trust;
         told.y += -2.0 * log((likely + OUTLIER) / (1.0 + OUTLIER)) - trust * square;
         told.z += obs_weight[n] > 0.0 ? 1.0 - trust : 0.0;

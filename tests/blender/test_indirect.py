@@ -25,6 +25,7 @@ from irpso_addon.core.data import Bounced, Maps, SceneData, Solution
 from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu import thread
+from tests.gpu.texels import finish
 
 BASE, ROUGH, PIXELS = (0.7, 0.35, 0.15), 0.4, 96
 
@@ -90,14 +91,6 @@ def solution_of(base, rough, model) -> Solution:
                     views_skipped=(), warnings=(), device={})
 
 
-def ran(steps):
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
-
-
 def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
@@ -140,7 +133,7 @@ def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level
     captures.write_text('{"views": [{"image": "4.exr", "camera": "Camera 0", "lights": ["Lamp 0"]}]}')
     file = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
-    found = ran(indirect.Bouncer.of_open_file(file)(
+    found = finish(indirect.Bouncer.of_open_file(file)(
         read_scene(None, "Ball", captures), solution_of((base,) * 3, ROUGH, model)))
     assert list(found) == [0]
     drawn = base / math.pi * found[0].irradiance if base else found[0].glossy
@@ -215,7 +208,7 @@ def test_a_child_that_fails_costs_a_warning(scene: SceneData, tmp_path: Path) ->
     bad.write_bytes(b"BLENDER is not what this is")
     bouncer = indirect.Bouncer.of_open_file(bad)
     with pytest.raises(BadInput, match=r"bad\.blend: indirect light cannot be rendered") as caught:
-        ran(bouncer(scene, solution_of(BASE, ROUGH, "one-lobe")))
+        finish(bouncer(scene, solution_of(BASE, ROUGH, "one-lobe")))
     assert "\n" not in str(caught.value)
     solution = thread.run(lambda: pipeline.solve(scene, SolveSettings(size=16, indirect="on"), bounce=bouncer))
     assert str(caught.value) in solution.warnings and not solution.cancelled
@@ -236,7 +229,7 @@ def test_a_copy_holds_what_was_not_saved(scene: SceneData) -> None:
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        ran(bouncer.around(job()))
+        finish(bouncer.around(job()))
     assert not bouncer.blend.exists()
 
 
@@ -253,7 +246,7 @@ def test_world_light_is_indirect_too(scene: SceneData, tmp_path: Path, bounced: 
     bpy.context.scene.cycles.max_bounces = 1
     file = tmp_path / "world.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True)
-    found: Bounced = ran(indirect.Bouncer.of_open_file(file)(
+    found: Bounced = finish(indirect.Bouncer.of_open_file(file)(
         replace(scene, views=scene.views[:1]), solution_of(BASE, ROUGH, "lambert")))[0]
     middle = slice(21, 27)
     column = found.irradiance[:, middle].mean((1, 2))

@@ -13,24 +13,16 @@ from irpso_addon.gpu import bounced as smoothing
 from irpso_addon.gpu.bounced import Smoother
 from irpso_addon.gpu.observe import camera_uniforms, observe
 from irpso_addon.gpu.surface import MeshBuffer, Occluders, draw_pixel_grid
+from tests.gpu.texels import finish
 
 TINT = np.array([0.9, 0.5, 0.2], np.float32)  # of the indirect light
-
-
-def ran(steps):
-    """A generator's value."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
 
 
 def observed(on_gl, scene, read_image, bounced):
     """Per view (colour, lobe factor), (h, w, 4) and (h, w)."""
     def work(device):
         mesh = MeshBuffer(device, scene.mesh)
-        found = ran(observe(device, scene, mesh, read_image, bounced))
+        found = finish(observe(device, scene, mesh, read_image, bounced))
         result = [(device.read(view.colour).copy(), device.read(view.lobes[0])[..., 3].copy())
                   for view in found.cameras[0].views]
         found.release()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +14,7 @@ from irpso_addon.core.tables import principled_table
 from irpso_addon.gpu.atlas import LEAST_GAIN, MODEL_ERROR, ArraySource
 from irpso_addon.gpu.context import Device
 from irpso_addon.gpu.ladder import Found, Ladder
+from tests.bench.opengl import result
 
 from .rig import NORMAL, Geometry
 
@@ -103,12 +103,3 @@ def _base(device: Device, ladder: Ladder, found: Found, level: F32) -> F64:
         made.release()
     solver.level = None
     return base
-
-
-def result(steps: Generator[Any, None, Any]) -> Any:
-    """What a generator returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
