@@ -1,4 +1,4 @@
-"""What this Blender session remembers and no file holds: the last solutions and the running job.
+"""What this Blender session remembers and no file holds: solutions and the running job.
 
 Solutions are kept by the object's ``session_uid``, which survives undo and renaming, where a
 reference to the object would dangle.  Loading a file forgets everything.
@@ -6,8 +6,9 @@ reference to the object would dangle.  Loading a file forgets everything.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import bpy
@@ -15,11 +16,23 @@ from bpy.app.handlers import persistent
 
 from ..core.data import Solution
 from ..core.job import Progress
+from ..core.live import Live
 
 if TYPE_CHECKING:  # so that maps can be written where OpenGL is missing
     from ..gpu.thread import Job
 
-_solutions: dict[int, Solution] = {}
+REMEMBERED = 4  # solutions of an object
+
+
+@dataclass(frozen=True)
+class Result:
+    """A solution and what it was called when it was asked for."""
+
+    label: str  # "refined, auto, 1024"
+    solution: Solution
+
+
+_results: dict[int, list[Result]] = {}  # by object, the newest last
 
 
 @dataclass
@@ -30,19 +43,30 @@ class Running:
     title: str
     progress: Progress
     stopping: bool = False
+    paused: bool = False
+    object_uid: int = 0  # of the object that is worked on
+    started: float = field(default_factory=time.monotonic)
+    live: Live | None = None  # the latest look at it
+    curve: list[tuple[float, float]] = field(default_factory=list)  # seconds, error: how it converges
 
 
 running: Running | None = None
 
 
-def keep(obj: bpy.types.Object, solution: Solution) -> None:
+def keep(obj: bpy.types.Object, solution: Solution, label: str = "solved") -> None:
     """Remembers ``solution`` as the last one of ``obj``."""
-    _solutions[obj.session_uid] = solution
+    _results[obj.session_uid] = [*results_of(obj), Result(label, solution)][-REMEMBERED:]
+
+
+def results_of(obj: bpy.types.Object | None) -> list[Result]:
+    """What was solved of ``obj`` since the file was opened, the newest last."""
+    return [] if obj is None else _results.get(obj.session_uid, [])
 
 
 def solution_of(obj: bpy.types.Object | None) -> Solution | None:
     """The last solution of ``obj`` since the file was opened."""
-    return None if obj is None else _solutions.get(obj.session_uid)
+    results = results_of(obj)
+    return results[-1].solution if results else None
 
 
 def object_by_uid(uid: int) -> bpy.types.Object | None:
@@ -74,7 +98,7 @@ def cancel_running() -> None:
 def forget(*_: object) -> None:
     """load_pre handler: the objects of the file that is being closed are gone."""
     cancel_running()
-    _solutions.clear()
+    _results.clear()
 
 
 def redraw_sidebars() -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from .checks import Checks
+    from .live import ViewPicture
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -163,3 +164,4 @@ class Solution:
     levels: dict[str, float] = field(default_factory=dict)
     ndf: str = "ggx"  # distribution of the two-lobe model, as in core/params.py
     checks: Checks | None = None  # what the views say of the maps
+    pictures: tuple[ViewPicture, ...] = ()  # of each view, reduced: reference beside prediction

@@ -1,0 +1,64 @@
+"""The Solve panel: what is solved for, and how."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import bpy
+from bpy.types import Panel
+
+from ..core.params import SolveSettings
+from . import session
+from .tab import Tab, split
+
+# Settings that mean something for some choices of another alone: which one, and which choices.
+ONLY_FOR = {"specular": ("model", {"one-lobe-specular"}), "ndf": ("model", {"two-lobe", "auto"})} | dict.fromkeys(
+    ("particles", "iterations", "c1", "c2", "c3", "window", "threshold"), ("method", {"paper"}))
+
+
+def shown(settings: bpy.types.PropertyGroup, advanced: bool) -> list[str]:
+    """The rows of the parameter table that a panel shows: those that the present model and method use."""
+    names = [field.name for field in fields(SolveSettings) if field.metadata["advanced"] == advanced]
+    others = {name: ONLY_FOR.get(name, ("", set())) for name in names}
+    return [name for name, (other, choices) in others.items() if not other or getattr(settings, other) in choices]
+
+
+class IRPSO_PT_solve(Tab, Panel):
+    """What is solved for, and how."""
+
+    bl_label = "Solve"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Settings, the button, and the progress while it runs."""
+        layout = split(self.layout)
+        column = layout.column()
+        column.enabled = session.running is None
+        for name in shown(context.scene.irpso, advanced=False):
+            column.prop(context.scene.irpso, name)
+        column = layout.column()
+        column.scale_y = 1.4
+        column.operator("irpso.solve", icon="PLAY")
+        if session.running is not None:
+            progress = session.running.progress
+            doing = "stopping" if session.running.stopping else progress.stage
+            row = layout.row(align=True)
+            row.progress(factor=progress.fraction, text=f"{session.running.title}: {progress.fraction:.0%} {doing}")
+            row.operator("irpso.stop", text="", icon="X")
+
+
+class IRPSO_PT_advanced(Tab, Panel):
+    """Settings that are seldom changed."""
+
+    bl_label = "Advanced"
+    bl_parent_id = "IRPSO_PT_solve"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """The table's advanced rows and the G-buffer."""
+        layout = split(self.layout)
+        for name in shown(context.scene.irpso, advanced=True):
+            layout.prop(context.scene.irpso, name)
+        layout.operator("irpso.bake_gbuffer", icon="TEXTURE")
+
+
+CLASSES = (IRPSO_PT_solve, IRPSO_PT_advanced)
