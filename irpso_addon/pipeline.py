@@ -29,7 +29,7 @@ from .gpu.atlas import CameraSource
 from .gpu.check import check_views
 from .gpu.fill import fill
 from .gpu.ladder import Found, Ladder
-from .gpu.observe import Observations, bytes_per_pixel, observe
+from .gpu.observe import Observations, most_pixels, observe
 from .gpu.surface import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_counts
 
 Result = TypeVar("Result")
@@ -38,7 +38,6 @@ Bounce = Callable[[SceneData, Solution], Generator[Progress, None, Mapping[int, 
 ALIGN_ROUNDS = 4  # of finding where cameras look
 ROUND_SIZE = 512  # texels: of maps that only the next round needs
 NO_CONFIDENCE = "method paper: says nothing of how sure it is; confidence is 0, the standard errors are 0.5 everywhere"
-OBSERVATION_BYTES = 2_000_000_000  # what references, observations and pixel maps may take together
 STAGES = {"gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85), "maps": (0.85, 1.0),
           "indirect": (0.0, 1.0)}
 
@@ -108,13 +107,13 @@ def solve(
 ) -> Generator[Progress, None, Solution]:
     """From a scene's data to its maps.
 
-    ``read_image`` gives a view's reference; None reads its file, reduced where all views together
-    would not fit OBSERVATION_BYTES.  ``bounce`` renders indirect light from the maps so far; None: there is none.
+    ``read_image`` gives a view's reference; None reads its file, reduced where all views together would not fit into
+    the memory that the device's settings allow.  ``bounce`` renders indirect light from the maps so far; None: none.
     Cancelled after the first solved tile, it returns the partial maps (``Solution.cancelled``), or those of the round
     before; before that it raises Cancelled.  Raises BadInput for what cannot be used.
     """
     if read_image is None:
-        read_image = partial(read_reference, max_pixels=int(OBSERVATION_BYTES / bytes_per_pixel(scene.views)))
+        read_image = partial(read_reference, max_pixels=most_pixels(scene.views, thread.settings().memory))
     clock = _Clock()
     first = yield from _round(scene, settings, read_image, clock)
     if first.cancelled:

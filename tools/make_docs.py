@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon.core.params import SolveSettings  # noqa: E402  # the checkout is no installed package
+from irpso_addon.core.params import DeviceSettings, SolveSettings  # noqa: E402  # the checkout is no installed package
 
 PAGE = ROOT / "docs" / "parameters.md"
 HEAD = """\
@@ -27,9 +27,20 @@ property of the panel (`scene.irpso`), and one key of `report.json`, by the same
 """
 
 
+DEVICE = """
+## The graphics device
+
+Preferences of the add-on, and flags of `irpso solve`, `irpso compare` and `irpso doctor`.
+
+| name | flag | default | range or choices | what it does |
+|---|---|---|---|---|
+"""
+
+
 def page() -> str:
     """The whole page."""
-    return HEAD + "".join(_row(field) for field in fields(SolveSettings))
+    rows = ("".join(_row(field) for field in fields(table)) for table in (SolveSettings, DeviceSettings))
+    return HEAD + DEVICE.join(rows)
 
 
 def _row(field) -> str:  # type: ignore[no-untyped-def]

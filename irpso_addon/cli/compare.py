@@ -25,7 +25,7 @@ from ..core.report import versions, write_report
 from ..core.staging import Staging
 from ..core.truth import read_truth
 from ..gpu import thread
-from ..gpu.observe import bytes_per_pixel
+from ..gpu.observe import most_pixels
 from . import chart, console, options
 from .judge import ReadImage, make_judge
 
@@ -41,6 +41,7 @@ PANELS = (  # title, part of the row, its key, scale
 
 def run(arguments: argparse.Namespace) -> None:
     """The command.  Raises BadInput."""
+    thread.configure(options.device(arguments))
     scene: Path = arguments.scene
     out: Path = arguments.out or scene.parent / f"{scene.stem}_compare"
     with console.quiet():
@@ -117,7 +118,7 @@ def compare(
 
 def read_once(views: tuple[View, ...]) -> ReadImage:
     """Every reference, read now for all methods, reduced as the pipeline would reduce it."""
-    most = int(pipeline.OBSERVATION_BYTES / bytes_per_pixel(views))
+    most = most_pixels(views, thread.settings().memory)
     images: dict[int, RadianceImage] = {id(view): read_reference(view, max_pixels=most) for view in views}
     return lambda view: images[id(view)]
 

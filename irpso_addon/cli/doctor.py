@@ -18,7 +18,7 @@ from ..core.job import Progress
 from ..core.params import SolveSettings
 from ..core.report import versions
 from ..gpu import thread
-from . import console
+from . import console, options
 
 LIMITS = {
     "GL_MAX_TEXTURE_SIZE": "largest map (texels)",
@@ -32,9 +32,10 @@ TOLERANCE = 0.002
 
 def run(arguments: argparse.Namespace) -> None:
     """The command.  Raises BadInput where OpenGL is missing or computes wrongly."""
+    thread.configure(options.device(arguments))
     rows = [(name, value) for name, value in (versions() | {"blender": blender_version()}).items()]
     info = thread.run(_device)
-    rows += [(name, str(info[name])) for name in ("renderer", "vendor", "version")]
+    rows += [(name, str(info[name])) for name in ("renderer", "vendor", "version", "kernels")]
     rows += [(label, str(info[name])) for name, label in LIMITS.items()]
     started = time.perf_counter()
     base_error, rough_error = check()
@@ -60,4 +61,5 @@ def _device() -> Generator[Progress, None, dict[str, Any]]:
     """Runs on the GL thread."""
     yield Progress(0.0, "device")
     device = thread.device()
-    return device.describe() | device.ctx.info
+    kernels = {"kernels": "compute" if device.prefers_compute else "fragment"}
+    return device.describe() | kernels | device.ctx.info

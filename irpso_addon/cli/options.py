@@ -8,7 +8,7 @@ from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
-from ..core.params import SolveSettings
+from ..core.params import DeviceSettings, SolveSettings, Table
 
 KINDS = ("exr", "png", "tiff")
 EXIT_CODES = """\
@@ -29,7 +29,8 @@ def parser() -> argparse.ArgumentParser:
                        "(default: SCENE_irpso beside the scene)")
     solve.add_argument("--report", type=Path, metavar="FILE", help="write report.json here too")
     _add_format(solve)
-    add_settings(solve)
+    add_settings(solve, SolveSettings)
+    add_settings(solve, DeviceSettings)
 
     compare = commands.add_parser("compare", help="every method on one scene: error against time", epilog=EXIT_CODES)
     _add_scene(compare)
@@ -41,7 +42,8 @@ def parser() -> argparse.ArgumentParser:
                          "solves and predicted; 0: none, which needs --truth (default: 5)")
     compare.add_argument("--passes", type=_from(1), nargs="*", default=[100, 400, 1600], metavar="N",
                          help="method paper: its budgets; none: leave it out (default: 100 400 1600)")
-    add_settings(compare, without=("method", "iterations"), defaults={"size": 256, "model": "one-lobe"})
+    add_settings(compare, SolveSettings, without=("method", "iterations"), defaults={"size": 256, "model": "one-lobe"})
+    add_settings(compare, DeviceSettings)
 
     export = commands.add_parser("export", help="maps of a solved scene to files", epilog=EXIT_CODES)
     export.add_argument("scene", type=Path, metavar="SCENE.blend", help="a file that 'solve' or the operators made")
@@ -52,7 +54,8 @@ def parser() -> argparse.ArgumentParser:
     demo = commands.add_parser("demo", help="make a small scene, render it, recover it, compare", epilog=EXIT_CODES)
     demo.add_argument("--out", type=Path, metavar="DIR", required=True, help="folder for everything it makes")
 
-    commands.add_parser("doctor", help="versions, device, limits, a short self-test", epilog=EXIT_CODES)
+    doctor = commands.add_parser("doctor", help="versions, device, limits, a short self-test", epilog=EXIT_CODES)
+    add_settings(doctor, DeviceSettings)
     return top
 
 
@@ -82,10 +85,11 @@ def _add_format(command: argparse.ArgumentParser) -> None:
 
 
 def add_settings(
-    command: argparse.ArgumentParser, without: Sequence[str] = (), defaults: Mapping[str, Any] | None = None,
+    command: argparse.ArgumentParser, table: type[Table], without: Sequence[str] = (),
+    defaults: Mapping[str, Any] | None = None,
 ) -> None:
-    """One flag per row of the parameter table, but for ``without``; ``defaults`` other than the table's."""
-    for field in fields(SolveSettings):
+    """One flag per row of a parameter table, but for ``without``; ``defaults`` other than the table's."""
+    for field in fields(table):
         if field.name in without:
             continue
         default = (defaults or {}).get(field.name, field.default)
@@ -101,6 +105,11 @@ def settings(arguments: argparse.Namespace) -> SolveSettings:
     """The settings that the flags say; the table's own where the command has no such flag."""
     given = vars(arguments)
     return SolveSettings(**{field.name: given[field.name] for field in fields(SolveSettings) if field.name in given})
+
+
+def device(arguments: argparse.Namespace) -> DeviceSettings:
+    """How the flags say that the graphics device is used."""
+    return DeviceSettings(**{field.name: getattr(arguments, field.name) for field in fields(DeviceSettings)})
 
 
 def _reader(field: Field[Any]) -> Callable[[str], Any]:

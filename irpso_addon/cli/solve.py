@@ -37,6 +37,7 @@ class Request:
 
 def run(arguments: argparse.Namespace) -> None:
     """The command.  Raises BadInput; Cancelled after the partial maps are written."""
+    thread.configure(options.device(arguments))
     scene: Path = arguments.scene
     request = Request(
         scene=scene, out=arguments.out or scene.parent / f"{scene.stem}_irpso", settings=options.settings(arguments),

@@ -22,7 +22,22 @@ def parameter(
 
 
 @dataclass(frozen=True)
-class SolveSettings:
+class Table:
+    """Checks its rows.  Raises ValueError for what is out of range or no choice."""
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value, low, high = getattr(self, f.name), f.metadata["low"], f.metadata["high"]
+            if f.type is float:
+                object.__setattr__(self, f.name, float(np.float32(value)))
+            if f.metadata["choices"] and value not in [c[0] for c in f.metadata["choices"]]:
+                raise ValueError(f"{f.name} is '{value}': want one of {', '.join(c[0] for c in f.metadata['choices'])}")
+            if low is not None and not low <= value <= high:
+                raise ValueError(f"{f.name} is {value}: want {low} to {high}")
+
+
+@dataclass(frozen=True)
+class SolveSettings(Table):
     """What the user may choose about a solve."""
 
     size: int = parameter(1024, "Width and height of the maps", label="Size", low=16, high=8192, unit="texels")
@@ -85,12 +100,17 @@ class SolveSettings:
     seed: int = parameter(0, "Seed of the swarm's random numbers", label="Seed", low=0, high=2**31 - 1,
                           advanced=True)
 
-    def __post_init__(self) -> None:
-        for f in fields(self):
-            value, low, high = getattr(self, f.name), f.metadata["low"], f.metadata["high"]
-            if f.type is float:
-                object.__setattr__(self, f.name, float(np.float32(value)))
-            if f.metadata["choices"] and value not in [c[0] for c in f.metadata["choices"]]:
-                raise ValueError(f"{f.name} is '{value}': want one of {', '.join(c[0] for c in f.metadata['choices'])}")
-            if low is not None and not low <= value <= high:
-                raise ValueError(f"{f.name} is {value}: want {low} to {high}")
+
+@dataclass(frozen=True)
+class DeviceSettings(Table):
+    """How the graphics device is used.  The maps do not depend on it, but for ``memory`` where pictures are reduced."""
+
+    kernels: str = parameter("auto", "How the search runs on the graphics device", label="Kernels", choices=(
+        ("auto", "As compute shaders where they are clearly faster, measured once"),
+        ("fragment", "As fragment shaders, which every device has"),
+        ("compute", "As compute shaders, which need OpenGL 4.3"),
+    ))
+    memory: float = parameter(2.0, "Memory of the graphics device that pictures and observations may take; larger "
+                              "pictures are reduced", label="Memory", low=0.25, high=256.0, unit="GB")
+    slice: int = parameter(15, "Time the graphics device works between two chances for others to draw; longer is a "
+                           "little faster", label="Slice", low=1, high=500, unit="ms")

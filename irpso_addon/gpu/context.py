@@ -18,6 +18,7 @@ import numpy as np
 
 from ..core.data import F32
 from ..core.errors import BadInput
+from ..core.params import DeviceSettings
 from .cells import Cells
 from .programs import Programs
 
@@ -37,9 +38,19 @@ class Device:
                 f"OpenGL 3.3: no context can be made ({str(error).strip()}); install a graphics driver "
                 "(on Linux also libegl1 and libgl1-mesa-dri)"
             ) from None
+        self.settings = DeviceSettings()
         self.ctx.gc_mode = "context_gc"  # objects dropped on other threads wait for ours
         self.programs = Programs(self.ctx)
         self._quads: dict[int, moderngl.VertexArray] = {}
+
+    def configure(self, settings: DeviceSettings) -> None:
+        """How the device is used from now on.  Raises BadInput where it cannot do that."""
+        if settings.kernels == "compute" and self.ctx.version_code < 430:
+            raise BadInput(f"kernels compute: {self.ctx.info['GL_RENDERER']} has OpenGL {self.ctx.version_code / 100}, "
+                           "compute shaders need 4.3; choose auto or fragment")
+        if settings.kernels != self.settings.kernels:
+            self.__dict__.pop("prefers_compute", None)
+        self.settings = settings
 
     def describe(self) -> dict[str, Any]:
         """Renderer, vendor and version as the driver names them."""
@@ -118,13 +129,13 @@ class Device:
 
     @cached_property
     def prefers_compute(self) -> bool:
-        """Whether this device runs a kernel clearly faster as a compute shader than as a fragment shader.
+        """Whether kernels run as compute shaders: as the settings say, or where that is clearly faster.
 
         Measured once, by the same arithmetic both ways.  Data-centre GPUs have few graphics units (30 times
         slower there); elsewhere the two are alike, and fragment shaders run everywhere.
         """
-        if self.ctx.version_code < 430:
-            return False
+        if self.settings.kernels != "auto" or self.ctx.version_code < 430:
+            return self.settings.kernels == "compute"
         size = 512
         target = self.framebuffer([self.texture(size, size)])
         seconds = []

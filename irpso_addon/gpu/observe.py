@@ -297,6 +297,11 @@ def bytes_per_pixel(views: Sequence[View]) -> int:
     return 16 * (2 * len(views) + lobes) + 72 * cameras
 
 
+def most_pixels(views: Sequence[View], memory: float) -> int:
+    """Pixels of a picture up to which all views fit into ``memory`` GB together."""
+    return int(memory * 1e9 / bytes_per_pixel(views))
+
+
 def channel_masks(channels: int) -> list[tuple[float, float, float]]:
     """Which of R, G and B each channel sums."""
     return [(1.0, 1.0, 1.0)] if channels == 1 else [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]

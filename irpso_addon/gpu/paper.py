@@ -25,7 +25,6 @@ from .atlas import TILE, Atlas, Source, Tile
 from .context import Device
 
 LOBES = {"one-lobe": 1, "two-lobe": 2}
-SLICE_SECONDS = 0.015  # of GPU time between two chances to do something else
 HALO = 4  # half windows beyond a tile's inner part that move along with it: its neighbours, and theirs
 
 
@@ -217,7 +216,7 @@ class PaperSwarm:
             for _ in range(min(slice_passes, count - swarms.passes)):
                 swarms.step()
             self.device.ctx.finish()
-            pace = SLICE_SECONDS / max(time.perf_counter() - start, 1e-6)
+            pace = self.device.settings.slice / 1000 / max(time.perf_counter() - start, 1e-6)
             slice_passes = max(int(slice_passes * min(max(pace, 0.25), 4.0)), 1)
             yield swarms.passes / count
             if self.settings.threshold > 0 and swarms.rest():

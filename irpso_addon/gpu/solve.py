@@ -20,7 +20,6 @@ from . import share
 from .atlas import Atlas, Source, Tile, tiles
 from .context import Device
 
-SLICE_SECONDS = 0.015  # of GPU time between two chances to do something else
 FIRST_ROWS = 16  # of a tile in the first draw of a kernel, before its speed is known
 FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
 QUIET = 3e-4  # relative noise below which ...
@@ -244,7 +243,7 @@ class Solver:
     ) -> Iterator[None]:
         """One kernel over one tile, written in place into the whole maps.
 
-        In bands of rows of about SLICE_SECONDS each, so that a window stays alive and no driver
+        In bands of rows that take about a slice (core/params.py) each, so that a window stays alive and no driver
         takes the GPU for hung.
         """
         x, y = tile
@@ -262,7 +261,7 @@ class Solver:
                 defines=defines, region=(x, y, w, rows))
             self.device.ctx.finish()
             took = time.perf_counter() - start
-            fitting = int(rows * min(max(SLICE_SECONDS / max(took, 1e-6), 0.25), 8.0))
+            fitting = int(rows * min(max(self.device.settings.slice / 1000 / max(took, 1e-6), 0.25), 8.0))
             self.bands[key] = min(max(fitting, 4), self.atlas.tile[1])
             y += rows
             yield

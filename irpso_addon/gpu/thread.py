@@ -17,12 +17,14 @@ from typing import Any
 
 from ..core.errors import Cancelled
 from ..core.job import Progress
+from ..core.params import DeviceSettings
 from .context import Device
 
 JobFunction = Callable[[], Generator[Progress, None, Any]]
 POLL_SECONDS = 0.05
 
 _device: Device | None = None
+_settings = DeviceSettings()
 _queue: queue.Queue[Job | None] = queue.Queue()
 _thread: threading.Thread | None = None
 _start_lock = threading.Lock()
@@ -36,6 +38,8 @@ class Job:
         self._latest: Progress | None = None
         self._finished = threading.Event()
         self._stop = threading.Event()
+        self._go = threading.Event()
+        self._go.set()
         self._value: Any = None
         self._error: BaseException | None = None
         _ensure_thread()
@@ -57,6 +61,14 @@ class Job:
     def cancel(self) -> None:
         """Ask the job to stop at its next step.  It may still return what it has."""
         self._stop.set()
+        self._go.set()
+
+    def pause(self, on: bool) -> None:
+        """Stop after the present step until told to go on, or cancelled."""
+        if on and not self._stop.is_set():
+            self._go.clear()
+        else:
+            self._go.set()
 
     def result(self) -> Any:
         """The job's value.  Raises what it raised; Cancelled (with ``partial``) if it was stopped."""
@@ -80,6 +92,7 @@ class Job:
                         self._latest = steps.throw(Cancelled())
                     else:
                         self._latest = next(steps)
+                    self._go.wait()
                     time.sleep(0)  # lets the window's thread have the interpreter between slices
             except StopIteration as stop:
                 self._value = stop.value
@@ -117,13 +130,29 @@ def run(
     return job.result()
 
 
+def configure(settings: DeviceSettings) -> None:
+    """How the device is used by jobs that ask for it from now on; from any thread."""
+    global _settings
+    _settings = settings
+
+
+def settings() -> DeviceSettings:
+    """What `configure` was last told."""
+    return _settings
+
+
 def device() -> Device:
-    """The Device, made on first use.  Only callable on the GL thread."""
+    """The Device, made on first use, as `configure` said.  Only callable on the GL thread.
+
+    Raises BadInput where there is none, or it cannot do what is asked of it.
+    """
     global _device
     if threading.current_thread() is not _thread:
         raise RuntimeError("OpenGL is used outside its thread: go through gpu.thread.run or Job")
     if _device is None:
         _device = Device()
+    if _device.settings != _settings:
+        _device.configure(_settings)
     return _device
 
 

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.errors import BadInput
+from irpso_addon.core.params import DeviceSettings, SolveSettings
+from irpso_addon.gpu import thread
 from irpso_addon.gpu.context import Device
 from irpso_addon.gpu.paper import PaperSwarm
 from irpso_addon.gpu.solve import Solver
@@ -145,6 +147,39 @@ assert device.prefers_compute is first
 print(first, before, counted)
 device.release()
 """
+
+
+def test_the_settings_decide(on_gl):
+    """Asked for, kernels run so, unmeasured; a device that cannot says what it would need."""
+
+    def job(device: Device) -> list[Any]:
+        found: list[Any] = [device.prefers_compute]
+        kernels = len(device.programs._kernels)
+        for name in ("compute", "fragment", "auto"):
+            if name == "compute" and device.ctx.version_code < 430:
+                with pytest.raises(BadInput, match=r"kernels compute: .* compute shaders need 4\.3; choose auto"):
+                    device.configure(DeviceSettings(kernels=name))
+                found.append(True)
+                continue
+            device.configure(DeviceSettings(kernels=name))
+            found.append(device.prefers_compute)
+        assert device.settings == DeviceSettings()
+        return [*found, len(device.programs._kernels) - kernels]
+
+    auto, compute, fragment, again, built = on_gl(job)
+    assert (compute, fragment, built) == (True, False, 0)
+    assert again == auto
+
+
+def test_what_was_configured_reaches_the_device(on_gl):
+    """Also one that is there already."""
+    settings = DeviceSettings(kernels="fragment", memory=0.5, slice=40)
+    try:
+        thread.configure(settings)
+        assert thread.settings() == settings
+        assert on_gl(lambda device: (device.settings, device.prefers_compute)) == (settings, False)
+    finally:
+        thread.configure(DeviceSettings())
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the version is overridden by a Mesa variable")
