@@ -3,11 +3,11 @@ VENV ?= .venv
 PYTHON ?=
 RUN = $(VENV)/bin/python
 
-.PHONY: setup demo test lint docs bench stability zip clean
+.PHONY: setup demo test lint docs site bench stability zip clean
 
 setup: $(VENV)/.ready
 
-$(VENV)/.ready: requirements-dev.txt tools/setup.sh
+$(VENV)/.ready: requirements-dev.txt requirements-docs.txt tools/setup.sh
 	@bash tools/setup.sh "$(VENV)" "$(PYTHON)"
 
 demo: setup
@@ -29,6 +29,9 @@ lint: setup
 
 docs: setup
 	$(RUN) tools/make_docs.py
+
+site: setup
+	$(RUN) -m mkdocs build
 
 bench: $(VENV)-bench/.ready
 	$(VENV)-bench/bin/python -m tests.bench

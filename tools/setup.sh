@@ -51,7 +51,8 @@ fi
 
 echo "setup: $venv from $python ($(version_of "$python"))"
 "$python" -m venv --clear "$venv"
-"$venv/bin/python" -m pip install --quiet --no-compile --disable-pip-version-check --no-deps -r requirements-dev.txt
+"$venv/bin/python" -m pip install --quiet --no-compile --disable-pip-version-check --no-deps \
+    -r requirements-dev.txt -r requirements-docs.txt
 "$venv/bin/python" -c 'import bpy, moderngl, OpenImageIO' ||
     fail "the environment does not load; the message above names what is missing"
 touch "$venv/.ready"

@@ -13,7 +13,7 @@ HEAD = """\
 
 Made by `python -m tests.bench` (`make bench`); figures in [front.json](front.json).{more}
 
-Synthetic problems ([tests/bench/problem.py](../../tests/bench/problem.py)): {size} x {size} texels of a bumpy patch
+Synthetic problems (`tests/bench/problem.py`): {size} x {size} texels of a bumpy patch
 under K lamps, one camera, every observation exactly the model that is solved for, or with independent relative noise.
 So it is the solvers that are compared, not renderers. Times are from observations on the device to maps on the device,
 medians of interleaved rounds; compiling is told apart.
