@@ -20,13 +20,14 @@ from .core.data import F32, I32, Bool, Bounced, Maps, RadianceImage, SceneData, 
 from .core.errors import BadInput, Cancelled
 from .core.image import read_reference
 from .core.job import Progress
+from .core.live import Live, ViewPicture
 from .core.params import SolveSettings
 from .core.registration import corrected
 from .core.residuals import is_indirect
-from .gpu import thread
+from .gpu import look, thread
 from .gpu.albedo import ITERATIONS, AlbedoSolver
 from .gpu.atlas import CameraSource
-from .gpu.check import check_views
+from .gpu.check import check_views, pictured
 from .gpu.fill import fill
 from .gpu.ladder import Found, Ladder
 from .gpu.observe import Observations, most_pixels, observe
@@ -54,9 +55,10 @@ class GBuffer:
 
 @dataclass
 class _Clock:
-    """Seconds per stage."""
+    """Seconds per stage, and what every look at the job tells beside its maps."""
 
     seconds: dict[str, float] = field(default_factory=dict)
+    coverage: Bool | None = None
 
     def stage(self, name: str, steps: Generator[Progress, None, Result]) -> Generator[Progress, None, Result]:
         start = time.perf_counter()
@@ -69,7 +71,8 @@ class _Clock:
                 stop_now = None
                 reached = max(reached, step.fraction)  # a model tried on the way starts from 0 again
                 try:
-                    yield Progress(low + (high - low) * reached, name, step.message)
+                    yield Progress(low + (high - low) * reached, name, step.message, step.look and partial(
+                        self._covered, step.look))
                 except Cancelled as stop:  # the stage may have something to keep
                     stop_now = stop
         except StopIteration as stop:
@@ -77,6 +80,9 @@ class _Clock:
             return result
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+    def _covered(self, look: Callable[[], Live]) -> Live:
+        return replace(look(), coverage=self.coverage)
 
 
 def bake_gbuffer(scene: SceneData, size: int) -> Generator[Progress, None, GBuffer]:
@@ -173,6 +179,7 @@ def _round(
     device = thread.device()
     mesh = MeshBuffer(device, scene.mesh)
     gbuffer = yield from clock.stage("gbuffer", bake_gbuffer(scene, settings.size))
+    clock.coverage = gbuffer.coverage
     grid = draw_texel_grid(device, mesh, settings.size)
     observations: Observations = yield from clock.stage("observe", observe(device, scene, mesh, read_image, bounced))
     if not observations.cameras:
@@ -195,7 +202,7 @@ def _maps(
     device = thread.device()
     solved = found.roughness[..., 3] > 0.5
     observed, residual = found.detail[..., 0], found.detail[..., 1]
-    relative = np.sqrt(residual / np.maximum(observed, 0.25))
+    relative = look.relative_error(residual, observed)
     lobes, level = _filled_lobes(scene, found, slots)
     beckmann = settings.ndf == "beckmann" and "two-lobe" in found.model.values()
     albedo = AlbedoSolver(device, grid, observations, lobes, level, beckmann)
@@ -221,7 +228,7 @@ def _maps(
         lobes=pairs if found.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and found.level is not None else None,
     )
-    checks = yield from _checks(scene, settings, albedo, filled_base, found, slots, good, maps)
+    checks, pictures = yield from _checks(scene, settings, albedo, filled_base, found, slots, good, maps)
     for texture in (base, filled_base, lobes, level):
         if texture is not None:
             texture.release()
@@ -233,7 +240,7 @@ def _maps(
         texels={"covered": int(gbuffer.coverage.sum()), "observed": int((solved | shown).sum()),
                 "solved": int(good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
-        views_skipped=scene.skipped + observations.skipped, checks=checks,
+        views_skipped=scene.skipped + observations.skipped, checks=checks, pictures=pictures,
         warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps),
                   *warnings(checks), *([NO_CONFIDENCE] if settings.method == "paper" else [])),
     )
@@ -274,21 +281,21 @@ def confidence(roughness: F32, sigma: F32, observations: F32, solved: Bool) -> F
     near = np.stack([around[y:y + h, x:x + w] for y in range(3) for x in range(3)])
     near = np.where(np.isnan(near), roughness, near)
     apart = roughness - np.partition(near, 4, axis=0)[4]
-    told = np.clip(0.5 * (observations - 1.0), 0.0, 1.0)
-    return np.asarray(told / (1.0 + (np.maximum(sigma, np.abs(apart)) / 0.05) ** 2), np.float32)
+    return look.confidence(np.maximum(sigma, np.abs(apart)), observations)
 
 
 def _checks(
     scene: SceneData, settings: SolveSettings, albedo: AlbedoSolver, base: moderngl.Texture, found: Found, slots: I32,
     good: Bool, maps: Maps,
-) -> Generator[Progress, None, Checks]:
-    """What the views say of the maps."""
-    views = check_views(albedo, base)
+) -> Generator[Progress, None, tuple[Checks, tuple[ViewPicture, ...]]]:
+    """What the views say of the maps, and how they look beside what those predict."""
+    pictures: list[ViewPicture] = []
+    views = pictured(check_views(albedo, base), pictures)
     texels = TexelFit(scene.mesh.name, found.model, slots, scene.mesh.slot_names, good, found.detail[..., 0],
                       maps.roughness, maps.roughness_sigma, sure=settings.method != "paper",
                       chosen=settings.model == "auto")
     yield Progress(1.0, "maps", "checks")
-    return measure(views, texels)
+    return measure(views, texels), tuple(pictures)
 
 
 def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps) -> list[str]:

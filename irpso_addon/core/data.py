@@ -97,6 +97,14 @@ class View:
 
 
 @dataclass(frozen=True)
+class Region:
+    """The part of a mesh that is to be solved: where one of the two is above a half."""
+
+    corners: F32 | None = None  # (T, 3) 0..1, interpolated over the triangles
+    image: F32 | None = None  # (h, w) 0..1 over the UV square, row 0 at the bottom
+
+
+@dataclass(frozen=True)
 class SceneData:
     """Everything a solve needs, free of Blender."""
 
@@ -107,6 +115,8 @@ class SceneData:
     pixel_filter: float = 1.0  # width in pixels of the box over which a pixel averages (1: a sensor)
     warnings: tuple[str, ...] = ()
     skipped: tuple[tuple[str, str], ...] = ()  # (view, why) of views left out
+    region: Region | None = None  # None: all of the mesh
+    start: Solution | None = None  # the last result: kept where the region is not, and where a search may begin
 
 
 @dataclass(frozen=True)
@@ -152,7 +162,7 @@ class Solution:
     maps: Maps
     model: dict[str, str]  # material slot name -> one of core/params.py's models
     why: dict[str, str]  # material slot name -> why that model
-    texels: dict[str, int]  # covered, observed, solved, filled
+    texels: dict[str, int]  # covered, observed, solved, filled; kept: of the last result, outside the region
     seconds: dict[str, float]  # per stage
     residual: float  # weighted RMS relative residual over solved texels
     views_used: tuple[str, ...]

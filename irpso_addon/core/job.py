@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from .live import Live
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a job stands: ``fraction`` of the whole in 0..1, the ``stage`` word, a short ``message``."""
+    """Where a job stands: ``fraction`` of the whole in 0..1, the ``stage`` word, a short ``message``.
+
+    ``look`` tells what has been found so far; it may be called on the GL thread until the job's next step.
+    """
 
     fraction: float
     stage: str
     message: str = ""
+    look: Callable[[], Live] | None = field(default=None, compare=False, repr=False)

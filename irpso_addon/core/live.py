@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .data import F32
+from .data import F32, Bool
 
+T = TypeVar("T", bound=np.generic)
 F16 = NDArray[np.float16]
 ROLES = ("base_color", "roughness", "confidence", "error")  # of maps, as blender/material.py names them
 
@@ -18,7 +20,7 @@ ROLES = ("base_color", "roughness", "confidence", "error")  # of maps, as blende
 class ViewPicture:
     """A view's reference and what the maps predict, in the part of the picture that shows the object; row 0 bottom.
 
-    Both are radiance over ``scale``; pixels that the model says nothing of are NaN.
+    Both are radiance over ``scale``; pixels that one of them says nothing of are NaN.
     """
 
     view: str  # file name of the reference
@@ -33,9 +35,55 @@ class ViewPicture:
 class Live:
     """One look at a running solve."""
 
-    seconds: float  # since it began
-    error: float  # relative difference between pictures and prediction, RMS over texels; NaN: not known yet
-    stage: str  # as Progress.stage, or "preview"
-    maps: Mapping[str, F32]  # some of ROLES -> (n, n, 3) linear or (n, n); row 0 bottom; n may differ between looks
+    maps: Mapping[str, F32]  # some of ROLES -> (n, n, 3) linear or (n, n); row 0 bottom; NaN: nothing known yet
+    coverage: Bool | None = None  # (n, n) True: inside a UV island
     pictures: tuple[ViewPicture, ...] = ()
-    known: Mapping[str, float] = field(default_factory=dict)  # role -> share of the covered texels that is solved
+    seconds: float = 0.0  # since the job began
+    error: float = float("nan")  # see `difference`
+    model: Mapping[str, str] = field(default_factory=dict)  # material slot name -> model so far
+
+
+def difference(pictures: tuple[ViewPicture, ...]) -> float:
+    """Relative difference of pictures and prediction: sum of absolute errors over the sum of what was seen."""
+    off = seen = 0.0
+    for picture in pictures:
+        reference, predicted = picture.reference.astype(np.float64), picture.predicted.astype(np.float64)
+        told = np.isfinite(reference) & np.isfinite(predicted)
+        off += picture.scale * float(np.abs(reference - predicted)[told].sum())
+        seen += picture.scale * float(reference[told].sum())
+    return off / seen if seen > 0 else float("nan")
+
+
+class Canvas:
+    """The maps of a running solve at their final size: coarse looks first, finer ones over them."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.maps: dict[str, F32] = {}  # no NaN left but where no look said anything
+        self.coverage: Bool | None = None
+        self._finest: dict[str, int] = {}
+
+    def add(self, live: Live) -> dict[str, F32]:
+        """Take over what a look knows; returns what is shown now."""
+        for role, values in live.maps.items():
+            if values.shape[0] < self._finest.get(role, 0):
+                continue  # a later round at a smaller size
+            self._finest[role] = values.shape[0]
+            grown = resized(values, self.size)
+            if role not in self.maps:
+                self.maps[role] = grown.copy()
+            else:
+                known = np.isfinite(grown if grown.ndim == 2 else grown[..., 0])
+                self.maps[role][known] = grown[known]
+        if live.coverage is not None:
+            self.coverage = resized(live.coverage, self.size)
+        return self.maps
+
+
+def resized(values: NDArray[T], size: int) -> NDArray[T]:
+    """A square map at another size: each texel that of the nearest one."""
+    if values.shape[0] == size:
+        return values
+    at = ((np.arange(size) + 0.5) * values.shape[0] / size).astype(np.int64)
+    grown: NDArray[T] = values[at][:, at]
+    return grown

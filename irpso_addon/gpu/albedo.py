@@ -7,6 +7,7 @@ footprint, so cameras at different distances and angles together know more than 
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
+from functools import partial
 
 import moderngl
 
@@ -15,6 +16,7 @@ from ..core.job import Progress
 from .cells import Cells
 from .context import Device
 from .fill import Filler
+from .look import base_color
 from .observe import Observations, ObservedCamera, ObservedView, channel_masks
 from .surface import SurfaceMaps
 
@@ -77,7 +79,8 @@ class AlbedoSolver:
                 iterations = min(iterations, COARSE_ITERATIONS)
             i += 1
             try:
-                yield Progress(0.3 + 0.7 * i / (iterations + 1), "maps", "base colour")
+                yield Progress(0.3 + 0.7 * i / (iterations + 1), "maps", "base colour",
+                               partial(base_color, device, canvas.texture))
             except Cancelled:  # a less sharp texture, but a whole one
                 self.cancelled = True
                 break

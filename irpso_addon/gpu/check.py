@@ -13,12 +13,15 @@ import numpy as np
 
 from ..core.checked import CheckedView, Window
 from ..core.data import F32
+from ..core.live import ViewPicture
 from .albedo import AlbedoSolver
 from .context import Device
 from .observe import ObservedCamera, ObservedView
 
 WINDOW = 1_500_000  # pixels of a view that are looked at, at most: its middle rows
 MIN_COS_V = 0.2  # of a pixel that is unlit: seen flatter, shaders/include/observed.glsl says nothing of it
+PICTURE_SIDE = 320  # pixels
+BRIGHTEST = 60_000.0  # half floats end at 65504
 EDGE = 0.25  # of a good pixel's quality: below it lies an edge of shadow or silhouette
 
 
@@ -35,6 +38,20 @@ def check_views(albedo: AlbedoSolver, base: moderngl.Texture) -> Iterator[Checke
             yield _check(albedo, camera, view, window, part, diffuse[..., :3])
     for texture in (base, *albedo.known.values()):
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+
+
+def pictured(views: Iterator[CheckedView], pictures: list[ViewPicture]) -> Iterator[CheckedView]:
+    """The views, and of each, as it passes, a picture of at most PICTURE_SIDE pixels on a side."""
+    for seen in views:
+        step = -(-max(seen.window.covered.shape) // PICTURE_SIDE)
+        covered = seen.window.covered[::step, ::step, None]
+        reference = np.where(covered, seen.radiance[::step, ::step], np.nan)
+        predicted = np.where(covered, (seen.predicted * seen.irradiance)[::step, ::step], np.nan)
+        scale = max(float(np.nanmax(reference)) if np.isfinite(reference).any() else 0.0, 1e-20)
+        pictures.append(ViewPicture(
+            seen.view.image.name, seen.view.camera.name, tuple(light.name for light in seen.view.lights),
+            (reference / scale).astype(np.float16), np.minimum(predicted / scale, BRIGHTEST).astype(np.float16), scale))
+        yield seen
 
 
 Part = tuple[int, int, int, int]  # x, y, width, height

@@ -141,6 +141,7 @@ class Ladder:
         All by squares: what one lobe does not explain would else be disbelieved as outliers, and speak for no other.
         """
         solver = Solver(self.device, self.source, replace(self.settings, loss="squares"), (SAMPLE, SAMPLE))
+        solver.shown = False
         try:
             places = self._best_seen(solver, texels, found.detail[..., 0])
             plain = self._read((yield from solver.solve(places))) if self.solver.robust else found
@@ -203,6 +204,7 @@ class Ladder:
         by_texel = self.settings.specular == "texel"
         masks = {name: self.masks[name] for name in names}
         solver = self.solver if by_texel else Solver(self.device, self.source, self.settings, (SAMPLE, SAMPLE))
+        solver.shown = False
         places = tiles(solver.atlas, np.logical_or.reduce(list(masks.values())))
         if not by_texel:
             best, support = yield from solver.search(places)
@@ -216,6 +218,7 @@ class Ladder:
             self._set_level(solver, None)
             solver.release()
         self._set_level(self.solver, level)
+        self.solver.shown = True
         found = self._read((yield from self.solver.solve(self._tiles(self.solver, names))))
         self._set_level(self.solver, None)
         found.level = level

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import moderngl
 import numpy as np
@@ -19,6 +20,7 @@ from ..core.params import SolveSettings
 from . import share
 from .atlas import Atlas, Source, Tile, tiles
 from .context import Device
+from .look import LOOKS
 
 FIRST_ROWS = 16  # of a tile in the first draw of a kernel, before its speed is known
 FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
@@ -61,6 +63,7 @@ class Solver:
     ) -> None:
         self.device, self.source, self.settings = device, source, settings
         self.cancelled = False
+        self.shown = True  # whether what kernels find may be looked at; not where something is only tried
         self.robust = False  # whether the last solve of one lobe disbelieved outliers
         self.neighbours = False  # whether the last solve found noise enough to ask them
         self.noise = 0.0  # relative, as the last solve found it (median)
@@ -210,6 +213,8 @@ class Solver:
         target = self.device.framebuffer(outputs)
         target.clear()
         defines = self._defines(uniforms, lobes, colour, robust)
+        shown = self.shown and (kernel, lobes) in LOOKS
+        look = partial(LOOKS[kernel, lobes], self.device, outputs) if shown else None
         try:
             for i, tile in enumerate(chosen):
                 for step in (self.source.gather(self.atlas, tile, colour),
@@ -218,7 +223,7 @@ class Solver:
                         try:
                             part = (i + 1) / len(chosen)
                             yield Progress(span[0] + (span[1] - span[0]) * part, "solve",
-                                           f"tile {i + 1} of {len(chosen)}")
+                                           f"tile {i + 1} of {len(chosen)}", look)
                         except Cancelled:
                             self.cancelled = True
                 if self.cancelled and stoppable:

@@ -1,0 +1,97 @@
+"""A solve of a part: which texels change, how they fade into those that are kept, and what is kept."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+
+from .data import F32, F64, I32, Bool, Maps
+
+SEAM = 8.0  # texels: how far around the region the new result fades into the old
+VOXELS = 160  # at most, along the longest side of the surface
+
+
+def fade(position: F32, covered: Bool, inside: Bool) -> F32:
+    """(n, n): share of the new result: 1 inside, falling to 0 around it, 0 where not covered.
+
+    ``position``: (n, n, 3) metres.  Distance is measured in space, not over the map: the region fades across seams of
+    the UV map too.  In voxels of half the seam's width, the share of the surface that is inside, smoothed.
+    """
+    if not inside.any() or not (covered & ~inside).any():
+        return np.asarray(inside & covered, np.float32)
+    places = position[covered].astype(np.float64)
+    low, high = places.min(axis=0), places.max(axis=0)
+    cell = max(0.5 * SEAM * _texel_width(position, covered), float((high - low).max()) / VOXELS, 1e-12)
+    at = (places - low) / cell + 1.5  # a voxel of margin all round
+    shape = tuple(int(n) for n in np.ceil((high - low) / cell) + 4)
+    voxel = np.ravel_multi_index(tuple(at.astype(np.int64).T), shape)
+    surface, marked = (_smoothed(np.bincount(voxel, weights, int(np.prod(shape))).reshape(shape))
+                       for weights in (None, inside[covered].astype(np.float64)))
+    share = np.divide(marked, surface, out=np.zeros_like(marked), where=surface > 0)
+    result = np.zeros(covered.shape, np.float32)
+    result[covered] = np.clip(2.0 * _sampled(share, at - 0.5), 0.0, 1.0)  # half the surface is inside at the border
+    return np.where(inside & covered, np.float32(1.0), result)
+
+
+def _texel_width(position: F32, covered: Bool) -> float:
+    """Metres: the median step between neighbouring texels."""
+    step = np.linalg.norm(np.diff(position, axis=1), axis=2)[covered[:, 1:] & covered[:, :-1]]
+    return float(np.median(step)) if len(step) else 0.0
+
+
+def _smoothed(values: F64) -> F64:
+    """Means over 3 x 3 x 3 voxels."""
+    for axis in range(3):
+        near = np.pad(values, [(1, 1) if a == axis else (0, 0) for a in range(3)])
+        values = sum(np.take(near, range(i, i + values.shape[axis]), axis) for i in range(3)) / 3.0
+    return np.asarray(values)
+
+
+def _sampled(values: F64, at: F64) -> F64:
+    """Trilinear, (N,) at (N, 3) voxels; centres lie at whole numbers."""
+    corner = np.floor(at).astype(np.int64)
+    f = at - corner
+    result = np.zeros(len(at))
+    for i in range(8):
+        step = np.array([i & 1, (i >> 1) & 1, i >> 2])
+        weight = np.prod(np.where(step == 1, f, 1.0 - f), axis=1)
+        result += weight * values[tuple((corner + step).T)]
+    return result
+
+
+def of_image(image: F32, size: int) -> Bool:
+    """(size, size): the texels whose centres lie where (h, w) ``image`` is above a half."""
+    return np.asarray(resampled(image, size) > 0.5)
+
+
+def resampled(values: F32, size: int) -> F32:
+    """(size, size, ...) bilinear at the texels' centres, from (h, w, ...)."""
+    h, w = values.shape[:2]
+    if (h, w) == (size, size):
+        return values
+    rows, columns = _places(h, size), _places(w, size)
+    tail = (1,) * (values.ndim - 2)
+    across = [values[:, i] * share.reshape(1, size, *tail) for i, share in columns]
+    narrow = across[0] + across[1]
+    down = [narrow[i] * share.reshape(size, 1, *tail) for i, share in rows]
+    return np.asarray(down[0] + down[1], np.float32)
+
+
+def _places(count: int, size: int) -> list[tuple[I32, F32]]:
+    """The two samples on either side of each texel's centre, and their shares."""
+    at = np.clip((np.arange(size) + 0.5) * count / size - 0.5, 0, count - 1)
+    low = np.floor(at).astype(np.int32)
+    high = np.minimum(low + 1, count - 1)
+    return [(low, np.asarray(1 - (at - low), np.float32)), (high, np.asarray(at - low, np.float32))]
+
+
+def resized(maps: Maps, size: int) -> Maps:
+    """The maps at another size; a texel counts as filled where one that it is made from does."""
+    if maps.roughness.shape == (size, size):
+        return maps
+    values = {field.name: getattr(maps, field.name) for field in fields(maps)}
+    made = {name: None if array is None else resampled(array.astype(np.float32), size)
+            for name, array in values.items()}
+    filled, coverage = made.pop("filled"), made.pop("coverage")
+    return Maps(filled=filled > 0, coverage=coverage > 0.5, **made)

@@ -1,0 +1,63 @@
+"""What kernels have found so far, read back while they go from tile to tile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import moderngl
+import numpy as np
+
+from ..core.data import F32, Bool
+from ..core.live import Live
+from .context import Device
+
+HALF_SURE = 0.05  # standard error of roughness at which confidence is one half
+UNKNOWN = np.float32(np.nan)
+
+
+def confidence(sigma: F32, observations: F32) -> F32:
+    """0 to 1: half where the standard error of roughness is HALF_SURE; nothing from edges of shadow alone."""
+    told = np.clip(0.5 * (observations - 1.0), 0.0, 1.0)
+    return np.asarray(told / (1.0 + (sigma / HALF_SURE) ** 2), np.float32)
+
+
+def relative_error(residual: F32, observations: F32) -> F32:
+    """RMS relative residual of a texel from its sum of squares."""
+    return np.asarray(np.sqrt(np.maximum(residual, 0.0) / np.maximum(observations, 0.25)), np.float32)
+
+
+def _searched(lobes: int, device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
+    """Of solve/search.glsl."""
+    best, support = device.read(outputs[0]), device.read(outputs[1])
+    residual = best[..., 1 if lobes == 1 else 3]
+    return _live(best[..., 0], support[..., 3] > 0.5, error=relative_error(residual, support[..., 1]))
+
+
+def _polished(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
+    """Of solve/polish.glsl."""
+    found, detail = device.read(outputs[0]), device.read(outputs[1])
+    return _live(found[..., 0], found[..., 3] > 0.5, confidence=confidence(found[..., 1], detail[..., 0]),
+                 error=relative_error(detail[..., 1], detail[..., 0]))
+
+
+def _polished_two(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
+    """Of solve/polish_two.glsl."""
+    pairs, variances, detail = (device.read(texture) for texture in outputs)
+    return _live(pairs[..., 0], variances[..., 3] > 0.5, error=relative_error(detail[..., 1], detail[..., 0]))
+
+
+def _live(roughness: F32, known: Bool, **others: F32) -> Live:
+    maps = {"roughness": roughness, **others}
+    return Live({role: np.where(known, values, UNKNOWN) for role, values in maps.items()})
+
+
+def base_color(device: Device, texture: moderngl.Texture) -> Live:
+    """Of the albedo canvas: RGB and how far pixels showed the texel."""
+    values = device.read(texture)
+    return Live({"base_color": np.where(values[..., 3:] > 0.25, values[..., :3], UNKNOWN)})
+
+
+LOOKS: dict[tuple[str, int], Callable[[Device, Sequence[moderngl.Texture]], Live]] = {  # by kernel and lobes
+    ("solve/search.glsl", 1): partial(_searched, 1), ("solve/search.glsl", 2): partial(_searched, 2),
+    ("solve/polish.glsl", 1): _polished, ("solve/polish_two.glsl", 2): _polished_two}
