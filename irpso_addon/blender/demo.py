@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,10 +22,28 @@ from ..core.job import Progress
 
 NAME = "Vase"
 PIXELS, SAMPLES, TEXELS = 288, 4, 512
-CAMERAS, LIGHTS = 4, 14
 HELD_OUT = "held out"  # a camera and a light that no view uses: the picture's last row
 DISTANCE, LIGHT_DISTANCE = 4.2, 3.2  # metres
 SAME_SIDE = math.radians(100)  # a view's light is at most so far from its camera, seen from the vase
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How many cameras and lights stand around the vase, and how it is rendered."""
+
+    cameras: int = 4
+    lights: int = 14
+    pixels: int = PIXELS
+    samples: int = SAMPLES
+
+
+@dataclass(frozen=True)
+class Reference:
+    """One picture, rendered."""
+
+    image: str  # path from the scene's folder
+    camera: bpy.types.Object
+    light: bpy.types.Object
 
 
 @dataclass(frozen=True)
@@ -41,29 +59,46 @@ class Demo:
 
 def make(out: Path) -> Iterator[Progress | Demo]:
     """Build, render, save into ``out``; yields Progress and, last, the Demo."""
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    obj = _add_vase()
-    cameras, lights = _add_cameras(), _add_lights()
-    _set_up_render(bpy.context.scene)
     base, rough = vase.truth(TEXELS)
-    blank = obj.material_slots[0].material
-    obj.material_slots[0].material = _truth_material(base, rough)
-    jobs = [(camera, light) for camera in cameras for light in lights if _same_side(camera, light)]
-    views = []
-    (out / "refs").mkdir(parents=True, exist_ok=True)
-    for i, (camera, light) in enumerate(jobs):
-        yield Progress(i / len(jobs), "render", f"view {i + 1} of {len(jobs)}")
-        image = f"refs/view_{i:02d}.exr"
-        _render(out / image, camera, light)
-        views.append({"image": image, "camera": camera.name, "lights": [light.name]})
+    references = yield from painted(out, Plan(), base, rough)
     _add_held_out()
     relit = out / "truth_relit.exr"
     render_held_out(relit)
-    obj.material_slots[0].material = blank
-    _forget_truth()
+    unpaint()
+    views = [{"image": it.image, "camera": it.camera.name, "lights": [it.light.name]} for it in references]
     (out / "captures.json").write_text(json.dumps({"views": views}, indent=1) + "\n", encoding="utf-8")
-    bpy.ops.wm.save_as_mainfile(filepath=str((out / "scene.blend").resolve()), compress=True)
+    save(out / "scene.blend")
     yield Demo(out / "scene.blend", out / "captures.json", relit, base, rough)
+
+
+def painted(out: Path, plan: Plan, base: F32, rough: F32) -> Generator[Progress, None, list[Reference]]:
+    """A new file with the vase, painted; its references lie below ``out`` afterwards."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    obj = _add_vase()
+    cameras, lights = _add_cameras(plan.cameras), _add_lights(plan.lights)
+    _set_up_render(bpy.context.scene)
+    bpy.context.scene.render.resolution_x = bpy.context.scene.render.resolution_y = plan.pixels
+    bpy.context.scene.cycles.samples = plan.samples
+    obj.material_slots[0].material = _truth_material(base, rough)
+    jobs = [(camera, light) for camera in cameras for light in lights if _same_side(camera, light)]
+    found = []
+    (out / "refs").mkdir(parents=True, exist_ok=True)
+    for i, (camera, light) in enumerate(jobs):
+        yield Progress(i / len(jobs), "render", f"view {i + 1} of {len(jobs)}")
+        found.append(Reference(f"refs/{camera.name}, {light.name}.exr", camera, light))
+        _render(out / found[-1].image, camera, light)
+    return found
+
+
+def unpaint() -> None:
+    """The vase is blank again, and nothing in the file knows how it was painted."""
+    bpy.data.objects[NAME].material_slots[0].material = bpy.data.materials[NAME]
+    _forget_truth()
+
+
+def save(path: Path) -> None:
+    """Saves what is open."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True)
 
 
 def render_held_out(path: Path) -> None:
@@ -98,11 +133,11 @@ def _add_vase() -> bpy.types.Object:
     return obj
 
 
-def _add_cameras() -> list[bpy.types.Object]:
+def _add_cameras(count: int) -> list[bpy.types.Object]:
     """A ring of cameras, one from above, the next from the middle."""
     cameras = []
-    for i in range(CAMERAS):
-        turn = 2 * math.pi * i / CAMERAS
+    for i in range(count):
+        turn = 2 * math.pi * i / count
         cameras.append(_add_camera(f"Camera {i + 1}", turn, 0.42 if i % 2 == 0 else -0.03))
     return cameras
 
@@ -114,11 +149,11 @@ def _add_camera(name: str, turn: float, pitch: float) -> bpy.types.Object:
     return _add(name, data, place * DISTANCE)
 
 
-def _add_lights() -> list[bpy.types.Object]:
+def _add_lights(count: int) -> list[bpy.types.Object]:
     """Point lights spread over the sphere down to 35 degrees below the horizon (a Fibonacci spiral)."""
     lights = []
-    for i in range(LIGHTS):
-        z = 0.92 - (0.92 + math.sin(math.radians(35))) * (i + 0.5) / LIGHTS
+    for i in range(count):
+        z = 0.92 - (0.92 + math.sin(math.radians(35))) * (i + 0.5) / count
         turn = 2.399963 * i  # the golden angle
         ring = math.sqrt(1 - z * z)
         lights.append(_add_light(f"Light {i + 1:02d}", Vector((ring * math.cos(turn), ring * math.sin(turn), z))))

@@ -7,8 +7,6 @@ The open file stays as it is.  The pictures are small and noisy; ``gpu/observe.p
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -23,11 +21,11 @@ import numpy as np
 from ..core.data import F32, Bounced, SceneData, Solution
 from ..core.errors import BadInput
 from ..core.job import Progress
+from . import child
 
 SAMPLES = 32  # paths of a pixel
 SIDE = 256  # pixels of the longer side
 POLL = 0.05  # seconds
-PACKAGE = Path(__file__).resolve().parents[1]
 # Blender 4.5 abbreviates the names of passes, 5 writes them out.
 PASSES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "GlossDir": "Glossy Direct",
           "GlossInd": "Glossy Indirect", "GlossCol": "Glossy Color"}
@@ -56,9 +54,7 @@ class Bouncer:
     @classmethod
     def of_open_file(cls, blend: Path) -> Bouncer:
         """For ``blend``, which is what is open, as it was saved."""
-        command = (sys.executable, "-c") if bpy.app.module else (
-            bpy.app.binary_path, "--background", "--factory-startup", "--python-exit-code", "1", "--python-expr")
-        return cls(blend.resolve(), bpy.context.scene.name, bpy.context.view_layer.name, command)
+        return cls(blend.resolve(), bpy.context.scene.name, bpy.context.view_layer.name, child.command())
 
     def __call__(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, Mapping[int, Bounced]]:
         """Indirect light on the pixels of each view, by its place in the scene.
@@ -71,13 +67,13 @@ class Bouncer:
         with tempfile.TemporaryDirectory(prefix="irpso-indirect-") as name:
             folder = Path(name)
             self._write_job(folder, scene, solution, pictures)
-            with self._child(folder) as child:
+            with _child(self.command, folder) as renderer:
                 for n, picture in enumerate(pictures):
                     path = folder / f"{n}.exr"
                     while not path.exists():
-                        if child.poll() is not None and not path.exists():
+                        if renderer.status is not None and not path.exists():
                             raise BadInput(f"{self.blend.name}: indirect light cannot be rendered "
-                                           f"({_last_line(folder / 'errors')}); use Indirect Light off")
+                                           f"({renderer.last_line()}); use Indirect Light off")
                         yield Progress(n / len(pictures), "indirect", f"picture {n + 1} of {len(pictures)}")
                         time.sleep(POLL)
                     found[picture] = read_light(path, "Ind" if picture[1] else "Dir")
@@ -104,21 +100,15 @@ class Bouncer:
             "side": SIDE, "samples": SAMPLES, "pictures": pictures,
         }), encoding="utf-8")
 
-    @contextmanager
-    def _child(self, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-        """A Blender at work on the job, ended on leaving.  It ends itself when its standard input does."""
-        code = (f"import sys; sys.path.insert(0, {str(PACKAGE.parent)!r}); "
-                f"from {PACKAGE.name}.blender import indirect_child; indirect_child.main({str(folder)!r})")
-        with open(folder / "errors", "wb") as errors:
-            child = subprocess.Popen([*self.command, code], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
-                                     stderr=errors, cwd=folder)
-        try:
-            yield child
-        finally:
-            child.kill()
-            child.wait()
-            assert child.stdin is not None
-            child.stdin.close()
+
+@contextmanager
+def _child(command: tuple[str, ...], folder: Path) -> Iterator[child.Child]:
+    """A Blender at work on the job in ``folder``, ended on leaving."""
+    renderer = child.Child(command, "indirect_child", folder)
+    try:
+        yield renderer
+    finally:
+        renderer.end()
 
 
 def read_light(path: Path, kind: str) -> Bounced:
@@ -151,10 +141,3 @@ def _read_passes(path: Path) -> dict[str, F32]:
 
 def _sum(a: Bounced, b: Bounced) -> Bounced:
     return Bounced(a.irradiance + b.irradiance, a.glossy + b.glossy)
-
-
-def _last_line(path: Path) -> str:
-    """What a failed child said last."""
-    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
-    told = [line.strip() for line in lines if line.strip()]
-    return told[-1][:200] if told else "it ended without a word"

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +12,14 @@ import numpy as np
 
 from ..core.data import Maps, Solution
 from . import material
-from .files import one_line
+from .child import as_child
 
 BOUNCES = 4  # where the file renders direct light alone
 
 
 def main(name: str) -> None:
     """Does the job in the folder ``name`` and ends the process; says in one line on stderr why it could not."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    status = 0
-    try:
-        _render(Path(name))
-    except Exception as error:
-        print(one_line(error) or repr(error), file=sys.stderr, flush=True)
-        status = 1
-    os._exit(status)  # an orderly end hangs in Blender 4.5 while the thread reads
+    as_child(lambda: _render(Path(name)))
 
 
 def _render(folder: Path) -> None:
@@ -48,12 +39,6 @@ def _render(folder: Path) -> None:
         scene.render.filepath = str(folder / "rendering.exr")
         bpy.ops.render.render(write_still=True, scene=scene.name)
         os.replace(folder / "rendering.exr", folder / f"{n}.exr")
-
-
-def _end_with_parent() -> None:
-    """Standard input is a pipe that nobody writes to: it ends when the parent is gone."""
-    os.read(0, 1)
-    os._exit(1)
 
 
 def _solution(job: dict[str, Any], arrays: dict[str, Any]) -> Solution:

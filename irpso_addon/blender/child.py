@@ -1,0 +1,76 @@
+"""A second Blender, which works while the first one's window lives: how one is started, watched and ended.
+
+Imports where there is no ``bpy``: a worker process starts a child too.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parents[1]
+ERRORS = "errors"  # file in the child's folder: what it said on stderr
+
+
+def command() -> tuple[str, ...]:
+    """Starts a Blender that runs the Python code that follows.  Only callable in Blender."""
+    import bpy
+
+    if bpy.app.module:
+        return (sys.executable, "-c")
+    return (bpy.app.binary_path, "--background", "--factory-startup", "--python-exit-code", "1", "--python-expr")
+
+
+class Child:
+    """A Blender at work in ``folder``.  It ends itself when its standard input does."""
+
+    def __init__(self, command: tuple[str, ...], module: str, folder: Path) -> None:
+        """``module`` of this package's ``blender``: its ``main(folder)`` runs in the child, through `as_child`."""
+        code = (f"import sys; sys.path.insert(0, {str(PACKAGE.parent)!r}); "
+                f"from {PACKAGE.name}.blender import {module}; {module}.main({str(folder)!r})")
+        self.folder = folder
+        with open(folder / ERRORS, "wb") as errors:
+            self._process = subprocess.Popen([*command, code], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
+                                             stderr=errors, cwd=folder)
+
+    @property
+    def status(self) -> int | None:
+        """Its exit status; None while it works."""
+        return self._process.poll()
+
+    def end(self) -> None:
+        """Ends it, whatever it does."""
+        self._process.kill()
+        self._process.wait()
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+
+    def last_line(self) -> str:
+        """What it said last, if it failed."""
+        lines = (self.folder / ERRORS).read_text(encoding="utf-8", errors="replace").split("\n")
+        told = [line.strip() for line in lines if line.strip()]
+        return told[-1][:200] if told else "it ended without a word"
+
+
+def as_child(work: Callable[[], None]) -> None:
+    """In the child: does the work and ends the process; says in one line on stderr why it could not."""
+    from .files import one_line
+
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    status = 0
+    try:
+        work()
+    except Exception as error:
+        print(one_line(error) or repr(error), file=sys.stderr, flush=True)
+        status = 1
+    os._exit(status)  # an orderly end hangs in Blender 4.5 while the thread reads
+
+
+def _end_with_parent() -> None:
+    """Standard input is a pipe that nobody writes to: it ends when the parent is gone."""
+    os.read(0, 1)
+    os._exit(1)
