@@ -202,7 +202,7 @@ def _truth_material(base: F32, rough: F32) -> bpy.types.Material:
     for socket, array in (("Base Color", base), ("Roughness", rough)):
         rgba = np.ones((*array.shape[:2], 4), np.float32)
         rgba[..., :3] = array if array.ndim == 3 else array[..., None]
-        image = bpy.data.images.new(f"truth {socket}", TEXELS, TEXELS, float_buffer=True, is_data=True)
+        image = bpy.data.images.new(f"truth {socket}", *array.shape[1::-1], float_buffer=True, is_data=True)
         image.pixels.foreach_set(rgba.ravel())
         node = tree.nodes.new("ShaderNodeTexImage")
         node.image = image
