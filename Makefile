@@ -3,7 +3,7 @@ VENV ?= .venv
 PYTHON ?=
 RUN = $(VENV)/bin/python
 
-.PHONY: setup demo test lint docs site bench stability zip clean
+.PHONY: setup demo test test-gui lint docs site bench stability zip clean
 
 setup: $(VENV)/.ready
 
@@ -21,6 +21,10 @@ test: lint
 	$(RUN) -m pytest tests/bench
 	$(RUN) -m pytest tests/stability
 	$(RUN) -m pytest tests/blender
+
+# BLENDER=/path/to/blender picks one with a window; else Debian's is set up (as root).
+test-gui: setup
+	BLENDER=$${BLENDER:-$$(bash tools/gui_setup.sh)} && export BLENDER && $(RUN) -m pytest tests/gui
 
 lint: setup
 	$(RUN) -m ruff check .
