@@ -1,20 +1,32 @@
 """Blender operators, one a file, thin: poll, read, call, report."""
 
+from .add_folder import IRPSO_OT_add_folder
+from .add_view import IRPSO_OT_add_view
 from .add_views import IRPSO_OT_add_views
 from .bake_gbuffer import IRPSO_OT_bake_gbuffer
 from .export_maps import IRPSO_OT_export_maps
 from .load_captures import IRPSO_OT_load_captures
+from .move_view import IRPSO_OT_move_view
+from .remove_duplicate_views import IRPSO_OT_remove_duplicate_views
 from .remove_view import IRPSO_OT_remove_view
+from .remove_view_light import IRPSO_OT_remove_view_light
 from .set_view_lights import IRPSO_OT_set_view_lights
 from .solve import IRPSO_OT_solve
+from .sort_views import IRPSO_OT_sort_views
 from .stop import IRPSO_OT_stop
 from .write_maps import IRPSO_OT_write_maps
 
 CLASSES = (
     IRPSO_OT_load_captures,
+    IRPSO_OT_add_folder,
     IRPSO_OT_add_views,
+    IRPSO_OT_add_view,
     IRPSO_OT_remove_view,
+    IRPSO_OT_remove_duplicate_views,
+    IRPSO_OT_move_view,
+    IRPSO_OT_sort_views,
     IRPSO_OT_set_view_lights,
+    IRPSO_OT_remove_view_light,
     IRPSO_OT_bake_gbuffer,
     IRPSO_OT_solve,
     IRPSO_OT_stop,

@@ -10,7 +10,7 @@ class IRPSO_OT_add_views(bpy.types.Operator):
     images become its reference images"""
 
     bl_idname = "irpso.add_views"
-    bl_label = "Add Views from Cameras"
+    bl_label = "Add from Cameras"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod

@@ -6,7 +6,7 @@ import bpy
 
 from ..irpso_addon.core.captures import CaptureView, read_captures
 from ..irpso_addon.core.errors import BadInput
-from .paths import captures_path
+from .paths import captures_path, stored
 
 
 class IRPSO_OT_load_captures(bpy.types.Operator):
@@ -37,7 +37,7 @@ class IRPSO_OT_load_captures(bpy.types.Operator):
         scene.irpso.views.clear()
         for view, (camera, lights) in zip(captured, found, strict=True):
             item = scene.irpso.views.add()
-            item.image, item.mask = _stored(view.image), _stored(view.mask)
+            item.image, item.mask = stored(view.image), stored(view.mask)
             item.camera, item.exposure, item.colorspace = camera, view.exposure, view.colorspace or ""
             for light in lights:
                 item.lights.add().light = light
@@ -56,14 +56,3 @@ def _objects(
         if obj is None or obj.type != kind:
             raise BadInput(f"{path}: view {index}: the scene has no {kind.lower()} '{name}'; correct the name")
     return scene.objects[view.camera], [scene.objects[name] for name in view.lights]
-
-
-def _stored(path: Path | None) -> str:
-    """As the .blend stores a path: relative to itself where it has a place."""
-    if path is None:
-        return ""
-    text = str(path.resolve())
-    try:
-        return bpy.path.relpath(text) if bpy.data.filepath else text
-    except ValueError:  # on another drive
-        return text

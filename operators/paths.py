@@ -18,3 +18,14 @@ def absolute(text: str) -> str:
     if text.startswith("//") and not bpy.data.filepath:
         raise BadInput(f"{text}: is relative to a .blend that was never saved; save it, or choose another path")
     return bpy.path.abspath(text)
+
+
+def stored(path: Path | None) -> str:
+    """As the .blend stores a path: relative to itself where it has a place; "" for none."""
+    if path is None:
+        return ""
+    text = str(path.resolve())
+    try:
+        return bpy.path.relpath(text) if bpy.data.filepath else text
+    except ValueError:  # on another drive
+        return text

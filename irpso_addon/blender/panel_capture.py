@@ -1,27 +1,83 @@
-"""The Capture panel: where the pictures are."""
+"""The Capture panel: where the pictures are, and what is missing."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import bpy
-from bpy.types import Panel, UIList
+from bpy.types import Menu, Panel, UIList
 
-from .tab import Tab, split
+from . import readiness, thumbnails
+from .readiness import ViewState
+from .tab import Tab, letters, split, wrapped
+
+ROW = 1.7  # height of a view's line in the list, in buttons
+LARGE = 5.0  # of the active view's picture
 
 
 class IRPSO_UL_views(UIList):
-    """Views: on or off, image, camera."""
+    """Views: on or off, picture, file, camera, lights, exposure; or what is wrong."""
 
-    def draw_item(self, _context, layout, _data, view, _icon, _active_data, _active_property, _index=0, _flag=0):
-        """One line of the list."""
+    def draw_item(self, context, layout, _data, view, _icon, _active_data, _active_property, index=0, _flag=0):
+        """One line of the list: two lines of text beside the picture."""
         layout.use_property_split = False  # the panel's; it would leave half of the line empty
+        states = readiness.recent(context).views
+        state = states[index] if index < len(states) else ViewState("")
         row = layout.row(align=True)
-        row.prop(view, "enabled", text="")
-        name = Path(view.image.replace("\\", "/")).name
-        parts = row.split(factor=0.6)
-        parts.label(text=name or "no image", icon="NONE" if name else "ERROR")
-        parts.label(text=view.camera.name if view.camera else "no camera", icon="NONE" if view.camera else "ERROR")
+        use = row.column()
+        use.scale_y = ROW
+        use.prop(view, "enabled", text="")
+        row.template_icon(icon_value=_picture(view, state), scale=ROW)
+        text = row.column(align=True)
+        text.active = view.enabled
+        text.scale_y = ROW / 2
+        text.label(text=state.name or "No image")
+        if state.faults:
+            text.label(text=state.faults[0], icon="ERROR")
+        else:
+            line = text.row()
+            line.active = False
+            line.label(text=_summary(view, state), icon="INFO" if state.notes else "NONE")
+
+    def filter_items(self, _context, data, name):
+        """By the names of file, camera and lights."""
+        views, wanted = getattr(data, name), self.filter_name.lower()
+        order = bpy.types.UI_UL_list.sort_items_helper(
+            [(i, view.image.lower()) for i, view in enumerate(views)], lambda item: item[1]
+        ) if self.use_filter_sort_alpha else []
+        return [self.bitflag_filter_item * (wanted in _searched(view)) for view in views] if wanted else [], order
+
+
+def _searched(view: Any) -> str:
+    objects = [view.camera, *(item.light for item in view.lights)]
+    return "\n".join([view.image, *(obj.name for obj in objects if obj)]).lower()
+
+
+def _picture(view: Any, state: ViewState) -> int:
+    """The view's picture, or a sign in its place."""
+    found = thumbnails.icon(state.image, view.exposure, view.colorspace) if state.image else 0
+    return found or bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items["IMAGE_DATA"].value
+
+
+def _summary(view: Any, state: ViewState) -> str:
+    """Camera, lights and exposure of a view in one line."""
+    lights = [item.light.name for item in view.lights if item.light]
+    parts = [view.camera.name, lights[0] if len(lights) == 1 else f"{state.lights} lights"]
+    return ", ".join(parts + ([f"{view.exposure:+.1f} EV"] if abs(view.exposure) >= 0.05 else []))
+
+
+class IRPSO_MT_views(Menu):
+    """What is done to the whole list."""
+
+    bl_label = "Views"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        """Seldom used; the buttons have the rest."""
+        layout = self.layout
+        layout.operator("irpso.sort_views", icon="SORTALPHA")
+        layout.operator("irpso.remove_duplicate_views", icon="DUPLICATE")
+        layout.separator()
+        layout.operator("irpso.remove_view", text="Remove All Views", icon="X").all = True
 
 
 class IRPSO_PT_capture(Tab, Panel):
@@ -34,34 +90,76 @@ class IRPSO_PT_capture(Tab, Panel):
         layout, settings = split(self.layout), context.scene.irpso
         layout.prop(settings, "captures")
         if settings.captures:
-            layout.operator("irpso.load_captures", icon="IMPORT")
+            _draw_file(layout, context)
             return
+        if settings.views:
+            self._draw_list(layout, settings)
+        column = layout.column(align=True)
+        column.operator("irpso.add_folder", icon="FILE_FOLDER")
+        column.operator("irpso.add_views", icon="CAMERA_DATA")
+        if settings.active_view < len(settings.views):
+            states = readiness.recent(context).views
+            _draw_view(layout, context, settings.views[settings.active_view], states[settings.active_view])
+
+    @staticmethod
+    def _draw_list(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
         row = layout.row()
         row.template_list("IRPSO_UL_views", "", settings, "views", settings, "active_view", rows=4)
         buttons = row.column(align=True)
-        buttons.operator("irpso.add_views", text="", icon="ADD")
+        buttons.operator("irpso.add_view", text="", icon="ADD")
         buttons.operator("irpso.remove_view", text="", icon="REMOVE")
         buttons.separator()
-        buttons.operator("irpso.remove_view", text="", icon="TRASH").all = True
-        if settings.active_view < len(settings.views):
-            self._draw_view(layout, settings.views[settings.active_view])
-        else:
-            layout.label(text="Views: the cameras' background images", icon="INFO")
-
-    @staticmethod
-    def _draw_view(layout: bpy.types.UILayout, view: bpy.types.PropertyGroup) -> None:
-        column = layout.column()
-        column.active = view.enabled
-        column.prop(view, "image")
-        column.prop(view, "camera")
-        column.prop(view, "exposure")
-        column.prop(view, "mask")
-        column.prop(view, "colorspace")
-        for item in view.lights:
-            column.prop(item, "light")
-        if not view.lights:
-            column.label(text="Lit by every light that renders", icon="LIGHT")
-        column.operator("irpso.set_view_lights", icon="LIGHT")
+        buttons.menu("IRPSO_MT_views", text="", icon="DOWNARROW_HLT")
+        buttons.separator()
+        buttons.operator("irpso.move_view", text="", icon="TRIA_UP").up = True
+        buttons.operator("irpso.move_view", text="", icon="TRIA_DOWN").up = False
 
 
-CLASSES = (IRPSO_UL_views, IRPSO_PT_capture)
+def _draw_file(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """A capture file: how many views it has."""
+    views = readiness.recent(context).views
+    if views:
+        layout.label(text=f"{len(views)} views", icon="CAMERA_DATA")
+    layout.operator("irpso.load_captures", icon="IMPORT")
+
+
+def _draw_view(layout: bpy.types.UILayout, context: bpy.types.Context, view: Any, state: ViewState) -> None:
+    """The active view: its picture, what is wrong, everything that can be changed."""
+    box = layout.box()
+    top = box.row()
+    top.template_icon(icon_value=_picture(view, state), scale=LARGE)
+    facts = top.column(align=True)
+    for line in _facts(state):
+        facts.label(text=line)
+    says = box.column(align=True)
+    for text, icon in ((state.faults, "ERROR"), (state.notes, "INFO")):
+        for line in text:
+            wrapped(says, line, letters(context) - 2, icon)
+    column = box.column()
+    column.active = view.enabled
+    for name in ("image", "camera", "exposure", "mask", "colorspace"):
+        column.prop(view, name)
+    _draw_lights(column, view, state)
+
+
+def _facts(state: ViewState) -> list[str]:
+    """What the file is."""
+    found = state.file
+    if found is None or found.problem:
+        return [state.name]
+    kind = "" if found.integer else " float"
+    return [state.name, f"{found.width} x {found.height} pixels", f"{found.bits}-bit{kind}", found.colorspace or ""]
+
+
+def _draw_lights(layout: bpy.types.UILayout, view: Any, state: ViewState) -> None:
+    lights = layout.column(align=True)
+    for index, item in enumerate(view.lights):
+        row = lights.row(align=True)
+        row.prop(item, "light", text="" if index else "Lights")
+        row.operator("irpso.remove_view_light", text="", icon="X").index = index
+    if not view.lights:
+        lights.label(text=f"Lights: all {state.lights} that render", icon="LIGHT")
+    layout.operator("irpso.set_view_lights", icon="RESTRICT_SELECT_OFF")
+
+
+CLASSES = (IRPSO_UL_views, IRPSO_MT_views, IRPSO_PT_capture)

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from . import panels, properties, session
+from . import panels, properties, session, thumbnails
 from .oiio import ensure_openimageio
 
 COMMAND = "irpso"
@@ -39,6 +39,7 @@ def unregister() -> None:
     atexit.unregister(unregister)
     bpy.utils.unregister_cli_command(_command_handle)
     session.forget()
+    thumbnails.release()
     bpy.app.handlers.load_pre.remove(session.forget)
     for cls in reversed((*_operators, *panels.CLASSES)):
         bpy.utils.unregister_class(cls)

@@ -8,12 +8,15 @@ from __future__ import annotations
 import os
 import threading
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import SimpleQueue
+from typing import Generic, TypeVar
 
 import numpy as np
 
+from .captures import CaptureView, read_captures
 from .colour import known_space
 from .data import F32
 from .errors import BadInput
@@ -22,17 +25,31 @@ from .image_file import ImageFile, open_image
 SIDE = 64  # pixels of a thumbnail's longer side
 SAMPLES = 4  # pixels read for each of a thumbnail's, along either side
 STRIP = 4_000_000  # pixels read at a time: 64 MB as RGBA float
+MISSING = "File not found"
 AGAIN = 1.0  # seconds until a file is looked at again
 
 Stamp = tuple[int, int]  # time of change, bytes
 
 
 @dataclass(frozen=True)
-class Glance:
+class Look:
     """A file as it was when it was last looked at."""
 
     stamp: Stamp | None = None  # None: there is no such file
     problem: str = ""  # why it cannot be used
+
+
+@dataclass(frozen=True)
+class CapturesLook(Look):
+    """A capture file."""
+
+    views: tuple[CaptureView, ...] = ()
+
+
+@dataclass(frozen=True)
+class Glance(Look):
+    """An image."""
+
     width: int = 0  # pixels
     height: int = 0
     bits: int = 0  # per channel
@@ -42,21 +59,26 @@ class Glance:
 
 
 def glance(path: Path) -> Glance:
-    """One look at ``path``; whatever is wrong is in the answer."""
-    stamp = _stamp(path)
-    if stamp is None:
-        return Glance(problem="File not found")
+    """One look at an image; whatever is wrong is in the answer."""
     if path.is_dir():
-        return Glance(stamp, "Is a folder, not an image")
+        return Glance(problem="Is a folder, not an image")
     try:
         file = open_image(path)
         thumbnail = _thumbnail(file)
     except BadInput as error:
-        return Glance(stamp, _short(str(error), path))
+        return Glance(problem=_short(str(error), path))
     except (OSError, MemoryError) as error:
-        return Glance(stamp, f"Cannot be read ({type(error).__name__})")
-    return Glance(stamp, "", file.width, file.height, file.bits, file.integer,
-                  known_space(file.colorspace) if file.colorspace else None, thumbnail)
+        return Glance(problem=f"Cannot be read ({type(error).__name__})")
+    space = known_space(file.colorspace) if file.colorspace else None
+    return Glance(None, "", file.width, file.height, file.bits, file.integer, space, thumbnail)
+
+
+def captures_look(path: Path) -> CapturesLook:
+    """One look at a capture file."""
+    try:
+        return CapturesLook(views=tuple(read_captures(path)))
+    except BadInput as error:
+        return CapturesLook(problem=_short(str(error), path))
 
 
 def _stamp(path: Path) -> Stamp | None:
@@ -93,18 +115,23 @@ def _thumbnail(file: ImageFile) -> F32:
     return np.ascontiguousarray(small[::-1])
 
 
-class Watcher:
+Kind = TypeVar("Kind", bound=Look)
+
+
+class Watcher(Generic[Kind]):
     """Looks at files in a thread; whoever asks gets at once what is known."""
 
-    def __init__(self) -> None:
+    def __init__(self, look: Callable[[Path], Kind], missing: Kind) -> None:
+        """``look`` reads a file, in the thread; ``missing``: what is said of one that is not there."""
+        self.look, self.missing = look, missing
         self.changes = 0  # grows whenever a file turns out to be other than it was known
-        self._known: dict[str, Glance] = {}
+        self._known: dict[str, Kind] = {}
         self._asked: dict[str, float] = {}  # when a look was last asked for
         self._wanted: SimpleQueue[str | None] = SimpleQueue()
         self._waiting: set[str] = set()
         self._thread: threading.Thread | None = None
 
-    def of(self, path: str) -> Glance | None:
+    def of(self, path: str) -> Kind | None:
         """What is known of a file; None: nothing yet.  Never touches the disk."""
         now = time.monotonic()
         if path not in self._waiting and now - self._asked.get(path, -AGAIN) >= AGAIN:
@@ -112,7 +139,7 @@ class Watcher:
             self._waiting.add(path)
             self._wanted.put(path)
             if self._thread is None:
-                self._thread = threading.Thread(target=self._look, name="irpso-glance", daemon=True)
+                self._thread = threading.Thread(target=self._work, name="irpso-glance", daemon=True)
                 self._thread.start()
         return self._known.get(path)
 
@@ -133,11 +160,11 @@ class Watcher:
         self._asked.clear()
         self._waiting.clear()
 
-    def _look(self) -> None:
+    def _work(self) -> None:
         while (path := self._wanted.get()) is not None:
-            before = self._known.get(path)
-            if before is None or before.stamp != _stamp(Path(path)):
-                self._known[path] = glance(Path(path))
+            before, stamp = self._known.get(path), _stamp(Path(path))
+            if before is None or before.stamp != stamp:
+                self._known[path] = self.missing if stamp is None else replace(self.look(Path(path)), stamp=stamp)
                 self.changes += 1
             self._waiting.discard(path)
 

@@ -1,0 +1,104 @@
+"""Add the images of a folder to the list of views, each with the camera and lights that its name speaks of."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import bpy
+
+from ..irpso_addon.blender import properties
+from ..irpso_addon.core.errors import BadInput
+from ..irpso_addon.core.glance import same_file
+from ..irpso_addon.core.matching import Match, match
+from .paths import absolute, stored
+
+SUFFIXES = {".exr", ".hdr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".webp", ".tga", ".bmp", ".dpx", ".cin", ".jp2"}
+MOST = 2000  # images of one folder
+NAMED = 3  # files that a message names
+
+
+class IRPSO_OT_add_folder(bpy.types.Operator):
+    """Add a view for each image in a folder and its sub-folders; camera and lights are those that the file's path
+    names, else they are taken in order where the counts fit"""
+
+    bl_idname = "irpso.add_folder"
+    bl_label = "Add Folder of Images"
+    bl_options = {"REGISTER", "UNDO"}
+
+    directory: bpy.props.StringProperty(
+        name="Folder", subtype="DIR_PATH", description="Folder that holds the reference images",
+        options={"SKIP_SAVE", *properties.RELATIVE})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
+    filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Opens the file browser beside the .blend."""
+        if bpy.data.filepath:
+            self.directory = bpy.path.abspath("//")
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Appends what the list does not have yet, and says what was matched and what not."""
+        scene = context.scene
+        try:
+            folder = Path(absolute(self.directory))
+            files = _images(folder)
+        except BadInput as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        cameras, lights = ([obj for obj in scene.objects if obj.type == kind] for kind in ("CAMERA", "LIGHT"))
+        flashes = {light.parent.name: [x.name for x in lights if x.parent == light.parent] for light in lights
+                   if light.parent in cameras}
+        found = match(files, [camera.name for camera in cameras], [light.name for light in lights], flashes)
+        have = {same_file(bpy.path.abspath(view.image)) for view in scene.irpso.views}
+        fresh = [m for m in found if same_file(str(folder / m.file)) not in have]
+        for entry in fresh:
+            _add(scene, folder, entry)
+        kind, text = _told(fresh, len(found) - len(fresh), len(lights))
+        self.report({kind}, text)
+        return {"FINISHED"} if fresh else {"CANCELLED"}
+
+
+def _images(folder: Path) -> list[Path]:
+    """Relative paths of the images in ``folder`` and the folders in it.  Raises BadInput."""
+    try:
+        inside = [folder, *(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))]
+        found = [path.relative_to(folder) for place in inside for path in place.iterdir()
+                 if path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()]
+    except OSError as error:
+        raise BadInput(f"{folder}: cannot be read ({error.strerror}); choose a folder of images") from None
+    if not found:
+        raise BadInput(f"{folder}: holds no image; choose the folder of the reference images")
+    if len(found) > MOST:
+        raise BadInput(f"{folder}: holds {len(found)} images; choose a folder of at most {MOST}")
+    return found
+
+
+def _add(scene: bpy.types.Scene, folder: Path, entry: Match) -> None:
+    view = scene.irpso.views.add()
+    view.image = stored(folder / entry.file)
+    view.mask = stored(folder / entry.mask) if entry.mask else ""
+    view.camera = scene.objects[entry.camera] if entry.camera else None
+    for name in entry.lights:
+        view.lights.add().light = scene.objects[name]
+    scene.irpso.active_view = len(scene.irpso.views) - 1
+
+
+def _told(fresh: Sequence[Match], known: int, lights: int) -> tuple[str, str]:
+    """Kind and text of the report."""
+    lost = [m for m in fresh if m.camera is None]
+    counts = [
+        ("camera by name", sum(m.camera is not None and not m.camera_by_order for m in fresh)),
+        ("camera by order", sum(m.camera_by_order for m in fresh)),
+        ("lights by name", sum(bool(m.lights) and not m.lights_by_order for m in fresh)),
+        ("lights by order", sum(m.lights_by_order for m in fresh)),
+        ("lit by all lights", sum(not m.lights for m in fresh) if lights > 1 else 0),
+        ("with a mask", sum(m.mask is not None for m in fresh)),
+        ("in the list before", known),
+    ]
+    text = f"Added {len(fresh)} views" + "".join(f"; {count} {what}" for what, count in counts if count)
+    if not lost:
+        return "INFO", text
+    more = f" and {len(lost) - NAMED} more" if len(lost) > NAMED else ""
+    names = ", ".join(m.file.name for m in lost[:NAMED]) + more
+    return "WARNING", f"{text}; no camera for {names}: choose it in the list"

@@ -1,0 +1,32 @@
+"""Remove views whose image the list has already."""
+
+import bpy
+
+from ..irpso_addon.core.glance import same_file
+
+
+class IRPSO_OT_remove_duplicate_views(bpy.types.Operator):
+    """Keep the first view of each image file and remove the others"""
+
+    bl_idname = "irpso.remove_duplicate_views"
+    bl_label = "Remove Duplicates"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The list has a view."""
+        if not context.scene.irpso.views:
+            cls.poll_message_set("The list of views is empty")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Removes from the end, so that places before stay what they are."""
+        settings = context.scene.irpso
+        files = [same_file(bpy.path.abspath(view.image)) if view.image else None for view in settings.views]
+        again = [i for i, file in enumerate(files) if file is not None and file in files[:i]]
+        for index in reversed(again):
+            settings.views.remove(index)
+        settings.active_view -= sum(index <= settings.active_view for index in again)
+        self.report({"INFO"}, f"removed {len(again)} views")
+        return {"FINISHED"} if again else {"CANCELLED"}
