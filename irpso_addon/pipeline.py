@@ -31,6 +31,7 @@ from .gpu.check import check_views, pictured
 from .gpu.fill import fill
 from .gpu.ladder import Found, Ladder
 from .gpu.observe import Observations, most_pixels, observe
+from .gpu.part import Part, last_of, part_of
 from .gpu.surface import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_counts
 
 Result = TypeVar("Result")
@@ -180,15 +181,19 @@ def _round(
     mesh = MeshBuffer(device, scene.mesh)
     gbuffer = yield from clock.stage("gbuffer", bake_gbuffer(scene, settings.size))
     clock.coverage = gbuffer.coverage
+    part = part_of(device, scene, settings.size, gbuffer.position, gbuffer.coverage)
     grid = draw_texel_grid(device, mesh, settings.size)
+    slots = np.where(gbuffer.coverage, device.read(grid.normal)[..., 3].round().astype(np.int32), -1)
+    last = last_of(part, scene, settings, slots)
+    grid = part.grid(device, grid)
     observations: Observations = yield from clock.stage("observe", observe(device, scene, mesh, read_image, bounced))
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
-    slots = np.where(gbuffer.coverage, device.read(grid.normal)[..., 3].round().astype(np.int32), -1)
-    ladder = Ladder(device, CameraSource(device, grid, observations), settings, slots, scene.mesh.slot_names)
+    ladder = Ladder(device, CameraSource(device, grid, observations), settings, np.where(part.solved, slots, -1),
+                    scene.mesh.slot_names, last)
     found: Found = yield from clock.stage("solve", ladder.solve())
     solution: Solution = yield from clock.stage(
-        "maps", _maps(scene, settings, gbuffer, grid, observations, found, slots))
+        "maps", _maps(scene, settings, gbuffer, grid, observations, found, slots, part))
     for thing in (ladder, observations, grid, mesh):
         thing.release()
     return replace(solution, seconds=clock.seconds, device=device.describe())
@@ -196,13 +201,14 @@ def _round(
 
 def _maps(
     scene: SceneData, settings: SolveSettings, gbuffer: GBuffer, grid: SurfaceMaps, observations: Observations,
-    found: Found, slots: I32,
+    found: Found, slots: I32, part: Part,
 ) -> Generator[Progress, None, Solution]:
     """Solve base colour, fill holes and pad seams, and say what was done."""
     device = thread.device()
     solved = found.roughness[..., 3] > 0.5
     observed, residual = found.detail[..., 0], found.detail[..., 1]
     relative = look.relative_error(residual, observed)
+    found = part.join_found(found, scene.start)
     lobes, level = _filled_lobes(scene, found, slots)
     beckmann = settings.ndf == "beckmann" and "two-lobe" in found.model.values()
     albedo = AlbedoSolver(device, grid, observations, lobes, level, beckmann)
@@ -211,8 +217,9 @@ def _maps(
     else:  # the method has searched it itself
         base = device.texture(grid.position.width, grid.position.height,
                               data=np.concatenate([found.base, solved[..., None]], -1).astype(np.float32))
-    filled_base = fill(device, base)
-    shown = device.read(base)[..., 3] > 0.25
+    own_base = device.read(base)
+    shown = own_base[..., 3] > 0.25
+    filled_base = _fill(part.join_base(own_base))
     good = solved & shown
     rough, sigma = found.roughness[..., 0], found.roughness[..., 1]
     pairs = device.read(lobes)[..., :3].copy()
@@ -221,13 +228,14 @@ def _maps(
         roughness=pairs[..., 0].copy(),
         confidence=np.where(good, confidence(rough, sigma, observed, good), np.float32(0)),
         error=np.where(good, relative, 0.0).astype(np.float32),
-        filled=~good,
+        filled=~(good | part.known),
         coverage=gbuffer.coverage,
         roughness_sigma=np.where(good, sigma, 0.0).astype(np.float32),
         base_sigma=np.where(good, found.detail[..., 3], 0.0).astype(np.float32),
         lobes=pairs if found.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and found.level is not None else None,
     )
+    maps = part.join_maps(maps, part.share(good))
     checks, pictures = yield from _checks(scene, settings, albedo, filled_base, found, slots, good, maps)
     for texture in (base, filled_base, lobes, level):
         if texture is not None:
@@ -238,7 +246,8 @@ def _maps(
         residual=float(np.sqrt(np.mean(told**2))) if solved.any() else 0.0,
         cancelled=found.cancelled or albedo.cancelled, ndf=settings.ndf,
         texels={"covered": int(gbuffer.coverage.sum()), "observed": int((solved | shown).sum()),
-                "solved": int(good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum())},
+                "solved": int(good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum()),
+                "kept": int((part.known & ~good).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
         views_skipped=scene.skipped + observations.skipped, checks=checks, pictures=pictures,
         warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps),

@@ -77,6 +77,10 @@ class SolveSettings(Table):
                             unit="texels", advanced=True)
     threshold: float = parameter(0.0, "Method paper: a swarm stops once its relative error is below this",
                                  label="Threshold", low=0.0, high=1.0, advanced=True)
+    start: str = parameter("anew", "Where the search begins", label="Start", choices=(
+        ("anew", "Everywhere: particles over all roughnesses"),
+        ("last", "At the last result, whose models Auto keeps: fewer particles, faster"),
+    ))
     loss: str = parameter("auto", "How much an observation counts that fits nothing: a missed shadow, a mirrored lamp",
                           label="Loss", choices=(
         ("auto", "Robust where the first fit leaves such observations"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ def fade(position: F32, covered: Bool, inside: Bool) -> F32:
     at = (places - low) / cell + 1.5  # a voxel of margin all round
     shape = tuple(int(n) for n in np.ceil((high - low) / cell) + 4)
     voxel = np.ravel_multi_index(tuple(at.astype(np.int64).T), shape)
-    surface, marked = (_smoothed(np.bincount(voxel, weights, int(np.prod(shape))).reshape(shape))
+    surface, marked = (_smoothed(np.bincount(voxel, weights, int(np.prod(shape))).reshape(shape).astype(np.float64))
                        for weights in (None, inside[covered].astype(np.float64)))
     share = np.divide(marked, surface, out=np.zeros_like(marked), where=surface > 0)
     result = np.zeros(covered.shape, np.float32)
@@ -44,8 +45,9 @@ def _smoothed(values: F64) -> F64:
     """Means over 3 x 3 x 3 voxels."""
     for axis in range(3):
         near = np.pad(values, [(1, 1) if a == axis else (0, 0) for a in range(3)])
-        values = sum(np.take(near, range(i, i + values.shape[axis]), axis) for i in range(3)) / 3.0
-    return np.asarray(values)
+        count = values.shape[axis]
+        values = np.mean([np.take(near, range(i, i + count), axis) for i in range(3)], axis=0)
+    return values
 
 
 def _sampled(values: F64, at: F64) -> F64:
@@ -90,8 +92,8 @@ def resized(maps: Maps, size: int) -> Maps:
     """The maps at another size; a texel counts as filled where one that it is made from does."""
     if maps.roughness.shape == (size, size):
         return maps
-    values = {field.name: getattr(maps, field.name) for field in fields(maps)}
-    made = {name: None if array is None else resampled(array.astype(np.float32), size)
-            for name, array in values.items()}
-    filled, coverage = made.pop("filled"), made.pop("coverage")
-    return Maps(filled=filled > 0, coverage=coverage > 0.5, **made)
+    values: dict[str, Any] = {field.name: getattr(maps, field.name) for field in fields(maps)}
+    made: dict[str, Any] = {
+        name: None if array is None else resampled(array.astype(np.float32), size) for name, array in values.items()}
+    made["filled"], made["coverage"] = made["filled"] > 0, made["coverage"] > 0.5
+    return Maps(**made)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import moderngl
@@ -21,9 +21,20 @@ SAMPLE = 64  # texels: width of the square on which larger models are tried
 SAMPLES = 2  # squares of each material
 LEVEL_STEP = 0.4  # of Specular IOR Level: first step of its search
 LEVEL_ROUNDS = 5  # each divides the step by 3
+LEVEL_KNOWN = 2  # of them that are left out where all levels are known from before
 LEVEL_WINDOW = 9  # texels: over which a level by texel is pooled
 LEVEL_LOOK = (0.4, 0.5, 0.6)
 LEVEL_SAME = 0.05  # a level so near to 0.5 is 0.5
+
+
+@dataclass(frozen=True)
+class Last:
+    """What is taken over from an earlier result, by material."""
+
+    model: Mapping[str, str] = field(default_factory=dict)  # instead of choosing
+    levels: Mapping[str, float] = field(default_factory=dict)  # Specular IOR Level to begin at
+    fixed: frozenset[str] = frozenset()  # materials whose level must stay
+    lobes: F32 | None = None  # (h, w, 4) where the search begins: roughness1, roughness2, weight; whether known
 
 
 @dataclass
@@ -46,10 +57,13 @@ class Ladder:
 
     def __init__(
         self, device: Device, source: Source, settings: SolveSettings, slots: I32, names: tuple[str, ...],
+        last: Last | None = None,
     ) -> None:
         """``slots``: (h, w) material slot of each texel, -1 where there is none; ``names``: of the slots' materials."""
-        self.device, self.source, self.settings = device, source, settings
-        self.solver = Solver(device, source, settings)
+        self.device, self.source, self.settings, self.last = device, source, settings, last or Last()
+        lobes = self.last.lobes
+        self.start = None if lobes is None else device.texture(lobes.shape[1], lobes.shape[0], data=lobes)
+        self.solver = Solver(device, source, settings, start=self.start)
         # Slots of one material decide together.
         self.masks: dict[str, Bool] = {
             name: np.isin(slots, [slot for slot, other in enumerate(names) if other == name])
@@ -114,6 +128,10 @@ class Ladder:
                 found.model.pop(name, None)
                 found.why.pop(name, None)
                 continue
+            if name in self.last.model:
+                found.model[name], found.why[name] = self.last.model[name], "as in the last result"
+                larger.setdefault(found.model[name], []).append(name)
+                continue
             none = Fit(found.detail[..., 2], np.zeros_like(found.detail[..., 2]))
             one = Fit(found.detail[..., 1], np.ones_like(found.detail[..., 1]))  # in full: no lobe needs no neighbours
             found.model[name], found.why[name] = self._choose(texels, found.detail[..., 0], lambert=none, one_lobe=one)
@@ -140,7 +158,8 @@ class Ladder:
 
         All by squares: what one lobe does not explain would else be disbelieved as outliers, and speak for no other.
         """
-        solver = Solver(self.device, self.source, replace(self.settings, loss="squares"), (SAMPLE, SAMPLE))
+        solver = Solver(self.device, self.source, replace(self.settings, loss="squares"), (SAMPLE, SAMPLE),
+                        self.start)
         solver.shown = False
         try:
             places = self._best_seen(solver, texels, found.detail[..., 0])
@@ -203,7 +222,8 @@ class Ladder:
         """One lobe with the level that fits, one for each material or by texel."""
         by_texel = self.settings.specular == "texel"
         masks = {name: self.masks[name] for name in names}
-        solver = self.solver if by_texel else Solver(self.device, self.source, self.settings, (SAMPLE, SAMPLE))
+        solver = self.solver if by_texel else Solver(
+            self.device, self.source, self.settings, (SAMPLE, SAMPLE), self.start)
         solver.shown = False
         places = tiles(solver.atlas, np.logical_or.reduce(list(masks.values())))
         if not by_texel:
@@ -235,9 +255,13 @@ class Ladder:
         the step.  At every level each texel finds its own roughness.
         """
         level = np.full(next(iter(masks.values())).shape, 0.5, np.float32)
-        step = LEVEL_STEP
-        for _ in range(LEVEL_ROUNDS):
-            if solver.cancelled:
+        known = [name for name in masks if name in self.last.levels]
+        for name in known:
+            level[masks[name]] = self.last.levels[name]
+        skipped = LEVEL_KNOWN if len(known) == len(masks) else 0
+        step = LEVEL_STEP / 3.0**skipped
+        for _ in range(skipped, LEVEL_ROUNDS):
+            if solver.cancelled or self.last.fixed.issuperset(masks):
                 break
             offsets = step * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
             costs = []
@@ -264,7 +288,7 @@ class Ladder:
             pooled = np.stack([_box(cost, LEVEL_WINDOW) for cost in costs])
             result = level + _lowest(offsets, pooled).astype(np.float32)
         else:
-            for mask in masks.values():
+            for mask in (mask for name, mask in masks.items() if name not in self.last.fixed):
                 pooled = costs[:, mask].sum(axis=1)[:, None, None]
                 result[mask] = level[mask] + np.float32(_lowest(offsets, pooled)[0, 0])
         return np.clip(result, 0.02, 1.0)
@@ -279,8 +303,10 @@ class Ladder:
         return self.device.texture(w, h, 1, values)
 
     def release(self) -> None:
-        """Free the solver."""
+        """Free the solver and where it began."""
         self.solver.release()
+        if self.start is not None:
+            self.start.release()
 
 
 def _inside(shape: tuple[int, ...], places: list[Tile], width: int) -> Bool:

@@ -42,6 +42,10 @@ TWO_LOBES = {  # the valleys of two lobes are long and curved: more steps
     "draft": {"u_particles": 6, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 6},
     "swarm": {"u_particles": 16, "u_moves": 25, "u_race_steps": 0, "u_final_steps": 4},
 }
+STARTED = {  # the same where a texel's last roughness is known and is the first particle
+    "refined": {"u_started": 2}, "draft": {"u_started": 2}, "swarm": {"u_started": 6},
+}
+STARTED_TWO = {"refined": {"u_started": 3}, "draft": {"u_started": 2}, "swarm": {"u_started": 6}}
 Uniforms = Mapping[str, float | int]
 Textures = Mapping[str, moderngl.Texture | tuple[moderngl.Texture, ...] | None]
 
@@ -60,7 +64,9 @@ class Solver:
 
     def __init__(
         self, device: Device, source: Source, settings: SolveSettings, tile: tuple[int, int] | None = None,
+        start: moderngl.Texture | None = None,
     ) -> None:
+        """``start``: where each texel's search begins, as Last.lobes; it is the caller's."""
         self.device, self.source, self.settings = device, source, settings
         self.cancelled = False
         self.shown = True  # whether what kernels find may be looked at; not where something is only tried
@@ -75,6 +81,9 @@ class Solver:
         self.level: moderngl.Texture | None = None  # Specular IOR Level of each texel; None: 0.5
         method = settings.method if settings.method in METHODS else "refined"
         self.knobs: dict[int, Uniforms] = {1: METHODS[method], 2: TWO_LOBES[method]}  # by lobes
+        self.start = start
+        if start is not None:
+            self.knobs = {1: METHODS[method] | STARTED[method], 2: TWO_LOBES[method] | STARTED_TWO[method]}
 
     def solve(self, only: list[Tile] | None = None) -> Generator[Progress, None, RoughnessMaps]:
         """One lobe: search every texel alone, pool what texels say, and polish each under its neighbours' prior.
@@ -234,7 +243,7 @@ class Solver:
 
     def _defines(self, uniforms: Uniforms, lobes: int, colour: bool, robust: bool) -> dict[str, str]:
         defines = {**self.source.layers.defines(), "LOBES": str(lobes)}
-        switches = {"COLOUR": colour, "SPECULAR": self.level is not None,
+        switches = {"COLOUR": colour, "STARTED": "u_started" in uniforms, "SPECULAR": self.level is not None,
                     "SWARM": uniforms.get("u_moves", 0) > 0, "ROBUST": robust,
                     "NDF_BECKMANN": lobes == 2 and self.settings.ndf == "beckmann"}
         return {**defines, **{name: "1" for name, on in switches.items() if on}}
@@ -261,7 +270,8 @@ class Solver:
             self.device.kernel(kernel, target, textures={
                 "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
                 "u_principled_table": self.source.principled_table,
-                **({"u_level": self.level} if self.level else {}), **textures,
+                **({"u_level": self.level} if self.level else {}),
+                **({"u_start": self.start} if "STARTED" in defines else {}), **textures,
             }, uniforms={**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile, **uniforms},
                 defines=defines, region=(x, y, w, rows))
             self.device.ctx.finish()

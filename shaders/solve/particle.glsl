@@ -2,6 +2,7 @@
 #include "include/random.glsl"
 #include "solve/fit.glsl"
 #define ROUGH float
+#define ROUGH_OF(v) (v).x
 
 const float CONVERGED = 2e-5;  // a step so short is the last: errors left are of its square
 

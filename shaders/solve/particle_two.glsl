@@ -2,6 +2,7 @@
 #include "include/random.glsl"
 #include "solve/fit_two.glsl"
 #define ROUGH vec2
+#define ROUGH_OF(v) (v).xy
 
 const vec2 SHARP = vec2(0.33, 0.7);   // roughness 0.13 to 0.41
 const vec2 RATIO = vec2(0.12, 0.48);  // 1.4 to 4.2
