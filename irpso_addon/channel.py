@@ -11,7 +11,7 @@ import io
 import pickle
 import struct
 import threading
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 _HEAD = struct.Struct("<QQ")  # bytes of the pickle, number of buffers
 _SIZE = struct.Struct("<Q")
@@ -25,7 +25,7 @@ class Closed(Exception):
 class Sender:
     """Writes whole messages, from any thread."""
 
-    def __init__(self, stream: BinaryIO) -> None:
+    def __init__(self, stream: IO[bytes]) -> None:
         self._stream = stream
         self._lock = threading.Lock()
 
@@ -39,8 +39,9 @@ class Sender:
                 self._stream.write(_HEAD.pack(len(body), len(raws)))
                 for raw in raws:
                     self._stream.write(_SIZE.pack(raw.nbytes))
-                for part in (body, *raws):
-                    self._stream.write(part)
+                self._stream.write(body)
+                for raw in raws:
+                    self._stream.write(raw)
                 self._stream.flush()
         except (OSError, ValueError):  # a broken pipe, or one that this side has closed
             raise Closed from None
@@ -49,7 +50,7 @@ class Sender:
 class Receiver:
     """Reads whole messages, on one thread."""
 
-    def __init__(self, stream: BinaryIO) -> None:
+    def __init__(self, stream: IO[bytes]) -> None:
         self._stream = stream
 
     def receive(self) -> Any:
@@ -64,7 +65,7 @@ class Receiver:
         view, done = memoryview(data), 0
         while done < size:
             try:
-                got = self._stream.readinto(view[done:])  # type: ignore[attr-defined]  # BinaryIO's stub lacks it
+                got = self._stream.readinto(view[done:])  # type: ignore[attr-defined]  # IO's stub lacks it
             except (OSError, ValueError):
                 got = 0
             if not got:

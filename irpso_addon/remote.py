@@ -22,24 +22,26 @@ from .channel import Closed, Receiver, Sender
 from .core.errors import BadInput, Cancelled
 from .core.job import Progress
 from .core.live import Live
+from .core.params import DeviceSettings
 
 PACKAGE = Path(__file__).resolve().parent
-WAIT_AT_EXIT = 2.0  # seconds
+# Windows: no console, and the window goes first (elsewhere the worker is nice by itself)
+FLAGS = getattr(subprocess, "CREATE_NO_WINDOW", 0) | getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0)
+DEFAULT = DeviceSettings()
 _numbers = itertools.count()
 
 
 class Worker:
     """One worker process; runs one job at a time, as many as it lives."""
 
-    def __init__(self) -> None:
+    def __init__(self, settings: DeviceSettings) -> None:
+        """Starts it; raises BadInput where that is not possible."""
         code = (f"import sys; sys.path[:] = {[str(PACKAGE.parent), *sys.path]!r}; "
                 f"from {PACKAGE.name} import worker; worker.main()")
         self.log = tempfile.TemporaryFile()
-        flags = {} if sys.platform != "win32" else {
-            "creationflags": subprocess.CREATE_NO_WINDOW | subprocess.BELOW_NORMAL_PRIORITY_CLASS}
         try:
             self._process = subprocess.Popen([sys.executable, "-I", "-c", code], stdin=subprocess.PIPE,
-                                             stdout=subprocess.PIPE, stderr=self.log, **flags)
+                                             stdout=subprocess.PIPE, stderr=self.log, creationflags=FLAGS)
         except OSError as error:
             raise BadInput(f"{sys.executable}: Blender's Python cannot be started ({error.strerror}); "
                            "allow Blender to start it, or solve from the command line") from None
@@ -51,6 +53,7 @@ class Worker:
         for loop in (self._read, self._write):  # a pipe that is full must not hold up the window either
             threading.Thread(target=loop, name="irpso-worker", daemon=True).start()
         atexit.register(self.close)
+        self.order("configure", settings)
 
     @property
     def alive(self) -> bool:
@@ -112,15 +115,17 @@ class Remote:
     """A job in a worker.  Has what `gpu.thread.Job` has, and looks."""
 
     def __init__(
-        self, task: str, *arguments: object, worker: Worker | None = None,
+        self, task: str, *arguments: object, settings: DeviceSettings = DEFAULT, worker: Worker | None = None,
         prepare: Callable[[Live], Live] | None = None,
     ) -> None:
         """``task``: "module:function" below this package.  ``worker`` None: one of its own, ended with the job.
 
+        ``settings``: of the device, for a worker of its own.
+
         ``prepare`` is called with each look on the thread that reads: for work that the window must not wait for.
         """
         self._own = worker is None
-        self.worker = worker or Worker()
+        self.worker = worker or Worker(settings)
         self._prepare = prepare
         self._latest: Progress | None = None
         self._looks: list[Live] = []

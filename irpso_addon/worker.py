@@ -5,6 +5,7 @@
 It reads messages from standard input (`remote.py` writes them), works, and answers on standard output:
 
     ("run", number, task, arguments)   task is "module:function" below this package
+    ("configure", DeviceSettings)      before it
     ("feed", thing)                    for a job that asks `fed` for it
     ("cancel",)  ("pause", on)         the running job
 
@@ -67,6 +68,8 @@ def main() -> None:
             if order == "run":
                 number, task, arguments = rest
                 job = _start(task, arguments, partial(_tell, answers, number))
+            elif order == "configure":
+                thread.configure(rest[0])
             elif order == "feed":
                 _fed.put(rest[0])
             elif job is not None and order == "cancel":
@@ -108,7 +111,7 @@ def _watched(job: Generator[Progress, None, Any], tell: Tell) -> Generator[Progr
         while True:
             step = job.throw(stop_now) if stop_now else next(job)
             stop_now, now = None, time.perf_counter()
-            if step.look is not None and now - looked >= LOOK_SECONDS:
+            if step.look is not None and (step.due or now - looked >= LOOK_SECONDS):
                 live = step.look()
                 live = replace(live, seconds=time.perf_counter() - started, error=difference(live.pictures))
                 tell("look", live)

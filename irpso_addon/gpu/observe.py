@@ -23,7 +23,7 @@ from ..core.tables import principled_table
 from .bounced import Smoother
 from .context import Device
 from .surface import MeshBuffer, Occluders, SurfaceMaps, clip_matrix, column_major, draw_pixel_grid
-from .visibility import SOFT_ANGLE, LightVisibility
+from .visibility import SHADOW_SIZE, SOFT_ANGLE, LightVisibility
 
 EDGE_WEIGHT = 0.03  # of an observation at an edge of shadow or silhouette, beside 1 for a good one
 DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
@@ -103,11 +103,11 @@ def camera_uniforms(camera: Camera, height: int, footprint: float) -> dict[str, 
 
 def observe(
     device: Device, scene: SceneData, mesh: MeshBuffer, read_image: ReadImage,
-    bounced: Mapping[int, Bounced] | None = None,
+    bounced: Mapping[int, Bounced] | None = None, shadow_size: int = SHADOW_SIZE,
 ) -> Generator[Progress, None, Observations]:
     """Draw every camera's maps, every light's shadow, and turn each reference into observations.
 
-    ``bounced``: indirect light, by the view's place in the scene.
+    ``bounced``: indirect light, by the view's place in the scene.  ``shadow_size``: texels of a shadow map on a side.
     """
     occluders = Occluders(device, scene.occluders)
     table = principled_table()
@@ -149,7 +149,7 @@ def observe(
         yield Progress(0.5 * (n + 1) / len(scene.views), "observe", f"reading {view.image.name}")
     level = float(np.median(np.concatenate(levels))) if levels else 1.0
     channels = channels_needed(scene.views)
-    visibility = LightVisibility(device, mesh, occluders)
+    visibility = LightVisibility(device, mesh, occluders, shadow_size)
     lit: dict[tuple[str, int], moderngl.Texture] = {}
     by_name = {light.name: light for view in scene.views for light in view.lights}
     used = [[any(light.name == name for n in group for light in scene.views[n].lights) for group in members]

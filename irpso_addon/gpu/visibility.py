@@ -49,21 +49,22 @@ def shadow_points(light: Light, center: F64, radius: float) -> list[F64]:
     return [np.append(center + v, 1.0) for v in vectors.reshape(-1, 3)]
 
 
-def frusta(point: F64, center: F64, radius: float, bounds: F64) -> list[Frustum]:
+def frusta(point: F64, center: F64, radius: float, bounds: F64, size: int = SHADOW_SIZE) -> list[Frustum]:
     """The map (or six maps, when the point lies inside the sphere) that cover the subject's sphere.
 
-    ``bounds``: (N, 3) corners of everything that casts shadows, for the near and far planes.
+    ``bounds``: (N, 3) corners of everything that casts shadows, for the near and far planes.  ``size``: texels of a map
+    on a side.
     """
     if point[3] == 0.0:
-        return [_parallel(point[:3], center, radius, bounds)]
+        return [_parallel(point[:3], center, radius, bounds, size)]
     position = point[:3]
     axis = center - position
     distance = float(np.linalg.norm(axis))
     if distance > radius * 1.2:
         half = radius / np.sqrt(distance**2 - radius**2)  # tangent of the sphere's angular radius
-        return [_perspective(position, axis / distance, 1.01 * half)]
+        return [_perspective(position, axis / distance, 1.01 * half, size)]
     axes = np.concatenate([np.eye(3), -np.eye(3)])
-    return [replace(_perspective(position, a, 1.001), face=i) for i, a in enumerate(axes)]
+    return [replace(_perspective(position, a, 1.001, size), face=i) for i, a in enumerate(axes)]
 
 
 def _frame(forward: F64) -> F64:
@@ -73,23 +74,23 @@ def _frame(forward: F64) -> F64:
     return np.stack([right, np.cross(right, forward), forward])
 
 
-def _perspective(position: F64, forward: F64, half: float) -> Frustum:
+def _perspective(position: F64, forward: F64, half: float, size: int) -> Frustum:
     frame = _frame(forward)
     view = np.concatenate([frame, -(frame @ position)[:, None]], axis=1)
     # z = 0 in clip space: MIN blending sorts, not the depth test; w = depth keeps what is behind out
     clip = np.stack([view[0] / half, view[1] / half, np.zeros(4), view[2]])
-    return Frustum(clip, _quad(view[2]), 2.0 * half / SHADOW_SIZE, False,
+    return Frustum(clip, _quad(view[2]), 2.0 * half / size, False,
                    origin=(float(position[0]), float(position[1]), float(position[2])))
 
 
-def _parallel(toward: F64, center: F64, radius: float, bounds: F64) -> Frustum:
+def _parallel(toward: F64, center: F64, radius: float, bounds: F64, size: int) -> Frustum:
     forward = -toward / np.linalg.norm(toward)
     frame = _frame(forward)
     view = np.concatenate([frame, -(frame @ center)[:, None]], axis=1)
     view[2, 3] -= float((bounds @ view[2, :3] + view[2, 3]).min()) - radius  # depths start above zero
     width = 1.01 * radius
     clip = np.stack([view[0] / width, view[1] / width, np.zeros(4), np.array([0.0, 0.0, 0.0, 1.0])])
-    return Frustum(clip, _quad(view[2]), 2.0 * width / SHADOW_SIZE, True)
+    return Frustum(clip, _quad(view[2]), 2.0 * width / size, True)
 
 
 def _quad(row: F64) -> tuple[float, float, float, float]:
@@ -99,8 +100,9 @@ def _quad(row: F64) -> tuple[float, float, float, float]:
 class LightVisibility:
     """Makes lit maps; holds one shadow map at a time."""
 
-    def __init__(self, device: Device, mesh: MeshBuffer, occluders: Occluders) -> None:
-        self.device, self.mesh, self.occluders = device, mesh, occluders
+    def __init__(self, device: Device, mesh: MeshBuffer, occluders: Occluders, size: int = SHADOW_SIZE) -> None:
+        """``size``: texels of the shadow map on a side."""
+        self.device, self.mesh, self.occluders, self.size = device, mesh, occluders, size
         points = mesh.mesh.positions.reshape(-1, 3).astype(np.float64)
         low, high = points.min(axis=0), points.max(axis=0)
         self.center = (low + high) / 2
@@ -110,7 +112,7 @@ class LightVisibility:
             others = occluders.triangles.reshape(-1, 3)
             low, high = np.minimum(low, others.min(axis=0)), np.maximum(high, others.max(axis=0))
         self.bounds = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
-        self._map = device.texture(SHADOW_SIZE, SHADOW_SIZE, 1)
+        self._map = device.texture(size, size, 1)
         self._target = device.framebuffer([self._map])
 
     def lit_maps(self, light: Light, cameras: list[SurfaceMaps]) -> Iterator[list[moderngl.Texture]]:
@@ -127,7 +129,7 @@ class LightVisibility:
         if light.cast_shadow:
             points = shadow_points(light, self.center, self.radius)
             for point in points:
-                for frustum in frusta(point, self.center, self.radius, self.bounds):
+                for frustum in frusta(point, self.center, self.radius, self.bounds, self.size):
                     self._draw_shadow(frustum)
                     for camera, lit in zip(cameras, maps, strict=True):
                         self._look_up(frustum, camera, lit, 1.0 / len(points))
