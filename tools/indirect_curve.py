@@ -127,10 +127,9 @@ def capture(folder: Path, size: int, colour: Colour | None) -> demo.Demo:
 
     before, add = demo._set_up_render, demo._add_light
     with ExitStack() as stack:
-        for key, value in {"PIXELS": PIXELS, "TEXELS": size, "CAMERAS": 3, "LIGHTS": 8, "_set_up_render": set_up,
-                           "_add_light": from_above}.items():
+        for key, value in {"_set_up_render": set_up, "_add_light": from_above}.items():
             stack.enter_context(patch.object(demo, key, value))
-        return make(folder)
+        return make(folder, demo.Plan(texels=size, cameras=3, lights=8, pixels=PIXELS, samples=SAMPLES))
 
 
 def row(name: str, made: demo.Demo, off: Solution, auto: Solution) -> str:

@@ -94,8 +94,7 @@ def main() -> int:
 
 def painted_vase(size: int) -> Subject:
     """The demo's, smaller."""
-    demo.PIXELS, demo.TEXELS, demo.CAMERAS, demo.LIGHTS, demo.SAMPLES = 224, size, 3, 12, 16
-    made = make(OUT)
+    made = make(OUT, demo.Plan(texels=size, cameras=3, lights=12, pixels=224, samples=16))
     open_blend(made.scene)
     scene = read_scene(None, demo.NAME, made.captures)
     held = (f"Camera {demo.HELD_OUT}", f"Light {demo.HELD_OUT}", made.relit)

@@ -29,8 +29,9 @@ SAME_SIDE = math.radians(100)  # a view's light is at most so far from its camer
 
 @dataclass(frozen=True)
 class Plan:
-    """How many cameras and lights stand around the vase, and how it is rendered."""
+    """How finely the vase is painted, how many cameras and lights stand around it, and how it is rendered."""
 
+    texels: int = TEXELS
     cameras: int = 4
     lights: int = 14
     pixels: int = PIXELS
@@ -53,14 +54,14 @@ class Demo:
     scene: Path
     captures: Path
     relit: Path  # the truth under the held-out light
-    base_color: F32  # (TEXELS, TEXELS, 3) linear, row 0 bottom
-    roughness: F32  # (TEXELS, TEXELS)
+    base_color: F32  # (texels, texels, 3) linear, row 0 bottom
+    roughness: F32  # (texels, texels)
 
 
-def make(out: Path) -> Iterator[Progress | Demo]:
+def make(out: Path, plan: Plan = Plan()) -> Iterator[Progress | Demo]:
     """Build, render, save into ``out``; yields Progress and, last, the Demo."""
-    base, rough = vase.truth(TEXELS)
-    references = yield from painted(out, Plan(), base, rough)
+    base, rough = vase.truth(plan.texels)
+    references = yield from painted(out, plan, base, rough)
     _add_held_out()
     relit = out / "truth_relit.exr"
     render_held_out(relit)

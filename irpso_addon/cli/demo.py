@@ -77,11 +77,11 @@ def write_truth(folder: Path, made: demo.Demo) -> None:
         write_image(folder / f"{demo.NAME}_{role}.exr", array, kind="exr", color=role == "basecolor")
 
 
-def make(out: Path) -> demo.Demo:
+def make(out: Path, plan: demo.Plan = demo.Plan()) -> demo.Demo:  # noqa: B008  # frozen
     """The demo's scene and references in ``out``, with progress shown."""
     result: demo.Demo | None = None
     with console.progress() as show, console.quiet():
-        for step in demo.make(out):
+        for step in demo.make(out, plan):
             if isinstance(step, Progress):
                 show(step)
             else:

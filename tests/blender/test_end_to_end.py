@@ -40,12 +40,9 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
     return float(-10 * np.log10(np.mean((a.astype(float) - b) ** 2)))
 
 
-def make(folder: Path, **changes: object) -> Job:
+def make(folder: Path, samples: int = demo.SAMPLES) -> Job:
     """The demo at another size, all the way to renders under its held-out light."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in {"PIXELS": 160, "TEXELS": TEXELS, "CAMERAS": 4, "LIGHTS": 10, **changes}.items():
-            patch.setattr(demo, name, value)
-        *_, made = demo.make(folder)
+    *_, made = demo.make(folder, demo.Plan(texels=TEXELS, lights=10, pixels=160, samples=samples))
     files.open_blend(made.scene)
     scene = read_scene(None, demo.NAME, made.captures)
     solution = thread.run(lambda: pipeline.solve(scene, SolveSettings(size=TEXELS)))
@@ -70,7 +67,7 @@ def smooth(tmp_path_factory) -> Job:
     rough = 0.45 + 0.15 * np.sin(2 * np.pi * u) * np.sin(9 * v)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(vase, "truth", lambda size: (base.astype(np.float32), rough.astype(np.float32)))
-        return make(tmp_path_factory.mktemp("smooth"), SAMPLES=1)
+        return make(tmp_path_factory.mktemp("smooth"), samples=1)
 
 
 def shown(path: Path, where: np.ndarray) -> np.ndarray:

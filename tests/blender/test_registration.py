@@ -49,9 +49,8 @@ def shot(tmp_path_factory):
         camera.data.shift_x = camera.data.shift_y = 0
 
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in {"PIXELS": PIXELS, "TEXELS": TEXELS, "CAMERAS": 2, "LIGHTS": 10, "_render": off}.items():
-            patch.setattr(demo, name, value)
-        *_, made = demo.make(folder)
+        patch.setattr(demo, "_render", off)
+        *_, made = demo.make(folder, demo.Plan(texels=TEXELS, cameras=2, lights=10, pixels=PIXELS))
     files.open_blend(made.scene)
     scene = read_scene(None, demo.NAME, made.captures)
     views = [replace(view, gain=view.gain / GAINS.get(n, 1.0)) for n, view in enumerate(scene.views)]
