@@ -38,6 +38,14 @@ def _is_light(_: PropertyGroup, obj: bpy.types.Object) -> bool:
     return obj.type == "LIGHT"
 
 
+REGIONS = (
+    ("ALL", "All", "The whole object"),
+    ("GROUP", "Vertex Group", "Where the weight of a vertex group is above 0.5"),
+    ("IMAGE", "Image", "Where an image over the UV map is white"),
+    ("FACES", "Selected Faces", "The faces that are selected in Edit Mode"),
+)
+
+
 class IRPSO_PG_light(PropertyGroup):
     """One light that was on."""
 
@@ -73,6 +81,12 @@ class IRPSO_PG_scene(PropertyGroup):
         description="captures.json that names the views; empty: the list below, or else the cameras' background images")
     views: CollectionProperty(type=IRPSO_PG_view, name="Views")
     active_view: IntProperty(name="Active View", default=0, min=0)
+    region: EnumProperty(
+        name="Part", items=REGIONS,
+        description="Part of the object that is solved; the last result is kept elsewhere, with a soft seam")
+    region_group: StringProperty(name="Vertex Group", description="Vertex group whose weight marks the part to solve")
+    region_image: PointerProperty(
+        type=bpy.types.Image, name="Image", description="Image over the UV map that is white in the part to solve")
     out: StringProperty(
         name="Folder", subtype="DIR_PATH", options=RELATIVE, default="//irpso",
         description="Folder that the maps are exported to")

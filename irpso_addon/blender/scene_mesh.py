@@ -34,11 +34,11 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
     mirrored = bool(np.linalg.det(linear) < 0)
     if mirrored:
         warn(f"object '{obj.name}': is mirrored by a negative scale; it is read as Blender shows it")
-    with _evaluated_mesh(obj, depsgraph) as mesh:
+    with evaluated_mesh(obj, depsgraph) as mesh:
         if mesh is None or not mesh.polygons:
             raise BadInput(f"object '{obj.name}': has no faces after its modifiers; give it some")
         layer = _active_uv(obj, mesh, warn)
-        loops, vertices, slots = _triangles(mesh)
+        loops, vertices, slots = triangles(mesh)
         local = _floats(mesh.vertices, "co", 3)[vertices]
         corner_normals = _floats(mesh.corner_normals, "vector", 3)[loops]
         uvs = _floats(mesh.uv_layers[layer].uv, "vector", 2)[loops]
@@ -62,7 +62,7 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
 
 
 @contextmanager
-def _evaluated_mesh(obj: Any, depsgraph: Any) -> Iterator[Any]:
+def evaluated_mesh(obj: Any, depsgraph: Any) -> Iterator[Any]:
     """A temporary copy of the mesh after modifiers, in no list of the file; None when there is none."""
     evaluated = obj.evaluated_get(depsgraph)
     try:
@@ -87,13 +87,13 @@ def _active_uv(obj: Any, mesh: Any, warn: Warn) -> str:
     return used
 
 
-def _triangles(mesh: Any) -> tuple[I32, I32, I32]:
+def triangles(mesh: Any) -> tuple[I32, I32, I32]:
     """Loops (T, 3), vertices (T, 3) and material index (T,) of the triangulated faces."""
     mesh.calc_loop_triangles()
-    triangles = mesh.loop_triangles
-    loops = _integers(triangles, "loops", 3)
-    vertices = _integers(triangles, "vertices", 3)
-    return loops, vertices, _integers(triangles, "material_index", 1)[:, 0]
+    found = mesh.loop_triangles
+    loops = integers(found, "loops", 3)
+    vertices = integers(found, "vertices", 3)
+    return loops, vertices, integers(found, "material_index", 1)[:, 0]
 
 
 def _check(obj: Any, local: F32, uvs: F32) -> None:
@@ -113,7 +113,7 @@ def _slot_tangents(
     names = {slot: m.uv_map or active for slot, m in maps.items()}
     layers = {name: _floats(mesh.uv_layers[name].uv, "vector", 2)[loops] for name in {active, *names.values()}
               if name in mesh.uv_layers}
-    vertices = _integers(mesh.loops, "vertex_index", 1)[:, 0][loops]
+    vertices = integers(mesh.loops, "vertex_index", 1)[:, 0][loops]
     every = _mikktspace(mesh, vertices, normals, layers)
     tangents = every[active].copy()
     for slot, name in names.items():
@@ -206,7 +206,7 @@ def _local_triangles(obj: Any) -> F32:
     try:
         if mesh is None or not mesh.polygons:
             return np.zeros((0, 3, 3), np.float32)
-        _, vertices, _ = _triangles(mesh)
+        _, vertices, _ = triangles(mesh)
         return _floats(mesh.vertices, "co", 3)[vertices]
     finally:
         obj.to_mesh_clear()
@@ -218,7 +218,7 @@ def _floats(collection: Any, attribute: str, width: int) -> F32:
     return out.reshape(-1, width)
 
 
-def _integers(collection: Any, attribute: str, width: int) -> I32:
+def integers(collection: Any, attribute: str, width: int) -> I32:
     out = np.empty(len(collection) * width, np.int32)
     collection.foreach_get(attribute, out)
     return out.reshape(-1, width)

@@ -82,9 +82,12 @@ def find_shader(tree: bpy.types.ShaderNodeTree) -> bpy.types.Node | None:
             if link.is_muted or node in seen:
                 continue
             seen.add(node)
-            if node.bl_idname == "ShaderNodeBsdfPrincipled" or two_lobe.is_two_lobe(node):
+            if node.mute:  # it hands on one of its inputs, or nothing
+                waiting += [inner.from_socket for inner in node.internal_links]
+            elif node.bl_idname == "ShaderNodeBsdfPrincipled" or two_lobe.is_two_lobe(node):
                 return node
-            waiting += [i for i in reversed(node.inputs) if i.type == "SHADER" or node.bl_idname == "NodeReroute"]
+            else:
+                waiting += [i for i in reversed(node.inputs) if i.type == "SHADER" or node.bl_idname == "NodeReroute"]
     return None
 
 

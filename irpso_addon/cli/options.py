@@ -27,6 +27,12 @@ def parser() -> argparse.ArgumentParser:
     _add_scene(solve)
     solve.add_argument("--out", type=Path, metavar="DIR", help="folder for maps, report and solved .blend "
                        "(default: SCENE_irpso beside the scene)")
+    part = solve.add_mutually_exclusive_group()
+    part.add_argument("--vertex-group", metavar="NAME", help="solve where the weight of this vertex group is above 0.5 "
+                      "alone; elsewhere the maps that the object carries are kept")
+    part.add_argument("--part-image", type=Path, metavar="FILE", help="solve where this image over the UV map is white "
+                      "alone")
+    part.add_argument("--selected-faces", action="store_true", help="solve the faces that are selected alone")
     solve.add_argument("--report", type=Path, metavar="FILE", help="write report.json here too")
     _add_format(solve)
     add_settings(solve, SolveSettings)
@@ -42,7 +48,8 @@ def parser() -> argparse.ArgumentParser:
                          "solves and predicted; 0: none, which needs --truth (default: 5)")
     compare.add_argument("--passes", type=_from(1), nargs="*", default=[100, 400, 1600], metavar="N",
                          help="method paper: its budgets; none: leave it out (default: 100 400 1600)")
-    add_settings(compare, SolveSettings, without=("method", "iterations"), defaults={"size": 256, "model": "one-lobe"})
+    add_settings(compare, SolveSettings, without=("method", "iterations", "start"),
+                 defaults={"size": 256, "model": "one-lobe"})
     add_settings(compare, DeviceSettings)
 
     export = commands.add_parser("export", help="maps of a solved scene to files", epilog=EXIT_CODES)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from .. import pipeline
-from ..blender import files, material
+from ..blender import files, material, steer, writable
 from ..blender.indirect import Bouncer
 from ..blender.scene import read_scene
 from ..core.data import SceneData, Solution
@@ -33,6 +33,7 @@ class Request:
     object_name: str | None = None
     kind: str = "exr"
     report: Path | None = None
+    part: tuple[str, str | Path | None] = ("ALL", None)  # as blender.steer.with_part
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -41,10 +42,19 @@ def run(arguments: argparse.Namespace) -> None:
     scene: Path = arguments.scene
     request = Request(
         scene=scene, out=arguments.out or scene.parent / f"{scene.stem}_irpso", settings=options.settings(arguments),
-        captures=arguments.captures, object_name=arguments.object, kind=arguments.format, report=arguments.report)
+        captures=arguments.captures, object_name=arguments.object, kind=arguments.format, report=arguments.report,
+        part=_part(arguments))
     solution = solve(request)
     if solution.cancelled:
         raise Cancelled(solution)
+
+
+def _part(arguments: argparse.Namespace) -> tuple[str, str | Path | None]:
+    if arguments.vertex_group is not None:
+        return "GROUP", arguments.vertex_group
+    if arguments.part_image is not None:
+        return "IMAGE", arguments.part_image
+    return ("FACES" if arguments.selected_faces else "ALL"), None
 
 
 def solve(request: Request) -> Solution:
@@ -55,11 +65,14 @@ def solve(request: Request) -> Solution:
     with console.quiet():
         files.open_blend(request.scene)
     data = read_scene(None, request.object_name, request.captures)
+    subject = files.object_named(data.mesh.name)
+    writable.check(subject, data.mesh)
+    data = steer.with_part(None, subject, data, request.settings.start, *request.part)
     read = time.perf_counter()
     with Staging(request.out) as staging:
         solution = solve_data(data, request.settings, Bouncer.of_open_file(request.scene))
         solved = time.perf_counter()
-        messages = material.write_maps(files.object_named(data.mesh.name), solution)
+        messages = material.write_maps(subject, solution)
         solution = replace(solution, warnings=(*solution.warnings, *messages))
         write_maps(solution.maps, data.mesh.name, staging.folder, request.kind)
         with console.quiet():

@@ -9,7 +9,7 @@ import numpy as np
 
 from .data import F32, F64, I32, Bool, Maps
 
-SEAM = 8.0  # texels: how far around the region the new result fades into the old
+SEAM, SEAM_SHARE = 8.0, 1 / 32  # how far around the region the new result fades: texels, at most this of the map
 VOXELS = 160  # at most, along the longest side of the surface
 
 
@@ -23,7 +23,8 @@ def fade(position: F32, covered: Bool, inside: Bool) -> F32:
         return np.asarray(inside & covered, np.float32)
     places = position[covered].astype(np.float64)
     low, high = places.min(axis=0), places.max(axis=0)
-    cell = max(0.5 * SEAM * _texel_width(position, covered), float((high - low).max()) / VOXELS, 1e-12)
+    seam = min(SEAM, SEAM_SHARE * len(covered))
+    cell = max(0.5 * seam * _texel_width(position, covered), float((high - low).max()) / VOXELS, 1e-12)
     at = (places - low) / cell + 1.5  # a voxel of margin all round
     shape = tuple(int(n) for n in np.ceil((high - low) / cell) + 4)
     voxel = np.ravel_multi_index(tuple(at.astype(np.int64).T), shape)

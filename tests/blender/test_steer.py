@@ -1,0 +1,186 @@
+"""Solving a part: which faces, groups and images mean, against the mesh itself; the whole job by operators."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from irpso_addon.blender import steer
+from irpso_addon.core.errors import BadInput
+
+SIZE = 64
+
+
+@pytest.fixture
+def cube(empty):
+    """A cube of six faces with UVs, subdivided once without smoothing by a modifier, and mirrored by its scale."""
+    bpy.ops.mesh.primitive_cube_add(size=2)
+    cube = bpy.context.object
+    cube.scale.x = -1.5
+    modifier = cube.modifiers.new("Subdivision", "SUBSURF")
+    modifier.subdivision_type, modifier.levels = "SIMPLE", 1
+    bpy.context.view_layer.update()
+    return cube
+
+
+def corners(obj):
+    """World positions (T, 3, 3) in the order that the region's weights are to have."""
+    from irpso_addon.blender.scene_mesh import read_mesh
+
+    return read_mesh(obj, bpy.context.evaluated_depsgraph_get(), {}, lambda _: None).positions
+
+
+def test_selected_faces_are_those_of_the_evaluated_mesh(cube):
+    for polygon in cube.data.polygons:
+        polygon.select = polygon.normal.z > 0.5
+    region = steer.faces_region(cube, bpy.context.evaluated_depsgraph_get())
+    top = corners(cube)[..., 2] > 0.999
+    np.testing.assert_array_equal(region.corners, np.repeat(top.all(1, keepdims=True), 3, 1))
+    assert region.corners.sum() == 3 * 8  # a face has become four, of two triangles each
+    cube.data.polygons.foreach_set("select", np.zeros(6, bool))
+    cube.data.update()
+    bpy.context.view_layer.update()
+    with pytest.raises(BadInput, match=r"Cube.*no face is selected.*Edit Mode"):
+        steer.faces_region(cube, bpy.context.evaluated_depsgraph_get())
+
+
+def test_a_vertex_group_is_weighed_at_the_corners(cube):
+    group = cube.vertex_groups.new(name="Soft")
+    for vertex in cube.data.vertices:
+        group.add([vertex.index], 0.5 + 0.5 * vertex.co.x, "REPLACE")  # 0 on the left, 1 on the right
+    bpy.context.view_layer.update()
+    region = steer.group_region(cube, bpy.context.evaluated_depsgraph_get(), "Soft")
+    np.testing.assert_allclose(region.corners, 0.5 - 0.5 * corners(cube)[..., 0] / 1.5, atol=1e-6)  # mirrored
+    for name, words in (("Hard", r"no vertex group 'Hard' \(it has 'Soft'\)"), ("", "no vertex group is chosen")):
+        with pytest.raises(BadInput, match=words):
+            steer.group_region(cube, bpy.context.evaluated_depsgraph_get(), name)
+
+
+@pytest.mark.parametrize("is_float", [False, True])
+def test_an_image_is_white_by_its_colour_and_alpha(empty, is_float):
+    image = bpy.data.images.new("Part", 4, 2, alpha=True, float_buffer=is_float)
+    pixels = np.zeros((2, 4, 4), np.float32)
+    pixels[0, 1], pixels[1, 2], pixels[1, 3] = (1, 1, 1, 1), (1, 1, 0, 1), (1, 1, 1, 0)
+    image.pixels.foreach_set(pixels.ravel())
+    region = steer.image_region(image)
+    np.testing.assert_array_equal(region.image > 0.5, [[False, True, False, False], [False, False, True, False]])
+    image.pixels.foreach_set(np.zeros(32, np.float32))
+    with pytest.raises(BadInput, match=r"Part.*nowhere white"):
+        steer.image_region(image)
+    with pytest.raises(BadInput, match="no image is chosen"):
+        steer.image_region(None)
+
+
+# ---- by operators
+
+
+@pytest.fixture
+def scene(extension, scenes: Path, tmp_path: Path) -> bpy.types.Scene:
+    """The good scene, its ball solved once."""
+    shutil.copytree(scenes / "good", tmp_path / "good")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "good" / "scene.blend"), load_ui=False)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    settings = bpy.context.scene.irpso
+    settings.size, settings.captures, settings.indirect = SIZE, "//captures.json", "off"
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    return bpy.context.scene
+
+
+def pixels(name: str) -> np.ndarray:
+    image = bpy.data.images[name]
+    values = np.empty(image.size[0] * image.size[1] * 4, "f4")
+    image.pixels.foreach_get(values)
+    return values.reshape(image.size[1], image.size[0], 4)[..., :3]
+
+
+def spoil(name: str, value: float) -> None:
+    """Every pixel of one of the object's maps, so that what is kept can be told from what is new."""
+    values = np.full(SIZE * SIZE * 4, value, np.float32)
+    bpy.data.images[name].pixels.foreach_set(values)
+
+
+def test_a_part_is_solved_and_the_rest_kept(scene):
+    whole, known = pixels("Ball_roughness")[..., 0], pixels("Ball_confidence")[..., 0] > 0
+    for module in [m for n, m in sys.modules.items() if n == "irpso_ext.irpso_addon.blender.session"]:
+        module.forget()  # as after opening the saved file: the maps on the material are what is kept
+    spoil("Ball_roughness", 0.9)
+    ball = bpy.data.objects["Ball"]
+    ball.data.polygons.foreach_set("select", [polygon.center.x > 0 for polygon in ball.data.polygons])
+    scene.irpso.region = "FACES"
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    now = pixels("Ball_roughness")[..., 0]
+    bpy.ops.irpso.bake_gbuffer()
+    x = pixels("Ball_position")[..., 0]
+    assert np.quantile(np.abs(now - whole)[known & (x > 0.1)], 0.95) < 0.02
+    np.testing.assert_allclose(now[known & (x < -0.4)], 0.9, atol=1e-6)  # two texels are 0.2 m
+    seam = now[known & (x > -0.4) & (x < 0)]
+    assert 0.1 < np.mean((seam > 0.5) & (seam < 0.85))  # it is soft
+
+
+def test_starting_at_the_last_result_ends_where_it_was(scene):
+    before = {name: pixels(f"Ball_{name}") for name in ("roughness", "basecolor")}
+    scene.irpso.start = "last"
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    sure = pixels("Ball_confidence")[..., 0] > 0.5
+    for name, values in before.items():
+        off = np.abs(pixels(f"Ball_{name}") - values)[sure]
+        assert np.median(off) < 1e-4 and np.quantile(off, 0.99) < 0.01
+
+
+def test_what_cannot_take_the_maps_is_refused_before_the_solve(scene):
+    material = bpy.data.materials["Paint"]
+    tree = material.node_tree
+    principled = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    images = len(bpy.data.images)
+
+    def refused(*words):
+        with pytest.raises(RuntimeError) as caught:
+            bpy.ops.irpso.solve()
+        assert all(word in str(caught.value) for word in words), str(caught.value)
+        assert len(bpy.data.images) == images
+
+    principled.mute = True
+    refused("material 'Paint'", "muted", "unmute it")
+    principled.mute = False
+    output = tree.get_output_node("CYCLES")
+    group = bpy.data.node_groups.new("Their Shader", "ShaderNodeTree")
+    inner = group.nodes.new("ShaderNodeBsdfPrincipled")
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    group.links.new(inner.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    link = tree.links.new(node.outputs[0], output.inputs["Surface"])
+    refused("material 'Paint'", "inside node group 'Their Shader'", "ungroup")
+    tree.links.remove(link)
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
+    refused("material 'Paint'", "no Principled BSDF feeds its output")
+    # A muted node hands on what it is given.
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    mix.mute = True
+    tree.links.new(principled.outputs[0], mix.inputs[1])
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    # A slot that no face uses needs no Principled BSDF.
+    other = bpy.data.materials.new("Other")
+    if other.node_tree is None:
+        other.use_nodes = True
+    other.node_tree.nodes.clear()
+    bpy.data.objects["Ball"].data.materials.append(other)
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+
+
+def test_what_is_linked_from_a_library_is_refused(scene, tmp_path_factory):
+    tmp_path = tmp_path_factory.mktemp("library")
+    library = tmp_path / "library.blend"
+    bpy.data.libraries.write(str(library), {bpy.data.materials["Paint"]})
+    with bpy.data.libraries.load(str(library), link=True) as (_, linked):
+        linked.materials = ["Paint"]
+    bpy.data.objects["Ball"].data.materials[0] = linked.materials[0]
+    with pytest.raises(RuntimeError, match="Paint: this material is linked from a library; make it local"):
+        bpy.ops.irpso.solve()
