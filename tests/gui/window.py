@@ -109,18 +109,19 @@ class Blender:
         return {**kept, "HOME": str(self.home), "LANG": "C.UTF-8", "XDG_RUNTIME_DIR": "/tmp", **more}
 
     def run(self, scenario: str, folder: Path, *, gpu: str = "opengl", limit: float = LIMIT,
-            screen_size: tuple[int, int] = SIZE, may_die: bool = False, **arguments: Any) -> Outcome:
+            screen_size: tuple[int, int] = SIZE, **arguments: Any) -> Outcome:
         """Play ``scenario`` ("module:function" below inside/) in a new window; its keyword arguments follow.
 
         Raises AssertionError, with the end of the log, when the scenario fails, when Blender crashes or takes longer
         than ``limit`` seconds, or when its exit status is not 0.
         """
+        __tracebackhide__ = True
         shutil.rmtree(folder, ignore_errors=True)
         (folder / "wanted").mkdir(parents=True)
         shutil.copytree(self.user, folder / "user", symlinks=True)
         (folder / "scenario.json").write_text(json.dumps({"scenario": scenario, "arguments": arguments}))
         command = [self.program, "--gpu-backend", gpu, "--enable-event-simulate", "--window-geometry", "0", "0",
-                   str(screen_size[0]), str(screen_size[1]), "--python-exit-code", "1", "-P", str(BOOT), "--", str(folder)]
+                   *map(str, screen_size), "--python-exit-code", "1", "-P", str(BOOT), "--", str(folder)]
         with screen(folder / "screen", screen_size) as display, open(folder / "blender.log", "wb") as log:
             environment = self.environment(
                 DISPLAY=display.display, BLENDER_USER_RESOURCES=str(folder / "user"), PYTHONUNBUFFERED="1",
@@ -131,10 +132,37 @@ class Blender:
         told_file = folder / "told.json"
         told = json.loads(told_file.read_text()) if told_file.exists() else {}
         outcome = Outcome(told, folder)
-        if not may_die and (status != 0 or not told.get("finished")):
+        wrong = _wrong(status, told, outcome.log, folder / "user")
+        if wrong:
             tail = "\n".join(outcome.log.splitlines()[-40:])
-            raise AssertionError(f"{scenario}: exit status {status}; the end of {folder / 'blender.log'}:\n{tail}")
+            raise AssertionError(f"{scenario}: {wrong}; the end of {folder / 'blender.log'}:\n{tail}")
         return outcome
+
+
+def _wrong(status: int, told: Mapping[str, Any], log: str, user: Path) -> str:
+    """What no Blender may do, whatever the scenario: crash, hang, raise, leave a process behind."""
+    if status != 0 or not told.get("finished"):
+        return "took too long" if status == -9 else f"exit status {status}"
+    if "Traceback" in log or "Error: Not freed" in log:
+        return "an error in the log"
+    until = time.monotonic() + 3
+    while left := _processes_of(user):
+        if time.monotonic() > until:
+            return f"processes left behind: {left}"
+        time.sleep(0.1)
+    return ""
+
+
+def _processes_of(user: Path) -> list[str]:
+    """The command lines of processes that Blender started: they have its environment."""
+    mark, found = f"BLENDER_USER_RESOURCES={user}".encode(), []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark in (process / "environ").read_bytes().split(b"\0"):
+                found.append((process / "cmdline").read_bytes().replace(b"\0", b" ").decode()[:200])
+        except OSError:  # it has ended, or is another user's
+            pass
+    return found
 
 
 def _attend(blender: subprocess.Popen[bytes], display: Screen, folder: Path, limit: float) -> int:

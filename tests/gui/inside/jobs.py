@@ -8,51 +8,139 @@ import bpy
 import robot
 from robot import Steps
 
+EARLY = 0.15  # of a solve: far enough to have something to keep
 
-def opened(scene: str, size: int) -> Steps:
+
+def opened(scene: str, size: int, shading: str = "SOLID", indirect: str = "off") -> Steps:
     """A scene with its object in sight and active, and the tab open."""
     bpy.ops.wm.open_mainfile(filepath=f"{scene}/scene.blend", load_ui=False)
     yield 0.5
     settings = bpy.context.scene.irpso
-    settings.captures, settings.size = "//captures.json", size
+    settings.captures, settings.size, settings.indirect = "//captures.json", size, indirect
     obj = next(o for o in bpy.context.scene.objects if o.type == "MESH")
     bpy.context.view_layer.objects.active = obj
     with robot.within():
         bpy.ops.object.select_all(action="DESELECT")
         obj.select_set(True)
         bpy.ops.view3d.view_selected()
+        bpy.ops.ed.undo_push(message="Opened")
+    view = robot.area().spaces.active
+    view.shading.type, view.shading.color_type = shading, "TEXTURE"
     yield from robot.open_tab()
 
 
+def subject() -> bpy.types.Object | None:
+    """The object that is solved."""
+    return bpy.context.view_layer.objects.active
+
+
+def session() -> object:
+    """The add-on's own memory."""
+    return robot.addon("irpso_addon.blender.session")
+
+
 def running() -> object:
-    """The session's running job."""
-    return robot.addon("irpso_addon.blender.session").running
-
-
-def started() -> Steps:
-    """Press Solve."""
-    yield from robot.press("irpso.solve(")
-    yield from robot.until(running, 5)
-
-
-def ended() -> Steps:
-    """Wait for the end; returns the seconds it took from here."""
-    began = time.monotonic()
-    yield from robot.until(lambda: running() is None)
-    return time.monotonic() - began
+    """The running job, None when there is none."""
+    return session().running
 
 
 def solution() -> object:
     """The last one of the active object."""
-    return robot.addon("irpso_addon.blender.session").solution_of(bpy.context.view_layer.objects.active)
+    return session().solution_of(subject())
 
 
-def whole(scene: str, size: int) -> Steps:
+def started(wait: float = 5) -> Steps:
+    """Press Solve; returns where it is."""
+    spot = yield from robot.find("irpso.solve(")
+    yield from robot.click(*spot)
+    yield from robot.until(running, wait)
+    return spot
+
+
+def far_enough(part: float = EARLY) -> Steps:
+    """Wait until a part of it is done."""
+    yield from robot.until(lambda: running() is None or running().progress.fraction > part)
+    assert running() is not None, "it was over before it could be stopped"
+
+
+def ended(limit: float = robot.PATIENCE) -> Steps:
+    """Wait for the end; returns the seconds it took from here."""
+    began = time.monotonic()
+    yield from robot.until(lambda: running() is None, limit, step=0.005)
+    return time.monotonic() - began
+
+
+def linked(obj: bpy.types.Object) -> dict[str, str]:
+    """Which image feeds which input of the object's Principled node, through whatever lies between."""
+    found = {}
+    for node in obj.active_material.node_tree.nodes:
+        if node.type == "BSDF_PRINCIPLED":
+            for name in ("Base Color", "Roughness"):
+                stack = [link.from_node for link in node.inputs[name].links]
+                while stack:
+                    source = stack.pop()
+                    if source.type == "TEX_IMAGE" and source.image:
+                        found[name] = source.image.name
+                    stack += [link.from_node for i in source.inputs for link in i.links]
+    return found
+
+
+def whole(scene: str, size: int, shading: str = "MATERIAL") -> Steps:
     """From the panel to maps on the material and files."""
     yield from opened(scene, size)
     yield from robot.look("panel")
     yield from started()
     robot.tell(seconds=(yield from ended()))
-    yield from robot.look("solved", 3)
+    robot.area().spaces.active.shading.type = shading
+    yield from robot.look("solved", 4)
     assert solution() is not None
-    robot.tell(maps={role: value for role, value in solution().texels.items()})
+    robot.tell(texels=dict(solution().texels), linked=linked(subject()))
+    with robot.within():
+        bpy.ops.ed.undo()
+    yield 0.5
+    robot.tell(undone=linked(subject()))
+    with robot.within():
+        bpy.ops.ed.redo()
+    yield 0.5
+    robot.tell(redone=linked(subject()))
+    yield from robot.look("redone")
+
+
+def stopped(scene: str, size: int) -> Steps:
+    """Esc, then the button; each keeps what was found.  And a pause."""
+    yield from opened(scene, size)
+    times = {}
+    for way in ("esc", "button"):
+        spot = yield from started()
+        where = (yield from robot.find("irpso.stop(", across=(0.93,), below=spot[1])) if way == "button" else None
+        yield from far_enough()
+        before = time.monotonic()
+        if where:
+            yield from robot.click(*where)
+        else:
+            yield from robot.key("ESC")
+        before = time.monotonic() - robot.HOVER  # both end a hover after the event that counts
+        yield from ended(10)
+        times[way] = time.monotonic() - before
+        assert solution() is not None and solution().cancelled, way
+        assert linked(subject()), way
+        yield from robot.look(f"stopped-{way}")
+    robot.tell(stopped=times)
+
+
+def paused(scene: str, size: int) -> Steps:
+    """Pause for a while; it stands still, goes on, and ends as if nothing had been."""
+    yield from opened(scene, size)
+    spot = yield from started()
+    pause = yield from robot.find("irpso.pause(", across=(0.8, 0.7, 0.9), below=spot[1])
+    yield from far_enough()
+    yield from robot.click(*pause)
+    yield 0.7  # a step that was under way may end
+    stands = running().progress.fraction
+    yield from robot.look("paused")
+    yield 1
+    assert running() is not None and running().progress.fraction == stands, "it goes on in the pause"
+    yield from robot.click(*pause)
+    yield from ended()
+    assert solution() is not None and not solution().cancelled
+    robot.tell(texels=dict(solution().texels))

@@ -61,11 +61,15 @@ def _end(status: int) -> None:
     until = time.monotonic() + 5
     while any((FOLDER / "wanted").iterdir()) and time.monotonic() < until:
         time.sleep(0.02)
-    _told["finished"] = status == 0
-    (FOLDER / "told.json").write_text(json.dumps(_told))
-    sys.stdout.flush()
+    write(status == 0)
     with bpy.context.temp_override(window=window()):
         bpy.ops.wm.quit_blender()
+
+
+def write(finished: bool) -> None:
+    """Leave what was told for the test, with whether the scenario came to its end."""
+    (FOLDER / "told.json").write_text(json.dumps({**_told, "finished": finished}))
+    sys.stdout.flush()
 
 
 def shot(name: str) -> None:
@@ -158,24 +162,30 @@ def hovered(of: str, kind: str) -> str:
     return ""
 
 
-def find(what: str, of: str = "VIEW_3D", kind: str = "UI", across: tuple[float, ...] = (0.5, 0.9)) -> Steps:
+def find(what: str, of: str = "VIEW_3D", kind: str = "UI", across: tuple[float, ...] = (0.5, 0.9),
+         below: float | None = None) -> Steps:
     """Go down a region with the mouse until it is over ``what`` (part of a command or data path); returns (x, y).
 
-    ``across``: at which parts of the region's width to go down.  Raises AssertionError with what was met instead.
+    ``across``: at which parts of the region's width to go down; ``below``: from which height, by default the top.
+    Panels may still be sliding open: found is what is there a moment later too.
+    Raises AssertionError with what was met instead.
     """
-    met = []
-    at = region(kind, of)
-    for part in across:
+    met: list[str] = []
+    for part in (*across, *across):
+        at = region(kind, of)
         x = at.x + int(at.width * part)
-        for y in range(at.y + at.height - 8, at.y + 4, -11):
+        for y in range(int(below or at.y + at.height - 8), at.y + 4, -11):
             move(x, y)
             yield 0.02
             here = hovered(of, kind)
-            if here and here not in met:
-                met.append(here)
+            if what in here:
+                yield 0.2
+                here = hovered(of, kind)
             if what in here:
                 say("found", here, "at", (x, y))
                 return x, y
+            if here and here not in met:
+                met.append(here)
     shot(f"no-{what.replace('/', '-')}")
     yield 0.5
     raise AssertionError(f"no {what} in {of} {kind}; there are {met}")
