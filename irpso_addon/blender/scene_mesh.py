@@ -219,6 +219,7 @@ def _floats(collection: Any, attribute: str, width: int) -> F32:
 
 
 def integers(collection: Any, attribute: str, width: int) -> I32:
+    """(N, width) of an attribute of a collection."""
     out = np.empty(len(collection) * width, np.int32)
     collection.foreach_get(attribute, out)
     return out.reshape(-1, width)
