@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -11,33 +12,31 @@ from . import readiness, thumbnails
 from .readiness import ViewState
 from .tab import Tab, letters, split, wrapped
 
-ROW = 1.7  # height of a view's line in the list, in buttons
-LARGE = 5.0  # of the active view's picture
+NO_PICTURE = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items["IMAGE_DATA"].value
+WIDE = 45  # letters of the sidebar from which whole names have room in a line of the list
+NAME = 0.44  # share of a line for the file's name
+LARGE = 4.4  # height of the active view's picture, in buttons
 
 
 class IRPSO_UL_views(UIList):
-    """Views: on or off, picture, file, camera, lights, exposure; or what is wrong."""
+    """Views: on or off, picture, file, camera, light and exposure; or what is wrong."""
 
     def draw_item(self, context, layout, _data, view, _icon, _active_data, _active_property, index=0, _flag=0):
-        """One line of the list: two lines of text beside the picture."""
+        """One line of the list."""
         layout.use_property_split = False  # the panel's; it would leave half of the line empty
         states = readiness.recent(context).views
         state = states[index] if index < len(states) else ViewState("")
         row = layout.row(align=True)
-        use = row.column()
-        use.scale_y = ROW
-        use.prop(view, "enabled", text="")
-        row.template_icon(icon_value=_picture(view, state), scale=ROW)
-        text = row.column(align=True)
-        text.active = view.enabled
-        text.scale_y = ROW / 2
-        text.label(text=state.name or "No image")
+        row.prop(view, "enabled", text="")
+        row.label(text="", icon_value=_picture(view, state))
+        parts = row.split(factor=NAME)
+        parts.active = view.enabled
+        parts.label(text=Path(state.name).stem or "No image")
         if state.faults:
-            text.label(text=state.faults[0], icon="ERROR")
+            parts.alert = True
+            parts.label(text=state.faults[0])
         else:
-            line = text.row()
-            line.active = False
-            line.label(text=_summary(view, state), icon="INFO" if state.notes else "NONE")
+            _draw_taken(parts, context, view, state)
 
     def filter_items(self, _context, data, name):
         """By the names of file, camera and lights."""
@@ -56,14 +55,32 @@ def _searched(view: Any) -> str:
 def _picture(view: Any, state: ViewState) -> int:
     """The view's picture, or a sign in its place."""
     found = thumbnails.icon(state.image, view.exposure, view.colorspace) if state.image else 0
-    return found or bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items["IMAGE_DATA"].value
+    return found or NO_PICTURE
 
 
-def _summary(view: Any, state: ViewState) -> str:
-    """Camera, lights and exposure of a view in one line."""
-    lights = [item.light.name for item in view.lights if item.light]
-    parts = [view.camera.name, lights[0] if len(lights) == 1 else f"{state.lights} lights"]
-    return ", ".join(parts + ([f"{view.exposure:+.1f} EV"] if abs(view.exposure) >= 0.05 else []))
+def _draw_taken(layout: bpy.types.UILayout, context: bpy.types.Context, view: Any, state: ViewState) -> None:
+    """By which camera, under which light, at what exposure; a narrow sidebar shows only what tells them apart."""
+    wide, found = letters(context) > WIDE, readiness.recent(context)
+    parts = layout.split(factor=0.5)
+    parts.label(text=state.camera if wide else state.camera.removeprefix(found.camera_prefix))
+    last = parts.row(align=True)
+    exposure = f" {view.exposure:+.1f} EV" if wide and abs(view.exposure) >= 0.05 else ""
+    last.label(text=(state.light if wide else state.light.removeprefix(found.light_prefix)) + exposure)
+    if state.notes:
+        last.label(text="", icon="INFO")
+
+
+def _draw_heads(layout: bpy.types.UILayout) -> None:
+    """What stands in the list's columns."""
+    row = layout.row(align=True)
+    row.active = False
+    for _ in range(2):
+        row.label(text="", icon="BLANK1")
+    parts = row.split(factor=0.86 * NAME)  # the list's lines are shorter by its scroll bar
+    parts.label(text="Image")
+    rest = parts.split(factor=0.42)
+    rest.label(text="", icon="CAMERA_DATA")
+    rest.label(text="", icon="LIGHT")
 
 
 class IRPSO_MT_views(Menu):
@@ -94,6 +111,8 @@ class IRPSO_PT_capture(Tab, Panel):
             return
         if settings.views:
             self._draw_list(layout, settings)
+        else:
+            layout.label(text="No views yet: add the pictures", icon="INFO")
         column = layout.column(align=True)
         column.operator("irpso.add_folder", icon="FILE_FOLDER")
         column.operator("irpso.add_views", icon="CAMERA_DATA")
@@ -104,8 +123,11 @@ class IRPSO_PT_capture(Tab, Panel):
     @staticmethod
     def _draw_list(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
         row = layout.row()
-        row.template_list("IRPSO_UL_views", "", settings, "views", settings, "active_view", rows=4)
+        column = row.column(align=True)
+        _draw_heads(column)
+        column.template_list("IRPSO_UL_views", "", settings, "views", settings, "active_view", rows=6)
         buttons = row.column(align=True)
+        buttons.label(text="", icon="BLANK1")
         buttons.operator("irpso.add_view", text="", icon="ADD")
         buttons.operator("irpso.remove_view", text="", icon="REMOVE")
         buttons.separator()
@@ -126,11 +148,13 @@ def _draw_file(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 def _draw_view(layout: bpy.types.UILayout, context: bpy.types.Context, view: Any, state: ViewState) -> None:
     """The active view: its picture, what is wrong, everything that can be changed."""
     box = layout.box()
-    top = box.row()
-    top.template_icon(icon_value=_picture(view, state), scale=LARGE)
-    facts = top.column(align=True)
-    for line in _facts(state):
-        facts.label(text=line)
+    picture = _picture(view, state)
+    if picture != NO_PICTURE:
+        top = box.split(factor=0.4)
+        top.template_icon(icon_value=picture, scale=LARGE)
+        facts = top.column(align=True)
+        for line in _facts(state):
+            facts.label(text=line)
     says = box.column(align=True)
     for text, icon in ((state.faults, "ERROR"), (state.notes, "INFO")):
         for line in text:
@@ -155,8 +179,8 @@ def _draw_lights(layout: bpy.types.UILayout, view: Any, state: ViewState) -> Non
     lights = layout.column(align=True)
     for index, item in enumerate(view.lights):
         row = lights.row(align=True)
-        row.prop(item, "light", text="" if index else "Lights")
-        row.operator("irpso.remove_view_light", text="", icon="X").index = index
+        row.prop(item, "light", text=" " if index else "Lights")
+        row.operator("irpso.remove_view_light", text="", icon="REMOVE").index = index
     if not view.lights:
         lights.label(text=f"Lights: all {state.lights} that render", icon="LIGHT")
     layout.operator("irpso.set_view_lights", icon="RESTRICT_SELECT_OFF")

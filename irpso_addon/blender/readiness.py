@@ -5,8 +5,9 @@ Only what is in memory is read, so that panels may ask on every redraw: files ar
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ class ViewState:
     image: str  # absolute path, "" where there is none
     camera: str = ""
     lights: int = 0  # how many
+    light: str = ""  # the one, or how many, in words
     used: bool = True  # not switched off
     file: Glance | None = None
     faults: Faults = field(default_factory=list)  # with these it cannot be used
@@ -50,6 +52,8 @@ class Survey:
 
     views: list[ViewState]
     faults: Faults  # of anything but a view
+    camera_prefix: str = ""  # with which all names of cameras in the list begin
+    light_prefix: str = ""
 
     def problems(self) -> list[str]:
         """A line for each thing that must be put right; of views with the same fault, one."""
@@ -99,7 +103,8 @@ def survey(context: bpy.types.Context) -> Survey:
     views, faults = reader.views(scene.irpso)
     if not bpy.data.filepath:
         faults.insert(0, "The file was never saved; save it first")
-    return Survey(views, faults + _object_faults(context.active_object))
+    return Survey(views, faults + _object_faults(context.active_object), _prefix(view.camera for view in views),
+                  _prefix(view.light for view in views if view.lights == 1))
 
 
 def _object_faults(obj: bpy.types.Object | None) -> Faults:
@@ -147,13 +152,14 @@ class _Reader:
             lamps = [self.objects.get(name) for name in entry.lights]
             faults += [f"Light '{name}' is not in the scene" for name, lamp in zip(entry.lights, lamps, strict=True)
                        if lamp is None or lamp.type != "LIGHT"]
-            view = ViewState(str(entry.image), entry.camera, len(lamps), faults=faults)
-            views.append(self._checked(view, camera, str(entry.mask or ""), entry.colorspace or ""))
+            state = ViewState(str(entry.image), entry.camera, len(lamps), _light(entry.lights), faults=faults)
+            views.append(self._checked(state, camera, str(entry.mask or ""), entry.colorspace or ""))
         return views, []
 
     def _entry(self, entry: Any) -> ViewState:
         camera, lamps = entry.camera, [item.light for item in entry.lights]
-        view = ViewState(bpy.path.abspath(entry.image), camera.name if camera else "", len(lamps), entry.enabled)
+        view = ViewState(bpy.path.abspath(entry.image), camera.name if camera else "", len(lamps),
+                         _light([lamp.name if lamp else "" for lamp in lamps]), entry.enabled)
         if not entry.image:
             view.faults.append("No image")
         if camera is None:
@@ -162,14 +168,17 @@ class _Reader:
             view.faults.append(f"Camera '{camera.name}' was deleted")
         for lamp in lamps:
             if lamp is None:
-                view.faults.append("A light is not chosen")
+                view.faults.append("No light")
             elif self.objects.get(lamp.name) != lamp:
                 view.faults.append(f"Light '{lamp.name}' was deleted")
         return self._checked(view, camera, bpy.path.abspath(entry.mask), entry.colorspace)
 
     def _background(self, camera: bpy.types.Object, slot: Any) -> ViewState:
-        path = bpy.path.abspath(slot.image.filepath, library=slot.image.library)
-        return self._checked(ViewState(path, camera.name), camera, "", slot.image.colorspace_settings.name)
+        image = slot.image
+        view = ViewState(bpy.path.abspath(image.filepath, library=image.library), camera.name, 0, _light([]))
+        if image.packed_file is not None or image.source != "FILE":
+            view.faults.append("Is not a single file on disk; unpack it (File > External Data)")
+        return self._checked(view, camera, "", image.colorspace_settings.name)
 
     def _checked(
         self, view: ViewState, camera: bpy.types.Object | None, mask: str, colorspace: str,
@@ -218,6 +227,20 @@ def _mark_duplicates(views: Sequence[ViewState]) -> None:
     for number, view in enumerate(views, 1):
         if view.image and view.used and (earlier := first.setdefault(same_file(view.image), number)) != number:
             view.notes.append(f"Same image as view {earlier}")
+
+
+def _light(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{len(names)} lights" if names else "All lights"
+
+
+def _prefix(names: Iterable[str]) -> str:
+    """What the names, if there are several, begin with, up to the last whole word: "Camera " of "Camera 1, 2"."""
+    different = sorted({name for name in names if name})
+    if len(different) < 2:
+        return ""
+    first, last = different[0], different[-1]
+    same = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
+    return re.sub(r"[^\W_]+$", "", first[:same])
 
 
 def _some(names: Sequence[str]) -> str:

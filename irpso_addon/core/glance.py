@@ -25,7 +25,7 @@ from .image_file import ImageFile, open_image
 SIDE = 64  # pixels of a thumbnail's longer side
 SAMPLES = 4  # pixels read for each of a thumbnail's, along either side
 STRIP = 4_000_000  # pixels read at a time: 64 MB as RGBA float
-MISSING = "File not found"
+MISSING = "File missing"
 AGAIN = 1.0  # seconds until a file is looked at again
 
 Stamp = tuple[int, int]  # time of change, bytes
