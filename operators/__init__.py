@@ -14,6 +14,7 @@ from .set_view_lights import IRPSO_OT_set_view_lights
 from .solve import IRPSO_OT_solve
 from .sort_views import IRPSO_OT_sort_views
 from .stop import IRPSO_OT_stop
+from .test_device import IRPSO_OT_test_device
 from .write_maps import IRPSO_OT_write_maps
 
 CLASSES = (
@@ -32,4 +33,5 @@ CLASSES = (
     IRPSO_OT_stop,
     IRPSO_OT_write_maps,
     IRPSO_OT_export_maps,
+    IRPSO_OT_test_device,
 )

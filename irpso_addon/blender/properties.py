@@ -93,7 +93,7 @@ class IRPSO_PG_scene(PropertyGroup):
     format: EnumProperty(name="Format", description="File format of exported maps", items=FORMATS)
 
 
-def _rna(field: Field[Any]) -> Any:
+def rna(field: Field[Any]) -> Any:
     """The RNA property of one row of the parameter table."""
     meta = field.metadata
     common = {"name": meta["label"], "description": meta["doc"], "default": field.default}
@@ -108,7 +108,7 @@ def _rna(field: Field[Any]) -> Any:
     return FloatProperty(precision=3, **common, **limits)
 
 
-IRPSO_PG_scene.__annotations__.update({field.name: _rna(field) for field in fields(SolveSettings)})
+IRPSO_PG_scene.__annotations__.update({field.name: rna(field) for field in fields(SolveSettings)})
 
 
 def settings(group: IRPSO_PG_scene) -> SolveSettings:

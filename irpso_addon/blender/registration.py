@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from . import panels, properties, session, thumbnails
+from . import panels, preferences, properties, session, thumbnails
 from .oiio import ensure_openimageio
 
 COMMAND = "irpso"
@@ -26,7 +26,7 @@ def register(operators: Sequence[type]) -> None:
     _operators = tuple(operators)
     ensure_openimageio()
     properties.register()
-    for cls in (*_operators, *panels.CLASSES):
+    for cls in (*_operators, *preferences.CLASSES, *panels.CLASSES):
         bpy.utils.register_class(cls)
     bpy.app.handlers.load_pre.append(session.forget)
     _command_handle = bpy.utils.register_cli_command(COMMAND, _command)
@@ -39,9 +39,10 @@ def unregister() -> None:
     atexit.unregister(unregister)
     bpy.utils.unregister_cli_command(_command_handle)
     session.forget()
+    preferences.forget()
     thumbnails.release()
     bpy.app.handlers.load_pre.remove(session.forget)
-    for cls in reversed((*_operators, *panels.CLASSES)):
+    for cls in reversed((*_operators, *preferences.CLASSES, *panels.CLASSES)):
         bpy.utils.unregister_class(cls)
     properties.unregister()
 

@@ -18,17 +18,18 @@ ALLOWED = {
     "core": {"core"},
     "gpu": {"core", "gpu"},
     "pipeline": {"core", "gpu"},
+    "examine": {"core", "gpu", "pipeline"},
     "preview": {"core", "gpu", "pipeline", "worker"},
     "channel": set(),
     "worker": {"core", "gpu", "channel"},  # it finds its jobs by their names
     "remote": {"core", "channel"},
-    "blender": {"core", "gpu", "pipeline", "remote", "blender"},
-    "cli": {"core", "gpu", "pipeline", "blender", "cli"},
+    "blender": {"core", "gpu", "pipeline", "examine", "remote", "blender"},
+    "cli": {"core", "gpu", "pipeline", "examine", "blender", "cli"},
     "__main__": {"core", "gpu", "pipeline", "blender", "cli"},
 }
 # One arrow back: Blender's start hands the command line's main() to Blender, which calls it much later.
 EXCEPTIONS = {("blender/registration.py", "irpso_addon.__main__.main")}
-FREE_OF_BLENDER = {"core", "gpu", "pipeline", "preview", "channel", "worker", "remote", "cli", "__main__"}
+FREE_OF_BLENDER = {"core", "gpu", "pipeline", "examine", "preview", "channel", "worker", "remote", "cli", "__main__"}
 
 
 def files(room: str) -> list[Path]:

@@ -1,0 +1,131 @@
+"""The add-on's preferences: how the graphics device is used, and what was detected of it.
+
+The device is looked at in a process of its own, as everything that touches OpenGL while there is a window.
+"""
+
+from dataclasses import fields
+
+import bpy
+from bpy.types import AddonPreferences
+
+from ..core.errors import BadInput, Cancelled
+from ..core.params import DeviceSettings
+from ..examine import Detected, Tested
+from ..remote import Remote
+from .properties import rna
+from .tab import split, wrapped
+
+EXTENSION = (__package__ or "").rsplit(".", 2)[0]  # bl_ext.<repository>.irpso, or whatever imported us
+POLL = 0.1  # seconds
+
+_job: Remote | None = None
+_asked: str | None = None  # for which kernels the device was looked at
+_found: Detected | Tested | str | None = None  # or why it cannot be used
+
+
+class IRPSO_AP_preferences(AddonPreferences):
+    """How the graphics device is used.  The fields of `DeviceSettings` are added below."""
+
+    bl_idname = EXTENSION
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        """The settings; beside them, what was detected."""
+        if _asked != self.kernels and not bpy.app.timers.is_registered(detect):
+            bpy.app.timers.register(detect)  # it may not be started while drawing
+        column = split(self.layout).column()
+        for field in fields(DeviceSettings):
+            unit = field.metadata["unit"]
+            column.prop(self, field.name, text=f"{field.metadata['label']} ({unit})" if unit else None)
+        _draw_device(self.layout.box())
+
+
+IRPSO_AP_preferences.__annotations__ = {field.name: rna(field) for field in fields(DeviceSettings)}
+CLASSES = (IRPSO_AP_preferences,)
+
+
+def device_settings() -> DeviceSettings:
+    """What the preferences say; the table's defaults where the add-on has none (loaded by a script)."""
+    addon = bpy.context.preferences.addons.get(EXTENSION)
+    if addon is None or addon.preferences is None:
+        return DeviceSettings()
+    return DeviceSettings(**{field.name: getattr(addon.preferences, field.name) for field in fields(DeviceSettings)})
+
+
+def detect() -> None:
+    """Looks at the device, in the background."""
+    _start("examine:detect")
+
+
+def test() -> None:
+    """Looks at the device and solves a small scene on it, in the background."""
+    _start("examine:test")
+
+
+def testing() -> bool:
+    """Whether one of the two is under way."""
+    return _job is not None
+
+
+def forget() -> None:
+    """Ends what is under way."""
+    global _job
+    for timer in (detect, _wait):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
+    if _job is not None:
+        _job.cancel()
+        _job = None
+
+
+def _start(task: str) -> None:
+    global _job, _asked, _found
+    forget()
+    settings = device_settings()
+    _asked = settings.kernels
+    try:
+        _job = Remote(task, settings=settings)
+    except BadInput as error:
+        _found = str(error)
+        return
+    bpy.app.timers.register(_wait, first_interval=POLL, persistent=True)
+
+
+def _wait() -> float | None:
+    """Takes the answer when it is there."""
+    global _job, _found
+    assert _job is not None
+    if not _job.done:
+        return POLL
+    try:
+        _found = _job.result()
+    except (BadInput, Cancelled, RuntimeError) as error:  # RuntimeError: the driver took the process down
+        _found = str(error)
+    _job = None
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "PREFERENCES":
+                area.tag_redraw()
+    return None
+
+
+def _draw_device(box: bpy.types.UILayout) -> None:
+    row = box.row()
+    row.label(text="Graphics Device")
+    row.operator("irpso.test_device", icon="PLAY")
+    if testing() or _found is None:
+        box.label(text="Looking at the graphics device ...", icon="SORTTIME")
+    elif isinstance(_found, str):
+        wrapped(box.column(align=True), _found, 90)
+    else:
+        device = _found.device if isinstance(_found, Tested) else _found
+        rows = [("Renderer", device.renderer), ("OpenGL", device.version),
+                ("Kernels", {"compute": "Compute Shaders", "fragment": "Fragment Shaders"}[device.kernels])]
+        rows += [(name[:1].upper() + name[1:], f"{limit:,}") for name, limit in device.limits.items()]
+        if isinstance(_found, Tested):
+            rows.append(("Test", f"Passed in {_found.seconds:.1f} s; roughness is off by {_found.rough_error:.4f}"))
+        column = box.column(align=True)
+        for name, value in rows:
+            line = column.split(factor=0.3)
+            line.alignment = "RIGHT"
+            line.label(text=name)
+            line.label(text=value)

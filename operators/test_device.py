@@ -1,0 +1,39 @@
+"""Test the graphics device, as ``irpso doctor`` does."""
+
+import bpy
+
+from ..irpso_addon import examine
+from ..irpso_addon.blender import preferences
+from ..irpso_addon.core.errors import BadInput
+from ..irpso_addon.gpu import thread
+
+
+class IRPSO_OT_test_device(bpy.types.Operator):
+    """Solve a small scene whose maps are known, with these settings, and say what the device is and whether it
+    computes rightly"""
+
+    bl_idname = "irpso.test_device"
+    bl_label = "Test"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Not while it is tested."""
+        if preferences.testing():
+            cls.poll_message_set("The device is being looked at")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """In the window it returns at once: the answer appears in the preferences."""
+        if not bpy.app.background:
+            preferences.test()
+            return {"FINISHED"}
+        thread.configure(preferences.device_settings())
+        try:
+            tested: examine.Tested = thread.run(examine.test)
+        except BadInput as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"{tested.device.renderer}, {tested.device.version}: {tested.device.kernels} shaders, "
+                    f"tested in {tested.seconds:.1f} s")
+        return {"FINISHED"}
