@@ -11,9 +11,10 @@ from .remove_duplicate_views import IRPSO_OT_remove_duplicate_views
 from .remove_view import IRPSO_OT_remove_view
 from .remove_view_light import IRPSO_OT_remove_view_light
 from .set_view_lights import IRPSO_OT_set_view_lights
+from .show_views import IRPSO_OT_show_views
 from .solve import IRPSO_OT_solve
 from .sort_views import IRPSO_OT_sort_views
-from .stop import IRPSO_OT_stop
+from .stop import IRPSO_OT_pause, IRPSO_OT_stop
 from .test_device import IRPSO_OT_test_device
 from .write_maps import IRPSO_OT_write_maps
 
@@ -31,6 +32,8 @@ CLASSES = (
     IRPSO_OT_bake_gbuffer,
     IRPSO_OT_solve,
     IRPSO_OT_stop,
+    IRPSO_OT_pause,
+    IRPSO_OT_show_views,
     IRPSO_OT_write_maps,
     IRPSO_OT_export_maps,
     IRPSO_OT_test_device,

@@ -1,17 +1,17 @@
 """Show what the solver sees of the surface: position, normal and coverage per texel."""
 
+from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
 import bpy
 import numpy as np
 
-from ..irpso_addon import pipeline
-from ..irpso_addon.blender import material
+from ..irpso_addon.blender import material, session
+from ..irpso_addon.blender.jobs import Task
 from ..irpso_addon.blender.scene_material import read_normal_maps
 from ..irpso_addon.blender.scene_mesh import read_mesh
 from ..irpso_addon.core.data import SceneData
-from ..irpso_addon.gpu.thread import JobFunction
 from .modal_job import ModalJob
 
 
@@ -22,16 +22,20 @@ class IRPSO_OT_bake_gbuffer(ModalJob, bpy.types.Operator):
     bl_label = "Bake G-Buffer"
     bl_options = {"REGISTER", "UNDO"}
 
-    def prepare(self, context: bpy.types.Context, obj: bpy.types.Object) -> JobFunction:
+    def task(self, context: bpy.types.Context, obj: bpy.types.Object) -> Task:
         """Reads the object alone, so that UVs can be looked at before there is any view."""
         size = context.scene.irpso.size
         warn = partial(self.report, {"WARNING"})
         mesh = read_mesh(obj, context.evaluated_depsgraph_get(), read_normal_maps(obj, warn), warn)
         data = SceneData(name=obj.name, mesh=mesh, occluders=np.zeros((0, 3, 3), np.float32), views=())
-        return lambda: pipeline.bake_gbuffer(data, size)
+        return Task("pipeline:bake_gbuffer", (data, size))
 
-    def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> None:
-        """Writes the images."""
-        coverage = value.coverage.astype("f4")
-        material.write_images(obj, {"position": value.position, "normal": value.normal, "coverage": coverage})
-        self.report({"INFO"}, f"{obj.name}: {int(coverage.sum()):,} of {coverage.size:,} texels are covered")
+    def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
+        """Writes the images, one a step."""
+        uid, name, coverage = obj.session_uid, obj.name, value.coverage.astype("f4")
+        for role, array in {"position": value.position, "normal": value.normal, "coverage": coverage}.items():
+            found = session.object_by_uid(uid)
+            if found is not None:
+                material.put_image(found, role, array)
+            yield
+        self.report({"INFO"}, f"{name}: {int(coverage.sum()):,} of {coverage.size:,} texels are covered")

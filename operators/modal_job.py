@@ -1,40 +1,60 @@
-"""Mix-in of operators whose work is a job on the GL thread.
+"""Mix-in of operators whose work is a long job.
 
-``execute`` (scripts, background) waits for the job; ``invoke`` (a click) polls it from a timer, shows
-how far it is, and lets Esc stop it.  Both end in the same `finish`.
+``execute`` (scripts, background) waits for it, on the GL thread.  ``invoke`` (a click) has it done by a worker process,
+polls that from a timer, shows how far it is, and lets Esc stop it.  Both end in the same `finish`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Iterator
 from typing import Any
 
 import bpy
 
 from ..irpso_addon.blender import session
+from ..irpso_addon.blender.jobs import Task
 from ..irpso_addon.core.errors import BadInput, Cancelled
-from ..irpso_addon.core.job import Progress
-from ..irpso_addon.gpu import thread
 
-TIMER_PERIOD = 0.1  # seconds
+TIMER_PERIOD = 0.05  # seconds
+REDRAW_PERIOD = 0.2  # seconds between two drawings of the progress
 
 
 class ModalJob:
-    """Give `prepare` and `finish`; the operator class itself sets bl_idname and the like.
+    """Give `task` and `finish`, and what else is wanted; the operator class itself sets bl_idname and the like.
 
-    Between two ticks the user may undo, delete or load: only the object's session_uid is kept.
+    Between two ticks the user may undo, delete or load: only objects' session_uids are kept.
     """
 
-    object_uid: int
-    _job: thread.Job
+    _flow: Iterator[None] | None = None
     _timer: bpy.types.Timer | None = None
+    _drawn = 0.0
+    _kept = False  # whether something was changed, so that there is something to undo
 
-    def prepare(self, context: bpy.types.Context, obj: bpy.types.Object) -> thread.JobFunction:
+    def objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
+        """What is worked on, one after another."""
+        return [context.active_object]
+
+    def task(self, context: bpy.types.Context, obj: bpy.types.Object) -> Task:
         """Reads everything the job needs.  Raises BadInput."""
         raise NotImplementedError
 
-    def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> None:
-        """Keeps, writes and reports the result.  Raises BadInput before anything is changed."""
+    def start(self, task: Task, obj: bpy.types.Object) -> None:
+        """Begins it in another process."""
+        session.start(task.start(), self.bl_label, obj.session_uid)
+
+    def tick(self, obj: bpy.types.Object) -> None:
+        """Shows what is new of the running job, in a few milliseconds."""
+
+    def stopped(self) -> Any:
+        """What there is of a job in another process that was stopped; None: nothing."""
+        return None
+
+    def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
+        """Keeps, writes and reports the result, in steps of some milliseconds, after which ``obj`` is looked up again.
+
+        Raises BadInput before anything is changed.
+        """
         raise NotImplementedError
 
     @classmethod
@@ -53,87 +73,136 @@ class ModalJob:
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Does the whole job before it returns."""
-        return self._guarded(lambda: self._deliver(lambda: thread.run(self._prepare(context))))
+        try:
+            for obj in self.objects(context):
+                value, cancelled = _outcome(self.task(context, obj).run)
+                for _ in self._finished(obj.session_uid, value, cancelled):
+                    pass
+        except BadInput as error:
+            self.report({"ERROR"}, str(error))
+        return {"FINISHED"} if self._kept else {"CANCELLED"}
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """Starts the job and returns to the user."""
         if bpy.app.background:
             return self.execute(context)
-        return self._guarded(lambda: self._start(context))
-
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """One event while the job runs: everything but Esc and our timer stays with the user."""
-        if event.type == "ESC" and event.value == "PRESS":
-            session.cancel_running()
-            return {"RUNNING_MODAL"}
-        if event.type != "TIMER":
-            return {"PASS_THROUGH"}
-        if not self._job.done:
-            self._show(context, self._job.poll())
-            return {"PASS_THROUGH"}
-        self._leave(context)
-        return self._guarded(lambda: self._deliver(self._job.result))
-
-    def cancel(self, context: bpy.types.Context) -> None:
-        """Blender takes the operator away: a file is loaded or the window closed."""
-        self._job.cancel()
-        self._leave(context)
-
-    # ---- inner parts
-
-    def _guarded(self, step: Callable[[], set[str]]) -> set[str]:
+        self._flow = self._through([obj.session_uid for obj in self.objects(context)])
         try:
-            return step()
-        except BadInput as error:
-            self.report({"ERROR"}, str(error))
+            next(self._flow)
+        except (BadInput, StopIteration) as error:
+            self._leave(context)
+            if isinstance(error, BadInput):
+                self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-
-    def _prepare(self, context: bpy.types.Context) -> thread.JobFunction:
-        obj = context.active_object
-        self.object_uid = obj.session_uid
-        return self.prepare(context, obj)
-
-    def _start(self, context: bpy.types.Context) -> set[str]:
-        self._job = thread.Job(self._prepare(context))
-        session.start(self._job, self.bl_label)
         manager = context.window_manager
         self._timer = manager.event_timer_add(TIMER_PERIOD, window=context.window)
         manager.progress_begin(0, 100)
         manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def _show(self, context: bpy.types.Context, progress: Progress | None) -> None:
-        """Status bar, mouse cursor and the sidebar's bar."""
-        if progress is None or session.running is None:
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """One event while the job runs: everything but Esc and our timer stays with the user."""
+        escape = event.type == "ESC" and event.value == "PRESS"
+        if escape:
+            session.cancel_running()
+        elif event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        elif bpy.app.is_job_running("RENDER"):  # a render reads what we would write
+            return {"PASS_THROUGH"}
+        assert self._flow is not None
+        try:
+            next(self._flow)
+        except BadInput as error:
+            self.report({"ERROR"}, str(error))
+        except StopIteration:
+            pass
+        except BaseException:
+            self._leave(context)
+            raise
+        else:
+            self._show(context)
+            return {"RUNNING_MODAL"} if escape else {"PASS_THROUGH"}
+        self._leave(context)
+        return {"FINISHED"} if self._kept else {"CANCELLED"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Blender takes the operator away: a file is loaded or the window closed."""
+        session.cancel_running()
+        self._leave(context)
+
+    # ---- inner parts
+
+    def _through(self, uids: list[int]) -> Iterator[None]:
+        """The whole job; a step for each tick."""
+        for uid in uids:
+            obj = session.object_by_uid(uid)
+            if obj is None:
+                continue
+            task = self.task(bpy.context, obj)
+            try:
+                self.start(task, obj)
+                running = session.running
+                assert running is not None
+                yield
+                while not running.job.done:
+                    obj = session.object_by_uid(uid)
+                    if obj is None:
+                        session.cancel_running()
+                        self.report({"WARNING"}, f"{self.bl_label}: the object was deleted; its result is dropped")
+                        break
+                    running.progress = running.job.poll() or running.progress
+                    self.tick(obj)
+                    yield
+                value, cancelled = _outcome(running.job.result)
+                if cancelled and value is None:
+                    value = self.stopped()
+                stopped = running.stopping
+                session.end()
+                yield from self._finished(uid, value, cancelled)
+            finally:
+                session.end()
+                task.afterwards()
+            if stopped:
+                return
+
+    def _finished(self, uid: int, value: Any, cancelled: bool) -> Iterator[None]:
+        obj = session.object_by_uid(uid)
+        if obj is None:
             return
-        session.running.progress = progress
-        doing = "stopping" if session.running.stopping else f"{progress.stage} {progress.message}".strip()
+        if value is None:
+            self.report({"WARNING"}, f"{self.bl_label}: stopped before there was a result")
+            return
+        self._kept = True
+        yield from self.finish(obj, value, cancelled)
+
+    def _show(self, context: bpy.types.Context) -> None:
+        """Status bar, mouse cursor and the sidebar's bar."""
+        running, now = session.running, time.monotonic()
+        if running is None or now - self._drawn < REDRAW_PERIOD:
+            return
+        self._drawn = now
+        progress = running.progress
         context.window_manager.progress_update(100 * progress.fraction)
         if context.workspace is not None:
-            context.workspace.status_text_set(f"IRPSO {self.bl_label}: {progress.fraction:.0%} {doing}    Esc: stop")
+            context.workspace.status_text_set(
+                f"IRPSO {self.bl_label}: {session.words(running)}  {progress.message}  Esc: stop")
         session.redraw_sidebars()
 
     def _leave(self, context: bpy.types.Context) -> None:
+        if self._flow is not None:
+            self._flow.close()
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None
-        context.window_manager.progress_end()
+            context.window_manager.progress_end()
         if context.workspace is not None:
             context.workspace.status_text_set(None)
         session.end()
 
-    def _deliver(self, result: Callable[[], Any]) -> set[str]:
-        cancelled = False
-        try:
-            value = result()
-        except Cancelled as stop:
-            if stop.partial is None:
-                self.report({"WARNING"}, f"{self.bl_label}: stopped before there was a result")
-                return {"CANCELLED"}
-            value, cancelled = stop.partial, True
-        obj = session.object_by_uid(self.object_uid)
-        if obj is None:
-            self.report({"WARNING"}, f"{self.bl_label}: the object was deleted meanwhile; its result is dropped")
-            return {"CANCELLED"}
-        self.finish(obj, value, cancelled)
-        return {"FINISHED"}
+
+def _outcome(result: Any) -> tuple[Any, bool]:
+    """A job's value and whether it was stopped.  Raises what else it raised."""
+    try:
+        return result(), False
+    except Cancelled as stop:
+        return stop.partial, True

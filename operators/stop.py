@@ -1,23 +1,38 @@
-"""Stop the running job."""
+"""Stop or hold the running job."""
 
 import bpy
 
 from ..irpso_addon.blender import session
 
 
-class IRPSO_OT_stop(bpy.types.Operator):
+class _WhileRunning:
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A job is running."""
+        return session.running is not None
+
+
+class IRPSO_OT_stop(_WhileRunning, bpy.types.Operator):
     """Stop the running job and keep what was found; Esc in the viewport does the same"""
 
     bl_idname = "irpso.stop"
     bl_label = "Stop"
     bl_options = {"INTERNAL"}
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A job is running."""
-        return session.running is not None
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Stops it; the operator that started it delivers what was found."""
+        session.cancel_running()
+        return {"FINISHED"}
+
+
+class IRPSO_OT_pause(_WhileRunning, bpy.types.Operator):
+    """Hold the running job, or let it go on; nothing is lost"""
+
+    bl_idname = "irpso.pause"
+    bl_label = "Pause"
+    bl_options = {"INTERNAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Asks the job to stop; the operator that started it delivers what was found."""
-        session.cancel_running()
+        """Holds it after its present step."""
+        session.pause_running()
         return {"FINISHED"}

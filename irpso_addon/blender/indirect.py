@@ -2,6 +2,7 @@
 
 What it renders is what reaches each view's pixels by way of other surfaces, and from the world or things that glow.
 The open file stays as it is.  The pictures are small and noisy; ``gpu/observe.py`` smooths them along the surface.
+Imports where there is no ``bpy``: in a worker process.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-import bpy
 import numpy as np
 
 from ..core.data import F32, Bounced, SceneData, Solution
@@ -46,6 +46,8 @@ class Bouncer:
     @classmethod
     def of_copy(cls) -> Bouncer:
         """For a copy of what is open, with all that was changed since it was saved; the copy goes with `around`."""
+        import bpy
+
         folder = tempfile.TemporaryDirectory(prefix="irpso-copy-")
         blend = Path(folder.name) / Path(bpy.data.filepath).name
         bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True, compress=False)
@@ -54,6 +56,8 @@ class Bouncer:
     @classmethod
     def of_open_file(cls, blend: Path) -> Bouncer:
         """For ``blend``, which is what is open, as it was saved."""
+        import bpy
+
         return cls(blend.resolve(), bpy.context.scene.name, bpy.context.view_layer.name, child.command())
 
     def __call__(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, Mapping[int, Bounced]]:

@@ -7,7 +7,7 @@ custom property ``irpso`` points to its images.  So running twice leaves one set
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,8 @@ from ..core.errors import BadInput
 from ..core.export import layers
 from ..core.export import write_maps as export_maps
 from .tags import TAG
-from .wiring import find_shader, has_nodes, wire
+from .wiring import wire
+from .writable import check_material, check_object
 
 SUFFIXES = {"base_color": "basecolor"}  # role -> end of the name, where they differ
 OPTIONAL = ("specular",)  # roles that only some models have
@@ -43,20 +44,23 @@ def write_maps(
     Returns what the user should know, one line each.  Raises BadInput, before anything is changed, when
     the object or one of its materials cannot take the maps.
     """
-    if obj.type != "MESH":
-        raise BadInput(f"{obj.name}: is not a mesh; choose a mesh object")
-    _require_editable(obj, "object")
-    targets = _targets(obj, solution.model)
-    for target in targets:
-        _check_material(target.slot.material)
+    check(obj, solution)
     if packed:
-        images = write_images(obj, _layers(solution.maps))
+        images = write_images(obj, layers_of(solution.maps))
     else:
         if directory is None:
             raise ValueError("packed=False needs a directory")
         images = _load_saved(obj, solution.maps, directory)
+    return wire_maps(obj, solution, images)
+
+
+def wire_maps(
+    obj: bpy.types.Object, solution: Solution, images: Mapping[str, bpy.types.Image],
+) -> tuple[str, ...]:
+    """As `write_maps`, with images that are there already, by role."""
     messages: list[str] = []
     copies: dict[bpy.types.Material, bpy.types.Material] = {}
+    targets = check(obj, solution)
     solved = {_own_material(obj, target.slot, copies, messages): target.solved for target in targets}
     for material, name in solved.items():
         found = wire(material, images, model=solution.model[name], lobes=solution.maps.lobes is not None,
@@ -64,6 +68,15 @@ def write_maps(
         messages += [f"material '{material.name}': {text}" for text in found]
     _drop_others(obj, images)
     return tuple(messages)
+
+
+def check(obj: bpy.types.Object, solution: Solution) -> list[_Target]:
+    """The slots to write to.  Raises BadInput when one cannot take the maps."""
+    check_object(obj)
+    targets = _targets(obj, solution.model)
+    for target in targets:
+        check_material(target.slot.material)
+    return targets
 
 
 # ---- images
@@ -75,25 +88,40 @@ def write_images(obj: bpy.types.Object, layers: Mapping[str, F32]) -> dict[str, 
     Base colour is tagged Linear Rec.709, everything else Non-Color, so that nothing is converted.  An
     image of the same role that the object already has is replaced wherever it is used.
     """
-    images = {}
-    for role, array in layers.items():
-        height, width = array.shape[:2]
-        rgba = np.ones((height, width, 4), np.float32)
-        rgba[..., :3] = array if array.ndim == 3 else array[..., None]
-        image = bpy.data.images.new(obj.name, width, height, float_buffer=True, is_data=role != "base_color")
-        _set_colorspace(image, role)
-        image.pixels.foreach_set(rgba.ravel())
-        image.update()
-        image.pack()
-        images[role] = _adopt(obj, role, image)
-    return images
+    return {role: put_image(obj, role, array) for role, array in layers.items()}
+
+
+def put_image(obj: bpy.types.Object, role: str, array: F32, own: Collection[int] = ()) -> bpy.types.Image:
+    """One of them.  An image of the right size whose session_uid is in ``own`` takes the pixels, else a new one."""
+    height, width = array.shape[:2]
+    rgba = np.ones((height, width, 4), np.float32)
+    rgba[..., :3] = array if array.ndim == 3 else array[..., None]
+    image = images_of(obj).get(role)
+    if image is None or image.session_uid not in own or tuple(image.size) != (width, height):
+        image = blank_image(obj, role, width)
+    image.pixels.foreach_set(rgba.ravel())
+    image.update()
+    image.pack()
+    return image
+
+
+def blank_image(obj: bpy.types.Object, role: str, size: int) -> bpy.types.Image:
+    """A new float image in the place of the object's one of that role; not packed."""
+    image = bpy.data.images.new(obj.name, size, size, float_buffer=True, is_data=role != "base_color")
+    _set_colorspace(image, role)
+    return _adopt(obj, role, image)
+
+
+def images_of(obj: bpy.types.Object) -> dict[str, bpy.types.Image]:
+    """The object's maps that the file holds, by role."""
+    return {role: image for role, image in dict(obj.get(TAG, {})).items() if isinstance(image, bpy.types.Image)}
 
 
 def _load_saved(obj: bpy.types.Object, maps: Maps, directory: Path) -> dict[str, bpy.types.Image]:
     """Saves the maps as EXR files and loads those."""
     images = {}
     paths = dict(zip(layers(maps), export_maps(maps, obj.name, directory, "exr"), strict=True))
-    for role in _layers(maps):
+    for role in layers_of(maps):
         path = str(paths[SUFFIXES.get(role, role)].resolve())
         image = bpy.data.images.load(path)
         if bpy.data.filepath:
@@ -103,7 +131,7 @@ def _load_saved(obj: bpy.types.Object, maps: Maps, directory: Path) -> dict[str,
     return images
 
 
-def _layers(maps: Maps) -> dict[str, F32]:
+def layers_of(maps: Maps) -> dict[str, F32]:
     """The maps that the file keeps, by role.  Which texels were filled is in the confidence: 0."""
     roles = {suffix: role for role, suffix in SUFFIXES.items()}
     return {roles.get(suffix, suffix): array for suffix, array in layers(maps).items() if suffix != "filled"}
@@ -145,15 +173,9 @@ def _drop_others(obj: bpy.types.Object, images: Mapping[str, bpy.types.Image]) -
 # ---- materials
 
 
-def _require_editable(data: bpy.types.ID, kind: str) -> None:
-    if not data.is_editable:
-        raise BadInput(f"{data.name}: this {kind} is linked from a library; make it local first (Object > Relations)")
-
-
 def _targets(obj: bpy.types.Object, model: Mapping[str, str]) -> list[_Target]:
     """The slots that the solution covers; an object that was solved without a slot gets one."""
     if not obj.material_slots and "" in model:
-        _require_editable(obj.data, "mesh")
         obj.data.materials.append(None)
     found = []
     for slot in obj.material_slots:
@@ -166,19 +188,6 @@ def _targets(obj: bpy.types.Object, model: Mapping[str, str]) -> list[_Target]:
         solved = ", ".join(f"'{name}'" for name in model) or "none"
         raise BadInput(f"{obj.name}: none of its materials is one that was solved ({solved}); solve again")
     return found
-
-
-def _check_material(material: bpy.types.Material | None) -> None:
-    """Raises BadInput when the maps cannot be wired into the material."""
-    if material is None:
-        return
-    _require_editable(material, "material")
-    if not has_nodes(material) or find_shader(material.node_tree) is not None:
-        return
-    output = material.node_tree.get_output_node("CYCLES")
-    if output is not None and output.inputs["Surface"].is_linked:
-        raise BadInput(
-            f"material '{material.name}': no Principled BSDF feeds its output; connect one to Surface, not in a group")
 
 
 def _own_material(

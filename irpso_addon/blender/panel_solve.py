@@ -39,11 +39,15 @@ class IRPSO_PT_solve(Tab, Panel):
         column.scale_y = 1.4
         column.operator("irpso.solve", icon="PLAY")
         if session.running is not None:
-            progress = session.running.progress
-            doing = "stopping" if session.running.stopping else progress.stage
-            row = layout.row(align=True)
-            row.progress(factor=progress.fraction, text=f"{session.running.title}: {progress.fraction:.0%} {doing}")
-            row.operator("irpso.stop", text="", icon="X")
+            draw_running(layout, session.running)
+
+
+def draw_running(layout: bpy.types.UILayout, running: session.Running) -> None:
+    """The bar of a running job, with Pause and Stop."""
+    row = layout.row(align=True)
+    row.progress(factor=running.progress.fraction, text=session.words(running))
+    row.operator("irpso.pause", text="", icon="PLAY" if running.paused else "PAUSE", depress=running.paused)
+    row.operator("irpso.stop", text="", icon="X")
 
 
 class IRPSO_PT_advanced(Tab, Panel):

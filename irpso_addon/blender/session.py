@@ -19,9 +19,10 @@ from ..core.job import Progress
 from ..core.live import Live
 
 if TYPE_CHECKING:  # so that maps can be written where OpenGL is missing
-    from ..gpu.thread import Job
+    from ..remote import Remote
 
 REMEMBERED = 4  # solutions of an object
+TELLING = 0.05  # progress from which on the time that is left can be told
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,10 @@ _results: dict[int, list[Result]] = {}  # by object, the newest last
 class Running:
     """The one job that a modal operator drives now."""
 
-    job: Job
+    job: Remote
     title: str
-    progress: Progress
+    progress: Progress = field(default_factory=lambda: Progress(0.0, "start"))
+    preview: Remote | None = None  # looks at the same, ahead of it
     stopping: bool = False
     paused: bool = False
     object_uid: int = 0  # of the object that is worked on
@@ -74,24 +76,48 @@ def object_by_uid(uid: int) -> bpy.types.Object | None:
     return next((obj for obj in bpy.data.objects if obj.session_uid == uid), None)
 
 
-def start(job: Job, title: str) -> None:
+def start(job: Remote, title: str, object_uid: int = 0) -> Running:
     """Makes ``job`` the running one."""
     global running
-    running = Running(job, title, Progress(0.0, "start"))
+    running = Running(job, title, object_uid=object_uid)
+    return running
 
 
 def end() -> None:
     """Forgets the running job; the caller has taken its result or cancelled it."""
     global running
+    if running is not None and running.preview is not None:
+        running.preview.cancel()
     running = None
     redraw_sidebars()
 
 
 def cancel_running() -> None:
-    """Asks the running job to stop; it goes on in its thread until the end of its slice."""
+    """Stops the running job at once."""
     if running is not None:
         running.stopping = True
         running.job.cancel()
+
+
+def pause_running() -> None:
+    """Holds the running job, or lets it go on."""
+    if running is not None:
+        running.paused = not running.paused
+        for job in (running.job, running.preview):
+            if job is not None:
+                job.pause(running.paused)
+        redraw_sidebars()
+
+
+def words(running: Running) -> str:
+    """How far it is: "43 % solve, 12 s left"."""
+    progress = running.progress
+    doing = "paused" if running.paused else "stopping" if running.stopping else progress.stage
+    text = f"{progress.fraction:.0%} {doing}"
+    if progress.fraction > TELLING and not running.paused:
+        seconds = (time.monotonic() - running.started) * (1 / progress.fraction - 1)
+        text += f", {seconds:.0f} s left"
+    return text
 
 
 @persistent

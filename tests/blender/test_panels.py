@@ -9,7 +9,7 @@ from itertools import product
 import bpy
 import pytest
 
-from irpso_addon.blender import panels, properties
+from irpso_addon.blender import panel_result, panel_solve, properties
 from irpso_addon.core.checks import Checks
 from irpso_addon.core.consensus import LightResidual
 from irpso_addon.core.params import SolveSettings
@@ -55,13 +55,13 @@ def test_options_of_a_model_or_method_show_with_it_alone(settings) -> None:
                 # "auto" may choose two lobes; it never asks for the level.
                 want = chosen == said[2] or (chosen == "auto" and said[2] == "two-lobe")
             advanced = field.metadata["advanced"]
-            assert (field.name in panels.shown(settings, advanced)) == want, (field.name, settings.model)
-            assert field.name not in panels.shown(settings, not advanced)
+            assert (field.name in panel_solve.shown(settings, advanced)) == want, (field.name, settings.model)
+            assert field.name not in panel_solve.shown(settings, not advanced)
 
 
 def test_the_first_look_is_short(settings) -> None:
-    assert panels.shown(settings, advanced=False) == ["size", "model", "method", "indirect"]
-    assert panels.shown(settings, advanced=True) == ["ndf", "loss", "registration", "exposures", "seed"]
+    assert panel_solve.shown(settings, advanced=False) == ["size", "model", "method", "indirect"]
+    assert panel_solve.shown(settings, advanced=True) == ["ndf", "loss", "registration", "exposures", "seed"]
 
 
 def test_checks_have_a_row_each() -> None:
@@ -71,6 +71,6 @@ def test_checks_have_a_row_each() -> None:
         name="Vase", views=(), lights=(replace(light, name="Rim", gain=1.01), light), materials=(), noise=0.012,
         structure=0.0, highlight=0.0, slope=None, unlit_share=float("nan"), clipped=0.25, no_highlight=0.5, nearest=2.0,
         doubtful=0.03, sure=True, pixels_per_texel=1.0)
-    rows = dict(panels.figures(checks))
+    rows = dict(panel_result.figures(checks))
     assert rows["Noise"] == "1.2%" and rows["Clipped"] == "25.0%" and rows["Light in Shadows"] == "unknown"
     assert rows["Light Power"] == "-10.0% (Key)" and "Registration" not in rows

@@ -1,0 +1,64 @@
+"""Long jobs: on the GL thread for whoever waits, in worker processes for the window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from .. import channel
+from ..core.live import Live
+from ..gpu import thread
+from ..remote import Remote, Worker
+from .preferences import device_settings
+
+
+_warm: Worker | None = None
+
+
+@dataclass(frozen=True)
+class Task:
+    """A generator function of this package, "module:function", and what it is called with; everything is pickled."""
+
+    name: str
+    arguments: tuple[Any, ...]
+    afterwards: Callable[[], None] = lambda: None  # on the main thread, however it ended
+
+    def run(self) -> Any:
+        """Its value, waited for.  Raises what it raises."""
+        module, _, name = self.name.partition(":")
+        thread.configure(device_settings())
+        try:
+            return thread.run(lambda: getattr(channel.named(module), name)(*self.arguments))
+        finally:
+            self.afterwards()
+
+    def start(self, prepare: Callable[[Live], Live] | None = None) -> Remote:
+        """It in a process of its own.  Raises BadInput where none can be started."""
+        return Remote(self.name, *self.arguments, settings=device_settings(), prepare=prepare)
+
+
+def preview(arguments: tuple[Any, ...], prepare: Callable[[Live], Live]) -> Remote:
+    """The first looks at a solve, in the worker that is warm."""
+    return Remote("preview:preview", *arguments, worker=_worker(), prepare=prepare)
+
+
+def warm_up() -> None:
+    """Get the worker for previews ready, unless it is."""
+    if _warm is None or not _warm.alive:
+        Remote("preview:warm_up", worker=_worker())
+
+
+def cool_down() -> None:
+    """End the worker that is warm."""
+    global _warm
+    if _warm is not None:
+        _warm.close()
+    _warm = None
+
+
+def _worker() -> Worker:
+    global _warm
+    if _warm is None or not _warm.alive:
+        _warm = Worker(device_settings())
+    return _warm

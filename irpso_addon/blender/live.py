@@ -1,0 +1,130 @@
+"""A solve as it converges: its maps on the object, tile by tile, and what is kept of them when it is stopped.
+
+Looks arrive on threads that read what workers tell; there they become maps at full size and pixels as Blender takes
+them, so that the main thread only hands them over.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from ..core.data import F32, Maps, SceneData, Solution
+from ..core.errors import BadInput
+from ..core.live import ROLES, Canvas, Live, resized
+from ..core.params import SolveSettings
+from . import material
+
+SHOWN = 1024  # texels: larger maps are shown reduced until they are done
+JUDGED = 256  # texels of the maps that the preview's worker judges
+UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
+PARTIAL = "stopped early: maps as far as they had come, coarse where no tile was done"
+
+
+class LiveMaps:
+    """The maps of one running solve."""
+
+    def __init__(self, scene: SceneData, settings: SolveSettings) -> None:
+        self.model = dict.fromkeys(scene.mesh.slot_names, "lambert" if settings.model == "lambert" else "one-lobe")
+        self.views = tuple(view.image.name for view in scene.views)
+        self.canvas = Canvas(settings.size)
+        self.shown = min(settings.size, SHOWN)
+        self.curve: list[tuple[float, float]] = []
+        self.latest: Live | None = None
+        self._lock = threading.Lock()
+        self._pixels: dict[str, F32] = {}  # role -> flat RGBA, not handed over yet
+        self.own: set[int] = set()  # session_uid of the images made here
+        self._wired = True
+
+    def take(self, live: Live) -> Live:
+        """On a thread that reads: the look with maps that are whole."""
+        with self._lock:
+            maps = dict(self.canvas.add(live))
+            for role in live.maps:
+                self._pixels[role] = _rgba(resized(maps[role], self.shown), UNKNOWN[role])
+            before = self.latest
+            self.latest = replace(
+                live, maps=maps, coverage=self.canvas.coverage, model=self.model,
+                pictures=live.pictures or (before.pictures if before else ()),
+                error=live.error if live.pictures else (before.error if before else float("nan")))
+            if live.pictures:
+                self.curve.append((live.seconds, live.error))
+            return self.latest
+
+    def to_judge(self) -> Mapping[str, F32] | None:
+        """Maps of JUDGED texels for `preview`, once they are whole."""
+        with self._lock:
+            if not {"base_color", "roughness"} <= self.canvas.maps.keys():
+                return None
+            size = min(JUDGED, self.canvas.size)
+            return {role: np.nan_to_num(resized(self.canvas.maps[role], size), nan=UNKNOWN[role])
+                    for role in ("base_color", "roughness")}
+
+    def show(self, obj: bpy.types.Object) -> bool:
+        """Hand one map's new pixels to Blender; True when there was one.  On the main thread, a millisecond or two."""
+        with self._lock:
+            if not self._pixels:
+                return False
+            role = next(iter(self._pixels))
+            pixels = self._pixels.pop(role)
+        image = self._image(obj, role)
+        image.pixels.foreach_set(pixels)
+        image.update()
+        image.update_tag()  # Cycles' viewport hears of nothing else
+        return True
+
+    def solution(self) -> Solution | None:
+        """What is there now, as the result of a solve that was stopped; None before the first base colour."""
+        with self._lock:
+            if "base_color" not in self.canvas.maps or self.canvas.coverage is None:
+                return None
+            size = self.canvas.size
+            found = {role: self.canvas.maps.get(role, np.full((size, size), np.nan, np.float32)) for role in ROLES}
+            known = np.isfinite(found["roughness"]) & np.isfinite(found["base_color"][..., 0]) & self.canvas.coverage
+            maps = {role: np.nan_to_num(values, nan=UNKNOWN[role]) for role, values in found.items()}
+            for role in ("confidence", "error"):
+                maps[role] = np.where(known, maps[role], np.float32(0))
+            # the inverse of gpu.look.confidence, which is all that was told
+            sigma = 0.05 * np.sqrt(np.maximum(1.0 / np.maximum(maps["confidence"], 1e-2) - 1.0, 0.0))
+            covered, solved = int(self.canvas.coverage.sum()), int(known.sum())
+            return Solution(
+                maps=Maps(**maps, filled=~known, coverage=self.canvas.coverage.copy(),
+                          roughness_sigma=np.where(known, sigma, 0).astype(np.float32),
+                          base_sigma=np.zeros((size, size), np.float32)),
+                model=self.model, why=dict.fromkeys(self.model, "stopped early"), seconds={}, device={},
+                texels={"covered": covered, "observed": solved, "solved": solved, "filled": covered - solved},
+                residual=float(np.sqrt(np.mean(maps["error"][known] ** 2))) if solved else 0.0,
+                views_used=self.views, views_skipped=(), warnings=(PARTIAL,), cancelled=True,
+                pictures=self.latest.pictures if self.latest else ())
+
+    def _image(self, obj: bpy.types.Object, role: str) -> bpy.types.Image:
+        """Our image of that role; made, and put on the materials, where there is none (any more: Undo)."""
+        image = material.images_of(obj).get(role)
+        if image is None or image.session_uid not in self.own or image.size[0] != self.shown:
+            image = material.blank_image(obj, role, self.shown)
+            self.own.add(image.session_uid)
+            images = material.images_of(obj)
+            if {"base_color", "roughness"} <= images.keys():
+                self._wire(obj, images)
+        return image
+
+    def _wire(self, obj: bpy.types.Object, images: Mapping[str, bpy.types.Image]) -> None:
+        solution = self.solution()
+        if solution is None or not self._wired:
+            return
+        try:
+            material.wire_maps(obj, solution, images)
+        except BadInput:  # is reported when the result is there; the images show it until then
+            self._wired = False
+
+
+def _rgba(values: F32, unknown: float) -> F32:
+    """Flat RGBA of an (n, n) or (n, n, 3) map."""
+    pixels = np.ones((*values.shape[:2], 4), np.float32)
+    pixels[..., :3] = np.nan_to_num(values, nan=unknown) if values.ndim == 3 else np.nan_to_num(
+        values, nan=unknown)[..., None]
+    return pixels.ravel()
