@@ -12,7 +12,6 @@ from ..gpu import thread
 from ..remote import Remote, Worker
 from .preferences import device_settings
 
-
 _warm: Worker | None = None
 
 
