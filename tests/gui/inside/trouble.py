@@ -1,0 +1,90 @@
+"""What people do while a job runs."""
+
+from __future__ import annotations
+
+import bpy
+import jobs
+import robot
+from robot import Steps
+
+
+def load(scene: str, size: int) -> Steps:
+    """Open the file anew: the job is gone, the file is as it lies on the disk, and can be solved."""
+    yield from jobs.opened(scene, size)
+    yield from jobs.started()
+    yield from jobs.far_enough()
+    bpy.ops.wm.open_mainfile(filepath=f"{scene}/scene.blend")
+    yield 0.5
+    assert jobs.running() is None and jobs.solution() is None
+    assert not jobs.linked(bpy.data.objects["Ball"]), "the old job wrote into the new file"
+    yield from jobs.opened(scene, 64)
+    yield from jobs.started()
+    yield from jobs.ended()
+    assert jobs.solution() is not None
+    yield from robot.look("loaded")
+
+
+def undo(scene: str, size: int) -> Steps:
+    """Move the object, start, undo the move: the job goes on and its maps arrive; undo takes them off again."""
+    yield from jobs.opened(scene, size)
+    obj = jobs.subject()
+    obj.location.x += 0.5
+    with robot.within():
+        bpy.ops.ed.undo_push(message="Moved")
+    obj.location.x -= 0.5  # where the pictures say it is
+    with robot.within():
+        bpy.ops.ed.undo_push(message="Moved back")
+    yield from jobs.started()
+    yield from jobs.far_enough()
+    yield from robot.key("Z", ctrl=True)
+    yield 0.3
+    yield from robot.look("undone")
+    assert bpy.data.objects["Ball"].location.x == 0.5, "Ctrl Z did nothing"
+    yield from robot.key("Z", ctrl=True, shift=True)
+    yield from jobs.ended()
+    yield from robot.look("ended")
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    assert jobs.solution() is not None
+    assert jobs.linked(bpy.data.objects["Ball"])
+
+
+def delete(scene: str, size: int) -> Steps:
+    """Delete the object: the job ends and says so; Ctrl Z brings the object back as it was."""
+    yield from jobs.opened(scene, size)
+    yield from jobs.started()
+    yield from jobs.far_enough()
+    yield from robot.key("DEL")
+    yield 0.3
+    assert "Ball" not in bpy.context.scene.objects
+    robot.tell(seconds=(yield from jobs.ended()))
+    yield from robot.look("deleted")
+    yield from robot.key("Z", ctrl=True)
+    yield 0.5
+    assert "Ball" in bpy.context.scene.objects
+
+
+def render(scene: str, size: int) -> Steps:
+    """Render an image: both end."""
+    yield from jobs.opened(scene, size)
+    done: list[object] = []
+    bpy.app.handlers.render_complete.append(lambda *_: done.append(1))
+    yield from jobs.started()
+    yield from jobs.far_enough()
+    yield from robot.key("F12")
+    yield from robot.until(lambda: done)
+    yield from robot.look("rendered")
+    yield from jobs.ended()
+    assert jobs.solution() is not None and not jobs.solution().cancelled
+
+
+def close(scene: str, size: int) -> Steps:
+    """Quit by the keyboard while it runs.  What ends the scenario is that Blender is gone."""
+    yield from jobs.opened(scene, size)
+    bpy.context.preferences.view.use_save_prompt = False
+    yield from jobs.started()
+    yield from jobs.far_enough()
+    robot.tell(running=True)
+    robot.write(True)
+    yield from robot.key("Q", ctrl=True)
+    yield 20
+    raise AssertionError("Blender is still there")
