@@ -1,49 +1,69 @@
-"""Write docs/parameters.md from the table in irpso_addon/core/params.py.
+"""Write the pages that are made from the code: docs/parameters.md and docs/reference.md.
 
-    python tools/make_docs.py            writes it
-    python tools/make_docs.py --check    exit 1 when the file is not what the table says
+    python tools/make_docs.py            writes them
+    python tools/make_docs.py --check    exit 1 when one is not what the code says
+
+docs/parameters.md is the table in irpso_addon/core/params.py.  docs/reference.md is what Blender itself knows of the
+panels, operators, properties and preferences once the checkout is registered as an extension.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import sys
-from dataclasses import fields
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import Field, fields
 from pathlib import Path
+from typing import Any
+
+import bpy
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from irpso_addon.core.params import DeviceSettings, SolveSettings  # noqa: E402  # the checkout is no installed package
 
-PAGE = ROOT / "docs" / "parameters.md"
-HEAD = """\
+EXTENSION = "irpso_docs"  # the checkout's name as an extension
+HIDDEN = {"HIDDEN"}
+EDITORS = {"VIEW_3D": "3D Viewport", "IMAGE_EDITOR": "Image Editor"}
+REGIONS = {"UI": "sidebar", "HEADER": "header", "TOOL_HEADER": "tool header"}
+LENGTHS = {"NONE", "PIXEL", "FACTOR", "ANGLE", "DISTANCE", "PERCENTAGE"}
+
+PARAMETERS = """\
 # Parameters
 
-Made by `make docs` from `irpso_addon/core/params.py`; do not edit.  Each row is one flag of `irpso solve`, one
+Made by `make docs` from `irpso_addon/core/params.py`; do not edit. Each row is one flag of `irpso solve`, one
 property of the panel (`scene.irpso`), and one key of `report.json`, by the same name.
 
-| name | flag | default | range or choices | what it does |
-|---|---|---|---|---|
 """
-
-
 DEVICE = """
 ## The graphics device
 
 Preferences of the add-on, and flags of `irpso solve`, `irpso compare` and `irpso doctor`.
 
-| name | flag | default | range or choices | what it does |
-|---|---|---|---|---|
+"""
+PARAMETER_HEAD = "| name | flag | default | range or choices | what it does |\n|---|---|---|---|---|\n"
+
+REFERENCE = """\
+# Panels, operators, preferences
+
+Made by `make docs` from what Blender knows of the add-on; do not edit. The words are those of the tooltips. How the
+panels are used: [the guide](guide.md).
+
 """
 
 
-def page() -> str:
+# ---- docs/parameters.md
+
+
+def parameters() -> str:
     """The whole page."""
-    rows = ("".join(_row(field) for field in fields(table)) for table in (SolveSettings, DeviceSettings))
-    return HEAD + DEVICE.join(rows)
+    solve, device = ("".join(map(parameter_row, fields(table))) for table in (SolveSettings, DeviceSettings))
+    return PARAMETERS + PARAMETER_HEAD + solve + DEVICE + PARAMETER_HEAD + device
 
 
-def _row(field) -> str:  # type: ignore[no-untyped-def]
+def parameter_row(field: Field[Any]) -> str:
+    """One line of the table."""
     meta = field.metadata
     unit = f" {meta['unit']}" if meta["unit"] else ""
     limits, what = "", meta["doc"]
@@ -55,8 +75,165 @@ def _row(field) -> str:  # type: ignore[no-untyped-def]
     return f"| {meta['label']} | `--{field.name.replace('_', '-')}` | {field.default}{unit} | {limits} | {what} |\n"
 
 
+# ---- docs/reference.md
+
+
+def reference() -> str:
+    """The whole page: the checkout is registered for as long as it takes."""
+    package = extension()
+    package.register()
+    try:
+        return REFERENCE + "\n".join([panels(), operators(), scene(), preferences()])
+    finally:
+        package.unregister()
+
+
+def extension() -> Any:
+    """The checkout as Blender loads an extension."""
+    spec = importlib.util.spec_from_file_location(
+        EXTENSION, ROOT / "__init__.py", submodule_search_locations=[str(ROOT)])
+    assert spec is not None and spec.loader is not None
+    package = importlib.util.module_from_spec(spec)
+    sys.modules[EXTENSION] = package
+    spec.loader.exec_module(package)
+    return package
+
+
+def ours(kind: type) -> list[Any]:
+    """The add-on's registered classes of a kind, by name."""
+    found, left = [], [kind]
+    while left:
+        cls = left.pop()
+        left += cls.__subclasses__()
+        if cls.__module__.split(".")[0] == EXTENSION and getattr(cls, "is_registered", False):
+            found.append(cls)
+    return sorted(set(found), key=lambda cls: cls.__name__)
+
+
+def panels() -> str:
+    """Where each panel is, and what it is for; sub-panels below their own."""
+    order = sys.modules[f"{EXTENSION}.irpso_addon.blender.panels"].CLASSES
+    found = [cls for cls in order if issubclass(cls, bpy.types.Panel)]
+    names = {cls.__name__: cls.bl_label for cls in found}
+    rows = []
+    for cls in found:
+        parent = names.get(getattr(cls, "bl_parent_id", ""), "")
+        where = f"{EDITORS[cls.bl_space_type]}, {REGIONS[cls.bl_region_type]}"
+        where += f", tab {cls.bl_category}" if getattr(cls, "bl_category", "") else ""
+        name = f"{parent} > {cls.bl_label}" if parent else cls.bl_label
+        rows.append((name or cls.__name__, where, sentence(cls.__doc__)))
+    return table("Panels", ("panel", "where", "what for"), rows)
+
+
+def operators() -> str:
+    """Each operator with what may be chosen in its redo panel, file browser or by a script."""
+    text = "## Operators\n\nFound by F3 under the same names; in Python `bpy.ops.irpso...`.\n"
+    for cls in sorted(ours(bpy.types.Operator), key=lambda cls: cls.bl_idname):
+        rna = getattr(bpy.ops.irpso, cls.bl_idname.removeprefix("irpso.")).get_rna_type()
+        text += f"\n### {rna.name}\n\n`{cls.bl_idname}`. {sentence(rna.description)}\n"
+        rows = list(property_rows(rna, HIDDEN))
+        text += "\n" + rows_of(PROPERTY_HEAD, rows) if rows else ""
+    return text
+
+
+def scene() -> str:
+    """What the .blend stores."""
+    known = {field.name for field in fields(SolveSettings)}
+    text = "## Properties\n\nStored in the .blend. Those of [a solve](parameters.md) have a page of their own.\n"
+    for cls in ours(bpy.types.PropertyGroup):
+        rows = [row for row in property_rows(cls.bl_rna, set()) if row[1].strip("`") not in known]
+        if rows:
+            title = sentence(cls.__doc__).split(". ")[0].rstrip(".").replace("``", "`")
+            text += f"\n### {title}\n\nType `{cls.__name__}`.\n\n" + rows_of(PROPERTY_HEAD, rows)
+    return text
+
+
+def preferences() -> str:
+    """The add-on's preferences."""
+    rows = [row for cls in ours(bpy.types.AddonPreferences) for row in property_rows(cls.bl_rna, set())]
+    return table("Preferences", PROPERTY_HEAD, rows)
+
+
+PROPERTY_HEAD = ("name", "in Python", "default", "range or choices", "what it is")
+
+
+def property_rows(rna: bpy.types.Struct, hidden: set[str]) -> Iterator[tuple[str, ...]]:
+    """One row for each property of our own; those of Blender's base classes have no module to tell them by."""
+    base = {prop.identifier for prop in rna.base.properties} if rna.base else set()
+    for prop in rna.properties:
+        if prop.identifier in base | {"rna_type", "name"} or (hidden and prop.is_hidden):
+            continue
+        yield prop.name, f"`{prop.identifier}`", default(prop), limits(prop), sentence(prop.description)
+
+
+def default(prop: bpy.types.Property) -> str:
+    """As the panel shows it, without the noise of 32-bit floats."""
+    if prop.type in ("POINTER", "COLLECTION"):
+        return ""
+    if prop.type == "ENUM":
+        chosen = sorted(prop.default_flag) if prop.is_enum_flag else [prop.default]
+        return ", ".join(f"`{key}`" for key in chosen if key)
+    if prop.type in ("FLOAT", "INT") and prop.is_array:
+        return ", ".join(f"{value:.6g}" for value in prop.default_array)
+    if prop.type == "FLOAT":
+        return f"{prop.default:.6g}"
+    if prop.type == "BOOLEAN":
+        return "on" if prop.default else "off"
+    return f"`{prop.default}`" if prop.type == "STRING" and prop.default else str(prop.default)
+
+
+def limits(prop: bpy.types.Property) -> str:
+    """Choices with their meaning, a range, or what an item is."""
+    if prop.type == "ENUM":
+        return "; ".join(f"`{item.identifier}`: {item.description or item.name}" for item in prop.enum_items_static)
+    if prop.type in ("POINTER", "COLLECTION"):
+        kind = prop.fixed_type.identifier
+        return f"list of `{kind}`" if prop.type == "COLLECTION" else f"`{kind}`"
+    if prop.type in ("FLOAT", "INT"):
+        unit = "" if prop.subtype in LENGTHS else f" ({prop.subtype.lower()})"
+        low, high = prop.soft_min, prop.soft_max
+        return f"{low:.6g} to {high:.6g}{unit}" if high < 1e9 else f"{low:.6g} or more{unit}" if low > -1e9 else ""
+    return "on or off" if prop.type == "BOOLEAN" else "path" if prop.subtype in ("FILE_PATH", "DIR_PATH") else "text"
+
+
+# ---- tables
+
+
+def sentence(words: str | None) -> str:
+    """On one line, with a full stop, safe in a table."""
+    text = " ".join((words or "").split()).replace("|", "\\|")
+    return text if not text or text.endswith(".") else f"{text}."
+
+
+def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A section with a table."""
+    return f"## {title}\n\n" + rows_of(head, rows)
+
+
+def rows_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+PAGES: dict[str, Callable[[], str]] = {"parameters.md": parameters, "reference.md": reference}
+
+
+def main() -> int:
+    """Write, or look whether writing would change anything."""
+    stale = []
+    for name, make in PAGES.items():
+        path, text = ROOT / "docs" / name, make()
+        if path.exists() and path.read_text(encoding="utf-8") == text:
+            continue
+        stale.append(f"docs/{name}")
+        if "--check" not in sys.argv[1:]:
+            path.write_text(text, encoding="utf-8")
+    if stale and "--check" in sys.argv[1:]:
+        print(f"{', '.join(stale)}: stale; run 'make docs'", file=sys.stderr)
+        return 1
+    return 0
+
+
 if __name__ == "__main__":
-    if "--check" in sys.argv[1:]:
-        sys.exit(0 if PAGE.exists() and PAGE.read_text(encoding="utf-8") == page() else "docs/parameters.md is stale: "
-                 "run 'make docs'")
-    PAGE.write_text(page(), encoding="utf-8")
+    sys.exit(main())
