@@ -10,6 +10,7 @@ from .move_view import IRPSO_OT_move_view
 from .remove_duplicate_views import IRPSO_OT_remove_duplicate_views
 from .remove_view import IRPSO_OT_remove_view
 from .remove_view_light import IRPSO_OT_remove_view_light
+from .sample_scene import IRPSO_OT_sample_scene, IRPSO_OT_stop_sample
 from .set_view_lights import IRPSO_OT_set_view_lights
 from .show_views import IRPSO_OT_show_views
 from .solve import IRPSO_OT_solve
@@ -37,4 +38,6 @@ CLASSES = (
     IRPSO_OT_write_maps,
     IRPSO_OT_export_maps,
     IRPSO_OT_test_device,
+    IRPSO_OT_sample_scene,
+    IRPSO_OT_stop_sample,
 )

@@ -12,8 +12,10 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+from ..core.job import Progress
+
 PACKAGE = Path(__file__).resolve().parents[1]
-ERRORS = "errors"  # file in the child's folder: what it said on stderr
+ERRORS, PROGRESS = "errors", "progress"  # files in the child's folder: what it said on stderr, what it told
 
 
 def command() -> tuple[str, ...]:
@@ -49,11 +51,26 @@ class Child:
         assert self._process.stdin is not None
         self._process.stdin.close()
 
+    def progress(self) -> Progress | None:
+        """What it last told; None: nothing."""
+        try:
+            fraction, stage, message = (self.folder / PROGRESS).read_text(encoding="utf-8").split("\n")
+        except OSError:  # not there, or being replaced
+            return None
+        return Progress(float(fraction), stage, message)
+
     def last_line(self) -> str:
         """What it said last, if it failed."""
         lines = (self.folder / ERRORS).read_text(encoding="utf-8", errors="replace").split("\n")
         told = [line.strip() for line in lines if line.strip()]
         return told[-1][:200] if told else "it ended without a word"
+
+
+def tell(folder: Path, progress: Progress) -> None:
+    """In the child: how far it is."""
+    fresh = folder / f"{PROGRESS}.new"
+    fresh.write_text(f"{progress.fraction}\n{progress.stage}\n{progress.message}", encoding="utf-8")
+    os.replace(fresh, folder / PROGRESS)
 
 
 def as_child(work: Callable[[], None]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from . import panels, preferences, properties, session, thumbnails
+from . import panels, preferences, properties, sample, session, thumbnails
 from .oiio import ensure_openimageio
 
 COMMAND = "irpso"
@@ -28,6 +28,7 @@ def register(operators: Sequence[type]) -> None:
     properties.register()
     for cls in (*_operators, *preferences.CLASSES, *panels.CLASSES):
         bpy.utils.register_class(cls)
+    sample.register()
     bpy.app.handlers.load_pre.append(session.forget)
     _command_handle = bpy.utils.register_cli_command(COMMAND, _command)
     if bpy.app.module:
@@ -40,6 +41,7 @@ def unregister() -> None:
     bpy.utils.unregister_cli_command(_command_handle)
     session.forget()
     preferences.forget()
+    sample.unregister()
     thumbnails.release()
     bpy.app.handlers.load_pre.remove(session.forget)
     for cls in reversed((*_operators, *preferences.CLASSES, *panels.CLASSES)):
