@@ -20,7 +20,7 @@ MARGIN, HEADER, TEXT = 12, 34, 17  # pixels
 BACKGROUND, INK = 0.11, 0.92
 
 
-def save(path: Path, rows: Sequence[Sequence[tuple[str, F32]]]) -> None:
+def save(path: Path, rows: Sequence[Sequence[tuple[str, F32]]], *, quality: int = 90) -> None:
     """Write tiles as one JPEG, each under its label.
 
     A tile is (h, w, 3), display-encoded 0..1, row 0 at the bottom; all of them of one size.
@@ -39,7 +39,7 @@ def save(path: Path, rows: Sequence[Sequence[tuple[str, F32]]]) -> None:
         blank, labelled = Path(folder) / "tiles.png", Path(folder) / "labelled.png"
         _save_png(blank, canvas)
         _write_labels(blank, labelled, labels)
-        _save_jpeg(labelled, path)
+        _save_jpeg(labelled, path, quality)
 
 
 def _save_png(path: Path, canvas: F32) -> None:
@@ -62,10 +62,10 @@ def _write_labels(source: Path, target: Path, labels: Sequence[tuple[str, int, i
     picture.free()
 
 
-def _save_jpeg(source: Path, target: Path) -> None:
-    """Full colour resolution and little compression: the errors shown must be ours, not JPEG's."""
+def _save_jpeg(source: Path, target: Path, quality: int) -> None:
+    """Full colour resolution: the errors shown must be ours, not JPEG's."""
     picture = oiio.ImageBufAlgo.channels(oiio.ImageBuf(str(source)), (0, 1, 2))
-    picture.specmod().attribute("Compression", "jpeg:90")
+    picture.specmod().attribute("Compression", f"jpeg:{quality}")
     picture.specmod().attribute("jpeg:subsampling", "4:4:4")
     if not picture.write(str(target)):
         raise BadInput(f"{target}: cannot be written ({picture.geterror()}); choose another folder")
