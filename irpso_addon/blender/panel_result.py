@@ -28,6 +28,7 @@ class IRPSO_PT_result(Tab, Panel):
             layout.label(text="Not solved since the file was opened", icon="INFO")
         else:
             self._draw_summary(layout, context.active_object.name, solution, letters(context))
+        layout.operator("irpso.show_views", icon="IMAGE_DATA")
         layout.operator("irpso.write_maps", icon="MATERIAL")
         layout.prop(settings, "out")
         layout.prop(settings, "format")

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from . import panels, preferences, properties, sample, session, thumbnails
+from . import panels, preferences, properties, sample, session, thumbnails, view_draw, view_properties, views
 from .oiio import ensure_openimageio
 
 COMMAND = "irpso"
@@ -28,6 +28,8 @@ def register(operators: Sequence[type]) -> None:
     properties.register()
     for cls in (*_operators, *preferences.CLASSES, *panels.CLASSES):
         bpy.utils.register_class(cls)
+    for part in (view_properties, views, view_draw):
+        part.register()
     sample.register()
     bpy.app.handlers.load_pre.append(session.forget)
     _command_handle = bpy.utils.register_cli_command(COMMAND, _command)
@@ -44,6 +46,8 @@ def unregister() -> None:
     sample.unregister()
     thumbnails.release()
     bpy.app.handlers.load_pre.remove(session.forget)
+    for part in (view_draw, views, view_properties):
+        part.unregister()
     for cls in reversed((*_operators, *preferences.CLASSES, *panels.CLASSES)):
         bpy.utils.unregister_class(cls)
     properties.unregister()

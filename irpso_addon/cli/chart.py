@@ -6,39 +6,17 @@ Needs matplotlib, which Blender does not ship: `draw` raises ImportError without
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-# Okabe and Ito's palette: told apart with any colour vision; markers tell apart without any.
-COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#D55E00", "#E69F00", "#CC79A7", "#000000")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+from ..core.chart import COLOURS, Curve, Panel
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")  # tell apart without any colour
 GREY = "#666666"
 WIDTH, HEIGHT = 4.6, 4.0  # inches a panel
 LABEL_GAP, LETTER = 12.0, 4.5  # points between two labels, and for a letter of one
 DPI = 160
-
-
-@dataclass(frozen=True)
-class Curve:
-    """One method in one panel.  ``seconds`` None: a level drawn across, of what has no time worth a point."""
-
-    label: str
-    place: int  # its colour and marker, the same in every panel
-    seconds: Sequence[float] | None
-    values: Sequence[float]
-    notes: Sequence[str] = ()  # beside each point
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One error."""
-
-    title: str
-    curves: list[Curve]
-    log: bool = False
-    up: bool = False  # whether more is better
 
 
 def draw(panels: Sequence[Sequence[Panel]], title: str, foot: str, stem: Path) -> list[Path]:

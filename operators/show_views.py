@@ -1,0 +1,26 @@
+"""Show the solve in an Image Editor."""
+
+import bpy
+
+from ..irpso_addon.blender import views
+
+
+class IRPSO_OT_show_views(bpy.types.Operator):
+    """Show maps, views beside predictions and results in an Image Editor: this one, an open one, or a new window"""
+
+    bl_idname = "irpso.show_views"
+    bl_label = "Show in Image Editor"
+    bl_options = {"INTERNAL"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There is a window."""
+        return context.window is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Nothing of the file is changed."""
+        if context.area is not None and context.area.type == "IMAGE_EDITOR":
+            views.show_in(context.area)
+        else:
+            views.show(context)
+        return {"FINISHED"}
