@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from bpy.types import Menu, Panel, UIList
 
-from . import readiness, thumbnails
+from . import readiness, sample, thumbnails
 from .readiness import ViewState
 from .tab import Tab, letters, split, wrapped
 
@@ -116,6 +116,8 @@ class IRPSO_PT_capture(Tab, Panel):
         column = layout.column(align=True)
         column.operator("irpso.add_folder", icon="FILE_FOLDER")
         column.operator("irpso.add_views", icon="CAMERA_DATA")
+        if not settings.views:
+            sample.draw(layout.column(align=True))
         if settings.active_view < len(settings.views):
             states = readiness.recent(context).views
             _draw_view(layout, context, settings.views[settings.active_view], states[settings.active_view])
