@@ -1,6 +1,5 @@
 """Recover the selected objects' materials from the views."""
 
-import time
 from collections.abc import Generator, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +13,6 @@ from ..irpso_addon.blender.live import LiveMaps
 from ..irpso_addon.core.data import Solution
 from .modal_job import ModalJob
 from .paths import captures_path
-
-JUDGE_PERIOD = 1.0  # seconds between two looks at how well the maps explain the pictures
 
 
 class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
@@ -32,7 +29,6 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
 
     _live: LiveMaps | None = None
     _label = ""
-    _judged = 0.0  # when maps were last sent to be judged
 
     def objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """The active mesh, and the other selected ones."""
@@ -60,21 +56,17 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         running = session.start(task.start(live.take), self.bl_label, obj.session_uid)
         running.curve = live.curve
         running.preview = jobs.preview((replace(data, start=None), settings), live.take)
+        live.feed = running.preview.feed
 
     def tick(self, obj: bpy.types.Object) -> None:
         """One map at a time onto the object."""
         running, live = session.running, self._live
-        assert running is not None and live is not None and running.preview is not None
+        assert running is not None and live is not None
         fresh, running.live = running.live is not live.latest, live.latest
         if self.write:
             live.show(obj)
         if fresh:
             views.refresh()
-        if time.monotonic() - self._judged > JUDGE_PERIOD and not running.paused:
-            self._judged = time.monotonic()
-            maps = live.to_judge()
-            if maps is not None:
-                running.preview.feed(maps)  # which says how well they explain the pictures
 
     def stopped(self) -> Solution | None:
         """What was on show."""

@@ -7,7 +7,8 @@ them, so that the main thread only hands them over.
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import bpy
@@ -20,7 +21,8 @@ from ..core.params import SolveSettings
 from . import material
 
 SHOWN = 1024  # texels: larger maps are shown reduced until they are done
-JUDGED = 256  # texels of the maps that the preview's worker judges
+JUDGED = 256  # texels of the maps that the preview's worker judges, ...
+JUDGE_SECONDS = 1.0  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
 PARTIAL = "stopped early: maps as far as they had come, coarse where no tile was done"
 
@@ -35,38 +37,45 @@ class LiveMaps:
         self.shown = min(settings.size, SHOWN)
         self.curve: list[tuple[float, float]] = []
         self.latest: Live | None = None
-        self._lock = threading.Lock()
+        self.feed: Callable[[object], None] | None = None  # of the preview's worker
+        self._judged = 0.0
+        self._began = time.monotonic()
+        self._merging, self._handing = threading.Lock(), threading.Lock()  # the second is never held for long
         self._pixels: dict[str, F32] = {}  # role -> flat RGBA, not handed over yet
         self.own: set[int] = set()  # session_uid of the images made here
         self._wired = True
 
     def take(self, live: Live) -> Live:
         """On a thread that reads: the look with maps that are whole."""
-        with self._lock:
+        with self._merging:
             maps = dict(self.canvas.add(live))
-            for role in live.maps:
-                self._pixels[role] = _rgba(resized(maps[role], self.shown), UNKNOWN[role])
+            pixels = {role: _rgba(resized(maps[role], self.shown), UNKNOWN[role]) for role in live.maps}
             before = self.latest
-            self.latest = replace(
+            self.latest = live = replace(
                 live, maps=maps, coverage=self.canvas.coverage, model=self.model,
                 pictures=live.pictures or (before.pictures if before else ()),
                 error=live.error if live.pictures else (before.error if before else float("nan")))
-            if live.pictures:
-                self.curve.append((live.seconds, live.error))
-            return self.latest
+            self._judge(maps)
+        if pixels:
+            with self._handing:
+                self._pixels |= pixels
+        if live.pictures and (before is None or live.pictures is not before.pictures):
+            self.curve.append((time.monotonic() - self._began, live.error))
+        return live
 
-    def to_judge(self) -> Mapping[str, F32] | None:
-        """Maps of JUDGED texels for `preview`, once they are whole."""
-        with self._lock:
-            if not {"base_color", "roughness"} <= self.canvas.maps.keys():
-                return None
-            size = min(JUDGED, self.canvas.size)
-            return {role: np.nan_to_num(resized(self.canvas.maps[role], size), nan=UNKNOWN[role])
-                    for role in ("base_color", "roughness")}
+    def _judge(self, maps: Mapping[str, F32]) -> None:
+        """Have `preview` say how well the maps explain the pictures now."""
+        now = time.monotonic()
+        if self.feed is None or now - self._judged < JUDGE_SECONDS or not {"base_color", "roughness"} <= maps.keys():
+            return
+        self._judged = now
+        size = min(JUDGED, self.canvas.size)
+        self.feed({role: np.nan_to_num(resized(maps[role], size), nan=UNKNOWN[role])
+                   for role in ("base_color", "roughness")})
 
     def show(self, obj: bpy.types.Object) -> bool:
         """Hand one map's new pixels to Blender; True when there was one.  On the main thread, a millisecond or two."""
-        with self._lock:
+        with self._handing:
             if not self._pixels:
                 return False
             role = next(iter(self._pixels))
@@ -79,7 +88,7 @@ class LiveMaps:
 
     def solution(self) -> Solution | None:
         """What is there now, as the result of a solve that was stopped; None before the first base colour."""
-        with self._lock:
+        with self._merging:
             if "base_color" not in self.canvas.maps or self.canvas.coverage is None:
                 return None
             size = self.canvas.size
