@@ -181,12 +181,13 @@ def _round(
     mesh = MeshBuffer(device, scene.mesh)
     gbuffer = yield from clock.stage("gbuffer", bake_gbuffer(scene, settings.size))
     clock.coverage = gbuffer.coverage
-    part = part_of(device, scene, settings.size, gbuffer.position, gbuffer.coverage)
     grid = draw_texel_grid(device, mesh, settings.size)
     slots = np.where(gbuffer.coverage, device.read(grid.normal)[..., 3].round().astype(np.int32), -1)
+    part = part_of(device, scene, settings.size, gbuffer.position, slots)
     last = last_of(part, scene, settings, slots)
     grid = part.grid(device, grid)
-    observations: Observations = yield from clock.stage("observe", observe(device, scene, mesh, read_image, bounced))
+    observations: Observations = yield from clock.stage("observe", observe(
+        device, scene, mesh, read_image, bounced, part))
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
     ladder = Ladder(device, CameraSource(device, grid, observations), settings, np.where(part.solved, slots, -1),

@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
@@ -24,6 +25,9 @@ from .bounced import Smoother
 from .context import Device
 from .surface import MeshBuffer, Occluders, SurfaceMaps, clip_matrix, column_major, draw_pixel_grid
 from .visibility import SHADOW_SIZE, SOFT_ANGLE, LightVisibility
+
+if TYPE_CHECKING:
+    from .part import Part
 
 EDGE_WEIGHT = 0.03  # of an observation at an edge of shadow or silhouette, beside 1 for a good one
 DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
@@ -103,11 +107,12 @@ def camera_uniforms(camera: Camera, height: int, footprint: float) -> dict[str, 
 
 def observe(
     device: Device, scene: SceneData, mesh: MeshBuffer, read_image: ReadImage,
-    bounced: Mapping[int, Bounced] | None = None, shadow_size: int = SHADOW_SIZE,
+    bounced: Mapping[int, Bounced] | None = None, part: Part | None = None, shadow_size: int = SHADOW_SIZE,
 ) -> Generator[Progress, None, Observations]:
     """Draw every camera's maps, every light's shadow, and turn each reference into observations.
 
-    ``bounced``: indirect light, by the view's place in the scene.  ``shadow_size``: texels of a shadow map on a side.
+    ``bounced``: indirect light, by the view's place in the scene.  ``part``: what alone is looked at.
+    ``shadow_size``: texels of a shadow map on a side.
     """
     occluders = Occluders(device, scene.occluders)
     table = principled_table()
@@ -128,6 +133,7 @@ def observe(
         if key not in keys:
             keys[key] = len(cameras)
             maps = draw_pixel_grid(device, mesh, occluders, view.camera, w, h, scene.pixel_filter)
+            maps = part.pixels(device, maps) if part else maps
             clip = clip_matrix(view.camera, [scene.mesh.positions, scene.occluders])
             covered.append(device.read(maps.position)[..., 3] > 0.5)
             cameras.append(ObservedCamera(view.camera, maps, column_major(clip),
@@ -136,7 +142,8 @@ def observe(
         shown = covered[keys[key]]
         good = shown & image.valid & (image.coverage > 0.5)
         if not good.any():
-            skipped.append((view.image.name, "no usable pixel shows the object: check camera, mask and clipping"))
+            what = "object" if part is None or part.whole else "part to solve"
+            skipped.append((view.image.name, f"no usable pixel shows the {what}: check camera, mask and clipping"))
             continue
         levels.append(np.median(image.rgb[good].mean(axis=1))[None])
         quality = np.where(image.valid, np.where(image.coverage > 0.5, image.coverage, 0.0), 0.0)

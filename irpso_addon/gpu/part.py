@@ -25,6 +25,7 @@ class Part:
     weight: F32  # (n, n) of the new result: 1 in the region, falling to 0 around it; 0 where not covered
     known: Bool  # (n, n) the last result has a value of its own, which is kept where the new one has none
     kept: Maps | None = None  # the last result at this size; None: nothing is kept
+    whole: bool = False  # nothing is left out
 
     @property
     def solved(self) -> Bool:
@@ -33,15 +34,30 @@ class Part:
 
     def grid(self, device: Device, whole: SurfaceMaps) -> SurfaceMaps:
         """The texel grid as if nothing but the part were covered.  Takes the place of ``whole``, which it releases."""
-        position = device.read(whole.position)
-        if np.array_equal(self.solved, position[..., 3] > 0.5):
+        if self.whole:
             return whole
-        position = position * self.solved[..., None]
+        position = device.read(whole.position) * self.solved[..., None]
         for thing in (whole.position, whole.cells):
             if thing is not None:
                 thing.release()
         texture = device.texture(position.shape[1], position.shape[0], data=position)
         return replace(whole, position=texture, cells=Cells(device, texture))
+
+    def pixels(self, device: Device, maps: SurfaceMaps) -> SurfaceMaps:
+        """A camera's pixel grid as if it showed nothing but the part; takes the place of ``maps``."""
+        if self.whole:
+            return maps
+        h, w = self.weight.shape
+        weight = device.texture(w, h, 1, self.weight)
+        position = device.texture(*maps.position.size)
+        target = device.framebuffer([position])
+        target.clear()
+        device.draw("gbuffer/shown.frag", target, textures={
+            "u_position": maps.position, "u_uv": maps.uv, "u_part": weight}, uniforms={}, cells=maps.cells)
+        for thing in (target, weight, maps.position, maps.cells):
+            if thing is not None:
+                thing.release()
+        return replace(maps, position=position, cells=Cells(device, position))
 
     def share(self, found: Bool) -> F32:
         """(n, n) of the new result in the end, where it was ``found``; 1 too where there is nothing else."""
@@ -95,10 +111,14 @@ def _lobes(roughness: F32, lobes: F32 | None) -> F32:
     return np.stack([roughness, roughness, np.ones_like(roughness)], -1) if lobes is None else lobes
 
 
-def part_of(device: Device, scene: SceneData, size: int, position: F32, covered: Bool) -> Part:
-    """What is to be solved.  ``position``: (n, n, 3) metres.  Raises BadInput when no texel is in the region."""
+def part_of(device: Device, scene: SceneData, size: int, position: F32, slots: I32) -> Part:
+    """What is to be solved.  Raises BadInput when no texel is in the region.
+
+    ``position``: (n, n, 3) metres.  ``slots``: (n, n) material slot of each covered texel, -1 elsewhere.
+    """
+    covered = slots >= 0
     if scene.region is None:
-        return Part(covered.astype(np.float32), np.zeros_like(covered))
+        return Part(covered.astype(np.float32), np.zeros_like(covered), whole=True)
     inside = covered & _inside(device, scene, scene.region, size)
     if not inside.any():
         raise BadInput(f"{scene.mesh.name}: the part to solve covers no texel at {size} x {size}; "
@@ -106,7 +126,8 @@ def part_of(device: Device, scene: SceneData, size: int, position: F32, covered:
     if scene.start is None:
         return Part(inside.astype(np.float32), np.zeros_like(covered))
     kept = region.resized(scene.start.maps, size)
-    return Part(region.fade(position, covered, inside), covered & ~kept.filled, kept)
+    within = np.isin(slots, np.unique(slots[inside]))  # where one material ends there is a seam already
+    return Part(region.fade(position, within, inside), covered & ~kept.filled, kept)
 
 
 def _inside(device: Device, scene: SceneData, chosen: Region, size: int) -> Bool:

@@ -43,7 +43,7 @@ TWO_LOBES = {  # the valleys of two lobes are long and curved: more steps
     "swarm": {"u_particles": 16, "u_moves": 25, "u_race_steps": 0, "u_final_steps": 4},
 }
 STARTED = {  # the same where a texel's last roughness is known and is the first particle
-    "refined": {"u_started": 2}, "draft": {"u_started": 2}, "swarm": {"u_started": 6},
+    "refined": {"u_started": 3}, "draft": {"u_started": 2}, "swarm": {"u_started": 6},
 }
 STARTED_TWO = {"refined": {"u_started": 3}, "draft": {"u_started": 2}, "swarm": {"u_started": 6}}
 Uniforms = Mapping[str, float | int]
