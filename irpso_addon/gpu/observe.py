@@ -17,6 +17,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import estimate
 from ..core import lights as light_model
 from ..core.data import F32, Bool, Bounced, Camera, Light, RadianceImage, SceneData, View
 from ..core.job import Progress
@@ -300,8 +301,7 @@ def _lamp_defines(light: Light) -> dict[str, str]:
 def bytes_per_pixel(views: Sequence[View]) -> int:
     """GPU memory that all views take, for each pixel that one of them has."""
     lobes = sum(len(view.lights) for view in views) * channels_needed(views)
-    cameras = len({view.camera.name for view in views})
-    return 16 * (2 * len(views) + lobes) + 72 * cameras
+    return estimate.bytes_per_pixel(len(views), lobes, len({view.camera.name for view in views}))
 
 
 def most_pixels(views: Sequence[View], memory: float) -> int:

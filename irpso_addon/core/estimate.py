@@ -1,0 +1,160 @@
+"""How long a solve will take, and how much memory, before it starts.
+
+Seconds of a stage are a sum over what it has to do, measured once on a small machine, times a factor that the last
+solves on this machine have shown.  Bytes are counted from the textures and arrays that are alive together.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from .params import SolveSettings
+from .report import write_report
+
+COVERED = 0.8  # of a map's texels lie in UV islands ...
+SHOWN = 0.35  # ... and of a picture's pixels show the object
+ATLAS_BYTES = 134_000_000  # at most, see gpu/atlas.py
+TEXEL_BYTES = 17 * 16  # of the textures on the texel grid that are alive together
+HOST_BYTES = 150_000_000  # of a process before it reads anything
+HOST_TEXEL_BYTES = 48
+READING = 3  # pictures in memory at a time
+FURTHEST = 50.0  # times faster or slower than the small machine: beyond, something else was measured
+
+# Of the small machine (2 cores, software OpenGL): what a stage takes in any case, in seconds.
+FIXED = {"start": 1.5, "gbuffer": 0.1, "observe": 0.8, "maps": 0.4}
+# Of the search: seconds in any case, microseconds a texel, and more for each view.
+SEARCH = {"lambert": (0.4, 2.0, 0.2), "one-lobe": (0.4, 2.0, 0.2), "one-lobe-specular": (1.6, 1.7, 0.2),
+          "two-lobe": (0.8, 4.0, 0.4), "auto": (0.6, 4.5, 0.3)}
+METHODS = {"refined": 1.0, "draft": 0.8, "swarm": 3.0}  # times the above; "paper" goes by its iterations
+PAPER = 0.04  # microseconds a texel, view and iteration
+PICTURE_SECONDS = 1.0  # of indirect light, by Cycles
+STAGES = ("start", "gbuffer", "observe", "solve", "maps", "indirect")
+
+Factors = Mapping[str, float]  # seconds on this machine / on the small one, by stage; of the search, by its kind
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A view as far as it makes work."""
+
+    width: int
+    height: int
+    camera: str
+    lights: int
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a solve will need."""
+
+    seconds: float
+    gpu_bytes: int
+    host_bytes: int  # of its process, without what a software renderer holds
+    learnt: bool  # from solves on this machine
+    reduced: float = 1.0  # share of the pictures' pixels that fits into the memory
+
+
+def bytes_per_pixel(views: int, lobes: int, cameras: int) -> int:
+    """GPU memory that all views take together, for each pixel that one of them has; ``lobes`` over all views."""
+    return 16 * (2 * views + lobes) + 72 * cameras
+
+
+def estimate(
+    views: Sequence[Taken], settings: SolveSettings, factors: Factors, memory: float, *, rounds: bool = False,
+) -> Estimate:
+    """``memory``: GB that pictures may take.  ``rounds``: indirect light is likely to be rendered, and solved again."""
+    each = bytes_per_pixel(len(views), sum(v.lights for v in views), len({v.camera for v in views}))
+    largest = max((v.width * v.height for v in views), default=0)
+    reduced = min(1.0, memory * 1e9 / each / max(largest, 1))
+    taken = predicted(views, settings, reduced, rounds)
+    known = [factors.get(key) for key in (_key(stage, settings) for stage in taken)]
+    usual = _mean([factor for factor in factors.values()])
+    seconds = sum(s * (factor or usual) for s, factor in zip(taken.values(), known, strict=True))
+    texels, pixels = settings.size**2, largest * reduced
+    atlas = min(ATLAS_BYTES, 512 * 128 * 16 * sum(2 + v.lights for v in views))
+    return Estimate(
+        seconds=seconds, gpu_bytes=int(each * pixels + atlas + TEXEL_BYTES * texels),
+        host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + READING * 60 * largest),
+        learnt=bool(factors), reduced=reduced)
+
+
+def predicted(
+    views: Sequence[Taken], settings: SolveSettings, reduced: float = 1.0, rounds: bool = False,
+) -> dict[str, float]:
+    """Seconds of each stage on the small machine."""
+    def once(size: int) -> dict[str, float]:
+        texels, count = COVERED * size**2, len(views)
+        pixels = reduced * sum(v.width * v.height for v in views)
+        lobes = reduced * sum(v.width * v.height * v.lights for v in views)
+        cameras = {(v.camera, v.width, v.height) for v in views}
+        shown = SHOWN * reduced * sum(w * h for _, w, h in cameras)
+        passes = min(120, len(cameras) * (5 if shown > texels else 20))  # of gpu/albedo.py
+        fixed, base, more = SEARCH[settings.model]
+        search = (base + more * count) * METHODS.get(settings.method, 1.0)
+        if settings.method == "paper":
+            search = PAPER * count * settings.iterations
+        return {"gbuffer": 0.1e-6 * texels, "observe": 0.25e-6 * (pixels + lobes),
+                "solve": fixed + 1e-6 * texels * search, "maps": 0.4e-6 * pixels + 0.09e-6 * passes * texels}
+
+    first = once(settings.size)
+    if rounds:  # a small round and another whole one
+        small = once(min(settings.size, 512))
+        first = {stage: 2 * s + small[stage] for stage, s in first.items()}
+    result = {stage: first.get(stage, 0.0) + FIXED.get(stage, 0.0) for stage in STAGES[:-1]}
+    if rounds:
+        lit = {(v.camera, v.width, v.height, i) for i, v in enumerate(views)}
+        result["indirect"] = 2 * PICTURE_SECONDS * (len(lit) + len({v.camera for v in views}))
+    return result
+
+
+def learnt(
+    factors: Factors, views: Sequence[Taken], settings: SolveSettings, seconds: Mapping[str, float], wall: float,
+    reduced: float = 1.0,
+) -> dict[str, float]:
+    """The factors after a solve: ``seconds`` of its stages, ``wall`` of it all.  A second look at a stage halves a
+    surprise."""
+    result = dict(factors)
+    measured = {**seconds, "start": max(wall - sum(seconds.get(s, 0.0) for s in STAGES), 0.05)}
+    for stage, expected in predicted(views, settings, reduced, "indirect" in seconds).items():
+        if stage in measured:
+            key, factor = _key(stage, settings), measured[stage] / expected
+            if 1 / FURTHEST < factor < FURTHEST:
+                result[key] = _mean([factor, factors[key]]) if key in factors else factor
+    return result
+
+
+def read_factors(path: Path) -> dict[str, float]:
+    """What was learnt; nothing where there is no such file, or something else in it."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        found = {str(key): float(value) for key, value in content["factors"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+    return {key: value for key, value in found.items() if 1 / FURTHEST < value < FURTHEST}
+
+
+def write_factors(path: Path, factors: Factors) -> None:
+    """Whole or not at all.  Raises BadInput."""
+    write_report(path, {"factors": {key: round(value, 4) for key, value in sorted(factors.items())}})
+
+
+def in_words(seconds: float) -> str:
+    """As one would say it: "about 25 s", "about 3 min"."""
+    if seconds < 90:
+        step = 1 if seconds < 10 else 5
+        return f"about {max(step, round(seconds / step) * step)} s"
+    minutes = seconds / 60
+    return f"about {round(minutes)} min" if minutes < 90 else f"about {minutes / 60:.1f} h"
+
+
+def _key(stage: str, settings: SolveSettings) -> str:
+    return f"{stage} {settings.method} {settings.model}" if stage == "solve" else stage
+
+
+def _mean(factors: Sequence[float]) -> float:
+    """Geometric; 1 of none."""
+    return math.exp(sum(map(math.log, factors)) / len(factors)) if factors else 1.0
