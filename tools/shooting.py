@@ -50,7 +50,7 @@ class Shoot:
 
     title: str
     lamps: int = LAMPS
-    above: bool = False  # every lamp in one place, over the vase
+    ring: bool = False  # every lamp at one height
     exposure: float = 0.0  # EV, told to the solver
     spoil: Callable[[], None] | None = None
     develop: Develop | None = None  # from radiance times 2^exposure to what the file holds
@@ -94,7 +94,7 @@ WRONG = {
     "clipped": Shoot("clipped", exposure=2.0, develop=clip),
     "one_light": Shoot("one light", lamps=1),
     "few_lights": Shoot("three lights", lamps=3),
-    "no_highlight": Shoot("lights from above", above=True),
+    "no_highlight": Shoot("lights at one height", ring=True),
     "ambient": Shoot("room lights on", spoil=ambient),
     "moved": Shoot("lights moved", spoil=move_lamps),
     "polarised": Shoot("cross-polarised", spoil=cross_polarise),
@@ -200,11 +200,11 @@ def render(shoot: Shoot, folder: Path, base: F32, rough: F32) -> list[Path]:
 
 
 def directions(shoot: Shoot) -> list[Vector]:
-    """Where the lamps are: spread over the sphere down to 35 degrees below the horizon, or close together above."""
+    """Where the lamps are: spread over the sphere down to 35 degrees below the horizon, or all 49 degrees above it."""
     found = []
     for i in range(shoot.lamps):
         share = (i + 0.5) / shoot.lamps
-        z = 1.0 - 0.06 * share if shoot.above else 0.92 - (0.92 + math.sin(math.radians(35))) * share
+        z = 0.75 if shoot.ring else 0.92 - (0.92 + math.sin(math.radians(35))) * share
         turn, ring = 2.399963 * i - 1.2, math.sqrt(1 - z * z)
         found.append(Vector((ring * math.cos(turn), ring * math.sin(turn), z)))
     return found

@@ -33,6 +33,7 @@ RIVALS = """
 
 All search the same model on the same observations and weigh errors alike (Adam in PyTorch: plain squared errors, by
 which it arrives sooner).
+
 * GLSL (tests/bench/shaders): the product's own residual with base colour and weight eliminated. One start in the
   middle; Adam with rate 0.02; a grid in log roughness, then golden section.
 * PyTorch: all texels in one batch, precomputed geometry. LM: the same variable projection from 8 starts within the
