@@ -105,9 +105,10 @@ class IRPSO_PT_capture(Tab, Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """captures.json, or the list of views."""
         layout, settings = split(self.layout), context.scene.irpso
+        found = readiness.recent(context, renew=True)
         layout.prop(settings, "captures")
         if settings.captures:
-            _draw_file(layout, context)
+            _draw_file(layout, found.views)
             return
         if settings.views:
             self._draw_list(layout, settings)
@@ -119,8 +120,7 @@ class IRPSO_PT_capture(Tab, Panel):
         if not settings.views:
             sample.draw(layout.column(align=True))
         if settings.active_view < len(settings.views):
-            states = readiness.recent(context).views
-            _draw_view(layout, context, settings.views[settings.active_view], states[settings.active_view])
+            _draw_view(layout, context, settings.views[settings.active_view], found.views[settings.active_view])
 
     @staticmethod
     def _draw_list(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
@@ -139,9 +139,8 @@ class IRPSO_PT_capture(Tab, Panel):
         buttons.operator("irpso.move_view", text="", icon="TRIA_DOWN").up = False
 
 
-def _draw_file(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+def _draw_file(layout: bpy.types.UILayout, views: list[ViewState]) -> None:
     """A capture file: how many views it has."""
-    views = readiness.recent(context).views
     if views:
         layout.label(text=f"{len(views)} views", icon="CAMERA_DATA")
     layout.operator("irpso.load_captures", icon="IMPORT")

@@ -67,11 +67,11 @@ class Survey:
 _last: tuple[float, Survey] | None = None
 
 
-def recent(context: bpy.types.Context) -> Survey:
-    """The survey of this redraw."""
+def recent(context: bpy.types.Context, renew: bool = False) -> Survey:
+    """The survey of this redraw; ``renew``: which begins."""
     global _last
     now = time.monotonic()
-    if _last is None or now - _last[0] > FRESH:
+    if renew or _last is None or now - _last[0] > FRESH:
         _last = now, survey(context)
     return _last[1]
 
