@@ -14,7 +14,8 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..core.data import F32, Maps, SceneData, Solution
+from ..core import region
+from ..core.data import F32, Bool, Maps, SceneData, Solution
 from ..core.errors import BadInput
 from ..core.live import ROLES, Canvas, Live, resized
 from ..core.params import SolveSettings
@@ -26,6 +27,8 @@ JUDGE_SECONDS = 1.0  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
 PARTIAL = "stopped early: maps as far as they had come, coarse where no tile was done"
 
+UNCHANGED = "stopped early: the last result stays as it was"
+
 
 class LiveMaps:
     """The maps of one running solve."""
@@ -33,7 +36,13 @@ class LiveMaps:
     def __init__(self, scene: SceneData, settings: SolveSettings) -> None:
         self.model = dict.fromkeys(scene.mesh.slot_names, "lambert" if settings.model == "lambert" else "one-lobe")
         self.views = tuple(view.image.name for view in scene.views)
+        self.start = None if scene.start is None else replace(scene.start, maps=region.resized(
+            scene.start.maps, settings.size))  # what is there already, and shown until there is better
         self.canvas = Canvas(settings.size)
+        if self.start is not None:
+            self.model |= self.start.model
+            known = ~self.start.maps.filled
+            self.canvas.add(Live({role: _only(known, getattr(self.start.maps, role)) for role in ROLES}, known))
         self.shown = min(settings.size, SHOWN)
         self.curve: list[tuple[float, float]] = []
         self.latest: Live | None = None
@@ -44,6 +53,11 @@ class LiveMaps:
         self._pixels: dict[str, F32] = {}  # role -> flat RGBA, not handed over yet
         self.own: set[int] = set()  # session_uid of the images made here
         self._wired = True
+
+    @property
+    def seconds(self) -> float:
+        """Since it began."""
+        return time.monotonic() - self._began
 
     def take(self, live: Live) -> Live:
         """On a thread that reads: the look with maps that are whole."""
@@ -60,8 +74,12 @@ class LiveMaps:
             with self._handing:
                 self._pixels |= pixels
         if live.pictures and (before is None or live.pictures is not before.pictures):
-            self.curve.append((time.monotonic() - self._began, live.error))
+            self.curve.append((self.seconds, live.error))
         return live
+
+    def take_preview(self, live: Live) -> Live:
+        """The same of the coarse maps that come first: where there is a last result, it is better than they are."""
+        return self.take(live if self.start is None else replace(live, maps={}, coverage=None))
 
     def _judge(self, maps: Mapping[str, F32]) -> None:
         """Have `preview` say how well the maps explain the pictures now."""
@@ -91,6 +109,8 @@ class LiveMaps:
         with self._merging:
             if "base_color" not in self.canvas.maps or self.canvas.coverage is None:
                 return None
+            if self.start is not None and (self.start.maps.lobes is not None or self.start.maps.specular is not None):
+                return replace(self.start, cancelled=True, warnings=(UNCHANGED,))  # looks do not tell of these
             size = self.canvas.size
             found = {role: self.canvas.maps.get(role, np.full((size, size), np.nan, np.float32)) for role in ROLES}
             known = np.isfinite(found["roughness"]) & np.isfinite(found["base_color"][..., 0]) & self.canvas.coverage
@@ -129,6 +149,11 @@ class LiveMaps:
             material.wire_maps(obj, solution, images)
         except BadInput:  # is reported when the result is there; the images show it until then
             self._wired = False
+
+
+def _only(known: Bool, values: F32) -> F32:
+    """The values that are known, else NaN."""
+    return np.where(known if values.ndim == 2 else known[..., None], values, np.float32(np.nan))
 
 
 def _rgba(values: F32, unknown: float) -> F32:
