@@ -79,7 +79,9 @@ def _by_name(file: PurePath, mask: PurePath | None, cameras: Sequence[str], ligh
 
 def _cameras_in_order(found: list[Match], cameras: Sequence[str], lights: Sequence[str]) -> list[Match]:
     """One picture for each camera, or one under each light; all to the only camera."""
-    each, rest = divmod(len(found), max(len(cameras), 1))
+    if not cameras:
+        return found
+    each, rest = divmod(len(found), len(cameras))
     if rest or not each or (len(cameras) > 1 and each not in {1, len(lights)}):
         return found
     order = sorted(cameras, key=lambda name: natural(PurePath(name)))
