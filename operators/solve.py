@@ -7,10 +7,24 @@ from typing import Any
 
 import bpy
 
-from ..irpso_addon.blender import indirect, jobs, material, properties, scene, session, views
+from ..irpso_addon.blender import (
+    estimates,
+    indirect,
+    jobs,
+    material,
+    properties,
+    readiness,
+    scene,
+    session,
+    steer,
+    views,
+    writable,
+)
 from ..irpso_addon.blender.jobs import Task
 from ..irpso_addon.blender.live import LiveMaps
-from ..irpso_addon.core.data import Solution
+from ..irpso_addon.blender.panel_solve import solve_objects
+from ..irpso_addon.core.data import SceneData, Solution
+from ..irpso_addon.core.params import SolveSettings
 from .modal_job import ModalJob
 from .paths import captures_path
 
@@ -29,17 +43,30 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
 
     _live: LiveMaps | None = None
     _label = ""
+    _held = False  # was paused: its times say nothing
+    _asked: tuple[SceneData, SolveSettings]
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A mesh that maps can go onto, with views."""
+        if not super().poll(context):
+            return False
+        why = None if bpy.app.background else writable.why_not(context.active_object) or readiness.why_not(context)
+        if why is not None:
+            cls.poll_message_set(why)
+        return why is None
 
     def objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """The active mesh, and the other selected ones."""
-        others = [obj for obj in context.selected_objects if obj.type == "MESH" and obj != context.active_object]
-        return [context.active_object, *others]
+        return solve_objects(context)
 
     def task(self, context: bpy.types.Context, obj: bpy.types.Object) -> Task:
         """Reads the scene and the panel's settings."""
         settings = properties.settings(context.scene.irpso)
-        data = scene.read_scene(context, obj.name, captures_path(context.scene))
-        self._label = f"{settings.method}, {settings.model}, {settings.size}"
+        data = steer.steered(context, obj, scene.read_scene(context, obj.name, captures_path(context.scene)))
+        if self.write:
+            writable.check(obj, data.mesh)
+        self._label = f"{settings.method}, {settings.model}, {settings.size}{', part' if data.region else ''}"
         if settings.indirect == "off":
             return Task("pipeline:solve", (data, settings))
         if not bpy.data.is_dirty:
@@ -52,16 +79,18 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
     def start(self, task: Task, obj: bpy.types.Object) -> None:
         """The solve in one process, first looks at it in another."""
         data, settings = task.arguments[:2]
-        self._live = live = LiveMaps(data, settings)
+        self._live, self._asked = LiveMaps(data, settings), (data, settings)
+        live = self._live
         running = session.start(task.start(live.take), self.bl_label, obj.session_uid)
         running.curve = live.curve
-        running.preview = jobs.preview((replace(data, start=None), settings), live.take)
+        running.preview = jobs.preview((replace(data, start=None), settings), live.take_preview)
         live.feed = running.preview.feed
 
     def tick(self, obj: bpy.types.Object) -> None:
         """One map at a time onto the object."""
         running, live = session.running, self._live
         assert running is not None and live is not None
+        self._held |= running.paused
         fresh, running.live = running.live is not live.latest, live.latest
         if self.write:
             live.show(obj)
@@ -76,6 +105,8 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         """Keeps the solution, wires the maps, says what happened."""
         solution: Solution = value
         session.keep(obj, solution, self._label)
+        if not (cancelled or self._held or self._live is None):
+            estimates.learn(*self._asked, solution, self._live.seconds)
         messages: tuple[str, ...] = ()
         if self.write:
             messages = yield from self._written(obj.session_uid, solution)

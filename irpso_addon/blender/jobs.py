@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import bpy
+
 from .. import channel
 from ..core.live import Live
 from ..gpu import thread
@@ -46,6 +48,12 @@ def warm_up() -> None:
     """Get the worker for previews ready, unless it is."""
     if _warm is None or not _warm.alive:
         Remote("preview:warm_up", worker=_worker())
+
+
+def warm_soon() -> None:
+    """`warm_up`, but not now: for panels, which are drawn again and again."""
+    if (_warm is None or not _warm.alive) and not bpy.app.timers.is_registered(warm_up):
+        bpy.app.timers.register(warm_up, first_interval=0.1)
 
 
 def cool_down() -> None:

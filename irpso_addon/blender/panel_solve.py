@@ -8,7 +8,7 @@ import bpy
 from bpy.types import Panel
 
 from ..core.params import SolveSettings
-from . import session
+from . import estimates, jobs, readiness, session, steer
 from .tab import Tab, split
 
 # Settings that mean something for some choices of another alone: which one, and which choices.
@@ -16,11 +16,22 @@ ONLY_FOR = {"specular": ("model", {"one-lobe-specular"}), "ndf": ("model", {"two
     ("particles", "iterations", "c1", "c2", "c3", "window", "threshold"), ("method", {"paper"}))
 
 
+ELSEWHERE = ("start",)  # drawn by `steer`
+
+
 def shown(settings: bpy.types.PropertyGroup, advanced: bool) -> list[str]:
     """The rows of the parameter table that a panel shows: those that the present model and method use."""
     names = [field.name for field in fields(SolveSettings) if field.metadata["advanced"] == advanced]
     others = {name: ONLY_FOR.get(name, ("", set())) for name in names}
     return [name for name, (other, choices) in others.items() if not other or getattr(settings, other) in choices]
+
+
+def solve_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """What `irpso.solve` solves: the active mesh, and the other meshes that are selected."""
+    active = context.active_object
+    if active is None or active.type != "MESH":
+        return []
+    return [active, *(obj for obj in context.selected_objects if obj.type == "MESH" and obj != active)]
 
 
 class IRPSO_PT_solve(Tab, Panel):
@@ -34,12 +45,20 @@ class IRPSO_PT_solve(Tab, Panel):
         column = layout.column()
         column.enabled = session.running is None
         for name in shown(context.scene.irpso, advanced=False):
-            column.prop(context.scene.irpso, name)
-        column = layout.column()
-        column.scale_y = 1.4
-        column.operator("irpso.solve", icon="PLAY")
+            if name not in ELSEWHERE:
+                column.prop(context.scene.irpso, name)
+        steer.draw(column, context)
         if session.running is not None:
             draw_running(layout, session.running)
+            return
+        column = layout.column()
+        column.scale_y = 1.4
+        count = len(solve_objects(context))
+        column.operator("irpso.solve", text=f"Solve {count} Objects" if count > 1 else "Solve", icon="PLAY")
+        estimates.draw(layout, context)
+        readiness.draw(layout, context)
+        if readiness.why_not(context) is None:
+            jobs.warm_soon()
 
 
 def draw_running(layout: bpy.types.UILayout, running: session.Running) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from . import panels, preferences, properties, sample, session, thumbnails, view_draw, view_properties, views
+from . import jobs, panels, preferences, properties, sample, session, thumbnails, view_draw, view_properties, views
 from .oiio import ensure_openimageio
 
 COMMAND = "irpso"
@@ -42,6 +42,7 @@ def unregister() -> None:
     atexit.unregister(unregister)
     bpy.utils.unregister_cli_command(_command_handle)
     session.forget()
+    jobs.cool_down()
     preferences.forget()
     sample.unregister()
     thumbnails.release()
