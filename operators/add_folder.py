@@ -92,11 +92,11 @@ def _told(fresh: Sequence[Match], known: int, lights: int) -> tuple[str, str]:
         ("camera by order", sum(m.camera_by_order for m in fresh)),
         ("lights by name", sum(bool(m.lights) and not m.lights_by_order for m in fresh)),
         ("lights by order", sum(m.lights_by_order for m in fresh)),
-        ("lit by all lights", sum(not m.lights for m in fresh) if lights > 1 else 0),
-        ("with a mask", sum(m.mask is not None for m in fresh)),
-        ("in the list before", known),
+        ("all lights", sum(not m.lights for m in fresh) if lights > 1 else 0),
+        ("mask", sum(m.mask is not None for m in fresh)),
+        ("already in the list", known),
     ]
-    text = f"Added {len(fresh)} views" + "".join(f"; {count} {what}" for what, count in counts if count)
+    text = f"Added {len(fresh)} views" + "".join(f"; {what}: {count}" for what, count in counts if count)
     if not lost:
         return "INFO", text
     more = f" and {len(lost) - NAMED} more" if len(lost) > NAMED else ""

@@ -1,0 +1,298 @@
+"""The list of views by operators, and what the panels say is missing: the same that a solve would refuse."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def module(extension):
+    """``module("blender.readiness")``: a module of the registered extension."""
+    def find(name: str):
+        return sys.modules[f"irpso_ext.irpso_addon.{name}"]
+    return find
+
+
+@pytest.fixture
+def scene(extension, scenes: Path, tmp_path: Path) -> bpy.types.Scene:
+    """A private copy of the good scene, its ball active; ten pictures "Camera 0, Light 1.exr" in refs."""
+    shutil.copytree(scenes / "good", tmp_path / "good")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "good" / "scene.blend"), load_ui=False)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    return bpy.context.scene
+
+
+@pytest.fixture
+def survey(module):
+    """``survey()``: what is known once the files have been looked at."""
+    def ask():
+        thumbnails = module("blender.thumbnails")
+        readiness = module("blender.readiness")
+        readiness.survey(bpy.context)
+        end = time.monotonic() + 10
+        while (thumbnails._images.busy or thumbnails._captures.busy) and time.monotonic() < end:
+            time.sleep(0.01)
+        found = readiness.survey(bpy.context)
+        while thumbnails._images.busy and time.monotonic() < end:  # of a capture file just read
+            time.sleep(0.01)
+        found = readiness.survey(bpy.context)
+        thumbnails.release()  # the next question looks at the disk again
+        return found
+    return ask
+
+
+def listed(scene) -> list[tuple[str, str, list[str]]]:
+    return [(Path(v.image).name, v.camera.name if v.camera else "", [item.light.name for item in v.lights])
+            for v in scene.irpso.views]
+
+
+def test_a_folder_is_matched_by_names(scene, tmp_path: Path) -> None:
+    assert bpy.ops.irpso.add_folder(directory="//refs") == {"FINISHED"}
+    assert listed(scene) == [(f"Camera {c}, Light {n}.exr", f"Camera {c}", [f"Light {n}"])
+                             for c in range(2) for n in range(5)]
+    assert scene.irpso.views[0].image == "//refs/Camera 0, Light 0.exr"
+    assert bpy.ops.irpso.add_folder(directory=str(tmp_path / "good" / "refs")) == {"CANCELLED"}  # all there
+    # The same views as the capture file's: so the same solve.
+    by_folder = listed(scene)
+    scene.irpso.views.clear()
+    scene.irpso.captures = "//captures.json"
+    bpy.ops.irpso.load_captures()
+    assert sorted(listed(scene)) == sorted(by_folder)
+
+
+def test_a_folder_in_order_with_sub_folders_and_masks(scene, tmp_path: Path) -> None:
+    """Without names: five files under five lights for each camera; hidden files and texts are left alone."""
+    source = sorted((tmp_path / "good" / "refs").iterdir())
+    for camera in range(2):
+        folder = tmp_path / "shots" / "ab"[camera]
+        folder.mkdir(parents=True)
+        for n in range(5):
+            shutil.copy(source[5 * camera + n], folder / f"IMG_{n + 8}.exr")
+    shutil.copy(source[0], tmp_path / "shots" / "a" / "IMG_9_mask.exr")
+    shutil.copy(source[0], tmp_path / "shots" / ".hidden.exr")
+    (tmp_path / "shots" / "notes.txt").write_text("none")
+    assert bpy.ops.irpso.add_folder(directory=str(tmp_path / "shots")) == {"FINISHED"}
+    assert listed(scene) == [(f"IMG_{n + 8}.exr", f"Camera {c}", [f"Light {n}"]) for c in range(2) for n in range(5)]
+    assert [Path(v.mask).name for v in scene.irpso.views if v.mask] == ["IMG_9_mask.exr"]
+    assert "IMG_9.exr" in scene.irpso.views[1].image and scene.irpso.views[1].mask
+
+
+@pytest.mark.parametrize("name", ["nosuch", "empty"])
+def test_a_folder_without_images_is_refused(scene, tmp_path: Path, name) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RuntimeError, match=name):
+        bpy.ops.irpso.add_folder(directory=str(tmp_path / name))
+    assert not scene.irpso.views
+
+
+def test_a_flash_is_found_by_its_parent(scene) -> None:
+    bpy.data.objects["Light 2"].parent = bpy.data.objects["Camera 0"]
+    for path in (Path(bpy.data.filepath).parent / "refs").iterdir():
+        path.rename(path.with_name(path.name.replace(", Light ", " shot ")))
+    bpy.ops.irpso.add_folder(directory="//refs")
+    assert {tuple(lights) for _, camera, lights in listed(scene) if camera == "Camera 0"} == {("Light 2",)}
+    assert {tuple(lights) for _, camera, lights in listed(scene) if camera == "Camera 1"} == {()}
+
+
+def test_order_and_duplicates_undo_too(scene) -> None:
+    bpy.ops.irpso.add_folder(directory="//refs")
+    before = listed(scene)
+    views = scene.irpso.views
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        views.move(*map(int, rng.integers(0, 10, 2)))
+    scene.irpso.active_view = 4
+    active = views[4].image
+    assert listed(scene) != before
+    assert bpy.ops.irpso.sort_views() == {"FINISHED"}
+    assert listed(scene) == before and views[scene.irpso.active_view].image == active
+    scene.irpso.active_view = 1
+    assert bpy.ops.irpso.move_view(up=True) == {"FINISHED"} and listed(scene)[:2] == before[1::-1]
+    assert scene.irpso.active_view == 0
+    assert bpy.ops.irpso.move_view(up=True) == {"CANCELLED"}
+    assert bpy.ops.irpso.move_view(up=False) == {"FINISHED"} and listed(scene) == before
+    for image in ("//refs/Camera 0, Light 0.exr", "//refs/../refs/Camera 0, Light 1.exr", ""):
+        views.add().image = image
+    scene.irpso.active_view = 12
+    bpy.ops.ed.undo_push(message="before")
+    assert bpy.ops.irpso.remove_duplicate_views("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert listed(scene) == [*before, ("", "", [])] and scene.irpso.active_view == 10
+    assert bpy.ops.irpso.remove_duplicate_views() == {"CANCELLED"}
+    bpy.ops.ed.undo()
+    assert len(bpy.context.scene.irpso.views) == 13
+
+
+def test_lights_of_a_view(scene) -> None:
+    bpy.ops.irpso.add_folder(directory="//refs")
+    scene.irpso.active_view = 3
+    assert bpy.ops.irpso.remove_view_light(index=0) == {"FINISHED"} and not scene.irpso.views[3].lights
+    assert not bpy.ops.irpso.remove_view_light.poll()
+    assert bpy.ops.irpso.add_view() == {"FINISHED"} and scene.irpso.active_view == 10
+    assert scene.irpso.views[10].camera == scene.camera
+
+
+def lost_file(scene) -> str:
+    (Path(bpy.data.filepath).parent / "refs" / "Camera 0, Light 0.exr").unlink()
+    return "file missing"
+
+
+def no_image(scene) -> str:
+    scene.irpso.views[0].image = ""
+    return "View 1: no image"
+
+
+def broken_file(scene) -> str:
+    (Path(bpy.data.filepath).parent / "refs" / "Camera 0, Light 0.exr").write_bytes(b"not an image")
+    return "cannot be read as an image"
+
+
+def no_camera(scene) -> str:
+    scene.irpso.views[0].camera = None
+    return "no camera"
+
+
+def deleted_camera(scene) -> str:
+    scene.collection.objects.unlink(bpy.data.objects["Camera 0"])
+    return "camera 'Camera 0' was deleted"
+
+
+def panorama(scene) -> str:
+    bpy.data.cameras["Camera 0"].type = "PANO"
+    return "panoramic"
+
+
+def deleted_light(scene) -> str:
+    bpy.data.objects.remove(bpy.data.objects["Light 0"])
+    return "no light"
+
+
+def unlinked_light(scene) -> str:
+    scene.collection.objects.unlink(bpy.data.objects["Light 0"])
+    return "light 'Light 0' was deleted"
+
+
+def dark(scene) -> str:
+    for obj in [obj for obj in scene.objects if obj.type == "LIGHT"]:
+        obj.hide_render = True
+    for view in scene.irpso.views:
+        view.lights.clear()
+    return "no light in the scene renders"
+
+
+def odd_space(scene) -> str:
+    scene.irpso.views[0].colorspace = "Filmic"
+    return "color space 'Filmic' is not known"
+
+
+def lost_mask(scene) -> str:
+    scene.irpso.views[0].mask = "//nosuch.png"
+    return "mask: file missing"
+
+
+def other_aspect(scene) -> str:
+    scene.render.resolution_x *= 2
+    return "another aspect"
+
+
+def no_uvs(scene) -> str:
+    mesh = bpy.data.objects["Ball"].data
+    mesh.uv_layers.remove(mesh.uv_layers[0])
+    mesh.update_tag()
+    return "Ball: has no UV map"
+
+
+def no_faces(scene) -> str:
+    bpy.data.objects["Ball"].data.clear_geometry()
+    return "Ball: has no faces"
+
+
+def all_off(scene) -> str:
+    for view in scene.irpso.views:
+        view.enabled = False
+    return "switched off"
+
+
+def no_views(scene) -> str:
+    scene.irpso.views.clear()
+    return "No views"
+
+
+def lost_captures(scene) -> str:
+    scene.irpso.captures = "//nosuch.json"
+    return "nosuch.json: file missing"
+
+
+def captures_of_others(scene) -> str:
+    bpy.data.objects["Light 0"].name = "Lamp"
+    scene.irpso.captures = "//captures.json"
+    return "light 'Light 0' is not in the scene"
+
+
+FAULTS = [lost_file, no_image, broken_file, no_camera, deleted_camera, panorama, deleted_light, unlinked_light, dark,
+          odd_space, lost_mask, other_aspect, no_uvs, no_faces, all_off, no_views, lost_captures, captures_of_others]
+
+
+@pytest.mark.parametrize("spoil", FAULTS)
+def test_what_is_missing_is_said_before_the_solve_refuses_it(scene, survey, spoil) -> None:
+    """Nothing is wrong; then one thing, which the survey names and the solve refuses."""
+    bpy.ops.irpso.add_folder(directory="//refs")
+    scene.irpso.size = 16
+    assert survey().problems() == []
+    said = spoil(scene)
+    problems = survey().problems()
+    assert len(problems) == 1 and said in problems[0], problems
+    with pytest.raises(RuntimeError):
+        bpy.ops.irpso.solve()
+
+
+def test_one_line_for_views_with_one_fault(scene, survey) -> None:
+    bpy.ops.irpso.add_folder(directory="//refs")
+    for view in list(scene.irpso.views)[:4]:
+        view.camera = None
+    scene.irpso.views[3].enabled = False
+    assert survey().problems() == ["Camera 0, Light 0.exr and 2 more: no camera"]
+    scene.irpso.views[5].image = scene.irpso.views[4].image
+    assert survey().views[5].notes == ["Same image as view 5"]
+
+
+def test_backgrounds_are_views_without_a_list(scene, survey) -> None:
+    assert survey().problems() == ["No views; add them under Capture"]
+    slot = bpy.data.cameras["Camera 0"].background_images.new()
+    slot.image = bpy.data.images.load(str(Path(bpy.data.filepath).parent / "refs" / "Camera 0, Light 1.exr"))
+    found = survey()
+    assert found.problems() == [] and [(v.name, v.camera, v.lights) for v in found.views] == [
+        ("Camera 0, Light 1.exr", "Camera 0", 5)]
+    slot.image.pack()
+    assert "unpack" in survey().problems()[0]
+
+
+def test_names_are_shortened_to_what_differs(module) -> None:
+    prefix = module("blender.readiness")._prefix
+    assert prefix(["Camera 1", "Camera 12", "Camera 1"]) == "Camera "
+    assert prefix(["Cam.001", "Cam.002"]) == "Cam."
+    assert prefix(["Front", "Fro"]) == prefix(["Left", "Right"]) == prefix(["Only"]) == prefix(["", "A"]) == ""
+    assert prefix(["Key", "Key Left"]) == ""
+    assert prefix(["light1", "light2"]) == ""
+
+
+def test_asking_is_cheap(scene, module, survey) -> None:
+    """500 views in far less than the 20 ms that the window may wait (3.1 ms were measured)."""
+    bpy.ops.irpso.add_folder(directory="//refs")
+    for n in range(490):
+        view = scene.irpso.views.add()
+        view.image, view.camera = f"//refs/{n}.exr", bpy.data.objects["Camera 1"]
+        view.lights.add().light = bpy.data.objects["Light 1"]
+    survey()
+    readiness, times = module("blender.readiness"), []
+    for _ in range(5):
+        start = time.thread_time()
+        readiness.survey(bpy.context)
+        times.append(time.thread_time() - start)
+    assert min(times) < 0.02, times
