@@ -15,7 +15,7 @@ from .tab import Tab, letters, split, wrapped
 NO_PICTURE = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items["IMAGE_DATA"].value
 WIDE = 45  # letters of the sidebar from which whole names have room in a line of the list
 NAME = 0.44  # share of a line for the file's name
-LARGE = 4.4  # height of the active view's picture, in buttons
+LARGE = 4.0  # height of the active view's picture, in buttons
 
 
 class IRPSO_UL_views(UIList):
@@ -65,7 +65,8 @@ def _draw_taken(layout: bpy.types.UILayout, context: bpy.types.Context, view: An
     parts.label(text=state.camera if wide else state.camera.removeprefix(found.camera_prefix))
     last = parts.row(align=True)
     exposure = f" {view.exposure:+.1f} EV" if wide and abs(view.exposure) >= 0.05 else ""
-    last.label(text=(state.light if wide else state.light.removeprefix(found.light_prefix)) + exposure)
+    light = state.light if wide else state.light.removeprefix(found.light_prefix).replace(" lights", " on")
+    last.label(text=light + exposure)
     if state.notes:
         last.label(text="", icon="INFO")
 
@@ -119,15 +120,13 @@ class IRPSO_PT_capture(Tab, Panel):
         column.operator("irpso.add_views", icon="CAMERA_DATA")
         if not settings.views:
             sample.draw(layout.column(align=True))
-        if settings.active_view < len(settings.views):
-            _draw_view(layout, context, settings.views[settings.active_view], found.views[settings.active_view])
 
     @staticmethod
     def _draw_list(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
         row = layout.row()
         column = row.column(align=True)
         _draw_heads(column)
-        column.template_list("IRPSO_UL_views", "", settings, "views", settings, "active_view", rows=6)
+        column.template_list("IRPSO_UL_views", "", settings, "views", settings, "active_view", rows=5)
         buttons = row.column(align=True)
         buttons.label(text="", icon="BLANK1")
         buttons.operator("irpso.add_view", text="", icon="ADD")
@@ -146,34 +145,58 @@ def _draw_file(layout: bpy.types.UILayout, views: list[ViewState]) -> None:
     layout.operator("irpso.load_captures", icon="IMPORT")
 
 
-def _draw_view(layout: bpy.types.UILayout, context: bpy.types.Context, view: Any, state: ViewState) -> None:
+class IRPSO_PT_view(Tab, Panel):
     """The active view: its picture, what is wrong, everything that can be changed."""
-    box = layout.box()
-    picture = _picture(view, state)
-    if picture != NO_PICTURE:
-        top = box.split(factor=0.4)
-        top.template_icon(icon_value=picture, scale=LARGE)
-        facts = top.column(align=True)
-        for line in _facts(state):
-            facts.label(text=line)
-    says = box.column(align=True)
-    for text, icon in ((state.faults, "ERROR"), (state.notes, "INFO")):
-        for line in text:
-            wrapped(says, line, letters(context) - 2, icon)
-    column = box.column()
-    column.active = view.enabled
-    for name in ("image", "camera", "exposure", "mask", "colorspace"):
-        column.prop(view, name)
-    _draw_lights(column, view, state)
+
+    bl_label = ""
+    bl_parent_id = "IRPSO_PT_capture"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only of a list."""
+        settings = context.scene.irpso
+        return not settings.captures and settings.active_view < len(settings.views)
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """Which one."""
+        state = _active(context)
+        self.layout.label(text=state.name or "View without Image", icon="ERROR" if state.faults else "NONE")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Picture and facts, faults and notes, properties."""
+        layout, settings, state = split(self.layout), context.scene.irpso, _active(context)
+        view = settings.views[settings.active_view]
+        picture = _picture(view, state)
+        if picture != NO_PICTURE:
+            top = layout.split(factor=0.4)
+            top.template_icon(icon_value=picture, scale=LARGE)
+            facts = top.column(align=True)
+            for line in _facts(state):
+                facts.label(text=line)
+        says = layout.column(align=True)
+        for text, icon in ((state.faults, "ERROR"), (state.notes, "INFO")):
+            for line in text:
+                wrapped(says, line, letters(context) - 2, icon)
+        column = layout.column()
+        column.active = view.enabled
+        for name in ("image", "camera", "exposure", "mask", "colorspace"):
+            column.prop(view, name)
+        _draw_lights(column, view, state)
+
+
+def _active(context: bpy.types.Context) -> ViewState:
+    states, index = readiness.recent(context).views, context.scene.irpso.active_view
+    return states[index] if index < len(states) else ViewState("")
 
 
 def _facts(state: ViewState) -> list[str]:
     """What the file is."""
     found = state.file
     if found is None or found.problem:
-        return [state.name]
+        return []
     kind = "" if found.integer else " float"
-    return [state.name, f"{found.width} x {found.height} pixels", f"{found.bits}-bit{kind}", found.colorspace or ""]
+    return [f"{found.width} x {found.height} pixels", f"{found.bits}-bit{kind}", found.colorspace or ""]
 
 
 def _draw_lights(layout: bpy.types.UILayout, view: Any, state: ViewState) -> None:
@@ -187,4 +210,4 @@ def _draw_lights(layout: bpy.types.UILayout, view: Any, state: ViewState) -> Non
     layout.operator("irpso.set_view_lights", icon="RESTRICT_SELECT_OFF")
 
 
-CLASSES = (IRPSO_UL_views, IRPSO_MT_views, IRPSO_PT_capture)
+CLASSES = (IRPSO_UL_views, IRPSO_MT_views, IRPSO_PT_capture, IRPSO_PT_view)
