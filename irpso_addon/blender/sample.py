@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import bpy
 import gpu
 from bpy.app.handlers import persistent
+from mathutils import Euler
 
 from ..core.errors import BadInput
 from ..core.job import Progress
 from ..core.report import versions
-from . import session
+from . import session, views
 from .child import Child, command
 from .preferences import EXTENSION
 from .sample_child import SCENE
 
 POLL, REDRAW = 0.1, 0.05  # seconds
 PATIENCE = 40  # redraws until the sidebar must be there
+LOOK = Euler((math.radians(78), 0.0, math.radians(20))).to_quaternion()  # past the cameras, a little from above
+AIM, DISTANCE = (0.3, 0.0, 0.0), 4.2  # metres
 LEFT = 0.55  # share of the viewport that stays one, the Image Editor gets the rest
 
 making: Making | None = None
@@ -151,43 +156,61 @@ def on_load(*_: object) -> None:
     """load_post handler: lays the window out for the sample scene; another file ends the making of it."""
     stop()
     if not bpy.app.background and bpy.data.filepath and Path(bpy.data.filepath) == path():
-        _steps[:] = [None] * PATIENCE
+        _todo[:] = [_split, _add_image_editor, _frame, *[_open_tab] * PATIENCE]
         bpy.app.timers.register(_lay_out, first_interval=0.0)
 
 
-_steps: list[None] = []
+_todo: list[Callable[[bpy.types.Window, bpy.types.Area], bool]] = []  # a redraw after another; True: that was the last
 
 
 def _lay_out() -> float | None:
     """The vase in a viewport with our tab open, an Image Editor beside it."""
     window = bpy.context.window_manager.windows[0]
     area = max((a for a in window.screen.areas if a.type == "VIEW_3D"), key=lambda a: a.width * a.height, default=None)
-    if area is None:
+    if area is None or _todo.pop(0)(window, area) or not _todo:
         return None
-    region = {region.type: region for region in area.regions}
-    space: Any = area.spaces.active
-    if len(_steps) == PATIENCE:
-        with bpy.context.temp_override(window=window, area=area, region=region["WINDOW"]):
-            if not any(a.type == "IMAGE_EDITOR" for a in window.screen.areas):
-                _add_image_editor(window, area)
-            software = gpu.platform.device_type_get() == "SOFTWARE"
-            space.shading.type, space.shading.color_type = "SOLID" if software else "MATERIAL", "TEXTURE"
-            space.region_3d.view_perspective = "PERSP"
-            bpy.ops.view3d.view_axis(type="FRONT")
-            bpy.ops.view3d.view_selected()
-        space.show_region_ui = True
     area.tag_redraw()
-    if region["UI"].width > 1 and region["UI"].active_panel_category != "UNSUPPORTED":
-        region["UI"].active_panel_category = "IRPSO"
-        return None
-    _steps.pop()
-    return REDRAW if _steps else None
+    return REDRAW
 
 
-def _add_image_editor(window: bpy.types.Window, area: bpy.types.Area) -> None:
-    """To the right of ``area``."""
-    before = set(window.screen.areas)
-    bpy.ops.screen.area_split(direction="VERTICAL", factor=LEFT)
-    fresh = next(a for a in window.screen.areas if a not in before)
-    right = max(area, fresh, key=lambda a: a.x)
+def _split(window: bpy.types.Window, area: bpy.types.Area) -> bool:
+    """Makes room to the right of the viewport, unless there is an Image Editor."""
+    if any(a.type == "IMAGE_EDITOR" for a in window.screen.areas):
+        del _todo[0]
+    else:
+        with bpy.context.temp_override(window=window, area=area):
+            bpy.ops.screen.area_split(direction="VERTICAL", factor=LEFT)
+    return False
+
+
+def _add_image_editor(window: bpy.types.Window, _area: bpy.types.Area) -> bool:
+    """The right one of the two viewports; only now do they know where they are."""
+    right = max((a for a in window.screen.areas if a.type == "VIEW_3D"), key=lambda a: a.x)
     right.type = "IMAGE_EDITOR"
+    views.show_in(right)
+    return False
+
+
+def _frame(_window: bpy.types.Window, area: bpy.types.Area) -> bool:
+    """The vase beside the sidebar, with its maps on as soon as it has some."""
+    space: Any = area.spaces.active
+    space.show_region_ui = True
+    software = gpu.platform.device_type_get() == "SOFTWARE"  # there Material Preview takes seconds to start
+    space.shading.type, space.shading.color_type = "SOLID" if software else "MATERIAL", "TEXTURE"
+    view = space.region_3d
+    view.view_perspective, view.view_rotation = "PERSP", LOOK
+    view.view_location, view.view_distance = AIM, DISTANCE
+    return False
+
+
+def _open_tab(_window: bpy.types.Window, area: bpy.types.Area) -> bool:
+    """Once the sidebar has been drawn."""
+    sidebar = _region(area, "UI")
+    if sidebar.width <= 1 or sidebar.active_panel_category == "UNSUPPORTED":
+        return False
+    sidebar.active_panel_category = "IRPSO"
+    return True
+
+
+def _region(area: bpy.types.Area, kind: str) -> bpy.types.Region:
+    return next(region for region in area.regions if region.type == kind)

@@ -45,7 +45,8 @@ def build(out: Path) -> Iterable[Progress]:
         view = scene.irpso.views.add()
         view.image, view.camera = f"//{reference.image}", reference.camera
         view.lights.add().light = reference.light
-    scene.irpso.size, scene.irpso.indirect = PLAN.texels, "off"
+    scene.irpso.size = PLAN.texels
+    scene.irpso.indirect, scene.irpso.registration = "off", "given"  # as they were rendered
     for kind, name in (("CAMERA", "Cameras"), ("LIGHT", "Lights")):
         _collect([obj for obj in scene.objects if obj.type == kind], name)
     for obj in scene.objects:

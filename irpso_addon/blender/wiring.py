@@ -57,7 +57,10 @@ def wire(
         two_lobe.unpark(principled)
         _remove(tree, two_lobe.ROLE)
         tree.links.new(channels[0] if lobes else roughness.outputs["Color"], shader.inputs["Roughness"])
-    tree.links.new(textures.add("base_color", "Base Color", 0).outputs["Color"], shader.inputs["Base Color"])
+    base = textures.add("base_color", "Base Color", 0)
+    tree.links.new(base.outputs["Color"], shader.inputs["Base Color"])
+    if tree.nodes.active is None or tree.nodes.active.bl_idname != base.bl_idname:
+        tree.nodes.active = base  # what Solid view with textures shows, and what is painted on
     return messages
 
 
