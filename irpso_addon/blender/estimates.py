@@ -13,6 +13,7 @@ from ..core import estimate
 from ..core.data import SceneData, Solution
 from ..core.errors import BadInput
 from ..core.estimate import Estimate, Taken
+from ..core.glance import same_file
 from ..core.params import SolveSettings
 from . import preferences, properties, readiness, session
 
@@ -63,9 +64,9 @@ def learn(data: SceneData, settings: SolveSettings, solution: Solution, wall: fl
 
 def _sizes(data: SceneData) -> Sequence[Taken]:
     """The views as they were solved; sizes as the panels know them."""
-    known = {state.image: state.file for state in readiness.recent(bpy.context).views if state.file is not None}
+    known = {same_file(state.image): state.file for state in readiness.recent(bpy.context).views if state.file is not None}
     return [Taken(file.width, file.height, view.camera.name, len(view.lights)) for view in data.views
-            if (file := known.get(str(view.image))) is not None]
+            if (file := known.get(same_file(str(view.image)))) is not None]
 
 
 def factors() -> dict[str, float]:

@@ -1,0 +1,93 @@
+"""The estimate before a solve: what it learns, what it forgets, how it reads."""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+
+import pytest
+
+from irpso_addon.core.errors import BadInput
+from irpso_addon.core.estimate import (
+    FURTHEST,
+    Taken,
+    bytes_per_pixel,
+    estimate,
+    in_words,
+    learnt,
+    predicted,
+    read_factors,
+    write_factors,
+)
+from irpso_addon.core.params import SolveSettings
+
+CHOICES = {name: [key for key, _ in SolveSettings.__dataclass_fields__[name].metadata["choices"]]
+           for name in ("model", "method")}
+
+
+def views(count: int = 10, pixels: int = 300, lights: int = 1) -> list[Taken]:
+    return [Taken(pixels, pixels, f"Camera {i % 3}", lights) for i in range(count)]
+
+
+def test_every_model_and_method_has_a_figure_that_grows_with_the_work() -> None:
+    for model, method in product(CHOICES["model"], CHOICES["method"]):
+        settings = SolveSettings(size=256, model=model, method=method)
+        seconds = estimate(views(), settings, {}, 2.0).seconds
+        assert 0.5 < seconds < 600
+        larger = SolveSettings(size=1024, model=model, method=method)
+        assert estimate(views(), larger, {}, 2.0).seconds > seconds
+        for more in (views(30), views(pixels=900), views(lights=4)):
+            assert estimate(more, settings, {}, 2.0).seconds >= seconds
+        assert estimate(views(), settings, {}, 2.0, rounds=True).seconds > 1.5 * seconds
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0, 7.0])
+def test_one_solve_teaches_the_next(speed) -> None:
+    """A machine that is slower or faster throughout is known exactly after one solve, for models not yet tried too."""
+    settings = SolveSettings(size=512)
+    def truly(taken, chosen):
+        return {stage: speed * s for stage, s in predicted(taken, chosen).items()}
+    took = truly(views(), settings)
+    stages = {stage: s for stage, s in took.items() if stage != "start"}
+    factors = learnt({}, views(), settings, stages, sum(took.values()))
+    assert set(factors) == {"start", "gbuffer", "observe", "solve refined auto", "maps"}
+    for taken, chosen in ((views(25), SolveSettings(size=1024)), (views(5), SolveSettings(size=128, model="two-lobe"))):
+        found = estimate(taken, chosen, factors, 2.0)
+        assert found.learnt and found.seconds == pytest.approx(sum(truly(taken, chosen).values()))
+
+
+def test_surprises_are_halved_and_nonsense_is_not_learnt() -> None:
+    settings, expected = SolveSettings(), predicted(views(), SolveSettings())
+    twice = learnt({"maps": 1.0}, views(), settings, {"maps": 4 * expected["maps"]}, 100.0)
+    assert twice["maps"] == pytest.approx(2.0)
+    assert learnt({}, views(), settings, {"maps": 2 * FURTHEST * expected["maps"]}, 0.0).get("maps") is None
+
+
+def test_pictures_beyond_the_memory_are_counted_as_reduced() -> None:
+    taken, settings = views(20, 4000), SolveSettings(size=256)
+    found = estimate(taken, settings, {}, 2.0)
+    assert found.reduced == pytest.approx(2e9 / bytes_per_pixel(20, 20, 3) / 4000**2)
+    assert found.gpu_bytes == pytest.approx(2e9, rel=0.1)
+    assert estimate(taken, settings, {}, 8.0).gpu_bytes == pytest.approx(8e9, rel=0.1)
+    assert estimate(views(), settings, {}, 2.0).reduced == 1.0
+
+
+def test_what_was_learnt_is_kept_in_a_file_or_not_at_all(tmp_path) -> None:
+    path = tmp_path / "speed.json"
+    assert read_factors(path) == {}
+    write_factors(path, {"maps": 1.23456, "observe": 2.0})
+    assert read_factors(path) == {"maps": 1.2346, "observe": 2.0}
+    for text in ("", "[]", '{"factors": 3}', '{"factors": {"maps": "fast"}}', "\x00", '{"factors": {"maps": null}}'):
+        path.write_text(text)
+        assert read_factors(path) == {}
+    path.write_text('{"factors": {"maps": -1, "observe": 1e9, "solve": NaN, "gbuffer": 2}}')
+    assert read_factors(path) == {"gbuffer": 2.0}
+    with pytest.raises(BadInput, match="cannot be written"):
+        write_factors(tmp_path / "none" / "speed.json", {})
+
+
+def test_words() -> None:
+    said = {0.3: "about 1 s", 7.6: "about 8 s", 23: "about 25 s", 88: "about 90 s", 100: "about 2 min",
+            3000: "about 50 min", 9000: "about 2.5 h"}
+    assert {seconds: in_words(seconds) for seconds in said} == said
+    steps = [in_words(10 ** (x / 20)) for x in range(-10, 90)]
+    assert all(a != "about 0 s" and b != "about 0 min" for a, b in pairwise(steps))

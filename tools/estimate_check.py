@@ -1,0 +1,89 @@
+"""How near the estimate before a solve comes: the demo's vase solved in worker processes, as the add-on does.
+
+    python tools/estimate_check.py
+
+Writes docs/estimate.md.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from irpso_addon.blender import demo  # noqa: E402  # the checkout is no installed package
+from irpso_addon.blender.files import open_blend  # noqa: E402
+from irpso_addon.blender.scene import read_scene  # noqa: E402
+from irpso_addon.cli.demo import make  # noqa: E402
+from irpso_addon.core.data import SceneData, Solution  # noqa: E402
+from irpso_addon.core.estimate import Taken, estimate, learnt  # noqa: E402
+from irpso_addon.core.params import DeviceSettings, SolveSettings  # noqa: E402
+from irpso_addon.remote import Remote  # noqa: E402
+
+PAGE = """\
+# The estimate before a solve
+
+The Solve panel says how long a solve will take and how much memory. The seconds are a sum over what each stage has to
+do, measured once, times factors that the last solves on this machine have shown; they are kept in the user's
+configuration folder (`irpso_speed.json`; delete it to forget them). A solve that was stopped or paused, of a part or
+from the last result teaches nothing. Indirect light counts where it is asked for, or was rendered in the last solve.
+
+Made by `python tools/estimate_check.py`: the demo's vase, pictures of {pixels} x {pixels} pixels, each solve in a new
+process, seconds from its start to its result. *First* is what would be said on a machine that has solved nothing yet;
+*learnt* after the first line's solve alone; other models and methods take the machine's speed from it.
+
+| views | size | model | method | measured | first | learnt | learnt / measured |
+|---|---|---|---|---|---|---|---|
+{rows}
+
+Farthest off after one solve: a factor of {worst:.2f}. Memory of the device: within a factor of 1.5 of what the textures
+take (`tests/gpu/test_estimate.py`).
+"""
+CASES = [  # the first is what is learnt from
+    (16, 256, "auto", "refined"), (16, 256, "auto", "refined"), (16, 512, "auto", "refined"),
+    (8, 256, "auto", "refined"), (31, 256, "auto", "refined"), (16, 1024, "auto", "refined"),
+    (16, 256, "lambert", "refined"), (16, 256, "one-lobe", "refined"), (16, 256, "one-lobe-specular", "refined"),
+    (16, 256, "two-lobe", "refined"), (16, 256, "auto", "draft"), (16, 256, "auto", "swarm")]
+
+
+def main() -> None:
+    """Solve and write the page."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = make(Path(folder))
+        open_blend(made.scene)
+        data = read_scene(None, demo.NAME, made.captures)
+        rows, factors, worst = [], None, 1.0
+        for count, size, model, method in CASES:
+            part = replace(data, views=data.views[::max(1, len(data.views) // count)][:count])
+            settings = SolveSettings(size=size, model=model, method=method, indirect="off")
+            taken = [Taken(demo.PIXELS, demo.PIXELS, v.camera.name, len(v.lights)) for v in part.views]
+            solution, wall = solve(part, settings)
+            first = estimate(taken, settings, {}, DeviceSettings().memory).seconds
+            later = estimate(taken, settings, factors or {}, DeviceSettings().memory).seconds
+            learnt_words = "", ""
+            if factors is None:
+                factors = learnt({}, taken, settings, solution.seconds, wall)
+            else:
+                worst = max(worst, later / wall, wall / later)
+                learnt_words = f"{later:.1f} s", f"{later / wall:.2f}"
+            rows.append(f"| {count} | {size} | {model} | {method} | {wall:.1f} s | {first:.1f} s | "
+                        f"{learnt_words[0]} | {learnt_words[1]} |")
+            print(rows[-1], flush=True)
+    (ROOT / "docs" / "estimate.md").write_text(
+        PAGE.format(pixels=demo.PIXELS, rows="\n".join(rows), worst=worst), encoding="utf-8")
+
+
+def solve(data: SceneData, settings: SolveSettings) -> tuple[Solution, float]:
+    """A solve in a process of its own, and its seconds from start to result."""
+    start = time.perf_counter()
+    solution: Solution = Remote("pipeline:solve", data, settings).result()
+    return solution, time.perf_counter() - start
+
+
+if __name__ == "__main__":
+    main()
