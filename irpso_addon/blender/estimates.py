@@ -64,7 +64,8 @@ def learn(data: SceneData, settings: SolveSettings, solution: Solution, wall: fl
 
 def _sizes(data: SceneData) -> Sequence[Taken]:
     """The views as they were solved; sizes as the panels know them."""
-    known = {same_file(state.image): state.file for state in readiness.recent(bpy.context).views if state.file is not None}
+    states = readiness.recent(bpy.context).views
+    known = {same_file(state.image): state.file for state in states if state.file is not None}
     return [Taken(file.width, file.height, view.camera.name, len(view.lights)) for view in data.views
             if (file := known.get(same_file(str(view.image)))) is not None]
 

@@ -22,7 +22,7 @@ def taken(shoot: syn.Shoot) -> list[Taken]:
 
 @pytest.mark.parametrize(("size", "pixels"), [(128, 300), (512, 72)])
 def test_memory_of_the_device(monkeypatch, size, pixels) -> None:
-    """Within a factor of 1.5.  Bytes of the textures that are alive together at the worst moment, counted where they are made and freed."""
+    """Within a factor of 1.5 of the textures alive together at the worst moment, counted as they are made and freed."""
     alive: dict[int, int] = {}
     peak = 0
     make, free = moderngl.Context.texture, moderngl.Texture.release
