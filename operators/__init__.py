@@ -1,6 +1,7 @@
 """Blender operators, one a file, thin: poll, read, call, report."""
 
 from .add_folder import IRPSO_OT_add_folder
+from .add_rig import IRPSO_OT_add_rig
 from .add_view import IRPSO_OT_add_view
 from .add_views import IRPSO_OT_add_views
 from .bake_gbuffer import IRPSO_OT_bake_gbuffer
@@ -24,6 +25,7 @@ CLASSES = (
     IRPSO_OT_add_folder,
     IRPSO_OT_add_views,
     IRPSO_OT_add_view,
+    IRPSO_OT_add_rig,
     IRPSO_OT_remove_view,
     IRPSO_OT_remove_duplicate_views,
     IRPSO_OT_move_view,

@@ -118,6 +118,7 @@ class IRPSO_PT_capture(Tab, Panel):
         column = layout.column(align=True)
         column.operator("irpso.add_folder", icon="FILE_FOLDER")
         column.operator("irpso.add_views", icon="CAMERA_DATA")
+        column.operator_menu_enum("irpso.add_rig", "kind", icon="LIGHT_POINT")
         if not settings.views:
             sample.draw(layout.column(align=True))
 

@@ -125,7 +125,8 @@ def _draw_device(box: bpy.types.UILayout) -> None:
             rows.append(("Test", f"Passed in {_found.seconds:.1f} s; roughness is off by {_found.rough_error:.4f}"))
         column = box.column(align=True)
         for name, value in rows:
-            line = column.split(factor=0.3)
-            line.alignment = "RIGHT"
-            line.label(text=name)
+            line = column.split(factor=0.4)
+            left = line.row()
+            left.alignment = "RIGHT"
+            left.label(text=name)
             line.label(text=value)
