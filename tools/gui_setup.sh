@@ -55,6 +55,7 @@ if [ ! -x "$root/usr/bin/apt-get" ]; then
         >"$root.partial/etc/apt/apt.conf.d/99snapshot"
     printf '#!/bin/sh\nexit 101\n' >"$root.partial/usr/sbin/policy-rc.d"  # no services
     chmod +x "$root.partial/usr/sbin/policy-rc.d"
+    ln -sfn /proc/mounts "$root.partial/etc/mtab"  # Blender looks for it
     mv "$root.partial" "$root"
 fi
 missing=()

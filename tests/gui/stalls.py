@@ -18,7 +18,8 @@ def table(told: Mapping[str, Any]) -> str:
     lines = [f"{'':22}{'longest block':>15}{'95 of 100':>12}"]
     for name, title in (("idle", "idle"), ("redraw", "redrawing 8/s"), ("solve", "solving")):
         lines.append(f"{title:22}{told[name]['longest']:12.0f} ms{told[name]['p95']:9.0f} ms")
-    lines.append(f"{'of that the add-on':22}{told['own_longest']:12.0f} ms{told['own_p95']:9.0f} ms")
+    lines.append(f"{'of that the add-on':22}{told['modal']['longest']:12.0f} ms{told['modal']['p95']:9.0f} ms")
+    lines.append(f"the click on Solve takes {told['invoke']:.0f} ms of the add-on's")
     lines.append(f"first picture after {told['first']:.2f} s; {told['updates']} updates in {told['seconds']:.1f} s, "
                  f"{told['rate']:.1f}/s; longest time between two {told['longest_between']:.2f} s")
     return "\n".join(lines)

@@ -58,8 +58,8 @@ def started(wait: float = 5) -> Steps:
 
 
 def far_enough(part: float = EARLY) -> Steps:
-    """Wait until a part of it is done."""
-    yield from robot.until(lambda: running() is None or running().progress.fraction > part)
+    """Wait until a part of it is done, and something of it is on show."""
+    yield from robot.until(lambda: running() is None or (running().live and running().progress.fraction > part))
     assert running() is not None, "it was over before it could be stopped"
 
 
@@ -68,6 +68,12 @@ def ended(limit: float = robot.PATIENCE) -> Steps:
     began = time.monotonic()
     yield from robot.until(lambda: running() is None, limit, step=0.005)
     return time.monotonic() - began
+
+
+def delivered() -> Steps:
+    """Wait for the result of a job that has ended: it is put on the material bit by bit."""
+    yield from robot.until(solution, 5)
+    yield from robot.until(lambda: linked(subject()), 5)
 
 
 def linked(obj: bpy.types.Object) -> dict[str, str]:
@@ -91,9 +97,9 @@ def whole(scene: str, size: int, shading: str = "MATERIAL") -> Steps:
     yield from robot.look("panel")
     yield from started()
     robot.tell(seconds=(yield from ended()))
+    yield from delivered()
     robot.area().spaces.active.shading.type = shading
     yield from robot.look("solved", 4)
-    assert solution() is not None
     robot.tell(texels=dict(solution().texels), linked=linked(subject()))
     with robot.within():
         bpy.ops.ed.undo()
@@ -112,7 +118,7 @@ def stopped(scene: str, size: int) -> Steps:
     times = {}
     for way in ("esc", "button"):
         spot = yield from started()
-        where = (yield from robot.find("irpso.stop(", across=(0.93,), below=spot[1])) if way == "button" else None
+        where = (yield from robot.find("irpso.stop(", across=(0.83,), below=spot[1] + 11)) if way == "button" else None
         yield from far_enough()
         before = time.monotonic()
         if where:
@@ -122,8 +128,8 @@ def stopped(scene: str, size: int) -> Steps:
         before = time.monotonic() - robot.HOVER  # both end a hover after the event that counts
         yield from ended(10)
         times[way] = time.monotonic() - before
-        assert solution() is not None and solution().cancelled, way
-        assert linked(subject()), way
+        yield from delivered()
+        assert solution().cancelled, way
         yield from robot.look(f"stopped-{way}")
     robot.tell(stopped=times)
 
@@ -132,7 +138,7 @@ def paused(scene: str, size: int) -> Steps:
     """Pause for a while; it stands still, goes on, and ends as if nothing had been."""
     yield from opened(scene, size)
     spot = yield from started()
-    pause = yield from robot.find("irpso.pause(", across=(0.8, 0.7, 0.9), below=spot[1])
+    pause = yield from robot.find("irpso.pause(", across=(0.76,), below=spot[1] + 11)
     yield from far_enough()
     yield from robot.click(*pause)
     yield 0.7  # a step that was under way may end
@@ -142,5 +148,6 @@ def paused(scene: str, size: int) -> Steps:
     assert running() is not None and running().progress.fraction == stands, "it goes on in the pause"
     yield from robot.click(*pause)
     yield from ended()
-    assert solution() is not None and not solution().cancelled
+    yield from delivered()
+    assert not solution().cancelled
     robot.tell(texels=dict(solution().texels))

@@ -13,6 +13,7 @@ from robot import Steps
 
 TICK = 0.002  # seconds between two looks at the clock
 PHASE = 5.0  # seconds of each baseline
+SLOW = 20.0  # ms: what takes the add-on longer is named in the log
 UPDATES = 8  # a second, of the baseline that redraws
 
 
@@ -48,19 +49,24 @@ class Redraw:
         self._image = bpy.data.images.new("Baseline", size, size, float_buffer=True)
         self._pixels = np.random.default_rng(0).random(size * size * 4, np.float32)
         self._next = 0.0
-        material = jobs.subject().active_material
-        node = material.node_tree.nodes.new("ShaderNodeTexImage")
-        node.image = self._image
-        material.node_tree.links.new(node.outputs[0], material.node_tree.nodes["Principled BSDF"].inputs["Base Color"])
-        material.node_tree.nodes.active = node
+        self._tree = jobs.subject().active_material.node_tree
+        self._node = self._tree.nodes.new("ShaderNodeTexImage")
+        self._node.image = self._image
+        self._tree.links.new(self._node.outputs[0], self._tree.nodes["Principled BSDF"].inputs["Base Color"])
+        self._tree.nodes.active = self._node
 
     def __call__(self) -> None:
         """Show the next picture if it is time."""
         if time.monotonic() > self._next:
-            self._pixels[::7] *= -1
+            self._pixels[::7] = 1 - self._pixels[::7]
             self._image.pixels.foreach_set(self._pixels)
             self._image.update()
             self._next = time.monotonic() + 1 / UPDATES
+
+    def remove(self) -> None:
+        """Take it all away again."""
+        self._tree.nodes.remove(self._node)
+        bpy.data.images.remove(self._image)
 
 
 def timed(step: Callable[..., object], spent: list[float]) -> Callable[..., object]:
@@ -71,15 +77,18 @@ def timed(step: Callable[..., object], spent: list[float]) -> Callable[..., obje
             return step(self, context, event)
         finally:
             spent.append(1000 * (time.perf_counter() - before))
+            if spent[-1] > SLOW:
+                doing = jobs.running() and jobs.running().progress
+                robot.say(f"{step.__name__} took {spent[-1]:.0f} ms", doing and (doing.stage, doing.message))
     return method
 
 
-def own_work() -> list[float]:
-    """Milliseconds of each call of the operator's `modal`: what the add-on itself does on the main thread."""
-    spent: list[float] = []
+def own_work() -> dict[str, list[float]]:
+    """Milliseconds of each call of the operator's methods: what the add-on itself does on the main thread."""
+    spent: dict[str, list[float]] = {"invoke": [], "modal": []}
     operator = robot.addon("operators.solve").IRPSO_OT_solve
-    for name in ("invoke", "modal"):
-        setattr(operator, name, timed(getattr(operator, name), spent))
+    for name, times in spent.items():
+        setattr(operator, name, timed(getattr(operator, name), times))
     return spent
 
 
@@ -91,7 +100,7 @@ def measure(scene: str, size: int, shading: str) -> Steps:
     redraw = Redraw(min(size, 1024))
     yield from for_a_while(redraw)
     robot.tell(redraw=figures((yield from for_a_while(redraw))))
-    bpy.ops.ed.undo()
+    redraw.remove()
     spent, seen = own_work(), []
     latest = [None]
     spot = yield from robot.find("irpso.solve(")
@@ -113,5 +122,5 @@ def measure(scene: str, size: int, shading: str) -> Steps:
     between = [b - a for a, b in pairwise(seen)] or [took]
     robot.tell(solve=figures(gaps), seconds=took, first=seen[0], updates=len(seen),
                rate=len(seen) / max(seen[-1], 1e-3), longest_between=max(between),
-               own_longest=max(spent), own_p95=sorted(spent)[int(0.95 * len(spent))])
+               invoke=max(spent["invoke"]), modal=figures(sorted(spent["modal"])))
     yield from robot.look("end")
