@@ -15,6 +15,7 @@ import bpy
 from ..irpso_addon.blender import session
 from ..irpso_addon.blender.jobs import Task
 from ..irpso_addon.core.errors import BadInput, Cancelled
+from ..irpso_addon.core.job import Progress
 
 TIMER_PERIOD = 0.05  # seconds
 REDRAW_PERIOD = 0.2  # seconds between two drawings of the progress
@@ -27,6 +28,7 @@ class ModalJob:
     """
 
     _flow: Iterator[None] | None = None
+    _running: session.Running | None = None
     _timer: bpy.types.Timer | None = None
     _drawn = 0.0
     _kept = False  # whether something was changed, so that there is something to undo
@@ -56,6 +58,9 @@ class ModalJob:
         Raises BadInput before anything is changed.
         """
         raise NotImplementedError
+
+    def settled(self) -> None:
+        """Once the job is over, and its result is in its place."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -141,7 +146,7 @@ class ModalJob:
             task = self.task(bpy.context, obj)
             try:
                 self.start(task, obj)
-                running = session.running
+                self._running = running = session.running
                 assert running is not None
                 yield
                 while not running.job.done:
@@ -156,13 +161,13 @@ class ModalJob:
                 value, cancelled = _outcome(running.job.result)
                 if cancelled and value is None:
                     value = self.stopped()
-                stopped = running.stopping
-                session.end()
+                running.progress = Progress(1.0, "write")
                 yield from self._finished(uid, value, cancelled)
             finally:
-                session.end()
+                session.end(self._running)
                 task.afterwards()
-            if stopped:
+                self.settled()
+            if running.stopping:
                 return
 
     def _finished(self, uid: int, value: Any, cancelled: bool) -> Iterator[None]:
@@ -197,7 +202,7 @@ class ModalJob:
             context.window_manager.progress_end()
         if context.workspace is not None:
             context.workspace.status_text_set(None)
-        session.end()
+        session.end(self._running)
 
 
 def _outcome(result: Any) -> tuple[Any, bool]:

@@ -115,6 +115,9 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         texels = solution.texels
         outcome = "stopped; kept" if cancelled else "solved"
         self.report({"INFO"}, f"{obj.name}: {outcome} {texels['solved']:,} of {texels['covered']:,} texels")
+
+    def settled(self) -> None:
+        """The views show the result instead of the running job."""
         views.refresh()
 
     def _written(self, uid: int, solution: Solution) -> Generator[None, None, tuple[str, ...]]:
@@ -126,11 +129,18 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         own = self._live.own if self._live is not None else ()
         layers = material.layers_of(solution.maps)
         for role, array in layers.items():
-            material.put_image(obj, role, array, own)
+            material.put_image(obj, role, array, own, pack=False)
             yield
             obj = session.object_by_uid(uid)
             if obj is None:
                 return ()
+            image = material.images_of(obj).get(role)
+            if image is not None:
+                image.pack()
+                yield
+                obj = session.object_by_uid(uid)
+                if obj is None:
+                    return ()
         images = material.images_of(obj)
         for role in layers.keys() - images.keys():  # Undo has taken it meanwhile
             images[role] = material.put_image(obj, role, layers[role])

@@ -22,6 +22,7 @@ from ..core.params import SolveSettings
 from . import material
 
 SHOWN = 1024  # texels: larger maps are shown reduced until they are done
+SHOW_SECONDS = 0.15
 JUDGED = 256  # texels of the maps that the preview's worker judges, ...
 JUDGE_SECONDS = 1.0  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
@@ -47,7 +48,7 @@ class LiveMaps:
         self.curve: list[tuple[float, float]] = []
         self.latest: Live | None = None
         self.feed: Callable[[object], None] | None = None  # of the preview's worker
-        self._judged = 0.0
+        self._judged = self._showed = 0.0  # when last
         self._began = time.monotonic()
         self._merging, self._handing = threading.Lock(), threading.Lock()  # the second is never held for long
         self._pixels: dict[str, F32] = {}  # role -> flat RGBA, not handed over yet
@@ -91,18 +92,24 @@ class LiveMaps:
         self.feed({role: np.nan_to_num(resized(maps[role], size), nan=UNKNOWN[role])
                    for role in ("base_color", "roughness")})
 
-    def show(self, obj: bpy.types.Object) -> bool:
-        """Hand one map's new pixels to Blender; True when there was one.  On the main thread, a millisecond or two."""
+    def show(self, obj: bpy.types.Object) -> None:
+        """Hand new pixels to Blender, at most every SHOW_SECONDS: each time the window is drawn anew.
+
+        On the main thread, a millisecond or two for each map.
+        """
+        now = time.monotonic()
+        if now - self._showed < SHOW_SECONDS:
+            return
         with self._handing:
-            if not self._pixels:
-                return False
-            role = next(iter(self._pixels))
-            pixels = self._pixels.pop(role)
-        image = self._image(obj, role)
-        image.pixels.foreach_set(pixels)
-        image.update()
-        image.update_tag()  # Cycles' viewport hears of nothing else
-        return True
+            pixels, self._pixels = self._pixels, {}
+        for role, values in pixels.items():
+            image = self._image(obj, role)
+            image.pixels.foreach_set(values)
+            image.update()
+            if _cycles_is_on_show():
+                image.update_tag()  # its viewport hears of nothing else; costs a tenth of a second without a GPU
+        if pixels:
+            self._showed = now
 
     def solution(self) -> Solution | None:
         """What is there now, as the result of a solve that was stopped; None before the first base colour."""
@@ -154,6 +161,13 @@ class LiveMaps:
 def _only(known: Bool, values: F32) -> F32:
     """The values that are known, else NaN."""
     return np.where(known if values.ndim == 2 else known[..., None], values, np.float32(np.nan))
+
+
+def _cycles_is_on_show() -> bool:
+    """Whether some viewport renders with Cycles."""
+    return any(area.type == "VIEW_3D" and area.spaces.active.shading.type == "RENDERED"
+               and window.scene.render.engine == "CYCLES"
+               for window in bpy.context.window_manager.windows for area in window.screen.areas)
 
 
 def _rgba(values: F32, unknown: float) -> F32:

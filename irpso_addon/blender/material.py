@@ -91,7 +91,9 @@ def write_images(obj: bpy.types.Object, layers: Mapping[str, F32]) -> dict[str, 
     return {role: put_image(obj, role, array) for role, array in layers.items()}
 
 
-def put_image(obj: bpy.types.Object, role: str, array: F32, own: Collection[int] = ()) -> bpy.types.Image:
+def put_image(
+    obj: bpy.types.Object, role: str, array: F32, own: Collection[int] = (), pack: bool = True,
+) -> bpy.types.Image:
     """One of them.  An image of the right size whose session_uid is in ``own`` takes the pixels, else a new one."""
     height, width = array.shape[:2]
     rgba = np.ones((height, width, 4), np.float32)
@@ -101,7 +103,8 @@ def put_image(obj: bpy.types.Object, role: str, array: F32, own: Collection[int]
         image = blank_image(obj, role, width)
     image.pixels.foreach_set(rgba.ravel())
     image.update()
-    image.pack()
+    if pack:
+        image.pack()
     return image
 
 

@@ -83,11 +83,13 @@ def start(job: Remote, title: str, object_uid: int = 0) -> Running:
     return running
 
 
-def end() -> None:
-    """Forgets the running job; the caller has taken its result or cancelled it."""
+def end(job: Running | None) -> None:
+    """Forgets ``job`` if it is the running one; the caller has taken its result or cancelled it."""
     global running
-    if running is not None and running.preview is not None:
-        running.preview.cancel()
+    if job is None or job is not running:
+        return
+    if job.preview is not None:
+        job.preview.cancel()
     running = None
     redraw_sidebars()
 
@@ -128,7 +130,7 @@ def forget(*_: object) -> None:
 
 
 def redraw_sidebars() -> None:
-    """Shows the new state in every 3D viewport's sidebar."""
+    """Shows the new state in every sidebar that has our tab."""
     for region in _sidebars():
         region.tag_redraw()
 
@@ -136,5 +138,5 @@ def redraw_sidebars() -> None:
 def _sidebars() -> Iterator[bpy.types.Region]:
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type == "VIEW_3D":
+            if area.type in ("VIEW_3D", "IMAGE_EDITOR"):
                 yield from (region for region in area.regions if region.type == "UI")
