@@ -2,6 +2,7 @@
 
 from .add_folder import IRPSO_OT_add_folder
 from .add_rig import IRPSO_OT_add_rig
+from .add_solve_preset import IRPSO_OT_add_solve_preset
 from .add_view import IRPSO_OT_add_view
 from .add_views import IRPSO_OT_add_views
 from .bake_gbuffer import IRPSO_OT_bake_gbuffer
@@ -34,6 +35,7 @@ CLASSES = (
     IRPSO_OT_remove_view_light,
     IRPSO_OT_bake_gbuffer,
     IRPSO_OT_solve,
+    IRPSO_OT_add_solve_preset,
     IRPSO_OT_stop,
     IRPSO_OT_pause,
     IRPSO_OT_show_views,

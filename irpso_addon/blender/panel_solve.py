@@ -8,7 +8,7 @@ import bpy
 from bpy.types import Panel
 
 from ..core.params import SolveSettings
-from . import estimates, jobs, readiness, session, steer
+from . import estimates, jobs, presets, readiness, session, steer
 from .tab import Tab, split
 
 # Settings that mean something for some choices of another alone: which one, and which choices.
@@ -38,6 +38,10 @@ class IRPSO_PT_solve(Tab, Panel):
     """What is solved for, and how."""
 
     bl_label = "Solve"
+
+    def draw_header_preset(self, _context: bpy.types.Context) -> None:
+        """The menu of presets."""
+        presets.IRPSO_PT_solve_presets.draw_panel_header(self.layout)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Settings, the button, and the progress while it runs."""

@@ -8,13 +8,26 @@ from typing import Any
 
 import bpy
 
-from . import jobs, panels, preferences, properties, sample, session, thumbnails, view_draw, view_properties, views
+from . import (
+    jobs,
+    panels,
+    preferences,
+    presets,
+    properties,
+    sample,
+    session,
+    thumbnails,
+    view_draw,
+    view_properties,
+    views,
+)
 from .oiio import ensure_openimageio
 
 COMMAND = "irpso"
 
 _command_handle: Any = None
 _operators: Sequence[type] = ()
+_PARTS = (view_properties, views, view_draw, sample, presets)  # that register more than classes
 
 
 def register(operators: Sequence[type]) -> None:
@@ -28,9 +41,8 @@ def register(operators: Sequence[type]) -> None:
     properties.register()
     for cls in (*_operators, *preferences.CLASSES, *panels.CLASSES):
         bpy.utils.register_class(cls)
-    for part in (view_properties, views, view_draw):
+    for part in _PARTS:
         part.register()
-    sample.register()
     bpy.app.handlers.load_pre.append(session.forget)
     _command_handle = bpy.utils.register_cli_command(COMMAND, _command)
     if bpy.app.module:
@@ -44,10 +56,9 @@ def unregister() -> None:
     session.forget()
     jobs.cool_down()
     preferences.forget()
-    sample.unregister()
     thumbnails.release()
     bpy.app.handlers.load_pre.remove(session.forget)
-    for part in (view_draw, views, view_properties):
+    for part in reversed(_PARTS):
         part.unregister()
     for cls in reversed((*_operators, *preferences.CLASSES, *panels.CLASSES)):
         bpy.utils.unregister_class(cls)
