@@ -33,7 +33,8 @@ class Last:
 
     model: Mapping[str, str] = field(default_factory=dict)  # instead of choosing
     levels: Mapping[str, float] = field(default_factory=dict)  # Specular IOR Level to begin at
-    fixed: frozenset[str] = frozenset()  # materials whose level must stay
+    fixed: frozenset[str] = frozenset()  # materials whose level must stay ...
+    level: F32 | None = None  # ... (h, w) as it is here; None: 0.5
     lobes: F32 | None = None  # (h, w, 4) where the search begins: roughness1, roughness2, weight; whether known
 
 
@@ -243,7 +244,8 @@ class Ladder:
         self._set_level(self.solver, None)
         found.level = level
         if not by_texel:
-            found.levels = {name: float(level[mask][0]) for name, mask in masks.items() if mask.any()}
+            found.levels = {name: float(level[mask][0]) for name, mask in masks.items()
+                            if mask.any() and (name not in self.last.fixed or name in self.last.levels)}
         return found
 
     def _levels(
@@ -258,6 +260,8 @@ class Ladder:
         known = [name for name in masks if name in self.last.levels]
         for name in known:
             level[masks[name]] = self.last.levels[name]
+        for name in self.last.fixed.intersection(masks):
+            level[masks[name]] = 0.5 if self.last.level is None else self.last.level[masks[name]]
         skipped = LEVEL_KNOWN if len(known) == len(masks) else 0
         step = LEVEL_STEP / 3.0**skipped
         for _ in range(skipped, LEVEL_ROUNDS):

@@ -169,6 +169,7 @@ def last_of(part: Part, scene: SceneData, settings: SolveSettings, slots: I32) -
     return Last(
         model={name: start.model[name] for name in taken} if settings.model == "auto" else {},
         levels={name: level for name, level in start.levels.items() if name in taken}, fixed=frozenset(shared),
+        level=None if part.kept is None else part.kept.specular,
         lobes=_seeds(region.resized(start.maps, settings.size)) if again else None)
 
 

@@ -58,6 +58,30 @@ def test_solve_writes_the_contracted_files(solved):
     assert re.search(r"^Ball: one-lobe, [\d,]+ of [\d,]+ texels from 10 views in ", done.stdout, re.M)
 
 
+def test_a_part_is_solved_beside_the_maps_that_the_file_has(solved, scenes, irpso, tmp_path):
+    """White is the upper half of the UV map: the lower half stays, bit by bit."""
+    folder, _ = solved
+    part = np.zeros((64, 4, 3), np.float32)
+    part[:32] = 1
+    image = oiio.ImageOutput.create(str(tmp_path / "part.png"))
+    assert image.open(str(tmp_path / "part.png"), oiio.ImageSpec(4, 64, 3, "uint8")) and image.write_image(part)
+    image.close()
+    out = tmp_path / "out"
+    done = irpso("solve", folder / "scene_irpso.blend", "--captures", scenes / "good" / "captures.json", "--size", 128,
+                 "--part-image", tmp_path / "part.png", "--start", "last", "--seed", 3, "--out", out)
+    assert done.returncode == 0, done.stderr
+    texels, before = (json.loads((f / "report.json").read_text())["texels"] for f in (out, folder))
+    assert texels["solved"] + texels["kept"] + texels["filled"] == texels["covered"] == before["covered"]
+    assert texels["kept"] > 0.2 * before["solved"] and texels["solved"] > 0.3 * before["solved"]
+    for role in ("basecolor", "roughness", "confidence"):
+        now, was = read(out / f"Ball_{role}.exr"), read(folder / f"Ball_{role}.exr")
+        known = read(folder / "Ball_confidence.exr")[..., 0] > 0
+        row = np.arange(128)[:, None]
+        np.testing.assert_array_equal(now[known & (row > 72)], was[known & (row > 72)])
+        sure = read(folder / "Ball_confidence.exr")[..., 0] > 0.5
+        assert np.median(np.abs(now - was)[sure & (row < 64)]) < 1e-3
+
+
 def test_solve_finds_the_constant_paint(solved):
     """Constant truth, so every confident texel can be judged without any mapping."""
     out, _ = solved

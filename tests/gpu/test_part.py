@@ -108,6 +108,21 @@ def test_two_materials_each_keep_their_own(patches: syn.Shoot) -> None:
     assert part.model["Right"] == "lambert"
 
 
+@pytest.mark.parametrize("given", [{"specular": "texel", "model": "one-lobe-specular"}, {"model": "two-lobe"}])
+def test_what_larger_models_have_more_is_kept_too(patches: syn.Shoot, given: dict[str, str]) -> None:
+    whole = shoots.run(patches, **given)
+    name = "specular" if "specular" in given else "lobes"
+    before = getattr(whole.maps, name)
+    part = shoots.run(disc(patches, start=whole))  # auto: as it was
+    assert part.model == {"Paint": given["model"]} and part.levels == whole.levels == {}
+    at = (np.arange(shoots.SIZE) + 0.5) / shoots.SIZE
+    far = np.hypot(*(np.moveaxis(np.stack(np.meshgrid(at, at), -1), -1, 0) - np.reshape(MIDDLE, (2, 1, 1))))
+    after, covered = getattr(part.maps, name), whole.maps.coverage
+    np.testing.assert_allclose(after[covered & (far > 0.3)], before[covered & (far > 0.3)], atol=1e-6)
+    assert np.median(np.abs(after - before)[covered & (far < 0.18)]) < 0.01
+    assert part.texels["solved"] > 100 and part.texels["kept"] > 1000
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 @pytest.mark.parametrize("before", ["refined", "draft"])
 def test_a_start_at_the_last_result_is_no_worse(patches: syn.Shoot, noise: float, before: str) -> None:
