@@ -3,7 +3,7 @@ VENV ?= .venv
 PYTHON ?=
 RUN = $(VENV)/bin/python
 
-.PHONY: setup demo test test-gui lint docs site bench stability zip clean
+.PHONY: setup demo test test-gui screenshots lint docs site bench stability zip clean
 
 setup: $(VENV)/.ready
 
@@ -25,6 +25,9 @@ test: lint
 # BLENDER=/path/to/blender picks one with a window; else Debian's is set up (as root).
 test-gui: setup
 	BLENDER=$${BLENDER:-$$(bash tools/gui_setup.sh)} && export BLENDER && $(RUN) -m pytest tests/gui
+
+screenshots: setup
+	BLENDER=$${BLENDER:-$$(bash tools/gui_setup.sh)} && export BLENDER && $(RUN) -m tests.gui.screenshots
 
 lint: setup
 	$(RUN) -m ruff check .

@@ -12,14 +12,15 @@ from PIL import Image
 from . import program, window
 
 PICTURES = window.ROOT / "docs" / "images" / "guide"
-LIMIT = 300  # seconds
+LIMIT, SIZE = 400, (1440, 900)  # seconds, pixels
 QUALITY = 82
-CROPS = {"01_install": (176, 280, 1280, 620)}  # pixels from the upper left: without the path of the installed file
+CROPS = {"01_install": (176, 280, 1440, 620)}  # pixels from the upper left: without the path of the installed file
 
 
 def main() -> int:
     """Play the scenario, keep its screenshots."""
-    outcome = program.blender().run("guide:guide", window.WORK / "runs" / "screenshots", limit=LIMIT)
+    outcome = program.blender().run("guide:guide", window.WORK / "runs" / "screenshots",
+                                    limit=LIMIT, screen_size=SIZE)
     PICTURES.mkdir(parents=True, exist_ok=True)
     for path in sorted(outcome.folder.glob("[0-9][0-9]_*.png")):
         target = PICTURES / f"{path.stem}.jpg"
