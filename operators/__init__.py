@@ -6,6 +6,7 @@ from .add_solve_preset import IRPSO_OT_add_solve_preset
 from .add_view import IRPSO_OT_add_view
 from .add_views import IRPSO_OT_add_views
 from .bake_gbuffer import IRPSO_OT_bake_gbuffer
+from .compare import IRPSO_OT_compare
 from .export_maps import IRPSO_OT_export_maps
 from .load_captures import IRPSO_OT_load_captures
 from .move_view import IRPSO_OT_move_view
@@ -39,6 +40,7 @@ CLASSES = (
     IRPSO_OT_stop,
     IRPSO_OT_pause,
     IRPSO_OT_show_views,
+    IRPSO_OT_compare,
     IRPSO_OT_write_maps,
     IRPSO_OT_export_maps,
     IRPSO_OT_test_device,

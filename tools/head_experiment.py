@@ -22,7 +22,7 @@ sys.path.insert(0, str(ROOT))
 
 from irpso_addon import pipeline  # noqa: E402  # the checkout is no installed package
 from irpso_addon.blender.scene import read_scene  # noqa: E402
-from irpso_addon.cli.judge import GLOSS, make_judge  # noqa: E402
+from irpso_addon.cli.judge import GLOSS, Judge, make_judge  # noqa: E402
 from irpso_addon.core.data import F32, Bool, Maps, SceneData, Solution  # noqa: E402
 from irpso_addon.core.errors import BadInput  # noqa: E402
 from irpso_addon.core.image import read_reference  # noqa: E402
@@ -62,7 +62,7 @@ def run(options: Options) -> Record:
                _many(options, scene, truth, pixels, SolveSettings(
                    size=options.size // 2, model="two-lobe", method="paper", iterations=options.many_passes))]
     auto: Solution = thread.run(lambda: pipeline.solve(scene, SolveSettings(size=options.size)))
-    judge = make_judge(scene, None, None, read_reference, options.size)
+    judge: Judge = thread.run(lambda: make_judge(scene, None, None, read_reference, options.size))
     near = judge.where & (judge.tan_h < GLOSS * results[0].true_lobes[..., 0] ** 2)
     return Record(options, pixels, few, results, auto, near, rendering, len(many))
 

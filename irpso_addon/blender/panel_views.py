@@ -53,25 +53,17 @@ class IRPSO_PT_views(ViewsTab, Panel):
         row.label(text=obj.name if obj else "No active object", icon="OBJECT_DATA")
         if known is not None and known.running:
             row.label(text="Solving", icon="SORTTIME")
-        layout.row(align=True).prop(chosen, "show", expand=True)
+        _choices(layout, chosen, "show", 4)
         {"MAPS": self._maps, "VIEWS": self._views, "RESULTS": self._results, "CHART": self._chart}[chosen.show](
             layout, context, chosen)
 
     @staticmethod
     def _maps(layout: bpy.types.UILayout, _context: bpy.types.Context, chosen: bpy.types.PropertyGroup) -> None:
-        grid = layout.column(align=True)
-        for first in (0, 2):
-            row = grid.row(align=True)
-            for item in chosen.bl_rna.properties["map"].enum_items[first:first + 2]:
-                row.prop_enum(chosen, "map", item.identifier)
+        _choices(layout, chosen, "map", 2)
 
     @staticmethod
     def _views(layout: bpy.types.UILayout, context: bpy.types.Context, chosen: bpy.types.PropertyGroup) -> None:
-        grid = layout.column(align=True)
-        for first in (0, 2):
-            row = grid.row(align=True)
-            for item in chosen.bl_rna.properties["picture"].enum_items[first:first + 2]:
-                row.prop_enum(chosen, "picture", item.identifier)
+        _choices(layout, chosen, "picture", 2)
         shown, known = views.picture(context), views.look(context)
         if shown is None or known is None:
             layout.label(text="No view yet", icon="INFO")
@@ -94,15 +86,16 @@ class IRPSO_PT_views(ViewsTab, Panel):
             wrapped(layout.column(align=True), "Solve twice, say with another method or model, to compare two results",
                     letters(context), icon="INFO")
             return
-        layout.row(align=True).prop(chosen, "compared", expand=True)
-        layout.row(align=True).prop(chosen, "contrast", expand=True)
+        _choices(layout, chosen, "compared", 2)
+        _choices(layout, chosen, "contrast", 2)
         for slot, result in zip("AB", both, strict=True):
             layout.menu(f"IRPSO_MT_result_{slot.lower()}", text=f"{slot}: {result.label}")
         a, b = (result.solution for result in both)
         apart = views.figures(a.maps, b.maps)
         column = layout.box().column(align=True)
         _figure(column, "Base Color", f"{apart.base_rms:.4f} RMS")
-        _figure(column, "Roughness", f"{apart.rough_mean:.4f} mean, {apart.rough_high:.3f} for 95 %")
+        _figure(column, "Roughness", f"{apart.rough_mean:.4f} mean")
+        _figure(column, "95 % Below", f"{apart.rough_high:.4f}")
         _figure(column, "Compared", f"{apart.texels:.0%} of texels")
         _figure(column, "A / B Seconds", f"{sum(a.seconds.values()):.1f} / {sum(b.seconds.values()):.1f}")
         _figure(column, "A / B Residual", f"{a.residual:.2%} / {b.residual:.2%}")
@@ -149,6 +142,17 @@ class IRPSO_PT_display(ViewsTab, Panel):
         column.enabled = plate is not None and plate.wipe
         column.prop(chosen, "wipe", slider=True)
         layout.prop(chosen, "curve")
+
+
+def _choices(layout: bpy.types.UILayout, chosen: bpy.types.PropertyGroup, name: str, columns: int) -> None:
+    """All items of an enumeration, so many in a row, as wide as the panel."""
+    column = layout.column(align=True)
+    column.use_property_split = False
+    items = chosen.bl_rna.properties[name].enum_items
+    for first in range(0, len(items), columns):
+        row = column.row(align=True)
+        for item in items[first:first + columns]:
+            row.prop_enum(chosen, name, item.identifier)
 
 
 def _step(row: bpy.types.UILayout, icon: str, to: int) -> None:

@@ -47,7 +47,7 @@ class Theme:
         """The user's own."""
         theme = context.preferences.themes[0]
         back, text = theme.image_editor.space.back, theme.image_editor.space.text_hi
-        faint = tuple(0.75 * b + 0.25 * t for b, t in zip(back, text, strict=True))
+        faint = tuple(0.88 * b + 0.12 * t for b, t in zip(back, text, strict=True))
         return cls((*back, 1.0), (*text, 1.0), (*faint, 1.0), (*theme.user_interface.gizmo_primary, 1.0),
                    context.preferences.system.ui_scale)
 
@@ -66,7 +66,7 @@ def line(points: Sequence[Point], color: Color, width: float = 1.0) -> None:
     shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
     shader.uniform_float("lineWidth", width)
     shader.uniform_float("color", color)
-    batch_for_shader(shader, "LINE_STRIP", {"pos": [(x, y, 0.0) for x, y in points]}).draw(shader)
+    _blended(batch_for_shader(shader, "LINE_STRIP", {"pos": [(x, y, 0.0) for x, y in points]}), shader)
 
 
 def disc(centre: Point, radius: float, color: Color, corners: int = 20) -> None:
@@ -105,7 +105,13 @@ def fitted(text: str, pixels: float, theme: Theme, size: float = LETTERS) -> str
 def _draw(kind: str, primitive: str, points: Sequence[Point], color: Color) -> None:
     shader = gpu.shader.from_builtin(kind)
     shader.uniform_float("color", color)
-    batch_for_shader(shader, primitive, {"pos": [(x, y, 0.0) for x, y in points]}).draw(shader)
+    _blended(batch_for_shader(shader, primitive, {"pos": [(x, y, 0.0) for x, y in points]}), shader)
+
+
+def _blended(batch: gpu.types.GPUBatch, shader: gpu.types.GPUShader) -> None:
+    gpu.state.blend_set("ALPHA")  # each time: letters leave it off
+    batch.draw(shader)
+    gpu.state.blend_set("NONE")
 
 
 # ---- axes
@@ -235,7 +241,7 @@ def _curve(curve: Curve, box: Box, x: Scale, y: Scale, theme: Theme) -> None:
     for point, note in zip(points, curve.notes or [""] * len(points), strict=True):
         disc(point, 4.5 * unit, color, 3 + curve.place if curve.place else 20)
         if note:
-            write(note, (point[0] - 6 * unit, point[1] + 6 * unit), theme, color, align=1.0, size=9)
+            write(note, (point[0] + 4 * unit, point[1] + 7 * unit), theme, color, size=9)
 
 
 def _names(curves: Sequence[Curve], box: Box, x: Scale, y: Scale, theme: Theme) -> None:

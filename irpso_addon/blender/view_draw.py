@@ -13,7 +13,7 @@ from gpu_extras.batch import batch_for_shader
 from ..core.data import F32
 from ..core.display import reduced
 from ..core.live import F16
-from . import plot, views
+from . import plot, session, views
 from .plot import Box, Theme
 
 SHADERS = Path(__file__).resolve().parents[2] / "shaders" / "display"
@@ -33,7 +33,6 @@ def draw() -> None:
         return
     theme, region = Theme.of(context), context.region
     chosen = context.window_manager.irpso_views
-    gpu.state.blend_set("ALPHA")
     whole = Box(0, 0, region.width, region.height)
     visible = _visible(context, whole)
     plot.fill(whole, theme.back)
@@ -47,14 +46,8 @@ def draw() -> None:
         _furniture(plate, place, visible, chosen, theme)
     else:
         _say(chosen.show, visible, theme)
-    points = [point for point in views.curve(context) if point[1] > 0]
-    if chosen.curve and chosen.show in ("MAPS", "VIEWS") and len(points) > 1:
-        unit = theme.scale
-        box = Box(visible.left + 12 * unit, visible.bottom + 12 * unit, visible.left + 312 * unit,
-                  visible.bottom + 162 * unit)
-        if box.right < visible.right:
-            plot.convergence(points, box, theme)
-    gpu.state.blend_set("NONE")
+    if chosen.curve and chosen.show in ("MAPS", "VIEWS"):
+        _curve(views.curve(context), visible, theme)
 
 
 def image_place(region: bpy.types.Region) -> Box:
@@ -105,7 +98,9 @@ def _draw(
         shader.uniform_float(name, value)
     shader.uniform_sampler("first", first)
     shader.uniform_sampler("second", second)
+    gpu.state.blend_set("ALPHA")
     batch.draw(shader)
+    gpu.state.blend_set("NONE")
 
 
 @lru_cache
@@ -159,8 +154,6 @@ def texture_filter(texture: gpu.types.GPUTexture) -> None:
 def _furniture(plate: views.Plate, place: Box, visible: Box, chosen: bpy.types.PropertyGroup, theme: Theme) -> None:
     if plate.wipe:
         _wipe(plate, place, visible, place.left + chosen.wipe * (place.right - place.left), theme)
-    elif plate.captions[0]:
-        _caption(plate.captions[0], (visible.left + visible.right) / 2, visible.top - 30 * theme.scale, 0.5, theme)
     if plate.kind in ("heat", "relative", "difference"):
         _legend(visible, chosen.scale, theme, plate.first)
 
@@ -188,10 +181,19 @@ def _caption(text: str, x: float, y: float, align: float, theme: Theme) -> None:
     plot.write(text, (left, y), theme, (1, 1, 1, 1))
 
 
-def _legend(visible: Box, percent: float, theme: Theme, array: F32 | F16) -> None:
-    """The heat map's scale, in per cent."""
+def _curve(points: views.Curve, visible: Box, theme: Theme) -> None:
+    """Convergence in the lower left corner, where there is room."""
     unit = theme.scale
-    right, bottom = visible.right - 20 * unit, visible.bottom + 34 * unit
+    box = Box(visible.left + 12 * unit, visible.bottom + 12 * unit, visible.left + 312 * unit,
+              visible.bottom + 162 * unit)
+    if sum(error > 0 for _, error in points) > 1 and box.right < visible.right:
+        plot.convergence(points, box, theme)
+
+
+def _legend(visible: Box, percent: float, theme: Theme, array: F32 | F16) -> None:
+    """The heat map's scale, in per cent; in the upper left corner, out of the curve's way."""
+    unit = theme.scale
+    right, bottom = visible.left + 232 * unit, visible.top - 34 * unit
     bar = Box(right - 200 * unit, bottom, right, bottom + 10 * unit)
     plot.fill(Box(bar.left - 14 * unit, bottom - 22 * unit, right + 14 * unit, bar.top + 8 * unit),
               (*theme.back[:3], 0.88))
@@ -211,8 +213,11 @@ EMPTY = {
 
 
 def _say(show: str, visible: Box, theme: Theme) -> None:
+    said = EMPTY[show]
+    if session.running is not None and session.running.preview is not None and show in ("MAPS", "VIEWS"):
+        said = "The first look will be here soon"
     middle = (visible.left + visible.right) / 2, (visible.bottom + visible.top) / 2
-    text = plot.fitted(EMPTY[show], visible.right - visible.left - 24 * theme.scale, theme)
+    text = plot.fitted(said, visible.right - visible.left - 24 * theme.scale, theme)
     plot.write(text, middle, theme, align=0.5)
 
 

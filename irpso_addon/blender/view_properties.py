@@ -7,10 +7,10 @@ from bpy.types import PropertyGroup
 from . import views
 
 SHOWS = (
-    ("MAPS", "Maps", "Maps of the material", "TEXTURE", 0),
-    ("VIEWS", "Views", "References beside what the maps predict", "CAMERA_DATA", 1),
-    ("RESULTS", "Results", "Two results of the object beside each other", "SPLIT_VERTICAL", 2),
-    ("CHART", "Chart", "Every method's error against its time", "GRAPH", 3),
+    ("MAPS", "Maps", "Maps of the material"),
+    ("VIEWS", "Views", "References beside what the maps predict"),
+    ("RESULTS", "Results", "Two results of the object beside each other"),
+    ("CHART", "Chart", "Every method's error against its time"),
 )
 MAPS = (
     ("base_color", "Base Color", "What the surface reflects diffusely"),

@@ -16,7 +16,7 @@ from bpy.app.handlers import persistent
 from ..core.chart import Chart
 from ..core.data import F32, Maps
 from ..core.display import Difference, apart, white
-from ..core.live import F16, ViewPicture, difference
+from ..core.live import F16, ViewPicture
 from . import session
 from .tags import TAG
 
@@ -47,7 +47,7 @@ class Plate:
     second: F32 | F16 | None = None
     wipe: bool = False
     gain: float = 1.0  # of colour, before the display's exposure
-    captions: tuple[str, str] = ("", "")  # left and right of the line; the first alone where there is none
+    captions: tuple[str, str] = ("", "")  # left and right of the line
 
 
 @dataclass
@@ -271,8 +271,7 @@ def _view_plate(shown: ViewPicture, what: str) -> Plate:
     if what == "WIPE":
         return Plate("color", shown.reference, shown.predicted, True, gain, ("Reference", "Prediction"))
     if what == "ERROR":
-        caption = f"{difference((shown,)):.1%} on average"
-        return Plate("relative", shown.reference, shown.predicted, gain=gain, captions=(caption, ""))
+        return Plate("relative", shown.reference, shown.predicted, gain=gain)
     return Plate("color", shown.predicted if what == "PREDICTED" else shown.reference, gain=gain)
 
 

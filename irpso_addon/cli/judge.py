@@ -80,22 +80,22 @@ class Judge:
 
 def make_judge(
     fit: SceneData, held: SceneData | None, truth: tuple[F64, F64] | None, read_image: ReadImage, size: int,
-) -> Judge:
-    """Gather the views and choose which texels count.  Raises BadInput where none does."""
-    thread.run(lambda: observe_texels(fit, WARM_UP, read_image, _digest))
+) -> Generator[Progress, None, Judge]:
+    """Runs on the GL thread: gathers the views and chooses which texels count.  Raises BadInput where none does."""
+    yield from observe_texels(fit, WARM_UP, read_image, _digest)
     started = time.perf_counter()
-    grid, parts = thread.run(lambda: observe_texels(fit, size, read_image, _digest))
+    grid, parts = yield from observe_texels(fit, size, read_image, _digest)
     shape = grid.covered.shape
     count, tan_h, lambert = np.zeros(shape, np.int32), np.zeros(shape, np.float32), np.zeros((*shape, 4), np.float32)
     for inside, *values in parts:
         count[inside], tan_h[inside], lambert[inside] = values
-    filled = thread.run(lambda: _filled(lambert))
+    filled = yield from _filled(lambert)
     seconds = time.perf_counter() - started
     where = count >= GOOD_VIEWS
     if not where.any():
         raise BadInput(f"{fit.mesh.name}: no texel is seen well by {GOOD_VIEWS} of the {len(fit.views)} views solved "
                        "from; add views, or hold fewer out")
-    cameras = [] if held is None else thread.run(lambda: observe_pixels(held, read_image))
+    cameras = [] if held is None else (yield from observe_pixels(held, read_image))
     return Judge(grid, where, [_choose(*camera, where) for camera in cameras], tan_h, filled, seconds, truth)
 
 

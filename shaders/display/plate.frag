@@ -2,11 +2,10 @@
 // Constants: kind (order of view_draw.KINDS), wipe (left of it the first, right of it the second), gain (of colour),
 // top (heat of the brightest colour), least (denominator of relative errors, at least).
 
-// IEC 61966-2-1, encoding.
-vec3 encoded(vec3 value)
+// IEC 61966-2-1, decoding: the editor's frame buffer encodes what is written to it.
+vec3 decoded(vec3 value)
 {
-  value = clamp(value, 0.0, 1.0);
-  return mix(12.92 * value, 1.055 * pow(value, vec3(1.0 / 2.4)) - 0.055, step(vec3(0.0031308), value));
+  return mix(value / 12.92, pow((value + 0.055) / 1.055, vec3(2.4)), step(vec3(0.04045), value));
 }
 
 // Five colours whose lightness grows evenly, so that a print in grey reads alike.
@@ -16,7 +15,7 @@ vec3 heat(float x)
                                vec3(0.97, 0.58, 0.20), vec3(0.99, 0.97, 0.75));
   float at = clamp(x, 0.0, 1.0) * 4.0;
   int low = min(int(at), 3);
-  return mix(ramp[low], ramp[low + 1], at - float(low));
+  return decoded(mix(ramp[low], ramp[low + 1], at - float(low)));
 }
 
 float mean(vec3 value)
@@ -31,9 +30,9 @@ void main()
   float known = here.a;
   vec3 shown;
   if (kind == 0)
-    shown = encoded(here.rgb / max(here.a, 1e-3) * gain);
+    shown = here.rgb / max(here.a, 1e-3) * gain;
   else if (kind == 1)
-    shown = clamp(here.rgb / max(here.a, 1e-3), 0.0, 1.0);
+    shown = decoded(clamp(here.rgb / max(here.a, 1e-3), 0.0, 1.0));
   else if (kind == 2)
     shown = heat(here.r / max(here.a, 1e-3) / top);
   else if (kind == 5)
@@ -43,5 +42,5 @@ void main()
     known = min(one.a, other.a);
     shown = heat(mean(abs(a - b)) / (kind == 3 ? max(mean(a), least) : 1.0) / top);
   }
-  color = vec4(shown, kind == 5 ? 1.0 : known);
+  color = vec4(clamp(shown, 0.0, 1.0), kind == 5 ? 1.0 : known);
 }

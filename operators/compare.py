@@ -1,0 +1,63 @@
+"""Compare every method on the active object: error against time, as a chart in the Image Editor."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..irpso_addon.blender import files, properties, readiness, scene, views
+from ..irpso_addon.blender.jobs import Task
+from ..irpso_addon.cli.measure import figure, hold_out
+from ..irpso_addon.core.errors import BadInput
+from ..irpso_addon.core.report import write_report
+from .modal_job import ModalJob
+from .paths import absolute, captures_path
+
+HOLD_OUT = 5  # every so many a view is predicted, not solved from
+PASSES = (100, 400, 1600)  # of the algorithm as published
+
+
+class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
+    """Solve with every method from four fifths of the views, predict the others, and chart error against time"""
+
+    bl_idname = "irpso.compare"
+    bl_label = "Compare Methods"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A mesh with views."""
+        if not super().poll(context):
+            return False
+        why = None if bpy.app.background else readiness.why_not(context)
+        if why is not None:
+            cls.poll_message_set(why)
+        return why is None
+
+    def task(self, context: bpy.types.Context, obj: bpy.types.Object) -> Task:
+        """Reads the scene; model and the like are the Solve panel's.  Proves that the report can be saved."""
+        chosen = context.window_manager.irpso_views
+        if chosen.compare_save:
+            absolute(context.scene.irpso.out)
+        settings = replace(properties.settings(context.scene.irpso), size=chosen.compare_size, start="anew")
+        fit, held = hold_out(scene.read_scene(context, obj.name, captures_path(context.scene)), HOLD_OUT, False)
+        return Task("cli.measure:measure", (fit, held, None, settings, PASSES if chosen.compare_paper else ()))
+
+    def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
+        """Shows the chart, saves the report."""
+        value["versions"]["blender"] = files.blender_version()
+        views.keep_chart(obj, figure(value))
+        if bpy.context.window is not None:
+            views.show(bpy.context)
+        yield
+        if bpy.context.window_manager.irpso_views.compare_save:
+            folder = Path(absolute(bpy.context.scene.irpso.out))
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise BadInput(f"{folder}: cannot write there ({error.strerror}); choose another folder") from None
+            write_report(folder / "compare.json", {**value, "command": [self.bl_idname]})
+            self.report({"INFO"}, f"{folder / 'compare.json'}: written")
+        views.refresh()
