@@ -10,6 +10,7 @@ panels, operators, properties and preferences once the checkout is registered as
 from __future__ import annotations
 
 import importlib.util
+import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import Field, fields
@@ -26,8 +27,6 @@ from irpso_addon.core.params import DeviceSettings, SolveSettings  # noqa: E402 
 EXTENSION = "irpso_docs"  # the checkout's name as an extension
 HIDDEN = {"HIDDEN"}
 EDITORS = {"VIEW_3D": "3D Viewport", "IMAGE_EDITOR": "Image Editor"}
-REGIONS = {"UI": "sidebar", "HEADER": "header", "TOOL_HEADER": "tool header"}
-LENGTHS = {"NONE", "PIXEL", "FACTOR", "ANGLE", "DISTANCE", "PERCENTAGE"}
 
 PARAMETERS = """\
 # Parameters
@@ -118,8 +117,8 @@ def panels() -> str:
     rows = []
     for cls in found:
         parent = names.get(getattr(cls, "bl_parent_id", ""), "")
-        where = f"{EDITORS[cls.bl_space_type]}, {REGIONS[cls.bl_region_type]}"
-        where += f", tab {cls.bl_category}" if getattr(cls, "bl_category", "") else ""
+        tab = getattr(cls, "bl_category", "")
+        where = f"{EDITORS[cls.bl_space_type]}, sidebar, tab {tab}" if tab else "menu"
         name = f"{parent} > {cls.bl_label}" if parent else cls.bl_label
         rows.append((name or cls.__name__, where, sentence(cls.__doc__)))
     return table("Panels", ("panel", "where", "what for"), rows)
@@ -176,7 +175,7 @@ def default(prop: bpy.types.Property) -> str:
     if prop.type in ("FLOAT", "INT") and prop.is_array:
         return ", ".join(f"{value:.6g}" for value in prop.default_array)
     if prop.type == "FLOAT":
-        return f"{prop.default:.6g}"
+        return number(prop, prop.default)
     if prop.type == "BOOLEAN":
         return "on" if prop.default else "off"
     return f"`{prop.default}`" if prop.type == "STRING" and prop.default else str(prop.default)
@@ -190,10 +189,14 @@ def limits(prop: bpy.types.Property) -> str:
         kind = prop.fixed_type.identifier
         return f"list of `{kind}`" if prop.type == "COLLECTION" else f"`{kind}`"
     if prop.type in ("FLOAT", "INT"):
-        unit = "" if prop.subtype in LENGTHS else f" ({prop.subtype.lower()})"
-        low, high = prop.soft_min, prop.soft_max
-        return f"{low:.6g} to {high:.6g}{unit}" if high < 1e9 else f"{low:.6g} or more{unit}" if low > -1e9 else ""
+        low, high = (number(prop, end) for end in (prop.soft_min, prop.soft_max))
+        return f"{low} to {high}" if prop.soft_max < 1e9 else f"{low} or more" if prop.soft_min > -1e9 else ""
     return "on or off" if prop.type == "BOOLEAN" else "path" if prop.subtype in ("FILE_PATH", "DIR_PATH") else "text"
+
+
+def number(prop: bpy.types.Property, value: float) -> str:
+    """As the panel shows it: angles in degrees."""
+    return f"{math.degrees(value):.4g}°" if prop.subtype == "ANGLE" else f"{value:.6g}"
 
 
 # ---- tables
