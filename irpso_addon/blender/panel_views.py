@@ -7,6 +7,7 @@ import math
 import bpy
 from bpy.types import Menu, Panel
 
+from ..core import chart
 from ..core.live import ViewPicture, difference
 from . import session, views
 from .tab import letters, split, wrapped
@@ -115,6 +116,9 @@ class IRPSO_PT_views(ViewsTab, Panel):
             row = layout.row(align=True)
             row.progress(factor=running.progress.fraction, text=f"{running.progress.message or running.progress.stage}")
             row.operator("irpso.stop", text="", icon="X")
+        made = views.chart(context)
+        if made is not None:
+            _table(layout.box().column(align=True), made.panels[0])
 
 
 class IRPSO_PT_display(ViewsTab, Panel):
@@ -141,7 +145,9 @@ class IRPSO_PT_display(ViewsTab, Panel):
         column = layout.column()
         column.enabled = plate is not None and plate.wipe
         column.prop(chosen, "wipe", slider=True)
-        layout.prop(chosen, "curve")
+        column = layout.column()
+        column.enabled = chosen.show in ("MAPS", "VIEWS")
+        column.prop(chosen, "curve")
 
 
 def _choices(layout: bpy.types.UILayout, chosen: bpy.types.PropertyGroup, name: str, columns: int) -> None:
@@ -158,6 +164,22 @@ def _choices(layout: bpy.types.UILayout, chosen: bpy.types.PropertyGroup, name: 
 def _step(row: bpy.types.UILayout, icon: str, to: int) -> None:
     button = row.operator("wm.context_set_int", text="", icon=icon)
     button.data_path, button.value = "window_manager.irpso_views.view", to
+
+
+def _table(column: bpy.types.UILayout, panel: chart.Panel) -> None:
+    """Method, seconds, error."""
+    rows = [("Method", "Seconds", "Error")]
+    for curve in panel.curves:
+        for i, value in enumerate(curve.values):
+            name = f"{curve.label} {curve.notes[i]}" if curve.notes else curve.label
+            rows.append((name, f"{curve.seconds[i]:.1f}" if curve.seconds else "", f"{value:.2f} %"))
+    for name, seconds, error in rows:
+        row = column.split(factor=0.5)
+        row.label(text=name)
+        for text in (seconds, error):
+            cell = row.row()
+            cell.alignment = "RIGHT"
+            cell.label(text=text)
 
 
 def _figure(column: bpy.types.UILayout, name: str, value: str) -> None:

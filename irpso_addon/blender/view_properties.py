@@ -44,7 +44,7 @@ class IRPSO_PG_views(PropertyGroup):
         name="Exposure", default=0.0, soft_min=-10.0, soft_max=10.0, update=_redraw,
         description="Brightness of the display in EV; the maps are not changed")
     scale: FloatProperty(
-        name="Scale", subtype="PERCENTAGE", default=20.0, min=0.1, soft_max=100.0, max=1000.0, precision=1,
+        name="Error Scale", subtype="PERCENTAGE", default=20.0, min=0.1, soft_max=100.0, max=1000.0, precision=1,
         update=_redraw, description="Error that the brightest color of the heat map stands for")
     curve: BoolProperty(
         name="Convergence", default=True, update=_redraw,

@@ -121,8 +121,19 @@ class _Fit:
         except TypeError:  # its panels have not been drawn yet
             return 0.05
         with bpy.context.temp_override(window=window, area=area, region=_canvas(area)):
-            bpy.ops.image.view_all(fit_view=True)
+            _fit(area, sidebar.width if sidebar.x < area.x + area.width - 1 else 0)
         return None
+
+
+def _fit(area: bpy.types.Area, covered: int) -> None:
+    """The whole image into the part of the editor that the sidebar, ``covered`` pixels wide, leaves free."""
+    canvas, space = _canvas(area), area.spaces.active
+    width, height = space.image.size
+    bpy.ops.image.view_all()  # centred
+    free = canvas.width - covered
+    ratio = 0.94 * min(free / width, canvas.height / height)
+    bpy.ops.image.view_zoom_ratio(ratio=ratio)
+    bpy.ops.image.view_pan(offset=(covered / 2 / ratio, 0.0))
 
 
 def _canvas(area: bpy.types.Area) -> bpy.types.Region:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 # Okabe and Ito's palette: told apart with any colour vision; the seventh is the ink of the page.
 COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#D55E00", "#E69F00", "#CC79A7", "#000000")
-DECADES = 2.0  # an axis that is longer is marked at its powers of ten alone
+MARKS = 8  # of an axis, at most
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,10 @@ class Chart:
 
 def log_ticks(low: float, high: float) -> list[float]:
     """Marks of a logarithmic axis from ``low`` to ``high``, both above 0: 1, 2, 5 of each decade, or decades alone."""
-    steps = (1.0,) if math.log10(high / low) > DECADES else (1.0, 2.0, 5.0)
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
-    marks = (step * 10.0**decade for decade in range(first, last + 1) for step in steps)
-    return [mark for mark in marks if low <= mark <= high]
+    decades = [10.0**decade for decade in range(first, last + 1)]
+    marks = [mark for decade in decades for mark in (decade, 2 * decade, 5 * decade) if low <= mark <= high]
+    return marks if len(marks) <= MARKS else [mark for mark in decades if low <= mark <= high]
 
 
 def linear_ticks(low: float, high: float, most: int = 6) -> list[float]:
