@@ -41,6 +41,8 @@ class IRPSO_PT_result(Tab, Panel):
         box.label(text=f"{name}: {state}", icon="ERROR" if solution.cancelled else "CHECKMARK")
         box.label(text=f"{texels['solved']:,} of {texels['covered']:,} texels solved", icon="TEXTURE")
         box.label(text=f"{texels['filled']:,} filled from neighbours", icon="BLANK1")
+        if texels.get("kept"):
+            box.label(text=f"{texels['kept']:,} kept of the last result", icon="BLANK1")
         skipped = f", {len(solution.views_skipped)} skipped" if solution.views_skipped else ""
         box.label(text=f"{len(solution.views_used)} views used{skipped}", icon="CAMERA_DATA")
         for slot, model in solution.model.items():
