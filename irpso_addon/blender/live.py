@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from ..core import region
-from ..core.data import F32, Bool, Maps, SceneData, Solution
+from ..core.data import F32, Maps, SceneData, Solution
 from ..core.errors import BadInput
 from ..core.live import ROLES, Canvas, Live, resized
 from ..core.params import SolveSettings
@@ -42,8 +42,7 @@ class LiveMaps:
         self.canvas = Canvas(settings.size)
         if self.start is not None:
             self.model |= self.start.model
-            known = ~self.start.maps.filled
-            self.canvas.add(Live({role: _only(known, getattr(self.start.maps, role)) for role in ROLES}, known))
+            self.canvas.add(Live({role: getattr(self.start.maps, role) for role in ROLES}, self.start.maps.coverage))
         self.shown = min(settings.size, SHOWN)
         self.curve: list[tuple[float, float]] = []
         self.latest: Live | None = None
@@ -121,6 +120,8 @@ class LiveMaps:
             size = self.canvas.size
             found = {role: self.canvas.maps.get(role, np.full((size, size), np.nan, np.float32)) for role in ROLES}
             known = np.isfinite(found["roughness"]) & np.isfinite(found["base_color"][..., 0]) & self.canvas.coverage
+            if self.start is not None:
+                known &= ~self.start.maps.filled | (found["confidence"] > 0)  # it holds what was filled before as well
             maps = {role: np.nan_to_num(values, nan=UNKNOWN[role]) for role, values in found.items()}
             for role in ("confidence", "error"):
                 maps[role] = np.where(known, maps[role], np.float32(0))
@@ -156,11 +157,6 @@ class LiveMaps:
             material.wire_maps(obj, solution, images)
         except BadInput:  # is reported when the result is there; the images show it until then
             self._wired = False
-
-
-def _only(known: Bool, values: F32) -> F32:
-    """The values that are known, else NaN."""
-    return np.where(known if values.ndim == 2 else known[..., None], values, np.float32(np.nan))
 
 
 def _cycles_is_on_show() -> bool:

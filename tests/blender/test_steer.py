@@ -132,6 +132,31 @@ def test_starting_at_the_last_result_ends_where_it_was(scene):
         assert np.median(off) < 1e-4 and np.quantile(off, 0.99) < 0.01
 
 
+def test_what_is_stopped_keeps_the_last_result(scene, extension):
+    """Looks at a part put their texels into it; the preview's coarse maps none."""
+    live, data, session = (sys.modules[f"irpso_ext.irpso_addon.{name}"]
+                           for name in ("blender.live", "core.data", "blender.session"))
+    glimpse = sys.modules["irpso_ext.irpso_addon.core.live"].Live
+    settings = sys.modules["irpso_ext.irpso_addon.blender.properties"].settings(scene.irpso)
+    start = session.solution_of(bpy.data.objects["Ball"])
+    mesh = data.MeshArrays("Ball", *np.zeros((3, 0, 3, 3), "f4"), np.zeros(0, "i4"), ("Paint",))
+    image = np.zeros((2, 2), np.float32)
+    maps = live.LiveMaps(data.SceneData("good", mesh, np.zeros((0, 3, 3), "f4"), (), region=data.Region(image=image),
+                                        start=start), settings)
+    maps.take_preview(glimpse({"roughness": np.full((16, 16), 0.9, "f4")}, np.ones((16, 16), bool)))
+    look = np.full((SIZE, SIZE), np.nan, np.float32)
+    part = (slice(20, 30), slice(20, 30))
+    look[part] = 0.7
+    maps.take(glimpse({"roughness": look}, start.maps.coverage))
+    stopped = maps.solution()
+    want = start.maps.roughness.copy()
+    want[part] = 0.7
+    np.testing.assert_array_equal(stopped.maps.roughness, want)
+    for role in ("base_color", "confidence", "filled", "coverage"):
+        np.testing.assert_array_equal(getattr(stopped.maps, role), getattr(start.maps, role))
+    assert stopped.cancelled and stopped.model == start.model
+
+
 def test_what_cannot_take_the_maps_is_refused_before_the_solve(scene):
     material = bpy.data.materials["Paint"]
     tree = material.node_tree
