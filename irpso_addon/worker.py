@@ -38,7 +38,7 @@ from .gpu import thread
 
 NICENESS = 5  # the window goes first
 TELL_SECONDS = 0.05  # between two words of progress
-LOOK_SECONDS = 0.15  # between two looks
+LOOK_SECONDS = 0.1  # between two looks
 
 Tell = Callable[[str, object], None]
 _fed: queue.SimpleQueue[Any] = queue.SimpleQueue()

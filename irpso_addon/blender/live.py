@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import bpy
@@ -22,7 +23,7 @@ from ..core.params import SolveSettings
 from . import material
 
 SHOWN = 1024  # texels: larger maps are shown reduced until they are done
-SHOW_SECONDS = 0.15
+SHOW_SECONDS = 0.1
 JUDGED = 256  # texels of the maps that the preview's worker judges, ...
 JUDGE_SECONDS = 1.0  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
@@ -52,7 +53,7 @@ class LiveMaps:
         self._merging, self._handing = threading.Lock(), threading.Lock()  # the second is never held for long
         self._pixels: dict[str, F32] = {}  # role -> flat RGBA, not handed over yet
         self.own: set[int] = set()  # session_uid of the images made here
-        self._wired = True
+        self._wired = False
 
     @property
     def seconds(self) -> float:
@@ -97,18 +98,28 @@ class LiveMaps:
         On the main thread, a millisecond or two for each map.
         """
         now = time.monotonic()
-        if now - self._showed < SHOW_SECONDS:
+        if self._wired and now - self._showed < SHOW_SECONDS:
             return
         with self._handing:
             pixels, self._pixels = self._pixels, {}
-        for role, values in pixels.items():
-            image = self._image(obj, role)
-            image.pixels.foreach_set(values)
+        for role in list(pixels):
+            image = self._own_image(obj, role)
+            fresh = image is None
+            if image is None:
+                image = material.blank_image(obj, role, self.shown)
+                self.own.add(image.session_uid)
+                self._wired = False
+            image.pixels.foreach_set(pixels.pop(role))
             image.update()
             if _cycles_is_on_show():
                 image.update_tag()  # its viewport hears of nothing else; costs a tenth of a second without a GPU
-        if pixels:
             self._showed = now
+            if fresh:  # takes its time: one a tick
+                break
+        else:
+            self._wire(obj)
+        with self._handing:
+            self._pixels = pixels | self._pixels  # what came meanwhile is newer
 
     def solution(self) -> Solution | None:
         """What is there now, as the result of a solve that was stopped; None before the first base colour."""
@@ -138,25 +149,21 @@ class LiveMaps:
                 views_used=self.views, views_skipped=(), warnings=(PARTIAL,), cancelled=True,
                 pictures=self.latest.pictures if self.latest else ())
 
-    def _image(self, obj: bpy.types.Object, role: str) -> bpy.types.Image:
-        """Our image of that role; made, and put on the materials, where there is none (any more: Undo)."""
+    def _own_image(self, obj: bpy.types.Object, role: str) -> bpy.types.Image | None:
+        """Our image of that role; None where there is none (any more: Undo)."""
         image = material.images_of(obj).get(role)
-        if image is None or image.session_uid not in self.own or image.size[0] != self.shown:
-            image = material.blank_image(obj, role, self.shown)
-            self.own.add(image.session_uid)
-            images = material.images_of(obj)
-            if {"base_color", "roughness"} <= images.keys():
-                self._wire(obj, images)
-        return image
+        return image if image is not None and image.session_uid in self.own and image.size[0] == self.shown else None
 
-    def _wire(self, obj: bpy.types.Object, images: Mapping[str, bpy.types.Image]) -> None:
-        solution = self.solution()
-        if solution is None or not self._wired:
+    def _wire(self, obj: bpy.types.Object) -> None:
+        """Put the images on the materials, unless they are."""
+        images = material.images_of(obj)
+        if self._wired or not {"base_color", "roughness"} <= images.keys():
             return
-        try:
-            material.wire_maps(obj, solution, images)
-        except BadInput:  # is reported when the result is there; the images show it until then
-            self._wired = False
+        solution = self.solution()
+        if solution is not None:
+            self._wired = True
+            with suppress(BadInput):  # is reported when the result is there; the images show it until then
+                material.wire_maps(obj, solution, images)
 
 
 def _cycles_is_on_show() -> bool:

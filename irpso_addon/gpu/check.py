@@ -20,7 +20,7 @@ from .observe import ObservedCamera, ObservedView
 
 WINDOW = 1_500_000  # pixels of a view that are looked at, at most: its middle rows
 MIN_COS_V = 0.2  # of a pixel that is unlit: seen flatter, shaders/include/observed.glsl says nothing of it
-PICTURE_SIDE = 320  # pixels
+PICTURE_SIDE = 512  # pixels
 BRIGHTEST = 60_000.0  # half floats end at 65504
 EDGE = 0.25  # of a good pixel's quality: below it lies an edge of shadow or silhouette
 
