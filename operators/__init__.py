@@ -10,6 +10,7 @@ from .compare import IRPSO_OT_compare
 from .export_maps import IRPSO_OT_export_maps
 from .load_captures import IRPSO_OT_load_captures
 from .move_view import IRPSO_OT_move_view
+from .paint_part import IRPSO_OT_paint_part
 from .remove_duplicate_views import IRPSO_OT_remove_duplicate_views
 from .remove_view import IRPSO_OT_remove_view
 from .remove_view_light import IRPSO_OT_remove_view_light
@@ -35,6 +36,7 @@ CLASSES = (
     IRPSO_OT_set_view_lights,
     IRPSO_OT_remove_view_light,
     IRPSO_OT_bake_gbuffer,
+    IRPSO_OT_paint_part,
     IRPSO_OT_solve,
     IRPSO_OT_add_solve_preset,
     IRPSO_OT_stop,

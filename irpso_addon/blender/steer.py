@@ -20,6 +20,12 @@ from .tags import SPECULAR_TAG, TAG
 from .two_lobe import is_two_lobe, parked
 from .wiring import find_shader
 
+MODES = {  # of the object, in which a part is marked; what the button says
+    "GROUP": ("WEIGHT_PAINT", "Paint Weights", "WPAINT_HLT"),
+    "IMAGE": ("TEXTURE_PAINT", "Paint Image", "TPAINT_HLT"),
+    "FACES": ("EDIT", "Select Faces", "EDITMODE_HLT"),
+}
+
 
 def steered(context: Any, obj: bpy.types.Object, data: SceneData) -> SceneData:
     """``data`` with the part and the last result that the panel asks for.  Raises BadInput."""
@@ -179,6 +185,10 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     elif settings.region == "IMAGE":
         row.alert = settings.region_image is None
         row.template_ID(settings, "region_image", new="image.new", open="image.open", text="Image")
+    if settings.region in MODES and obj is not None:
+        mode, text, icon = MODES[settings.region]
+        layout.operator("irpso.paint_part", text="Done" if obj.mode == mode else text, icon=icon,
+                        depress=obj.mode == mode)
     row = layout.row()
     row.active = obj is not None and (session.solution_of(obj) is not None or bool(obj.get(TAG)))
     row.prop(settings, "start")

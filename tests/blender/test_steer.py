@@ -132,6 +132,23 @@ def test_starting_at_the_last_result_ends_where_it_was(scene):
         assert np.median(off) < 1e-4 and np.quantile(off, 0.99) < 0.01
 
 
+def test_a_part_is_marked_in_its_own_mode(scene):
+    ball = bpy.data.objects["Ball"]
+    assert not bpy.ops.irpso.paint_part.poll()  # nothing to mark
+    for region, mode in (("GROUP", "WEIGHT_PAINT"), ("IMAGE", "TEXTURE_PAINT"), ("FACES", "EDIT")):
+        scene.irpso.region = region
+        assert bpy.ops.irpso.paint_part() == {"FINISHED"} and ball.mode == mode
+        assert bpy.ops.irpso.paint_part() == {"FINISHED"} and ball.mode == "OBJECT"
+    assert scene.irpso.region_group == "Part" and [group.name for group in ball.vertex_groups] == ["Part"]
+    assert tuple(scene.irpso.region_image.size) == (SIZE, SIZE)
+    assert scene.tool_settings.image_paint.canvas == scene.irpso.region_image
+    ball.vertex_groups["Part"].add([vertex.index for vertex in ball.data.vertices], 1.0, "REPLACE")
+    scene.irpso.region = "GROUP"
+    bpy.ops.irpso.paint_part()
+    assert bpy.ops.irpso.solve() == {"FINISHED"}  # while it is being painted, too
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
 def test_what_is_stopped_keeps_the_last_result(scene, extension):
     """Looks at a part put their texels into it; the preview's coarse maps none."""
     live, data, session = (sys.modules[f"irpso_ext.irpso_addon.{name}"]

@@ -1,0 +1,48 @@
+"""Mark the part to solve by hand: into the mode for it, and out of it again."""
+
+import bpy
+
+from ..irpso_addon.blender import steer
+
+
+class IRPSO_OT_paint_part(bpy.types.Operator):
+    """Mark the part to solve: paint a vertex group's weights or an image white, or select faces. Again: back to
+    Object Mode"""
+
+    bl_idname = "irpso.paint_part"
+    bl_label = "Mark Part"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A mesh of this file."""
+        obj = context.active_object
+        if obj is None or obj.type != "MESH":
+            cls.poll_message_set("Make a mesh object active")
+        elif not (obj.is_editable and obj.data.is_editable):
+            cls.poll_message_set("The object is linked from a library: make it local first")
+        elif context.scene.irpso.region == "ALL":
+            cls.poll_message_set("Choose first by what the part is marked")
+        else:
+            return True
+        return False
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Makes the group or image where there is none."""
+        obj, settings = context.active_object, context.scene.irpso
+        mode = steer.MODES[settings.region][0]
+        if obj.mode == mode:
+            bpy.ops.object.mode_set(mode="OBJECT")
+            return {"FINISHED"}
+        if settings.region == "GROUP":
+            group = obj.vertex_groups.get(settings.region_group) or obj.vertex_groups.new(name="Part")
+            settings.region_group, obj.vertex_groups.active_index = group.name, group.index
+        elif settings.region == "IMAGE":
+            if settings.region_image is None:
+                settings.region_image = bpy.data.images.new("Part", settings.size, settings.size)
+            paint = context.tool_settings.image_paint
+            paint.mode, paint.canvas = "IMAGE", settings.region_image
+        bpy.ops.object.mode_set(mode=mode)
+        if settings.region == "FACES":
+            context.tool_settings.mesh_select_mode = (False, False, True)
+        return {"FINISHED"}
