@@ -49,7 +49,7 @@ class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
         """Shows the chart, saves the report."""
         value["versions"]["blender"] = files.blender_version()
         views.keep_chart(obj, figure(value))
-        if bpy.context.window is not None:
+        if not bpy.app.background:
             views.show(bpy.context)
         yield
         if bpy.context.window_manager.irpso_views.compare_save:
