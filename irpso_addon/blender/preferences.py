@@ -111,7 +111,9 @@ def _wait() -> float | None:
 def _draw_device(box: bpy.types.UILayout) -> None:
     row = box.row()
     row.label(text="Graphics Device")
-    row.operator("irpso.test_device", icon="PLAY")
+    right = row.row()
+    right.alignment = "RIGHT"
+    right.operator("irpso.test_device", icon="PLAY")
     if testing() or _found is None:
         box.label(text="Looking at the graphics device ...", icon="SORTTIME")
     elif isinstance(_found, str):
@@ -122,7 +124,7 @@ def _draw_device(box: bpy.types.UILayout) -> None:
                 ("Kernels", {"compute": "Compute Shaders", "fragment": "Fragment Shaders"}[device.kernels])]
         rows += [(name[:1].upper() + name[1:], f"{limit:,}") for name, limit in device.limits.items()]
         if isinstance(_found, Tested):
-            rows.append(("Test", f"Passed in {_found.seconds:.1f} s; roughness is off by {_found.rough_error:.4f}"))
+            rows.append(("Test", f"Passed in {_found.seconds:.1f} s"))
         column = box.column(align=True)
         for name, value in rows:
             line = column.split(factor=0.4)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterable
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
@@ -25,17 +26,17 @@ def main(name: str) -> None:
 
 def _make(folder: Path) -> None:
     properties.register()
-    made = folder / "scene"
+    target, made = Path((folder / "target").read_text(encoding="utf-8")), folder / "scene"
+    tempfile.TemporaryFile(dir=target.parent).close()  # whether it can be written, before the work
     for step in build(made):
         tell(folder, step)
-    target = Path((folder / "target").read_text(encoding="utf-8"))
     beside = target.with_name(f"{target.name}-{os.getpid()}")  # the user's folder may lie on another disk
     shutil.move(made, beside)
     shutil.rmtree(target, ignore_errors=True)  # without a scene in it
     os.replace(beside, target)
 
 
-def build(out: Path) -> Iterable[Progress]:
+def build(out: Path) -> Iterator[Progress]:
     """The vase, its pictures and the list of views, saved as ``out``/IRPSO Sample.blend."""
     base, rough = vase.truth(PLAN.texels)
     references = yield from demo.painted(out, PLAN, base, rough)

@@ -393,10 +393,11 @@ def test_cancel_keeps_what_was_found(scenes, tmp_path):
 
 
 def test_doctor_finds_this_machine_well(irpso):
-    done = irpso("doctor")
+    done = irpso("doctor", "--kernels", "fragment")
     assert done.returncode == 0, done.stderr
     lines = dict(re.split(r"  +", line, maxsplit=1) for line in done.stdout.splitlines() if "  " in line.strip())
     assert lines["blender"] and lines["renderer"] and int(lines["largest map (texels)"]) >= 4096
+    assert lines["kernels"] == "fragment"
     assert float(lines["self-test, roughness error"]) < 0.002
     assert done.stdout.endswith("all is well\n")
 
