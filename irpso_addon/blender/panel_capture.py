@@ -9,12 +9,13 @@ import bpy
 from bpy.types import Menu, Panel, UIList
 
 from . import readiness, sample, thumbnails
-from .readiness import ViewState
+from .readiness import Survey, ViewState
 from .tab import Tab, letters, split, wrapped
 
 NO_PICTURE = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items["IMAGE_DATA"].value
 WIDE = 45  # letters of the sidebar from which whole names have room in a line of the list
-NAME = 0.44  # share of a line for the file's name
+LONGEST = 20  # letters of a file's name that count for the width of its column
+PADDING = 3  # letters between columns
 LARGE = 4.0  # height of the active view's picture, in buttons
 
 
@@ -29,14 +30,14 @@ class IRPSO_UL_views(UIList):
         row = layout.row(align=True)
         row.prop(view, "enabled", text="")
         row.label(text="", icon_value=_picture(view, state))
-        parts = row.split(factor=NAME)
-        parts.active = view.enabled
-        parts.label(text=Path(state.name).stem or "No image")
         if state.faults:
+            parts = row.split(factor=0.42)
+            parts.active = view.enabled
+            parts.label(text=Path(state.name).stem or "No image")
             parts.alert = True
             parts.label(text=state.faults[0])
         else:
-            _draw_taken(parts, context, view, state)
+            _draw_taken(row, _columns_of(context), view, index)
 
     def filter_items(self, _context, data, name):
         """By the names of file, camera and lights."""
@@ -58,28 +59,55 @@ def _picture(view: Any, state: ViewState) -> int:
     return found or NO_PICTURE
 
 
-def _draw_taken(layout: bpy.types.UILayout, context: bpy.types.Context, view: Any, state: ViewState) -> None:
-    """By which camera, under which light, at what exposure; a narrow sidebar shows only what tells them apart."""
-    wide, found = letters(context) > WIDE, readiness.recent(context)
-    parts = layout.split(factor=0.5)
-    parts.label(text=state.camera if wide else state.camera.removeprefix(found.camera_prefix))
-    last = parts.row(align=True)
-    exposure = f" {view.exposure:+.1f} EV" if wide and abs(view.exposure) >= 0.05 else ""
-    light = state.light if wide else state.light.removeprefix(found.light_prefix).replace(" lights", " on")
-    last.label(text=light + exposure)
+class _Columns:
+    """What stands in the list's columns, and how wide they are: a narrow sidebar shows only what tells views apart."""
+
+    def __init__(self, found: Survey, wide: bool) -> None:
+        self.found, self.wide = found, wide
+        self.taken = [(v.camera, v.light) for v in found.views] if wide else found.shortened
+        name, camera, light = (max((len(text) for text in column), default=0) + PADDING for column in (
+            [Path(view.name).stem[:LONGEST] for view in found.views],
+            [camera for camera, _ in self.taken], [light for _, light in self.taken]))
+        self.name = name / (name + camera + light)
+        self.camera = camera / (camera + light)
+
+
+_columns: _Columns | None = None  # of the last survey
+
+
+def _columns_of(context: bpy.types.Context) -> _Columns:
+    global _columns
+    found, wide = readiness.recent(context), letters(context) > WIDE
+    if _columns is None or _columns.found is not found or _columns.wide != wide:
+        _columns = _Columns(found, wide)
+    return _columns
+
+
+def _draw_taken(layout: bpy.types.UILayout, columns: _Columns, view: Any, index: int) -> None:
+    """Which picture, by which camera, under which light."""
+    if index >= len(columns.taken):
+        return
+    state, (camera, light) = columns.found.views[index], columns.taken[index]
+    parts = layout.split(factor=columns.name)
+    parts.active = view.enabled
+    parts.label(text=Path(state.name).stem)
+    rest = parts.split(factor=columns.camera)
+    rest.label(text=camera)
+    last = rest.row(align=True)
+    last.label(text=light)
     if state.notes:
         last.label(text="", icon="INFO")
 
 
-def _draw_heads(layout: bpy.types.UILayout) -> None:
+def _draw_heads(layout: bpy.types.UILayout, columns: _Columns) -> None:
     """What stands in the list's columns."""
     row = layout.row(align=True)
     row.active = False
     for _ in range(2):
         row.label(text="", icon="BLANK1")
-    parts = row.split(factor=0.86 * NAME)  # the list's lines are shorter by its scroll bar
+    parts = row.split(factor=0.87 * columns.name)  # the list's lines are shorter by its scroll bar
     parts.label(text="Image")
-    rest = parts.split(factor=0.42)
+    rest = parts.split(factor=0.87 * columns.camera)
     rest.label(text="", icon="CAMERA_DATA")
     rest.label(text="", icon="LIGHT")
 
@@ -112,7 +140,7 @@ class IRPSO_PT_capture(Tab, Panel):
             _draw_file(layout, found.views)
             return
         if settings.views:
-            self._draw_list(layout, settings)
+            self._draw_list(layout, context)
         else:
             layout.label(text="No views yet: add the pictures", icon="INFO")
         column = layout.column(align=True)
@@ -123,10 +151,10 @@ class IRPSO_PT_capture(Tab, Panel):
             sample.draw(layout.column(align=True))
 
     @staticmethod
-    def _draw_list(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
-        row = layout.row()
+    def _draw_list(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+        settings, row = context.scene.irpso, layout.row()
         column = row.column(align=True)
-        _draw_heads(column)
+        _draw_heads(column, _columns_of(context))
         column.template_list("IRPSO_UL_views", "", settings, "views", settings, "active_view", rows=5)
         buttons = row.column(align=True)
         buttons.label(text="", icon="BLANK1")

@@ -9,6 +9,7 @@ import re
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +53,13 @@ class Survey:
 
     views: list[ViewState]
     faults: Faults  # of anything but a view
-    camera_prefix: str = ""  # with which all names of cameras in the list begin
-    light_prefix: str = ""
+
+    @cached_property
+    def shortened(self) -> list[tuple[str, str]]:
+        """Camera and light of each view, without what all of them begin with."""
+        camera = _prefix(view.camera for view in self.views)
+        light = _prefix(view.light for view in self.views)
+        return [(view.camera.removeprefix(camera), view.light.removeprefix(light)) for view in self.views]
 
     def problems(self) -> list[str]:
         """A line for each thing that must be put right; of views with the same fault, one."""
@@ -103,8 +109,7 @@ def survey(context: bpy.types.Context) -> Survey:
     views, faults = reader.views(scene.irpso)
     if not bpy.data.filepath:
         faults.insert(0, "The file was never saved; save it first")
-    return Survey(views, faults + _object_faults(context.active_object), _prefix(view.camera for view in views),
-                  _prefix(view.light for view in views if view.lights == 1))
+    return Survey(views, faults + _object_faults(context.active_object))
 
 
 def _object_faults(obj: bpy.types.Object | None) -> Faults:
@@ -234,10 +239,10 @@ def _light(names: Sequence[str]) -> str:
 
 
 def _prefix(names: Iterable[str]) -> str:
-    """What the names, if there are several, begin with, up to the last whole word: "Camera " of "Camera 1, 2"."""
+    """What all names begin with, up to the last whole word: "Camera " of "Camera 1, 2"; all of it where it is alone."""
     different = sorted({name for name in names if name})
     if len(different) < 2:
-        return ""
+        return different[0] if different else ""
     first, last = different[0], different[-1]
     same = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
     return re.sub(r"[^\W_]+$", "", first[:same])

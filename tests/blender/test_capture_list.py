@@ -277,8 +277,8 @@ def test_names_are_shortened_to_what_differs(module) -> None:
     prefix = module("blender.readiness")._prefix
     assert prefix(["Camera 1", "Camera 12", "Camera 1"]) == "Camera "
     assert prefix(["Cam.001", "Cam.002"]) == "Cam."
-    assert prefix(["Front", "Fro"]) == prefix(["Left", "Right"]) == prefix(["Only"]) == prefix(["", "A"]) == ""
-    assert prefix(["Key", "Key Left"]) == ""
+    assert prefix(["Only", "Only"]) == "Only"
+    assert prefix(["Front", "Fro"]) == prefix(["Left", "Right"]) == prefix(["Key", "Key Left"]) == prefix([]) == ""
     assert prefix(["light1", "light2"]) == ""
 
 
