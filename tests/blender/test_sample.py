@@ -32,7 +32,8 @@ def test_the_scene_is_ready_and_solves(extension, tmp_path, monkeypatch) -> None
     assert [i.name for i in bpy.data.images if "truth" in i.name] == [] and "truth" not in bpy.data.materials
     assert len(scene.irpso.views) == len(steps) == len(list((moved / "refs").iterdir()))
     data = read_scene(None, None, None)
-    settings = SolveSettings(model="one-lobe", **{name: getattr(scene.irpso, name) for name in ("size", "indirect", "registration")})
+    chosen = {name: getattr(scene.irpso, name) for name in ("size", "indirect", "registration")}
+    settings = SolveSettings(model="one-lobe", **chosen)
     maps = thread.run(lambda: pipeline.solve(data, settings)).maps
     base, rough = vase.truth(settings.size)
     sure = maps.confidence > 0.5
