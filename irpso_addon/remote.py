@@ -104,6 +104,7 @@ class Worker:
                 stream.close()
             except OSError:  # what was still to be written
                 pass
+        self.log.close()
 
     def _last_words(self) -> str:
         self.log.seek(0)

@@ -23,7 +23,7 @@ ALLOWED = {
     "channel": set(),
     "worker": {"core", "gpu", "channel"},  # it finds its jobs by their names
     "remote": {"core", "channel"},
-    "blender": {"core", "gpu", "pipeline", "examine", "remote", "blender"},
+    "blender": {"core", "channel", "gpu", "pipeline", "examine", "remote", "blender"},
     "cli": {"core", "gpu", "pipeline", "examine", "blender", "cli"},
     "__main__": {"core", "gpu", "pipeline", "blender", "cli"},
 }
