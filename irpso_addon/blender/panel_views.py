@@ -8,7 +8,7 @@ import bpy
 from bpy.types import Menu, Panel
 
 from ..core import chart
-from ..core.live import ViewPicture, difference
+from ..core.live import ViewPicture
 from . import session, views
 from .tab import letters, split, wrapped
 
@@ -191,7 +191,7 @@ def _figure(column: bpy.types.UILayout, name: str, value: str) -> None:
 
 
 def _percent(shown: ViewPicture) -> str:
-    value = difference((shown,))
+    value = views.error(shown)
     return f"{value:.1%} from the prediction" if math.isfinite(value) else "Nothing to compare"
 
 

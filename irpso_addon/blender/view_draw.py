@@ -18,7 +18,7 @@ from .plot import Box, Theme
 
 SHADERS = Path(__file__).resolve().parents[2] / "shaders" / "display"
 KINDS = ("color", "data", "heat", "relative", "difference", "legend")  # as plate.frag counts them
-MOST = 1024  # pixels along a side of a texture
+MOST, MOST_LIVE = 1024, 512  # pixels along a side of a texture; while a job runs, with a new one every moment
 LEAST = 0.05  # of a picture's white: pixels darker than that are compared as if they were so bright
 TEXTURES = 4  # kept
 
@@ -128,14 +128,16 @@ def _texture(array: F32 | F16) -> gpu.types.GPUTexture:
         if known is array:
             _textures.append(_textures.pop(i))
             return texture
-    small = reduced(array, MOST)
+    small = reduced(array, MOST if session.running is None else MOST_LIVE)
     height, width = small.shape[:2]
-    pixels = np.ones((height, width, 4), np.float32)
-    pixels[..., :3] = small if small.ndim == 3 else small[..., None]
-    unknown = ~np.isfinite(pixels).all(-1)
-    pixels[unknown] = 0.0
+    if small.ndim == 2:
+        small = small[..., None]
+    known = np.isfinite(small[..., :1])
+    pixels = np.zeros((height, width, 4), np.float32)
+    np.copyto(pixels[..., :3], small, where=known)
+    pixels[..., 3:] = known
     data = gpu.types.Buffer("FLOAT", pixels.size, pixels.ravel())
-    texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=data)
+    texture = gpu.types.GPUTexture((width, height), format="RGBA32F", data=data)
     texture_filter(texture)
     _textures.append((array, texture))
     del _textures[:-TEXTURES]

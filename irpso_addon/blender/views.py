@@ -16,7 +16,7 @@ from bpy.app.handlers import persistent
 from ..core.chart import Chart
 from ..core.data import F32, Maps
 from ..core.display import Difference, apart, white
-from ..core.live import F16, ViewPicture
+from ..core.live import F16, ViewPicture, difference
 from . import session
 from .tags import TAG
 
@@ -59,6 +59,7 @@ class _Memory:
     charts: dict[int, Chart] = field(default_factory=dict)  # by object
     apart: tuple[Maps, Maps, Difference] | None = None  # the last pair of results and its figures
     whites: list[tuple[F16, float]] = field(default_factory=list)
+    error: tuple[ViewPicture, float] | None = None  # the last picture's
 
 
 _memory = _Memory()
@@ -242,6 +243,13 @@ def picture(context: bpy.types.Context) -> ViewPicture | None:
     if known is None or not known.pictures:
         return None
     return known.pictures[min(context.window_manager.irpso_views.view, len(known.pictures) - 1)]
+
+
+def error(shown: ViewPicture) -> float:
+    """Relative difference of a view and its prediction; remembered, because panels ask at each redraw."""
+    if _memory.error is None or _memory.error[0] is not shown:
+        _memory.error = (shown, difference((shown,)))
+    return _memory.error[1]
 
 
 def pair(context: bpy.types.Context) -> tuple[session.Result, session.Result] | None:
