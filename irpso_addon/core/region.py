@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .data import F32, F64, I32, Bool, Maps
+from .data import F32, F64, Bool, Maps
+from .metrics import at_size
 
 SEAM, SEAM_SHARE = 8.0, 1 / 32  # how far around the region the new result fades: texels, at most this of the map
 VOXELS = 160  # at most, along the longest side of the surface
@@ -69,24 +70,11 @@ def of_image(image: F32, size: int) -> Bool:
 
 
 def resampled(values: F32, size: int) -> F32:
-    """(size, size, ...) bilinear at the texels' centres, from (h, w, ...)."""
-    h, w = values.shape[:2]
-    if (h, w) == (size, size):
+    """(size, size, ...) from (h, w, ...), as metrics.at_size, within the range of the values."""
+    if values.shape[:2] == (size, size):
         return values
-    rows, columns = _places(h, size), _places(w, size)
-    tail = (1,) * (values.ndim - 2)
-    across = [values[:, i] * share.reshape(1, size, *tail) for i, share in columns]
-    narrow = across[0] + across[1]
-    down = [narrow[i] * share.reshape(size, 1, *tail) for i, share in rows]
-    return np.asarray(down[0] + down[1], np.float32)
-
-
-def _places(count: int, size: int) -> list[tuple[I32, F32]]:
-    """The two samples on either side of each texel's centre, and their shares."""
-    at = np.clip((np.arange(size) + 0.5) * count / size - 0.5, 0, count - 1)
-    low = np.floor(at).astype(np.int32)
-    high = np.minimum(low + 1, count - 1)
-    return [(low, np.asarray(1 - (at - low), np.float32)), (high, np.asarray(at - low, np.float32))]
+    made = at_size(values, size).reshape(size, size, *values.shape[2:])
+    return np.asarray(np.clip(made, values.min(), values.max()), np.float32)
 
 
 def resized(maps: Maps, size: int) -> Maps:
