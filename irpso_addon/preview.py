@@ -117,7 +117,7 @@ def _refined(
         for size in sizes:
             if size <= settings.size or size == SIZES[0]:
                 grid = draw_texel_grid(device, mesh, min(size, settings.size))
-                yield from _solve(device, grid, observations, settings)
+                yield from _solve(device, grid, observations, settings, size == SIZES[0])
                 grid.release()
         if judging:
             yield from _judge(device, observations, draw_texel_grid(device, mesh, 16))
@@ -127,14 +127,16 @@ def _refined(
 
 
 def _solve(
-    device: Device, grid: SurfaceMaps, observations: Observations, settings: SolveSettings,
+    device: Device, grid: SurfaceMaps, observations: Observations, settings: SolveSettings, first: bool,
 ) -> Steps[None]:
-    """Base colour as of a surface without gloss first: it is there at once."""
+    """Base colour as of a surface without gloss first: it is there at once.  ``first``: there are no pictures yet."""
     coverage = device.read(grid.position)[..., 3] > 0.5
     gloss = _constant(device, coverage.shape, 0.5, 0.5, 1.0), _constant(device, coverage.shape, 0.0, 0.0, 0.0)
     matte = AlbedoSolver(device, grid, observations, *gloss)
     base = yield from _silent(matte.solve(iterations=0))
     yield _told(look.base_color(device, base), coverage)
+    if first:
+        yield _told(Live({}, pictures=_pictures(matte, base)), coverage)
     release(base, *gloss)
     solver = Solver(device, _Source(device, grid, observations),
                     replace(settings, method="draft", model="one-lobe", loss="squares"))
@@ -165,11 +167,14 @@ def _judge(device: Device, observations: Observations, grid: SurfaceMaps) -> Ste
         if maps is None:
             yield Progress(1.0, "preview")
             continue
-        rough, ones = maps["roughness"], np.ones_like(maps["roughness"])
-        lobes = _texture(device, rough, rough, ones, ones)
-        base = _texture(device, *np.moveaxis(maps["base_color"], -1, 0), ones)
+        base_color, rough = maps["base_color"], maps["roughness"]
+        known = [np.isfinite(values).astype(np.float32) for values in (base_color[..., 0], rough)]
+        rough, base_color = np.nan_to_num(rough), np.nan_to_num(base_color)
+        holed = (_texture(device, *np.moveaxis(base_color, -1, 0), known[0]),
+                 _texture(device, rough, rough, np.ones_like(rough), known[1]))
+        base, lobes = (fill(device, texture) for texture in holed)
         live = Live({}, pictures=_pictures(AlbedoSolver(device, grid, observations, lobes), base))
-        release(lobes, base)
+        release(lobes, base, *holed)
         yield Progress(1.0, "preview", look=partial(_same, live), due=True)
 
 

@@ -18,13 +18,13 @@ import numpy as np
 from ..core import region
 from ..core.data import F32, Maps, SceneData, Solution
 from ..core.errors import BadInput
-from ..core.live import ROLES, Canvas, Live, resized
+from ..core.live import ROLES, Canvas, Live, reduced, resized
 from ..core.params import SolveSettings
 from . import material
 
 SHOWN = 1024  # texels: larger maps are shown reduced until they are done
 SHOW_SECONDS = 0.1
-JUDGED = 256  # texels of the maps that the preview's worker judges, ...
+JUDGED = 512  # texels of the maps that the preview's worker judges, ...
 JUDGE_SECONDS = 1.0  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
 PARTIAL = "stopped early: maps as far as they had come, coarse where no tile was done"
@@ -89,8 +89,7 @@ class LiveMaps:
             return
         self._judged = now
         size = min(JUDGED, self.canvas.size)
-        self.feed({role: np.nan_to_num(resized(maps[role], size), nan=UNKNOWN[role])
-                   for role in ("base_color", "roughness")})
+        self.feed({role: reduced(maps[role], size) for role in ("base_color", "roughness")})
 
     def show(self, obj: bpy.types.Object) -> None:
         """Hand new pixels to Blender, at most every SHOW_SECONDS: each time the window is drawn anew.

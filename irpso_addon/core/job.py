@@ -12,8 +12,8 @@ from .live import Live
 class Progress:
     """Where a job stands: ``fraction`` of the whole in 0..1, the ``stage`` word, a short ``message``.
 
-    ``look`` tells what has been found so far; it may be called on the GL thread until the job's next step.  ``due``: this
-    look is not to be missed, however lately there was another.
+    ``look`` tells what has been found so far; it may be called on the GL thread until the job's next step.  ``due``:
+    this look is not to be missed, however lately there was another.
     """
 
     fraction: float

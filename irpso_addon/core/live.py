@@ -87,3 +87,12 @@ def resized(values: NDArray[T], size: int) -> NDArray[T]:
     at = ((np.arange(size) + 0.5) * values.shape[0] / size).astype(np.int64)
     grown: NDArray[T] = values[at][:, at]
     return grown
+
+
+def reduced(values: F32, size: int) -> F32:
+    """A square map at a smaller size: means over blocks, NaN where a block has one; the nearest texel where none fit."""
+    share = values.shape[0] // size
+    if share < 2 or share * size != values.shape[0]:
+        return resized(values, size)
+    blocks = values.reshape(size, share, size, share, *values.shape[2:])
+    return np.asarray(blocks.mean(axis=(1, 3)), np.float32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core.live import Canvas, Live, ViewPicture, difference, resized
+from irpso_addon.core.live import Canvas, Live, ViewPicture, difference, reduced, resized
 
 
 def look(size: int, value: float, known: np.ndarray | None = None, role: str = "roughness") -> Live:
@@ -56,6 +56,15 @@ def test_resized_takes_the_nearest_texel(size: int, grown: int) -> None:
     want = np.array([[values[int((y + 0.5) * size / grown), int((x + 0.5) * size / grown)]
                       for x in range(grown)] for y in range(grown)])
     np.testing.assert_array_equal(resized(values, grown), want)
+
+
+def test_reduced_is_the_mean_and_keeps_what_is_unknown() -> None:
+    values = np.arange(16 * 3, dtype=np.float32).reshape(4, 4, 3)
+    values[0, 0, 0] = np.nan
+    small = reduced(values, 2)
+    assert np.isnan(small[0, 0, 0])
+    assert small[1, 1, 2] == pytest.approx(values[2:, 2:, 2].mean())
+    assert reduced(values, 3).shape == (3, 3, 3)  # no whole number of texels: the nearest
 
 
 def test_difference_weighs_pictures_by_their_light() -> None:

@@ -125,10 +125,11 @@ def test_a_job_that_is_held_stands_still(filed: SceneData) -> None:
 def test_a_preview_comes_closer_from_look_to_look(filed: SceneData, warm: remote.Worker, patches: syn.Shoot) -> None:
     job = remote.Remote("preview:preview", filed, replace(SETTINGS, size=256), worker=warm)
     looks: list[Live] = []
-    until(lambda: bool(looks.extend(job.looks())) or sum(bool(look.pictures) for look in looks) >= 2)
+    until(lambda: bool(looks.extend(job.looks())) or sum(bool(look.pictures) for look in looks) >= 3)
     assert set(looks[0].maps) == {"base_color"}  # is there at once
     assert looks[0].coverage is not None
-    whole = [look for look in looks if look.pictures]
+    matte, *whole = [look for look in looks if look.pictures]
+    assert matte.error > 2 * whole[0].error
     assert whole[1].maps["roughness"].shape == (256, 256)
     at = (np.arange(256) + 0.5) / 256
     u, v = np.meshgrid(at, at)
