@@ -192,7 +192,7 @@ def _figure(column: bpy.types.UILayout, name: str, value: str) -> None:
 
 def _percent(shown: ViewPicture) -> str:
     value = views.error(shown)
-    return f"{value:.1%} from the prediction" if math.isfinite(value) else "Nothing to compare"
+    return f"Prediction off by {value:.1%}" if math.isfinite(value) else "Nothing to compare"
 
 
 class IRPSO_MT_pictures(Menu):

@@ -162,7 +162,7 @@ def span(values: Sequence[float], factor: float = 1.25) -> tuple[float, float]:
 
 
 def convergence(points: Sequence[Point], box: Box, theme: Theme) -> None:
-    """Error in per cent against seconds, in a box of its own."""
+    """Error in per cent against seconds, in a box of its own; one error at least is above 0."""
     fill(box, (*theme.back[:3], 0.88))
     unit = theme.scale
     inner = Box(box.left + 46 * unit, box.bottom + 24 * unit, box.right - 16 * unit, box.top - 26 * unit)

@@ -188,7 +188,7 @@ def _curve(points: views.Curve, visible: Box, theme: Theme) -> None:
     unit = theme.scale
     box = Box(visible.left + 12 * unit, visible.bottom + 12 * unit, visible.left + 312 * unit,
               visible.bottom + 162 * unit)
-    if sum(error > 0 for _, error in points) > 1 and box.right < visible.right:
+    if any(error > 0 for _, error in points) and box.right < visible.right:
         plot.convergence(points, box, theme)
 
 

@@ -15,7 +15,7 @@ SHOWS = (
 MAPS = (
     ("base_color", "Base Color", "What the surface reflects diffusely"),
     ("roughness", "Roughness", "Black is a mirror, white is matt"),
-    ("confidence", "Confidence", "White is sure, black is filled from neighbors"),
+    ("confidence", "Confidence", "White is sure, black is filled from neighbours"),
     ("error", "Error", "Relative difference between the views and what the maps predict, RMS over a texel's views"),
 )
 PICTURES = (
@@ -45,7 +45,7 @@ class IRPSO_PG_views(PropertyGroup):
         description="Brightness of the display in EV; the maps are not changed")
     scale: FloatProperty(
         name="Error Scale", subtype="PERCENTAGE", default=20.0, min=0.1, soft_max=100.0, max=1000.0, precision=1,
-        update=_redraw, description="Error that the brightest color of the heat map stands for")
+        update=_redraw, description="Error that the brightest colour of the heat map stands for")
     curve: BoolProperty(
         name="Convergence", default=True, update=_redraw,
         description="Draw the error against the seconds of the solve")
