@@ -14,13 +14,14 @@ from dataclasses import replace
 
 import bpy
 import numpy as np
+from bpy.app.handlers import persistent
 
 from ..core import region
 from ..core.data import F32, Maps, SceneData, Solution
 from ..core.errors import BadInput
 from ..core.live import ROLES, Canvas, Live, reduced, resized
 from ..core.params import SolveSettings
-from . import material
+from . import material, session
 
 SHOWN = 1024  # texels: larger maps are shown reduced until they are done
 SHOW_SECONDS = 0.1
@@ -163,6 +164,15 @@ class LiveMaps:
             self._wired = True
             with suppress(BadInput):  # is reported when the result is there; the images show it until then
                 material.wire_maps(obj, solution, images)
+
+
+@persistent
+def on_save(*_: object) -> None:
+    """save_pre handler: maps that are still on their way go into the file as they are; unpacked they would be lost."""
+    obj = session.object_by_uid(session.running.object_uid) if session.running is not None else None
+    for image in material.images_of(obj).values() if obj is not None else ():
+        if image.packed_file is None and image.source == "GENERATED":
+            image.pack()
 
 
 def _cycles_is_on_show() -> bool:

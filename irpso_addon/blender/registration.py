@@ -10,6 +10,7 @@ import bpy
 
 from . import (
     jobs,
+    live,
     panels,
     preferences,
     presets,
@@ -44,6 +45,7 @@ def register(operators: Sequence[type]) -> None:
     for part in _PARTS:
         part.register()
     bpy.app.handlers.load_pre.append(session.forget)
+    bpy.app.handlers.save_pre.append(live.on_save)
     _command_handle = bpy.utils.register_cli_command(COMMAND, _command)
     if bpy.app.module:
         atexit.register(unregister)  # as in properties.py
@@ -58,6 +60,7 @@ def unregister() -> None:
     preferences.forget()
     thumbnails.release()
     bpy.app.handlers.load_pre.remove(session.forget)
+    bpy.app.handlers.save_pre.remove(live.on_save)
     for part in reversed(_PARTS):
         part.unregister()
     for cls in reversed((*_operators, *preferences.CLASSES, *panels.CLASSES)):
