@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 import gpu
 import numpy as np
+from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
 from ..core.data import F32
@@ -223,14 +224,22 @@ def _say(show: str, visible: Box, theme: Theme) -> None:
     plot.write(text, middle, theme, align=0.5)
 
 
+@persistent
+def _drop(*_: object) -> None:
+    """load_pre handler: what the textures show is gone."""
+    _textures.clear()
+
+
 def register() -> None:
-    """Adds the draw handler."""
+    """Adds the handlers."""
     global _handler
     _handler = bpy.types.SpaceImageEditor.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
+    bpy.app.handlers.load_pre.append(_drop)
 
 
 def unregister() -> None:
-    """Takes it back, and the textures."""
+    """Takes them back, and the textures."""
+    bpy.app.handlers.load_pre.remove(_drop)
     bpy.types.SpaceImageEditor.draw_handler_remove(_handler, "WINDOW")
-    _textures.clear()
+    _drop()
     _shader.cache_clear()

@@ -82,20 +82,27 @@ def is_ours(image: bpy.types.Image | None) -> bool:
 
 
 def show(context: bpy.types.Context) -> None:
-    """Shows ours in an open Image Editor, the present window's before others; makes a window of one where none is."""
+    """Shows ours in an open Image Editor, first in one that does already or is empty; in a new window where none is."""
     areas = [area for window in [context.window, *context.window_manager.windows] for area in window.screen.areas
-             if area.type == "IMAGE_EDITOR"]
+             if area.ui_type == "IMAGE_EDITOR"]
     if not areas:
         bpy.ops.wm.window_new()
         areas = [context.window_manager.windows[-1].screen.areas[0]]
         areas[0].ui_type = "IMAGE_EDITOR"
-    show_in(areas[0])
+    show_in(min(areas, key=_suits))
+
+
+def _suits(area: bpy.types.Area) -> int:
+    """0: shows ours, 1: nothing, 2: something else."""
+    image = area.spaces.active.image
+    return 0 if is_ours(image) else 1 if image is None else 2
 
 
 def show_in(area: bpy.types.Area) -> None:
     """Shows ours in an Image Editor, with its sidebar."""
     space = area.spaces.active
     space.image = next(filter(is_ours, bpy.data.images), None) or _new_image()
+    space.mode = "VIEW"
     space.show_region_ui = True
     refresh()
     bpy.app.timers.register(_Fit(area).step, first_interval=0.05)
