@@ -22,7 +22,7 @@ from ..irpso_addon.blender import (
 )
 from ..irpso_addon.blender.jobs import Task
 from ..irpso_addon.blender.live import LiveMaps
-from ..irpso_addon.blender.panel_solve import solve_objects
+from ..irpso_addon.blender.readiness import solve_objects
 from ..irpso_addon.core.data import SceneData, Solution
 from ..irpso_addon.core.params import SolveSettings
 from .modal_job import ModalJob

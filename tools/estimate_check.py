@@ -7,6 +7,7 @@ Writes docs/estimate.md.
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 import time
@@ -34,8 +35,9 @@ configuration folder (`irpso_speed.json`; delete it to forget them). A solve tha
 from the last result teaches nothing. Indirect light counts where it is asked for, or was rendered in the last solve.
 
 Made by `python tools/estimate_check.py`: the demo's vase, pictures of {pixels} x {pixels} pixels, each solve in a new
-process, seconds from its start to its result. *First* is what would be said on a machine that has solved nothing yet;
-*learnt* after the first line's solve alone; other models and methods take the machine's speed from it.
+process, seconds from its start to its result; programs are compiled by the first solve that needs them. *First* is what
+is said on a machine that has solved nothing yet, *learnt* what is said after the first line's solve alone: other models
+and methods take the machine's speed from it.
 
 | views | size | model | method | measured | first | learnt | learnt / measured |
 |---|---|---|---|---|---|---|---|
@@ -54,6 +56,7 @@ CASES = [  # the first is what is learnt from
 def main() -> None:
     """Solve and write the page."""
     with tempfile.TemporaryDirectory() as folder:
+        os.environ["MESA_SHADER_CACHE_DIR"] = folder  # as on a machine that has solved nothing yet
         made = make(Path(folder))
         open_blend(made.scene)
         data = read_scene(None, demo.NAME, made.captures)

@@ -27,9 +27,10 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     found = of(context)
     if found is None:
         return
-    column = layout.column(align=True)
+    column, count = layout.column(align=True), len(readiness.solve_objects(context))
     unsure = "" if found.learnt else " (first guess)"
-    column.label(text=f"{estimate.in_words(found.seconds).capitalize()}{unsure}", icon="TIME")
+    seconds = estimate.in_words(found.seconds * max(count, 1)).capitalize()
+    column.label(text=f"{seconds}{unsure}", icon="TIME")
     column.label(text=f"{_gigabytes(found.gpu_bytes)} GPU memory, {_gigabytes(found.host_bytes)} memory", icon="MEMORY")
     if found.reduced < 0.99:
         column.label(text=f"Pictures reduced to {found.reduced ** 0.5:.0%} to fit", icon="INFO")

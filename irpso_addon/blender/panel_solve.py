@@ -26,14 +26,6 @@ def shown(settings: bpy.types.PropertyGroup, advanced: bool) -> list[str]:
     return [name for name, (other, choices) in others.items() if not other or getattr(settings, other) in choices]
 
 
-def solve_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """What `irpso.solve` solves: the active mesh, and the other meshes that are selected."""
-    active = context.active_object
-    if active is None or active.type != "MESH":
-        return []
-    return [active, *(obj for obj in context.selected_objects if obj.type == "MESH" and obj != active)]
-
-
 class IRPSO_PT_solve(Tab, Panel):
     """What is solved for, and how."""
 
@@ -57,7 +49,7 @@ class IRPSO_PT_solve(Tab, Panel):
             return
         column = layout.column()
         column.scale_y = 1.4
-        count = len(solve_objects(context))
+        count = len(readiness.solve_objects(context))
         column.operator("irpso.solve", text=f"Solve {count} Objects" if count > 1 else "Solve", icon="PLAY")
         estimates.draw(layout, context)
         readiness.draw(layout, context)

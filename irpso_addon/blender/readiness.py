@@ -101,6 +101,14 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         column.label(text=f"And {len(problems) - SHOWN} more", icon="BLANK1")
 
 
+def solve_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """What `irpso.solve` solves: the active mesh, and the other meshes that are selected."""
+    active = context.active_object
+    if active is None or active.type != "MESH":
+        return []
+    return [active, *(obj for obj in context.selected_objects if obj.type == "MESH" and obj != active)]
+
+
 def survey(context: bpy.types.Context) -> Survey:
     """Everything about the scene that a solve of the active object needs."""
     scene = context.scene
@@ -109,12 +117,12 @@ def survey(context: bpy.types.Context) -> Survey:
     views, faults = reader.views(scene.irpso)
     if not bpy.data.filepath:
         faults.insert(0, "The file was never saved; save it first")
-    return Survey(views, faults + _object_faults(context.active_object))
+    meshes = solve_objects(context)
+    faults += [fault for obj in meshes for fault in _mesh_faults(obj)] if meshes else ["No mesh object is active"]
+    return Survey(views, faults)
 
 
-def _object_faults(obj: bpy.types.Object | None) -> Faults:
-    if obj is None or obj.type != "MESH":
-        return ["No mesh object is active"]
+def _mesh_faults(obj: bpy.types.Object) -> Faults:
     if obj.modifiers:  # they may give what the mesh lacks
         return []
     if not len(obj.data.polygons) and obj.mode != "EDIT":

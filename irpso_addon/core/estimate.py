@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,10 +26,12 @@ FURTHEST = 50.0  # times faster or slower than the small machine: beyond, someth
 
 # Of the small machine (2 cores, software OpenGL): what a stage takes in any case, in seconds.
 FIXED = {"start": 1.5, "gbuffer": 0.1, "observe": 0.8, "maps": 0.4}
+# More for programs that were never compiled on this machine; drivers keep them.
+COMPILING = {"observe": 1.5, "solve": 2.5, "maps": 1.0}
 # Of the search: seconds in any case, microseconds a texel, and more for each view.
 SEARCH = {"lambert": (0.4, 2.0, 0.2), "one-lobe": (0.4, 2.0, 0.2), "one-lobe-specular": (1.6, 1.7, 0.2),
           "two-lobe": (0.8, 4.0, 0.4), "auto": (0.6, 4.5, 0.3)}
-METHODS = {"refined": 1.0, "draft": 0.8, "swarm": 3.0}  # times the above; "paper" goes by its iterations
+METHODS = {"refined": 1.0, "draft": 0.8, "swarm": 3.5}  # times the above; "paper" goes by its iterations
 PAPER = 0.04  # microseconds a texel, view and iteration
 PICTURE_SECONDS = 1.0  # of indirect light, by Cycles
 STAGES = ("start", "gbuffer", "observe", "solve", "maps", "indirect")
@@ -70,7 +72,7 @@ def estimate(
     each = bytes_per_pixel(len(views), sum(v.lights for v in views), len({v.camera for v in views}))
     largest = max((v.width * v.height for v in views), default=0)
     reduced = min(1.0, memory * 1e9 / each / max(largest, 1))
-    taken = predicted(views, settings, reduced, rounds)
+    taken = predicted(views, settings, factors, reduced, rounds)
     known = [factors.get(key) for key in (_key(stage, settings) for stage in taken)]
     usual = _mean([factor for factor in factors.values()])
     seconds = sum(s * (factor or usual) for s, factor in zip(taken.values(), known, strict=True))
@@ -83,9 +85,10 @@ def estimate(
 
 
 def predicted(
-    views: Sequence[Taken], settings: SolveSettings, reduced: float = 1.0, rounds: bool = False,
+    views: Sequence[Taken], settings: SolveSettings, known: Collection[str], reduced: float = 1.0,
+    rounds: bool = False,
 ) -> dict[str, float]:
-    """Seconds of each stage on the small machine."""
+    """Seconds of each stage on the small machine; ``known``: keys of the factors that were learnt."""
     def once(size: int) -> dict[str, float]:
         texels, count = COVERED * size**2, len(views)
         pixels = reduced * sum(v.width * v.height for v in views)
@@ -105,6 +108,9 @@ def predicted(
         small = once(min(settings.size, 512))
         first = {stage: 2 * s + small[stage] for stage, s in first.items()}
     result = {stage: first.get(stage, 0.0) + FIXED.get(stage, 0.0) for stage in STAGES[:-1]}
+    for stage, seconds in COMPILING.items():
+        if _key(stage, settings) not in known:
+            result[stage] += seconds
     if rounds:
         lit = {(v.camera, v.width, v.height, i) for i, v in enumerate(views)}
         result["indirect"] = 2 * PICTURE_SECONDS * (len(lit) + len({v.camera for v in views}))
@@ -119,7 +125,7 @@ def learnt(
     surprise."""
     result = dict(factors)
     measured = {**seconds, "start": max(wall - sum(seconds.get(s, 0.0) for s in STAGES), 0.05)}
-    for stage, expected in predicted(views, settings, reduced, "indirect" in seconds).items():
+    for stage, expected in predicted(views, settings, factors, reduced, "indirect" in seconds).items():
         if stage in measured:
             key, factor = _key(stage, settings), measured[stage] / expected
             if 1 / FURTHEST < factor < FURTHEST:

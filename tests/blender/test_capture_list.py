@@ -296,3 +296,12 @@ def test_asking_is_cheap(scene, module, survey) -> None:
         readiness.survey(bpy.context)
         times.append(time.thread_time() - start)
     assert min(times) < 0.02, times
+
+
+def test_every_selected_mesh_is_looked_at(scene, survey) -> None:
+    bpy.ops.irpso.add_folder(directory="//refs")
+    other = bpy.data.objects.new("Second", bpy.data.meshes.new("Second"))
+    scene.collection.objects.link(other)
+    assert survey().problems() == []
+    other.select_set(True)
+    assert survey().problems() == ["Second: has no faces"]
