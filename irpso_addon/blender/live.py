@@ -61,10 +61,10 @@ class LiveMaps:
         """Since it began."""
         return time.monotonic() - self._began
 
-    def take(self, live: Live) -> Live:
+    def take(self, live: Live, preview: bool = False) -> Live:
         """On a thread that reads: the look with maps that are whole."""
         with self._merging:
-            maps = dict(self.canvas.add(live))
+            maps = dict(self.canvas.add(live, preview))
             pixels = {role: _rgba(resized(maps[role], self.shown), UNKNOWN[role]) for role in live.maps}
             before = self.latest
             self.latest = live = replace(
@@ -81,7 +81,7 @@ class LiveMaps:
 
     def take_preview(self, live: Live) -> Live:
         """The same of the coarse maps that come first: where there is a last result, it is better than they are."""
-        return self.take(live if self.start is None else replace(live, maps={}, coverage=None))
+        return self.take(live if self.start is None else replace(live, maps={}, coverage=None), preview=True)
 
     def _judge(self, maps: Mapping[str, F32]) -> None:
         """Have `preview` say how well the maps explain the pictures now."""

@@ -59,23 +59,27 @@ class Canvas:
 
     def __init__(self, size: int) -> None:
         self.size = size
-        self.maps: dict[str, F32] = {}  # no NaN left but where no look said anything
+        self.maps: dict[str, F32] = {}  # NaN only where no look said anything
         self.coverage: Bool | None = None
-        self._finest: dict[str, int] = {}
+        self._ranks: dict[str, NDArray[np.uint16]] = {}  # of the look that each texel has its value from
+        self._finest = 0  # of coverage
 
-    def add(self, live: Live) -> dict[str, F32]:
-        """Take over what a look knows; returns what is shown now."""
+    def add(self, live: Live, preview: bool = False) -> dict[str, F32]:
+        """Take over what a look knows where nothing finer is known; returns what is shown now.
+
+        ``preview``: a draft, worth less than a real look of the same size.
+        """
         for role, values in live.maps.items():
-            if values.shape[0] < self._finest.get(role, 0):
-                continue  # a later round at a smaller size
-            self._finest[role] = values.shape[0]
+            rank = 2 * values.shape[0] - preview
             grown = resized(values, self.size)
             if role not in self.maps:
-                self.maps[role] = grown.copy()
-            else:
-                known = np.isfinite(grown if grown.ndim == 2 else grown[..., 0])
-                self.maps[role][known] = grown[known]
-        if live.coverage is not None:
+                self.maps[role] = np.full_like(grown, np.nan)
+                self._ranks[role] = np.zeros((self.size, self.size), np.uint16)
+            known = np.isfinite(grown if grown.ndim == 2 else grown[..., 0]) & (self._ranks[role] <= rank)
+            self.maps[role][known] = grown[known]
+            self._ranks[role][known] = rank
+        if live.coverage is not None and live.coverage.shape[0] >= self._finest:
+            self._finest = live.coverage.shape[0]
             self.coverage = resized(live.coverage, self.size)
         return self.maps
 
@@ -90,7 +94,7 @@ def resized(values: NDArray[T], size: int) -> NDArray[T]:
 
 
 def reduced(values: F32, size: int) -> F32:
-    """A square map at a smaller size: means over blocks, NaN where a block has one; the nearest texel where none fit."""
+    """A square map at a smaller size: means over blocks, NaN where one has; the nearest texel where no blocks fit."""
     share = values.shape[0] // size
     if share < 2 or share * size != values.shape[0]:
         return resized(values, size)

@@ -58,6 +58,14 @@ def base_color(device: Device, texture: moderngl.Texture) -> Live:
     return Live({"base_color": np.where(values[..., 3:] > 0.25, values[..., :3], UNKNOWN)})
 
 
+def swarm(best: F32, more: F32) -> Live:
+    """Of `paper.PaperMaps`, read back."""
+    known = more[..., 3] > 0
+    error = np.where(known, np.sqrt(np.maximum(more[..., 2], 0.0)), UNKNOWN)
+    return Live({"base_color": np.where(known[..., None], best[..., :3], UNKNOWN),
+                 "roughness": np.where(known, best[..., 3], UNKNOWN), "error": error})
+
+
 LOOKS: dict[tuple[str, int], Callable[[Device, Sequence[moderngl.Texture]], Live]] = {  # by kernel and lobes
     ("solve/search.glsl", 1): partial(_searched, 1), ("solve/search.glsl", 2): partial(_searched, 2),
     ("solve/polish.glsl", 1): _polished, ("solve/polish_two.glsl", 2): _polished_two}

@@ -12,6 +12,7 @@ import random
 import time
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import moderngl
@@ -20,7 +21,9 @@ import numpy as np
 from ..core.data import F32
 from ..core.errors import BadInput, Cancelled
 from ..core.job import Progress
+from ..core.live import Live
 from ..core.params import SolveSettings
+from . import look
 from .atlas import TILE, Atlas, Source, Tile
 from .context import Device
 
@@ -195,7 +198,8 @@ class PaperSwarm:
             for part in self._run(tile):
                 try:
                     yield Progress((i + part) / len(tiles), "solve",
-                                   f"tile {i + 1} of {len(tiles)}, pass {swarms.passes} of {self.settings.iterations}")
+                                   f"tile {i + 1} of {len(tiles)}, pass {swarms.passes} of {self.settings.iterations}",
+                                   partial(self._look, (best, more), tile, inner))
                 except Cancelled:
                     self.cancelled = True
             device.kernel("paper/keep.glsl", target, textures=dict(zip(("u_best", "u_more"), swarms.best, strict=True)),
@@ -204,6 +208,17 @@ class PaperSwarm:
                 break
         target.release()
         return PaperMaps(best, more, int(device.read(more)[..., 3].sum(dtype=np.float64)))
+
+    def _look(
+        self, kept: tuple[moderngl.Texture, moderngl.Texture], tile: Tile, inner: tuple[int, int, int, int],
+    ) -> Live:
+        """The tiles that are done, and the one at hand."""
+        maps = [self.device.read(texture).copy() for texture in kept]
+        x, y, w, h = inner
+        for whole, texture in zip(maps, self.swarms.best, strict=True):
+            left, low = x - tile[0], y - tile[1]
+            whole[y:y + h, x:x + w] = self.device.read(texture)[low:low + h, left:left + w]
+        return look.swarm(*maps)
 
     def _run(self, tile: Tile) -> Iterator[float]:
         """One tile's passes, in slices; yields the share done."""

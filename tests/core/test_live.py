@@ -33,6 +33,17 @@ def test_a_coarser_look_changes_nothing_any_more() -> None:
     assert np.all(canvas.maps["roughness"] == np.float32(0.9))
 
 
+def test_a_preview_is_worth_less_than_a_look_of_its_size() -> None:
+    canvas = Canvas(8)
+    left = np.arange(8)[None].repeat(8, 0) < 4
+    canvas.add(look(4, 0.5), preview=True)
+    canvas.add(look(8, 0.25, left))
+    canvas.add(look(8, 0.75), preview=True)  # still better than coarser ones
+    np.testing.assert_array_equal(canvas.maps["roughness"], np.where(left, 0.25, 0.75).astype(np.float32))
+    canvas.add(look(8, 0.125))
+    assert np.all(canvas.maps["roughness"] == 0.125)
+
+
 def test_what_no_look_knows_stays_unknown() -> None:
     canvas = Canvas(4)
     known = np.zeros((2, 2), bool)
