@@ -148,7 +148,7 @@ class IRPSO_PT_capture(Tab, Panel):
         column.operator("irpso.add_views", icon="CAMERA_DATA")
         column.operator_menu_enum("irpso.add_rig", "kind", icon="LIGHT_POINT")
         if not settings.views:
-            sample.draw(layout.column(align=True))
+            sample.draw(layout.column(align=True), context)
 
     @staticmethod
     def _draw_list(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -21,6 +21,7 @@ from . import session, views
 from .child import Child, command
 from .preferences import EXTENSION
 from .sample_child import SCENE
+from .tab import letters, wrapped
 
 POLL, REDRAW = 0.1, 0.05  # seconds
 PATIENCE = 40  # redraws until the sidebar must be there
@@ -108,7 +109,7 @@ def unregister() -> None:
     bpy.app.handlers.load_post.remove(on_load)
 
 
-def draw(layout: bpy.types.UILayout) -> None:
+def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """The button, or how far the making is."""
     if making is not None:
         progress, row = making.poll(), layout.row(align=True)
@@ -117,7 +118,7 @@ def draw(layout: bpy.types.UILayout) -> None:
     else:
         layout.operator("irpso.sample_scene", icon="SCENE_DATA")
     if error:
-        layout.label(text=error, icon="ERROR")
+        wrapped(layout, error, letters(context))
 
 
 def draw_menu(self: Any, _context: bpy.types.Context) -> None:
