@@ -37,7 +37,7 @@ def editor() -> Steps:
     yield from robot.open_tab(of=EDITOR)
     yield from robot.press("irpso.show_views(", of=EDITOR)
     yield from robot.until(ours, 5)
-    yield 0.5
+    yield from robot.open_tab()  # the viewport that was split off has forgotten it
 
 
 def shown(scene: str, size: int) -> Steps:
