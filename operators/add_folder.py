@@ -1,7 +1,9 @@
 """Add the images of a folder to the list of views, each with the camera and lights that its name speaks of."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import bpy
 
@@ -38,7 +40,7 @@ class IRPSO_OT_add_folder(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Appends what the list does not have yet, and says what was matched and what not."""
+        """Fills views that wait for an image, appends the others, and says what was matched and what not."""
         scene = context.scene
         try:
             folder = Path(absolute(self.directory))
@@ -52,8 +54,9 @@ class IRPSO_OT_add_folder(bpy.types.Operator):
         found = match(files, [camera.name for camera in cameras], [light.name for light in lights], flashes)
         have = {same_file(bpy.path.abspath(view.image)) for view in scene.irpso.views}
         fresh = [m for m in found if same_file(str(folder / m.file)) not in have]
+        waiting = {_key(view): view for view in reversed(scene.irpso.views) if _waits(view)}
         for entry in fresh:
-            _add(scene, folder, entry)
+            _put(scene, folder, entry, waiting)
         kind, text = _told(fresh, len(found) - len(fresh), len(lights))
         self.report({kind}, text)
         return {"FINISHED"} if fresh else {"CANCELLED"}
@@ -74,14 +77,29 @@ def _images(folder: Path) -> list[Path]:
     return found
 
 
-def _add(scene: bpy.types.Scene, folder: Path, entry: Match) -> None:
-    view = scene.irpso.views.add()
+def _waits(view: Any) -> bool:
+    """Whether its image is not there: a rig's, before the pictures are taken."""
+    return not os.path.exists(bpy.path.abspath(view.image))
+
+
+def _key(view: Any) -> tuple[Any, frozenset[Any]]:
+    """What a view is of."""
+    return view.camera, frozenset(item.light for item in view.lights)
+
+
+def _put(scene: bpy.types.Scene, folder: Path, entry: Match, waiting: dict[tuple[Any, frozenset[Any]], Any]) -> None:
+    """Into the view that waits for this camera and these lights, else into one of its own."""
+    camera = scene.objects[entry.camera] if entry.camera else None
+    lights = [scene.objects[name] for name in entry.lights]
+    view = waiting.pop((camera, frozenset(lights)), None) if camera else None
+    if view is None:
+        view = scene.irpso.views.add()
+        view.camera = camera
+        for light in lights:
+            view.lights.add().light = light
+        scene.irpso.active_view = len(scene.irpso.views) - 1
     view.image = stored(folder / entry.file)
     view.mask = stored(folder / entry.mask) if entry.mask else ""
-    view.camera = scene.objects[entry.camera] if entry.camera else None
-    for name in entry.lights:
-        view.lights.add().light = scene.objects[name]
-    scene.irpso.active_view = len(scene.irpso.views) - 1
 
 
 def _told(fresh: Sequence[Match], known: int, lights: int) -> tuple[str, str]:

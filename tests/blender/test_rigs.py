@@ -98,6 +98,25 @@ def test_images_by_these_names_find_their_views(subject, kind) -> None:
         assert not entry.camera_by_order and not entry.lights_by_order
 
 
+@pytest.mark.parametrize("kind", ["FLASH", "DOME", "TURNTABLE"])
+def test_a_folder_of_pictures_fills_the_views_that_wait(subject, kind, tmp_path) -> None:
+    """Whatever the pictures' file type; what no view waits for is added."""
+    bpy.ops.irpso.add_rig(kind=kind)
+    views = bpy.context.scene.irpso.views
+    waiting = [(view.image, view.camera.name, view.lights[0].light.name) for view in views]
+    (tmp_path / "shots").mkdir()
+    for image, _, _ in waiting[:-1]:
+        (tmp_path / "shots" / Path(image).name).with_suffix(".tif").write_bytes(b"")
+    (tmp_path / "shots" / "something else.tif").write_bytes(b"")
+    assert bpy.ops.irpso.add_folder(directory="//shots") == {"FINISHED"}
+    assert [(view.camera.name, view.lights[0].light.name) for view in views[:len(waiting)]] == [was[1:] for was in waiting]
+    for view, (image, _, _) in zip(views, waiting[:-1], strict=False):
+        assert view.image == f"//shots/{Path(image).stem}.tif"
+    assert views[len(waiting) - 1].image == waiting[-1][0]
+    assert views[len(waiting)].image == "//shots/something else.tif" and views[len(waiting)].camera is None
+    assert len(views) == len(waiting) + 1
+
+
 def test_undo_takes_all_of_it_back(subject) -> None:
     bpy.ops.ed.undo_push(message="before")
     name, data = subject.name, (len(bpy.data.cameras), len(bpy.data.lights))
