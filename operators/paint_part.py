@@ -42,6 +42,9 @@ class IRPSO_OT_paint_part(bpy.types.Operator):
                 settings.region_image = bpy.data.images.new("Part", settings.size, settings.size)
             paint = context.tool_settings.image_paint
             paint.mode, paint.canvas = "IMAGE", settings.region_image
+            # Blender 5 has them for each mode
+            unified = getattr(paint, "unified_paint_settings", None) or context.tool_settings.unified_paint_settings
+            unified.color, unified.secondary_color = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
         bpy.ops.object.mode_set(mode=mode)
         if settings.region == "FACES":
             context.tool_settings.mesh_select_mode = (False, False, True)

@@ -30,6 +30,7 @@ JUDGE_SECONDS = 1.0  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
 PARTIAL = "stopped early: maps as far as they had come, coarse where no tile was done"
 
+RESUMED = "stopped early: the last result where no tile was done"
 UNCHANGED = "stopped early: the last result stays as it was"
 
 
@@ -146,7 +147,7 @@ class LiveMaps:
                 model=self.model, why=dict.fromkeys(self.model, "stopped early"), seconds={}, device={},
                 texels={"covered": covered, "observed": solved, "solved": solved, "filled": covered - solved},
                 residual=float(np.sqrt(np.mean(maps["error"][known] ** 2))) if solved else 0.0,
-                views_used=self.views, views_skipped=(), warnings=(PARTIAL,), cancelled=True,
+                views_used=self.views, views_skipped=(), warnings=(RESUMED if self.start else PARTIAL,), cancelled=True,
                 pictures=self.latest.pictures if self.latest else ())
 
     def _own_image(self, obj: bpy.types.Object, role: str) -> bpy.types.Image | None:

@@ -182,9 +182,11 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if settings.region == "GROUP" and obj is not None:
         row.alert = settings.region_group not in obj.vertex_groups
         row.prop_search(settings, "region_group", obj, "vertex_groups", text="Group")
-    elif settings.region == "IMAGE":
-        row.alert = settings.region_image is None
+    elif settings.region == "IMAGE" and settings.region_image is None:
+        row.alert = True
         row.template_ID(settings, "region_image", new="image.new", open="image.open", text="Image")
+    elif settings.region == "IMAGE":
+        row.prop(settings, "region_image")  # the other's buttons would leave no room for the name
     if settings.region in MODES and obj is not None:
         mode, text, icon = MODES[settings.region]
         layout.operator("irpso.paint_part", text="Done" if obj.mode == mode else text, icon=icon,

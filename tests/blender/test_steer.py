@@ -141,7 +141,10 @@ def test_a_part_is_marked_in_its_own_mode(scene):
         assert bpy.ops.irpso.paint_part() == {"FINISHED"} and ball.mode == "OBJECT"
     assert scene.irpso.region_group == "Part" and [group.name for group in ball.vertex_groups] == ["Part"]
     assert tuple(scene.irpso.region_image.size) == (SIZE, SIZE)
-    assert scene.tool_settings.image_paint.canvas == scene.irpso.region_image
+    paint = scene.tool_settings.image_paint
+    assert paint.canvas == scene.irpso.region_image
+    unified = getattr(paint, "unified_paint_settings", None) or scene.tool_settings.unified_paint_settings
+    assert tuple(unified.color) == (1, 1, 1)
     ball.vertex_groups["Part"].add([vertex.index for vertex in ball.data.vertices], 1.0, "REPLACE")
     scene.irpso.region = "GROUP"
     bpy.ops.irpso.paint_part()
