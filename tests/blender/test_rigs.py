@@ -109,7 +109,8 @@ def test_a_folder_of_pictures_fills_the_views_that_wait(subject, kind, tmp_path)
         (tmp_path / "shots" / Path(image).name).with_suffix(".tif").write_bytes(b"")
     (tmp_path / "shots" / "something else.tif").write_bytes(b"")
     assert bpy.ops.irpso.add_folder(directory="//shots") == {"FINISHED"}
-    assert [(view.camera.name, view.lights[0].light.name) for view in views[:len(waiting)]] == [was[1:] for was in waiting]
+    kept = [(view.camera.name, view.lights[0].light.name) for view in views[:len(waiting)]]
+    assert kept == [was[1:] for was in waiting]
     for view, (image, _, _) in zip(views, waiting[:-1], strict=False):
         assert view.image == f"//shots/{Path(image).stem}.tif"
     assert views[len(waiting) - 1].image == waiting[-1][0]
