@@ -101,10 +101,13 @@ def image_region(image: bpy.types.Image | None) -> Region:
     flat = np.empty(width * height * image.channels, np.float32)
     image.pixels.foreach_get(flat)
     pixels = flat.reshape(height, width, image.channels)
-    white = pixels[..., :3].mean(axis=-1) * (pixels[..., 3] if image.channels == 4 else 1.0)
-    if not (white > 0.5).any():
+    colours = min(image.channels, 3)
+    white = sum(pixels[..., i] for i in range(colours)) * np.float32(1 / colours)  # mean() would take ten times as long
+    if image.channels == 4:
+        white *= pixels[..., 3]
+    if white.max() <= 0.5:
         raise BadInput(f"image '{image.name}': is nowhere white; paint the part to solve white")
-    return Region(image=white.astype(np.float32))
+    return Region(image=white)
 
 
 def file_region(path: Path) -> Region:
