@@ -129,15 +129,15 @@ def _refined(
 def _solve(
     device: Device, grid: SurfaceMaps, observations: Observations, settings: SolveSettings, first: bool,
 ) -> Steps[None]:
-    """Base colour as of a surface without gloss first: it is there at once.  ``first``: there are no pictures yet."""
+    """One size.  ``first``: before anything else base colour as of a surface without gloss, which is there at once."""
     coverage = device.read(grid.position)[..., 3] > 0.5
-    gloss = _constant(device, coverage.shape, 0.5, 0.5, 1.0), _constant(device, coverage.shape, 0.0, 0.0, 0.0)
-    matte = AlbedoSolver(device, grid, observations, *gloss)
-    base = yield from _silent(matte.solve(iterations=0))
-    yield _told(look.base_color(device, base), coverage)
     if first:
+        gloss = _constant(device, coverage.shape, 0.5, 0.5, 1.0), _constant(device, coverage.shape, 0.0, 0.0, 0.0)
+        matte = AlbedoSolver(device, grid, observations, *gloss)
+        base = yield from _silent(matte.solve(iterations=0))
+        yield _told(look.base_color(device, base), coverage)
         yield _told(Live({}, pictures=_pictures(matte, base)), coverage)
-    release(base, *gloss)
+        release(base, *gloss)
     solver = Solver(device, _Source(device, grid, observations),
                     replace(settings, method="draft", model="one-lobe", loss="squares"))
     found = yield from _shown(solver.solve(), coverage)

@@ -23,6 +23,7 @@ from .surface import SurfaceMaps
 ITERATIONS = 20  # more sharpens noise
 COARSE_ITERATIONS, COARSE = 5, 1.15  # where so many pixels and more show a texel, there is little to sharpen
 PASSES_MAX = 120  # camera passes in all: with many cameras each iteration takes a share of them
+SHARP = 4  # iterations after which the texture is worth a look: at first it is blurred
 STEP_SLACK = 0.1  # of 1, the weight of a good pixel seen head on: holds back texels seen at a grazing angle
 ROBUST_PASSES = 4
 VIEWS_AT_ONCE = 4  # in one draw: their two textures each and eight more are what every GL 3.3 driver offers
@@ -80,7 +81,7 @@ class AlbedoSolver:
             i += 1
             try:
                 yield Progress(0.3 + 0.7 * i / (iterations + 1), "maps", "base colour",
-                               partial(base_color, device, canvas.texture))
+                               partial(base_color, device, canvas.texture) if i >= SHARP else None)
             except Cancelled:  # a less sharp texture, but a whole one
                 self.cancelled = True
                 break
