@@ -45,7 +45,7 @@ if [ ! -x "$root/usr/bin/apt-get" ]; then
     [ ! -e "$root" ] || rmdir "$root" || fail "$root is there and is no Debian: delete it, or choose another --root"
     # shellcheck disable=SC2016
     mirror=$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 2>/dev/null | grep -m1 debian/) ||
-        mirror=https://deb.debian.org/debian
+        fail "apt names no Debian mirror; $own"
     say "debootstrap of Debian unstable from $mirror into $root"
     rm -rf --one-file-system "$root.partial"
     debootstrap --variant=minbase sid "$root.partial" "$mirror" >"$log" 2>&1 ||
