@@ -60,6 +60,7 @@ class _Memory:
     apart: tuple[Maps, Maps, Difference] | None = None  # the last pair of results and its figures
     whites: list[tuple[F16, float]] = field(default_factory=list)
     error: tuple[ViewPicture, float] | None = None  # the last picture's
+    undoing: list[int] = field(default_factory=list)  # areas that showed ours before Undo
 
 
 _memory = _Memory()
@@ -101,7 +102,7 @@ def _suits(area: bpy.types.Area) -> int:
 def show_in(area: bpy.types.Area) -> None:
     """Shows ours in an Image Editor, with its sidebar."""
     space = area.spaces.active
-    space.image = next(filter(is_ours, bpy.data.images), None) or _new_image()
+    space.image = _image()
     space.mode = "VIEW"
     space.show_region_ui = True
     refresh()
@@ -148,7 +149,11 @@ def _canvas(area: bpy.types.Area) -> bpy.types.Region:
     return next(region for region in area.regions if region.type == "WINDOW")
 
 
-def _new_image() -> bpy.types.Image:
+def _image() -> bpy.types.Image:
+    """Ours; made where there is none."""
+    found = next(filter(is_ours, bpy.data.images), None)
+    if found is not None:
+        return found
     image = bpy.data.images.new(NAME, 512, 512)
     image.is_runtime_data = True
     image[TAG] = "views"
@@ -194,8 +199,18 @@ def _forget(*_: object) -> None:
 
 
 @persistent
+def _undoing(*_: object) -> None:
+    """undo_pre and redo_pre handler."""
+    _memory.undoing = [area.as_pointer() for _, area in editors()]
+
+
+@persistent
 def _undone(*_: object) -> None:
-    """undo_post and redo_post handler: the image has its old shape again."""
+    """undo_post and redo_post handler: the image has its old shape again, or is gone where the step is older than it."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.as_pointer() in _memory.undoing and area.spaces.active.image is None:
+                area.spaces.active.image = _image()
     refresh()
 
 
@@ -318,7 +333,8 @@ def _white(reference: F16) -> float:
     return _memory.whites[-1][1]
 
 
-HANDLERS = (("load_pre", _forget), ("undo_post", _undone), ("redo_post", _undone))
+HANDLERS = (("load_pre", _forget), ("undo_pre", _undoing), ("redo_pre", _undoing), ("undo_post", _undone),
+            ("redo_post", _undone))
 
 
 def register() -> None:

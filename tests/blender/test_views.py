@@ -98,7 +98,7 @@ def test_views_and_results_are_chosen_by_number(chosen):
 
 def test_the_image_is_not_the_files(chosen, tmp_path):
     """Neither saved nor unsaved, gone with the file; and Undo leaves it."""
-    image = views._new_image()
+    image = views._image()
     assert views.is_ours(image) and not image.is_dirty
     image.generated_width = 300
     assert not image.is_dirty
