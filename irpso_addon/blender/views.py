@@ -206,7 +206,7 @@ def _undoing(*_: object) -> None:
 
 @persistent
 def _undone(*_: object) -> None:
-    """undo_post and redo_post handler: the image has its old shape again, or is gone where the step is older than it."""
+    """undo_post and redo_post handler: the image has its old shape, or is gone where the step is older than it."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.as_pointer() in _memory.undoing and area.spaces.active.image is None:
