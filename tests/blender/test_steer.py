@@ -229,3 +229,9 @@ def test_what_is_linked_from_a_library_is_refused(scene, tmp_path_factory):
     bpy.data.objects["Ball"].data.materials[0] = linked.materials[0]
     with pytest.raises(RuntimeError, match="Paint: this material is linked from a library; make it local"):
         bpy.ops.irpso.solve()
+    bpy.data.libraries.write(str(tmp_path / "ball.blend"), {bpy.data.objects["Ball"]})
+    with bpy.data.libraries.load(str(tmp_path / "ball.blend"), link=True) as (_, linked):
+        linked.objects = ["Ball"]
+    why_not = sys.modules["irpso_ext.irpso_addon.blender.writable"].why_not
+    assert why_not(linked.objects[0]) == "Ball: this object is linked from a library; make it local first " \
+        "(Object > Relations)"

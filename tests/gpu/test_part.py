@@ -124,18 +124,24 @@ def test_what_larger_models_have_more_is_kept_too(patches: syn.Shoot, given: dic
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-@pytest.mark.parametrize("before", ["refined", "draft"])
-def test_a_start_at_the_last_result_is_no_worse(patches: syn.Shoot, noise: float, before: str) -> None:
+def test_a_start_at_a_draft_is_no_worse_than_one_anew(patches: syn.Shoot, noise: float) -> None:
     shoot = patches if noise == 0 else syn.shoot(syn.PATCHES, shoots.rig(), noise=noise)
-    anew = shoots.run(shoot)
-    first = anew if before == "refined" else shoots.run(shoot, method=before)
-    again = shoots.run(replace(shoot, scene=replace(shoot.scene, start=first)), start="last")
+    anew, draft = shoots.run(shoot), shoots.run(shoot, method="draft")
+    again = shoots.run(replace(shoot, scene=replace(shoot.scene, start=draft)), start="last")
     best, found = shoots.errors(anew, shoot.truth), shoots.errors(again, shoot.truth)
     assert found.share == best.share
     for part in (0.5, 0.9, 0.99):
         assert np.quantile(found.rough, part) < 1.02 * np.quantile(best.rough, part) + 1e-6
         assert np.quantile(found.base, part) < 1.02 * np.quantile(best.base, part) + 1e-5
     assert again.why == {"Paint": "as in the last result"}
+
+
+def test_a_start_at_another_size(patches: syn.Shoot) -> None:
+    small = shoots.run(patches, size=32, method="draft")
+    again = shoots.run(replace(patches, scene=replace(patches.scene, start=small)), start="last")
+    off = shoots.errors(again, patches.truth)
+    assert again.maps.roughness.shape == (shoots.SIZE, shoots.SIZE)
+    assert np.median(off.rough) < 1e-5 and np.quantile(off.rough, 0.98) < 0.01
 
 
 def test_a_wrong_start_is_left(patches: syn.Shoot, whole: Solution) -> None:

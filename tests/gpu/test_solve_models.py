@@ -106,6 +106,18 @@ def test_beckmann_read_as_ggx_fits_worse(shoots):
     assert wrong.residual > 5 * right.residual
 
 
+@pytest.mark.parametrize("name, model", [("lacquer", "one-lobe-specular"), ("coat", "two-lobe")])
+def test_a_start_at_a_draft_is_no_worse_than_one_anew(shoots, name, model):
+    anew, draft = (run(shoots[name], size=SIZE, model=model, method=method) for method in ("refined", "draft"))
+    shoot = replace(shoots[name], scene=replace(shoots[name].scene, start=draft))
+    again = run(shoot, size=SIZE, model=model, start="last")
+    for part, slack in ((0.5, 1.1), (0.9, 1.5)):
+        for kind in ("rough", "base"):
+            found, best = (np.quantile(getattr(errors(s, TRUTHS[name]), kind), part) for s in (again, anew))
+            assert found < slack * best + 1e-6
+    assert again.levels == pytest.approx(anew.levels, abs=0.001)
+
+
 @pytest.mark.parametrize("settings", [{}, {"model": "one-lobe-specular"}, {"model": "two-lobe"}],
                          ids=["auto", "specular", "two-lobe"])
 def test_a_stop_keeps_what_was_found_and_leaves_nothing(on_gl, shoots, monkeypatch, settings):
