@@ -9,6 +9,7 @@ import robot
 from robot import Steps
 
 HEADER, STEP = 13, 29  # pixels from the top of the first panel to its header, and from a folded one to the next
+SLOW = 150  # seconds that a solve may take on a busy machine
 LIVE = 0.55  # of the solve: the maps are half there
 
 
@@ -97,7 +98,7 @@ def live() -> Steps:
     yield from jobs.started()
     yield from jobs.far_enough(LIVE)
     yield from look("06_live", 0.3)
-    yield from jobs.ended()
+    yield from jobs.ended(SLOW)
     yield 2
 
 
@@ -126,7 +127,7 @@ def twice() -> Steps:
     yield from toggle(robot.region("UI").height - HEADER - STEP)
     bpy.context.scene.irpso.model = "lambert"
     yield from jobs.started()
-    yield from jobs.ended()
+    yield from jobs.ended(SLOW)
     chosen = bpy.context.window_manager.irpso_views
     chosen.show, chosen.compared, chosen.contrast = "RESULTS", "base_color", "DIFFERENCE"
     yield from look("09_results", 1)
@@ -144,6 +145,9 @@ def look(name: str, settle: float) -> Steps:
     """A screenshot of what scripts have set too, of which the window hears nothing."""
     for area in robot.window().screen.areas:
         area.tag_redraw()
+        if area.type == "IMAGE_EDITOR":
+            with robot.within(of="IMAGE_EDITOR"):
+                bpy.ops.image.view_all(fit_view=True)
     yield from robot.look(name, settle)
 
 
