@@ -40,12 +40,10 @@ class LiveMaps:
     def __init__(self, scene: SceneData, settings: SolveSettings) -> None:
         self.model = dict.fromkeys(scene.mesh.slot_names, "lambert" if settings.model == "lambert" else "one-lobe")
         self.views = tuple(view.image.name for view in scene.views)
-        self.start = None if scene.start is None else replace(scene.start, maps=region.resized(
-            scene.start.maps, settings.size))  # what is there already, and shown until there is better
+        self.start = scene.start  # what is there already, and shown until there is better
         self.canvas = Canvas(settings.size)
         if self.start is not None:
             self.model |= self.start.model
-            self.canvas.add(Live({role: getattr(self.start.maps, role) for role in ROLES}, self.start.maps.coverage))
         self.shown = min(settings.size, SHOWN)
         self.curve: list[tuple[float, float]] = []
         self.latest: Live | None = None
@@ -65,6 +63,10 @@ class LiveMaps:
     def take(self, live: Live, preview: bool = False) -> Live:
         """On a thread that reads: the look with maps that are whole."""
         with self._merging:
+            if self.start is not None and not self.canvas.maps:  # here, because it takes a while
+                last = region.resized(self.start.maps, self.canvas.size)
+                self.start = replace(self.start, maps=last)
+                self.canvas.add(Live({role: getattr(last, role) for role in ROLES}, last.coverage))
             maps = dict(self.canvas.add(live, preview))
             pixels = {role: _rgba(resized(maps[role], self.shown), UNKNOWN[role]) for role in live.maps}
             before = self.latest
