@@ -58,8 +58,9 @@ class Survey:
     def shortened(self) -> list[tuple[str, str]]:
         """Camera and light of each view, without what all of them begin with."""
         camera = _prefix(view.camera for view in self.views)
-        light = _prefix(view.light for view in self.views)
-        return [(view.camera.removeprefix(camera), view.light.removeprefix(light)) for view in self.views]
+        light = _prefix(view.light for view in self.views if not view.light.endswith(" lights"))
+        return [(view.camera.removeprefix(camera), view.light.replace("All lights", "All").removeprefix(light))
+                for view in self.views]
 
     def problems(self) -> list[str]:
         """A line for each thing that must be put right; of views with the same fault, one."""

@@ -26,8 +26,10 @@ FURTHEST = 50.0  # times faster or slower than the small machine: beyond, someth
 
 # Of the small machine (2 cores, software OpenGL): what a stage takes in any case, in seconds.
 FIXED = {"start": 1.5, "gbuffer": 0.1, "observe": 0.8, "maps": 0.4}
-# More for programs that were never compiled on this machine; drivers keep them.
-COMPILING = {"observe": 1.5, "solve": 2.5, "maps": 1.0}
+# More for programs that were never compiled on this machine (drivers keep them); those of the search are made for a
+# number of views and cameras.
+COMPILING = {"observe": 1.0, "solve": 4.0, "maps": 1.0}
+COMPILED = "compiled "  # begins the keys that remember for which
 # Of the search: seconds in any case, microseconds a texel, and more for each view.
 SEARCH = {"lambert": (0.4, 2.0, 0.2), "one-lobe": (0.4, 2.0, 0.2), "one-lobe-specular": (1.6, 1.7, 0.2),
           "two-lobe": (0.8, 4.0, 0.4), "auto": (0.6, 4.5, 0.3)}
@@ -74,7 +76,7 @@ def estimate(
     reduced = min(1.0, memory * 1e9 / each / max(largest, 1))
     taken = predicted(views, settings, factors, reduced, rounds)
     known = [factors.get(key) for key in (_key(stage, settings) for stage in taken)]
-    usual = _mean([factor for factor in factors.values()])
+    usual = _mean([factor for key, factor in factors.items() if not key.startswith(COMPILED)])
     seconds = sum(s * (factor or usual) for s, factor in zip(taken.values(), known, strict=True))
     texels, pixels = settings.size**2, largest * reduced
     atlas = min(ATLAS_BYTES, 512 * 128 * 16 * sum(2 + v.lights for v in views))
@@ -109,7 +111,7 @@ def predicted(
         first = {stage: 2 * s + small[stage] for stage, s in first.items()}
     result = {stage: first.get(stage, 0.0) + FIXED.get(stage, 0.0) for stage in STAGES[:-1]}
     for stage, seconds in COMPILING.items():
-        if _key(stage, settings) not in known:
+        if (_programs(views, settings) if stage == "solve" else stage) not in known:
             result[stage] += seconds
     if rounds:
         lit = {(v.camera, v.width, v.height, i) for i, v in enumerate(views)}
@@ -130,7 +132,7 @@ def learnt(
             key, factor = _key(stage, settings), measured[stage] / expected
             if 1 / FURTHEST < factor < FURTHEST:
                 result[key] = _mean([factor, factors[key]]) if key in factors else factor
-    return result
+    return {**result, _programs(views, settings): 1.0}
 
 
 def read_factors(path: Path) -> dict[str, float]:
@@ -159,6 +161,10 @@ def in_words(seconds: float) -> str:
 
 def _key(stage: str, settings: SolveSettings) -> str:
     return f"{stage} {settings.method} {settings.model}" if stage == "solve" else stage
+
+
+def _programs(views: Sequence[Taken], settings: SolveSettings) -> str:
+    return f"{COMPILED}{settings.method} {settings.model} {len(views)} views {len({v.camera for v in views})} cameras"
 
 
 def _mean(factors: Sequence[float]) -> float:

@@ -52,7 +52,8 @@ def test_one_solve_teaches_the_next(speed) -> None:
     took = truly(views(), settings, {})
     stages = {stage: s for stage, s in took.items() if stage != "start"}
     factors = learnt({}, views(), settings, stages, sum(took.values()))
-    assert set(factors) == {"start", "gbuffer", "observe", "solve refined auto", "maps"}
+    assert set(factors) == {"start", "gbuffer", "observe", "solve refined auto", "maps",
+                            "compiled refined auto 10 views 3 cameras"}
     for taken, chosen in ((views(25), SolveSettings(size=1024)), (views(5), SolveSettings(size=128, model="two-lobe"))):
         found = estimate(taken, chosen, factors, 2.0)
         assert found.learnt and found.seconds == pytest.approx(sum(truly(taken, chosen, factors).values()))
