@@ -18,6 +18,7 @@ from ..irpso_addon.core.errors import BadInput, Cancelled
 from ..irpso_addon.core.job import Progress
 
 TIMER_PERIOD = 0.05  # seconds
+BUSY_SECONDS = 0.02  # that the window may wait
 REDRAW_PERIOD = 0.2  # seconds between two drawings of the progress
 
 
@@ -116,7 +117,10 @@ class ModalJob:
             return {"PASS_THROUGH"}
         assert self._flow is not None
         try:
+            began = time.monotonic()
             next(self._flow)
+            while self._running is not None and self._running.job.done and time.monotonic() - began < BUSY_SECONDS:
+                next(self._flow)  # nothing to wait for
         except BadInput as error:
             self.report({"ERROR"}, str(error))
         except StopIteration:
