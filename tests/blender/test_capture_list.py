@@ -305,3 +305,17 @@ def test_every_selected_mesh_is_looked_at(scene, survey) -> None:
     assert survey().problems() == []
     other.select_set(True)
     assert survey().problems() == ["Second: has no faces"]
+
+
+def test_a_thumbnail_shows_radiance_as_srgb(module) -> None:
+    """Exposure taken out, encoded as IEC 61966-2-1 says, in the middle of a square; transparent around it."""
+    thumbnails = module("blender.thumbnails")
+    side = module("core.glance").SIDE
+    linear = np.zeros((side // 2, side, 4), np.float32)
+    linear[...] = 0.5, 0.02, 4.0, 1.0
+    linear[:, : side // 4] *= 0.5  # half transparent: premultiplied
+    pixels = thumbnails._developed(linear, 1.0, "Linear Rec.709").view(np.uint8).reshape(side, side, 4)
+    expected = [round(255 * (1.055 * 0.25 ** (1 / 2.4) - 0.055)), round(255 * (1.055 * 0.01 ** (1 / 2.4) - 0.055)), 255]
+    top = side // 4
+    assert not pixels[:top].any() and not pixels[-top:].any()
+    assert pixels[top, -1].tolist() == [*expected, 255] and pixels[-top - 1, 0].tolist() == [*expected, 128]
