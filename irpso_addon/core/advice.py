@@ -7,6 +7,7 @@ errors that it makes do not count against others (``_floor``).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -225,9 +226,11 @@ def _few(checks: Checks) -> list[str]:
 def _doubtful(checks: Checks) -> list[str]:
     if not checks.doubtful > DOUBTFUL:
         return []
-    return [f"{checks.name}: roughness may be off by more than 0.15 on {checks.doubtful:.0%} of its solved texels: no "
-            f"highlight came near {checks.no_highlight:.0%} of it (nearest: {checks.nearest:.1f} lobe widths, in the "
-            f"median) at {checks.noise:.1%} noise; take views with highlights there (see the confidence map)"]
+    near = "nothing of it shone" if math.isinf(checks.nearest) else (
+        f"no highlight came near {checks.no_highlight:.0%} of it (nearest: {checks.nearest:.1f} lobe widths, in the "
+        f"median) at {checks.noise:.1%} noise")
+    return [f"{checks.name}: roughness may be off by more than 0.15 on {checks.doubtful:.0%} of its solved texels: "
+            f"{near}; take views with highlights there (see the confidence map)"]
 
 
 def _names(names: Sequence[str], mark: str = "'") -> str:
