@@ -173,8 +173,9 @@ def _wipe(plate: views.Plate, place: Box, visible: Box, x: float, theme: Theme) 
         back = tip - turn * 3 * unit
         plot.line([(back, middle + 3 * unit), (tip, middle), (back, middle - 3 * unit)], (0, 0, 0, 0.9), 1.5 * unit)
     height = min(place.top, visible.top) - 22 * unit
-    _caption(plate.captions[0], x - 12 * unit, height, 1.0, theme)
-    _caption(plate.captions[1], x + 12 * unit, height, 0.0, theme)
+    for text, side in zip(plate.captions, (-1, 1), strict=True):
+        if visible.left < x + side * (plot.width_of(text, theme) + 18 * unit) < visible.right:
+            _caption(text, x + side * 12 * unit, height, float(side < 0), theme)
 
 
 def _caption(text: str, x: float, y: float, align: float, theme: Theme) -> None:

@@ -211,6 +211,7 @@ def _undone(*_: object) -> None:
         for area in window.screen.areas:
             if area.as_pointer() in _memory.undoing and area.spaces.active.image is None:
                 area.spaces.active.image = _image()
+                bpy.app.timers.register(_Fit(area).step, first_interval=0.05)
     refresh()
 
 
