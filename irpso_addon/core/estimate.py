@@ -22,7 +22,7 @@ TEXEL_BYTES = 17 * 16  # of the textures on the texel grid that are alive togeth
 HOST_BYTES = 150_000_000  # of a process before it reads anything
 HOST_TEXEL_BYTES = 48
 READING = 3  # pictures in memory at a time
-FURTHEST = 50.0  # times faster or slower than the small machine: beyond, something else was measured
+FURTHEST = 1000.0  # times faster or slower than the small machine: beyond, something else was measured
 
 # Of the small machine (2 cores, software OpenGL): what a stage takes in any case, in seconds.
 FIXED = {"start": 1.5, "gbuffer": 0.1, "observe": 0.8, "maps": 0.4}
@@ -111,7 +111,7 @@ def predicted(
         first = {stage: 2 * s + small[stage] for stage, s in first.items()}
     result = {stage: first.get(stage, 0.0) + FIXED.get(stage, 0.0) for stage in STAGES[:-1]}
     for stage, seconds in COMPILING.items():
-        if (_programs(views, settings) if stage == "solve" else stage) not in known:
+        if _compiles(stage, views, settings, known):
             result[stage] += seconds
     if rounds:
         lit = {(v.camera, v.width, v.height, i) for i, v in enumerate(views)}
@@ -123,14 +123,19 @@ def learnt(
     factors: Factors, views: Sequence[Taken], settings: SolveSettings, seconds: Mapping[str, float], wall: float,
     reduced: float = 1.0,
 ) -> dict[str, float]:
-    """The factors after a solve: ``seconds`` of its stages, ``wall`` of it all.  A second look at a stage halves a
-    surprise."""
+    """The factors after a solve: ``seconds`` of its stages, ``wall`` of it all.
+
+    The mean with what was known; and a stage that compiled and was slow was mostly slow in compiling, so that half of
+    the surprise (of its logarithm) is believed.
+    """
     result = dict(factors)
     measured = {**seconds, "start": max(wall - sum(seconds.get(s, 0.0) for s in STAGES), 0.05)}
     for stage, expected in predicted(views, settings, factors, reduced, "indirect" in seconds).items():
         if stage in measured:
             key, factor = _key(stage, settings), measured[stage] / expected
             if 1 / FURTHEST < factor < FURTHEST:
+                if _compiles(stage, views, settings, factors) and factor > 1:
+                    factor = _mean([factor, 1.0])
                 result[key] = _mean([factor, factors[key]]) if key in factors else factor
     return {**result, _programs(views, settings): 1.0}
 
@@ -161,6 +166,11 @@ def in_words(seconds: float) -> str:
 
 def _key(stage: str, settings: SolveSettings) -> str:
     return f"{stage} {settings.method} {settings.model}" if stage == "solve" else stage
+
+
+def _compiles(stage: str, views: Sequence[Taken], settings: SolveSettings, known: Collection[str]) -> bool:
+    """Whether a stage has to compile programs."""
+    return stage in COMPILING and (_programs(views, settings) if stage == "solve" else stage) not in known
 
 
 def _programs(views: Sequence[Taken], settings: SolveSettings) -> str:

@@ -40,23 +40,26 @@ def test_every_model_and_method_has_a_figure_that_grows_with_the_work() -> None:
         assert estimate(views(), settings, {}, 2.0, rounds=True).seconds > 1.5 * seconds
 
 
-@pytest.mark.parametrize("speed", [0.1, 1.0, 7.0])
-def test_one_solve_teaches_the_next(speed) -> None:
-    """A machine that is slower or faster throughout is known exactly after one solve, for models not yet tried too.
+@pytest.mark.parametrize("slower", [0.01, 0.1, 1.0, 3.5])
+def test_one_solve_teaches_the_next(slower) -> None:
+    """A machine that is slower or faster throughout is known within a factor of 2, for models not yet tried too.
 
-    What was compiled once is not compiled again.
+    Exactly where it is faster: where it is slower, its compiler is blamed for half.  Nothing is compiled twice.
     """
     settings = SolveSettings(size=512)
+
     def truly(taken, chosen, known):
-        return {stage: speed * s for stage, s in predicted(taken, chosen, known).items()}
+        return {stage: slower * s for stage, s in predicted(taken, chosen, known).items()}
+
     took = truly(views(), settings, {})
     stages = {stage: s for stage, s in took.items() if stage != "start"}
     factors = learnt({}, views(), settings, stages, sum(took.values()))
     assert set(factors) == {"start", "gbuffer", "observe", "solve refined auto", "maps",
                             "compiled refined auto 10 views 3 cameras"}
     for taken, chosen in ((views(25), SolveSettings(size=1024)), (views(5), SolveSettings(size=128, model="two-lobe"))):
-        found = estimate(taken, chosen, factors, 2.0)
-        assert found.learnt and found.seconds == pytest.approx(sum(truly(taken, chosen, factors).values()))
+        found, exact = estimate(taken, chosen, factors, 2.0), sum(truly(taken, chosen, factors).values())
+        assert found.learnt and 0.5 < found.seconds / exact <= 1 + 1e-6
+        assert slower > 1 or found.seconds == pytest.approx(exact)
 
 
 def test_surprises_are_halved_and_nonsense_is_not_learnt() -> None:
