@@ -54,7 +54,8 @@ def test_zip_holds_the_extension_and_nothing_else(built):
     assert {n for n in names if n.endswith(".whl")} == {name.removeprefix("./") for name in MANIFEST["wheels"]}
     assert {n.split("/")[0] for n in names} == {
         "blender_manifest.toml", "__init__.py", "LICENSE", "README.md", "CHANGELOG.md", "irpso_addon", "operators",
-        "shaders", "wheels"}
+        "presets", "shaders", "wheels"}
+    assert {p.relative_to(ROOT).as_posix() for p in (ROOT / "presets").rglob("*.py")} <= names
     shaders = {p.relative_to(ROOT).as_posix() for p in (ROOT / "shaders").rglob("*.*") if p.suffix != ".md"}
     assert shaders <= names
     assert not [n for n in names if "__pycache__" in n or n.endswith((".pyc", ".blend", ".so"))]
