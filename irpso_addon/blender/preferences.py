@@ -122,7 +122,7 @@ def _draw_device(box: bpy.types.UILayout) -> None:
         device = _found.device if isinstance(_found, Tested) else _found
         rows = [("Renderer", device.renderer), ("OpenGL", device.version),
                 ("Kernels", {"compute": "Compute Shaders", "fragment": "Fragment Shaders"}[device.kernels])]
-        rows += [(name[:1].upper() + name[1:], f"{limit:,}") for name, limit in device.limits.items()]
+        rows += [(name.title().replace(" A ", " a "), f"{limit:,}") for name, limit in device.limits.items()]
         if isinstance(_found, Tested):
             rows.append(("Test", f"Passed in {_found.seconds:.1f} s"))
         column = box.column(align=True)
