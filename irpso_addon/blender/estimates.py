@@ -60,7 +60,8 @@ def learn(data: SceneData, settings: SolveSettings, solution: Solution, wall: fl
     if solution.cancelled or data.region is not None or data.start is not None:
         return
     _factors = estimate.learnt(factors(), _sizes(data), settings, solution.seconds, wall)
-    threading.Thread(target=_save, args=(path(), dict(_factors)), name="irpso-speed").start()  # disks may be slow
+    saved = path(), dict(_factors)
+    threading.Thread(target=_save, args=saved, name="irpso-speed", daemon=True).start()  # disks may be slow
 
 
 def _sizes(data: SceneData) -> Sequence[Taken]:

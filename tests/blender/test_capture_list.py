@@ -5,7 +5,9 @@ from __future__ import annotations
 import shutil
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -319,3 +321,34 @@ def test_a_thumbnail_shows_radiance_as_srgb(module) -> None:
     top = side // 4
     assert not pixels[:top].any() and not pixels[-top:].any()
     assert pixels[top, -1].tolist() == [*expected, 255] and pixels[-top - 1, 0].tolist() == [*expected, 128]
+
+
+def test_the_estimate_learns_and_remembers(scene, module, survey, tmp_path: Path, monkeypatch) -> None:
+    """What a solve took is in the file soon after; a new session reads it.  A part teaches nothing."""
+    estimates, read_scene = module("blender.estimates"), module("blender.scene").read_scene
+    monkeypatch.setattr(estimates, "path", lambda: tmp_path / "config" / "speed.json")
+    estimates.forget()
+    bpy.ops.irpso.add_folder(directory="//refs")
+    survey()
+    wait(lambda: estimates.of(bpy.context) is not None)
+    before = estimates.of(bpy.context)
+    assert not before.learnt
+    data, settings = read_scene(None, "Ball", None), module("blender.properties").settings(scene.irpso)
+    took = {"gbuffer": 0.1, "observe": 0.2, "solve": 0.5, "maps": 0.1}
+    solution = SimpleNamespace(cancelled=False, seconds=took)
+    estimates.learn(replace(data, region=object()), settings, solution, 1.0)
+    assert not estimates.of(bpy.context).learnt
+    estimates.learn(data, settings, solution, 1.0)
+    wait((tmp_path / "config" / "speed.json").exists)
+    estimates.forget()
+    after = estimates.of(bpy.context)
+    assert after.learnt and after.seconds < before.seconds
+    assert 0.5 < after.seconds < 2.0  # 1 s was taken
+    estimates.forget()
+
+
+def wait(said) -> None:
+    end = time.monotonic() + 10
+    while not said() and time.monotonic() < end:
+        time.sleep(0.02)
+    assert said()
