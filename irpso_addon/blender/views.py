@@ -55,7 +55,7 @@ class _Memory:
     """What outlives a running job until a file is loaded."""
 
     curves: dict[int, Curve] = field(default_factory=dict)  # by object
-    pictures: dict[int, tuple[ViewPicture, ...]] = field(default_factory=dict)  # by object; of its running job
+    pictures: tuple[session.Running, tuple[ViewPicture, ...]] | None = None  # a running job's latest
     charts: dict[int, Chart] = field(default_factory=dict)  # by object
     apart: tuple[Maps, Maps, Difference] | None = None  # the last pair of results and its figures
     whites: list[tuple[F16, float]] = field(default_factory=list)
@@ -188,7 +188,7 @@ def _remember() -> None:
     if running.curve:
         _memory.curves[running.object_uid] = running.curve
     if running.live is not None and running.live.pictures:
-        _memory.pictures[running.object_uid] = running.live.pictures
+        _memory.pictures = running, running.live.pictures
 
 
 @persistent
@@ -232,7 +232,9 @@ def look(context: bpy.types.Context) -> Look | None:
         return None
     solution, running = session.solution_of(obj), session.running
     if running is not None and running.live is not None and running.object_uid == obj.session_uid:
-        pictures = running.live.pictures or _memory.pictures.get(obj.session_uid, ())
+        pictures = running.live.pictures
+        if not pictures and _memory.pictures is not None and _memory.pictures[0] is running:
+            pictures = _memory.pictures[1]
         return Look(obj.name, running.live.maps, pictures, True)
     if solution is None:
         return None
@@ -244,7 +246,9 @@ def look(context: bpy.types.Context) -> Look | None:
 
 def curve(context: bpy.types.Context) -> Curve:
     """Seconds and errors of the subject's running or last solve."""
-    obj = subject(context)
+    obj, running = subject(context), session.running
+    if running is not None and running.preview is not None:
+        return running.curve
     return [] if obj is None else _memory.curves.get(obj.session_uid, [])
 
 
