@@ -143,7 +143,7 @@ def last_result(obj: bpy.types.Object) -> Solution | None:
     """What was solved of ``obj`` in this session, else the maps that its materials carry; None: neither."""
     solution = session.solution_of(obj)
     if solution is not None:
-        return replace(solution, checks=None, pictures=())
+        return _by_present_names(obj, replace(solution, checks=None, pictures=()))
     if not obj.get(TAG):
         return None
     try:
@@ -157,6 +157,16 @@ def last_result(obj: bpy.types.Object) -> Solution | None:
         views_skipped=(), warnings=(), device={},
         levels={name: level for name, (_, level, _) in shown.items() if level is not None},
         ndf=next((ndf for _, _, ndf in shown.values() if ndf == "beckmann"), "ggx"))
+
+
+def _by_present_names(obj: bpy.types.Object, solution: Solution) -> Solution:
+    """Materials that `material.write_maps` made or copied have other names than when they were solved."""
+    slots = [slot.material for slot in obj.material_slots if slot.material is not None]
+    now = {material[TAG]: material.name for material in slots
+           if TAG in material and material.name not in solution.model}
+    model, why, levels = ({now.get(name, name): value for name, value in told.items()}
+                          for told in (solution.model, solution.why, solution.levels))
+    return replace(solution, model=model, why=why, levels=levels)
 
 
 def _model(material: bpy.types.Material) -> tuple[str, float | None, str]:

@@ -132,6 +132,19 @@ def test_starting_at_the_last_result_ends_where_it_was(scene):
         assert np.median(off) < 1e-4 and np.quantile(off, 0.99) < 0.01
 
 
+def test_a_material_that_was_copied_is_known_again(scene):
+    """Another ball shows the same material: the solved one gets a copy of it, which is what its result is of."""
+    ball = bpy.data.objects["Ball"]
+    other = ball.copy()
+    scene.collection.objects.link(other)
+    other.hide_render = True  # it would stand in the way
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    name = ball.material_slots[0].material.name
+    assert name != "Paint" and ball.material_slots[0].material["irpso"] == "Paint"
+    last = sys.modules["irpso_ext.irpso_addon.blender.steer"].last_result(ball)
+    assert last.model == {name: "one-lobe"} and set(last.why) == {name}
+
+
 def test_a_part_is_marked_in_its_own_mode(scene):
     ball = bpy.data.objects["Ball"]
     assert not bpy.ops.irpso.paint_part.poll()  # nothing to mark
