@@ -35,9 +35,10 @@ class Child:
         code = (f"import sys; sys.path.insert(0, {str(PACKAGE.parent)!r}); "
                 f"from {PACKAGE.name}.blender import {module}; {module}.main({str(folder)!r})")
         self.folder = folder
+        flags = {"creationflags": subprocess.CREATE_NO_WINDOW} if sys.platform == "win32" else {}
         with open(folder / ERRORS, "wb") as errors:
             self._process = subprocess.Popen([*command, code], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
-                                             stderr=errors, cwd=folder)
+                                             stderr=errors, cwd=folder, **flags)
 
     @property
     def status(self) -> int | None:
