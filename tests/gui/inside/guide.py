@@ -142,13 +142,15 @@ def result() -> Steps:
 
 
 def look(name: str, settle: float) -> Steps:
-    """A screenshot of what scripts have set too, of which the window hears nothing."""
-    for area in robot.window().screen.areas:
-        area.tag_redraw()
-        if area.type == "IMAGE_EDITOR":
-            with robot.within(of="IMAGE_EDITOR"):
-                bpy.ops.image.view_all(fit_view=True)
-    yield from robot.look(name, settle)
+    """A screenshot of what scripts have set too, of which the window hears nothing; a panel's height follows later."""
+    for pause in (0.5, settle):
+        for area in robot.window().screen.areas:
+            area.tag_redraw()
+            if area.type == "IMAGE_EDITOR":
+                with robot.within(of="IMAGE_EDITOR"):
+                    bpy.ops.image.view_all(fit_view=True)
+        yield pause
+    yield from robot.look(name)
 
 
 def toggle(height: float) -> Steps:
