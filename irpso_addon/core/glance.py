@@ -5,13 +5,14 @@ A `Watcher` looks in a thread of its own: disks may be slow, and pictures large.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -139,7 +140,8 @@ class Watcher(Generic[Kind]):
             self._waiting.add(path)
             self._wanted.put(path)
             if self._thread is None:
-                self._thread = threading.Thread(target=self._work, name="irpso-glance", daemon=True)
+                self._thread = threading.Thread(
+                    target=self._work, args=(self._wanted,), name="irpso-glance", daemon=True)
                 self._thread.start()
         return self._known.get(path)
 
@@ -151,17 +153,19 @@ class Watcher(Generic[Kind]):
     def stop(self) -> None:
         """Ends the thread after the file that it is at, and forgets everything."""
         thread, self._thread = self._thread, None
+        wanted, self._wanted = self._wanted, SimpleQueue()  # a thread that a disk holds up must not get the next's
         if thread is not None:
-            while not self._wanted.empty():
-                self._wanted.get()
-            self._wanted.put(None)
+            with contextlib.suppress(Empty):
+                while True:
+                    wanted.get_nowait()
+            wanted.put(None)
             thread.join(timeout=1.0)
         self._known.clear()
         self._asked.clear()
         self._waiting.clear()
 
-    def _work(self) -> None:
-        while (path := self._wanted.get()) is not None:
+    def _work(self, wanted: SimpleQueue[str | None]) -> None:
+        while (path := wanted.get()) is not None:
             before, stamp = self._known.get(path), _stamp(Path(path))
             if before is None or before.stamp != stamp:
                 self._known[path] = self.missing if stamp is None else replace(self.look(Path(path)), stamp=stamp)
