@@ -58,8 +58,12 @@ def started(wait: float = 5) -> Steps:
 
 
 def far_enough(part: float = EARLY) -> Steps:
-    """Wait until a part of it is done, and something of it is on show."""
-    yield from robot.until(lambda: running() is None or (running().live and running().progress.fraction > part))
+    """Wait until a part of it is done, and maps of it are on show."""
+    def shown() -> bool:
+        live = running().live
+        return live is not None and {"base_color", "roughness"} <= live.maps.keys()
+
+    yield from robot.until(lambda: running() is None or (running().progress.fraction > part and shown()))
     assert running() is not None, "it was over before it could be stopped"
 
 

@@ -41,7 +41,7 @@ def play(scenario: Callable[[], Steps]) -> None:
     bpy.context.preferences.view.show_splash = False
     steps: list[Steps] = []
 
-    def tick() -> float:
+    def tick() -> float | None:
         try:
             if not steps:
                 steps.append(scenario())
@@ -52,7 +52,7 @@ def play(scenario: Callable[[], Steps]) -> None:
             traceback.print_exc()
             shot("failed")
             _end(1)
-        return 0.1
+        return None
 
     bpy.app.timers.register(tick, first_interval=0.5, persistent=True)
 
