@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..irpso_addon.blender import material, session
+from ..irpso_addon.blender import material
 from ..irpso_addon.blender.jobs import Task
 from ..irpso_addon.blender.scene_material import read_normal_maps
 from ..irpso_addon.blender.scene_mesh import read_mesh
@@ -31,11 +31,8 @@ class IRPSO_OT_bake_gbuffer(ModalJob, bpy.types.Operator):
         return Task("pipeline:bake_gbuffer", (data, size))
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
-        """Writes the images, one a step."""
-        uid, name, coverage = obj.session_uid, obj.name, value.coverage.astype("f4")
-        for role, array in {"position": value.position, "normal": value.normal, "coverage": coverage}.items():
-            found = session.object_by_uid(uid)
-            if found is not None:
-                material.put_image(found, role, array)
-            yield
-        self.report({"INFO"}, f"{name}: {int(coverage.sum()):,} of {coverage.size:,} texels are covered")
+        """Writes the images."""
+        coverage = value.coverage.astype("f4")
+        material.write_images(obj, {"position": value.position, "normal": value.normal, "coverage": coverage})
+        self.report({"INFO"}, f"{obj.name}: {int(coverage.sum()):,} of {coverage.size:,} texels are covered")
+        yield from ()

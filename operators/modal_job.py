@@ -162,17 +162,26 @@ class ModalJob:
                     running.progress = running.job.poll() or running.progress
                     self.tick(obj)
                     yield
-                value, cancelled = _outcome(running.job.result)
-                if cancelled and value is None:
-                    value = self.stopped()
+                value, cancelled = self._delivered(running)
                 running.progress = Progress(1.0, "write")
                 yield from self._finished(uid, value, cancelled)
+                if uid != uids[-1]:
+                    bpy.ops.ed.undo_push(message=self.bl_label)  # the last one is the operator's own
             finally:
                 session.end(self._running)
                 task.afterwards()
                 self.settled()
             if running.stopping:
                 return
+
+    def _delivered(self, running: session.Running) -> tuple[Any, bool]:
+        """The job's value, or what there is of it, and whether it was stopped."""
+        try:
+            value, cancelled = _outcome(running.job.result)
+        except (BadInput, RuntimeError) as error:  # RuntimeError: the worker has a bug, or died
+            self.report({"ERROR"}, str(error))
+            value, cancelled = None, True
+        return (self.stopped(), True) if value is None else (value, cancelled)
 
     def _finished(self, uid: int, value: Any, cancelled: bool) -> Iterator[None]:
         obj = session.object_by_uid(uid)

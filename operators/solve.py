@@ -11,6 +11,7 @@ from ..irpso_addon.blender import (
     estimates,
     indirect,
     jobs,
+    live,
     material,
     properties,
     readiness,
@@ -21,7 +22,6 @@ from ..irpso_addon.blender import (
     writable,
 )
 from ..irpso_addon.blender.jobs import Task
-from ..irpso_addon.blender.live import LiveMaps
 from ..irpso_addon.blender.readiness import solve_objects
 from ..irpso_addon.core.data import SceneData, Solution
 from ..irpso_addon.core.params import SolveSettings
@@ -41,7 +41,7 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         name="Write Maps", description="Put the maps on the object's materials when done", default=True,
         options={"HIDDEN", "SKIP_SAVE"})
 
-    _live: LiveMaps | None = None
+    _live: live.LiveMaps | None = None
     _label = ""
     _held = False  # was paused: its times say nothing
     _asked: tuple[SceneData, SolveSettings]
@@ -79,21 +79,21 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
     def start(self, task: Task, obj: bpy.types.Object) -> None:
         """The solve in one process, first looks at it in another."""
         data, settings = task.arguments[:2]
-        self._live, self._asked = LiveMaps(data, settings), (data, settings)
-        live = self._live
-        running = session.start(task.start(live.take), self.bl_label, obj.session_uid)
-        running.curve = live.curve
-        running.preview = jobs.preview((replace(data, start=None), settings), live.take_preview)
-        live.feed = running.preview.feed
+        self._live, self._asked = live.LiveMaps(data, settings), (data, settings)
+        maps = self._live
+        running = session.start(task.start(maps.take), self.bl_label, obj.session_uid)
+        running.curve = maps.curve
+        running.preview = jobs.preview((replace(data, start=None), settings), maps.take_preview)
+        maps.feed = running.preview.feed
 
     def tick(self, obj: bpy.types.Object) -> None:
         """One map at a time onto the object."""
-        running, live = session.running, self._live
-        assert running is not None and live is not None
+        running, maps = session.running, self._live
+        assert running is not None and maps is not None
         self._held |= running.paused
-        fresh, running.live = running.live is not live.latest, live.latest
+        fresh, running.live = running.live is not maps.latest, maps.latest
         if self.write:
-            live.show(obj)
+            maps.show(obj)
         if fresh:
             views.refresh()
 
@@ -109,6 +109,7 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
             estimates.learn(*self._asked, solution, self._live.seconds)
         messages: tuple[str, ...] = ()
         if self.write:
+            material.check(obj, solution)
             messages = yield from self._written(obj.session_uid, solution)
         for warning in (*solution.warnings, *messages):
             self.report({"WARNING"}, warning)
@@ -118,30 +119,40 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
 
     def settled(self) -> None:
         """The views show the result instead of the running job."""
+        if self._live is not None:
+            self._live.drop()
         views.refresh()
 
     def _written(self, uid: int, solution: Solution) -> Generator[None, None, tuple[str, ...]]:
-        """The maps on the object, an image a step; what the user should know."""
-        obj = session.object_by_uid(uid)
-        if obj is None:
-            return ()
-        material.check(obj, solution)
-        own = self._live.own if self._live is not None else ()
+        """The maps on the object; what the user should know.  An image a step; in the last one all that is linked."""
         layers = material.layers_of(solution.maps)
+        uids: dict[str, int] = {}
         for role, array in layers.items():
-            material.put_image(obj, role, array, own, pack=False)
-            yield
             obj = session.object_by_uid(uid)
             if obj is None:
                 return ()
-            image = material.images_of(obj).get(role)
+            shown = {} if self._live is None else self._live.images()
+            image = shown.get(role)
+            if image is None or image.size[0] != array.shape[0]:
+                image = material.loose_image(obj, role, array.shape[0])
+            uids[role] = image.session_uid
+            material.set_pixels(image, array)
+            yield
+            image = self._image(uids[role])
             if image is not None:
                 image.pack()
                 yield
-                obj = session.object_by_uid(uid)
-                if obj is None:
-                    return ()
-        images = material.images_of(obj)
-        for role in layers.keys() - images.keys():  # Undo has taken it meanwhile
-            images[role] = material.put_image(obj, role, layers[role])
-        return material.wire_maps(obj, solution, {role: images[role] for role in layers})
+        obj = session.object_by_uid(uid)
+        if obj is None:
+            return ()
+        images = {role: self._image(image_uid) for role, image_uid in uids.items()}
+        for role, image in images.items():
+            if image is None:  # Undo has taken it meanwhile
+                images[role] = material.put_image(obj, role, layers[role])
+        material.adopt(obj, images)
+        live.settle(obj)
+        return material.wire_maps(obj, solution, images)
+
+    @staticmethod
+    def _image(uid: int) -> bpy.types.Image | None:
+        return next((image for image in bpy.data.images if image.session_uid == uid), None)

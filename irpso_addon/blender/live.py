@@ -6,6 +6,8 @@ them, so that the main thread only hands them over.
 
 from __future__ import annotations
 
+import itertools
+import os
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -23,6 +25,7 @@ from ..core.live import ROLES, Canvas, Live, reduced, resized
 from ..core.params import SolveSettings
 from . import material, session
 
+SO_FAR = "irpso_so_far"  # custom property of an object in the undo step of `LiveMaps._link`: the solve's token
 SHOWN = 1024  # texels: larger maps are shown reduced until they are done
 SHOW_SECONDS = 0.1
 JUDGED = 512  # texels of the maps that the preview's worker judges, ...
@@ -32,6 +35,10 @@ PARTIAL = "stopped early: maps as far as they had come, coarse where no tile was
 
 RESUMED = "stopped early: the last result where no tile was done"
 UNCHANGED = "stopped early: the last result stays as it was"
+
+_numbers = itertools.count()
+_over: set[str] = set()  # tokens of solves whose result is there
+_shown: LiveMaps | None = None  # what is on an object while its solve runs
 
 
 class LiveMaps:
@@ -52,8 +59,9 @@ class LiveMaps:
         self._began = time.monotonic()
         self._merging, self._handing = threading.Lock(), threading.Lock()  # the second is never held for long
         self._pixels: dict[str, F32] = {}  # role -> flat RGBA, not handed over yet
-        self.own: set[int] = set()  # session_uid of the images made here
-        self._wired = False
+        self._uids: dict[str, int] = {}  # role -> session_uid of the image made here
+        self._linked = self.undone = False  # the images are on the object; were, before the user's Undo
+        self.token = f"{os.getpid()} {next(_numbers)}"
 
     @property
     def seconds(self) -> float:
@@ -98,31 +106,59 @@ class LiveMaps:
     def show(self, obj: bpy.types.Object) -> None:
         """Hand new pixels to Blender, at most every SHOW_SECONDS: each time the window is drawn anew.
 
-        On the main thread, a millisecond or two for each map.
+        On the main thread, some milliseconds: an image made, the maps' pixels, or the images put on the materials.
         """
         now = time.monotonic()
-        if self._wired and now - self._showed < SHOW_SECONDS:
+        if self._linked and now - self._showed < SHOW_SECONDS:
+            return
+        images = self.images()
+        if len(images) < len(ROLES):
+            if not self._linked:  # else the user has undone it: the result will come all the same
+                role = next(role for role in ROLES if role not in images)
+                self._uids[role] = material.loose_image(obj, role, self.shown).session_uid
             return
         with self._handing:
             pixels, self._pixels = self._pixels, {}
-        for role in list(pixels):
-            image = self._own_image(obj, role)
-            fresh = image is None
-            if image is None:
-                image = material.blank_image(obj, role, self.shown)
-                self.own.add(image.session_uid)
-                self._wired = False
-            image.pixels.foreach_set(pixels.pop(role))
-            image.update()
-            if _cycles_is_on_show():
-                image.update_tag()  # its viewport hears of nothing else; costs a tenth of a second without a GPU
+        cycles = _cycles_is_on_show()
+        for role, values in pixels.items():
+            images[role].pixels.foreach_set(values)
+            images[role].update()
+            if cycles:
+                images[role].update_tag()  # its viewport hears of nothing else; costs a tenth of a second without a GPU
             self._showed = now
-            if fresh:  # takes its time: one a tick
-                break
-        else:
-            self._wire(obj)
-        with self._handing:
-            self._pixels = pixels | self._pixels  # what came meanwhile is newer
+        if not self._linked and "base_color" in self.canvas.maps:
+            self._link(obj, images)
+
+    def images(self) -> dict[str, bpy.types.Image]:
+        """Those made here that still exist, by role."""
+        found = {image.session_uid: image for image in bpy.data.images}
+        return {role: found[uid] for role, uid in self._uids.items() if uid in found}
+
+    def _link(self, obj: bpy.types.Object, images: Mapping[str, bpy.types.Image]) -> None:
+        """Put the images on the object and its materials.
+
+        With an undo step of its own: without one Blender would keep an object that it takes for unchanged, and free the
+        images that it points to.  `on_undo` steps over it once the result is there.
+        """
+        solution = self.solution()
+        if solution is None:
+            return
+        global _shown
+        self._linked, _shown = True, self
+        with suppress(BadInput):  # is reported when the result is there; the Image Editor shows the maps until then
+            material.check(obj, solution)
+            material.adopt(obj, images)
+            obj[SO_FAR] = self.token
+            material.wire_maps(obj, solution, images)
+        bpy.ops.ed.undo_push(message="Solve: Maps so Far")
+
+    def drop(self) -> None:
+        """The solve is over: take away what nothing points to."""
+        global _shown
+        _shown = None
+        for image in self.images().values():
+            if image.users == 0:
+                bpy.data.images.remove(image)
 
     def solution(self) -> Solution | None:
         """What is there now, as the result of a solve that was stopped; None before the first base colour."""
@@ -152,21 +188,45 @@ class LiveMaps:
                 views_used=self.views, views_skipped=(), warnings=(RESUMED if self.start else PARTIAL,), cancelled=True,
                 pictures=self.latest.pictures if self.latest else ())
 
-    def _own_image(self, obj: bpy.types.Object, role: str) -> bpy.types.Image | None:
-        """Our image of that role; None where there is none (any more: Undo)."""
-        image = material.images_of(obj).get(role)
-        return image if image is not None and image.session_uid in self.own and image.size[0] == self.shown else None
 
-    def _wire(self, obj: bpy.types.Object) -> None:
-        """Put the images on the materials, unless they are."""
-        images = material.images_of(obj)
-        if self._wired or not {"base_color", "roughness"} <= images.keys():
-            return
-        solution = self.solution()
-        if solution is not None:
-            self._wired = True
-            with suppress(BadInput):  # is reported when the result is there; the images show it until then
-                material.wire_maps(obj, solution, images)
+def settle(obj: bpy.types.Object) -> None:
+    """The object has its result: what was so far is over."""
+    if SO_FAR in obj:
+        _over.add(obj[SO_FAR])
+        del obj[SO_FAR]
+
+
+@persistent
+def on_undo(*_: object) -> None:
+    """undo_post handler: a step at which maps were so far is none that a user has made; one more goes to theirs."""
+    if _stands_at(_over):
+        _soon(bpy.ops.ed.undo)
+    elif _shown is not None and not _shown.undone and not _stands_at({_shown.token}):
+        _shown.undone = True
+        _soon(bpy.ops.ed.undo)
+
+
+@persistent
+def on_redo(*_: object) -> None:
+    """redo_post handler: as `on_undo`."""
+    if _stands_at(_over):
+        _soon(bpy.ops.ed.redo)
+    elif _shown is not None and _stands_at({_shown.token}):
+        _shown.undone = False
+
+
+def _stands_at(tokens: set[str]) -> bool:
+    return any(obj.get(SO_FAR) in tokens for obj in bpy.data.objects)
+
+
+def _soon(operator: Callable[[], object]) -> None:
+    """Call Undo or Redo, but not from within the other one."""
+    def call() -> None:
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+            if operator.poll():  # type: ignore[attr-defined]
+                operator()
+
+    bpy.app.timers.register(call, first_interval=0.0)
 
 
 @persistent

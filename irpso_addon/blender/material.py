@@ -7,7 +7,7 @@ custom property ``irpso`` points to its images.  So running twice leaves one set
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -91,28 +91,38 @@ def write_images(obj: bpy.types.Object, layers: Mapping[str, F32]) -> dict[str, 
     return {role: put_image(obj, role, array) for role, array in layers.items()}
 
 
-def put_image(
-    obj: bpy.types.Object, role: str, array: F32, own: Collection[int] = (), pack: bool = True,
-) -> bpy.types.Image:
-    """One of them.  An image of the right size whose session_uid is in ``own`` takes the pixels, else a new one."""
-    height, width = array.shape[:2]
-    rgba = np.ones((height, width, 4), np.float32)
-    rgba[..., :3] = array if array.ndim == 3 else array[..., None]
-    image = images_of(obj).get(role)
-    if image is None or image.session_uid not in own or tuple(image.size) != (width, height):
-        image = blank_image(obj, role, width)
-    image.pixels.foreach_set(rgba.ravel())
-    image.update()
-    if pack:
-        image.pack()
+def put_image(obj: bpy.types.Object, role: str, array: F32) -> bpy.types.Image:
+    """One of them."""
+    image = loose_image(obj, role, array.shape[0])
+    set_pixels(image, array)
+    image.pack()
+    return _adopt(obj, role, image)
+
+
+def loose_image(obj: bpy.types.Object, role: str, size: int) -> bpy.types.Image:
+    """A new float image for `adopt`; nothing points to it yet."""
+    image = bpy.data.images.new(obj.name, size, size, float_buffer=True, is_data=role != "base_color")
+    _set_colorspace(image, role)
     return image
 
 
-def blank_image(obj: bpy.types.Object, role: str, size: int) -> bpy.types.Image:
-    """A new float image in the place of the object's one of that role; not packed."""
-    image = bpy.data.images.new(obj.name, size, size, float_buffer=True, is_data=role != "base_color")
-    _set_colorspace(image, role)
-    return _adopt(obj, role, image)
+def set_pixels(image: bpy.types.Image, array: F32) -> None:
+    """(h, w) or (h, w, 3) as the image's pixels; not packed."""
+    rgba = np.ones((*array.shape[:2], 4), np.float32)
+    rgba[..., :3] = array if array.ndim == 3 else array[..., None]
+    image.pixels.foreach_set(rgba.ravel())
+    image.update()
+
+
+def adopt(obj: bpy.types.Object, images: Mapping[str, bpy.types.Image]) -> None:
+    """Makes them the object's images, by role.
+
+    Until the next undo step is made Blender does not know of it: Undo would free what the object points to.
+    """
+    before = images_of(obj)
+    for role, image in images.items():
+        if before.get(role) != image:
+            _adopt(obj, role, image)
 
 
 def images_of(obj: bpy.types.Object) -> dict[str, bpy.types.Image]:

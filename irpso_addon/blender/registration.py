@@ -46,6 +46,8 @@ def register(operators: Sequence[type]) -> None:
         part.register()
     bpy.app.handlers.load_pre.append(session.forget)
     bpy.app.handlers.save_pre.append(live.on_save)
+    bpy.app.handlers.undo_post.append(live.on_undo)
+    bpy.app.handlers.redo_post.append(live.on_redo)
     _command_handle = bpy.utils.register_cli_command(COMMAND, _command)
     if bpy.app.module:
         atexit.register(unregister)  # as in properties.py
@@ -61,6 +63,8 @@ def unregister() -> None:
     thumbnails.release()
     bpy.app.handlers.load_pre.remove(session.forget)
     bpy.app.handlers.save_pre.remove(live.on_save)
+    bpy.app.handlers.undo_post.remove(live.on_undo)
+    bpy.app.handlers.redo_post.remove(live.on_redo)
     for part in reversed(_PARTS):
         part.unregister()
     for cls in reversed((*_operators, *preferences.CLASSES, *panels.CLASSES)):
