@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ..irpso_addon.blender import files, properties, readiness, scene, views
+from ..irpso_addon.blender import files, properties, readiness, scene, session, views
 from ..irpso_addon.blender.jobs import Task
 from ..irpso_addon.cli.measure import figure, hold_out
 from ..irpso_addon.core.errors import BadInput
@@ -25,6 +25,8 @@ class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
     bl_idname = "irpso.compare"
     bl_label = "Compare Methods"
     bl_options = {"REGISTER"}
+
+    _told = ""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -44,6 +46,13 @@ class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
         settings = replace(properties.settings(context.scene.irpso), size=chosen.compare_size, start="anew")
         fit, held = hold_out(scene.read_scene(context, obj.name, captures_path(context.scene)), HOLD_OUT, False)
         return Task("cli.measure:measure", (fit, held, None, settings, PASSES if chosen.compare_paper else ()))
+
+    def tick(self, _obj: bpy.types.Object) -> None:
+        """Which method is at work."""
+        assert session.running is not None
+        if session.running.progress.message != self._told:
+            self._told = session.running.progress.message
+            views.refresh()
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
         """Shows the chart, saves the report."""

@@ -246,16 +246,15 @@ def _curve(curve: Curve, box: Box, x: Scale, y: Scale, theme: Theme) -> None:
 
 def _names(curves: Sequence[Curve], box: Box, x: Scale, y: Scale, theme: Theme) -> None:
     """Beside the ends of the curves, moved up where another name stands."""
-    unit, step = theme.scale, 14 * theme.scale
-    taken: list[float] = []
+    unit = theme.scale
+    taken: list[tuple[float, float, float]] = []  # left, right, height
     for curve in sorted(curves, key=lambda curve: curve.values[-1]):
-        height = y(curve.values[-1]) - 4 * unit
-        if curve.seconds is None:
-            height += 8 * unit
-        if taken:
-            height = max(height, taken[-1] + step)
-        taken.append(height)
-    over = max(taken[-1] + 8 * unit - box.top, 0.0)
-    for curve, height in zip(sorted(curves, key=lambda curve: curve.values[-1]), taken, strict=True):
-        at = box.right if curve.seconds is None else x(curve.seconds[-1]) + 9 * unit
-        write(curve.label, (at, height - over), theme, _color(curve, theme), align=float(curve.seconds is None))
+        wide = width_of(curve.label, theme)
+        level = curve.seconds is None
+        left = box.right - wide if curve.seconds is None else x(curve.seconds[-1]) + 9 * unit
+        height = y(curve.values[-1]) + (4 if level else -4) * unit
+        for other_left, other_right, other in taken:  # from the lowest
+            if left < other_right and other_left < left + wide and abs(height - other) < 14 * unit:
+                height = other + 14 * unit
+        taken.append((left, left + wide, height))
+        write(curve.label, (left, height), theme, _color(curve, theme))

@@ -218,8 +218,11 @@ EMPTY = {
 
 def _say(show: str, visible: Box, theme: Theme) -> None:
     said = EMPTY[show]
-    if session.running is not None and session.running.preview is not None and show in ("MAPS", "VIEWS"):
+    running = session.running
+    if running is not None and running.preview is not None and show in ("MAPS", "VIEWS"):
         said = "The first look will be here soon"
+    elif running is not None and show == "CHART":
+        said = f"{running.title}: {running.progress.message or running.progress.stage}"
     middle = (visible.left + visible.right) / 2, (visible.bottom + visible.top) / 2
     text = plot.fitted(said, visible.right - visible.left - 24 * theme.scale, theme)
     plot.write(text, middle, theme, align=0.5)
