@@ -33,6 +33,8 @@ The Solve panel says how long a solve will take and how much memory. The seconds
 do, measured once, times factors that the last solves on this machine have shown; they are kept in the user's
 configuration folder (`irpso_speed.json`; delete it to forget them). A solve that was stopped or paused, of a part or
 from the last result teaches nothing. Indirect light counts where it is asked for, or was rendered in the last solve.
+Compiling counts where the search's programs were not used before with as many views and cameras; of a stage that
+compiled and was slow, half is put down to compiling.
 
 Made by `python tools/estimate_check.py`: the demo's vase, pictures of {pixels} x {pixels} pixels, each solve in a new
 process, seconds from its start to its result; programs are compiled by the first solve that needs them. *First* is what
