@@ -36,11 +36,18 @@ def undo(scene: str, size: int) -> Steps:
         bpy.ops.ed.undo_push(message="Moved back")
     yield from jobs.started()
     yield from jobs.far_enough()
-    yield from robot.key("Z", ctrl=True)
-    yield 0.3
+    presses = 0
+    while jobs.subject().location.x != 0.5:  # maps that are on show are a step of their own
+        assert presses < 6, "Ctrl Z does nothing"
+        yield from robot.key("Z", ctrl=True)
+        yield 0.3
+        presses += 1
+    assert jobs.running() is not None, "undo ended the job"
+    yield 1  # more looks arrive
     yield from robot.look("undone")
-    assert bpy.data.objects["Ball"].location.x == 0.5, "Ctrl Z did nothing"
-    yield from robot.key("Z", ctrl=True, shift=True)
+    for _ in range(presses):
+        yield from robot.key("Z", ctrl=True, shift=True)
+        yield 0.3
     yield from jobs.ended()
     yield from robot.look("ended")
     bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
