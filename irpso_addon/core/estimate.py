@@ -28,7 +28,9 @@ FURTHEST = 1000.0  # times faster or slower than the small machine: beyond, some
 FIXED = {"start": 1.5, "gbuffer": 0.1, "observe": 0.8, "maps": 0.4}
 # More for programs that were never compiled on this machine (drivers keep them); those of the search are made for a
 # number of views and cameras.
-COMPILING = {"observe": 1.0, "solve": 4.0, "maps": 1.0}
+COMPILING = {"observe": 1.0, "solve": 2.0, "maps": 1.0}  # of the search: for each of
+PROGRAMS = {"lambert": ("one",), "one-lobe": ("one",), "one-lobe-specular": ("one",), "two-lobe": ("two",),
+            "auto": ("one", "two")}
 COMPILED = "compiled "  # begins the keys that remember for which
 # Of the search: seconds in any case, microseconds a texel, and more for each view.
 SEARCH = {"lambert": (0.4, 2.0, 0.2), "one-lobe": (0.4, 2.0, 0.2), "one-lobe-specular": (1.6, 1.7, 0.2),
@@ -111,8 +113,7 @@ def predicted(
         first = {stage: 2 * s + small[stage] for stage, s in first.items()}
     result = {stage: first.get(stage, 0.0) + FIXED.get(stage, 0.0) for stage in STAGES[:-1]}
     for stage, seconds in COMPILING.items():
-        if _compiles(stage, views, settings, known):
-            result[stage] += seconds
+        result[stage] += seconds * len(_to_compile(stage, views, settings, known))
     if rounds:
         lit = {(v.camera, v.width, v.height, i) for i, v in enumerate(views)}
         result["indirect"] = 2 * PICTURE_SECONDS * (len(lit) + len({v.camera for v in views}))
@@ -134,10 +135,10 @@ def learnt(
         if stage in measured:
             key, factor = _key(stage, settings), measured[stage] / expected
             if 1 / FURTHEST < factor < FURTHEST:
-                if _compiles(stage, views, settings, factors) and factor > 1:
+                if _to_compile(stage, views, settings, factors) and factor > 1:
                     factor = _mean([factor, 1.0])
                 result[key] = _mean([factor, factors[key]]) if key in factors else factor
-    return {**result, _programs(views, settings): 1.0}
+    return {**result, **dict.fromkeys(_to_compile("solve", views, settings, ()), 1.0)}
 
 
 def read_factors(path: Path) -> dict[str, float]:
@@ -168,13 +169,15 @@ def _key(stage: str, settings: SolveSettings) -> str:
     return f"{stage} {settings.method} {settings.model}" if stage == "solve" else stage
 
 
-def _compiles(stage: str, views: Sequence[Taken], settings: SolveSettings, known: Collection[str]) -> bool:
-    """Whether a stage has to compile programs."""
-    return stage in COMPILING and (_programs(views, settings) if stage == "solve" else stage) not in known
-
-
-def _programs(views: Sequence[Taken], settings: SolveSettings) -> str:
-    return f"{COMPILED}{settings.method} {settings.model} {len(views)} views {len({v.camera for v in views})} cameras"
+def _to_compile(stage: str, views: Sequence[Taken], settings: SolveSettings, known: Collection[str]) -> list[str]:
+    """Keys of the programs that a stage has to compile."""
+    if stage not in COMPILING:
+        return []
+    names = [stage]
+    if stage == "solve":
+        kinds = ("paper",) if settings.method == "paper" else PROGRAMS[settings.model]
+        names = [f"{COMPILED}{kind}, {len(views)} views, {len({v.camera for v in views})} cameras" for kind in kinds]
+    return [name for name in names if name not in known]
 
 
 def _mean(factors: Sequence[float]) -> float:

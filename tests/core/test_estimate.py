@@ -55,7 +55,7 @@ def test_one_solve_teaches_the_next(slower) -> None:
     stages = {stage: s for stage, s in took.items() if stage != "start"}
     factors = learnt({}, views(), settings, stages, sum(took.values()))
     assert set(factors) == {"start", "gbuffer", "observe", "solve refined auto", "maps",
-                            "compiled refined auto 10 views 3 cameras"}
+                            "compiled one, 10 views, 3 cameras", "compiled two, 10 views, 3 cameras"}
     for taken, chosen in ((views(25), SolveSettings(size=1024)), (views(5), SolveSettings(size=128, model="two-lobe"))):
         found, exact = estimate(taken, chosen, factors, 2.0), sum(truly(taken, chosen, factors).values())
         assert found.learnt and 0.5 < found.seconds / exact <= 1 + 1e-6
