@@ -104,18 +104,19 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
         """Keeps the solution, wires the maps, says what happened."""
         solution: Solution = value
+        name, uid = obj.name, obj.session_uid
         session.keep(obj, solution, self._label)
         if not (cancelled or self._held or self._live is None):
             estimates.learn(*self._asked, solution, self._live.seconds)
         messages: tuple[str, ...] = ()
         if self.write:
             material.check(obj, solution)
-            messages = yield from self._written(obj.session_uid, solution)
+            messages = yield from self._written(uid, solution)
         for warning in (*solution.warnings, *messages):
             self.report({"WARNING"}, warning)
         texels = solution.texels
         outcome = "stopped; kept" if cancelled else "solved"
-        self.report({"INFO"}, f"{obj.name}: {outcome} {texels['solved']:,} of {texels['covered']:,} texels")
+        self.report({"INFO"}, f"{name}: {outcome} {texels['solved']:,} of {texels['covered']:,} texels")
 
     def settled(self) -> None:
         """The views show the result instead of the running job."""
