@@ -26,7 +26,7 @@ class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
     bl_label = "Compare Methods"
     bl_options = {"REGISTER"}
 
-    _told = ""
+    _told: str | None = None  # the message that the editor shows
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
