@@ -19,7 +19,7 @@ from ..irpso_addon.core.job import Progress
 
 TIMER_PERIOD = 0.05  # seconds
 BUSY_SECONDS = 0.02  # that the window may wait
-REDRAW_PERIOD = 0.2  # seconds between two drawings of the progress
+REDRAW_PERIOD = 0.5  # seconds between two drawings of the progress where nothing else is drawn anew
 
 
 class ModalJob:
@@ -32,6 +32,7 @@ class ModalJob:
     _running: session.Running | None = None
     _timer: bpy.types.Timer | None = None
     _drawn = 0.0
+    _fresh = False  # the window is drawn anew: the progress goes along
     _kept = False  # whether something was changed, so that there is something to undo
 
     def objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
@@ -46,8 +47,9 @@ class ModalJob:
         """Begins it in another process."""
         session.start(task.start(), self.bl_label, obj.session_uid)
 
-    def tick(self, obj: bpy.types.Object) -> None:
-        """Shows what is new of the running job, in a few milliseconds."""
+    def tick(self, obj: bpy.types.Object) -> bool:
+        """Shows what is new of the running job, in a few milliseconds; whether there was something."""
+        return False
 
     def stopped(self) -> Any:
         """What there is of a job in another process that was stopped; None: nothing."""
@@ -160,7 +162,7 @@ class ModalJob:
                         self.report({"WARNING"}, f"{self.bl_label}: the object was deleted; its result is dropped")
                         break
                     running.progress = running.job.poll() or running.progress
-                    self.tick(obj)
+                    self._fresh = self.tick(obj)
                     yield
                 value, cancelled = self._delivered(running)
                 running.progress = Progress(1.0, "write")
@@ -196,7 +198,7 @@ class ModalJob:
     def _show(self, context: bpy.types.Context) -> None:
         """Status bar, mouse cursor and the sidebar's bar."""
         running, now = session.running, time.monotonic()
-        if running is None or now - self._drawn < REDRAW_PERIOD:
+        if running is None or (now - self._drawn < REDRAW_PERIOD and not self._fresh):
             return
         self._drawn = now
         progress = running.progress

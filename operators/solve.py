@@ -86,16 +86,16 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         running.preview = jobs.preview((replace(data, start=None), settings), maps.take_preview)
         maps.feed = running.preview.feed
 
-    def tick(self, obj: bpy.types.Object) -> None:
-        """One map at a time onto the object."""
+    def tick(self, obj: bpy.types.Object) -> bool:
+        """What is new of the maps onto the object."""
         running, maps = session.running, self._live
         assert running is not None and maps is not None
         self._held |= running.paused
         fresh, running.live = running.live is not maps.latest, maps.latest
-        if self.write:
-            maps.show(obj)
+        fresh = maps.show(obj) if self.write else fresh
         if fresh:
             views.refresh()
+        return fresh
 
     def stopped(self) -> Solution | None:
         """What was on show."""

@@ -27,9 +27,9 @@ from . import material, session
 
 SO_FAR = "irpso_so_far"  # custom property of an object in the undo step of `LiveMaps._link`: the solve's token
 SHOWN = 1024  # texels: larger maps are shown reduced until they are done
-SHOW_SECONDS = 0.1
+SHOW_SECONDS = 0.18  # a redraw costs a software renderer a tenth of a second
 JUDGED = 512  # texels of the maps that the preview's worker judges, ...
-JUDGE_SECONDS = 1.0  # ... at most so often
+JUDGE_SECONDS = 1.5  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
 PARTIAL = "stopped early: maps as far as they had come, coarse where no tile was done"
 
@@ -51,6 +51,7 @@ class LiveMaps:
         self.canvas = Canvas(settings.size)
         if self.start is not None:
             self.model |= self.start.model
+        self.outline = self._outline()
         self.shown = min(settings.size, SHOWN)
         self.curve: list[tuple[float, float]] = []
         self.latest: Live | None = None
@@ -62,6 +63,15 @@ class LiveMaps:
         self._uids: dict[str, int] = {}  # role -> session_uid of the image made here
         self._linked = self.undone = False  # the images are on the object; were, before the user's Undo
         self.token = f"{os.getpid()} {next(_numbers)}"
+
+    def _outline(self) -> Solution | None:
+        """What wiring needs to know before there are maps; None: looks tell less than what is on the material."""
+        if self.start is not None and (self.start.maps.lobes is not None or self.start.maps.specular is not None):
+            return None
+        none = np.zeros((1, 1), np.float32)
+        maps = Maps(np.zeros((1, 1, 3), np.float32), none, none, none, none > 0, none > 0, none, none)
+        return Solution(maps, self.model, why={}, texels={}, seconds={}, residual=0.0, views_used=(), views_skipped=(),
+                        warnings=(), device={}, levels=self.start.levels if self.start is not None else {})
 
     @property
     def seconds(self) -> float:
@@ -103,20 +113,20 @@ class LiveMaps:
         size = min(JUDGED, self.canvas.size)
         self.feed({role: reduced(maps[role], size) for role in ("base_color", "roughness")})
 
-    def show(self, obj: bpy.types.Object) -> None:
-        """Hand new pixels to Blender, at most every SHOW_SECONDS: each time the window is drawn anew.
+    def show(self, obj: bpy.types.Object) -> bool:
+        """Hand new pixels to Blender, at most every SHOW_SECONDS: each time the window is drawn anew.  True: it is.
 
         On the main thread, some milliseconds: an image made, the maps' pixels, or the images put on the materials.
         """
         now = time.monotonic()
         if self._linked and now - self._showed < SHOW_SECONDS:
-            return
+            return False
         images = self.images()
         if len(images) < len(ROLES):
             if not self._linked:  # else the user has undone it: the result will come all the same
                 role = next(role for role in ROLES if role not in images)
                 self._uids[role] = material.loose_image(obj, role, self.shown).session_uid
-            return
+            return False
         with self._handing:
             pixels, self._pixels = self._pixels, {}
         cycles = _cycles_is_on_show()
@@ -128,6 +138,7 @@ class LiveMaps:
             self._showed = now
         if not self._linked and "base_color" in self.canvas.maps:
             self._link(obj, images)
+        return bool(pixels)
 
     def images(self) -> dict[str, bpy.types.Image]:
         """Those made here that still exist, by role."""
@@ -140,16 +151,15 @@ class LiveMaps:
         With an undo step of its own: without one Blender would keep an object that it takes for unchanged, and free the
         images that it points to.  `on_undo` steps over it once the result is there.
         """
-        solution = self.solution()
-        if solution is None:
-            return
         global _shown
         self._linked, _shown = True, self
+        if self.outline is None:
+            return
         with suppress(BadInput):  # is reported when the result is there; the Image Editor shows the maps until then
-            material.check(obj, solution)
+            material.check(obj, self.outline)
             material.adopt(obj, images)
             obj[SO_FAR] = self.token
-            material.wire_maps(obj, solution, images)
+            material.wire_maps(obj, self.outline, images)
         bpy.ops.ed.undo_push(message="Solve: Maps so Far")
 
     def drop(self) -> None:
@@ -165,7 +175,7 @@ class LiveMaps:
         with self._merging:
             if "base_color" not in self.canvas.maps or self.canvas.coverage is None:
                 return None
-            if self.start is not None and (self.start.maps.lobes is not None or self.start.maps.specular is not None):
+            if self.outline is None and self.start is not None:
                 return replace(self.start, cancelled=True, warnings=(UNCHANGED,))  # looks do not tell of these
             size = self.canvas.size
             found = {role: self.canvas.maps.get(role, np.full((size, size), np.nan, np.float32)) for role in ROLES}

@@ -23,7 +23,7 @@ from .preferences import EXTENSION
 from .sample_child import SCENE
 from .tab import letters, wrapped
 
-POLL, REDRAW = 0.1, 0.05  # seconds
+POLL, REDRAW = 0.3, 0.05  # seconds
 PATIENCE = 40  # redraws until the sidebar must be there
 LOOK = Euler((math.radians(78), 0.0, math.radians(20))).to_quaternion()  # past the cameras, a little from above
 AIM, DISTANCE = (0.3, 0.0, 0.0), 4.2  # metres

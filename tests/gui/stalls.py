@@ -1,7 +1,7 @@
 """How long the window stands still while it solves: python -m tests.gui.stalls [--size 1024] [--shading SOLID]
 
 A table: an idle window, a window that is shown a new picture eight times a second (what showing costs on this machine,
-whoever does it), and a solve.  Run it when the machine has nothing else to do.
+whoever does it), and a solve.  Then the sample scene from nothing to maps.  Run it when the machine does nothing else.
 """
 
 from __future__ import annotations
@@ -34,9 +34,13 @@ def main() -> None:
     asked = parser.parse_args()
     blender = program.blender()
     done = blender.run("stalls:measure", window.WORK / "stalls", gpu=asked.gpu, limit=180, scene=str(program.ball()),
-                       size=asked.size, shading=asked.shading)
+                       size=asked.size, shading=asked.shading, clicks=False)
     print(f"{asked.size} x {asked.size}, {asked.shading.title()}, {asked.gpu}")
     print(table(done.told))
+    told = blender.run("sample:timed", window.WORK / "sample", gpu=asked.gpu, screen_size=(1600, 900),
+                       clicks=False).told
+    print(f"sample scene: made and opened in {told['opening']:.1f} s, solved and on the material after "
+          f"{told['solving']:.1f} s more")
 
 
 if __name__ == "__main__":

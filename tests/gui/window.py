@@ -109,8 +109,11 @@ class Blender:
         return {**kept, "HOME": str(self.home), "LANG": "C.UTF-8", "XDG_RUNTIME_DIR": "/tmp", **more}
 
     def run(self, scenario: str, folder: Path, *, gpu: str = "opengl", limit: float = LIMIT,
-            screen_size: tuple[int, int] = SIZE, **arguments: Any) -> Outcome:
+            screen_size: tuple[int, int] = SIZE, clicks: bool = True, **arguments: Any) -> Outcome:
         """Play ``scenario`` ("module:function" below inside/) in a new window; its keyword arguments follow.
+
+        ``clicks``: whether it uses mouse and keys.  A Blender that lets events be simulated never sleeps: it takes a
+        whole processor core, so that nothing can be timed.
 
         Raises AssertionError, with the end of the log, when the scenario fails, when Blender crashes or takes longer
         than ``limit`` seconds, or when its exit status is not 0.
@@ -120,8 +123,9 @@ class Blender:
         (folder / "wanted").mkdir(parents=True)
         shutil.copytree(self.user, folder / "user", symlinks=True)
         (folder / "scenario.json").write_text(json.dumps({"scenario": scenario, "arguments": arguments}))
-        command = [self.program, "--gpu-backend", gpu, "--enable-event-simulate", "--window-geometry", "0", "0",
-                   *map(str, screen_size), "--python-exit-code", "1", "-P", str(BOOT), "--", str(folder)]
+        command = [self.program, "--gpu-backend", gpu, *(["--enable-event-simulate"] if clicks else []),
+                   "--window-geometry", "0", "0", *map(str, screen_size), "--python-exit-code", "1", "-P", str(BOOT),
+                   "--", str(folder)]
         with screen(folder / "screen", screen_size) as display, open(folder / "blender.log", "wb") as log:
             environment = self.environment(
                 DISPLAY=display.display, BLENDER_USER_RESOURCES=str(folder / "user"), PYTHONUNBUFFERED="1",

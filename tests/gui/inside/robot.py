@@ -122,6 +122,13 @@ def open_tab(name: str = "IRPSO", of: str = "VIEW_3D") -> Steps:
     yield 0.3
 
 
+def invoke(operator: str) -> None:
+    """What a click on the button of "irpso.solve" does, where no mouse is to be had."""
+    group, name = operator.split(".")
+    with within():
+        getattr(getattr(bpy.ops, group), name)("INVOKE_DEFAULT")
+
+
 # ---- hands
 
 

@@ -103,9 +103,8 @@ def measure(scene: str, size: int, shading: str) -> Steps:
     redraw.remove()
     spent, seen = own_work(), []
     latest = [None]
-    spot = yield from robot.find("irpso.solve(")
-    yield from robot.click(*spot)
-    pressed = time.monotonic() - robot.HOVER
+    pressed = time.monotonic()
+    robot.invoke("irpso.solve")
 
     def look() -> None:
         live = jobs.running() and jobs.running().live
