@@ -36,7 +36,7 @@ from .gpu.surface import MeshBuffer, SurfaceMaps, draw_texel_grid
 
 VIEWS = 12  # looked at, at most
 FEWEST = 3  # with which to begin, when reading is slow
-PATIENCE = 0.25  # seconds for reading more
+PATIENCE = 0.15  # seconds for reading more
 PIXELS = 144 * 144  # of a reduced picture
 SIZES = (128, 256, 512)  # texels
 ITERATIONS = 2  # of base colour

@@ -27,7 +27,9 @@ from . import material, session
 
 SO_FAR = "irpso_so_far"  # custom property of an object in the undo step of `LiveMaps._link`: the solve's token
 SHOWN = 1024  # texels: larger maps are shown reduced until they are done
-SHOW_SECONDS = 0.18  # a redraw costs a software renderer a tenth of a second
+SHOW_SECONDS = 0.18  # between two pictures, at least; ...
+IDLE_SHARE = 3.0  # ... and so many times what drawing the last one took: a software renderer has other work
+TICK = 0.05  # seconds between two calls of `LiveMaps.show`
 JUDGED = 512  # texels of the maps that the preview's worker judges, ...
 JUDGE_SECONDS = 1.5  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
@@ -57,6 +59,7 @@ class LiveMaps:
         self.latest: Live | None = None
         self.feed: Callable[[object], None] | None = None  # of the preview's worker
         self._judged = self._showed = 0.0  # when last
+        self._drawing, self._wait = False, SHOW_SECONDS
         self._began = time.monotonic()
         self._merging, self._handing = threading.Lock(), threading.Lock()  # the second is never held for long
         self._pixels: dict[str, F32] = {}  # role -> flat RGBA, not handed over yet
@@ -114,12 +117,14 @@ class LiveMaps:
         self.feed({role: reduced(maps[role], size) for role in ("base_color", "roughness")})
 
     def show(self, obj: bpy.types.Object) -> bool:
-        """Hand new pixels to Blender, at most every SHOW_SECONDS: each time the window is drawn anew.  True: it is.
+        """Hand new pixels to Blender, not too often: each time the window is drawn anew.  True: it is.
 
         On the main thread, some milliseconds: an image made, the maps' pixels, or the images put on the materials.
         """
         now = time.monotonic()
-        if self._linked and now - self._showed < SHOW_SECONDS:
+        if self._drawing:  # the first call since then: as late as drawing took
+            self._drawing, self._wait = False, max(SHOW_SECONDS, IDLE_SHARE * (now - self._showed - TICK))
+        if self._linked and now - self._showed < self._wait:
             return False
         images = self.images()
         if len(images) < len(ROLES):
@@ -135,7 +140,7 @@ class LiveMaps:
             images[role].update()
             if cycles:
                 images[role].update_tag()  # its viewport hears of nothing else; costs a tenth of a second without a GPU
-            self._showed = now
+            self._showed, self._drawing = now, True
         if not self._linked and "base_color" in self.canvas.maps:
             self._link(obj, images)
         return bool(pixels)
