@@ -54,7 +54,8 @@ class IRPSO_OT_add_folder(bpy.types.Operator):
         found = match(files, [camera.name for camera in cameras], [light.name for light in lights], flashes)
         have = {same_file(bpy.path.abspath(view.image)) for view in scene.irpso.views}
         fresh = [m for m in found if same_file(str(folder / m.file)) not in have]
-        waiting = {_key(view): view for view in reversed(scene.irpso.views) if _waits(view)}
+        views = scene.irpso.views  # by index: adding one moves the others in memory
+        waiting = {_key(views[i]): i for i in reversed(range(len(views))) if _waits(views[i])}
         for entry in fresh:
             _put(scene, folder, entry, waiting)
         kind, text = _told(fresh, len(found) - len(fresh), len(lights))
@@ -87,12 +88,14 @@ def _key(view: Any) -> tuple[Any, frozenset[Any]]:
     return view.camera, frozenset(item.light for item in view.lights)
 
 
-def _put(scene: bpy.types.Scene, folder: Path, entry: Match, waiting: dict[tuple[Any, frozenset[Any]], Any]) -> None:
+def _put(scene: bpy.types.Scene, folder: Path, entry: Match, waiting: dict[tuple[Any, frozenset[Any]], int]) -> None:
     """Into the view that waits for this camera and these lights, else into one of its own."""
     camera = scene.objects[entry.camera] if entry.camera else None
     lights = [scene.objects[name] for name in entry.lights]
-    view = waiting.pop((camera, frozenset(lights)), None) if camera else None
-    if view is None:
+    at = waiting.pop((camera, frozenset(lights)), None) if camera else None
+    if at is not None:
+        view = scene.irpso.views[at]
+    else:
         view = scene.irpso.views.add()
         view.camera = camera
         for light in lights:

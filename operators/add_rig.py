@@ -73,8 +73,11 @@ class IRPSO_OT_add_rig(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Makes it, and says how many pictures it expects where."""
-        if not self.properties.is_property_set("low"):  # a script that names the kind alone
-            self._set_defaults(context)
+        given = {name: getattr(self, name) for name in ("cameras", "lamps", "low", "high")
+                 if self.properties.is_property_set(name)}
+        self._set_defaults(context)  # what a script leaves out
+        for name, value in given.items():
+            setattr(self, name, value)
         plan = rigs.Plan(self.kind, self.cameras, self.lamps, self.low, self.high, self.distance, self.offset)
         try:
             rig = rigs.build(context.scene, context.active_object, plan)

@@ -215,8 +215,9 @@ class ModalJob:
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None
             context.window_manager.progress_end()
-        if context.workspace is not None:
-            context.workspace.status_text_set(None)
+        for workspace in bpy.data.workspaces:  # the user may have changed to another meanwhile
+            with context.temp_override(workspace=workspace):
+                workspace.status_text_set(None)
         session.end(self._running)
 
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # A Blender with a window, for the tests in tests/gui: tools/gui_setup.sh [--root DIR]
-# On Debian or Ubuntu, as root: Debian unstable's Blender in a folder of its own (chroot), with software OpenGL and
+# On Debian, as root: Debian unstable's Blender in a folder of its own (chroot), with software OpenGL and
 # Vulkan, and Xvfb on this machine.  2 GB and some minutes the first time; safe to run again, and then at once ready.
 # The last line printed is the program to run: it starts that Blender, which sees the current folder at its own path.
 # It mounts for itself alone, so that the folder can be deleted at any time.
@@ -28,7 +28,7 @@ inside() {
 
 own="or give the tests a Blender that is there: BLENDER=/path/to/blender"
 [ "$(id -u)" = 0 ] || fail "needs root; $own"
-command -v apt-get >/dev/null || fail "needs Debian or Ubuntu; $own"
+command -v apt-get >/dev/null || fail "needs Debian; $own"
 case $root in /?*) ;; *) fail "--root must be an absolute path" ;; esac
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
@@ -44,8 +44,8 @@ fi
 if [ ! -x "$root/usr/bin/apt-get" ]; then
     [ ! -e "$root" ] || rmdir "$root" || fail "$root is there and is no Debian: delete it, or choose another --root"
     # shellcheck disable=SC2016
-    mirror=$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 2>/dev/null | grep -m1 debian/) ||
-        fail "apt names no Debian mirror; $own"
+    mirror=$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 2>/dev/null | awk '/debian\// && !n++') || mirror=
+    [ -n "$mirror" ] || fail "apt names no Debian mirror; $own"
     say "debootstrap of Debian unstable from $mirror into $root"
     rm -rf --one-file-system "$root.partial"
     debootstrap --variant=minbase sid "$root.partial" "$mirror" >"$log" 2>&1 ||

@@ -119,14 +119,16 @@ def panels() -> str:
         parent = names.get(getattr(cls, "bl_parent_id", ""), "")
         tab = getattr(cls, "bl_category", "")
         where = f"{EDITORS[cls.bl_space_type]}, sidebar, tab {tab}" if tab else "menu"
-        name = f"{parent} > {cls.bl_label}" if parent else cls.bl_label
+        label = cls.bl_label or "the active view"
+        name = f"{parent} > {label}" if parent else label
         rows.append((name or cls.__name__, where, sentence(cls.__doc__)))
     return table("Panels", ("panel", "where", "what for"), rows)
 
 
 def operators() -> str:
     """Each operator with what may be chosen in its redo panel, file browser or by a script."""
-    text = "## Operators\n\nFound by F3 under the same names; in Python `bpy.ops.irpso...`.\n"
+    text = ("## Operators\n\nThose that are more than a panel's button are found by F3 under the same names; in Python "
+            "`bpy.ops.irpso...`.\n")
     for cls in sorted(ours(bpy.types.Operator), key=lambda cls: cls.bl_idname):
         rna = getattr(bpy.ops.irpso, cls.bl_idname.removeprefix("irpso.")).get_rna_type()
         text += f"\n### {rna.name}\n\n`{cls.bl_idname}`. {sentence(rna.description)}\n"
@@ -189,7 +191,7 @@ def limits(prop: bpy.types.Property) -> str:
         kind = prop.fixed_type.identifier
         return f"list of `{kind}`" if prop.type == "COLLECTION" else f"`{kind}`"
     if prop.type in ("FLOAT", "INT"):
-        low, high = (number(prop, end) for end in (prop.soft_min, prop.soft_max))
+        low, high = (number(prop, end) for end in (prop.soft_min, prop.soft_max))  # as sliders go; more can be typed
         return f"{low} to {high}" if prop.soft_max < 1e9 else f"{low} or more" if prop.soft_min > -1e9 else ""
     return "on or off" if prop.type == "BOOLEAN" else "path" if prop.subtype in ("FILE_PATH", "DIR_PATH") else "text"
 

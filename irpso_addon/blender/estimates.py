@@ -59,7 +59,10 @@ def learn(data: SceneData, settings: SolveSettings, solution: Solution, wall: fl
     global _factors
     if solution.cancelled or data.region is not None or data.start is not None:
         return
-    _factors = estimate.learnt(factors(), _sizes(data), settings, solution.seconds, wall)
+    taken = _sizes(data)
+    if len(taken) < len(data.views):  # the list has been changed meanwhile
+        return
+    _factors = estimate.learnt(factors(), taken, settings, solution.seconds, wall)
     saved = path(), dict(_factors)
     threading.Thread(target=_save, args=saved, name="irpso-speed", daemon=True).start()  # disks may be slow
 

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import bpy
 
 from .. import channel
+from ..core.errors import BadInput
 from ..core.live import Live
+from ..core.params import DeviceSettings
 from ..gpu import thread
 from ..remote import Remote, Worker
 from .preferences import device_settings
 
 _warm: Worker | None = None
+_warm_settings: DeviceSettings | None = None
+_tried = False  # to get it ready, unasked; a solve starts it again whatever became of it
 
 
 @dataclass(frozen=True)
@@ -46,26 +51,36 @@ def preview(arguments: tuple[Any, ...], prepare: Callable[[Live], Live]) -> Remo
 
 def warm_up() -> None:
     """Get the worker for previews ready, unless it is."""
+    global _tried
+    _tried = True
     if _warm is None or not _warm.alive:
-        Remote("preview:warm_up", worker=_worker())
+        with suppress(BadInput):  # the solve will say it
+            Remote("preview:warm_up", worker=_worker())
 
 
 def warm_soon() -> None:
-    """`warm_up`, but not now: for panels, which are drawn again and again."""
-    if (_warm is None or not _warm.alive) and not bpy.app.timers.is_registered(warm_up):
+    """`warm_up`, but not now, and once: for panels, which are drawn again and again."""
+    if not _tried and not bpy.app.timers.is_registered(warm_up):
         bpy.app.timers.register(warm_up, first_interval=0.1)
 
 
 def cool_down() -> None:
     """End the worker that is warm."""
-    global _warm
+    global _warm, _tried
+    _tried = False
+    if bpy.app.timers.is_registered(warm_up):
+        bpy.app.timers.unregister(warm_up)
     if _warm is not None:
         _warm.close()
     _warm = None
 
 
 def _worker() -> Worker:
-    global _warm
+    global _warm, _warm_settings
+    settings = device_settings()
+    if _warm is not None and settings != _warm_settings:
+        _warm.close()
+        _warm = None
     if _warm is None or not _warm.alive:
-        _warm = Worker(device_settings())
+        _warm, _warm_settings = Worker(settings), settings
     return _warm

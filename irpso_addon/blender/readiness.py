@@ -71,16 +71,17 @@ class Survey:
         return self.faults + [f"{_some(names)}: {fault[:1].lower()}{fault[1:]}" for fault, names in by_fault.items()]
 
 
-_last: tuple[float, Survey] | None = None
+_last: tuple[float, int, Survey] | None = None  # when, of which scene
 
 
 def recent(context: bpy.types.Context, renew: bool = False) -> Survey:
     """The survey of this redraw; ``renew``: which begins."""
     global _last
     now = time.monotonic()
-    if renew or _last is None or now - _last[0] > FRESH:
-        _last = now, survey(context)
-    return _last[1]
+    scene = context.scene.session_uid
+    if renew or _last is None or now - _last[0] > FRESH or _last[1] != scene:
+        _last = now, scene, survey(context)
+    return _last[2]
 
 
 def why_not(context: bpy.types.Context) -> str | None:

@@ -127,7 +127,7 @@ class _Fit:
             return 0.05
         try:
             sidebar.active_panel_category = "IRPSO"
-        except TypeError:  # its panels have not been drawn yet
+        except (TypeError, AttributeError):  # its panels have not been drawn yet
             return 0.05
         with bpy.context.temp_override(window=window, area=area, region=_canvas(area)):
             _fit(area, sidebar.width if sidebar.x < area.x + area.width - 1 else 0)

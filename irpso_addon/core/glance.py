@@ -168,7 +168,11 @@ class Watcher(Generic[Kind]):
         while (path := wanted.get()) is not None:
             before, stamp = self._known.get(path), _stamp(Path(path))
             if before is None or before.stamp != stamp:
-                self._known[path] = self.missing if stamp is None else replace(self.look(Path(path)), stamp=stamp)
+                try:
+                    found = self.missing if stamp is None else replace(self.look(Path(path)), stamp=stamp)
+                except Exception as error:  # the thread must outlive any file
+                    found = replace(self.missing, stamp=stamp, problem=f"Cannot be read ({type(error).__name__})")
+                self._known[path] = found
                 self.changes += 1
             self._waiting.discard(path)
 

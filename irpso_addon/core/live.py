@@ -76,7 +76,8 @@ class Canvas:
                 self.maps[role] = np.full_like(grown, np.nan)
                 self._ranks[role] = np.zeros((self.size, self.size), np.uint16)
             known = np.isfinite(grown if grown.ndim == 2 else grown[..., 0]) & (self._ranks[role] <= rank)
-            self.maps[role][known] = grown[known]
+            where = known if grown.ndim == 2 else known[..., None]
+            self.maps[role] = np.where(where, grown, self.maps[role])  # a new array: whoever shows it tells it by that
             self._ranks[role][known] = rank
         if live.coverage is not None and live.coverage.shape[0] >= self._finest:
             self._finest = live.coverage.shape[0]

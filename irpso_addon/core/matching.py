@@ -46,7 +46,8 @@ def match(
     lights.
     """
     pictures = _pictures(sorted(files, key=natural))
-    found = [_by_name(file, mask, cameras, lights) for file, mask in pictures.items()]
+    known = [(name, words(name), kind) for kind, names in enumerate((cameras, lights)) for name in names]
+    found = [_by_name(file, mask, known) for file, mask in pictures.items()]
     if not any(m.camera for m in found):
         found = _cameras_in_order(found, cameras, lights)
     if not any(m.lights for m in found):
@@ -62,10 +63,14 @@ def _pictures(files: Sequence[PurePath]) -> dict[PurePath, PurePath | None]:
     return {file: masks.get(file) for file in files if file not in masks.values()}
 
 
-def _by_name(file: PurePath, mask: PurePath | None, cameras: Sequence[str], lights: Sequence[str]) -> Match:
-    """A word of the path speaks for one name only; two cameras' names in one path say nothing."""
+def _by_name(
+    file: PurePath, mask: PurePath | None, known: Sequence[tuple[str, tuple[str, ...], int]],
+) -> Match:
+    """A word of the path speaks for one name only; two cameras' names in one path say nothing.
+
+    ``known``: name, its words, and whether it is a camera's (0) or a light's (1).
+    """
     text = words(str(file.with_suffix("")))
-    known = [(name, words(name), kind) for kind, names in enumerate((cameras, lights)) for name in names]
     places = [(len(look), -at, name, kind) for name, look, kind in known if look
               for at in range(len(text) - len(look) + 1) if text[at:at + len(look)] == look]
     free, said = [True] * len(text), (dict[str, None](), dict[str, None]())

@@ -103,7 +103,7 @@ def test_report_has_its_keys(solved):
         "views", "residual", "warnings", "checks", "device", "peak_memory_bytes", "cancelled"}
     assert report["models"]["Paint"]["model"] == "one-lobe" and report["models"]["Paint"]["why"]
     assert {"scene", "gbuffer", "observe", "solve", "maps", "write", "total"} == set(report["seconds"])
-    assert {"covered", "observed", "solved", "filled"} == set(report["texels"])
+    assert {"covered", "observed", "solved", "filled", "kept"} == set(report["texels"])
     assert report["texels"]["solved"] + report["texels"]["filled"] == report["texels"]["covered"]
     assert len(report["views"]["used"]) == 10 and report["views"]["skipped"] == []
     assert report["versions"]["blender"] and report["device"]["renderer"]

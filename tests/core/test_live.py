@@ -44,6 +44,15 @@ def test_a_preview_is_worth_less_than_a_look_of_its_size() -> None:
     assert np.all(canvas.maps["roughness"] == 0.125)
 
 
+def test_what_has_changed_is_another_array() -> None:
+    """Whoever shows it need not compare, and may go on reading the one before."""
+    canvas = Canvas(4)
+    before = canvas.add(look(4, 0.5))["roughness"]
+    after = canvas.add(look(4, 0.25))["roughness"]
+    assert after is not before
+    assert np.all(before == 0.5)
+
+
 def test_what_no_look_knows_stays_unknown() -> None:
     canvas = Canvas(4)
     known = np.zeros((2, 2), bool)

@@ -106,7 +106,7 @@ class Blender:
         kept = {key: value for key, value in os.environ.items()
                 if key in ("PATH", "LP_NUM_THREADS", "XAUTHORITY") or key.startswith(("LIBGL_", "MESA_", "VK_"))}
         self.home.mkdir(parents=True, exist_ok=True)
-        return {**kept, "HOME": str(self.home), "LANG": "C.UTF-8", "XDG_RUNTIME_DIR": "/tmp", **more}
+        return {**kept, "HOME": str(self.home), "LANG": "C.UTF-8", "XDG_RUNTIME_DIR": str(self.home), **more}
 
     def run(self, scenario: str, folder: Path, *, gpu: str = "opengl", limit: float = LIMIT,
             screen_size: tuple[int, int] = SIZE, clicks: bool = True, **arguments: Any) -> Outcome:
