@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import atexit
 import itertools
+import os
 import subprocess
 import sys
 import tempfile
@@ -36,12 +37,16 @@ class Worker:
 
     def __init__(self, settings: DeviceSettings) -> None:
         """Starts it; raises BadInput where that is not possible."""
-        code = (f"import sys; sys.path[:] = {[str(PACKAGE.parent), *sys.path]!r}; "
+        code = (f"import sys; sys.path[:] = {[str(PACKAGE.parent), *map(str, sys.path)]!r}; "
                 f"from {PACKAGE.name} import worker; worker.main()")
         self.log = tempfile.TemporaryFile()
+        # Its own place for temporary files, because it may be ended at any moment.
+        self._folder = tempfile.TemporaryDirectory(prefix="irpso-", ignore_cleanup_errors=True)
+        environment = {**os.environ, **dict.fromkeys(("TMPDIR", "TEMP", "TMP"), self._folder.name)}
         try:
             self._process = subprocess.Popen([sys.executable, "-I", "-c", code], stdin=subprocess.PIPE,
-                                             stdout=subprocess.PIPE, stderr=self.log, creationflags=FLAGS)
+                                             stdout=subprocess.PIPE, stderr=self.log, creationflags=FLAGS,
+                                             env=environment)
         except OSError as error:
             raise BadInput(f"{sys.executable}: Blender's Python cannot be started ({error.strerror}); "
                            "allow Blender to start it, or solve from the command line") from None
@@ -86,6 +91,9 @@ class Worker:
                 self._orders.send(message)
             except Closed:
                 break
+            except Exception as error:
+                if self.job is not None:
+                    self.job._hear("error", RuntimeError(f"{type(error).__name__}: {error}"))
 
     def _read(self) -> None:
         try:
@@ -94,7 +102,11 @@ class Worker:
                 job = self.job
                 if job is not None and job.number == number:  # else it was cancelled
                     job._hear(kind, thing)
-        except Closed:
+        except BaseException as error:
+            if not isinstance(error, Closed):  # what was told cannot be taken: memory, most likely
+                if self.job is not None:
+                    self.job._hear("error", RuntimeError(f"{type(error).__name__}: {error}"))
+                self.close()
             code = self._process.wait()
             if self.job is not None:
                 self.job._hear("error", RuntimeError(f"the worker process ended (status {code}): {self._last_words()}"))
@@ -105,6 +117,7 @@ class Worker:
             except OSError:  # what was still to be written
                 pass
         self.log.close()
+        self._folder.cleanup()
 
     def _last_words(self) -> str:
         self.log.seek(0)
@@ -166,7 +179,8 @@ class Remote:
 
     def feed(self, thing: object) -> None:
         """Hand something to the running job (`worker.fed`)."""
-        self.worker.order("feed", thing)
+        if not self.done:
+            self.worker.order("feed", thing)
 
     def pause(self, on: bool) -> None:
         """Stop after the present step until told to go on."""
@@ -191,6 +205,7 @@ class Remote:
         else:
             self._value, self._error = (thing, None) if kind == "done" else (None, thing)
             self._finished.set()
-            self.worker.job = None
+            if self.worker.job is self:
+                self.worker.job = None
             if self._own:
                 self.worker.close()

@@ -11,17 +11,15 @@ It reads messages from standard input (`remote.py` writes them), works, and answ
 
     (number, "progress", Progress)  (number, "look", Live)  (number, "done", value)  (number, "error", exception)
 
-A generator function is a job of the GL thread (core/job.py); any other function is called with ``tell``, which takes
-Progress, and does what it likes.  The end of standard input ends the process, whatever it is doing.
+A task is a generator function: a job of the GL thread (core/job.py).  The end of standard input ends the process,
+whatever it is doing.
 """
 
 from __future__ import annotations
 
-import inspect
 import os
 import queue
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable, Generator
@@ -60,13 +58,17 @@ def main() -> None:
     os.dup2(2, 1)  # what libraries print goes to the log
     if hasattr(os, "nice"):
         os.nice(NICENESS)
-    orders = Receiver(os.fdopen(0, "rb", buffering=0))
+    orders = Receiver(os.fdopen(os.dup(0), "rb", buffering=0))
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)  # on Windows, libraries that look at it while they load would wait for the reader
+    os.close(nothing)
     job: thread.Job | None = None
     with suppress(Closed):
         while True:
             order, *rest = orders.receive()
             if order == "run":
                 number, task, arguments = rest
+                fed(0.0)  # what was meant for the job before
                 job = _start(task, arguments, partial(_tell, answers, number))
             elif order == "configure":
                 thread.configure(rest[0])
@@ -83,24 +85,11 @@ def _tell(answers: Sender, number: int, kind: str, thing: object) -> None:
     answers.send((number, kind, thing))
 
 
-def _start(task: str, arguments: tuple[Any, ...], tell: Tell) -> thread.Job | None:
-    """The job, if it is one of the GL thread."""
+def _start(task: str, arguments: tuple[Any, ...], tell: Tell) -> thread.Job:
+    """The job, on the GL thread."""
     module, _, name = task.partition(":")
     function = getattr(named(module), name)
-    if inspect.isgeneratorfunction(function):
-        return thread.Job(lambda: _watched(function(*arguments), tell))
-    threading.Thread(target=_call, args=(function, arguments, tell), daemon=True).start()
-    return None
-
-
-def _call(function: Callable[..., Any], arguments: tuple[Any, ...], tell: Tell) -> None:
-    with suppress(Closed):
-        try:
-            value = function(*arguments, tell=partial(tell, "progress"))
-        except BaseException as error:
-            tell("error", _portable(error))
-        else:
-            tell("done", value)
+    return thread.Job(lambda: _watched(function(*arguments), tell))
 
 
 def _watched(job: Generator[Progress, None, Any], tell: Tell) -> Generator[Progress, None, Any]:
@@ -124,13 +113,20 @@ def _watched(job: Generator[Progress, None, Any], tell: Tell) -> Generator[Progr
             except Cancelled as stop:
                 stop_now = stop
     except StopIteration as stop:
-        tell("done", stop.value)
-        return stop.value
+        value = stop.value
     except Closed:
         os._exit(0)
     except BaseException as error:
         tell("error", _portable(error))
         raise
+    try:
+        tell("done", value)
+    except Closed:
+        os._exit(0)
+    except BaseException as error:
+        tell("error", _portable(error))
+        raise
+    return value
 
 
 def _portable(error: BaseException) -> BaseException:

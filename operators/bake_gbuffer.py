@@ -20,7 +20,7 @@ class IRPSO_OT_bake_gbuffer(ModalJob, bpy.types.Operator):
 
     bl_idname = "irpso.bake_gbuffer"
     bl_label = "Bake G-Buffer"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     def task(self, context: bpy.types.Context, obj: bpy.types.Object) -> Task:
         """Reads the object alone, so that UVs can be looked at before there is any view."""

@@ -112,10 +112,11 @@ class ModalJob:
         """One event while the job runs: everything but Esc and our timer stays with the user."""
         escape = event.type == "ESC" and event.value == "PRESS"
         if escape:
-            session.cancel_running()
-        elif event.type != "TIMER":
+            session.cancel_running()  # the next tick delivers
+            return {"RUNNING_MODAL"}
+        if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        elif bpy.app.is_job_running("RENDER"):  # a render reads what we would write
+        if bpy.app.is_job_running("RENDER"):  # a render reads what we would write
             return {"PASS_THROUGH"}
         assert self._flow is not None
         try:
@@ -132,7 +133,7 @@ class ModalJob:
             raise
         else:
             self._show(context)
-            return {"RUNNING_MODAL"} if escape else {"PASS_THROUGH"}
+            return {"PASS_THROUGH"}
         self._leave(context)
         return {"FINISHED"} if self._kept else {"CANCELLED"}
 
@@ -154,11 +155,12 @@ class ModalJob:
                 self.start(task, obj)
                 self._running = running = session.running
                 assert running is not None
+                running.leave = lambda: self._leave(bpy.context)
                 yield
                 while not running.job.done:
                     obj = session.object_by_uid(uid)
                     if obj is None:
-                        session.cancel_running()
+                        running.job.cancel()
                         self.report({"WARNING"}, f"{self.bl_label}: the object was deleted; its result is dropped")
                         break
                     running.progress = running.job.poll() or running.progress
@@ -170,7 +172,7 @@ class ModalJob:
                 if uid != uids[-1]:
                     bpy.ops.ed.undo_push(message=self.bl_label)  # the last one is the operator's own
             finally:
-                session.end(self._running)
+                session.end(session.running)
                 task.afterwards()
                 self.settled()
             if running.stopping:

@@ -1,6 +1,7 @@
 """Recover the selected objects' materials from the views."""
 
 from collections.abc import Generator, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from ..irpso_addon.blender import (
 from ..irpso_addon.blender.jobs import Task
 from ..irpso_addon.blender.readiness import solve_objects
 from ..irpso_addon.core.data import SceneData, Solution
+from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.params import SolveSettings
 from .modal_job import ModalJob
 from .paths import captures_path
@@ -34,9 +36,8 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
 
     bl_idname = "irpso.solve"
     bl_label = "Solve"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}  # not REGISTER: to repeat it would hold up the window
 
-    # Hidden: in the redo panel a change of it would solve everything again.
     write: bpy.props.BoolProperty(
         name="Write Maps", description="Put the maps on the object's materials when done", default=True,
         options={"HIDDEN", "SKIP_SAVE"})
@@ -83,8 +84,9 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         maps = self._live
         running = session.start(task.start(maps.take), self.bl_label, obj.session_uid)
         running.curve = maps.curve
-        running.preview = jobs.preview((replace(data, start=None), settings), maps.take_preview)
-        maps.feed = running.preview.feed
+        with suppress(BadInput):  # looks are welcome, not needed
+            running.preview = jobs.preview((replace(data, start=None), settings), maps.take_preview)
+            maps.feed = running.preview.feed
 
     def tick(self, obj: bpy.types.Object) -> bool:
         """What is new of the maps onto the object."""
@@ -151,7 +153,6 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
             if image is None:  # Undo has taken it meanwhile
                 images[role] = material.put_image(obj, role, layers[role])
         material.adopt(obj, images)
-        live.settle(obj)
         return material.wire_maps(obj, solution, images)
 
     @staticmethod

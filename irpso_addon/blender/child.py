@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from ..core.job import Progress
@@ -71,14 +72,18 @@ def tell(folder: Path, progress: Progress) -> None:
     """In the child: how far it is."""
     fresh = folder / f"{PROGRESS}.new"
     fresh.write_text(f"{progress.fraction}\n{progress.stage}\n{progress.message}", encoding="utf-8")
-    os.replace(fresh, folder / PROGRESS)
+    with suppress(PermissionError):  # on Windows, while the window reads it; the next one will do
+        os.replace(fresh, folder / PROGRESS)
 
 
 def as_child(work: Callable[[], None]) -> None:
     """In the child: does the work and ends the process; says in one line on stderr why it could not."""
     from .files import one_line
 
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    parent, nothing = os.dup(0), os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)  # on Windows, libraries that look at it while they load would wait for the reader
+    os.close(nothing)
+    threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
     status = 0
     try:
         work()
@@ -88,7 +93,7 @@ def as_child(work: Callable[[], None]) -> None:
     os._exit(status)  # an orderly end hangs in Blender 4.5 while the thread reads
 
 
-def _end_with_parent() -> None:
-    """Standard input is a pipe that nobody writes to: it ends when the parent is gone."""
-    os.read(0, 1)
+def _end_with_parent(parent: int) -> None:
+    """``parent`` is a pipe that nobody writes to: it ends when the parent is gone."""
+    os.read(parent, 1)
     os._exit(1)

@@ -23,7 +23,7 @@ from ..core.data import F32, Maps, SceneData, Solution
 from ..core.errors import BadInput
 from ..core.live import ROLES, Canvas, Live, reduced, resized
 from ..core.params import SolveSettings
-from . import material, session
+from . import material
 
 SO_FAR = "irpso_so_far"  # custom property of an object in the undo step of `LiveMaps._link`: the solve's token
 SHOWN = 1024  # texels: larger maps are shown reduced until they are done
@@ -157,23 +157,34 @@ class LiveMaps:
         images that it points to.  `on_undo` steps over it once the result is there.
         """
         global _shown
-        self._linked, _shown = True, self
+        self._linked = True
         if self.outline is None:
             return
+        _shown = self
         with suppress(BadInput):  # is reported when the result is there; the Image Editor shows the maps until then
             material.check(obj, self.outline)
             material.adopt(obj, images)
-            obj[SO_FAR] = self.token
             material.wire_maps(obj, self.outline, images)
+        obj[SO_FAR] = self.token
         bpy.ops.ed.undo_push(message="Solve: Maps so Far")
+        del obj[SO_FAR]  # no other step has it
+
+    @property
+    def on_object(self) -> bool:
+        """Whether an object has its images."""
+        uids = set(self._uids.values())
+        return any(image.session_uid in uids for obj in bpy.data.objects for image in material.images_of(obj).values())
 
     def drop(self) -> None:
         """The solve is over: take away what nothing points to."""
         global _shown
         _shown = None
+        _over.add(self.token)
         for image in self.images().values():
             if image.users == 0:
                 bpy.data.images.remove(image)
+            elif image.is_dirty:  # no result has come; unpacked they would not be in the file
+                image.pack()
 
     def solution(self) -> Solution | None:
         """What is there now, as the result of a solve that was stopped; None before the first base colour."""
@@ -204,19 +215,12 @@ class LiveMaps:
                 pictures=self.latest.pictures if self.latest else ())
 
 
-def settle(obj: bpy.types.Object) -> None:
-    """The object has its result: what was so far is over."""
-    if SO_FAR in obj:
-        _over.add(obj[SO_FAR])
-        del obj[SO_FAR]
-
-
 @persistent
 def on_undo(*_: object) -> None:
     """undo_post handler: a step at which maps were so far is none that a user has made; one more goes to theirs."""
-    if _stands_at(_over):
+    if _landed():
         _soon(bpy.ops.ed.undo)
-    elif _shown is not None and not _shown.undone and not _stands_at({_shown.token}):
+    elif _shown is not None and not _shown.undone and not _shown.on_object:
         _shown.undone = True
         _soon(bpy.ops.ed.undo)
 
@@ -224,14 +228,20 @@ def on_undo(*_: object) -> None:
 @persistent
 def on_redo(*_: object) -> None:
     """redo_post handler: as `on_undo`."""
-    if _stands_at(_over):
+    if _landed():
         _soon(bpy.ops.ed.redo)
-    elif _shown is not None and _stands_at({_shown.token}):
+    elif _shown is not None and _shown.on_object:
         _shown.undone = False
 
 
-def _stands_at(tokens: set[str]) -> bool:
-    return any(obj.get(SO_FAR) in tokens for obj in bpy.data.objects)
+def _landed() -> bool:
+    """Whether the step that was gone to is one of maps so far, of a solve that is over; takes the mark off."""
+    marked = [obj for obj in bpy.data.objects if SO_FAR in obj]
+    tokens = {obj[SO_FAR] for obj in marked}
+    for obj in marked:
+        if obj.is_editable:
+            del obj[SO_FAR]
+    return bool(tokens & _over)
 
 
 def _soon(operator: Callable[[], object]) -> None:
@@ -247,9 +257,8 @@ def _soon(operator: Callable[[], object]) -> None:
 @persistent
 def on_save(*_: object) -> None:
     """save_pre handler: maps that are still on their way go into the file as they are; unpacked they would be lost."""
-    obj = session.object_by_uid(session.running.object_uid) if session.running is not None else None
-    for image in material.images_of(obj).values() if obj is not None else ():
-        if image.packed_file is None and image.source == "GENERATED":
+    for image in _shown.images().values() if _shown is not None else ():
+        if image.is_dirty:
             image.pack()
 
 

@@ -58,6 +58,8 @@ def unregister() -> None:
     atexit.unregister(unregister)
     bpy.utils.unregister_cli_command(_command_handle)
     session.forget()
+    if session.running is not None:
+        session.running.leave()
     jobs.cool_down()
     preferences.forget()
     thumbnails.release()

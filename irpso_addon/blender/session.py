@@ -7,7 +7,7 @@ reference to the object would dangle.  Loading a file forgets everything.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -46,6 +46,7 @@ class Running:
     preview: Remote | None = None  # looks at the same, ahead of it
     stopping: bool = False
     paused: bool = False
+    leave: Callable[[], None] = lambda: None  # what its operator does at its end, should it be unregistered before
     object_uid: int = 0  # of the object that is worked on
     started: float = field(default_factory=time.monotonic)
     live: Live | None = None  # the latest look at it
