@@ -80,6 +80,11 @@ def delivered() -> Steps:
     yield from robot.until(lambda: linked(subject()), 5)
 
 
+def linked_so_far() -> bool:
+    """Whether the maps on show are those of the step before the result: not packed."""
+    return any(image.packed_file is None for image in bpy.data.images if image.name.startswith(f"{subject().name}_"))
+
+
 def linked(obj: bpy.types.Object) -> dict[str, str]:
     """Which image feeds which input of the object's Principled node, through whatever lies between."""
     found = {}
@@ -107,11 +112,11 @@ def whole(scene: str, size: int, shading: str = "MATERIAL") -> Steps:
     robot.tell(texels=dict(solution().texels), linked=linked(subject()))
     with robot.within():
         bpy.ops.ed.undo()
-    yield 0.5
+    yield from robot.until(lambda: not linked(subject()), 10)  # the step of maps so far is stepped over after a redraw
     robot.tell(undone=linked(subject()))
     with robot.within():
         bpy.ops.ed.redo()
-    yield 0.5
+    yield from robot.until(lambda: linked(subject()) and not linked_so_far(), 10)
     robot.tell(redone=linked(subject()))
     yield from robot.look("redone")
 
