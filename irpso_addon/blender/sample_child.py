@@ -16,7 +16,7 @@ from . import demo, properties
 from .child import as_child, tell
 
 SCENE = "IRPSO Sample.blend"
-PLAN = demo.Plan(lights=10, pixels=224, samples=2)
+PLAN = demo.Plan(lights=12, pixels=224, samples=2)
 
 
 def main(name: str) -> None:

@@ -330,7 +330,7 @@ def test_the_estimate_learns_and_remembers(scene, module, survey, tmp_path: Path
     estimates.forget()
     bpy.ops.irpso.add_folder(directory="//refs")
     survey()
-    wait(lambda: estimates.of(bpy.context) is not None)
+    wait(lambda: all(view.file is not None for view in module("blender.readiness").survey(bpy.context).views))
     before = estimates.of(bpy.context)
     assert not before.learnt
     data, settings = read_scene(None, "Ball", None), module("blender.properties").settings(scene.irpso)
