@@ -56,17 +56,17 @@ def preview(scene: SceneData, settings: SolveSettings) -> Steps[None]:
         order = spread(scene.views)
         reading = {readers.submit(read_reference, view, PIXELS): view for view in order}
         _first(reading, images)
-        yield from _refined(_of(scene, order, images), settings, images, SIZES[:1])
+        yield from _refined(_of(scene, order, images), settings, images, SIZES[:1], first=True)
         wait(reading)
         _take(reading, images)
     every = _of(scene, order, images)
-    yield from _refined(every, settings, images, SIZES[1:], judging=True)
+    yield from _refined(every, settings, images, SIZES[1:])
 
 
 def warm_up() -> Steps[None]:
     """Compiles what every preview needs, on a scene of one square."""
     scene, images = _square()
-    yield from _refined(scene, SolveSettings(size=16), images, (16,))
+    yield from _refined(scene, SolveSettings(size=16), images, (16,), first=True)
 
 
 def spread(views: tuple[View, ...]) -> list[View]:
@@ -104,9 +104,9 @@ def _of(scene: SceneData, order: list[View], images: dict[int, RadianceImage]) -
 
 def _refined(
     scene: SceneData, settings: SolveSettings, images: dict[int, RadianceImage], sizes: tuple[int, ...],
-    judging: bool = False,
+    first: bool = False,
 ) -> Steps[None]:
-    """A solve at each size from the same observations."""
+    """A solve at each size from the same observations.  Not the ``first``: then judges what is fed."""
     device = thread.device()
     mesh = MeshBuffer(device, scene.mesh)
     observations: Observations = yield from observe(
@@ -115,11 +115,11 @@ def _refined(
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
     try:
         for size in sizes:
-            if size <= settings.size or size == SIZES[0]:
+            if size < settings.size or first:  # as fine as the solve is the solve itself
                 grid = draw_texel_grid(device, mesh, min(size, settings.size))
-                yield from _solve(device, grid, observations, settings, size == SIZES[0])
+                yield from _solve(device, grid, observations, settings, first)
                 grid.release()
-        if judging:
+        if not first:
             yield from _judge(device, observations, draw_texel_grid(device, mesh, 16))
     finally:
         observations.release()

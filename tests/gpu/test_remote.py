@@ -123,7 +123,7 @@ def test_a_job_that_is_held_stands_still(filed: SceneData) -> None:
 
 
 def test_a_preview_comes_closer_from_look_to_look(filed: SceneData, warm: remote.Worker, patches: syn.Shoot) -> None:
-    job = remote.Remote("preview:preview", filed, replace(SETTINGS, size=256), worker=warm)
+    job = remote.Remote("preview:preview", filed, replace(SETTINGS, size=512), worker=warm)
     looks: list[Live] = []
     until(lambda: bool(looks.extend(job.looks())) or sum(bool(look.pictures) for look in looks) >= 3)
     assert set(looks[0].maps) == {"base_color"}  # is there at once
