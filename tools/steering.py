@@ -37,10 +37,10 @@ PAGE = """\
 
 **Part** (Solve panel) solves some of an object: where a vertex group weighs more than 0.5, where an image over the UV
 map is white, or the faces selected in Edit Mode; the button below it goes into the mode in which the part is marked.
-Elsewhere the last result of this session is kept, or else the maps that the materials carry. Around the part the new
-result fades into the kept one over {seam} texels (at most 1/32 of the map), measured on the surface, so across seams of
-the UV map too, but not into other materials. A material of which a part is kept keeps its model, and its Specular
-IOR Level.
+Elsewhere the last result since the file was opened is kept, or else the maps that the materials carry. Around it the
+new result fades into the kept one over {seam} texels (at most 1/32 of the map), measured on the surface, so across
+seams of the UV map too, but not into other materials. A material of which a part is kept keeps its model, and its
+Specular IOR Level.
 
 **Start: Last** begins the search of each texel at the last result: half the particles, the first of them there, the
 others elsewhere in case it was wrong. With model Auto the materials keep their models. Method `paper` knows no such

@@ -140,7 +140,7 @@ def _of_mesh(obj: bpy.types.Object, depsgraph: Any, weights: Callable[[bpy.types
 
 
 def last_result(obj: bpy.types.Object) -> Solution | None:
-    """What was solved of ``obj`` in this session, else the maps that its materials carry; None: neither."""
+    """What was solved of ``obj`` since the file was opened, else the maps on its materials; None: neither."""
     solution = session.solution_of(obj)
     if solution is not None:
         return _by_present_names(obj, replace(solution, checks=None, pictures=()))

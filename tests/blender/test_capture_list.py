@@ -324,7 +324,7 @@ def test_a_thumbnail_shows_radiance_as_srgb(module) -> None:
 
 
 def test_the_estimate_learns_and_remembers(scene, module, survey, tmp_path: Path, monkeypatch) -> None:
-    """What a solve took is in the file soon after; a new session reads it.  A part teaches nothing."""
+    """What a solve took is in the file soon after; another Blender reads it.  A part teaches nothing."""
     estimates, read_scene = module("blender.estimates"), module("blender.scene").read_scene
     monkeypatch.setattr(estimates, "path", lambda: tmp_path / "config" / "speed.json")
     estimates.forget()
