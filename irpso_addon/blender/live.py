@@ -23,6 +23,7 @@ from ..core.data import F32, Maps, SceneData, Solution
 from ..core.errors import BadInput
 from ..core.live import ROLES, Canvas, Live, reduced, resized
 from ..core.params import SolveSettings
+from ..gpu.look import HALF_SURE
 from . import material
 
 SO_FAR = "irpso_so_far"  # custom property of an object in the undo step of `LiveMaps._link`: the solve's token
@@ -33,8 +34,8 @@ TICK = 0.05  # seconds between two calls of `LiveMaps.show`
 JUDGED = 512  # texels of the maps that the preview's worker judges, ...
 JUDGE_SECONDS = 1.5  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
+UNKNOWN_SIGMA = 0.5  # standard error of what nobody knows
 PARTIAL = "stopped early: maps as far as they had come, coarse where no tile was done"
-
 RESUMED = "stopped early: the last result where no tile was done"
 UNCHANGED = "stopped early: the last result stays as it was"
 
@@ -201,13 +202,13 @@ class LiveMaps:
             maps = {role: np.nan_to_num(values, nan=UNKNOWN[role]) for role, values in found.items()}
             for role in ("confidence", "error"):
                 maps[role] = np.where(known, maps[role], np.float32(0))
-            # the inverse of gpu.look.confidence, which is all that was told
-            sigma = 0.05 * np.sqrt(np.maximum(1.0 / np.maximum(maps["confidence"], 1e-2) - 1.0, 0.0))
+            # the inverse of gpu.look.confidence, which is all that was told; of base colour nothing was
+            sigma = HALF_SURE * np.sqrt(np.maximum(1.0 / np.maximum(maps["confidence"], 1e-2) - 1.0, 0.0))
             covered, solved = int(self.canvas.coverage.sum()), int(known.sum())
             return Solution(
                 maps=Maps(**maps, filled=~known, coverage=self.canvas.coverage.copy(),
                           roughness_sigma=np.where(known, sigma, 0).astype(np.float32),
-                          base_sigma=np.zeros((size, size), np.float32)),
+                          base_sigma=np.where(known, UNKNOWN_SIGMA, 0).astype(np.float32)),
                 model=self.model, why=dict.fromkeys(self.model, "stopped early"), seconds={}, device={},
                 texels={"covered": covered, "observed": solved, "solved": solved, "filled": covered - solved},
                 residual=float(np.sqrt(np.mean(maps["error"][known] ** 2))) if solved else 0.0,

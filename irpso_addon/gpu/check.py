@@ -16,12 +16,11 @@ from ..core.data import F32
 from ..core.live import ViewPicture
 from .albedo import AlbedoSolver
 from .context import Device
-from .observe import ObservedCamera, ObservedView
+from .observe import HALF_MOST, ObservedCamera, ObservedView
 
 WINDOW = 1_500_000  # pixels of a view that are looked at, at most: its middle rows
 MIN_COS_V = 0.2  # of a pixel that is unlit: seen flatter, shaders/include/observed.glsl says nothing of it
 PICTURE_SIDE = 512  # pixels
-BRIGHTEST = 60_000.0  # half floats end at 65504
 EDGE = 0.25  # of a good pixel's quality: below it lies an edge of shadow or silhouette
 
 
@@ -50,7 +49,7 @@ def pictured(views: Iterator[CheckedView], pictures: list[ViewPicture]) -> Itera
         scale = max(float(np.nanmax(reference)) if np.isfinite(reference).any() else 0.0, 1e-20)
         pictures.append(ViewPicture(
             seen.view.image.name, seen.view.camera.name, tuple(light.name for light in seen.view.lights),
-            (reference / scale).astype(np.float16), np.minimum(predicted / scale, BRIGHTEST).astype(np.float16), scale))
+            (reference / scale).astype(np.float16), np.minimum(predicted / scale, HALF_MOST).astype(np.float16), scale))
         yield seen
 
 

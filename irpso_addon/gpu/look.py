@@ -10,6 +10,8 @@ import numpy as np
 
 from ..core.data import F32, Bool
 from ..core.live import Live
+from . import share
+from .atlas import CAMERA_SLACK
 from .context import Device
 
 HALF_SURE = 0.05  # standard error of roughness at which confidence is one half
@@ -28,10 +30,23 @@ def relative_error(residual: F32, observations: F32) -> F32:
 
 
 def _searched(lobes: int, device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
-    """Of solve/search.glsl."""
+    """Of solve/search.glsl.  With two lobes it does not tell how sure a texel is: confidence is 0 then."""
     best, support = device.read(outputs[0]), device.read(outputs[1])
-    residual = best[..., 1 if lobes == 1 else 3]
-    return _live(best[..., 0], support[..., 3] > 0.5, error=relative_error(residual, support[..., 1]))
+    known, residual = support[..., 3] > 0.5, best[..., 1 if lobes == 1 else 3]
+    if lobes == 1:
+        sure = confidence(np.sqrt(_noise(residual[known], support[known, 2]) / np.maximum(support[..., 0], 1e-6)),
+                          support[..., 1])
+    else:
+        sure = np.zeros_like(residual)
+    return _live(best[..., 0], known, confidence=sure, error=relative_error(residual, support[..., 1]))
+
+
+def _noise(residual: F32, degrees: F32) -> float:
+    """Median variance of the relative noise that fits leave, (N,) each; where none tells, the slack between cameras."""
+    told = degrees >= share.TOLD
+    if not told.any():
+        return CAMERA_SLACK**2
+    return max(float(np.median(residual[told] / degrees[told])), share.NOISE_FLOOR**2)
 
 
 def _polished(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
@@ -44,7 +59,9 @@ def _polished(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
 def _polished_two(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
     """Of solve/polish_two.glsl."""
     pairs, variances, detail = (device.read(texture) for texture in outputs)
-    return _live(pairs[..., 0], variances[..., 3] > 0.5, error=relative_error(detail[..., 1], detail[..., 0]))
+    sigma = np.sqrt(np.minimum(variances[..., 2], 0.25))  # the larger one
+    return _live(pairs[..., 0], variances[..., 3] > 0.5, confidence=confidence(sigma, detail[..., 0]),
+                 error=relative_error(detail[..., 1], detail[..., 0]))
 
 
 def _live(roughness: F32, known: Bool, **others: F32) -> Live:
@@ -59,11 +76,11 @@ def base_color(device: Device, texture: moderngl.Texture) -> Live:
 
 
 def swarm(best: F32, more: F32) -> Live:
-    """Of `paper.PaperMaps`, read back."""
+    """Of `paper.PaperMaps`, read back.  The method says nothing of how sure it is."""
     known = more[..., 3] > 0
-    error = np.where(known, np.sqrt(np.maximum(more[..., 2], 0.0)), UNKNOWN)
-    return Live({"base_color": np.where(known[..., None], best[..., :3], UNKNOWN),
-                 "roughness": np.where(known, best[..., 3], UNKNOWN), "error": error})
+    found = _live(best[..., 3], known, confidence=np.zeros_like(best[..., 3]),
+                  error=np.sqrt(np.maximum(more[..., 2], 0.0)))
+    return Live({**found.maps, "base_color": np.where(known[..., None], best[..., :3], UNKNOWN)})
 
 
 LOOKS: dict[tuple[str, int], Callable[[Device, Sequence[moderngl.Texture]], Live]] = {  # by kernel and lobes

@@ -188,6 +188,7 @@ def test_what_is_stopped_keeps_the_last_result(scene, extension):
     for role in ("base_color", "confidence", "filled", "coverage"):
         np.testing.assert_array_equal(getattr(stopped.maps, role), getattr(start.maps, role))
     assert stopped.cancelled and stopped.model == start.model
+    assert np.all(stopped.maps.base_sigma[~stopped.maps.filled] == 0.5)  # no look tells how sure base colour is
 
 
 def test_what_cannot_take_the_maps_is_refused_before_the_solve(scene):

@@ -1,0 +1,75 @@
+"""Looks at a running solve: what they say, and how sure they say it is."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from irpso_addon import pipeline
+from irpso_addon.core.job import Progress
+from irpso_addon.core.live import Live
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.gpu import thread
+from tests.gpu import shoots
+from tests.gpu import synthetic as syn
+
+WRONG = 0.15  # an error of roughness that a user would see
+
+
+@pytest.fixture(scope="module")
+def noisy() -> syn.Shoot:
+    return syn.shoot(syn.PATCHES, shoots.rig(), noise=0.02)
+
+
+def looks(shoot: syn.Shoot, **settings: Any) -> dict[str, Live]:
+    """The last look at each message's first word and stage: of the search, of the polish, ..."""
+    seen: dict[str, Live] = {}
+
+    def job() -> Generator[Progress, None, None]:
+        for step in pipeline.solve(shoot.scene, SolveSettings(size=shoots.SIZE, **settings), shoot.read_image):
+            if step.look is not None:
+                live = step.look()
+                half = "early" if step.fraction <= 0.6 else "late"  # the search is the first half of the solve stage
+                seen[f"{half} {' '.join(sorted(live.maps))}"] = live
+            yield step
+
+    thread.run(job)
+    return seen
+
+
+def errors(live: Live, truth: syn.Truth) -> tuple[np.ndarray, np.ndarray]:
+    """(absolute error of roughness, confidence) of what is known."""
+    at = (np.arange(shoots.SIZE) + 0.5) / shoots.SIZE
+    rough, sure = live.maps["roughness"], live.maps["confidence"]
+    off, known = np.abs(rough - truth.roughness(*np.meshgrid(at, at))), np.isfinite(rough)
+    assert known.mean() > 0.5
+    return off[known], sure[known]
+
+
+@pytest.mark.parametrize("part", ["early", "late"])
+def test_what_is_sure_while_it_runs_is_right(noisy: syn.Shoot, part: str) -> None:
+    """A solve may be stopped at any look: what is then called confident is seldom wrong, and less so than the rest."""
+    off, sure = errors(looks(noisy, model="one-lobe", loss="squares")[f"{part} confidence error roughness"],
+                       noisy.truth)
+    confident = sure > 0.5
+    assert 0.05 < confident.mean() < 0.999
+    assert np.mean(off[confident] > WRONG) < 0.02
+    assert off[confident].mean() < 0.5 * off[~confident].mean()
+
+
+def test_the_published_swarm_is_never_sure(noisy: syn.Shoot) -> None:
+    seen = looks(noisy, method="paper", iterations=60, model="one-lobe")
+    swarm = next(live for name, live in seen.items() if "base_color" in name and "roughness" in name)
+    known = np.isfinite(swarm.maps["roughness"])
+    assert known.mean() > 0.5
+    assert np.all(swarm.maps["confidence"][known] == 0)
+
+
+def test_two_lobes_are_not_sure_before_they_are_polished(noisy: syn.Shoot) -> None:
+    seen = looks(noisy, model="two-lobe")
+    early, late = (seen[f"{half} confidence error roughness"].maps["confidence"] for half in ("early", "late"))
+    assert np.nanmax(early) == 0
+    assert np.nanmax(late) > 0
