@@ -3,22 +3,15 @@
 import bpy
 
 from ..irpso_addon.core.glance import same_file
+from .needs_views import NeedsViews
 
 
-class IRPSO_OT_remove_duplicate_views(bpy.types.Operator):
+class IRPSO_OT_remove_duplicate_views(NeedsViews, bpy.types.Operator):
     """Keep the first view of each image file and remove the others"""
 
     bl_idname = "irpso.remove_duplicate_views"
     bl_label = "Remove Duplicates"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The list has a view."""
-        if not context.scene.irpso.views:
-            cls.poll_message_set("The list of views is empty")
-            return False
-        return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Removes from the end, so that places before stay what they are."""

@@ -2,8 +2,10 @@
 
 import bpy
 
+from .needs_views import NeedsViews
 
-class IRPSO_OT_remove_view(bpy.types.Operator):
+
+class IRPSO_OT_remove_view(NeedsViews, bpy.types.Operator):
     """Remove the active view from the list, or all of them"""
 
     bl_idname = "irpso.remove_view"
@@ -11,14 +13,6 @@ class IRPSO_OT_remove_view(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     all: bpy.props.BoolProperty(name="All", description="Empty the list", default=False, options={"SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The list has a view."""
-        if not context.scene.irpso.views:
-            cls.poll_message_set("The list of views is empty")
-            return False
-        return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Removes, and keeps the next view active."""

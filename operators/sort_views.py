@@ -5,22 +5,15 @@ from pathlib import PurePath
 import bpy
 
 from ..irpso_addon.core.matching import natural
+from .needs_views import NeedsViews
 
 
-class IRPSO_OT_sort_views(bpy.types.Operator):
+class IRPSO_OT_sort_views(NeedsViews, bpy.types.Operator):
     """Sort the views by camera, then by file name; numbers count as numbers"""
 
     bl_idname = "irpso.sort_views"
     bl_label = "Sort by Camera and Name"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The list has a view."""
-        if not context.scene.irpso.views:
-            cls.poll_message_set("The list of views is empty")
-            return False
-        return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Moves each view to its place; the active one stays active."""

@@ -65,3 +65,11 @@ def stage(empty, tmp_path):
 
     return types.SimpleNamespace(
         scene=empty, subject=subject, camera=camera, key=key, folder=tmp_path, captures=captures, read=read)
+
+
+@pytest.fixture
+def module(extension):
+    """``module("core.data")``: a module of the registered extension, not of the library beside it."""
+    def find(name: str):
+        return sys.modules[f"irpso_ext.irpso_addon.{name}"]
+    return find

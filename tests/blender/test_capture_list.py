@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -12,14 +11,6 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-
-
-@pytest.fixture
-def module(extension):
-    """``module("blender.readiness")``: a module of the registered extension."""
-    def find(name: str):
-        return sys.modules[f"irpso_ext.irpso_addon.{name}"]
-    return find
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import sys
 from pathlib import Path
 
 import bpy
@@ -13,14 +12,6 @@ import pytest
 
 SIZE = 64
 BASE, ROUGH = (0.6, 0.3, 0.1), 0.45  # as in tests/make_scenes.py
-
-
-@pytest.fixture
-def module(extension):
-    """``module("core.data")``: a module of the registered extension, not of the library beside it."""
-    def find(name: str):
-        return sys.modules[f"irpso_ext.irpso_addon.{name}"]
-    return find
 
 
 @pytest.fixture
