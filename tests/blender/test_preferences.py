@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import fields
 
 import bpy
 import pytest
-
-
-@pytest.fixture
-def module(extension):
-    """``module("core.params")``: of the registered extension."""
-    return lambda name: sys.modules[f"irpso_ext.irpso_addon.{name}"]
 
 
 @pytest.fixture
