@@ -50,6 +50,7 @@ class MeshArrays:
     tangents: F32 | None = None  # (T, 3, 4) object space MikkTSpace tangent xyz, w = bitangent sign
     normal_matrix: F32 | None = None  # (3, 3) inverse transpose of the object's 3x3 world matrix
     normal_maps: dict[int, NormalMap] = field(default_factory=dict)  # slot -> map
+    grid: F32 | None = None  # (T, 3, 2) where triangles lie on the texel grid, 0..1, where that is not their UVs
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,8 @@ class Camera:
     forward: F64  # (3,) world, unit
     orthographic: bool
     aspect: float  # image width / height in pixels that the projection was made for
+    whole: Camera | None = None  # the camera of which this one is a part ...
+    part: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)  # ... : x, y, width, height, of 1
 
 
 @dataclass(frozen=True)
