@@ -96,7 +96,7 @@ def windows(size: int, udims: Iterable[int], block: int = BLOCK, halo: int = HAL
 def tiles(size: int, tile: int, block: int = BLOCK) -> list[tuple[int, int]]:
     """(x, y) of the first texel of each square of ``tile`` texels, row by row; ``tile`` is a multiple of ``block``."""
     if tile % block:
-        raise BadInput(f"tile {tile}: is not a multiple of {block} texels; choose {block}, {2 * block}, {4 * block} ...")
+        raise BadInput(f"tile {tile}: is not a multiple of {block} texels; choose {block}, {2 * block} or more")
     return [(x, y) for y in range(0, size, tile) for x in range(0, size, tile)]
 
 
@@ -202,7 +202,7 @@ def crop_of(camera: Camera, width: int, height: int, position: F32, normal: F32,
 
 
 def shrunk(crop: Crop, shrink: int, width: int, height: int) -> Crop:
-    """The crop as whole cells of ``shrink`` x ``shrink`` pixels that holds it, as far as the picture has whole cells."""
+    """Whole cells of ``shrink`` x ``shrink`` pixels that hold the crop, as far as the picture has whole cells."""
     if shrink == 1:
         return crop
     x, y = crop.x // shrink * shrink, crop.y // shrink * shrink

@@ -12,8 +12,8 @@ from ..core.data import F32, F64, Camera, MeshArrays
 from .cells import Cells
 from .context import Device
 
-_LAYOUT = "3f 3f 2f 4f 3f 4f"
-_NAMES = ("in_position", "in_normal", "in_uv", "in_facet", "in_object_normal", "in_tangent")
+_LAYOUT = "3f 3f 2f 2f 4f 3f 4f"
+_NAMES = ("in_position", "in_normal", "in_uv", "in_grid", "in_facet", "in_object_normal", "in_tangent")
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class SurfaceMaps:
     position: moderngl.Texture  # RGBA32F: world xyz, coverage
     normal: moderngl.Texture  # RGBA32F: shading normal, material slot
     facet: moderngl.Texture  # RGBA32F: facet normal on the shading side, lift (metres)
-    uv: moderngl.Texture | None = None  # RG32F, cameras only
+    uv: moderngl.Texture | None = None  # RG32F, cameras only: place on the texel grid
     uv_slope: moderngl.Texture | None = None  # RGBA32F, cameras only: d(uv)/dx, d(uv)/dy
     cells: Cells | None = None  # the squares of it that show the mesh
 
@@ -66,6 +66,7 @@ class MeshBuffer:
         zeros = np.zeros((len(order), 3, 4), np.float32)
         parts = [
             mesh.positions[order], mesh.normals[order], mesh.uvs[order],
+            (mesh.uvs if mesh.grid is None else mesh.grid)[order],
             np.repeat(facets(mesh)[order][:, None], 3, axis=1),
             mesh.object_normals[order] if mesh.object_normals is not None else zeros[..., :3],
             mesh.tangents[order] if mesh.tangents is not None else zeros,

@@ -2,6 +2,7 @@
 in vec3 v_position;
 in vec3 v_normal;
 in vec2 v_uv;
+in vec2 v_grid;
 flat in vec4 v_facet;
 in vec3 v_object_normal;
 in vec4 v_tangent;
@@ -17,8 +18,8 @@ uniform float u_footprint;       // width of the box over which a pixel averages
 layout(location = 0) out vec4 o_position;  // world, coverage
 layout(location = 1) out vec4 o_normal;    // shading normal, material slot
 layout(location = 2) out vec4 o_facet;     // facet normal on the shading side, lift
-layout(location = 3) out vec4 o_uv;        // u, v
-layout(location = 4) out vec4 o_uv_slope;  // d(uv)/dx, d(uv)/dy per pixel
+layout(location = 3) out vec4 o_uv;        // place on the texel grid
+layout(location = 4) out vec4 o_uv_slope;  // its change per pixel along x, along y
 
 // Blender's Normal Map node: combined in object space, because under non-uniform scale the world-space
 // frame is wrong by degrees.  Blender 5 makes the interpolated normal unit length first, 4.5 does not.
@@ -46,6 +47,6 @@ void main() {
     o_position = vec4(v_position, 1.0);
     o_normal = vec4(n, u_slot);
     o_facet = vec4(v_facet.xyz * (dot(v_facet.xyz, v_normal) < 0.0 ? -1.0 : 1.0), v_facet.w);
-    o_uv = vec4(v_uv, 0.0, 0.0);
-    o_uv_slope = vec4(dFdx(v_uv), dFdy(v_uv));
+    o_uv = vec4(v_grid, 0.0, 0.0);
+    o_uv_slope = vec4(dFdx(v_grid), dFdy(v_grid));
 }
