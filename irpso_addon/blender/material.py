@@ -7,7 +7,7 @@ custom property ``irpso`` points to its images.  So running twice leaves one set
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core.data import F32, Maps, Solution
 from ..core.errors import BadInput
-from ..core.export import layers
+from ..core.export import layers, safe_stem
 from ..core.export import write_maps as export_maps
 from .tags import TAG
 from .wiring import wire
@@ -50,8 +50,20 @@ def write_maps(
     else:
         if directory is None:
             raise ValueError("packed=False needs a directory")
-        images = _load_saved(obj, solution.maps, directory)
+        export_maps(solution.maps, obj.name, directory, "exr")
+        images = link_images(obj, files_of(obj.name, solution.maps, directory, "exr"))
     return wire_maps(obj, solution, images)
+
+
+def link_maps(
+    obj: bpy.types.Object, solution: Solution, directory: Path, kind: str, udims: Sequence[int] = (),
+) -> tuple[str, ...]:
+    """As `write_maps`, of a large solve, whose maps are (or are about to be) files in ``directory``.
+
+    ``solution`` tells models and layers; ``udims``: with more than one or another than 1001, a file for each.
+    """
+    check(obj, solution)
+    return wire_maps(obj, solution, link_images(obj, files_of(obj.name, solution.maps, directory, kind, udims), udims))
 
 
 def wire_maps(
@@ -99,10 +111,13 @@ def put_image(obj: bpy.types.Object, role: str, array: F32) -> bpy.types.Image:
     return _adopt(obj, role, image)
 
 
-def loose_image(obj: bpy.types.Object, role: str, size: int) -> bpy.types.Image:
-    """A new float image for `adopt`; nothing points to it yet."""
+def loose_image(obj: bpy.types.Object, role: str, size: int, encoded: bool = False) -> bpy.types.Image:
+    """A new float image for `adopt`; nothing points to it yet.  ``encoded``: base colour is sRGB in its file."""
     image = bpy.data.images.new(obj.name, size, size, float_buffer=True, is_data=role != "base_color")
-    _set_colorspace(image, role)
+    if role == "base_color":
+        image.colorspace_settings.name = "sRGB" if encoded else "Linear Rec.709"
+    else:
+        image.colorspace_settings.is_data = True
     return image
 
 
@@ -130,31 +145,57 @@ def images_of(obj: bpy.types.Object) -> dict[str, bpy.types.Image]:
     return {role: image for role, image in dict(obj.get(TAG, {})).items() if isinstance(image, bpy.types.Image)}
 
 
-def _load_saved(obj: bpy.types.Object, maps: Maps, directory: Path) -> dict[str, bpy.types.Image]:
-    """Saves the maps as EXR files and loads those."""
+def files_of(
+    name: str, maps: Maps, directory: Path, kind: str, udims: Sequence[int] = (),
+) -> dict[str, Path]:
+    """The files of an object's maps by role, as `core.export` and `core.merge` name them."""
+    token = "" if tuple(udims) in ((), (1001,)) else ".<UDIM>"
+    return {role: directory.resolve() / f"{safe_stem(name)}_{SUFFIXES.get(role, role)}{token}.{kind}"
+            for role in layers_of(maps)}
+
+
+def link_images(
+    obj: bpy.types.Object, files: Mapping[str, Path], udims: Sequence[int] = (),
+) -> dict[str, bpy.types.Image]:
+    """Images by role that are files, which need not be there yet; paths are relative where the .blend was saved.
+
+    A ``<UDIM>`` in a name stands for the numbers ``udims``.
+    """
     images = {}
-    paths = dict(zip(layers(maps), export_maps(maps, obj.name, directory, "exr"), strict=True))
-    for role in layers_of(maps):
-        path = str(paths[SUFFIXES.get(role, role)].resolve())
-        image = bpy.data.images.load(path)
-        if bpy.data.filepath:
-            image.filepath = bpy.path.relpath(path)
-        _set_colorspace(image, role)
+    for role, path in files.items():
+        image = loose_image(obj, role, 1, encoded=path.suffix != ".exr")
+        tiled = "<UDIM>" in path.name
+        image.filepath = _relative(path)
+        image.source = "TILED" if tiled else "FILE"
+        if tiled:
+            _set_tiles(image, udims)
         images[role] = _adopt(obj, role, image)
     return images
+
+
+def _relative(path: Path) -> str:
+    """As the .blend stores it."""
+    if not bpy.data.filepath:
+        return str(path)
+    try:
+        return str(bpy.path.relpath(str(path)))
+    except ValueError:  # on another drive of Windows
+        return str(path)
+
+
+def _set_tiles(image: bpy.types.Image, udims: Sequence[int]) -> None:
+    """Exactly these: Blender adds those whose files it finds, of earlier solves perhaps, and always has one."""
+    for number in udims:
+        if image.tiles.get(number) is None:
+            image.tiles.new(tile_number=number)
+    for tile in [tile for tile in image.tiles if tile.number not in udims]:
+        image.tiles.remove(tile)
 
 
 def layers_of(maps: Maps) -> dict[str, F32]:
     """The maps that the file keeps, by role.  Which texels were filled is in the confidence: 0."""
     roles = {suffix: role for role, suffix in SUFFIXES.items()}
     return {roles.get(suffix, suffix): array for suffix, array in layers(maps).items() if suffix != "filled"}
-
-
-def _set_colorspace(image: bpy.types.Image, role: str) -> None:
-    if role == "base_color":
-        image.colorspace_settings.name = "Linear Rec.709"
-    else:
-        image.colorspace_settings.is_data = True
 
 
 def _adopt(obj: bpy.types.Object, role: str, image: bpy.types.Image) -> bpy.types.Image:

@@ -11,6 +11,7 @@ from typing import Any
 from ..core.params import DeviceSettings, SolveSettings, Table
 
 KINDS = ("exr", "png", "tiff")
+TILES = (512, 1024, 2048, 4096, 8192)  # texels
 EXIT_CODES = """\
 exit codes: 0 done; 1 unexpected error; 2 wrong usage; 3 bad input (one line says which file or object, what is
 wrong, what to do); 130 cancelled (what was found is kept)"""
@@ -48,7 +49,7 @@ def parser() -> argparse.ArgumentParser:
                          "solves and predicted; 0: none, which needs --truth (default: 5)")
     compare.add_argument("--passes", type=_from(1), nargs="*", default=[100, 400, 1600], metavar="N",
                          help="method paper: its budgets; none: leave it out (default: 100 400 1600)")
-    add_settings(compare, SolveSettings, without=("method", "iterations", "start"),
+    add_settings(compare, SolveSettings, without=("udim", "method", "iterations", "start"),
                  defaults={"size": 256, "model": "one-lobe"})
     add_settings(compare, DeviceSettings)
 
@@ -61,9 +62,39 @@ def parser() -> argparse.ArgumentParser:
     demo = commands.add_parser("demo", help="make a small scene, render it, recover it, compare", epilog=EXIT_CODES)
     demo.add_argument("--out", type=Path, metavar="DIR", required=True, help="folder for everything it makes")
 
+    _add_farm(commands)
+
     doctor = commands.add_parser("doctor", help="versions, device, limits, a short self-test", epilog=EXIT_CODES)
     add_settings(doctor, DeviceSettings)
     return top
+
+
+def _add_farm(commands: Any) -> None:
+    """A job of many tasks, and the tasks themselves."""
+    job = commands.add_parser("job", help="the same solve as a job for a render farm (Open Job Description)",
+                              epilog=EXIT_CODES)
+    _add_scene(job)
+    job.add_argument("--out", type=Path, metavar="DIR", help="folder of the job: template.yaml and all that its tasks "
+                     "need (default: SCENE_job beside the scene)")
+    job.add_argument("--tile", type=int, choices=TILES, default=2048, help="width and height of what one task solves, "
+                     "texels; the maps do not depend on it (default: 2048)")
+    job.add_argument("--any-worker", action="store_true", help="tasks may run on workers without a GPU, which need "
+                     "Mesa's software OpenGL and take many times as long")
+    _add_format(job)
+    add_settings(job, SolveSettings)
+    add_settings(job, DeviceSettings)
+
+    tile = commands.add_parser("tile", help="one task of a job: solve a tile; needs no Blender", epilog=EXIT_CODES)
+    merge = commands.add_parser("merge", help="one task of a job: the maps of a UDIM square; needs no Blender",
+                                epilog=EXIT_CODES)
+    for task in (tile, merge):
+        task.add_argument("work", type=Path, metavar="WORK", help="the job's work folder")
+        task.add_argument("--udim", type=int, required=True, metavar="U", help="UDIM square; 1001 is from 0 to 1")
+    tile.add_argument("--tile", type=_from(0), required=True, metavar="I", help="number of the tile in it, by rows "
+                      "from the bottom left")
+    tile.add_argument("--tile-size", type=_from(1), required=True, metavar="N", help="width and height of a tile, texels")
+    merge.add_argument("--out", type=Path, metavar="DIR", required=True, help="folder for the maps")
+    _add_format(merge)
 
 
 def _add_scene(command: argparse.ArgumentParser) -> None:

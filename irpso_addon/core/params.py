@@ -41,6 +41,10 @@ class SolveSettings(Table):
     """What the user may choose about a solve."""
 
     size: int = parameter(1024, "Width and height of the maps", label="Size", low=16, high=8192, unit="texels")
+    udim: str = parameter("first", "UV squares that are solved", label="UDIM", choices=(
+        ("first", "The 0-1 square alone"),
+        ("all", "Every square that holds faces: a file for each, numbered from 1001 on"),
+    ), advanced=True)
     model: str = parameter("auto", "How much of the material is solved for", label="Model", choices=(
         ("auto", "The smallest model that the data support, chosen for each material"),
         ("lambert", "Base colour only: a surface without highlight (Specular IOR Level 0)"),
