@@ -61,7 +61,7 @@ def test_options_of_a_model_or_method_show_with_it_alone(settings) -> None:
 
 def test_the_first_look_is_short(settings) -> None:
     assert panel_solve.shown(settings, advanced=False) == ["size", "model", "method", "start", "indirect"]
-    assert panel_solve.shown(settings, advanced=True) == ["ndf", "loss", "registration", "exposures", "seed"]
+    assert panel_solve.shown(settings, advanced=True) == ["udim", "ndf", "loss", "registration", "exposures", "seed"]
 
 
 def test_checks_have_a_row_each() -> None:
