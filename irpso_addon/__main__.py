@@ -14,6 +14,8 @@ import traceback
 from .cli import console, options
 from .core.errors import BadInput, Cancelled
 
+WITHOUT_BLENDER = ("tile", "merge")  # commands of a farm's workers, which have none
+
 
 def main(argv: list[str]) -> int:
     """Run one command; returns the exit code and never raises."""
@@ -32,8 +34,9 @@ def main(argv: list[str]) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     try:
         # Imported here, because Blender's module takes a second to load and --help must not.
-        with console.quiet():
-            importlib.import_module(".blender.oiio", __package__).ensure_openimageio()
+        if arguments.command not in WITHOUT_BLENDER:
+            with console.quiet():
+                importlib.import_module(".blender.oiio", __package__).ensure_openimageio()
         importlib.import_module(f".cli.{arguments.command}", __package__).run(arguments)
     except BadInput as error:
         console.warn(str(error))

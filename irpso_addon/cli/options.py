@@ -92,7 +92,7 @@ def _add_farm(commands: Any) -> None:
         task.add_argument("--udim", type=int, required=True, metavar="U", help="UDIM square; 1001 is from 0 to 1")
     tile.add_argument("--tile", type=_from(0), required=True, metavar="I", help="number of the tile in it, by rows "
                       "from the bottom left")
-    tile.add_argument("--tile-size", type=_from(1), required=True, metavar="N", help="width and height of a tile, texels")
+    tile.add_argument("--tile-size", type=_from(1), required=True, metavar="N", help="width and height of one, texels")
     merge.add_argument("--out", type=Path, metavar="DIR", required=True, help="folder for the maps")
     _add_format(merge)
 
