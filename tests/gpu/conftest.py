@@ -18,10 +18,25 @@ from irpso_addon.gpu.context import Device
 from irpso_addon.gpu.programs import assemble
 from tests.gpu import shoots
 from tests.gpu import synthetic as syn
+from tests.gpu.glsl import Recorder
 
 WIDTH = 64  # of the image whose pixels are the calls
 Evaluate = Callable[..., np.ndarray]
 OnGL = Callable[[Callable[[Device], Any]], Any]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """test_glsl.py comes last: it looks at what the others compiled."""
+    items.sort(key=lambda item: item.path.name == "test_glsl.py")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def recorder() -> Iterator[Recorder]:
+    """Every program compiled in this process."""
+    made = Recorder()
+    with pytest.MonkeyPatch.context() as patch:
+        made.patch(patch)
+        yield made
 
 
 @pytest.fixture(scope="session")
