@@ -1,4 +1,4 @@
-"""The two ways a job ends early that are not bugs."""
+"""The ways a job ends early that are not bugs."""
 
 
 class BadInput(Exception):
@@ -7,6 +7,26 @@ class BadInput(Exception):
     The message is one line: which file or object, what is wrong, what to do.  The command line
     prints it and exits with 3; operators report it.
     """
+
+
+class DeviceError(BadInput):
+    """The graphics device cannot do what was asked of it.  The message names it and a way that may still work."""
+
+
+class NoDevice(DeviceError):
+    """There is no OpenGL here, or one that is too old."""
+
+
+class OutOfDeviceMemory(DeviceError):
+    """Textures or buffers do not fit."""
+
+
+class DeviceLost(DeviceError):
+    """The driver was reset or gave the context up: what was on the device is gone.  The next job gets a new one."""
+
+
+class ShaderRefused(DeviceError):
+    """The driver cannot compile or link a shader."""
 
 
 class Cancelled(Exception):
