@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from .errors import BadInput
+from .text_file import read_text
 
 
 @dataclass(frozen=True)
@@ -24,13 +25,7 @@ class CaptureView:
 
 def read_captures(path: Path) -> list[CaptureView]:
     """The views of ``path``; image paths in it are relative to its folder.  Raises BadInput, one line."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be read ({error.strerror}); check the path") from None
-    except UnicodeDecodeError:
-        raise BadInput(f"{path}: is not UTF-8 text; write it as JSON") from None
-    return parse_captures(text, path)
+    return parse_captures(read_text(path), path)
 
 
 def parse_captures(text: str, path: Path) -> list[CaptureView]:

@@ -8,6 +8,10 @@ class BadInput(Exception):
     prints it and exits with 3; operators report it.
     """
 
+    def __init__(self, message: str) -> None:
+        # Names of files and objects may hold line breaks, and letters that turn round what a terminal shows.
+        super().__init__("".join(letter if letter.isprintable() else "?" for letter in message))
+
 
 class DeviceError(BadInput):
     """The graphics device cannot do what was asked of it.  The message names it and a way that may still work."""

@@ -1,0 +1,148 @@
+"""A process that runs cases: ``python -m tests.fuzz.worker KIND SEED FOLDER``; asked and answering in lines of JSON.
+
+Whatever the cases do to it, the process that asks survives (drive.py).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import os
+import shutil
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from .case import Box, Outcome, says, snapshot
+
+ADDRESS_SPACE = 12_000_000_000  # bytes: more, and the machine would suffer
+_WRITES = {"os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.truncate", "os.chmod",
+           "shutil.rmtree", "shutil.move", "shutil.copyfile"}
+
+_watched: list[str] | None = None  # what Python wrote, and where; None: nobody asks
+
+
+def _hook(event: str, arguments: tuple[Any, ...]) -> None:
+    """Hears of every file that Python opens or moves.  (What libraries write themselves, the snapshots tell.)"""
+    if _watched is None:
+        return
+    if event == "open":
+        path, mode, flags = arguments
+        writes = flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC) if isinstance(flags, int) else False
+        if isinstance(mode, str):
+            writes = any(letter in mode for letter in "wax+")
+        if writes and isinstance(path, (str, bytes)):
+            _watched.append(os.fsdecode(path))
+    elif event in _WRITES:
+        _watched.extend(os.fsdecode(a) for a in arguments[:2] if isinstance(a, (str, bytes)))
+
+
+@contextlib.contextmanager
+def _watching() -> Iterator[list[str]]:
+    global _watched
+    _watched = written = []
+    try:
+        yield written
+    finally:
+        _watched = None
+
+
+def run_case(
+    kind: str, shared: Any, seed: int, index: int, root: Path, note: Any = None, keep: bool = False,
+) -> Outcome:
+    """Makes and runs one case in the folder ``root``, which is emptied before and after."""
+    from irpso_addon.core.errors import BadInput
+
+    shutil.rmtree(root, ignore_errors=True)
+    box = Box(root)
+    box.note = note or box.note
+    for folder in (box.given, box.out, root / "tmp"):
+        folder.mkdir(parents=True)
+    tempfile.tempdir = str(root / "tmp")
+    action = importlib.import_module(f".kinds.{kind}", __package__).make(shared, Random(f"{seed} {kind} {index}"), box)
+    before, start_memory = snapshot(root, box.out), _forget_peaks()
+    started = time.monotonic()
+    outcome = Outcome(index, "accepted")
+    with _watching() as written:
+        try:
+            action()
+        except BadInput as error:
+            outcome.verdict, outcome.message = "refused", str(error)
+            outcome.nameless = not says(outcome.message, box.names)
+        except BaseException as error:  # also MemoryError, SystemExit: nothing else may come out
+            if isinstance(error, KeyboardInterrupt):
+                raise
+            outcome.verdict, outcome.message = "crash", traceback.format_exc()
+    outcome.seconds = time.monotonic() - started
+    outcome.memory = max(0, _peaks() - start_memory)
+    outcome.over = outcome.memory > box.memory
+    after = snapshot(root, box.out)
+    outcome.stray = sorted(path for path in before.keys() | after.keys() if before.get(path) != after.get(path))
+    allowed = (str(box.out), str(root / "tmp"), "/dev/")
+    outcome.stray += [p for p in written if not os.path.abspath(os.path.realpath(p)).startswith(allowed)]
+    if not keep:
+        shutil.rmtree(root, ignore_errors=True)
+    return outcome
+
+
+def _processes() -> list[str]:
+    """This process and its children."""
+    with contextlib.suppress(OSError):
+        children = [c for task in os.listdir("/proc/self/task")
+                    for c in Path(f"/proc/self/task/{task}/children").read_text().split()]
+        return ["self", *children]
+    return ["self"]
+
+
+def _field(process: str, name: str) -> int:
+    with contextlib.suppress(OSError):
+        for line in Path(f"/proc/{process}/status").read_text().splitlines():
+            if line.startswith(name):
+                return 1024 * int(line.split()[1])
+    return 0
+
+
+def _forget_peaks() -> int:
+    """Begins to measure; bytes now."""
+    for process in _processes():
+        with contextlib.suppress(OSError):
+            Path(f"/proc/{process}/clear_refs").write_text("5")
+    return sum(_field(process, "VmRSS") for process in _processes())
+
+
+def _peaks() -> int:
+    return sum(_field(process, "VmHWM") for process in _processes())
+
+
+def main(kind: str, seed: int, folder: Path) -> None:
+    """Asked on stdin "first last", answers an Outcome for each."""
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+
+    def answer(**what: Any) -> None:
+        print(json.dumps(what), file=answers, flush=True)
+
+    with contextlib.suppress(ImportError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    sys.addaudithook(_hook)
+    shared = importlib.import_module(f".kinds.{kind}", __package__).prepare(folder)
+    answer(ready=True)
+    for line in sys.stdin:
+        first, last = map(int, line.split())
+        for index in range(first, last):
+            answer(**asdict(run_case(kind, shared, seed, index, folder / "box", lambda text: answer(note=text))))
+    os._exit(0)  # Blender's module may take its time to end, or crash in it
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]))
