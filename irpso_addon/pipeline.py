@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
 
-import moderngl
 import numpy as np
 
 from .core.advice import grouped, mended, warnings
@@ -24,14 +23,14 @@ from .core.live import Live, ViewPicture
 from .core.params import SolveSettings
 from .core.registration import corrected
 from .core.residuals import is_indirect
-from .gpu import look, thread
-from .gpu.albedo import ITERATIONS, AlbedoSolver
+from .gpu import thread
 from .gpu.atlas import CameraSource
 from .gpu.check import check_views, pictured
-from .gpu.fill import fill
 from .gpu.ladder import Found, Ladder
+from .gpu.maps import Made, make_maps
 from .gpu.observe import Observations, most_pixels, observe
 from .gpu.part import Part, last_of, part_of
+from .gpu.solve import Noise
 from .gpu.surface import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_counts
 
 Result = TypeVar("Result")
@@ -52,6 +51,18 @@ class GBuffer:
     normal: F32  # (n, n, 3) world, unit, normal map included
     coverage: Bool  # (n, n)
     overlap: Bool  # (n, n) more than one triangle claims the texel
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a solve has found of its scene as a whole, beside the maps."""
+
+    scene: SceneData  # cameras and exposures put right
+    solution: Solution
+    level: float  # typical radiance of the views
+    noise: Mapping[int, Noise]  # by the number of lobes
+    robust: bool  # whether outliers were disbelieved
+    bounced: Mapping[int, Bounced] | None  # indirect light by the view's place in the scene
 
 
 @dataclass
@@ -119,51 +130,62 @@ def solve(
     Cancelled after the first solved tile, it returns the partial maps (``Solution.cancelled``), or those of the round
     before; before that it raises Cancelled.  Raises BadInput for what cannot be used.
     """
+    return (yield from outcome(scene, settings, read_image, bounce)).solution
+
+
+def outcome(
+    scene: SceneData, settings: SolveSettings, read_image: ReadImage | None = None, bounce: Bounce | None = None,
+) -> Generator[Progress, None, Outcome]:
+    """As `solve`, with all that it found on the way."""
     if read_image is None:
         read_image = partial(read_reference, max_pixels=most_pixels(scene.views, thread.settings().memory))
     clock = _Clock()
-    first = yield from _round(scene, settings, read_image, clock)
+    best = yield from _round(scene, settings, read_image, clock)
+    first = best.solution
     if first.cancelled:
-        return first
-    solution = first
+        return best
     small = replace(settings, size=min(settings.size, ROUND_SIZE))  # of rounds that only the next one needs
     try:
-        aligned, rough = yield from _align(scene, first, settings, partial(_round, settings=small,
-                                                                           read_image=read_image, clock=clock))
-        if bounce is not None and _bounced(settings, rough):
-            rough = yield from _round(aligned, small, read_image, clock, (
-                yield from clock.stage("indirect", bounce(scene, rough))))
-            solution = yield from _round(aligned, settings, read_image, clock, (
-                yield from clock.stage("indirect", bounce(scene, rough))))
+        rough = yield from _align(best, settings, partial(_round, settings=small, read_image=read_image, clock=clock))
+        aligned = rough.scene
+        if bounce is not None and _bounced(settings, rough.solution):
+            for part in (small, settings):
+                rough = yield from _round(aligned, part, read_image, clock, (
+                    yield from clock.stage("indirect", bounce(scene, rough.solution))))
+            best = rough
         elif aligned is not scene:
-            solution = rough if small == settings else (yield from _round(aligned, settings, read_image, clock))
+            best = rough if small == settings else (yield from _round(aligned, settings, read_image, clock))
         if aligned is not scene and first.checks is not None:
             told = mended(first.checks, settings.registration == "auto", settings.exposures == "solve")
-            solution = replace(solution, warnings=(*told, *solution.warnings))
+            best = _warned(best, (*told, *best.solution.warnings))
     except Cancelled:  # the maps so far are whole
-        solution = replace(solution, cancelled=True)
+        best = replace(best, solution=replace(best.solution, cancelled=True))
     except BadInput as error:  # nothing of the first round is lost
-        solution = replace(solution, warnings=(*solution.warnings, str(error)))
-    return replace(solution, seconds=clock.seconds)
+        best = _warned(best, (*best.solution.warnings, str(error)))
+    return replace(best, solution=replace(best.solution, seconds=clock.seconds))
+
+
+def _warned(found: Outcome, lines: tuple[str, ...]) -> Outcome:
+    return replace(found, solution=replace(found.solution, warnings=lines))
 
 
 def _align(
-    scene: SceneData, solution: Solution, settings: SolveSettings,
-    again: Callable[[SceneData], Generator[Progress, None, Solution]],
-) -> Generator[Progress, None, tuple[SceneData, Solution]]:
-    """The scene with cameras and exposures put right as far as the settings let, and its solution."""
+    found: Outcome, settings: SolveSettings, again: Callable[[SceneData], Generator[Progress, None, Outcome]],
+) -> Generator[Progress, None, Outcome]:
+    """The scene with cameras and exposures put right as far as the settings let, and what it gives."""
     for _ in range(ALIGN_ROUNDS):
-        assert solution.checks is not None
-        better = corrected(scene, solution.checks.registration, shifts=settings.registration == "auto",
+        checks = found.solution.checks
+        assert checks is not None
+        better = corrected(found.scene, checks.registration, shifts=settings.registration == "auto",
                            gains=settings.exposures == "solve")
-        if better is scene:
+        if better is found.scene:
             break
         after = yield from again(better)
-        assert after.checks is not None
-        if worse(after.checks, solution.checks):
+        assert after.solution.checks is not None
+        if worse(after.solution.checks, checks):
             break
-        scene, solution = better, after
-    return scene, solution
+        found = after
+    return found
 
 
 def _bounced(settings: SolveSettings, solution: Solution) -> bool:
@@ -175,7 +197,7 @@ def _bounced(settings: SolveSettings, solution: Solution) -> bool:
 def _round(
     scene: SceneData, settings: SolveSettings, read_image: ReadImage, clock: _Clock,
     bounced: Mapping[int, Bounced] | None = None,
-) -> Generator[Progress, None, Solution]:
+) -> Generator[Progress, None, Outcome]:
     """One solve of the scene as it is given; ``bounced``: indirect light, by the view's place in the scene."""
     device = thread.device()
     mesh = MeshBuffer(device, scene.mesh)
@@ -197,58 +219,28 @@ def _round(
         "maps", _maps(scene, settings, gbuffer, grid, observations, found, slots, part))
     for thing in (ladder, observations, grid, mesh):
         thing.release()
-    return replace(solution, seconds=clock.seconds, device=device.describe())
+    solution = replace(solution, seconds=clock.seconds, device=device.describe())
+    return Outcome(scene, solution, observations.level, found.noise, found.robust, bounced)
 
 
 def _maps(
     scene: SceneData, settings: SolveSettings, gbuffer: GBuffer, grid: SurfaceMaps, observations: Observations,
     found: Found, slots: I32, part: Part,
 ) -> Generator[Progress, None, Solution]:
-    """Solve base colour, fill holes and pad seams, and say what was done."""
-    device = thread.device()
-    solved = found.roughness[..., 3] > 0.5
-    observed, residual = found.detail[..., 0], found.detail[..., 1]
-    relative = look.relative_error(residual, observed)
-    found = part.join_found(found, scene.start)
-    lobes, level = _filled_lobes(scene, found, slots)
-    beckmann = settings.ndf == "beckmann" and "two-lobe" in found.model.values()
-    albedo = AlbedoSolver(device, grid, observations, lobes, level, beckmann)
-    if found.base is None:
-        base = yield from albedo.solve(iterations=0 if found.cancelled else ITERATIONS)
-    else:  # the method has searched it itself
-        base = device.texture(grid.position.width, grid.position.height,
-                              data=np.concatenate([found.base, solved[..., None]], -1).astype(np.float32))
-    own_base = device.read(base)
-    shown = own_base[..., 3] > 0.25
-    filled_base = _fill(part.join_base(own_base))
-    good = solved & shown
-    rough, sigma = found.roughness[..., 0], found.roughness[..., 1]
-    pairs = device.read(lobes)[..., :3].copy()
-    maps = Maps(
-        base_color=device.read(filled_base)[..., :3].copy(),
-        roughness=pairs[..., 0].copy(),
-        confidence=np.where(good, confidence(rough, sigma, observed, good), np.float32(0)),
-        error=np.where(good, relative, 0.0).astype(np.float32),
-        filled=~(good | part.known),
-        coverage=gbuffer.coverage,
-        roughness_sigma=np.where(good, sigma, 0.0).astype(np.float32),
-        base_sigma=np.where(good, found.detail[..., 3], 0.0).astype(np.float32),
-        lobes=pairs if found.lobes is not None else None,
-        specular=device.read(level)[..., 0].copy() if level is not None and found.level is not None else None,
-    )
-    maps = part.join_maps(maps, part.share(good))
-    checks, pictures = yield from _checks(scene, settings, albedo, filled_base, found, slots, good, maps)
-    for texture in (base, filled_base, lobes, level):
-        if texture is not None:
-            texture.release()
-    told = relative[solved].astype(np.float64)
+    """The maps, and what is to be said of them."""
+    made = yield from make_maps(
+        thread.device(), scene, settings.ndf, gbuffer.coverage, grid, observations, found, slots, part)
+    found, maps = made.found, made.maps
+    checks, pictures = yield from _checks(scene, settings, made, slots)
+    made.release()
+    told = made.relative[made.solved].astype(np.float64)
     return Solution(
         maps=maps, model=found.model, why=found.why, seconds={}, device={}, levels=found.levels,
-        residual=float(np.sqrt(np.mean(told**2))) if solved.any() else 0.0,
-        cancelled=found.cancelled or albedo.cancelled, ndf=settings.ndf,
-        texels={"covered": int(gbuffer.coverage.sum()), "observed": int((solved | shown).sum()),
-                "solved": int(good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum()),
-                "kept": int((part.known & ~good).sum())},
+        residual=float(np.sqrt(np.mean(told**2))) if len(told) else 0.0,
+        cancelled=found.cancelled or made.albedo.cancelled, ndf=settings.ndf,
+        texels={"covered": int(gbuffer.coverage.sum()), "observed": int((made.solved | made.shown).sum()),
+                "solved": int(made.good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum()),
+                "kept": int((part.known & ~made.good).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
         views_skipped=scene.skipped + observations.skipped, checks=checks, pictures=pictures,
         warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps),
@@ -256,54 +248,15 @@ def _maps(
     )
 
 
-def _filled_lobes(scene: SceneData, found: Found, slots: I32) -> tuple[moderngl.Texture, moderngl.Texture | None]:
-    """(roughness1, roughness2, weight) and, where some material's is not 0.5, Specular IOR Level; holes filled."""
-    r, known = found.roughness[..., 0], found.roughness[..., 3]
-    lambert = np.isin(slots, [s for s, name in enumerate(scene.mesh.slot_names) if found.model.get(name) == "lambert"])
-    lobes = np.stack([r, r, np.ones_like(r)], -1) if found.lobes is None else found.lobes
-    lobes = np.where(lambert[..., None], np.float32(1.0), lobes)  # any roughness renders alike; 1 reads as "no gloss"
-    filled = [_fill(np.concatenate([lobes, known[..., None]], -1)), None]
-    if found.level is not None or lambert.any():
-        level = np.full_like(r, 0.5) if found.level is None else found.level
-        level = np.where(lambert, np.float32(0.0), level)
-        filled[1] = _fill(np.stack([level, level, level, known], -1))
-    assert filled[0] is not None
-    return filled[0], filled[1]
-
-
-def _fill(values: F32) -> moderngl.Texture:
-    """The texture of (h, w, 4) values with holes (alpha 0) filled."""
-    device = thread.device()
-    known = device.texture(values.shape[1], values.shape[0], data=values.astype(np.float32))
-    result = fill(device, known)
-    known.release()
-    return result
-
-
-def confidence(roughness: F32, sigma: F32, observations: F32, solved: Bool) -> F32:
-    """(h, w) 0 to 1: half where the standard error of roughness is 0.05; nothing from edges of shadow alone.
-
-    Where a texel departs from the median of 3 x 3 by more than that, its departure is taken: data that are wrong, not
-    noisy, make texels sure of different things.
-    """
-    around = np.pad(np.where(solved, roughness, np.nan), 1, constant_values=np.nan)
-    h, w = roughness.shape
-    near = np.stack([around[y:y + h, x:x + w] for y in range(3) for x in range(3)])
-    near = np.where(np.isnan(near), roughness, near)
-    apart = roughness - np.partition(near, 4, axis=0)[4]
-    return look.confidence(np.maximum(sigma, np.abs(apart)), observations)
-
-
 def _checks(
-    scene: SceneData, settings: SolveSettings, albedo: AlbedoSolver, base: moderngl.Texture, found: Found, slots: I32,
-    good: Bool, maps: Maps,
+    scene: SceneData, settings: SolveSettings, made: Made, slots: I32,
 ) -> Generator[Progress, None, tuple[Checks, tuple[ViewPicture, ...]]]:
     """What the views say of the maps, and how they look beside what those predict."""
     pictures: list[ViewPicture] = []
-    views = pictured(check_views(albedo, base), pictures)
-    texels = TexelFit(scene.mesh.name, found.model, slots, scene.mesh.slot_names, good, found.detail[..., 0],
-                      maps.roughness, maps.roughness_sigma, sure=settings.method != "paper",
-                      chosen=settings.model == "auto")
+    views = pictured(check_views(made.albedo, made.base), pictures)
+    texels = TexelFit(scene.mesh.name, made.found.model, slots, scene.mesh.slot_names, made.good,
+                      made.found.detail[..., 0], made.maps.roughness, made.maps.roughness_sigma,
+                      sure=settings.method != "paper", chosen=settings.model == "auto")
     yield Progress(1.0, "maps", "checks")
     return measure(views, texels), tuple(pictures)
 

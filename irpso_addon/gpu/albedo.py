@@ -11,6 +11,7 @@ from functools import partial
 
 import moderngl
 
+from ..core.data import F32
 from ..core.errors import Cancelled
 from ..core.job import Progress
 from .cells import Cells
@@ -39,11 +40,11 @@ class AlbedoSolver:
 
     def __init__(
         self, device: Device, grid: SurfaceMaps, observations: Observations, lobes: moderngl.Texture,
-        level: moderngl.Texture | None = None, beckmann: bool = False,
+        level: moderngl.Texture | None = None, beckmann: bool = False, around: F32 | None = None,
     ) -> None:
         """On the texel grid, holes filled: ``lobes`` roughness1, roughness2, weight; ``level`` Specular IOR Level.
 
-        Without a level it is 0.5.
+        Without a level it is 0.5.  ``around``: base colour of coarse cells, see `Filler`.
         """
         self.device, self.grid, self.observations = device, grid, observations
         self.known = {"u_lobes": lobes, **({"u_level": level} if level else {})}
@@ -51,7 +52,7 @@ class AlbedoSolver:
         one = bool((pairs[..., 0] == pairs[..., 1]).all())
         self.defines = {name: "1" for name, true in (
             ("SPECULAR", level is not None), ("NDF_BECKMANN", beckmann), ("ONE_LOBE", one)) if true}
-        self.size = grid.position.width
+        self.around = around
         self.cancelled = False
 
     def solve(self, iterations: int = ITERATIONS) -> Generator[Progress, None, moderngl.Texture]:
@@ -69,7 +70,8 @@ class AlbedoSolver:
                 self.cancelled, iterations = True, 0
         for texture in self.known.values():
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        canvas = _Canvas(device, self.grid, [(c, *s) for c, s in zip(cameras, shown, strict=True)])
+        canvas = _Canvas(device, self.grid, [(c, *s) for c, s in zip(cameras, shown, strict=True)],
+                         self.around)
         subsets = max(1, -(-iterations * len(cameras) // PASSES_MAX))
         i = 0
         while i <= iterations:
@@ -149,13 +151,15 @@ class AlbedoSolver:
 class _Canvas:
     """The texture while back-projections change it, and what they need besides."""
 
-    def __init__(self, device: Device, grid: SurfaceMaps, cameras: list[Source]) -> None:
+    def __init__(
+        self, device: Device, grid: SurfaceMaps, cameras: list[Source], around: F32 | None = None,
+    ) -> None:
         self.device, self.grid, self.cameras = device, grid, cameras
         size = grid.position.size
         self.texture, self.next, self.update = (device.texture(*size) for _ in range(3))
         self._target = {t.glo: device.framebuffer([t]) for t in (self.texture, self.next, self.update)}
         self._target[self.texture.glo].clear()
-        self._filler = Filler(device, size)
+        self._filler = Filler(device, size, around)
         self._residual: dict[tuple[int, int], moderngl.Texture] = {}  # by size
         for camera, _, _ in cameras:
             pixels = camera.maps.position.size

@@ -21,11 +21,14 @@ class Smoother:
 
     def __init__(
         self, device: Device, mesh: MeshBuffer, occluders: Occluders, camera: Camera, maps: SurfaceMaps,
-        uniforms: Callable[[int], dict[str, object]],
+        uniforms: Callable[[Camera, int], dict[str, object]],
     ) -> None:
-        """``maps``: the camera's pixels; ``uniforms``: of include/pixel.glsl for a picture so many pixels high."""
-        self.device, self.maps, self.uniforms = device, maps, uniforms
-        self._draw_grid = partial(draw_pixel_grid, device, mesh, occluders, camera, footprint=0.0)
+        """``maps``: the camera's pixels; ``uniforms``: of include/pixel.glsl for a picture so many pixels high.
+
+        The small pictures are of the whole frame where the camera is a part of another.
+        """
+        self.device, self.maps, self.uniforms, self.camera = device, maps, uniforms, camera
+        self._draw_grid = partial(draw_pixel_grid, device, mesh, occluders, camera.whole or camera, footprint=0.0)
         self._grids: dict[tuple[int, int], SurfaceMaps] = {}
 
     def __enter__(self) -> Smoother:
@@ -44,14 +47,16 @@ class Smoother:
             self._grids[width, height] = self._draw_grid(width=width, height=height)
         grid = self._grids[width, height]
         noisy = self._upload(bounced.irradiance), self._upload(bounced.glossy)
-        smooth = self._mean(noisy, grid, grid, MEAN)
-        found = self._mean(smooth, grid, self.maps, SHARE)
+        smooth = self._mean(noisy, grid, grid, self.camera.whole or self.camera, MEAN)
+        found = self._mean(smooth, grid, self.maps, self.camera, SHARE)
         for texture in (*noisy, *smooth):
             texture.release()
         return found
 
-    def _mean(self, light: Pair, grid: SurfaceMaps, maps: SurfaceMaps, width: tuple[int, float]) -> Pair:
-        """The light of the pixels of ``grid`` at those of ``maps``."""
+    def _mean(
+        self, light: Pair, grid: SurfaceMaps, maps: SurfaceMaps, camera: Camera, width: tuple[int, float],
+    ) -> Pair:
+        """The light of the pixels of ``grid`` at those of ``maps``, which ``camera`` sees."""
         device = self.device
         found = device.texture(*maps.position.size), device.texture(*maps.position.size)
         target = device.framebuffer(found)
@@ -59,7 +64,8 @@ class Smoother:
         device.draw("observe/bounced.frag", target, textures={
             "u_position": maps.position, "u_normal": maps.normal, "u_small_position": grid.position,
             "u_small_normal": grid.normal, "u_small_irradiance": light[0], "u_small_glossy": light[1],
-        }, uniforms={**self.uniforms(maps.position.height), "u_reach": width[0], "u_sigma": width[1]}, cells=maps.cells)
+        }, uniforms={**self.uniforms(camera, maps.position.height), "u_part": camera.part, "u_reach": width[0],
+                     "u_sigma": width[1]}, cells=maps.cells)
         target.release()
         return found
 

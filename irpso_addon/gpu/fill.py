@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import moderngl
+import numpy as np
 
+from ..core.data import F32
 from .context import Device
 
 Level = tuple[moderngl.Texture, moderngl.Framebuffer]
@@ -12,13 +14,19 @@ Level = tuple[moderngl.Texture, moderngl.Framebuffer]
 class Filler:
     """Fills textures of one size, again and again, without making new ones."""
 
-    def __init__(self, device: Device, size: tuple[int, int]) -> None:
+    def __init__(self, device: Device, size: tuple[int, int], around: F32 | None = None) -> None:
+        """``around``: (h, w, 3) of cells whose width is a power of two in texels: what is known of larger holes."""
         self.device = device
+        last = (1, 1) if around is None else (around.shape[1], around.shape[0])
         sizes = [size]
-        while max(sizes[-1]) > 1:
+        while sizes[-1] != last:
             sizes.append(((sizes[-1][0] + 1) // 2, (sizes[-1][1] + 1) // 2))
+        self._around: moderngl.Texture | None = None
+        if around is not None:
+            rgba = np.concatenate([around, np.ones_like(around[..., :1])], axis=2)
+            self._around = device.texture(*sizes.pop(), data=rgba)
         self._coarser = [self._level(s) for s in sizes[1:]]  # what is known, ever coarser
-        self._filled = [self._level(s) for s in sizes[:-1]]  # the same without holes
+        self._filled = [self._level(s) for s in (sizes[:-1] if around is None else sizes)]  # the same without holes
 
     def fill(self, source: moderngl.Texture) -> moderngl.Texture:
         """RGBA32F: ``source`` where its alpha is 1, else the nearest known values, smoothly.
@@ -29,7 +37,7 @@ class Filler:
         known = [source, *(texture for texture, _ in self._coarser)]
         for finer, (_, target) in zip(known, self._coarser, strict=False):
             self.device.draw("fill/down.frag", target, textures={"u_map": finer}, uniforms={})
-        filled = known.pop()
+        filled = self._around or known.pop()
         for own, (texture, target) in zip(reversed(known), reversed(self._filled), strict=True):
             self.device.draw("fill/up.frag", target, textures={"u_map": own, "u_parent": filled}, uniforms={})
             filled = texture
@@ -41,15 +49,17 @@ class Filler:
             target.release()
             if texture is not keep:
                 texture.release()
+        if self._around is not None:
+            self._around.release()
 
     def _level(self, size: tuple[int, int]) -> Level:
         texture = self.device.texture(*size)
         return texture, self.device.framebuffer([texture])
 
 
-def fill(device: Device, source: moderngl.Texture) -> moderngl.Texture:
+def fill(device: Device, source: moderngl.Texture, around: F32 | None = None) -> moderngl.Texture:
     """A new texture, as Filler.fill gives it; a single texel is itself."""
-    filler = Filler(device, source.size)
+    filler = Filler(device, source.size, around)
     filled = filler.fill(source)
     filler.release(keep=filled)
     return filled

@@ -15,7 +15,7 @@ from ..core.params import SolveSettings
 from .atlas import Source, Tile, tiles
 from .context import Device
 from .paper import PaperSwarm
-from .solve import RoughnessMaps, Solver
+from .solve import Noise, RoughnessMaps, Solver
 
 SAMPLE = 64  # texels: width of the square on which larger models are tried
 SAMPLES = 2  # squares of each material
@@ -50,6 +50,8 @@ class Found:
     lobes: F32 | None = None  # (h, w, 3) roughness1, roughness2, weight
     level: F32 | None = None  # (h, w) Specular IOR Level
     base: F32 | None = None  # (h, w, 3) where the method searches it itself
+    noise: dict[int, Noise] = field(default_factory=dict)  # of the data, by the number of lobes
+    robust: bool = False  # whether outliers were disbelieved
     cancelled: bool = False
 
 
@@ -58,13 +60,16 @@ class Ladder:
 
     def __init__(
         self, device: Device, source: Source, settings: SolveSettings, slots: I32, names: tuple[str, ...],
-        last: Last | None = None,
+        last: Last | None = None, told: Mapping[int, Noise] | None = None,
     ) -> None:
-        """``slots``: (h, w) material slot of each texel, -1 where there is none; ``names``: of the slots' materials."""
+        """``slots``: (h, w) material slot of each texel, -1 where there is none; ``names``: of the slots' materials.
+
+        ``told``: as of `Solver`.
+        """
         self.device, self.source, self.settings, self.last = device, source, settings, last or Last()
         lobes = self.last.lobes
         self.start = None if lobes is None else device.texture(lobes.shape[1], lobes.shape[0], data=lobes)
-        self.solver = Solver(device, source, settings, start=self.start)
+        self.solver = Solver(device, source, settings, start=self.start, told=told)
         # Slots of one material decide together.
         self.masks: dict[str, Bool] = {
             name: np.isin(slots, [slot for slot, other in enumerate(names) if other == name])
@@ -87,6 +92,7 @@ class Ladder:
         if model == "auto":
             yield from self._climb(found)
         found.cancelled = self.solver.cancelled
+        found.noise, found.robust = self.solver.found, self.solver.robust
         return found
 
     def _read(self, maps: RoughnessMaps) -> Found:
@@ -227,7 +233,7 @@ class Ladder:
             self.device, self.source, self.settings, (SAMPLE, SAMPLE), self.start)
         solver.shown = False
         places = tiles(solver.atlas, np.logical_or.reduce(list(masks.values())))
-        if not by_texel:
+        if not by_texel and not self.last.fixed.issuperset(names):
             best, support = yield from solver.search(places)
             seen = self.device.read(support)[..., 1]
             best.release()

@@ -109,11 +109,13 @@ def camera_uniforms(camera: Camera, height: int, footprint: float) -> dict[str, 
 def observe(
     device: Device, scene: SceneData, mesh: MeshBuffer, read_image: ReadImage,
     bounced: Mapping[int, Bounced] | None = None, part: Part | None = None, shadow_size: int = SHADOW_SIZE,
+    level: float | None = None,
 ) -> Generator[Progress, None, Observations]:
     """Draw every camera's maps, every light's shadow, and turn each reference into observations.
 
     ``bounced``: indirect light, by the view's place in the scene.  ``part``: what alone is looked at.
-    ``shadow_size``: texels of a shadow map on a side.
+    ``shadow_size``: texels of a shadow map on a side.  ``level``: typical radiance of the views, where that is known
+    from before; then no view is skipped, so that observations are laid out alike wherever one looks.
     """
     occluders = Occluders(device, scene.occluders)
     table = principled_table()
@@ -142,20 +144,23 @@ def observe(
             members.append([])
         shown = covered[keys[key]]
         good = shown & image.valid & (image.coverage > 0.5)
-        if not good.any():
+        if not good.any() and level is None:
             what = "object" if part is None or part.whole else "part to solve"
             skipped.append((view.image.name, f"no usable pixel shows the {what}: check camera, mask and clipping"))
             continue
-        levels.append(np.median(image.rgb[good].mean(axis=1))[None])
+        if level is None:
+            levels.append(np.median(image.rgb[good].mean(axis=1))[None])
         quality = np.where(image.valid, np.where(image.coverage > 0.5, image.coverage, 0.0), 0.0)
         rgb = np.maximum(image.rgb, BLACK * image.rgb.max())
         packed = np.concatenate([rgb, quality[..., None]], axis=2)
         images[n] = device.texture(w, h, 4, packed)
-        clipped = float(np.mean(~image.valid[shown & (image.coverage > 0.5)]))
+        looked = shown & (image.coverage > 0.5)
+        clipped = float(np.mean(~image.valid[looked])) if looked.any() else 0.0
         references[n] = _reference(packed, image.coverage, cameras[keys[key]].window, clipped)
         members[keys[key]].append(n)
         yield Progress(0.5 * (n + 1) / len(scene.views), "observe", f"reading {view.image.name}")
-    level = float(np.median(np.concatenate(levels))) if levels else 1.0
+    if level is None:
+        level = float(np.median(np.concatenate(levels))) if levels else 1.0
     channels = channels_needed(scene.views)
     visibility = LightVisibility(device, mesh, occluders, shadow_size)
     lit: dict[tuple[str, int], moderngl.Texture] = {}
@@ -171,7 +176,7 @@ def observe(
     visibility.release()
     for c, group in enumerate(members):
         rim = _rim(device, cameras[c])
-        pixels = partial(camera_uniforms, cameras[c].camera, footprint=0.0)
+        pixels = partial(camera_uniforms, footprint=0.0)
         with Smoother(device, mesh, occluders, cameras[c].camera, cameras[c].maps, pixels) as smoother:
             for n in group:
                 view = scene.views[n]

@@ -59,19 +59,30 @@ class RoughnessMaps:
     pairs: moderngl.Texture | None = None  # two lobes: roughness1, roughness2, weight of lobe 1, residual
 
 
+@dataclass(frozen=True)
+class Noise:
+    """What a search has found of its data as a whole."""
+
+    variance: float  # median, relative
+    neighbours: bool  # whether texels need theirs
+
+
 class Solver:
     """Roughness of every texel that a source observes."""
 
     def __init__(
         self, device: Device, source: Source, settings: SolveSettings, tile: tuple[int, int] | None = None,
-        start: moderngl.Texture | None = None,
+        start: moderngl.Texture | None = None, told: Mapping[int, Noise] | None = None,
     ) -> None:
-        """``start``: where each texel's search begins, as Last.lobes; it is the caller's."""
-        self.device, self.source, self.settings = device, source, settings
+        """``start``: where each texel's search begins, as Last.lobes; it is the caller's.
+
+        ``told``: the noise by the number of lobes where it is known from before, and not to be taken from this part.
+        """
+        self.device, self.source, self.settings, self.told = device, source, settings, told or {}
         self.cancelled = False
         self.shown = True  # whether what kernels find may be looked at; not where something is only tried
         self.robust = False  # whether the last solve of one lobe disbelieved outliers
-        self.neighbours = False  # whether the last solve found noise enough to ask them
+        self.found: dict[int, Noise] = {}  # by lobes, of the last solve
         self.noise = 0.0  # relative, as the last solve found it (median)
         self.noise_map: moderngl.Texture | None = None  # log variance of it, see share.noise_map
         self.bands: dict[str, int] = {}
@@ -100,9 +111,9 @@ class Solver:
         valleys, support, extra = searched
         found: Textures = {"u_valleys": valleys, "u_support": support, "u_noise": self.noise_map}
         floor = self._floor(variance)
-        self.neighbours = self._unsure(variance, support)
+        neighbours = self._asks_neighbours(1, variance, self._unsure(variance, support))
         roughness, detail = self._textures(2)
-        if self.neighbours:
+        if neighbours:
             tables = self._textures(8)
             yield from self._over(chosen, (0.5, 0.75), "solve/table.glsl", tables, found, floor,
                                   robust=self.robust)
@@ -163,17 +174,17 @@ class Solver:
         chosen = chosen[:done]
         variance = self._noise(pairs, support, 2)
         floor = {**self._floor(variance), "u_prior_cut": share.PRIOR_CUT, "u_steps": 6}
-        self.neighbours = variance > QUIET**2
+        neighbours = self._asks_neighbours(2, variance, variance > QUIET**2)
         # The search's third output is curvature; the passes below want variances.
         self._invert(variances, support, variance)
         detail = support
-        strides = STRIDES if self.neighbours else STRIDES[:QUIET_PASSES]
+        strides = STRIDES if neighbours else STRIDES[:QUIET_PASSES]
         for i, stride in enumerate(strides):
             fresh = self._textures(3)
             span = (0.5 + 0.5 * i / len(strides), 0.5 + 0.5 * (i + 1) / len(strides))
             yield from self._over(chosen, span, "solve/polish_two.glsl", fresh,
                                   {"u_pairs": pairs, "u_variance": variances, "u_noise": self.noise_map},
-                                  {**floor, "u_stride": stride, "u_tau": TAU if self.neighbours else 0.0}, lobes=2)
+                                  {**floor, "u_stride": stride, "u_tau": TAU if neighbours else 0.0}, lobes=2)
             for texture in (pairs, variances, detail):
                 texture.release()
             pairs, variances, detail = fresh
@@ -287,12 +298,19 @@ class Solver:
         """Maps the noise; returns its median variance, by which the slack between cameras is set too."""
         unknown = self.source.camera_slack**2 or share.NOISE_FLOOR**2
         noise, variance = share.noise_map(self.device, valleys, support, lobes, unknown)
+        if lobes in self.told:
+            variance = self.told[lobes].variance
         if self.noise_map is not None:
             self.noise_map.release()
         self.noise_map, self.noise = noise, float(np.sqrt(variance))
         if self.source.camera_slack:
             self.slack = float(np.clip(self.source.camera_slack**2 / variance, 1.0, 1e5))
         return variance
+
+    def _asks_neighbours(self, lobes: int, variance: float, here: bool) -> bool:
+        """Whether texels ask their neighbours: as was told before, else as they do ``here``."""
+        self.found[lobes] = self.told.get(lobes, Noise(variance, here))
+        return self.found[lobes].neighbours
 
     def _unsure(self, variance: float, support: moderngl.Texture) -> bool:
         """Whether the noise leaves texels that need their neighbours."""

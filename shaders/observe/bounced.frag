@@ -9,6 +9,7 @@ uniform sampler2D u_small_glossy;
 layout(location = 0) out vec4 o_irradiance;  // RGB, W/m^2
 layout(location = 1) out vec4 o_glossy;      // RGB, W/(m^2 sr)
 
+uniform vec4 u_part;                 // of the small picture that the pixels show: x, y, width, height, of 1
 uniform int u_reach;                 // small pixels
 uniform float u_sigma;               // small pixels: width of the Gaussian
 
@@ -40,8 +41,8 @@ void main() {
     p = texelFetch(u_position, at, 0);
     if (p.w < 0.5) discard;
     n = texelFetch(u_normal, at, 0).xyz;
-    vec2 ratio = vec2(textureSize(u_position, 0)) / vec2(small);
-    center = gl_FragCoord.xy / ratio;
+    vec2 ratio = vec2(textureSize(u_position, 0)) / (vec2(small) * u_part.zw);
+    center = u_part.xy * vec2(small) + gl_FragCoord.xy / ratio;
     width = u_sigma * max(ratio.x, ratio.y) * pixel_width(p.xyz);
     ivec2 first = max(ivec2(floor(center)) - u_reach, ivec2(0)), last = min(ivec2(floor(center)) + u_reach, small - 1);
     vec2 root = vec2(0.0);  // the mean of roots, squared, is a typical value that hardly hears of sparks

@@ -56,7 +56,7 @@ def run(texels: Texels, lobes: int, method: str, **chosen: Any) -> Any:
         result = [device.read(texture).copy() for texture in textures]
         for thing in (*textures, solver, source):
             thing.release()
-        return [*result, np.array(solver.neighbours)]
+        return [*result, np.array(solver.found[lobes].neighbours)]
 
     return job
 

@@ -14,9 +14,9 @@ from irpso_addon.core.tables import principled_table
 from irpso_addon.gpu.atlas import CAMERA_SLACK, MODEL_ERROR, POOL_GAIN, ArraySource, Layers
 from irpso_addon.gpu.context import Device
 from irpso_addon.gpu.ladder import Ladder
+from irpso_addon.gpu.maps import confidence
 from irpso_addon.gpu.paper import Swarms
 from irpso_addon.gpu.solve import Solver
-from irpso_addon.pipeline import confidence
 from tests.bench.opengl import SHADERS, result
 
 from .problem import Problem
@@ -211,7 +211,7 @@ class Method:
 
 
 _SOLVE = ("irpso_addon/gpu/solve.py", "irpso_addon/gpu/share.py", "irpso_addon/gpu/atlas.py", "shaders/solve",
-          "shaders/include", "irpso_addon/core/tables.py", "irpso_addon/pipeline.py", "tests/stability/measure.py")
+          "shaders/include", "irpso_addon/core/tables.py", "irpso_addon/gpu/maps.py", "tests/stability/measure.py")
 _CHECKS = ("tests/stability/aligned.py", "tests/stability/warned.py", *(f"irpso_addon/core/{name}.py" for name in (
     "advice", "checks", "checked", "indirect", "registration", "residuals", "shifts")))
 METHODS = (
