@@ -4,62 +4,87 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from . import decode
 from .colour import known_space, linear_to_srgb, to_linear_rec709
 from .data import F32, F64, Bool, RadianceImage, View
+from .decode import FORMS, Stored
 from .errors import BadInput
-from .image_file import ImageFile, open_image
+from .image_file import ImageFile, floats, open_image
+from .mask import Mask
 
-_STRIP = 16_000_000  # pixels read at a time: 256 MB as RGBA float
+KEEP = 128_000_000  # bytes of a decoded image that are held instead of being decoded again
 _ASPECT = 0.01  # greatest relative difference of aspects
 # Negative values up to this share of the image's level (its 99.5 % point) are read noise: five sigma of
 # a bad sensor.  They become 0: left out instead, only the upper half of the noise would stay.
 _NOISE = 0.01
 _HALF_MAX = 65504.0
 
+Pixels = tuple[F32, F32, Bool]  # radiance (rows, width, 3), coverage and validity (rows, width)
+
 
 def read_reference(view: View, max_pixels: int | None = None) -> RadianceImage:
     """Radiance of ``view.image``: linear Rec.709, divided by 2^exposure and gain, alpha divided out.
 
     With ``max_pixels`` a larger image is reduced by area averages to at most about that many; a reduced
-    pixel is valid only if all under it are.  Raises BadInput (one line, naming the file) for a file that
-    is missing, damaged, too large, of another aspect than the camera's, that holds NaN, infinite or
-    negative radiance where it is covered, or in which nothing can be used.
+    pixel is valid only if all under it are.  Beside the result it takes about 250 MB, however large the image is.
+    Raises BadInput (one line, naming the file) for a file that is missing, damaged, too large, of another aspect
+    than the camera's, that holds NaN, infinite or negative radiance where it is covered, or in which nothing can
+    be used.
     """
-    file = open_image(view.image)
-    aspect = file.width / file.height
-    if abs(aspect / view.camera.aspect - 1) > _ASPECT:
-        raise BadInput(f"{view.image}: is {file.width} x {file.height} pixels (aspect {aspect:.3f}), but camera "
-                       f"'{view.camera.name}' has aspect {view.camera.aspect:.3f}; give the scene's render resolution "
-                       "the aspect of the images")
-    space, warnings = _space(view, file)
-    mask = None if view.mask is None else _read_mask(view.mask, file)
-    rows = _Rows(file, mask)
-    survey = _survey(rows)
-    warnings += file.warnings
-    if file.bits <= 8:
-        warnings += (f"{view.image.name}: has 8 bits a channel; use EXR or 16 bits for exact maps",)
-    scale = 1.0 / (2.0**view.exposure * view.gain)
-    shrink = 1.0 if max_pixels is None else max(1.0, (file.width * file.height / max_pixels) ** 0.5)
-    width, height = max(1, int(file.width / shrink)), max(1, int(file.height / shrink))
+    reference = Reference(view)
+    shrink = 1.0 if max_pixels is None else max(1.0, (reference.width * reference.height / max_pixels) ** 0.5)
+    width, height = max(1, int(reference.width / shrink)), max(1, int(reference.height / shrink))
     rgb = np.empty((height, width, 3), np.float32)
     coverage = np.empty((height, width), np.float32)
     valid = np.empty((height, width), np.bool_)
-    for out, top, bottom in _bands(file.height, height, file.width):
-        pixels = _develop(*rows.read(top, bottom), survey, space, scale)
-        if shrink > 1.0:
-            edges = np.linspace(0, file.height, height + 1)[out.start:out.stop + 1] - top
-            pixels = _reduce(pixels, edges, np.linspace(0, file.width, width + 1))
-        rgb[out], coverage[out], valid[out] = pixels
-    if not np.any(valid & (coverage > 0)):
-        raise BadInput(f"{view.image}: every pixel is clipped; expose less")
-    return RadianceImage(rgb=rgb[::-1].copy(), coverage=coverage[::-1].copy(), valid=valid[::-1].copy(),
-                         warnings=warnings, clipped_share=survey.clipped)
+    bottom = height
+    for pixels in reference.bands() if shrink == 1.0 else _reduced(reference, width, height):
+        rows = slice(bottom - len(pixels[0]), bottom)
+        for out, values in zip((rgb, coverage, valid), pixels, strict=True):
+            out[rows] = values[::-1]
+        bottom = rows.start
+    reference.check(bool(np.any(valid & (coverage > 0))))
+    return RadianceImage(rgb=rgb, coverage=coverage, valid=valid, warnings=reference.warnings,
+                         clipped_share=reference.clipped_share)
+
+
+class Reference:
+    """A view's reference image, surveyed; its pixels are developed band by band."""
+
+    def __init__(self, view: View) -> None:
+        """Raises BadInput as `read_reference`."""
+        file = open_image(view.image)
+        aspect = file.width / file.height
+        if abs(aspect / view.camera.aspect - 1) > _ASPECT:
+            raise BadInput(f"{view.image}: is {file.width} x {file.height} pixels (aspect {aspect:.3f}), but camera "
+                           f"'{view.camera.name}' has aspect {view.camera.aspect:.3f}; give the scene's render "
+                           "resolution the aspect of the images")
+        self.width, self.height = file.width, file.height
+        self._space, warnings = _space(view, file)
+        self._rows = _Rows(file, None if view.mask is None else Mask(view.mask, file))
+        self._survey = _survey(self._rows)
+        self._scale = 1.0 / (2.0**view.exposure * view.gain)
+        if file.bits <= 8:
+            warnings += (f"{view.image.name}: has 8 bits a channel; use EXR or 16 bits for exact maps",)
+        self.warnings: tuple[str, ...] = warnings + file.warnings
+        self.clipped_share = self._survey.clipped
+
+    def bands(self) -> Iterator[Pixels]:
+        """Radiance (rows, width, 3), coverage and validity (rows, width), row 0 at the top.  Once only."""
+        for rgb, coverage in self._rows.bands(last=True):
+            yield _develop(rgb, coverage, self._survey, self._space, self._scale)
+
+    def check(self, usable: bool) -> None:
+        """Raises BadInput unless some pixel was ``usable``: covered and valid."""
+        if not usable:
+            raise BadInput(f"{self._rows.file.path}: every pixel is clipped; expose less")
 
 
 def _space(view: View, file: ImageFile) -> tuple[str, tuple[str, ...]]:
@@ -79,56 +104,62 @@ def _space(view: View, file: ImageFile) -> tuple[str, tuple[str, ...]]:
     return default, ()
 
 
-def _read_mask(path: Path, image: ImageFile) -> F32:
-    """(height, width) of ``image``, 0..1, row 0 at the top: the mask's grey value times its alpha."""
-    import OpenImageIO
-
-    file = open_image(path)
-    if abs(file.width / file.height * image.height / image.width - 1) > _ASPECT:
-        raise BadInput(f"{path}: mask is {file.width} x {file.height} pixels, its image {image.width} x "
-                       f"{image.height}; give it the same aspect")
-    pixels = file.read(0, file.height)
-    mask = pixels[..., :3].mean(-1)
-    if pixels.shape[-1] == 4:
-        mask = mask * pixels[..., 3] if not file.premultiplied else mask
-    if not np.isfinite(mask).all():
-        raise BadInput(f"{path}: mask holds NaN or infinite pixels; save it again")
-    if mask.shape != (image.height, image.width):
-        small = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(file.width, file.height, 1, "float"))
-        small.set_pixels(OpenImageIO.ROI(), np.ascontiguousarray(mask[..., None], np.float32))
-        roi = OpenImageIO.ROI(0, image.width, 0, image.height, 0, 1, 0, 1)
-        sized = OpenImageIO.ImageBufAlgo.resize(small, filtername="triangle", roi=roi)
-        mask = np.asarray(sized.get_pixels(OpenImageIO.FLOAT))
-    return np.clip(mask.reshape(image.height, image.width), 0, 1).astype(np.float32)
+def _reduced(reference: Reference, width: int, height: int) -> Iterator[Pixels]:
+    """The reference's bands at another size, by area averages."""
+    rows, columns = (np.linspace(0, n, m + 1) for n, m in ((reference.height, height), (reference.width, width)))
+    step = max(1, int(decode.BAND / 4 / reference.width * height / reference.height))  # in double precision
+    bands, held, top = reference.bands(), list[Pixels](), 0  # ``held``: rows from ``top`` on
+    for first in range(0, height, step):
+        edges = rows[first:first + step + 1]
+        start, stop = int(np.floor(edges[0] + 1e-6)), int(np.ceil(edges[-1] - 1e-6))
+        while top + sum(len(part[0]) for part in held) < stop:
+            held.append(next(bands))
+        together = _joined(held)
+        yield reduce(_part(together, start - top, stop - top), edges - start, columns)
+        top, held = stop - 1, [_part(together, stop - 1 - top, None)]  # the next may begin within a row
 
 
-def _bands(height: int, out_height: int, width: int) -> Iterator[tuple[slice, int, int]]:
-    """Output rows with the input rows that lie under them, at most _STRIP pixels at a time."""
-    step = max(1, int(_STRIP / width * out_height / height))
-    edges = np.linspace(0, height, out_height + 1)
-    for first in range(0, out_height, step):
-        last = min(first + step, out_height)
-        yield slice(first, last), int(np.floor(edges[first] + 1e-6)), int(np.ceil(edges[last] - 1e-6))
+def _joined(parts: list[Pixels]) -> Pixels:
+    rgb, coverage, valid = zip(*parts, strict=True)
+    return np.concatenate(rgb), np.concatenate(coverage), np.concatenate(valid)
+
+
+def _part(pixels: Pixels, first: int, last: int | None) -> Pixels:
+    rgb, coverage, valid = pixels
+    return rgb[first:last], coverage[first:last], valid[first:last]
 
 
 class _Rows:
-    """Stored colours with alpha divided out, and coverage: alpha times mask.  Keeps what it read last."""
+    """Stored colours with alpha divided out, and coverage: alpha times mask."""
 
-    def __init__(self, file: ImageFile, mask: F32 | None) -> None:
+    def __init__(self, file: ImageFile, mask: Mask | None) -> None:
         self.file, self.mask = file, mask
-        self._last: tuple[tuple[int, int], tuple[F32, F32]] | None = None
+        size = file.width * file.height * len(file.channels) * np.dtype(FORMS[file.form]).itemsize
+        self._keep = size <= KEEP  # then it is decoded once
+        self._kept: deque[Stored] = deque()
 
-    def read(self, top: int, bottom: int) -> tuple[F32, F32]:
-        """(rows, width, 3) and (rows, width) of rows ``top`` to ``bottom``, exclusive."""
-        if self._last is None or self._last[0] != (top, bottom):
-            self._last = None  # let go of it before the next is read
-            self._last = (top, bottom), self._read(top, bottom)
-        return self._last[1]
+    def bands(self, last: bool = False) -> Iterator[tuple[F32, F32]]:
+        """(rows, width, 3) and (rows, width) from the top down; ``last``: nobody will ask again."""
+        masks = None if self.mask is None else self.mask.rows()
+        for band in self._stored(last):
+            coverage = np.ones(band.shape[:2], np.float32) if masks is None else masks.take(len(band))
+            yield self._straight(floats(band), coverage)
 
-    def _read(self, top: int, bottom: int) -> tuple[F32, F32]:
-        pixels = self.file.read(top, bottom)
+    def _stored(self, last: bool) -> Iterator[Stored]:
+        if self._kept:
+            for _ in range(len(self._kept)):
+                band = self._kept.popleft()
+                yield band
+                if not last:
+                    self._kept.append(band)
+            return
+        for band in self.file.bands():
+            if self._keep and not last:
+                self._kept.append(band)
+            yield band
+
+    def _straight(self, pixels: F32, coverage: F32) -> tuple[F32, F32]:
         rgb = pixels[..., :3]
-        coverage = np.ones(rgb.shape[:2], np.float32) if self.mask is None else self.mask[top:bottom]
         if pixels.shape[-1] == 4:
             alpha = pixels[..., 3]
             if not np.isfinite(alpha).all():
@@ -153,11 +184,10 @@ def _survey(rows: _Rows) -> _Survey:
     """Finds what is not radiance and where the image clips.  Raises BadInput."""
     file = rows.file
     stride = max(1, file.width * file.height // 300_000)
-    covered = odd = 0
+    covered = odd = seen = 0
     lowest, highest = np.inf, np.zeros(3)
     samples = []
-    for _, top, bottom in _bands(file.height, file.height, file.width):
-        rgb, coverage = rows.read(top, bottom)
+    for rgb, coverage in rows.bands():
         pixels = rgb[coverage > 0]
         covered += len(pixels)
         finite = _all_channels(np.isfinite(pixels))
@@ -166,7 +196,8 @@ def _survey(rows: _Rows) -> _Survey:
             pixels = pixels if finite.all() else pixels[finite]
             lowest = min(lowest, float(pixels.min()))
             highest = np.maximum(highest, [pixels[:, c].max() for c in range(3)])
-            samples.append(pixels[::stride])
+            samples.append(pixels[-seen % stride::stride].copy())  # every so many of them all
+            seen += len(pixels)
     if not covered:
         raise BadInput(f"{file.path}: no pixel is covered (alpha or mask is 0 everywhere); check both")
     if odd:
@@ -195,7 +226,7 @@ def _plateaus(sample: F32, highest: F64) -> F64:
     return ceiling
 
 
-def _develop(rgb: F32, coverage: F32, survey: _Survey, space: str, scale: float) -> tuple[F32, F32, Bool]:
+def _develop(rgb: F32, coverage: F32, survey: _Survey, space: str, scale: float) -> Pixels:
     """Stored colours to radiance; which pixels are valid."""
     valid = _all_channels(np.isfinite(rgb) & (rgb < survey.ceiling.astype(np.float32)))
     if not valid.all():
@@ -214,7 +245,7 @@ def _all_channels(values: Bool) -> Bool:
     return np.asarray(values[..., 0] & values[..., 1] & values[..., 2])
 
 
-def _reduce(pixels: tuple[F32, F32, Bool], rows: F64, columns: F64) -> tuple[F32, F32, Bool]:
+def reduce(pixels: Pixels, rows: F64, columns: F64) -> Pixels:
     """Area averages over the grid of cell edges ``rows`` x ``columns`` (in pixels, ascending)."""
     rgb, coverage, valid = pixels
     weighted = np.concatenate([rgb * coverage[..., None], coverage[..., None], ~valid[..., None]], -1)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core import image, image_file
+from irpso_addon.core import decode, image_file
 from irpso_addon.core.data import Camera, View
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.image import read_reference, write_image
@@ -412,7 +412,7 @@ def test_strips_change_nothing(tmp_path, monkeypatch, tiles):
     pixels = noise(41, 60, 4)
     path = save(tmp_path / "a.exr", pixels, x=2, y=3, full_width=60, full_height=50, **tiles)
     whole = [read_reference(view(path, aspect=1.2), max_pixels=n) for n in (None, 500)]
-    monkeypatch.setattr(image, "_STRIP", 300)
+    monkeypatch.setattr(decode, "BAND", 300)
     strips = [read_reference(view(path, aspect=1.2), max_pixels=n) for n in (None, 500)]
     for a, b in zip(whole, strips, strict=True):
         np.testing.assert_allclose(a.rgb, b.rgb, rtol=1e-5)
