@@ -15,7 +15,7 @@ import numpy as np
 
 from .data import F32, Maps
 from .errors import BadInput
-from .image import write_image
+from .image_writer import write_image
 from .staging import Staging
 
 KINDS = ("exr", "png", "tiff")
@@ -43,10 +43,9 @@ def write_maps(maps: Maps, stem: str, out: Path, kind: str) -> list[Path]:
     ``stem`` is the object's name, ``kind`` one of `KINDS`.  Raises BadInput when ``out`` cannot be
     written; nothing is left behind then and older files keep their contents.
     """
-    if kind not in KINDS:
-        raise BadInput(f"format '{kind}': not known; use one of {', '.join(KINDS)}")
+    check_kind(kind)
     with Staging(Path(out)) as staging:
-        names = _write_all(maps, safe_stem(stem), staging.folder, kind)
+        names = _write_all(maps, stem, staging.folder, kind)
         staging.publish()
         return [staging.out / name for name in names]
 
@@ -64,12 +63,31 @@ def layers(maps: Maps) -> dict[str, F32]:
     return found if maps.specular is None else found | {"specular": maps.specular}
 
 
+def check_kind(kind: str) -> None:
+    """Raises BadInput for a format that is not one of `KINDS`."""
+    if kind not in KINDS:
+        raise BadInput(f"format '{kind}': not known; use one of {', '.join(KINDS)}")
+
+
+def file_name(stem: str, layer: str, kind: str, udim: int | None = None) -> str:
+    """Of a map's file, given the object's name."""
+    return f"{safe_stem(stem)}_{layer}{'' if udim is None else f'.{udim}'}.{kind}"
+
+
+def as_stored(layer: str, values: F32) -> F32:
+    """A layer with the channels that its file has: (h, w, channels).
+
+    "roughness" has three also where they are equal: who reads it need not ask.
+    """
+    if values.ndim == 3:
+        return values
+    return np.repeat(values[..., None], 3 if layer == "roughness" else 1, axis=2)
+
+
 def _write_all(maps: Maps, stem: str, folder: Path, kind: str) -> list[str]:
     """One file per map in ``folder``; their names."""
     names = []
-    for suffix, array in layers(maps).items():
-        names.append(f"{stem}_{suffix}.{kind}")
-        channels = 3 if suffix == "roughness" else 1  # three also where they are equal: who reads it need not ask
-        pixels = array if array.ndim == 3 else np.repeat(array[..., None], channels, axis=2)
-        write_image(folder / names[-1], pixels, kind=kind, color=suffix == "basecolor")
+    for layer, array in layers(maps).items():
+        names.append(file_name(stem, layer, kind))
+        write_image(folder / names[-1], as_stored(layer, array), kind=kind, color=layer == "basecolor")
     return names
