@@ -3,7 +3,7 @@ VENV ?= .venv
 PYTHON ?=
 RUN = $(VENV)/bin/python
 
-.PHONY: setup demo test test-gui screenshots lint docs site bench stability zip clean
+.PHONY: setup demo test test-gui screenshots lint docs site bench stability zip release clean
 
 setup: $(VENV)/.ready
 
@@ -52,7 +52,11 @@ stability: setup
 	$(RUN) -m tests.stability
 
 zip: setup
-	$(RUN) tools/build.py
+	$(RUN) -m tools.build
+
+# dist/: the zips, a bill of materials, SHA256SUMS; docs/release.md says what else a release takes.
+release: setup
+	$(RUN) -m tools.release
 
 clean:
 	rm -rf .venv* build dist wheels .mypy_cache .pytest_cache .ruff_cache .hypothesis
