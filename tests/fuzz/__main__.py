@@ -45,9 +45,22 @@ def main() -> int:
     found = {kind: [o for i, o in results.of(kind).items() if i < count] for kind, count in counts.items()}
     print(table(found))
     troubles = [(kind, outcome) for kind, outcomes in found.items() for outcome in outcomes if outcome.bad]
-    for kind, outcome in troubles[:40]:
-        print(f"\n{kind}:{outcome.index} {outcome.verdict} {outcome.stray} {outcome.memory:,} bytes\n{outcome.message}")
+    alike: dict[str, list[tuple[str, Outcome]]] = {}
+    for kind, outcome in troubles:
+        alike.setdefault(signature(kind, outcome), []).append((kind, outcome))
+    for cases in sorted(alike.values(), key=len, reverse=True):
+        (kind, outcome), count = cases[0], len(cases)
+        print(f"\n{count} like {kind}:{outcome.index} ({outcome.verdict}, {outcome.stray}, {outcome.memory:,} bytes)")
+        print(outcome.message[-1500:])
     return 1 if troubles else 0
+
+
+def signature(kind: str, outcome: Outcome) -> str:
+    """What cases with the same cause share: where it happened, and what kind of error it was."""
+    lines = outcome.message.splitlines() or [""]
+    places = [line for line in lines if line.strip().startswith("File ")]
+    why = (places[-1] if places else "") + lines[-1][:30] if outcome.verdict == "crash" else ""
+    return f"{kind} {outcome.verdict} {bool(outcome.stray)} {outcome.nameless} {outcome.over} {why}"
 
 
 def table(found: dict[str, list[Outcome]]) -> str:

@@ -14,7 +14,8 @@ NUMBERS = (0.0, -0.0, 1.0, -1.0, 1e-45, 1e-30, 1e-12, 1e12, 3.4e38, 1e300, -1e30
 WORDS = (
     "", " ", ".", "..", "../../../escape", "..\\..\\escape", "/etc/passwd", "/dev/zero", "C:\\Windows\\x",
     "//host/share", "CON", "a" * 300, "a/" * 2500 + "b", "ü" * 100, "日本語.exr", "\u202egnp.exr", "e\u0301",
-    "\U0001f3fa", "\x00", "a\nb", "a\tb", "\x7f", "\ud800", "%s%n%d", "{0}", "$(touch escape)", "`touch escape`", "; touch escape", "'\"",
+    "\U0001f3fa", "\x00", "a\nb", "a\tb", "\x7f", "\ud800", "%s%n%d", "{0}", "$(touch escape)", "`touch escape`",
+    "; touch escape", "'\"",
     "<UDIM>", "a.%04d.exr", "refs/", "~", "~root", "-", "--help", "\ufeff", "NaN", "null", "true", "1e999",
 )
 DEVICES = ("/dev/null", "/dev/zero", "/dev/urandom", "/proc/self/environ", "/proc/self/mem", "/dev/stdin")
