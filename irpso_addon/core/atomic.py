@@ -122,9 +122,11 @@ def _take(handle: int, wait: bool = False) -> bool | None:
 class FolderLock:
     """Keeps others out of a folder while it is entered.  The folder must exist.
 
-    Where the file system knows no locks, nobody is kept out.  Raises BadInput saying who is in there, and OSError
-    where nothing can be written.
+    Where the file system knows no locks (``real`` is False then), nobody is kept out.  Raises BadInput saying who is
+    in there, and OSError where nothing can be written.
     """
+
+    real = False
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
@@ -135,14 +137,15 @@ class FolderLock:
         while True:
             handle = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
             try:
-                if _take(handle) is False:
+                taken = _take(handle)
+                if taken is False:
                     who = _holder(handle)
                     raise BadInput(f"{self.folder}: another irpso{who} is working there; wait or choose another folder")
                 if self._is(handle):
                     os.ftruncate(handle, 0)
                     os.lseek(handle, 0, os.SEEK_SET)
                     os.write(handle, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
-                    self._handle, handle = handle, -1
+                    self._handle, self.real, handle = handle, bool(taken), -1
                     return self
             finally:
                 if handle >= 0:

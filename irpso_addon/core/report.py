@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 import sys
-import tempfile
 import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -15,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from .atomic import write_whole
 from .checks import Checks
 from .data import Solution
 from .errors import BadInput
@@ -112,19 +111,9 @@ def _checks(checks: Checks) -> dict[str, Any]:
 def write_report(path: Path, report: dict[str, Any]) -> None:
     """Write the report as JSON: whole or not at all.  Raises BadInput where that is impossible."""
     path = Path(path)
+    text = json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False)
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                json.dump(report, file, indent=1, ensure_ascii=False, allow_nan=False)
-                file.write("\n")
-                file.flush()
-                os.fsync(file.fileno())
-            os.chmod(temporary, 0o644)  # mkstemp's 0600 would hide the report from the rest of the team
-            os.replace(temporary, path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        write_whole(path, f"{text}\n".encode(errors="backslashreplace"))  # file names may be no text
     except OSError as error:
         raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another place") from None
 

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.staging import Staging
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_publish_moves_everything(tmp_path):
@@ -61,3 +67,85 @@ def test_cannot_enter(tmp_path):
         with pytest.raises(BadInput, match="choose another folder"), Staging(out):
             raise AssertionError("entered")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def left_by_a_kill(out: Path, at: str) -> None:
+    """A run that publishes three files into ``out`` and is killed when it calls ``at`` for the second time."""
+    code = """
+import os, signal, sys
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from irpso_addon.core import staging
+place, name = sys.argv[2].split(".")
+place = {"os": os, "staging": staging, "shutil": staging.shutil}[place]
+real, calls = getattr(place, name), []
+def killed(*arguments, **named):
+    calls.append(1)
+    if len(calls) == int(sys.argv[3]):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return real(*arguments, **named)
+with staging.Staging(Path(sys.argv[1])) as s:
+    (s.folder / "a.txt").write_text("new")
+    (s.folder / "b.txt").write_text("new")
+    s.beside("c.blend").write_text("new")
+    setattr(place, name, killed)
+    s.publish()
+"""
+    name, _, count = at.partition(" ")
+    done = subprocess.run([sys.executable, "-c", code, str(out), name, count or "1"], cwd=ROOT)
+    assert done.returncode == -signal.SIGKILL
+
+
+@pytest.mark.parametrize(("at", "published"), [
+    ("staging.flush", False), ("staging.flush 3", False), ("staging.flush_folder", True), ("os.replace", True),
+    ("os.replace 2", True), ("os.replace 3", True), ("staging.flush_folder 3", True), ("shutil.rmtree", True)])
+def test_the_next_run_ends_what_a_killed_one_began(tmp_path, at, published):
+    (tmp_path / "a.txt").write_text("old")
+    left_by_a_kill(tmp_path, at)
+    with Staging(tmp_path) as staging:
+        (staging.folder / "d.txt").write_text("mine")
+        staging.publish()
+    new = {"a.txt": "new", "b.txt": "new", "c.blend": "new"} if published else {"a.txt": "old"}
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == new | {"d.txt": "mine"}
+
+
+def test_a_second_run_is_told_who_is_there(tmp_path):
+    with Staging(tmp_path) as staging:
+        (staging.folder / "a.txt").write_text("first")
+        with pytest.raises(BadInput, match=rf"another irpso \(process {os.getpid()} on .*\) is working there"):
+            Staging(tmp_path).__enter__()
+        staging.publish()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_set_that_cannot_be_published_to_its_end_is_kept(tmp_path, monkeypatch):
+    real = os.replace
+
+    def held(source: Path, target: Path) -> None:
+        if target.name == "b.txt":
+            raise PermissionError(13, "Permission denied")
+        real(source, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", held)
+        with pytest.raises(BadInput, match=r"b\.txt: cannot be written \(Permission denied\); close or move it"), \
+                Staging(tmp_path) as staging:
+            for name in "abc":
+                (staging.folder / f"{name}.txt").write_text(name)
+            staging.publish()
+    with Staging(tmp_path):
+        pass
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {f"{n}.txt": n for n in "abc"}
+
+
+def test_links_and_things_of_others_stay(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "mine").write_text("x")
+    (tmp_path / ".irpso-set-abcdefgh").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / ".irpso-notes").write_text("x")
+    with Staging(tmp_path):
+        pass
+    assert (tmp_path / "elsewhere" / "mine").exists() and (tmp_path / ".irpso-notes").exists()

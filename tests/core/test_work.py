@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core import bundle
-from irpso_addon.core.atomic import PART, FolderLock, remove_leftovers, replacing
+from irpso_addon.core.atomic import PART, remove_leftovers, replacing
 from irpso_addon.core.checks import Checks
 from irpso_addon.core.data import Camera, Light, Maps, MeshArrays, NormalMap, SceneData, Solution, View
 from irpso_addon.core.errors import BadInput
