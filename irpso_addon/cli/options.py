@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
                          help="method paper: its budgets; none: leave it out (default: 100 400 1600)")
     add_settings(compare, SolveSettings, without=("udim", "method", "iterations", "start"),
                  defaults={"size": 256, "model": "one-lobe"})
-    add_settings(compare, DeviceSettings)
+    add_settings(compare, DeviceSettings, without=("device",))
 
     export = commands.add_parser("export", help="maps of a solved scene to files", epilog=EXIT_CODES)
     export.add_argument("scene", type=Path, metavar="SCENE.blend", help="a file that 'solve' or the operators made")
@@ -82,7 +82,7 @@ def _add_farm(commands: Any) -> None:
                      "Mesa's software OpenGL and take many times as long")
     _add_format(job)
     add_settings(job, SolveSettings)
-    add_settings(job, DeviceSettings)
+    add_settings(job, DeviceSettings, without=("device",))
 
     tile = commands.add_parser("tile", help="one task of a job: solve a tile; needs no Blender", epilog=EXIT_CODES)
     merge = commands.add_parser("merge", help="one task of a job: the maps of a UDIM square; needs no Blender",
@@ -146,8 +146,9 @@ def settings(arguments: argparse.Namespace) -> SolveSettings:
 
 
 def device(arguments: argparse.Namespace) -> DeviceSettings:
-    """How the flags say that the graphics device is used."""
-    return DeviceSettings(**{field.name: getattr(arguments, field.name) for field in fields(DeviceSettings)})
+    """What the flags say of the device; the table's own where the command has no such flag."""
+    given = vars(arguments)
+    return DeviceSettings(**{field.name: given[field.name] for field in fields(DeviceSettings) if field.name in given})
 
 
 def _reader(field: Field[Any]) -> Callable[[str], Any]:

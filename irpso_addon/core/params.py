@@ -111,8 +111,15 @@ class SolveSettings(Table):
 
 @dataclass(frozen=True)
 class DeviceSettings(Table):
-    """How the graphics device is used.  The maps do not depend on it, but for ``memory`` where pictures are reduced."""
+    """What computes, and how the graphics device is used.
 
+    The maps do not depend on it, but for ``device``, and for ``memory`` where pictures are reduced.
+    """
+
+    device: str = parameter("opengl", "What solves", label="Device", choices=(
+        ("opengl", "The graphics device, by OpenGL 3.3 or later"),
+        ("numpy", "The processor, in Python: for computers without OpenGL; one lobe, small maps, slow"),
+    ))
     kernels: str = parameter("auto", "How the search runs on the graphics device", label="Kernels", choices=(
         ("auto", "As compute shaders where they are clearly faster, measured once"),
         ("fragment", "As fragment shaders, which every device has"),
