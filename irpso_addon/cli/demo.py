@@ -11,7 +11,7 @@ import numpy as np
 
 from ..blender import demo, files, picture
 from ..core.data import F32, Bool, Maps, Solution
-from ..core.image import write_image
+from ..core.image_writer import write_image
 from ..core.job import Progress
 from ..core.params import SolveSettings
 from ..core.staging import Staging

@@ -2,7 +2,7 @@
 
 Conventions, everywhere in memory: world space is Blender's (metres, Z up); colours are scene-linear
 Rec.709; **row 0 of every image and map is the bottom** (v = 0), as in OpenGL and in Blender's own
-pixels.  Files have row 0 at the top: only ``core/image.py`` flips.
+pixels.  Files have row 0 at the top: only ``core/image.py`` and ``core/image_writer.py`` flip.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ class MeshArrays:
     normal_matrix: F32 | None = None  # (3, 3) inverse transpose of the object's 3x3 world matrix
     normal_maps: dict[int, NormalMap] = field(default_factory=dict)  # slot -> map
     grid: F32 | None = None  # (T, 3, 2) where triangles lie on the texel grid, 0..1, where that is not their UVs
+    extent: float = 1.0  # width of the texel grid in UV squares
 
 
 @dataclass(frozen=True)

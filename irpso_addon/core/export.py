@@ -2,7 +2,7 @@
 
 ``<object>_basecolor``, ``_roughness``, ``_confidence``, ``_error``, ``_filled``, ``_roughness_sigma``,
 ``_basecolor_sigma``, and ``_specular`` where it was solved for; row 0 of the file is the top
-(``core/image.py`` flips).  EXR holds linear 32-bit floats; PNG and TIFF hold 16 bits, cut off at 1, and
+(``core/image_writer.py`` flips).  EXR holds linear 32-bit floats; PNG and TIFF hold 16 bits, cut off at 1, and
 the base colour (that map alone) is sRGB-encoded there.  Either every file of a set appears, or none.
 """
 

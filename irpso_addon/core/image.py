@@ -1,18 +1,15 @@
-"""Reference images in, maps out, by OpenImageIO.  Files have row 0 at the top, memory at the bottom: turned here."""
+"""Reference images in, by OpenImageIO.  Files have row 0 at the top, memory at the bottom: turned here."""
 
 from __future__ import annotations
 
-import contextlib
-import os
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from . import decode
-from .colour import known_space, linear_to_srgb, to_linear_rec709
+from .colour import known_space, to_linear_rec709
 from .data import F32, F64, Bool, RadianceImage, View
 from .decode import FORMS, Stored
 from .errors import BadInput
@@ -263,39 +260,3 @@ def _cell_means(values: F32 | F64, edges: F64) -> F64:
     total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, 0, dtype=np.float64)])
     at = total[whole] + part * values[whole]
     return np.asarray(np.diff(at, axis=0) / np.diff(edges).reshape(-1, *[1] * (values.ndim - 1)))
-
-
-def write_image(path: Path, array: F32, *, kind: str, color: bool) -> None:
-    """Writes ``array`` (h, w, 3 or 1), row 0 at the bottom, whole or not at all.
-
-    ``kind`` "exr": 32-bit float, ZIP, linear.  "png", "tiff": 16 bits, 0..1; with ``color`` encoded sRGB.
-    Raises BadInput when the folder cannot be written or the disk is full; ``path`` is then as before.
-    """
-    import OpenImageIO
-
-    pixels = array[::-1] if array.ndim == 3 else array[::-1, :, None]
-    height, width, channels = pixels.shape
-    spec = OpenImageIO.ImageSpec(width, height, channels, "float" if kind == "exr" else "uint16")
-    spec.channelnames = ("R", "G", "B") if channels == 3 else ("Y",)
-    spec.attribute("compression", "zip")
-    spec.attribute("DateTime", "1970:01:01 00:00:00")  # else the time of writing: other bytes each time
-    if kind != "exr":
-        pixels = np.round((linear_to_srgb(pixels) if color else pixels).clip(0, 1) * 65535).astype(np.uint16)
-        spec.attribute("oiio:ColorSpace", "sRGB" if color else "Raw")
-    part = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        file = OpenImageIO.ImageOutput.create(str(part))
-        if file is None:
-            raise OSError(None, "its ending is no image format's")
-        done = file.open(str(part), spec) and file.write_image(np.ascontiguousarray(pixels)) and file.close()
-        if not done:
-            raise OSError(None, (file.geterror() or "the disk may be full").strip().splitlines()[0])
-        with part.open("rb") as handle:
-            os.fsync(handle.fileno())
-        open_image(part).read(0, height)  # not every format's writer notices that the disk is full
-        os.replace(part, path)
-    except (OSError, BadInput) as error:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
-        why = error.strerror if isinstance(error, OSError) else "the disk may be full"
-        raise BadInput(f"{path}: cannot be written ({why}); check the folder and the free space") from None

@@ -90,7 +90,7 @@ class Work:
         return self._load(self.folder / PLAN)
 
     def write_block(self, key: str, layers: dict[str, F32]) -> None:
-        """Keep a finished block: (h, w) or (h, w, 3) arrays by the names of their layers."""
+        """Keep a finished block: arrays by name, (h, w) or (h, w, 3) those of its maps' layers."""
         self._save(self._block(key), dict(layers))
 
     def read_block(self, key: str) -> dict[str, F32]:
@@ -161,5 +161,4 @@ class Work:
 
 
 def _are_layers(thing: Any) -> TypeGuard[dict[str, F32]]:
-    return (isinstance(thing, dict) and bool(thing)
-            and all(isinstance(array, np.ndarray) and array.ndim in (2, 3) for array in thing.values()))
+    return isinstance(thing, dict) and bool(thing) and all(isinstance(array, np.ndarray) for array in thing.values())

@@ -11,7 +11,7 @@ import pytest
 
 from irpso_addon.core import glance as glances
 from irpso_addon.core.glance import Glance, Watcher, captures_look, glance
-from irpso_addon.core.image import write_image
+from irpso_addon.core.image_writer import write_image
 
 
 def until(said, seconds: float = 5.0):

@@ -14,7 +14,8 @@ import pytest
 from irpso_addon.core import decode, image_file
 from irpso_addon.core.data import Camera, View
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.image import read_reference, write_image
+from irpso_addon.core.image import read_reference
+from irpso_addon.core.image_writer import write_image
 
 oiio = pytest.importorskip("OpenImageIO")
 RNG = np.random.default_rng(7)

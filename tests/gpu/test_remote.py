@@ -15,7 +15,7 @@ import pytest
 from irpso_addon import pipeline, remote
 from irpso_addon.core.data import SceneData, Solution
 from irpso_addon.core.errors import BadInput, Cancelled
-from irpso_addon.core.image import write_image
+from irpso_addon.core.image_writer import write_image
 from irpso_addon.core.live import Live
 from irpso_addon.core.params import DeviceSettings, SolveSettings
 from irpso_addon.gpu import thread
