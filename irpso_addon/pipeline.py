@@ -13,6 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from .core import reference
 from .core.advice import grouped, mended, warnings
 from .core.checks import Checks, TexelFit, measure, worse
 from .core.data import F32, I32, Bool, Bounced, Maps, RadianceImage, SceneData, Solution, View
@@ -21,6 +22,7 @@ from .core.image import read_reference
 from .core.job import Progress
 from .core.live import Live, ViewPicture
 from .core.params import SolveSettings
+from .core.plan import Noise
 from .core.registration import corrected
 from .core.residuals import is_indirect
 from .gpu import thread
@@ -30,7 +32,6 @@ from .gpu.ladder import Found, Ladder
 from .gpu.maps import Made, make_maps
 from .gpu.observe import Observations, most_pixels, observe
 from .gpu.part import Part, last_of, part_of
-from .gpu.solve import Noise
 from .gpu.surface import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_counts
 
 Result = TypeVar("Result")
@@ -39,8 +40,8 @@ Bounce = Callable[[SceneData, Solution], Generator[Progress, None, Mapping[int, 
 ALIGN_ROUNDS = 4  # of finding where cameras look
 ROUND_SIZE = 512  # texels: of maps that only the next round needs
 NO_CONFIDENCE = "method paper: says nothing of how sure it is; confidence is 0, the standard errors are 0.5 everywhere"
-STAGES = {"gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85), "maps": (0.85, 1.0),
-          "indirect": (0.0, 1.0)}
+STAGES = {"pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85),
+          "maps": (0.85, 1.0), "indirect": (0.0, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -66,13 +67,14 @@ class Outcome:
 
 
 @dataclass
-class _Clock:
+class Clock:
     """Seconds per stage, and what every look at the job tells beside its maps."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     coverage: Bool | None = None
 
     def stage(self, name: str, steps: Generator[Progress, None, Result]) -> Generator[Progress, None, Result]:
+        """Steps whose seconds are this stage's."""
         start = time.perf_counter()
         low, high = STAGES[name]
         stop_now: Cancelled | None = None
@@ -130,6 +132,9 @@ def solve(
     Cancelled after the first solved tile, it returns the partial maps (``Solution.cancelled``), or those of the round
     before; before that it raises Cancelled.  Raises BadInput for what cannot be used.
     """
+    if thread.settings().device == "numpy":
+        read_image = read_image or partial(read_reference, max_pixels=reference.MOST_PIXELS)
+        return (yield from reference.solve(scene, settings, read_image))
     return (yield from outcome(scene, settings, read_image, bounce)).solution
 
 
@@ -139,7 +144,7 @@ def outcome(
     """As `solve`, with all that it found on the way."""
     if read_image is None:
         read_image = partial(read_reference, max_pixels=most_pixels(scene.views, thread.settings().memory))
-    clock = _Clock()
+    clock = Clock()
     best = yield from _round(scene, settings, read_image, clock)
     first = best.solution
     if first.cancelled:
@@ -195,7 +200,7 @@ def _bounced(settings: SolveSettings, solution: Solution) -> bool:
 
 
 def _round(
-    scene: SceneData, settings: SolveSettings, read_image: ReadImage, clock: _Clock,
+    scene: SceneData, settings: SolveSettings, read_image: ReadImage, clock: Clock,
     bounced: Mapping[int, Bounced] | None = None,
 ) -> Generator[Progress, None, Outcome]:
     """One solve of the scene as it is given; ``bounced``: indirect light, by the view's place in the scene."""
@@ -212,8 +217,8 @@ def _round(
         device, scene, mesh, read_image, bounced, part))
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
-    ladder = Ladder(device, CameraSource(device, grid, observations), settings, np.where(part.solved, slots, -1),
-                    scene.mesh.slot_names, last)
+    ladder = Ladder(device, CameraSource(device, grid, observations, scene.mesh.extent), settings,
+                    np.where(part.solved, slots, -1), scene.mesh.slot_names, last)
     found: Found = yield from clock.stage("solve", ladder.solve())
     solution: Solution = yield from clock.stage(
         "maps", _maps(scene, settings, gbuffer, grid, observations, found, slots, part))
@@ -270,7 +275,8 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps) -> list[str]:
     if overlap > 0.001:
         found.append(f"{name}: {100 * overlap:.1f} % of its texels are claimed by more than one face "
                      "(overlapping UVs); they hold one face's result")
-    outside = np.mean(np.any((scene.mesh.uvs < -1e-4) | (scene.mesh.uvs > 1 + 1e-4), axis=(1, 2)))
+    grid = scene.mesh.uvs if scene.mesh.grid is None else scene.mesh.grid
+    outside = np.mean(np.any((grid < -1e-4) | (grid > 1 + 1e-4), axis=(1, 2)))
     if outside > 0:
         found.append(f"{name}: {100 * outside:.1f} % of its faces lie outside the 0-1 UV square and are not solved")
     unseen = (gbuffer.coverage & maps.filled).sum() / covered

@@ -26,7 +26,7 @@ from .report import version
 FORMAT = 1  # of the files; another one is refused
 THING = "thing.json"
 # Modules whose records a file may name.
-MODULES = ("checks", "consensus", "data", "live", "models", "params", "registration", "residuals", "tiling")
+MODULES = ("checks", "consensus", "data", "live", "models", "params", "plan", "registration", "residuals", "tiling")
 _KINDS = "biuf"  # of arrays: truth values, integers, floats
 _TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can tell: else other bytes each time
 

@@ -12,10 +12,11 @@ from ..core.data import F32, F64, I32, Bool
 from ..core.job import Progress
 from ..core.models import CELL, Fit, choose
 from ..core.params import SolveSettings
+from ..core.plan import Noise
 from .atlas import Source, Tile, tiles
 from .context import Device
 from .paper import PaperSwarm
-from .solve import Noise, RoughnessMaps, Solver
+from .solve import RoughnessMaps, Solver
 
 SAMPLE = 64  # texels: width of the square on which larger models are tried
 SAMPLES = 2  # squares of each material

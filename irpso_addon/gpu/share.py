@@ -75,11 +75,12 @@ def scatter(roughness: F32, observed: Bool) -> float:
 
 
 def pyramid(
-    device: Device, tables: tuple[moderngl.Texture, ...], gain: float,
+    device: Device, tables: tuple[moderngl.Texture, ...], gain: float, extent: float = 1.0,
 ) -> tuple[moderngl.Texture, moderngl.Texture]:
     """Tables summed upwards, estimates handed downwards: (estimate, prior) of every texel.
 
-    ``gain``: of 1; how much four texels together say, in units of what they say apart.
+    ``gain``: of 1; how much four texels together say, in units of what they say apart.  ``extent``: width of the grid
+    in UV squares.
     """
     levels = [tables]
     while levels[-1][0].width > 8:
@@ -98,7 +99,7 @@ def pyramid(
         estimate, given = device.texture(*size), device.texture(*size)
         target = device.framebuffer([estimate, given])
         device.draw("solve/descend.frag", target, textures={"u_table": table, "u_parent": parent}, uniforms={
-            "u_top": parent is None, "u_step": ROUGHNESS_SLOPE / size[0], "u_prior_cut": PRIOR_CUT,
+            "u_top": parent is None, "u_step": ROUGHNESS_SLOPE * extent / size[0], "u_prior_cut": PRIOR_CUT,
         })
         target.release()
         for texture in (parent, prior):

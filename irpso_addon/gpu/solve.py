@@ -17,6 +17,7 @@ import numpy as np
 from ..core.errors import Cancelled
 from ..core.job import Progress
 from ..core.params import SolveSettings
+from ..core.plan import Noise
 from . import share
 from .atlas import Atlas, Source, Tile, tiles
 from .context import Device
@@ -57,14 +58,6 @@ class RoughnessMaps:
     roughness: moderngl.Texture  # roughness, its standard error, numbers that the data determined, solved
     detail: moderngl.Texture  # good observations, residual, residual without lobe, standard error of base colour
     pairs: moderngl.Texture | None = None  # two lobes: roughness1, roughness2, weight of lobe 1, residual
-
-
-@dataclass(frozen=True)
-class Noise:
-    """What a search has found of its data as a whole."""
-
-    variance: float  # median, relative
-    neighbours: bool  # whether texels need theirs
 
 
 class Solver:
@@ -117,7 +110,7 @@ class Solver:
             tables = self._textures(8)
             yield from self._over(chosen, (0.5, 0.75), "solve/table.glsl", tables, found, floor,
                                   robust=self.robust)
-            estimate, prior = share.pyramid(device, tuple(tables), self.source.pool_gain)
+            estimate, prior = share.pyramid(device, tuple(tables), self.source.pool_gain, self.source.extent)
             yield from self._over(chosen, (0.75, 1.0), "solve/polish.glsl", [roughness, detail],
                                   {**found, "u_estimate": estimate, "u_prior": prior},
                                   {**floor, "u_prior_cut": share.PRIOR_CUT, "u_steps": POLISH_STEPS},

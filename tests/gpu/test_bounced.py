@@ -73,7 +73,7 @@ def smoothed(on_gl, scene, picture: Bounced, size: int = 64) -> np.ndarray:
         mesh, camera = MeshBuffer(device, scene.mesh), scene.views[0].camera
         nothing = Occluders(device, scene.occluders)
         maps = draw_pixel_grid(device, mesh, nothing, camera, size, size, 0.0)
-        with Smoother(device, mesh, nothing, camera, maps, lambda h: camera_uniforms(camera, h, 0.0)) as smoother:
+        with Smoother(device, mesh, nothing, camera, maps, lambda c, h: camera_uniforms(c, h, 0.0)) as smoother:
             pair = smoother.smooth(picture)
         result = device.read(pair[0]).copy()
         result[..., 3] = device.read(maps.position)[..., 3]

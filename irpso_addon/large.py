@@ -1,0 +1,294 @@
+"""Maps of any size in little memory: a plan on a small map, blocks that depend on it alone, and their merge to files.
+
+Generators of Progress for the GL thread, as in pipeline.py.  docs/decisions/0010 tells why blocks and not a whole.
+"""
+
+from __future__ import annotations
+
+import time
+import zlib
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from .core import bundle, merge, tiling
+from .core.data import F32, F64, I32, Bool, Camera, Maps, RadianceImage, SceneData, Solution, View
+from .core.errors import BadInput, Cancelled
+from .core.export import layers
+from .core.job import Progress
+from .core.params import SolveSettings
+from .core.pictures import Picture, develop
+from .core.plan import Plan
+from .core.tiling import BLOCK, HALO, Crop, Window
+from .core.work import Work
+from .gpu import thread
+from .gpu.atlas import CameraSource
+from .gpu.ladder import Found, Ladder, Last
+from .gpu.maps import Around, filled, make_maps
+from .gpu.observe import channels_needed, observe
+from .gpu.part import Part
+from .gpu.surface import MeshBuffer, draw_texel_grid
+from .pipeline import Bounce, Clock, Outcome, outcome
+
+Result = TypeVar("Result")
+PLANNED, SOLVED = 0.25, 0.95  # of the whole: once the plan is made, once all blocks are solved
+BLOCK_BYTES = 400_000_000  # of a block's textures without pictures, at most
+LEAST_BYTES = 100_000_000  # for its pictures, whatever the memory
+STATS = "stats"  # of a block: (1, 6) texels covered, observed, solved, filled; sum and count of squared residuals
+
+
+def run(
+    scene: SceneData, settings: SolveSettings, folder: Path, work: Path, kind: str, bounce: Bounce | None = None,
+    block: int = BLOCK, halo: int = HALO,
+) -> Generator[Progress, None, Solution]:
+    """Files of the maps in ``folder``; what is finished lies in ``work``, where a run that was stopped goes on.
+
+    ``kind``: of the files, as core/export.py.  Returns the plan's solution, of small maps, with the figures of the
+    whole.  Raises Cancelled, and BadInput for what cannot be used.
+    """
+    clock = Clock()
+    with Work(work) as place:
+        plan = yield from prepare(scene, settings, place, bounce, block, halo, clock)
+        blocks = plan.windows
+        left = [window for window in blocks if not place.has_block(window.key)]
+        there = len(blocks) - len(left)
+        for n, window in enumerate(left):
+            message = f"block {there + n + 1} of {len(blocks)}"
+            low, high = (PLANNED + (SOLVED - PLANNED) * (there + k) / len(blocks) for k in (n, n + 1))
+            yield from _told(solve_block(plan, place, window, clock), low, high, f"{message}: ")
+        began = time.perf_counter()
+        for share in merge.steps(place.read_block, blocks, scene.mesh.name, folder, kind, layers_of(plan),
+                                 tiled=len(plan.udims) > 1 or plan.udims != (tiling.FIRST_UDIM,)):
+            yield Progress(SOLVED + (1 - SOLVED) * share, "merge", "writing files")
+        clock.seconds["merge"] = time.perf_counter() - began
+        solution = total(plan, place)
+        place.remove()
+    told = (f"resumed: {there} of {len(blocks)} blocks were there",) if there else ()
+    return replace(solution, seconds=clock.seconds, warnings=(*told, *solution.warnings))
+
+
+def prepare(
+    scene: SceneData, settings: SolveSettings, work: Work, bounce: Bounce | None = None, block: int = BLOCK,
+    halo: int = HALO, clock: Clock | None = None,
+) -> Generator[Progress, None, Plan]:
+    """The plan in the work folder, which the caller has entered: the one that is there if it is of the same solve."""
+    if scene.region is not None or settings.start != "anew":
+        raise BadInput(f"{scene.mesh.name}: maps of more than {tiling.ONE_PIECE} texels, or of several UDIMs, are "
+                       "solved whole and anew; solve all of it, or choose a smaller size")
+    memory = thread.settings().memory
+    sources = [path for view in scene.views for path in (view.image, view.mask) if path is not None]
+    if settings.indirect != "off" and isinstance(blend := getattr(bounce, "blend", None), Path):
+        sources.append(blend)  # holds what light bounces off
+    work.begin(bundle.fingerprint(scene, settings, (memory, block, halo), files=dict.fromkeys(sources)))
+    plan: Plan | None = work.read_plan()
+    if plan is None:
+        plan = yield from make_plan(scene, settings, work, bounce, block, halo, clock or Clock())
+        work.write_plan(plan)
+    return plan
+
+
+def make_plan(
+    scene: SceneData, settings: SolveSettings, work: Work, bounce: Bounce | None, block: int, halo: int, clock: Clock,
+) -> Generator[Progress, None, Plan]:
+    """Solve a small map, and develop the pictures."""
+    udims = tiling.udims_of(scene.mesh.uvs) if settings.udim == "all" else (tiling.FIRST_UDIM,)
+    if not udims:
+        raise BadInput(f"{scene.mesh.name}: none of its faces lies in a UDIM square; unwrap the mesh")
+    small = tiling.layout(settings.size, udims)
+    mesh = replace(scene.mesh, grid=small.grid(scene.mesh.uvs), extent=float(small.columns))
+    began = time.perf_counter()
+    made: Outcome = yield from _told(
+        outcome(replace(scene, mesh=mesh), replace(settings, size=small.size), None, bounce), 0.0, 0.7 * PLANNED,
+        "plan: ")
+    clock.seconds["plan"] = time.perf_counter() - began
+    if made.solution.cancelled:
+        raise Cancelled
+    yield from clock.stage("pictures", _developed(scene.views, work))
+    kernels = "compute" if thread.device().prefers_compute else "fragment"
+    return Plan(replace(made.scene, mesh=scene.mesh), settings, udims, block, halo, thread.settings().memory, kernels,
+                tuple(_scale(view) for view in scene.views), made.solution, made.level, made.noise, made.robust,
+                made.bounced)
+
+
+def _told(
+    steps: Generator[Progress, None, Result], low: float, high: float, prefix: str,
+) -> Generator[Progress, None, Result]:
+    """Steps as a part of the whole.  A stop ends them; they have nothing to keep."""
+    while True:
+        try:
+            step = next(steps)
+        except StopIteration as end:
+            result: Result = end.value
+            return result
+        yield Progress(low + (high - low) * step.fraction, step.stage, prefix + step.message, step.look)
+
+
+def _developed(views: tuple[View, ...], work: Work) -> Generator[Progress, None, None]:
+    for n, view in enumerate(views):
+        develop(view, _picture(work, n))
+        share = 0.7 + 0.3 * (n + 1) / len(views)
+        yield Progress(PLANNED * share, "pictures", f"developing {view.image.name}")
+
+
+def _picture(work: Work, n: int) -> Path:
+    return work.pictures / f"{n:04}.irp"
+
+
+def _scale(view: View) -> float:
+    """Of the file's values to radiance."""
+    return float(2.0**view.exposure * view.gain)
+
+
+# ---- a block
+
+
+def solve_block(
+    plan: Plan, work: Work, window: Window, clock: Clock | None = None,
+) -> Generator[Progress, None, None]:
+    """Solve a block and keep it in the work folder, whole or not at all.  Raises Cancelled when stopped."""
+    thread.configure(replace(thread.settings(), kernels=plan.kernels))
+    maps, stats = yield from _solved(plan, work, window, clock or Clock())
+    work.write_block(window.key, {**_core(layers(_complete(plan, maps)), window), STATS: stats.astype(np.float32)})
+    yield Progress(1.0, "maps")
+
+
+def layers_of(plan: Plan) -> list[str]:
+    """Names of the maps that a block holds."""
+    return list(layers(plan.solution.maps))
+
+
+def total(plan: Plan, work: Work) -> Solution:
+    """The plan's solution with the figures of all blocks."""
+    every = np.concatenate([work.read_block(window.key)[STATS] for window in plan.windows])
+    stats = every.sum(axis=0, dtype=np.float64)
+    texels = dict(zip(("covered", "observed", "solved", "filled"), (int(n) for n in stats[:4]), strict=True))
+    return replace(plan.solution, texels={**texels, "kept": 0}, device=thread.device().describe(),
+                   residual=float(np.sqrt(stats[4] / max(stats[5], 1.0))))
+
+
+def _solved(
+    plan: Plan, work: Work, window: Window, clock: Clock,
+) -> Generator[Progress, None, tuple[Maps, F64]]:
+    """The maps of a block with its halo, and figures of it."""
+    device, side = thread.device(), window.side
+    grid_uvs = window.grid(plan.scene.mesh.uvs)
+    mesh = MeshBuffer(device, replace(plan.scene.mesh, grid=grid_uvs, extent=side / window.size))
+    grid = draw_texel_grid(device, mesh, side)
+    position, normal = device.read(grid.position), device.read(grid.normal)
+    covered = position[..., 3] > 0.5
+    around = _around(plan, window)
+    if not covered.any():
+        grid.release()
+        mesh.release()
+        return _unseen(plan, side, around), np.zeros((1, 6))
+    slots = np.where(covered, normal[..., 3].round().astype(np.int32), -1)
+    settings = replace(plan.settings, size=side, loss="robust" if plan.robust else "squares",
+                       seed=(plan.settings.seed + zlib.crc32(window.key.encode())) % 2**31)
+    views, pictures = _views(plan, work, position, normal, covered)
+    scene = replace(plan.scene, mesh=mesh.mesh, views=views, warnings=(), skipped=())
+    part = Part(covered.astype(np.float32), np.zeros_like(covered))
+    observations = yield from clock.stage("observe", observe(
+        device, scene, mesh, lambda view: pictures[id(view)](), plan.bounced, part, level=plan.level))
+    ladder = Ladder(device, CameraSource(device, grid, observations, scene.mesh.extent), settings, slots,
+                    scene.mesh.slot_names, _last(plan, window, slots), plan.noise)
+    found: Found = yield from clock.stage("solve", ladder.solve())
+    if found.cancelled:
+        raise Cancelled
+    found.model = dict(plan.solution.model)
+    made = yield from clock.stage("maps", make_maps(
+        device, scene, settings.ndf, covered, grid, observations, found, slots, part, around))
+    if made.albedo.cancelled:
+        raise Cancelled
+    for thing in (made, ladder, observations, grid, mesh):
+        thing.release()
+    core = window.core
+    solved, told = made.solved[core], made.relative[core].astype(np.float64)
+    counts = (covered[core], made.solved[core] | made.shown[core], made.good[core],
+              covered[core] & made.maps.filled[core])
+    return made.maps, np.array([[*(float(flags.sum()) for flags in counts), float((told[solved] ** 2).sum()),
+                                 float(solved.sum())]])
+
+
+def _last(plan: Plan, window: Window, slots: I32) -> Last:
+    """Models and levels as the plan has them."""
+    solution = plan.solution
+    chosen = solution.model if plan.settings.model == "auto" else {}
+    return Last(chosen, solution.levels, frozenset(solution.model), plan.level_map(window, slots))
+
+
+def _views(
+    plan: Plan, work: Work, position: F32, normal: F32, covered: Bool,
+) -> tuple[tuple[View, ...], dict[int, Callable[[], RadianceImage]]]:
+    """The views as far as they show the block, and what reads their pictures, by the view's id."""
+    whole = plan.scene.views
+    files = [Picture(_picture(work, n)) for n in range(len(whole))]
+    keys = [(view.camera.name, file.width, file.height) for view, file in zip(whole, files, strict=True)]
+    cameras = {key: view.camera for key, view in zip(keys, whole, strict=True)}
+    crops = {key: tiling.crop_of(camera, *key[1:], position, normal, covered) for key, camera in cameras.items()}
+    shrink = _shrink(plan, keys, crops)
+    crops = {key: tiling.shrunk(crop, shrink, *key[1:]) for key, crop in crops.items()}
+    parts: dict[tuple[str, int, int], Camera] = {
+        key: tiling.cropped(camera, *key[1:], crops[key]) for key, camera in cameras.items()}
+    views = tuple(replace(view, camera=parts[key]) for view, key in zip(whole, keys, strict=True))
+    read: dict[int, Callable[[], RadianceImage]] = {id(view): partial(_window, file, crops[key], scale / _scale(view))
+            for view, file, key, scale in zip(views, files, keys, plan.scales, strict=True)}
+    return views, read
+
+
+def _shrink(plan: Plan, keys: list[tuple[str, int, int]], crops: Mapping[tuple[str, int, int], Crop]) -> int:
+    """How many pixels must become one, so that a block's pictures fit into the memory."""
+    views, channels = plan.scene.views, channels_needed(plan.scene.views)
+    room = max(plan.memory * 1e9 - BLOCK_BYTES, LEAST_BYTES)
+    needed = sum(16 * (2 + len(view.lights) * channels) * crops[key].pixels
+                 for view, key in zip(views, keys, strict=True))
+    needed += sum(72 * crop.pixels for crop in crops.values())
+    return max(1, int(np.ceil(np.sqrt(needed / room))))
+
+
+def _window(picture: Picture, crop: Crop, scale: float) -> RadianceImage:
+    image = picture.window(crop.x, crop.y, crop.width, crop.height, crop.shrink)
+    return image if scale == 1.0 else replace(image, rgb=image.rgb * np.float32(scale))
+
+
+def _around(plan: Plan, window: Window) -> Around:
+    maps = plan.around(window)
+    lobes = maps.lobes
+    if lobes is None:
+        lobes = np.stack([maps.roughness, maps.roughness, np.ones_like(maps.roughness)], -1)
+    level = maps.specular
+    if level is None:
+        matte = set(plan.solution.model.values()) <= {"lambert"}
+        level = np.full_like(maps.roughness, 0.0 if matte else 0.5)
+    return Around(maps.base_color, lobes, np.repeat(level[..., None], 3, axis=2))
+
+
+def _unseen(plan: Plan, side: int, around: Around) -> Maps:
+    """A block without texels: what lies around it, as far as the plan knows."""
+    device = thread.device()
+    textures = [filled(device, np.zeros((side, side, 4), np.float32), cells)
+                for cells in (around.base, around.lobes, around.level)]
+    base, lobes, level = (device.read(texture)[..., :3].copy() for texture in textures)
+    for texture in textures:
+        texture.release()
+    zero, no = np.zeros((side, side), np.float32), np.zeros((side, side), np.bool_)
+    return Maps(base, lobes[..., 0], zero, zero, ~no, no, zero, zero, lobes, level[..., 0])
+
+
+def _complete(plan: Plan, maps: Maps) -> Maps:
+    """With the optional maps that the whole has, and no other."""
+    lobes, specular, rough = maps.lobes, maps.specular, maps.roughness
+    if lobes is None:
+        lobes = np.stack([rough, rough, np.ones_like(rough)], -1)
+    if specular is None:
+        specular = np.full_like(rough, 0.5)
+    known = plan.solution.maps
+    return replace(maps, lobes=None if known.lobes is None else lobes,
+                   specular=None if known.specular is None else specular)
+
+
+def _core(found: Mapping[str, F32], window: Window) -> dict[str, F32]:
+    return {name: np.ascontiguousarray(array[window.core]) for name, array in found.items()}
