@@ -22,6 +22,7 @@ import sys
 import tempfile
 import tomllib
 import zipfile
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -78,17 +79,9 @@ def build(out: Path, tag: str = "", split: bool = False) -> list[Path]:
 
 def stage(folder: Path, tag: str) -> None:
     """Copy the sources and the verified wheels into ``folder``; nothing else that lies in the checkout."""
-    folder.mkdir()
-    try:
-        listed = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT,
-                                check=True, capture_output=True, text=True, encoding="utf-8").stdout
-    except (OSError, subprocess.CalledProcessError):  # an unpacked archive of the sources
-        shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*SKIPPED), dirs_exist_ok=True)
-    else:
-        for name in filter(None, listed.split("\0")):
-            if (ROOT / name).is_file():  # else deleted and not yet committed
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(ROOT / name, folder / name)
+    for name in sources():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / name, folder / name)
     if tag:
         about = folder / "blender_manifest.toml"
         lines = [line for line in about.read_text(encoding="utf-8").splitlines() if "-cp311-" not in line]
@@ -96,6 +89,17 @@ def stage(folder: Path, tag: str) -> None:
     (folder / "wheels").mkdir()
     for name in manifest(folder)["wheels"]:
         shutil.copyfile(wheel(Path(name).name), folder / name)
+
+
+def sources() -> list[str]:
+    """The files that belong to the checkout, from its root; as git knows them, where it does."""
+    listed = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT,
+                            capture_output=True, text=True, encoding="utf-8").stdout if shutil.which("git") else ""
+    names = listed.split("\0")
+    if "blender_manifest.toml" not in names:  # an unpacked archive of the sources
+        names = [path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*")]
+        names = [name for name in names if not any(fnmatch(part, no) for part in name.split("/") for no in SKIPPED)]
+    return sorted(name for name in names if (ROOT / name).is_file())  # git also lists what is gone but not committed
 
 
 def pins() -> dict[str, str]:

@@ -76,7 +76,7 @@ def changed() -> bool:
 
 
 def bill(path: Path) -> dict[str, Any]:
-    """A CycloneDX 1.6 document of what a zip holds beside our own code: its wheels, by package.  Same zip, same text."""
+    """A CycloneDX 1.6 document of what a zip holds beside our own code: wheels, by package.  Same zip, same text."""
     about = build.manifest()
     packages: dict[str, dict[str, Any]] = {}
     with zipfile.ZipFile(path) as archive:

@@ -1,8 +1,9 @@
-"""What is shipped: the zip, built, installed into a Blender of its own, and used through its operators."""
+"""What is shipped: the zip, built, installed into a Blender of its own, and used there, without any network."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -11,11 +12,19 @@ from pathlib import Path
 
 import pytest
 
+from tools import build
+
 ROOT = Path(__file__).resolve().parents[2]
 MANIFEST = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
 
 USE_IT = """
-import sys, pathlib, bpy
+import sys, pathlib, traceback
+asked = []
+def watch(event, arguments):
+    if event.startswith(("socket.", "urllib.")):
+        asked.extend((event, place.filename) for place in traceback.extract_stack() if "irpso" in place.filename)
+sys.addaudithook(watch)
+import bpy
 zip_path, capture, out = sys.argv[-3:]
 bpy.ops.extensions.package_install_files(filepath=zip_path, repo="user_default", enable_on_install=True)
 bpy.ops.wm.open_mainfile(filepath=capture + "/scene.blend")
@@ -33,17 +42,20 @@ print("command", main(["solve", capture + "/scene.blend", "--captures", capture 
 site = pathlib.Path(bpy.utils.user_resource("EXTENSIONS")) / ".local" / "lib"
 print("wheels", sorted(path.name for path in site.glob("python*/site-packages/*") if path.suffix != ".dist-info"))
 bpy.ops.preferences.addon_disable(module="bl_ext.user_default.irpso")
+print("network", asked)
 print("gone", not hasattr(bpy.types.Scene, "irpso"))
 """
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("dist")
-    done = subprocess.run([sys.executable, "tools/build.py", "--output-dir", str(out)], cwd=ROOT, capture_output=True,
-                          text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return out / f"irpso-{MANIFEST['version']}.zip"
+def zips(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of one for all platforms and one for each."""
+    return build.build(tmp_path_factory.mktemp("dist"), split=True)[0].parent
+
+
+@pytest.fixture(scope="module")
+def built(zips: Path) -> Path:
+    return zips / f"irpso-{MANIFEST['version']}.zip"
 
 
 def test_zip_holds_the_extension_and_nothing_else(built):
@@ -62,10 +74,21 @@ def test_zip_holds_the_extension_and_nothing_else(built):
     assert built.stat().st_size < 5e6
 
 
-def test_installed_zip_solves(built, scenes, tmp_path):
+def alone() -> list[str]:
+    """What starts a program without any network, children too; nothing where that is not allowed."""
+    if not shutil.which("unshare"):
+        return []
+    command = ["unshare", "--net", *([] if os.getuid() == 0 else ["--map-root-user"])]
+    return command if subprocess.run([*command, "true"], capture_output=True).returncode == 0 else []
+
+
+def test_installed_zip_solves(built, zips, scenes, tmp_path):
+    """The zip of this platform on one Python, the one of all platforms on the other: the same files but for wheels."""
+    if sys.version_info < (3, 13) and sys.platform.startswith("linux"):
+        built = zips / f"{built.stem}-linux_x64.zip"
     environment = {**os.environ, "BLENDER_USER_RESOURCES": str(tmp_path / "user")}
     done = subprocess.run(
-        [sys.executable, "-c", USE_IT, str(built), str(scenes / "good"), str(tmp_path / "maps")],
+        [*alone(), sys.executable, "-c", USE_IT, str(built), str(scenes / "good"), str(tmp_path / "maps")],
         cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
     told = done.stdout + done.stderr
     assert done.returncode == 0, told
@@ -75,6 +98,7 @@ def test_installed_zip_solves(built, scenes, tmp_path):
     assert lines["plain"] == "False"  # every import stayed inside bl_ext.user_default.irpso
     assert lines["command"] == "0", told
     assert "glcontext" in lines["wheels"] and "moderngl" in lines["wheels"], told
+    assert lines["network"] == "[]"
     assert lines["gone"] == "True"
     assert (tmp_path / "maps" / "Ball_basecolor.exr").exists()
     assert (tmp_path / "maps" / "command" / "report.json").exists()
