@@ -1,0 +1,45 @@
+"""irpso job: the same solve as a job for a render farm, as an Open Job Description template."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+
+from .. import farm
+from ..blender import files, material, writable
+from ..blender.indirect import Bouncer
+from ..blender.scene import read_scene
+from ..core.plan import Plan
+from ..gpu import thread
+from . import console, options
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """The command.  Raises BadInput."""
+    device = options.device(arguments)
+    thread.configure(device)
+    scene: Path = arguments.scene
+    folder: Path = arguments.out or scene.parent / f"{scene.stem}_job"
+    with console.quiet():
+        files.open_blend(scene)
+    data = read_scene(None, arguments.object, arguments.captures)
+    subject = files.object_named(data.mesh.name)
+    writable.check(subject, data.mesh)
+    with console.progress() as show:
+        plan: Plan = thread.run(lambda: farm.plan_job(
+            data, options.settings(arguments), folder, Bouncer.of_open_file(scene)), on_progress=show)
+    maps = folder / farm.MAPS
+    for message in (*plan.solution.warnings, *material.link_maps(subject, plan.solution, maps, arguments.format,
+                                                                 plan.udims)):
+        console.warn(f"warning: {message}")
+    with console.quiet():
+        files.save_copy(maps / f"{data.name}_irpso.blend")
+    job = farm.write_job(plan, folder, arguments.tile, arguments.format,
+                         None if arguments.any_worker else device.memory)
+    squares = len(job.udims)
+    console.say(f"{folder}: {squares * job.tiles} tasks of {job.tile} x {job.tile} texels, then {squares} to merge "
+                f"into {maps}, where the scene with them on its material lies")
+    console.say(f"on this machine: openjd run {shlex.quote(str(folder / farm.TEMPLATE))} "
+                f"-p Python={shlex.quote(sys.executable)}")

@@ -1,0 +1,18 @@
+"""irpso tile: one task of a job on a farm's worker.  Needs no Blender."""
+
+from __future__ import annotations
+
+import argparse
+
+from .. import farm
+from ..gpu import thread
+from . import openjd
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """The command.  Raises BadInput."""
+    with openjd.told() as show:
+        solved, blocks = thread.run(
+            lambda: farm.solve_tile(arguments.work, arguments.udim, arguments.tile, arguments.tile_size),
+            on_progress=show)
+        openjd.status(f"UDIM {arguments.udim}, tile {arguments.tile}: {blocks} blocks, {blocks - solved} were there")

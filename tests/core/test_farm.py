@@ -1,0 +1,111 @@
+"""Jobs for farms: the template by the specification's own reader, tasks that cover each block once, the simulation."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from openjd.model import (
+    DocumentType,
+    StepParameterSpaceIterator,
+    create_job,
+    decode_job_template,
+    document_string_to_object,
+    preprocess_job_parameters,
+)
+
+from irpso_addon import farm
+from irpso_addon.core.report import version
+from irpso_addon.core.tiling import windows
+from tools.farm_simulation import Costs, Work, alone, simulate
+
+OPENJD = Path(sys.executable).with_name("openjd")
+JOB = farm.Job("Vase", (1001, 1002), 4096, 2048, "exr", 2.0)
+
+
+@pytest.mark.parametrize("job", [
+    JOB,
+    farm.Job("{{Param.Work}} 'Väse': #1\n- x", (1001,), 2048, 8192, "png", None),
+    farm.Job("n" * 300, tuple(range(1001, 2000)), 8192, 512, "tiff", 0.25),
+], ids=["plain", "hostile name", "as many as there may be"])
+def test_template_is_valid(job: farm.Job, tmp_path: Path) -> None:
+    path = tmp_path / farm.TEMPLATE
+    path.write_text(farm.template(job), encoding="utf-8")
+    template = decode_job_template(template=document_string_to_object(
+        document=path.read_text(encoding="utf-8"), document_type=DocumentType.YAML))
+    values = preprocess_job_parameters(job_template=template, job_parameter_values={}, job_template_dir=tmp_path,
+                                       current_working_dir=tmp_path)
+    assert {name: Path(value.value).parent for name, value in values.items() if name != "Python"} == dict.fromkeys(
+        ("Program", "Work", "Maps"), tmp_path)
+    made = create_job(job_template=template, job_parameter_values=values)
+    steps = {step.name: len(StepParameterSpaceIterator(space=step.parameterSpace)) for step in made.steps}
+    assert steps == {"Solve": len(job.udims) * job.tiles, "Merge": len(job.udims)}
+    assert made.name.startswith("IRPSO ") and len(made.name) <= farm.NAME_LENGTH
+
+
+def test_check_finds_nothing(tmp_path: Path) -> None:
+    path = tmp_path / farm.TEMPLATE
+    path.write_text(farm.template(JOB), encoding="utf-8")
+    done = subprocess.run([OPENJD, "check", path], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_only_gpu_jobs_ask_for_one() -> None:
+    assert "amount.worker.gpu" in farm.template(JOB)
+    assert "amount.worker" not in farm.template(farm.Job("Vase", (1001,), 4096, 2048, "exr", None))
+
+
+@pytest.mark.parametrize("size", [64, 512, 1000, 4096])
+@pytest.mark.parametrize("tile", [512, 2048, 8192])
+def test_tasks_cover_each_block_once(size: int, tile: int) -> None:
+    job = farm.Job("Vase", (1001, 1012), size, tile, "exr", None)
+    whole = windows(size, job.udims)
+    found = Counter(w.key for udim in job.udims for n in range(job.tiles)
+                    for w in farm.blocks_of(whole, udim, n, tile))
+    assert found == Counter(w.key for w in whole)
+    assert farm.blocks_of(whole, 1001, job.tiles, tile) == []
+
+
+def test_program_runs_where_it_was_copied(tmp_path: Path) -> None:
+    """In a folder with a space, from elsewhere, without Blender: it says what it lacks in one line."""
+    farm.copy_program(tmp_path / "my job")
+    code = f"import runpy, sys; sys.modules['bpy'] = None; sys.argv = ['', 'tile', 'no such', '--udim', '1001', " \
+           f"'--tile', '0', '--tile-size', '512']; runpy.run_path({str(tmp_path / 'my job')!r}, run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 3, done.stderr
+    assert done.stderr.startswith("irpso: no such: ") and done.stderr.count("\n") == 1
+    assert done.stdout.startswith("openjd_fail: no such: ")
+    manifest = tmp_path / "my job" / "blender_manifest.toml"
+    assert f'version = "{version()}"' in manifest.read_text()
+    assert not list(tmp_path.rglob("*.blend")) and not (tmp_path / "no such").exists()
+
+
+FREE = Costs(plan=0.0, session=0.0, dispatch=0.0, start=0.0, blocks=(2.0,), merge_start=0.0, merge=0.0,
+             slowness=(1.0,))
+
+
+def test_simulation_of_what_can_be_counted() -> None:
+    even = simulate(FREE, Work(squares=4, across=4, tile=2), workers=8)
+    assert even.seconds == 16.0 and even.efficiency == 1.0  # 16 tasks of 8 s, two a worker
+    odd = simulate(FREE, Work(squares=1, across=3, tile=1), workers=2)
+    assert odd.seconds == 10.0 and odd.spent["wait"] == 2.0  # nine tasks of 2 s
+    few = simulate(FREE, Work(squares=1, across=2, tile=2), workers=4)
+    assert few.seconds == 8.0 and few.efficiency == 0.25  # one task alone
+
+
+def test_simulation_spends_all_time() -> None:
+    costs = Costs(plan=50.0, session=3.0, dispatch=0.1, start=2.0, blocks=(0.5, 4.0, 6.0), merge_start=1.0, merge=0.3,
+                  slowness=(1.0, 1.05, 2.0))
+    work = Work(squares=5, across=5, tile=2)
+    for workers in (1, 3, 40):
+        found = simulate(costs, work, workers)
+        assert sum(found.spent.values()) == pytest.approx(found.seconds * workers)
+        assert min(found.spent.values()) >= 0
+        # Graham's bound on giving tasks to whoever is free, with each task at its longest.
+        longest = (0.1 + 2.0 + 4 * 6.0 * 2) + (0.1 + 1.0 + 25 * 0.3 * 2)
+        tasks = found.seconds * workers - found.spent["wait"] - costs.plan * workers
+        assert found.seconds <= costs.plan + tasks / workers + longest
+    assert simulate(costs, work, 1).seconds > alone(costs, work)
