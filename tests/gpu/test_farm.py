@@ -21,8 +21,8 @@ from irpso_addon.gpu import thread
 from tests.gpu.squares import write_scene
 
 OPENJD = Path(sys.executable).with_name("openjd")
-SETTINGS = SolveSettings(size=128, udim="all", model="one-lobe")
-BLOCK, HALO = 64, 32  # texels
+SETTINGS = SolveSettings(size=64, udim="all", model="one-lobe")
+BLOCK, HALO = 32, 32  # texels
 UDIMS = (1001, 1002)
 
 
@@ -77,14 +77,14 @@ def test_any_tiles_in_any_order_give_the_same_bytes(made: Path) -> None:
         return thread.run(lambda: farm.solve_tile(work, udim, tile, tile_size))
 
     assert solve(1002, 0, 8192) == (4, 4)
-    assert [solve(1001, tile, 64) for tile in (3, 1, 2)] == [(1, 1)] * 3
+    assert [solve(1001, tile, 32) for tile in (3, 1, 2)] == [(1, 1)] * 3
     with pytest.raises(BadInput, match="1001_y00000_x00000"):
         list(farm.merge_square(work, 1001, maps, "exr"))
     assert not list(maps.iterdir())
-    block = work / "blocks" / "1002_y00064_x00000.npz"
+    block = work / "blocks" / "1002_y00032_x00000.npz"
     block.write_bytes(block.read_bytes()[:-100])
-    assert solve(1002, 0, 128) == (1, 4)  # what is damaged is solved again, what is there is not
-    assert solve(1001, 0, 64) == (1, 1)
+    assert solve(1002, 0, 64) == (1, 4)  # what is damaged is solved again, what is there is not
+    assert solve(1001, 0, 32) == (1, 1)
     for udim in UDIMS:
         list(farm.merge_square(work, udim, maps, "exr"))
     assert_same(made / "alone", maps)
@@ -92,5 +92,5 @@ def test_any_tiles_in_any_order_give_the_same_bytes(made: Path) -> None:
 
 @pytest.mark.parametrize("udim, tile", [(1001, 4), (1003, 0)])
 def test_a_task_that_is_not_in_the_plan(made: Path, udim: int, tile: int) -> None:
-    with pytest.raises(BadInput, match=f"no tile {tile} of 64 texels in UDIM {udim}"):
-        thread.run(lambda: farm.solve_tile(made / "job" / farm.WORK, udim, tile, 64))
+    with pytest.raises(BadInput, match=f"no tile {tile} of 32 texels in UDIM {udim}"):
+        thread.run(lambda: farm.solve_tile(made / "job" / farm.WORK, udim, tile, 32))
