@@ -47,8 +47,9 @@ def run(
 ) -> Generator[Progress, None, Solution]:
     """Files of the maps in ``folder``; what is finished lies in ``work``, where a run that was stopped goes on.
 
-    ``kind``: of the files, as core/export.py.  Returns the plan's solution, of small maps, with the figures of the
-    whole.  Raises Cancelled, and BadInput for what cannot be used.
+    Once the files are in their place the caller removes ``work`` (`Work.remove`).  ``kind``: of the files, as
+    core/export.py.  Returns the plan's solution, of small maps, with the figures of the whole.  Raises Cancelled, and
+    BadInput for what cannot be used.
     """
     clock = Clock()
     with Work(work) as place:
@@ -66,7 +67,6 @@ def run(
             yield Progress(SOLVED + (1 - SOLVED) * share, "merge", "writing files")
         clock.seconds["merge"] = time.perf_counter() - began
         solution = total(plan, place)
-        place.remove()
     told = (f"resumed: {there} of {len(blocks)} blocks were there",) if there else ()
     return replace(solution, seconds=clock.seconds, warnings=(*told, *solution.warnings))
 
@@ -188,13 +188,13 @@ def _solved(
     slots = np.where(covered, normal[..., 3].round().astype(np.int32), -1)
     settings = replace(plan.settings, size=side, loss="robust" if plan.robust else "squares",
                        seed=(plan.settings.seed + zlib.crc32(window.key.encode())) % 2**31)
-    views, pictures = _views(plan, work, position, normal, covered)
+    views, pictures = _views(plan, work, position[..., :3], normal[..., :3], covered)
     scene = replace(plan.scene, mesh=mesh.mesh, views=views, warnings=(), skipped=())
     part = Part(covered.astype(np.float32), np.zeros_like(covered))
     observations = yield from clock.stage("observe", observe(
         device, scene, mesh, lambda view: pictures[id(view)](), plan.bounced, part, level=plan.level))
     ladder = Ladder(device, CameraSource(device, grid, observations, scene.mesh.extent), settings, slots,
-                    scene.mesh.slot_names, _last(plan, window, slots), plan.noise)
+                    scene.mesh.slot_names, _last(plan, window, slots), plan.before(window))
     found: Found = yield from clock.stage("solve", ladder.solve())
     if found.cancelled:
         raise Cancelled

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from . import tiling
 from .data import F32, Bounced, Maps, SceneData, Solution
 from .params import SolveSettings
+
+LEAST_SIGMA = 0.01  # standard error of roughness that the small map is believed to have, at the least
 
 
 @dataclass(frozen=True)
@@ -18,6 +20,15 @@ class Noise:
 
     variance: float  # median, relative
     neighbours: bool  # whether texels need theirs
+
+
+@dataclass(frozen=True)
+class Before:
+    """What is known of a part of a map before it is searched."""
+
+    noise: Mapping[int, Noise] = field(default_factory=dict)  # of the whole, by the number of lobes
+    # (n, n, 4) of n x n cells over the part: roughness, its variance, -, 1 where known
+    roughness: Callable[[int], F32] | None = None
 
 
 @dataclass(frozen=True)
@@ -58,6 +69,13 @@ class Plan:
         return Maps(at(maps.base_color), at(maps.roughness), maps.confidence, maps.error, maps.filled, maps.coverage,
                     maps.roughness_sigma, maps.base_sigma, None if maps.lobes is None else at(maps.lobes),
                     None if maps.specular is None else at(maps.specular))
+
+    def before(self, window: tiling.Window) -> Before:
+        """What the search of a block knows of it."""
+        maps = self.solution.maps
+        known = (~maps.filled).astype(np.float32)
+        values = np.stack([maps.roughness, np.maximum(maps.roughness_sigma**2, LEAST_SIGMA**2), known, known], -1)
+        return Before(self.noise, lambda count: self.layout.sampled(values, window, count))
 
     def level_map(self, window: tiling.Window, slots: np.ndarray) -> F32 | None:
         """(side, side) Specular IOR Level of a block's texels; None: 0.5.  slots: material of each, -1: none."""

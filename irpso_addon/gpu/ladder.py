@@ -12,7 +12,7 @@ from ..core.data import F32, F64, I32, Bool
 from ..core.job import Progress
 from ..core.models import CELL, Fit, choose
 from ..core.params import SolveSettings
-from ..core.plan import Noise
+from ..core.plan import Before, Noise
 from .atlas import Source, Tile, tiles
 from .context import Device
 from .paper import PaperSwarm
@@ -61,16 +61,16 @@ class Ladder:
 
     def __init__(
         self, device: Device, source: Source, settings: SolveSettings, slots: I32, names: tuple[str, ...],
-        last: Last | None = None, told: Mapping[int, Noise] | None = None,
+        last: Last | None = None, before: Before | None = None,
     ) -> None:
         """``slots``: (h, w) material slot of each texel, -1 where there is none; ``names``: of the slots' materials.
 
-        ``told``: as of `Solver`.
+        ``before``: as of `Solver`.
         """
         self.device, self.source, self.settings, self.last = device, source, settings, last or Last()
         lobes = self.last.lobes
         self.start = None if lobes is None else device.texture(lobes.shape[1], lobes.shape[0], data=lobes)
-        self.solver = Solver(device, source, settings, start=self.start, told=told)
+        self.solver = Solver(device, source, settings, start=self.start, before=before)
         # Slots of one material decide together.
         self.masks: dict[str, Bool] = {
             name: np.isin(slots, [slot for slot, other in enumerate(names) if other == name])

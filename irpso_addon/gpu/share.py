@@ -5,6 +5,8 @@ Residual tables are summed up a pyramid and estimates handed down as priors: doc
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import moderngl
 import numpy as np
 
@@ -76,11 +78,12 @@ def scatter(roughness: F32, observed: Bool) -> float:
 
 def pyramid(
     device: Device, tables: tuple[moderngl.Texture, ...], gain: float, extent: float = 1.0,
+    around: Callable[[int], F32] | None = None,
 ) -> tuple[moderngl.Texture, moderngl.Texture]:
     """Tables summed upwards, estimates handed downwards: (estimate, prior) of every texel.
 
     ``gain``: of 1; how much four texels together say, in units of what they say apart.  ``extent``: width of the grid
-    in UV squares.
+    in UV squares.  ``around``: as `core.plan.Before.roughness`, of what lies beyond the grid too.
     """
     levels = [tables]
     while levels[-1][0].width > 8:
@@ -92,6 +95,9 @@ def pyramid(
         target.release()
         levels.append(above)
     parent: moderngl.Texture | None = None
+    if around is not None:
+        half = (levels[-1][0].width + 1) // 2
+        parent = device.texture(half, half, data=around(half))
     prior: moderngl.Texture | None = None
     for level in range(len(levels) - 1, -1, -1):
         table = levels[level]

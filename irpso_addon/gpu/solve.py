@@ -17,7 +17,7 @@ import numpy as np
 from ..core.errors import Cancelled
 from ..core.job import Progress
 from ..core.params import SolveSettings
-from ..core.plan import Noise
+from ..core.plan import Before, Noise
 from . import share
 from .atlas import Atlas, Source, Tile, tiles
 from .context import Device
@@ -65,13 +65,13 @@ class Solver:
 
     def __init__(
         self, device: Device, source: Source, settings: SolveSettings, tile: tuple[int, int] | None = None,
-        start: moderngl.Texture | None = None, told: Mapping[int, Noise] | None = None,
+        start: moderngl.Texture | None = None, before: Before | None = None,
     ) -> None:
         """``start``: where each texel's search begins, as Last.lobes; it is the caller's.
 
-        ``told``: the noise by the number of lobes where it is known from before, and not to be taken from this part.
+        ``before``: what is known already, and not to be taken from this part of a map.
         """
-        self.device, self.source, self.settings, self.told = device, source, settings, told or {}
+        self.device, self.source, self.settings, self.before = device, source, settings, before or Before()
         self.cancelled = False
         self.shown = True  # whether what kernels find may be looked at; not where something is only tried
         self.robust = False  # whether the last solve of one lobe disbelieved outliers
@@ -110,7 +110,8 @@ class Solver:
             tables = self._textures(8)
             yield from self._over(chosen, (0.5, 0.75), "solve/table.glsl", tables, found, floor,
                                   robust=self.robust)
-            estimate, prior = share.pyramid(device, tuple(tables), self.source.pool_gain, self.source.extent)
+            estimate, prior = share.pyramid(device, tuple(tables), self.source.pool_gain, self.source.extent,
+                                            self.before.roughness)
             yield from self._over(chosen, (0.75, 1.0), "solve/polish.glsl", [roughness, detail],
                                   {**found, "u_estimate": estimate, "u_prior": prior},
                                   {**floor, "u_prior_cut": share.PRIOR_CUT, "u_steps": POLISH_STEPS},
@@ -291,8 +292,8 @@ class Solver:
         """Maps the noise; returns its median variance, by which the slack between cameras is set too."""
         unknown = self.source.camera_slack**2 or share.NOISE_FLOOR**2
         noise, variance = share.noise_map(self.device, valleys, support, lobes, unknown)
-        if lobes in self.told:
-            variance = self.told[lobes].variance
+        if lobes in self.before.noise:
+            variance = self.before.noise[lobes].variance
         if self.noise_map is not None:
             self.noise_map.release()
         self.noise_map, self.noise = noise, float(np.sqrt(variance))
@@ -301,8 +302,8 @@ class Solver:
         return variance
 
     def _asks_neighbours(self, lobes: int, variance: float, here: bool) -> bool:
-        """Whether texels ask their neighbours: as was told before, else as they do ``here``."""
-        self.found[lobes] = self.told.get(lobes, Noise(variance, here))
+        """Whether texels ask their neighbours: as is known from before, else as they do ``here``."""
+        self.found[lobes] = self.before.noise.get(lobes, Noise(variance, here))
         return self.found[lobes].neighbours
 
     def _unsure(self, variance: float, support: moderngl.Texture) -> bool:
