@@ -1,6 +1,6 @@
 """OpenImageIO on files that anybody may have made: the header, the layer to read, its pixels.  Row 0 is the top here.
 
-What is told is plain (numbers, words, arrays as they are stored), so that it can come out of another process.
+It runs in a process of its own (decoder.py), so what it tells is plain: numbers, words, arrays as they are stored.
 """
 
 from __future__ import annotations
@@ -40,33 +40,36 @@ def header(path: Path) -> dict[str, Any]:
         raise BadInput(f"{path}: is damaged (names in its header are no text); render or copy it again") from None
 
 
-def bands(path: Path, part: int, channels: Sequence[int], first: int, last: int) -> Iterator[Stored]:
+def bands(path: Path, part: int, channels: Sequence[int], form: str, size: Sequence[int], first: int, last: int,
+          at_once: int = BAND) -> Iterator[Stored]:
     """Rows ``first`` to ``last`` (exclusive) of the stored window, in order: (rows, its width, channels).
 
-    At most about BAND pixels each, or a row of tiles.  Raises BadInput when the file ends early or is damaged.
+    ``form`` and ``size`` (width, height) are as `header` told them.  At most about ``at_once`` pixels each, or a row of
+    tiles.  Raises BadInput when the file ends early or is damaged.
     """
     with closing(_open(path)) as file:
         try:
-            if not file.seek_subimage(part, 0):
+            spec = file.spec() if file.seek_subimage(part, 0) else None
+            if spec is None or [spec.width, spec.height] != list(size) or stored_form(spec) != form or (
+                    max(channels) >= spec.nchannels):
                 raise BadInput(f"{path}: has changed while it was read; try again")
-            spec = file.spec()
-            rows = _rows_at_once(spec)
+            rows = _rows_at_once(spec, at_once)
             for top in range(first - first % rows, last, rows):
                 bottom = min(top + rows, spec.height)
                 block = _block(file, spec, channels, top, bottom)
                 problem = file.geterror()
                 if block is None or problem:
                     raise BadInput(f"{path}: is damaged or cut short{_brief(problem)}; render or copy it again")
-                yield block[max(first - top, 0):last - top]
+                yield np.ascontiguousarray(block[max(first - top, 0):last - top])
         except UnicodeDecodeError:  # names in the header that are no text
             raise BadInput(f"{path}: is damaged or cut short; render or copy it again") from None
 
 
-def _rows_at_once(spec: Any) -> int:
+def _rows_at_once(spec: Any, pixels: int) -> int:
     """Whole tiles, or whole chunks of compression."""
     long = spec.get_string_attribute("compression").startswith("dwab")
     height = int(spec.tile_height) or (LONG_CHUNK if long else CHUNK)
-    return height * max(1, BAND // (int(spec.width) * height))
+    return height * max(1, pixels // (int(spec.width) * height))
 
 
 def _block(file: Any, spec: Any, channels: Sequence[int], top: int, bottom: int) -> Stored | None:

@@ -21,11 +21,10 @@ from .captures import CaptureView, read_captures
 from .colour import known_space
 from .data import F32
 from .errors import BadInput
-from .image_file import ImageFile, open_image
+from .image_file import ImageFile, floats, open_image
 
 SIDE = 64  # pixels of a thumbnail's longer side
 SAMPLES = 4  # pixels read for each of a thumbnail's, along either side
-STRIP = 4_000_000  # pixels read at a time: 64 MB as RGBA float
 MISSING = "File missing"
 AGAIN = 1.0  # seconds until a file is looked at again
 
@@ -103,11 +102,11 @@ def _thumbnail(file: ImageFile) -> F32:
     rows, columns = (np.minimum(((np.arange(n * SAMPLES) + 0.5) * size / (n * SAMPLES)).astype(int), size - 1)
                      for n, size in ((height, file.height), (width, file.width)))
     samples = np.empty((len(rows), len(columns), len(file.channels)), np.float32)
-    step = max(1, STRIP // file.width)
-    for top in range(0, file.height, step):
-        inside = (rows >= top) & (rows < top + step)
-        strip = file.read(top, min(top + step, file.height))
-        samples[inside] = strip[rows[inside] - top][:, columns]
+    top = 0
+    for band in file.bands():
+        inside = (rows >= top) & (rows < top + len(band))
+        samples[inside] = floats(band[rows[inside] - top][:, columns])
+        top += len(band)
     if samples.shape[2] == 3:
         samples = np.concatenate([samples, np.ones_like(samples[..., :1])], 2)
     elif not file.premultiplied:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import decode
+from . import decode, decoder
 from .data import F32
 from .decode import FORMS, Stored
 
@@ -43,7 +43,8 @@ class ImageFile:
             yield from self._nothing(bottom - top)
             return
         yield from self._nothing(first - top)
-        for block in decode.bands(self.path, self.part, self.channels, first - y, last - y):
+        for block in decoder.bands(self.path, self.part, self.channels, self.form, (width, height),
+                                   first - y, last - y):
             if (left, right) == (0, self.width) == (x, x + width):
                 yield block
             else:
@@ -69,7 +70,7 @@ class ImageFile:
 
 def open_image(path: Path) -> ImageFile:
     """The header of ``path``, checked for size before anything is allocated.  Raises BadInput."""
-    return ImageFile(path, **decode.header(path))
+    return ImageFile(path, **decoder.header(path))
 
 
 def floats(stored: Stored) -> F32:

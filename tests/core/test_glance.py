@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irpso_addon.core import decode
 from irpso_addon.core import glance as glances
 from irpso_addon.core.glance import Glance, Watcher, captures_look, glance
 from irpso_addon.core.image_writer import write_image
@@ -41,7 +42,7 @@ def test_a_large_picture_is_read_in_strips(tmp_path: Path, monkeypatch) -> None:
     picture = np.random.default_rng(1).random((300, 200, 3), np.float32)
     write_image(tmp_path / "p.exr", picture, kind="exr", color=False)
     whole = glance(tmp_path / "p.exr").thumbnail
-    monkeypatch.setattr(glances, "STRIP", 200 * 7)
+    monkeypatch.setattr(decode, "BAND", 200 * 7)
     np.testing.assert_array_equal(glance(tmp_path / "p.exr").thumbnail, whole)
 
 
