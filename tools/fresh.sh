@@ -21,16 +21,16 @@ debootstrap --variant=minbase "$suite" "$root" "$mirror" >"$root.log" 2>&1 ||
 # A mirror may be a snapshot of some past day, whose Release files count as expired.
 printf 'Acquire::Check-Valid-Until "false";\nAcquire::Check-Date "false";\n' >"$root/etc/apt/apt.conf.d/99snapshot"
 cp -L /etc/resolv.conf "$root/etc/resolv.conf"
-mkdir -p "$root/etc/ssl/certs" "$root/home/stranger/irpso"
-cp -L /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"  # of a proxy, where this machine is behind one
+cp -L /etc/ssl/certs/ca-certificates.crt "$root/etc/this-machines.crt"  # it may be behind a proxy with its own
+mkdir -p "$root/home/stranger/irpso"
 git ls-files -z --cached --others --exclude-standard | xargs -0 tar -c | tar -x -C "$root/home/stranger/irpso"
 
 # shellcheck disable=SC2016
 unshare --mount --propagation private sh -euc '
-    root=$1
+    root=$1; crt=/etc/this-machines.crt
     mount -t proc proc "$root/proc"; mount --rbind /dev "$root/dev"
     exec chroot "$root" env DEBIAN_FRONTEND=noninteractive LC_ALL=C.UTF-8 HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin \
-        sh -euxc "
+        SSL_CERT_FILE=$crt REQUESTS_CA_BUNDLE=$crt PIP_CERT=$crt sh -euxc "
             apt-get update -qq
             apt-get install -y -qq --no-install-recommends make python3 >/dev/null
             cd /home/stranger/irpso
