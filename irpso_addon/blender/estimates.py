@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 from ..core import estimate
-from ..core.data import SceneData, Solution
+from ..core.data import F32, SceneData, Solution
 from ..core.errors import BadInput
-from ..core.estimate import Estimate, Taken
+from ..core.estimate import Estimate, Taken, gigabytes
 from ..core.glance import same_file
 from ..core.params import SolveSettings
+from ..core.tiling import FIRST_UDIM, udims_of
 from . import preferences, properties, readiness, session
 
 FILE = "irpso_speed.json"  # in the user's configuration folder
 
+TOLD = 1_000_000_000  # bytes of disk from which on a panel names them
+AGAIN = 3.0  # seconds until an object's UVs are looked at again
+
 _factors: dict[str, float] | None = None  # as in the file; None: not read yet
+_squares: tuple[float, int, tuple[int, ...]] | None = None  # when, of which object, UDIMs
 
 
 def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -31,7 +38,9 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     unsure = "" if found.learnt else " (first guess)"
     seconds = estimate.in_words(found.seconds * max(count, 1)).capitalize()
     column.label(text=f"{seconds}{unsure}", icon="TIME")
-    column.label(text=f"{_gigabytes(found.gpu_bytes)} GPU memory, {_gigabytes(found.host_bytes)} memory", icon="MEMORY")
+    column.label(text=f"{gigabytes(found.gpu_bytes)} GPU memory, {gigabytes(found.host_bytes)} memory", icon="MEMORY")
+    if found.disk_bytes > TOLD:
+        column.label(text=f"{gigabytes(found.disk_bytes)} of disk", icon="DISK_DRIVE")
     if found.reduced < 0.99:
         column.label(text=f"Pictures reduced to {found.reduced ** 0.5:.0%} to fit", icon="INFO")
 
@@ -42,9 +51,34 @@ def of(context: bpy.types.Context) -> Estimate | None:
              if v.used and v.file is not None and v.file.width]
     if not taken:
         return None
-    settings = properties.settings(context.scene.irpso)
+    settings, obj = properties.settings(context.scene.irpso), context.active_object
     return estimate.estimate(taken, settings, factors(), preferences.device_settings().memory,
-                             rounds=_rounds(context.active_object, settings))
+                             rounds=_rounds(obj, settings), udims=_udims(obj, settings))
+
+
+def _udims(obj: bpy.types.Object | None, settings: SolveSettings) -> tuple[int, ...]:
+    """Those that a solve of ``obj`` fills, as far as its mesh without modifiers tells; renewed now and then."""
+    global _squares
+    if settings.udim == "first" or obj is None or obj.type != "MESH" or obj.mode == "EDIT":
+        return (FIRST_UDIM,)
+    now, uid = time.monotonic(), obj.session_uid
+    if _squares is None or _squares[1] != uid or now - _squares[0] > AGAIN:
+        _squares = now, uid, (FIRST_UDIM,)
+        with contextlib.suppress(BadInput):  # too many: the solve will say it
+            _squares = now, uid, udims_of(_middles(obj.data)) or (FIRST_UDIM,)
+    return _squares[2]
+
+
+def _middles(mesh: bpy.types.Mesh) -> F32:
+    """(F, 1, 2) UVs of the middles of a mesh's faces."""
+    layer = next((layer for layer in mesh.uv_layers if layer.active_render), None)
+    if layer is None or not mesh.polygons:
+        return np.zeros((0, 1, 2), np.float32)
+    uvs, starts = np.empty(len(layer.uv) * 2, np.float32), np.empty(len(mesh.polygons), np.int32)
+    layer.uv.foreach_get("vector", uvs)
+    mesh.polygons.foreach_get("loop_start", starts)
+    sums = np.add.reduceat(uvs.reshape(-1, 2), starts, axis=0)
+    return np.asarray(sums / np.diff(starts, append=len(layer.uv))[:, None], np.float32)[:, None]
 
 
 def _rounds(obj: bpy.types.Object | None, settings: SolveSettings) -> bool:
@@ -92,10 +126,6 @@ def _save(target: Path, content: dict[str, float]) -> None:
     with contextlib.suppress(BadInput, OSError):  # a guess is not worth a message
         target.parent.mkdir(parents=True, exist_ok=True)
         estimate.write_factors(target, content)
-
-
-def _gigabytes(size: int) -> str:
-    return f"{size / 1e9:.1f} GB" if size >= 50_000_000 else "Below 0.1 GB"
 
 
 def forget() -> None:

@@ -16,8 +16,9 @@ import numpy as np
 
 from ..core.data import F32, Maps, Solution
 from ..core.errors import BadInput
-from ..core.export import layers, safe_stem
+from ..core.export import file_name, layers
 from ..core.export import write_maps as export_maps
+from ..core.tiling import FIRST_UDIM
 from .tags import TAG
 from .wiring import wire
 from .writable import check_material, check_object
@@ -149,8 +150,8 @@ def files_of(
     name: str, maps: Maps, directory: Path, kind: str, udims: Sequence[int] = (),
 ) -> dict[str, Path]:
     """The files of an object's maps by role, as `core.export` and `core.merge` name them."""
-    token = "" if tuple(udims) in ((), (1001,)) else ".<UDIM>"
-    return {role: directory.resolve() / f"{safe_stem(name)}_{SUFFIXES.get(role, role)}{token}.{kind}"
+    token = "" if tuple(udims) in ((), (FIRST_UDIM,)) else ".<UDIM>"
+    return {role: directory.resolve() / file_name(name, f"{SUFFIXES.get(role, role)}{token}", kind)
             for role in layers_of(maps)}
 
 

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from .errors import BadInput
 from .params import SolveSettings
 from .report import write_report
+from .tiling import BLOCK, FIRST_UDIM, HALO, is_large, layout, windows
 
 COVERED = 0.8  # of a map's texels lie in UV islands ...
 SHOWN = 0.35  # ... and of a picture's pixels show the object
@@ -39,6 +42,13 @@ METHODS = {"refined": 1.0, "draft": 0.8, "swarm": 3.5}  # times the above; "pape
 PAPER = 0.04  # microseconds a texel, view and iteration
 PICTURE_SECONDS = 1.0  # of indirect light, by Cycles
 STAGES = ("start", "gbuffer", "observe", "solve", "maps", "indirect")
+BLOCK_SECONDS = 1.0  # of maps in blocks: of one in any case, ...
+GROWN = ((BLOCK + 2 * HALO) / BLOCK) ** 2  # ... what is solved for a texel that is kept, ...
+SEEN = 3.0  # ... and how many blocks take a pixel
+PICTURE_BYTES = 16  # of a developed pixel
+BLOCK_BYTES = 48  # of a texel in a block's file, ...
+MAP_BYTES = 44  # ... and in the files of all maps, where they do not compress
+DEVELOPING = 200_000_000  # bytes at most while a picture is developed
 
 Factors = Mapping[str, float]  # seconds on this machine / on the small one, by stage; of the search, by its kind
 
@@ -60,6 +70,7 @@ class Estimate:
     seconds: float
     gpu_bytes: int
     host_bytes: int  # of its process, without what a software renderer holds
+    disk_bytes: int  # at most, while it runs; the maps' files alone are less
     learnt: bool  # from solves on this machine
     reduced: float = 1.0  # share of the pictures' pixels that fits into the memory
 
@@ -71,45 +82,62 @@ def bytes_per_pixel(views: int, lobes: int, cameras: int) -> int:
 
 def estimate(
     views: Sequence[Taken], settings: SolveSettings, factors: Factors, memory: float, *, rounds: bool = False,
+    udims: tuple[int, ...] = (FIRST_UDIM,),
 ) -> Estimate:
-    """``memory``: GB that pictures may take.  ``rounds``: indirect light is likely to be rendered, and solved again."""
+    """``memory``: GB that pictures may take.  ``rounds``: indirect light is likely to be rendered, and solved again.
+
+    ``udims``: of the squares that are solved.
+    """
     each = bytes_per_pixel(len(views), sum(v.lights for v in views), len({v.camera for v in views}))
     largest = max((v.width * v.height for v in views), default=0)
     reduced = min(1.0, memory * 1e9 / each / max(largest, 1))
-    taken = predicted(views, settings, factors, reduced, rounds)
+    large = is_large(settings.size, udims)
+    taken = predicted(views, settings, factors, reduced, rounds, udims)
     known = [factors.get(key) for key in (_key(stage, settings) for stage in taken)]
     usual = _mean([factor for key, factor in factors.items() if not key.startswith(COMPILED)])
     seconds = sum(s * (factor or usual) for s, factor in zip(taken.values(), known, strict=True))
-    texels, pixels = settings.size**2, largest * reduced
+    side = layout(settings.size, udims).size if large else settings.size
+    texels, pixels = side**2, largest * reduced
     atlas = min(ATLAS_BYTES, 512 * 128 * 16 * sum(2 + v.lights for v in views))
-    return Estimate(
-        seconds=seconds, gpu_bytes=int(each * pixels + atlas + TEXEL_BYTES * texels),
-        host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + READING * 60 * largest),
+    reading = DEVELOPING if large else READING * 60 * largest
+    found = Estimate(
+        seconds=seconds, gpu_bytes=int(each * pixels + atlas + TEXEL_BYTES * texels), disk_bytes=2 * MAP_BYTES * texels,
+        host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + reading),
         learnt=bool(factors), reduced=reduced)
+    if not large:
+        return found
+    whole = len(udims) * settings.size**2
+    disk = PICTURE_BYTES * sum(v.width * v.height for v in views) + (BLOCK_BYTES + MAP_BYTES) * whole
+    return replace(found, disk_bytes=disk, reduced=1.0)  # blocks take pictures as they are
+
+
+def check_disk(folder: Path, size: int, there: int = 0) -> None:
+    """Raises BadInput where ``folder`` (or where it will be) has no room for ``size`` bytes, ``there`` being used."""
+    place = folder.resolve()
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    free = shutil.disk_usage(place).free
+    if free < size - there:
+        raise BadInput(f"{folder}: the solve may take {gigabytes(size - there)} of disk there, and {gigabytes(free)} "
+                       "are free; make room, choose another folder, or smaller maps")
 
 
 def predicted(
     views: Sequence[Taken], settings: SolveSettings, known: Collection[str], reduced: float = 1.0,
-    rounds: bool = False,
+    rounds: bool = False, udims: tuple[int, ...] = (FIRST_UDIM,),
 ) -> dict[str, float]:
     """Seconds of each stage on the small machine; ``known``: keys of the factors that were learnt."""
-    def once(size: int) -> dict[str, float]:
-        texels, count = COVERED * size**2, len(views)
-        pixels = reduced * sum(v.width * v.height for v in views)
-        lobes = reduced * sum(v.width * v.height * v.lights for v in views)
-        cameras = {(v.camera, v.width, v.height) for v in views}
-        shown = SHOWN * reduced * sum(w * h for _, w, h in cameras)
-        passes = min(120, len(cameras) * (5 if shown > texels else 20))  # of gpu/albedo.py
-        fixed, base, more = SEARCH[settings.model]
-        search = (base + more * count) * METHODS.get(settings.method, 1.0)
-        if settings.method == "paper":
-            search = PAPER * count * settings.iterations
-        return {"gbuffer": 0.1e-6 * texels, "observe": 0.25e-6 * (pixels + lobes),
-                "solve": fixed + 1e-6 * texels * search, "maps": 0.4e-6 * pixels + 0.09e-6 * passes * texels}
-
-    first = once(settings.size)
+    if is_large(settings.size, udims):
+        plan = predicted(views, replace(settings, size=layout(settings.size, udims).size), known, reduced, rounds)
+        start, squares, pixels = plan.pop("start"), len(udims), sum(v.width * v.height for v in views)
+        each = _once(views, settings, SEEN)  # of one square
+        fixed = BLOCK_SECONDS * len(windows(settings.size, udims))
+        return {"start": start, "plan": sum(plan.values()), "pictures": 0.3e-6 * pixels,
+                "observe": each["observe"] + fixed, "solve": GROWN * squares * each["solve"],
+                "maps": GROWN * squares * each["maps"], "merge": 0.5e-6 * squares * settings.size**2}
+    first = _once(views, settings, reduced)
     if rounds:  # a small round and another whole one
-        small = once(min(settings.size, 512))
+        small = _once(views, replace(settings, size=min(settings.size, 512)), reduced)
         first = {stage: 2 * s + small[stage] for stage, s in first.items()}
     result = {stage: first.get(stage, 0.0) + FIXED.get(stage, 0.0) for stage in STAGES[:-1]}
     for stage, seconds in COMPILING.items():
@@ -120,9 +148,25 @@ def predicted(
     return result
 
 
+def _once(views: Sequence[Taken], settings: SolveSettings, reduced: float) -> dict[str, float]:
+    """Seconds of one round's stages that grow with texels and pixels, of which ``reduced`` times as many are read."""
+    texels, count = COVERED * settings.size**2, len(views)
+    pixels = reduced * sum(v.width * v.height for v in views)
+    lobes = reduced * sum(v.width * v.height * v.lights for v in views)
+    cameras = {(v.camera, v.width, v.height) for v in views}
+    shown = SHOWN * reduced * sum(w * h for _, w, h in cameras)
+    passes = min(120, len(cameras) * (5 if shown > texels else 20))  # of gpu/albedo.py
+    fixed, base, more = SEARCH[settings.model]
+    search = (base + more * count) * METHODS.get(settings.method, 1.0)
+    if settings.method == "paper":
+        search = PAPER * count * settings.iterations
+    return {"gbuffer": 0.1e-6 * texels, "observe": 0.25e-6 * (pixels + lobes),
+            "solve": fixed + 1e-6 * texels * search, "maps": 0.4e-6 * pixels + 0.09e-6 * passes * texels}
+
+
 def learnt(
     factors: Factors, views: Sequence[Taken], settings: SolveSettings, seconds: Mapping[str, float], wall: float,
-    reduced: float = 1.0,
+    reduced: float = 1.0, udims: tuple[int, ...] = (FIRST_UDIM,),
 ) -> dict[str, float]:
     """The factors after a solve: ``seconds`` of its stages, ``wall`` of it all.
 
@@ -130,8 +174,9 @@ def learnt(
     the surprise (of its logarithm) is believed.
     """
     result = dict(factors)
-    measured = {**seconds, "start": max(wall - sum(seconds.get(s, 0.0) for s in STAGES), 0.05)}
-    for stage, expected in predicted(views, settings, factors, reduced, "indirect" in seconds).items():
+    expectations = predicted(views, settings, factors, reduced, "indirect" in seconds, udims)
+    measured = {**seconds, "start": max(wall - sum(seconds.get(s, 0.0) for s in expectations), 0.05)}
+    for stage, expected in expectations.items():
         if stage in measured:
             key, factor = _key(stage, settings), measured[stage] / expected
             if 1 / FURTHEST < factor < FURTHEST:
@@ -163,6 +208,11 @@ def in_words(seconds: float) -> str:
         return f"about {max(step, round(seconds / step) * step)} s"
     minutes = seconds / 60
     return f"about {round(minutes)} min" if minutes < 90 else f"about {minutes / 60:.1f} h"
+
+
+def gigabytes(size: int) -> str:
+    """As one would say it: "2.4 GB"."""
+    return f"{size / 1e9:.1f} GB" if size >= 50_000_000 else "below 0.1 GB"
 
 
 def _key(stage: str, settings: SolveSettings) -> str:

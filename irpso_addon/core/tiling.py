@@ -81,6 +81,11 @@ def udims_of(uvs: F32) -> tuple[int, ...]:
     return found
 
 
+def solved_udims(udim: str, uvs: F32) -> tuple[int, ...]:
+    """The UDIMs that a solve with this setting fills; none where no face lies in a square."""
+    return udims_of(uvs) if udim == "all" else (FIRST_UDIM,)
+
+
 def is_large(size: int, udims: tuple[int, ...]) -> bool:
     """Whether maps are solved in blocks, and kept in files."""
     return size > ONE_PIECE or udims != (FIRST_UDIM,)

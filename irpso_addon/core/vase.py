@@ -55,17 +55,21 @@ def mesh() -> QuadMesh:
     return _join([body, *(_handle(at, island) for at, island in zip(HANDLE_TURNS, HANDLES, strict=True))])
 
 
-def truth(size: int) -> tuple[F32, F32]:
-    """Base colour (n, n, 3) linear and roughness (n, n), row 0 at the bottom; means over each texel's square."""
+def truth(size: int, first: int = 0, end: int | None = None) -> tuple[F32, F32]:
+    """Base colour (n, n, 3) linear and roughness (n, n), row 0 at the bottom; means over each texel's square.
+
+    ``first``, ``end``: of these rows alone, for maps that are too large to be painted at once.
+    """
     fine = 2 * size
     axis = ((np.arange(fine) + 0.5) / fine).astype(np.float32)  # the paint needs no more, and takes half the time
-    u, v = np.meshgrid(axis, axis)
+    rows = axis[2 * first:None if end is None else 2 * end]
+    u, v = np.meshgrid(axis, rows)
     color, rough = _paint_body(*_local(u, v, BODY))
     for island in HANDLES:
         handle_color, handle_rough = _paint_handle(*_local(u, v, island))
         inside = (v > (BODY[3] + HANDLES[0][2]) / 2) & (abs(u - (island[0] + island[1]) / 2) < 0.25)
         color[inside], rough[inside] = handle_color[inside], handle_rough[inside]
-    mean = (size, 2, size, 2)
+    mean = (len(rows) // 2, 2, size, 2)
     return (color.reshape(*mean, 3).mean((1, 3)).astype(np.float32),
             rough.reshape(mean).mean((1, 3)).astype(np.float32))
 
