@@ -10,7 +10,7 @@ import numpy as np
 from ..core.data import F32, Maps
 from ..core.errors import BadInput
 from . import properties
-from .tags import TAG
+from .tags import maps_of
 
 # A .blend starts so when plain, gzip (before 3.0) or Zstandard.
 MAGIC = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")
@@ -53,7 +53,7 @@ def object_named(name: str) -> bpy.types.Object:
 
 def solved_object(name: str | None) -> bpy.types.Object:
     """The object called ``name``, or the only one that carries maps.  Raises BadInput."""
-    solved = [obj for obj in bpy.data.objects if obj.get(TAG)]
+    solved = [obj for obj in bpy.data.objects if maps_of(obj)]
     if name is not None:
         if name not in bpy.data.objects:
             raise BadInput(f"object '{name}': is not in this file; it has maps on {_names(solved)}")
@@ -77,12 +77,12 @@ def read_maps(obj: bpy.types.Object) -> Maps:
         base_color=base, roughness=roughness[..., 0].copy(), confidence=confidence[..., 0].copy(),
         error=error[..., 0].copy(), filled=filled, coverage=~filled, roughness_sigma=roughness_sigma[..., 0].copy(),
         base_sigma=base_sigma[..., 0].copy(), lobes=None if grey else roughness,
-        specular=_pixels(obj, "specular")[..., 0].copy() if "specular" in obj[TAG] else None)
+        specular=_pixels(obj, "specular")[..., 0].copy() if "specular" in maps_of(obj) else None)
 
 
 def _pixels(obj: bpy.types.Object, role: str) -> F32:
     """One of the object's maps, (h, w, 3), row 0 at the bottom.  Raises BadInput."""
-    image = obj[TAG].get(role)
+    image = maps_of(obj).get(role)
     if image is None or (not image.has_data and not image.size[0]):
         raise BadInput(f"object '{obj.name}': its {role} map is gone; run 'irpso solve' again")
     width, height = image.size

@@ -45,13 +45,20 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
         _check(obj, local, uvs)
         slot_count = max(1, len(obj.material_slots))
         slots = np.minimum(slots, slot_count - 1)
+        if maps and not mesh.is_editable:  # also of its temporary copy: tangents of what cannot be set crash Blender
+            raise BadInput(f"object '{obj.name}': its mesh is linked from a library and has a normal map; "
+                           "make it local first (Object > Relations)")
         tangents = _slot_tangents(mesh, local, corner_normals, loops, slots, maps, layer) if maps else None
-    positions = (local @ linear.T + world[:3, 3]).astype(np.float32)
+    with np.errstate(over="ignore"):
+        positions = (local @ linear.T + world[:3, 3]).astype(np.float32)
+    normals = _unit(corner_normals @ normal_matrix.T)
+    if not (np.isfinite(positions).all() and np.isfinite(normals).all()):
+        raise BadInput(f"object '{obj.name}': is too large for its normals to be told; scale it down")
     order = [0, 2, 1] if mirrored else [0, 1, 2]
     unit = bpy.app.version >= (5, 0, 0)
     return MeshArrays(
         name=obj.name, positions=positions[:, order].copy(),
-        normals=_unit(corner_normals @ normal_matrix.T)[:, order].astype(np.float32),
+        normals=normals[:, order].astype(np.float32),
         uvs=uvs[:, order].copy(), slots=slots.astype(np.int32),
         slot_names=tuple(s.material.name if s.material else "" for s in obj.material_slots) or ("",),
         object_normals=corner_normals[:, order].copy() if maps else None,

@@ -16,7 +16,7 @@ from . import session
 from .files import read_maps
 from .scene_mesh import evaluated_mesh, integers, triangles
 from .scene_objects import world_matrix
-from .tags import SPECULAR_TAG, TAG
+from .tags import SPECULAR_TAG, TAG, maps_of
 from .two_lobe import is_two_lobe, parked
 from .wiring import find_shader
 
@@ -144,7 +144,7 @@ def last_result(obj: bpy.types.Object) -> Solution | None:
     solution = session.solution_of(obj)
     if solution is not None:
         return _by_present_names(obj, replace(solution, checks=None, pictures=()))
-    if not obj.get(TAG):
+    if not maps_of(obj):
         return None
     try:
         maps = read_maps(obj)
@@ -162,7 +162,7 @@ def last_result(obj: bpy.types.Object) -> Solution | None:
 def _by_present_names(obj: bpy.types.Object, solution: Solution) -> Solution:
     """Materials that `material.write_maps` made or copied have other names than when they were solved."""
     slots = [slot.material for slot in obj.material_slots if slot.material is not None]
-    now = {material[TAG]: material.name for material in slots
+    now = {str(material[TAG]): material.name for material in slots
            if TAG in material and material.name not in solution.model}
     model, why, levels = ({now.get(name, name): value for name, value in told.items()}
                           for told in (solution.model, solution.why, solution.levels))
@@ -173,7 +173,7 @@ def _model(material: bpy.types.Material) -> tuple[str, float | None, str]:
     """(model, its one Specular IOR Level where there is one, distribution) that ``wiring.wire`` has left."""
     shader = find_shader(material.node_tree) if material.node_tree is not None else None
     if shader is not None and is_two_lobe(shader):
-        return "two-lobe", None, "beckmann" if shader.node_tree[TAG].startswith("beckmann") else "ggx"
+        return "two-lobe", None, "beckmann" if str(shader.node_tree.get(TAG)).startswith("beckmann") else "ggx"
     principled = shader or parked(material.node_tree) if material.node_tree is not None else None
     if principled is None or SPECULAR_TAG not in principled:
         return "one-lobe", None, "ggx"
@@ -205,5 +205,5 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         layout.operator("irpso.paint_part", text="Done" if obj.mode == mode else text, icon=icon,
                         depress=obj.mode == mode)
     row = layout.row()
-    row.active = obj is not None and (session.solution_of(obj) is not None or bool(obj.get(TAG)))
+    row.active = obj is not None and (session.solution_of(obj) is not None or bool(maps_of(obj)))
     row.prop(settings, "start")

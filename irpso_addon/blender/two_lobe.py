@@ -69,11 +69,12 @@ def unpark(principled: bpy.types.Node) -> None:
     if PARKED_TAG not in principled:
         return
     before = principled[PARKED_TAG]
-    bare = before["sockets"].split(",")
+    before = before.to_dict() if hasattr(before, "to_dict") else {}
+    bare = str(before.get("sockets", "")).split(",")
     for socket in principled.inputs:
         if socket.identifier in bare:
             socket.hide = False
-    principled.hide, principled.label = before["hide"], before["label"]
+    principled.hide, principled.label = bool(before.get("hide", False)), str(before.get("label", ""))
     del principled[PARKED_TAG]
 
 

@@ -210,14 +210,16 @@ def _restore_specular(
 ) -> None:
     if SPECULAR_TAG not in principled:
         return
-    socket.default_value = principled[SPECULAR_TAG]
+    if isinstance(principled[SPECULAR_TAG], (int, float)):
+        socket.default_value = principled[SPECULAR_TAG]
     del principled[SPECULAR_TAG]
     for link in [link for link in socket.links if link.from_node.get(TAG) == "specular"]:
         tree.links.remove(link)
     if SPECULAR_LINK_TAG in principled:
-        name, identifier = principled[SPECULAR_LINK_TAG]
+        before = principled[SPECULAR_LINK_TAG]
+        name, identifier = before if isinstance(before, list) and len(before) == 2 else ("", "")
         del principled[SPECULAR_LINK_TAG]
-        node = tree.nodes.get(name)
+        node = tree.nodes.get(str(name))
         output = next((o for o in node.outputs if o.identifier == identifier), None) if node else None
         if output is not None and not socket.is_linked:
             tree.links.new(output, socket)

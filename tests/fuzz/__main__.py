@@ -18,7 +18,8 @@ from .case import Outcome
 from .drive import ROOT, Driver, Results
 
 # Of 100,000 cases.
-SHARES = {"captures": 38_000, "images": 62_000}
+SHARES = {"captures": 40_000, "images": 14_000, "scenes": 12_000, "blends": 2_000, "works": 12_000, "texts": 10_000,
+          "commands": 10_000}
 COLUMNS = ("kind", "cases", "accepted", "refused", "crashes", "hangs", "stray writes", "no name", "over memory",
            "most MB", "slowest s", "Blender fell")
 
@@ -32,6 +33,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2, help="processes at a time (default: 2)")
     parser.add_argument("--results", type=Path, default=ROOT / "build" / "fuzz", help="default: build/fuzz")
+    parser.add_argument("--again", action="store_true", help="run those that were bad again")
     parser.add_argument("--replay", metavar="KIND:NUMBER", help="one case, in this process")
     arguments = parser.parse_args()
     if arguments.replay:
@@ -40,6 +42,9 @@ def main() -> int:
     results = Results(arguments.results / f"seed{arguments.seed}")
     whole = sum(SHARES[kind] for kind in arguments.kinds)
     counts = {kind: round(arguments.cases * SHARES[kind] / whole) for kind in arguments.kinds}
+    if arguments.again:
+        for kind in arguments.kinds:
+            results.forget_bad(kind)
     Driver(results, arguments.seed, arguments.jobs, results.folder / "log.txt").run(
         {kind: range(count) for kind, count in counts.items()})
     found = {kind: [o for i, o in results.of(kind).items() if i < count] for kind, count in counts.items()}

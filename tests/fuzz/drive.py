@@ -52,6 +52,15 @@ class Results:
             outcome.message = outcome.message[:200]
         print(json.dumps(asdict(outcome)), file=self._files[kind], flush=outcome.bad)
 
+    def forget_bad(self, kind: str) -> None:
+        """Those that somebody had to look at are to run again."""
+        known = self.of(kind)
+        self._path(kind).unlink(missing_ok=True)
+        for outcome in known.values():
+            if not outcome.bad:
+                self.add(kind, outcome)
+        self.close()
+
     def close(self) -> None:
         """Everything is in the files then."""
         for file in self._files.values():
@@ -81,7 +90,8 @@ class Driver:
 
     def __init__(self, results: Results, seed: int, jobs: int, log: Path) -> None:
         self.results, self.seed, self.jobs, self.log = results, seed, jobs, log
-        self.base = Path(tempfile.mkdtemp(prefix="irpso-fuzz-"))
+        memory = Path("/dev/shm")  # cases wait for every file to be on the disk
+        self.base = Path(tempfile.mkdtemp(prefix="irpso-fuzz-", dir=memory if memory.is_dir() else None))
         self.selector = selectors.DefaultSelector()
         self.processes: list[_Process] = []
         self.queues: dict[str, deque[int]] = {}

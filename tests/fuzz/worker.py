@@ -60,11 +60,9 @@ def run_case(
     """Makes and runs one case in the folder ``root``, which is emptied before and after."""
     from irpso_addon.core.errors import BadInput
 
-    shutil.rmtree(root, ignore_errors=True)
     box = Box(root)
     box.note = note or box.note
-    for folder in (box.given, box.out, root / "tmp"):
-        folder.mkdir(parents=True)
+    _empty(box)
     tempfile.tempdir = str(root / "tmp")
     action = importlib.import_module(f".kinds.{kind}", __package__).make(shared, Random(f"{seed} {kind} {index}"), box)
     before, start_memory = snapshot(root, box.out), _forget_peaks()
@@ -87,38 +85,56 @@ def run_case(
     outcome.stray = sorted(path for path in before.keys() | after.keys() if before.get(path) != after.get(path))
     allowed = (str(box.out), str(root / "tmp"), "/dev/")
     outcome.stray += [p for p in written if not os.path.abspath(os.path.realpath(p)).startswith(allowed)]
-    if not keep:
-        shutil.rmtree(root, ignore_errors=True)
+    if outcome.stray and not keep:
+        shutil.rmtree(root)
     return outcome
 
 
+def _empty(box: Box) -> None:
+    """The folders of a case, without anything in them."""
+    for folder in (box.given, box.out, box.root / "tmp"):
+        try:
+            entries = list(os.scandir(folder))
+        except FileNotFoundError:
+            folder.mkdir(parents=True)
+            continue
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                shutil.rmtree(entry.path)
+            else:
+                os.unlink(entry.path)
+
+
 def _processes() -> list[str]:
-    """This process and its children."""
-    with contextlib.suppress(OSError):
-        children = [c for task in os.listdir("/proc/self/task")
-                    for c in Path(f"/proc/self/task/{task}/children").read_text().split()]
-        return ["self", *children]
-    return ["self"]
+    """This process and its children (of the thread that runs cases; where Linux tells)."""
+    try:
+        with open(f"/proc/self/task/{os.getpid()}/children", "rb") as file:
+            return ["self", *file.read().decode().split()]
+    except OSError:
+        return ["self"]
 
 
-def _field(process: str, name: str) -> int:
-    with contextlib.suppress(OSError):
-        for line in Path(f"/proc/{process}/status").read_text().splitlines():
-            if line.startswith(name):
-                return 1024 * int(line.split()[1])
-    return 0
+def _field(process: str, name: bytes) -> int:
+    try:
+        with open(f"/proc/{process}/status", "rb") as file:
+            status = file.read()
+        return 1024 * int(status[status.index(name) + len(name):].split(maxsplit=1)[0])
+    except (OSError, ValueError):
+        return 0
 
 
 def _forget_peaks() -> int:
     """Begins to measure; bytes now."""
+    total = 0
     for process in _processes():
-        with contextlib.suppress(OSError):
-            Path(f"/proc/{process}/clear_refs").write_text("5")
-    return sum(_field(process, "VmRSS") for process in _processes())
+        with contextlib.suppress(OSError), open(f"/proc/{process}/clear_refs", "wb", buffering=0) as file:
+            file.write(b"5")
+        total += _field(process, b"VmRSS:")
+    return total
 
 
 def _peaks() -> int:
-    return sum(_field(process, "VmHWM") for process in _processes())
+    return sum(_field(process, b"VmHWM:") for process in _processes())
 
 
 def main(kind: str, seed: int, folder: Path) -> None:
