@@ -39,7 +39,8 @@ def run(arguments: argparse.Namespace) -> None:
     job = farm.write_job(plan, folder, arguments.tile, arguments.format,
                          None if arguments.any_worker else device.memory)
     squares = len(job.udims)
-    console.say(f"{folder}: {squares * job.tiles} tasks of {job.tile} x {job.tile} texels, then {squares} to merge "
-                f"into {maps}, where the scene with them on its material lies")
+    console.say(f"{folder}: {squares * job.tiles} x Solve ({job.tile} x {job.tile} texels each), "
+                f"then {squares} x Merge")
+    console.say(f"{maps}: the maps, when these are done, and the scene with them on its material")
     console.say(f"on this machine: openjd run {shlex.quote(str(folder / farm.TEMPLATE))} "
                 f"-p Python={shlex.quote(sys.executable)}")

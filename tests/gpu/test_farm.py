@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from irpso_addon import farm, large
+from irpso_addon.core.data import SceneData
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu import thread
@@ -30,7 +31,7 @@ UDIMS = (1001, 1002)
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a space: ``alone`` holds one machine's maps, ``job`` a job of the same without any block."""
     folder = tmp_path_factory.mktemp("a farm")
-    scene = write_scene(folder / "scene")
+    scene = write_scene(folder / "scene", cameras=1)
     alone = folder / "alone"
     alone.mkdir()
     thread.run(lambda: large.run(scene, SETTINGS, alone, folder / "work", "exr", block=BLOCK, halo=HALO))
@@ -94,3 +95,10 @@ def test_any_tiles_in_any_order_give_the_same_bytes(made: Path) -> None:
 def test_a_task_that_is_not_in_the_plan(made: Path, udim: int, tile: int) -> None:
     with pytest.raises(BadInput, match=f"no tile {tile} of 32 texels in UDIM {udim}"):
         thread.run(lambda: farm.solve_tile(made / "job" / farm.WORK, udim, tile, 32))
+
+
+def test_a_job_that_cannot_be_written(made: Path) -> None:
+    (made / "file").write_text("not ours")
+    with pytest.raises(BadInput, match="cannot write there"):
+        thread.run(lambda: farm.plan_job(SceneData("", None, None, ()), SETTINGS, made / "file"))
+    assert (made / "file").read_text() == "not ours"
