@@ -12,7 +12,9 @@ import sys
 import traceback
 
 from .cli import console, options
+from .core import log
 from .core.errors import BadInput, Cancelled
+from .core.report import peak_memory
 
 WITHOUT_BLENDER = ("tile", "merge")  # commands of a farm's workers, which have none
 
@@ -20,7 +22,7 @@ WITHOUT_BLENDER = ("tile", "merge")  # commands of a farm's workers, which have 
 def main(argv: list[str]) -> int:
     """Run one command; returns the exit code and never raises."""
     try:
-        arguments = options.parser().parse_args(argv)
+        arguments = options.parser().parse_args(argv, argparse.Namespace(given=argv))
     except SystemExit as stop:  # argparse has said why: 0 after --help, 2 after wrong usage
         return int(stop.code or 0)
     # Blender installs no handler for Ctrl-C that Python would hear of.
@@ -33,22 +35,32 @@ def main(argv: list[str]) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     try:
+        if arguments.log is not None:
+            log.to_file(arguments.log)
+        if arguments.verbose:
+            log.to_stream(sys.stderr)
         # Imported here, because Blender's module takes a second to load and --help must not.
         if arguments.command not in WITHOUT_BLENDER:
             with console.quiet():
                 importlib.import_module(".blender.oiio", __package__).ensure_openimageio()
+            importlib.import_module(".blender.logs", __package__).begin("command", arguments=arguments.given)
         importlib.import_module(f".cli.{arguments.command}", __package__).run(arguments)
     except BadInput as error:
+        log.failure("refused", error)
         console.warn(str(error))
         return 3
     except (Cancelled, KeyboardInterrupt) as stop:
-        kept = getattr(stop, "partial", None) is not None
-        console.warn("cancelled; the maps found until then are kept" if kept else "cancelled; nothing was written")
+        kept = getattr(stop, "partial", None)  # maps, or words that say what
+        console.warn("cancelled; " + (kept if isinstance(kept, str) else "nothing was written" if kept is None else
+                                      "the maps found until then are kept"))
         return 130
-    except Exception:
+    except Exception as error:
+        log.failure("bug", error)
         traceback.print_exc()
-        console.warn("this is a bug: please report the lines above")
+        console.warn("this is a bug: please report the lines above and what 'irpso doctor' prints")
         return 1
+    finally:
+        log.info("end", peak_memory_bytes=peak_memory())
     return 0
 
 

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from .core import reference
+from .core import log, reference
 from .core.advice import grouped, mended, warnings
 from .core.checks import Checks, TexelFit, measure, worse
 from .core.data import F32, I32, Bool, Bounced, Maps, RadianceImage, SceneData, Solution, View
@@ -132,6 +132,12 @@ def solve(
     Cancelled after the first solved tile, it returns the partial maps (``Solution.cancelled``), or those of the round
     before; before that it raises Cancelled.  Raises BadInput for what cannot be used.
     """
+    return (yield from log.watched(scene, settings, thread.settings(), _solved(scene, settings, read_image, bounce)))
+
+
+def _solved(
+    scene: SceneData, settings: SolveSettings, read_image: ReadImage | None, bounce: Bounce | None,
+) -> Generator[Progress, None, Solution]:
     if thread.settings().device == "numpy":
         read_image = read_image or partial(read_reference, max_pixels=reference.MOST_PIXELS)
         return (yield from reference.solve(scene, settings, read_image))

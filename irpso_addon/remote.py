@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from .channel import Closed, Receiver, Sender
+from .core import log
 from .core.errors import BadInput, Cancelled
 from .core.job import Progress
 from .core.live import Live
@@ -99,6 +100,9 @@ class Worker:
         try:
             while True:
                 number, kind, thing = self._answers.receive()
+                if kind == "log":
+                    log.again(*thing)
+                    continue
                 job = self.job
                 if job is not None and job.number == number:  # else it was cancelled
                     job._hear(kind, thing)
@@ -109,6 +113,7 @@ class Worker:
                 self.close()
             code = self._process.wait()
             if self.job is not None:
+                log.warning("worker ended", status=code, message=self._last_words())
                 self.job._hear("error", RuntimeError(f"the worker process ended (status {code}): {self._last_words()}"))
         for stream in (self._process.stdin, self._process.stdout):
             assert stream is not None

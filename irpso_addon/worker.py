@@ -10,6 +10,7 @@ It reads messages from standard input (`remote.py` writes them), works, and answ
     ("cancel",)  ("pause", on)         the running job
 
     (number, "progress", Progress)  (number, "look", Live)  (number, "done", value)  (number, "error", exception)
+    (None, "log", (level, event, fields))   at any time
 
 A task is a generator function: a job of the GL thread (core/job.py).  The end of standard input ends the process,
 whatever it is doing.
@@ -29,6 +30,7 @@ from functools import partial
 from typing import Any
 
 from .channel import Closed, Receiver, Sender, named
+from .core import log
 from .core.errors import BadInput, Cancelled
 from .core.job import Progress
 from .core.live import difference
@@ -62,6 +64,7 @@ def main() -> None:
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)  # on Windows, libraries that look at it while they load would wait for the reader
     os.close(nothing)
+    log.to(partial(_pass_on, answers))
     job: thread.Job | None = None
     with suppress(Closed):
         while True:
@@ -79,6 +82,11 @@ def main() -> None:
             elif job is not None and order == "pause":
                 job.pause(rest[0])
     os._exit(0)  # a driver may be in the middle of something
+
+
+def _pass_on(answers: Sender, *record: object) -> None:
+    with suppress(Closed):
+        answers.send((None, "log", record))
 
 
 def _tell(answers: Sender, number: int, kind: str, thing: object) -> None:
@@ -132,7 +140,7 @@ def _watched(job: Generator[Progress, None, Any], tell: Tell) -> Generator[Progr
 def _portable(error: BaseException) -> BaseException:
     """What can be told to a process that may not know the error's class."""
     if isinstance(error, BadInput):
-        return BadInput(str(error))
+        return type(error)(str(error))
     if isinstance(error, Cancelled):
         return Cancelled(error.partial)
     traceback.print_exception(error, file=sys.stderr)

@@ -14,6 +14,7 @@ import bpy
 
 from ..irpso_addon.blender import session
 from ..irpso_addon.blender.jobs import Task
+from ..irpso_addon.core import log
 from ..irpso_addon.core.errors import BadInput, Cancelled
 from ..irpso_addon.core.job import Progress
 
@@ -87,7 +88,7 @@ class ModalJob:
                 for _ in self._finished(obj.session_uid, value, cancelled):
                     pass
         except BadInput as error:
-            self.report({"ERROR"}, str(error))
+            self._refuse(error)
         return {"FINISHED"} if self._kept else {"CANCELLED"}
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
@@ -100,7 +101,7 @@ class ModalJob:
         except (BadInput, StopIteration) as error:
             self._leave(context)
             if isinstance(error, BadInput):
-                self.report({"ERROR"}, str(error))
+                self._refuse(error)
             return {"CANCELLED"}
         manager = context.window_manager
         self._timer = manager.event_timer_add(TIMER_PERIOD, window=context.window)
@@ -125,7 +126,7 @@ class ModalJob:
             while self._running is not None and self._running.job.done and time.monotonic() - began < BUSY_SECONDS:
                 next(self._flow)  # nothing to wait for
         except BadInput as error:
-            self.report({"ERROR"}, str(error))
+            self._refuse(error)
         except StopIteration:
             pass
         except BaseException:
@@ -183,9 +184,13 @@ class ModalJob:
         try:
             value, cancelled = _outcome(running.job.result)
         except (BadInput, RuntimeError) as error:  # RuntimeError: the worker has a bug, or died
-            self.report({"ERROR"}, str(error))
+            self._refuse(error)
             value, cancelled = None, True
         return (self.stopped(), True) if value is None else (value, cancelled)
+
+    def _refuse(self, error: Exception) -> None:
+        log.failure(self.bl_idname, error)
+        self.report({"ERROR"}, str(error))
 
     def _finished(self, uid: int, value: Any, cancelled: bool) -> Iterator[None]:
         obj = session.object_by_uid(uid)

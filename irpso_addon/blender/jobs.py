@@ -15,6 +15,7 @@ from ..core.live import Live
 from ..core.params import DeviceSettings
 from ..gpu import thread
 from ..remote import Remote, Worker
+from . import logs
 from .preferences import device_settings
 
 _warm: Worker | None = None
@@ -33,6 +34,7 @@ class Task:
     def run(self) -> Any:
         """Its value, waited for.  Raises what it raises."""
         module, _, name = self.name.partition(":")
+        logs.begin("job", task=self.name)
         thread.configure(device_settings())
         try:
             return thread.run(lambda: getattr(channel.named(module), name)(*self.arguments))
@@ -41,6 +43,7 @@ class Task:
 
     def start(self, prepare: Callable[[Live], Live] | None = None) -> Remote:
         """It in a process of its own.  Raises BadInput where none can be started."""
+        logs.begin("job", task=self.name)
         return Remote(self.name, *self.arguments, settings=device_settings(), prepare=prepare)
 
 

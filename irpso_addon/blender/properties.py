@@ -22,6 +22,7 @@ from bpy.types import PropertyGroup
 
 from ..core.params import SolveSettings
 
+WORDS = {"ggx": "GGX", "opengl": "OpenGL", "numpy": "NumPy"}  # choices that are names
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # of paths: "//" is the .blend's folder
 FORMATS = (
     ("exr", "OpenEXR", "32-bit float, linear"),
@@ -98,7 +99,7 @@ def rna(field: Field[Any]) -> Any:
     meta = field.metadata
     common = {"name": meta["label"], "description": meta["doc"], "default": field.default}
     if meta["choices"]:
-        items = tuple((key, key.replace("-", " ").title().replace("Ggx", "GGX"), doc) for key, doc in meta["choices"])
+        items = tuple((key, WORDS.get(key, key.replace("-", " ").title()), doc) for key, doc in meta["choices"])
         return EnumProperty(items=items, **common)
     if field.type is bool:
         return BoolProperty(**common)

@@ -66,6 +66,9 @@ def parser() -> argparse.ArgumentParser:
 
     doctor = commands.add_parser("doctor", help="versions, device, limits, a short self-test", epilog=EXIT_CODES)
     add_settings(doctor, DeviceSettings)
+    for command in commands.choices.values():
+        command.add_argument("--log", type=Path, metavar="FILE", help="write the log there too, one JSON object a line")
+        command.add_argument("-v", "--verbose", action="store_true", help="print the log's lines on standard error")
     return top
 
 

@@ -1,0 +1,22 @@
+"""Where the log (core/log.py) lies: in the user's configuration folder, beside what is learnt of speed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..core import log, report
+from .files import blender_version
+
+
+def path() -> Path:
+    """The file."""
+    return Path(bpy.utils.user_resource("CONFIG")) / log.FILE
+
+
+def begin(what: str, **fields: Any) -> None:
+    """Something begins: with which versions."""
+    log.to_file(path())
+    log.info(what, **fields, **report.versions(), blender=blender_version(), window=not bpy.app.background)
