@@ -5,6 +5,7 @@ It runs in a process of its own (decoder.py), so what it tells is plain: numbers
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -20,6 +21,7 @@ MAX_TILE = 1 << 24  # pixels of a tile: what a file may make a reader hold
 BAND = 1 << 19  # pixels read at a time: 8 MB as RGBA float
 CHUNK, LONG_CHUNK = 32, 256  # rows that an EXR file compresses together, at most: DWAB, else
 MAX_PARTS = 1000
+KINDS = {"bmp", "cineon", "dpx", "hdr", "jpeg", "jpeg2000", "openexr", "png", "pnm", "sgi", "targa", "tiff", "webp"}
 # The last word of a layer's name that holds the finished picture, best first.
 _PICTURE = ("", "combined", "composite", "beauty", "rgba", "rgb", "color", "image")
 
@@ -137,16 +139,26 @@ def _fields(path: Path, spec: Any, part: int, channels: tuple[int, ...], warning
 def _open(path: Path) -> Any:
     import OpenImageIO
 
-    if not path.is_file():
-        raise BadInput(f"{path}: {'is a folder' if path.is_dir() else 'there is no such image'}; check the path")
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        raise BadInput(f"{path}: there is no such image; check the path") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or "no file can have this name"
+        raise BadInput(f"{path}: there is no such image ({why}); check the path") from None
+    if not stat.S_ISREG(mode):  # pipes and devices may wait for ever, or never end
+        raise BadInput(f"{path}: is {'a folder' if stat.S_ISDIR(mode) else 'no file'}; check the path")
     # Straight alpha as stored: multiplying integers by it would lose bits.
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
+    file: Any
     try:
         file = OpenImageIO.ImageInput.open(str(path), config)
         problem = OpenImageIO.geterror()
     except UnicodeError:  # in the path, or in the words about what is wrong
         file, problem = None, ""
+    if file is not None and file.format_name() not in KINDS:
+        file, problem = None, f"of format '{file.format_name()}'"
     if file is None:
         raise BadInput(f"{path}: cannot be read as an image{_brief(problem)}; want EXR, HDR, PNG or TIFF")
     return file

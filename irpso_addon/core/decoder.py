@@ -31,6 +31,7 @@ UNUSED = 30.0  # seconds after which a process is ended
 WATCH = 0.25  # seconds between two looks at them
 MEMORY = 1 << 30  # bytes that a process may hold, where the system can limit it
 LINE = 1 << 20  # bytes of a message, at most
+FEW = 1 << 20  # pixels: rather thrown away than a process ended
 PIPE = 1 << 20  # bytes of the pipe, where that can be chosen
 PACKAGE = Path(__file__).resolve().parents[1]
 PROGRAM = f"from {PACKAGE.name}.core import decoder_process; decoder_process.main({{}})"
@@ -50,12 +51,18 @@ def bands(path: Path, part: int, channels: Sequence[int], form: str, size: tuple
     left = last - first
     with _borrowed(path) as process:
         process.order("bands", str(path), part, list(channels), form, list(size), first, last, decode.BAND)
-        while left:
-            rows = int(process.answer()["rows"])
-            if not 0 < rows <= left:
-                raise ValueError(f"a band of {rows} rows, {left} wanted")
-            yield process.array((rows, size[0], len(channels)), form)
-            left -= rows
+        try:
+            while left:
+                band = process.band(left, size[0], len(channels), form)
+                left -= len(band)
+                yield band
+        except GeneratorExit:  # nobody wants the rest
+            if left * size[0] < FEW:
+                with suppress(Exception):
+                    while left:
+                        left -= len(process.band(left, size[0], len(channels), form))
+                    process.answer()
+            raise
         process.answer()  # the end, or what has gone wrong since
 
 
@@ -132,12 +139,14 @@ class _Process:
             raise RuntimeError(str(told["failed"]))
         return told
 
-    def array(self, shape: tuple[int, ...], form: str) -> Stored:
-        """The array after a message."""
-        values = np.empty(shape, FORMS[form])
-        view = memoryview(values).cast("B")
+    def band(self, most: int, width: int, channels: int, form: str) -> Stored:
+        """The next rows, ``most`` at most."""
+        rows = int(self.answer()["rows"])
+        if not 0 < rows <= most:
+            raise ValueError(f"a band of {rows} rows, {most} wanted")
+        values = np.empty((rows, width, channels), FORMS[form])
         with self._watched(PATIENCE):
-            if self._answers.readinto(view) != values.nbytes:  # type: ignore[attr-defined]
+            if self._answers.readinto(memoryview(values).cast("B")) != values.nbytes:  # type: ignore[attr-defined]
                 raise EOFError
         return values
 

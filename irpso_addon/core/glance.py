@@ -25,6 +25,7 @@ from .image_file import ImageFile, floats, open_image
 
 SIDE = 64  # pixels of a thumbnail's longer side
 SAMPLES = 4  # pixels read for each of a thumbnail's, along either side
+HALF_MOST = 65504.0  # what a thumbnail shows of anything brighter
 MISSING = "File missing"
 AGAIN = 1.0  # seconds until a file is looked at again
 
@@ -111,7 +112,8 @@ def _thumbnail(file: ImageFile) -> F32:
         samples = np.concatenate([samples, np.ones_like(samples[..., :1])], 2)
     elif not file.premultiplied:
         samples[..., :3] *= samples[..., 3:]
-    small = np.nan_to_num(samples).reshape(height, SAMPLES, width, SAMPLES, 4).mean((1, 3), dtype=np.float32)
+    samples = np.nan_to_num(samples).clip(-HALF_MOST, HALF_MOST)
+    small = samples.reshape(height, SAMPLES, width, SAMPLES, 4).mean((1, 3), dtype=np.float32)
     return np.ascontiguousarray(small[::-1])
 
 

@@ -164,6 +164,30 @@ def test_a_file_that_changes_is_not_read_as_it_was(tmp_path):
         file.read(0, 20)
 
 
+def test_a_process_outlives_a_short_rest_that_nobody_wants(tmp_path, own_processes, monkeypatch):
+    monkeypatch.setattr(decode, "BAND", 900)
+    file = open_image(save(tmp_path / "a.exr", noise(200, 30)))
+    for _ in range(3):
+        assert len(next(file.bands())) < 200
+    assert len(own_processes.idle) == 1 and not own_processes.busy
+    number = own_processes.idle[0].number
+    assert file.read(0, 200).shape == (200, 30, 3) and own_processes.idle[0].number == number
+
+
+@POSIX
+def test_what_is_no_image_file_is_said_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe.exr")
+    for path, words in ((tmp_path / "pipe.exr", "is no file"), (Path("/dev/zero"), "is no file"),
+                        (tmp_path, "is a folder"), (tmp_path / ("a" * 300), "there is no such image"),
+                        (tmp_path.joinpath(*["b" * 200] * 25), "there is no such image")):
+        with pytest.raises(BadInput, match=f": {words}"):
+            open_image(path)
+    odd = tmp_path / "a.gif"
+    assert oiio.ImageBuf(oiio.ImageSpec(8, 8, 3, "uint8")).write(str(odd))
+    with pytest.raises(BadInput, match="of format 'gif'"):
+        open_image(odd)
+
+
 def test_threads_and_bands_that_nobody_finishes(large, own_processes):
     file, pixels = large
     next(file.bands())
