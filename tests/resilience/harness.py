@@ -76,8 +76,8 @@ class Campaign:
     def __post_init__(self) -> None:
         self.random = random.Random(self.seed)
         self.folder.mkdir(parents=True, exist_ok=True)
-        scene = make_scene(self.folder)
-        self.server, self.second = Server(scene), Server(scene)
+        self.scene = make_scene(self.folder)
+        self.server = Server(self.scene)
         out = self.folder / "undisturbed"
         began = time.perf_counter()
         self._expect(self._run(Request(str(out))), 0, out)
@@ -118,7 +118,7 @@ class Campaign:
 
     def pairs(self, count: int) -> int:
         """Two runs at once into one folder, some of them killed; how often one was told of the other."""
-        told = 0
+        told, another = 0, Server(self.scene)
         for n in range(count):
             out = self.folder / f"pair{n}"
             event = self.random.choice((None, self.random.randint(1, self.events)))
@@ -126,8 +126,8 @@ class Campaign:
             time.sleep(self.random.uniform(0, self.seconds))
             beside = self.folder / f"pair{n}."  # another name of the same folder, so that each says its own
             beside.symlink_to(out)
-            second = self.second.start(Request(str(beside)))
-            for pid, status, name in ((second, self.second.end(), beside), (first, self.server.end(), out)):
+            second = another.start(Request(str(beside)))
+            for pid, status, name in ((second, another.end(), beside), (first, self.server.end(), out)):
                 self._alone(pid)
                 said = Path(f"{name}.said").read_text()
                 if status == BAD and "another irpso" in said:
@@ -138,6 +138,7 @@ class Campaign:
             self._expect(self._run(Request(str(out))), 0, out)
             self.compare(out)
             shutil.rmtree(out)
+        another.close()
         return told
 
     def full_disks(self, count: int) -> int:
@@ -238,7 +239,6 @@ class Campaign:
     def close(self) -> None:
         """End what was started."""
         self.server.close()
-        self.second.close()
 
 
 def _mount(disk: Path, size: int, how: str = "") -> None:
