@@ -30,16 +30,21 @@ class Cells:
         squares.release()
         self.count = len(x)
         self._ctx = device.ctx
-        self._corners = device.ctx.buffer(np.stack([x, y], -1).astype(np.float32).tobytes()) if len(x) else None
+        self._corners = device.buffer(np.stack([x, y], -1).astype(np.float32)) if len(x) else None
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
-    def render(self, program: moderngl.Program) -> None:
-        """Run a program made with include/cells.vert on every pixel of the squares."""
+    def render(self, program: moderngl.Program, first: int, count: int) -> None:
+        """Run a program made with include/cells.vert on every pixel of some of the squares."""
         if self._corners is None:
             return
         if program.glo not in self._arrays:
             self._arrays[program.glo] = self._ctx.vertex_array(program, [(self._corners, "2f/i", "in_cell")])
-        self._arrays[program.glo].render(moderngl.TRIANGLE_STRIP, vertices=4, instances=self.count)
+        array = self._arrays[program.glo]
+        # OpenGL 3.3 has no first instance
+        place = program["in_cell"]
+        assert isinstance(place, moderngl.Attribute)
+        array.bind(place.location, "f", self._corners, "2f", offset=8 * first, stride=8, divisor=1)
+        array.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=count)
 
     @property
     def uniforms(self) -> dict[str, object]:

@@ -17,6 +17,7 @@ from ..core.live import ViewPicture
 from .albedo import AlbedoSolver
 from .context import Device
 from .observe import HALF_MOST, ObservedCamera, ObservedView
+from .pace import Rectangle
 
 WINDOW = 1_500_000  # pixels of a view that are looked at, at most: its middle rows
 MIN_COS_V = 0.2  # of a pixel that is unlit: seen flatter, shaders/include/observed.glsl says nothing of it
@@ -53,33 +54,22 @@ def pictured(views: Iterator[CheckedView], pictures: list[ViewPicture]) -> Itera
         yield seen
 
 
-Part = tuple[int, int, int, int]  # x, y, width, height
-
-
-def _viewport(camera: ObservedCamera) -> Part:
+def _viewport(camera: ObservedCamera) -> Rectangle:
     """The window's place: the camera's (``ObservedCamera.window``), or its middle rows."""
     x, y, w, h = camera.window
     rows = min(h, max(WINDOW // w, 1))
     return x, y + (h - rows) // 2, w, rows
 
 
-def _read(device: Device, texture: moderngl.Texture, part: Part) -> F32:
-    """(h, w, channels) of a part of a texture."""
-    frame = device.framebuffer([texture])
-    raw = frame.read(part, components=texture.components, dtype="f4", alignment=1)
-    frame.release()
-    return np.frombuffer(raw, np.float32).reshape(part[3], part[2], texture.components)
-
-
-def _window(device: Device, camera: ObservedCamera, part: Part, cos_v: F32) -> Window:
+def _window(device: Device, camera: ObservedCamera, part: Rectangle, cos_v: F32) -> Window:
     maps = camera.maps
     assert maps.uv is not None
-    position, normal = _read(device, maps.position, part), _read(device, maps.normal, part)
+    position, normal = device.read(maps.position, part), device.read(maps.normal, part)
     return Window(corner=part[:2], image=maps.position.size, covered=position[..., 3] > 0.5, position=position[..., :3],
-                  normal=normal[..., :3], uv=_read(device, maps.uv, part), slot=normal[..., 3], cos_v=cos_v)
+                  normal=normal[..., :3], uv=device.read(maps.uv, part), slot=normal[..., 3], cos_v=cos_v)
 
 
-def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Texture, part: Part) -> F32:
+def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Texture, part: Rectangle) -> F32:
     """(h, w, 4): what the base colour shows, and cos_v; the same in all the camera's views."""
     device, maps = albedo.device, camera.maps
     texture = device.texture(*maps.position.size)
@@ -90,22 +80,22 @@ def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Textur
     }, uniforms={**camera.viewpoint, "u_footprint": camera.uniforms["u_footprint"]}, defines=albedo.defines,
         cells=maps.cells)
     target.release()
-    values = _read(device, texture, part)
+    values = device.read(texture, part)
     texture.release()
     return values
 
 
 def _check(
-    albedo: AlbedoSolver, camera: ObservedCamera, view: ObservedView, window: Window, part: Part, diffuse: F32,
+    albedo: AlbedoSolver, camera: ObservedCamera, view: ObservedView, window: Window, part: Rectangle, diffuse: F32,
 ) -> CheckedView:
     device = albedo.device
     texture = albedo.specular(camera, view)
-    specular = _read(device, texture, part)[..., :3]
+    specular = device.read(texture, part)[..., :3]
     texture.release()
-    colour = _read(device, view.colour, part)
+    colour = device.read(view.colour, part)
     observed, quality = colour[..., :3], colour[..., 3]
     x, y = part[0] - camera.window[0], part[1] - camera.window[1]
-    lobes = [_read(device, lobe, part) for lobe in view.lobes]
+    lobes = [device.read(lobe, part) for lobe in view.lobes]
     away = [np.where(lobe[..., 3] > 0, lobe[..., 0], np.float32(1)) for lobe in lobes]  # no light, no highlight
     reference = view.reference[y:y + part[3], x:x + part[2]].astype(np.float32)
     radiance = reference[..., :3] * np.float32(view.scale)

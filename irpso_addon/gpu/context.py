@@ -6,6 +6,7 @@ standalone context lands inside Blender's own, and the window goes black or cras
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,63 +16,133 @@ from typing import Any
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.data import F32
-from ..core.errors import BadInput
+from ..core.errors import BadInput, DeviceError, DeviceLost, NoDevice, OutOfDeviceMemory, ShaderRefused
 from ..core.params import DeviceSettings
-from .cells import Cells
-from .programs import Programs
+from .canary import Canary
+from .cells import CELL, Cells
+from .pace import Pace, Rectangle, rectangles
+from .programs import SLOWER, Programs, first_line
 
 COMPUTE_GAIN = 1.5  # how many times faster compute shaders must be to be taken
 Textures = moderngl.Texture | tuple[moderngl.Texture, ...] | None
 
 
 class Device:
-    """A moderngl context with its programs and a full-screen triangle."""
+    """A moderngl context with its programs and a full-screen triangle.
+
+    Whatever draws or makes textures raises OutOfDeviceMemory or DeviceLost when it is so.
+    """
 
     def __init__(self) -> None:
+        """Raises NoDevice."""
         try:
             backend: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
             self.ctx = moderngl.create_context(standalone=True, require=330, **backend)
         except Exception as error:  # moderngl raises plain Exception, with the platform's words
-            raise BadInput(
-                f"OpenGL 3.3: no context can be made ({str(error).strip()}); install a graphics driver "
-                "(on Linux also libegl1 and libgl1-mesa-dri)"
+            raise NoDevice(
+                f"OpenGL 3.3: no context can be made ({first_line(str(error))}); install a graphics driver (on Linux "
+                f"also libegl1 and libgl1-mesa-dri, Mesa's software OpenGL), {SLOWER}"
             ) from None
         self.settings = DeviceSettings()
         self.ctx.gc_mode = "context_gc"  # objects dropped on other threads wait for ours
-        self.programs = Programs(self.ctx)
+        self.ctx.clear_errors()  # of what the context was asked while it was made
+        self.info: dict[str, Any] = self.ctx.info
+        self.name: str = self.info["GL_RENDERER"]
+        self.lost = False  # whether it is of no more use
+        self._canary: Canary | None = None
+        self.programs = Programs(self.ctx, self.check_alive)
+        self.pace = Pace(self._finish, self.settings.slice)
         self._quads: dict[int, moderngl.VertexArray] = {}
+        self._canary = Canary(self.ctx, self.programs)
 
     def configure(self, settings: DeviceSettings) -> None:
         """How the device is used from now on.  Raises BadInput where it cannot do that."""
         if settings.kernels == "compute" and self.ctx.version_code < 430:
-            raise BadInput(f"kernels compute: {self.ctx.info['GL_RENDERER']} has OpenGL {self.ctx.version_code / 100}, "
+            raise BadInput(f"kernels compute: {self.name} has OpenGL {self.ctx.version_code / 100}, "
                            "compute shaders need 4.3; choose auto or fragment")
         if settings.kernels != self.settings.kernels:
             self.__dict__.pop("prefers_compute", None)
         self.settings = settings
+        self.pace.choose(settings.slice)
 
     def describe(self) -> dict[str, Any]:
         """Renderer, vendor and version as the driver names them."""
-        info = self.ctx.info
-        return {"renderer": info["GL_RENDERER"], "vendor": info["GL_VENDOR"], "version": info["GL_VERSION"]}
+        return {"renderer": self.name, "vendor": self.info["GL_VENDOR"], "version": self.info["GL_VERSION"]}
+
+    def _finish(self) -> None:
+        self.ctx.finish()
+        self.check("drawing")
+
+    def check_alive(self) -> None:
+        """Raises DeviceLost where the context no longer does what it is told."""
+        if self.lost or (self._canary is not None and not self._canary.sings()):
+            self.lost = True
+            raise DeviceLost(f"{self.name}: the graphics driver was reset, or gave up its context; solve again, with a "
+                             f"shorter Slice if it happens again, {SLOWER}")
+
+    def check(self, what: str) -> None:
+        """Raises OutOfDeviceMemory if OpenGL has reported that; ``what`` was done.
+
+        Other errors may be harmless: moderngl binds again what was bound before, even if it is deleted.
+        """
+        if self.ctx.error == "GL_OUT_OF_MEMORY":
+            raise OutOfDeviceMemory(f"{self.name}: no memory left for {what}; choose a smaller Memory or Size, "
+                                    f"{SLOWER}")
+
+    @contextmanager
+    def making(self, what: str) -> Iterator[None]:
+        """Textures, buffers or framebuffers are made within; raises OutOfDeviceMemory, DeviceLost or DeviceError."""
+        try:
+            yield
+        except moderngl.Error as error:
+            self.check(what)
+            self.check_alive()
+            raise DeviceError(f"{self.name}: {what}: {first_line(str(error))}; update the graphics driver, {SLOWER}"
+                              ) from None
+        self.check(what)
 
     def texture(
         self, width: int, height: int, channels: int = 4, data: F32 | None = None, dtype: str = "f4"
     ) -> moderngl.Texture:
         """A texture read by texelFetch only; float32 unless told."""
-        raw = None if data is None else np.ascontiguousarray(data, np.dtype({"f2": "f2", "f1": "u1"}.get(dtype, "f4")))
-        texture = self.ctx.texture((width, height), channels, raw.tobytes() if raw is not None else None,
-                                   dtype=dtype, alignment=1)
+        most = self.info["GL_MAX_TEXTURE_SIZE"]
+        if max(width, height) > most:
+            raise OutOfDeviceMemory(f"{self.name}: pictures may have {most} pixels a side, not {width} x {height}; "
+                                    "reduce them")
+        kind = np.dtype({"f2": "f2", "f1": "u1"}.get(dtype, "f4"))
+        raw = None if data is None else np.ascontiguousarray(data, kind).reshape(-1).view(np.uint8)
+        with self.making(f"a texture of {width} x {height}"):
+            texture = self.ctx.texture((width, height), channels, raw, dtype=dtype, alignment=1)
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         texture.repeat_x = texture.repeat_y = False
         return texture
 
-    def read(self, texture: moderngl.Texture) -> F32:
-        """A float32 texture's content, (h, w, channels)."""
-        raw = np.frombuffer(texture.read(alignment=1), np.float32)
-        return raw.reshape(texture.height, texture.width, texture.components)
+    def buffer(self, data: NDArray[Any]) -> moderngl.Buffer:
+        """A vertex buffer; the caller releases it."""
+        with self.making(f"{data.nbytes / 1e6:.0f} MB of vertices"):
+            return self.ctx.buffer(np.ascontiguousarray(data).reshape(-1).view(np.uint8))
+
+    def framebuffer(
+        self, textures: Sequence[moderngl.Texture], depth: moderngl.Texture | None = None,
+    ) -> moderngl.Framebuffer:
+        """A framebuffer on these colour textures; the caller releases it."""
+        with self.making(f"a framebuffer of {textures[0].width} x {textures[0].height}"):
+            return self.ctx.framebuffer(list(textures), depth)
+
+    def read(self, texture: moderngl.Texture, part: Rectangle | None = None) -> F32:
+        """A float32 texture's content or a part of it, (h, w, channels)."""
+        if part is None:
+            raw, shape = texture.read(alignment=1), (texture.height, texture.width)
+        else:
+            frame = self.framebuffer([texture])
+            raw, shape = frame.read(part, components=texture.components, dtype="f4", alignment=1), (part[3], part[2])
+            frame.release()
+        self.check("reading")
+        self.check_alive()
+        return np.frombuffer(raw, np.float32).reshape(*shape, texture.components)
 
     def bind(self, program: moderngl.Program | moderngl.ComputeShader, textures: Mapping[str, Textures]) -> None:
         """Bind textures to consecutive units, by sampler name; a tuple fills an array of samplers."""
@@ -89,43 +160,83 @@ class Device:
     def draw(
         self, fragment: str, target: moderngl.Framebuffer, *, textures: Mapping[str, Textures],
         uniforms: Mapping[str, Any], defines: Mapping[str, str] | None = None,
-        viewport: tuple[int, int, int, int] | None = None, cells: Cells | None = None,
+        viewport: Rectangle | None = None, cells: Cells | None = None,
     ) -> None:
         """Run ``shaders/<fragment>`` once for every pixel of the target, or of its viewport, or of ``cells`` of it."""
         program = self.programs.get("include/cells.vert" if cells else "include/screen.vert", fragment, defines)
+        key = fragment, program.glo, target.size
+        whole = viewport or (0, 0, target.width, target.height)
         self.bind(program, textures)
         self.programs.set(program, uniforms)
         target.use()
-        self.ctx.viewport = viewport or (0, 0, target.width, target.height)
         if cells:
+            self.ctx.viewport = whole
             self.programs.set(program, cells.uniforms)
-            cells.render(program)
+            first = 0
+            while first < cells.count:
+                count = int(min(max(self.pace.most(key) / CELL**2, 1), cells.count - first))
+                with self.pace.piece(key, count * CELL**2):
+                    cells.render(program, first, count)
+                first += count
             return
+        for part, pixels in rectangles(whole, lambda: self.pace.most(key)):
+            with self.pace.piece(key, pixels):
+                self._fill(program, part)
+
+    def _fill(self, program: moderngl.Program, viewport: Rectangle) -> None:
         if program.glo not in self._quads:
             self._quads[program.glo] = self.ctx.vertex_array(program, [])
+        self.ctx.viewport = viewport
         self._quads[program.glo].render(moderngl.TRIANGLES, vertices=3)
 
     def kernel(
         self, name: str, target: moderngl.Framebuffer, *, textures: Mapping[str, Textures],
-        uniforms: Mapping[str, Any], defines: Mapping[str, str], region: tuple[int, int, int, int],
+        uniforms: Mapping[str, Any], defines: Mapping[str, str], region: Rectangle,
     ) -> None:
         """Run the kernel ``shaders/<name>`` on a region (x, y, width, height) of the target's textures.
 
         As a compute shader where that is faster on this device (``prefers_compute``), else as a fragment shader.
         """
+        for _ in self.steps(name, target, textures=textures, uniforms=uniforms, defines=defines, region=region):
+            pass
+
+    def steps(
+        self, name: str, target: moderngl.Framebuffer, *, textures: Mapping[str, Textures],
+        uniforms: Mapping[str, Any], defines: Mapping[str, str], region: Rectangle, work: Sequence[float] | None = None,
+    ) -> Iterator[None]:
+        """The same in pieces of about a slice, between which others may draw.
+
+        ``work``: how much each row of the region asks for, in any unit that is the same for all calls of this kernel;
+        None: its pixels.
+        """
         outputs = target.color_attachments
-        defines = {**defines, "OUTPUTS": str(len(outputs))}
-        if not self.prefers_compute:
-            self.draw(name, target, textures=textures, uniforms=uniforms, defines=defines, viewport=region)
-            return
-        program = self.programs.compute(name, defines)
-        self.bind(program, textures)
-        self.programs.set(program, {**uniforms, "u_region": region})
-        for unit, texture in enumerate(outputs):
-            assert isinstance(texture, moderngl.Texture)
-            texture.bind_to_image(unit, read=False, write=True)
-        program.run(-(-region[2] // 8), -(-region[3] // 8))
-        self.ctx.memory_barrier()
+        program = self._kernel_program(name, {**defines, "OUTPUTS": str(len(outputs))})
+        key = name, program.glo, target.size
+        for part, units in rectangles(region, lambda: self.pace.most(key), work):
+            self.bind(program, textures)
+            self.programs.set(program, uniforms)
+            target.use()
+            with self.pace.piece(key, units):
+                if isinstance(program, moderngl.Program):
+                    self._fill(program, part)
+                else:
+                    self.programs.set(program, {"u_region": part})
+                    for unit, texture in enumerate(outputs):
+                        assert isinstance(texture, moderngl.Texture)
+                        texture.bind_to_image(unit, read=False, write=True)
+                    program.run(-(-part[2] // 8), -(-part[3] // 8))
+                    self.ctx.memory_barrier()
+            yield
+
+    def _kernel_program(self, name: str, defines: Mapping[str, str]) -> moderngl.Program | moderngl.ComputeShader:
+        if self.prefers_compute:
+            try:
+                return self.programs.compute(name, defines)
+            except ShaderRefused:
+                if self.settings.kernels == "compute":
+                    raise
+                self.__dict__["prefers_compute"] = False
+        return self.programs.get("include/screen.vert", name, defines)
 
     @cached_property
     def prefers_compute(self) -> bool:
@@ -139,6 +250,7 @@ class Device:
         size = 512
         target = self.framebuffer([self.texture(size, size)])
         seconds = []
+        self.pace.choose(math.inf)
         for compute in (False, True):
             self.__dict__["prefers_compute"] = compute
             taken = []
@@ -146,9 +258,10 @@ class Device:
                 start = time.perf_counter()
                 self.kernel("include/probe.glsl", target, textures={}, uniforms={"u_steps": 64}, defines={},
                             region=(0, 0, size, size))
-                self.ctx.finish()
+                self.pace.finish()
                 taken.append(time.perf_counter() - start)
             seconds.append(min(taken[1:]))
+        self.pace.choose(self.settings.slice)
         target.color_attachments[0].release()
         target.release()
         return seconds[1] * COMPUTE_GAIN < seconds[0]
@@ -163,10 +276,6 @@ class Device:
             yield
         finally:
             self.ctx.disable(moderngl.BLEND)
-
-    def framebuffer(self, textures: Sequence[moderngl.Texture]) -> moderngl.Framebuffer:
-        """A framebuffer on these colour textures; the caller releases it."""
-        return self.ctx.framebuffer(list(textures))
 
     def collect(self) -> None:
         """Free what an error or a stop left behind.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import moderngl
 import numpy as np
 
 from ..core import region
@@ -15,7 +14,7 @@ from ..core.params import SolveSettings
 from .cells import Cells
 from .context import Device
 from .ladder import Found, Last
-from .surface import SurfaceMaps
+from .surface import SurfaceMaps, Triangles
 
 
 @dataclass(frozen=True)
@@ -139,11 +138,10 @@ def _inside(device: Device, scene: SceneData, chosen: Region, size: int) -> Bool
     target = device.framebuffer([texture])
     target.clear()
     program = device.programs.get("gbuffer/region.vert", "gbuffer/region.frag")
-    buffer = device.ctx.buffer(corners.tobytes())
+    buffer = device.buffer(corners)
     array = device.ctx.vertex_array(program, [(buffer, "3f", "in_corner")])
-    target.use()
-    device.ctx.viewport = (0, 0, size, size)
-    array.render(moderngl.TRIANGLES)
+    triangles = Triangles(scene.mesh.positions, 0, len(corners), scene.mesh.uvs)
+    triangles.draw(device, ("gbuffer/region.frag", size), array, target, None)
     inside = device.read(texture)[..., 0] > 0.5
     for thing in (array, buffer, target, texture):
         thing.release()

@@ -8,15 +8,18 @@ the file is coded into the line number, because drivers keep the source number f
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import moderngl
 
+from ..core.errors import ShaderRefused
+
 SHADERS = Path(__file__).resolve().parents[2] / "shaders"
 VERSION = "#version 330 core"  # the oldest that every Blender machine has; macOS stops at 4.1
 COMPUTE_VERSION = "#version 430 core"
+SLOWER = "or choose device numpy (--device numpy): slow, small maps"  # what else can be done about a device
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _FILE = 1_000_000  # line numbers from here on: file number times this, plus the line
 _UNIFORM = re.compile(r"^\s*(?:layout\([^)]*\)\s*)?(?:writeonly\s+)?uniform\s+\w+\s+(\w+)", re.MULTILINE)
@@ -63,17 +66,24 @@ def readable(message: str, files: list[str]) -> str:
     return re.sub(r"\b(?:0:)?(\d{7,})\b", named, message)
 
 
+def first_line(message: str) -> str:
+    """The line of a driver's message that tells most: its first error, else its first words."""
+    lines = [line.strip() for line in message.splitlines() if line.strip()] or ["no reason given"]
+    return next((line for line in lines if "error" in line.lower()), lines[0])
+
+
 class Programs:
     """The compiled programs of one context, each built once."""
 
-    def __init__(self, ctx: moderngl.Context) -> None:
-        self._ctx = ctx
+    def __init__(self, ctx: moderngl.Context, check_alive: Callable[[], None] = lambda: None) -> None:
+        """``check_alive`` raises where the context is lost: then no shader is to blame."""
+        self._ctx, self._check_alive = ctx, check_alive
         self._built: dict[tuple[Any, ...], moderngl.Program] = {}
         self._kernels: dict[tuple[Any, ...], moderngl.ComputeShader] = {}
         self._declared: dict[int, set[str]] = {}
 
     def get(self, vertex: str, fragment: str, defines: Mapping[str, str] | None = None) -> moderngl.Program:
-        """The program of ``shaders/<vertex>`` and ``shaders/<fragment>``; raises RuntimeError with file:line."""
+        """The program of ``shaders/<vertex>`` and ``shaders/<fragment>``; raises ShaderRefused with file:line."""
         key = (vertex, fragment, *sorted((defines or {}).items()))
         if key not in self._built:
             source_v, files_v = _assemble(vertex, defines)
@@ -83,7 +93,7 @@ class Programs:
             except moderngl.Error as error:
                 text = str(error)
                 files = files_f if "fragment_shader" in text else files_v
-                raise RuntimeError(f"shaders/{fragment}: {readable(text, files)}") from None
+                raise self._refused(fragment, text, files) from None
             self._built[key] = program
             self._declared[program.glo] = set(_UNIFORM.findall(source_v) + _UNIFORM.findall(source_f))
         return self._built[key]
@@ -91,7 +101,7 @@ class Programs:
     def compute(self, name: str, defines: Mapping[str, str]) -> moderngl.ComputeShader:
         """``shaders/<name>``, a kernel (include/kernel.glsl), as a compute shader.
 
-        Raises RuntimeError with file:line.
+        Raises ShaderRefused with file:line.
         """
         key = (name, *sorted(defines.items()))
         if key not in self._kernels:
@@ -99,10 +109,15 @@ class Programs:
             try:
                 kernel = self._ctx.compute_shader(source)
             except moderngl.Error as error:
-                raise RuntimeError(f"shaders/{name}: {readable(str(error), files)}") from None
+                raise self._refused(name, str(error), files) from None
             self._kernels[key] = kernel
             self._declared[kernel.glo] = set(_UNIFORM.findall(source))
         return self._kernels[key]
+
+    def _refused(self, name: str, message: str, files: list[str]) -> ShaderRefused:
+        self._check_alive()
+        return ShaderRefused(f"shaders/{name}: {self._ctx.info['GL_RENDERER']} cannot compile it: "
+                             f"{first_line(readable(message, files))}; update the graphics driver, {SLOWER}")
 
     def set(self, program: moderngl.Program | moderngl.ComputeShader, values: Mapping[str, Any]) -> None:
         """Set uniforms.  One that the compiler dropped is skipped; one never declared raises KeyError."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,10 @@ import numpy as np
 from ..core.data import F32, F64, Camera, MeshArrays
 from .cells import Cells
 from .context import Device
+from .pace import rectangles
 
+CHUNK = 16384  # triangles in a draw, at most
+FIRST_PIXELS = 65536.0  # of a draw of triangles before its speed is known
 _LAYOUT = "3f 3f 2f 2f 4f 3f 4f"
 _NAMES = ("in_position", "in_normal", "in_uv", "in_grid", "in_facet", "in_object_normal", "in_tangent")
 
@@ -56,6 +60,62 @@ def facets(mesh: MeshArrays) -> F32:
     return np.concatenate([normal, lift[:, None]], axis=1).astype(np.float32)
 
 
+class Triangles:
+    """A run of triangles in a vertex buffer, drawn a chunk at a time, and each chunk in bands of rows.
+
+    In their order, so that what lies over what does not depend on how they are divided.
+    """
+
+    def __init__(self, positions: F32, first: int, count: int, grid: F32 | None = None) -> None:
+        """``positions``: (T, 3, 3), world, of the whole buffer; ``grid``: (T, 3, 2) places on the texel grid."""
+        self._chunks = [(start, min(CHUNK, first + count - start)) for start in range(first, first + count, CHUNK)]
+        self._boxes = [_corners(positions[a:a + n]) for a, n in self._chunks]
+        self._flat = [] if grid is None else [_corners(grid[a:a + n]) for a, n in self._chunks]
+
+    def draw(
+        self, device: Device, kind: Hashable, array: moderngl.VertexArray, target: moderngl.Framebuffer,
+        clip: F64 | None,
+    ) -> None:
+        """Draw with what ``array`` and its program are; ``clip``: world to clip space, None: on the texel grid.
+
+        ``kind``: what draws are alike in cost.
+        """
+        width, height = target.size
+        device.ctx.viewport = 0, 0, width, height
+        for i, (start, count) in enumerate(self._chunks):
+            at = 2.0 * self._flat[i] - 1.0 if clip is None else _projected(self._boxes[i], clip)
+            low, high = _rows(at, height)
+            for part, pixels in rectangles((0, low, width, high - low), lambda: device.pace.most(kind, FIRST_PIXELS)):
+                target.scissor = part
+                target.use()
+                with device.pace.piece(kind, pixels):
+                    array.render(moderngl.TRIANGLES, vertices=3 * count, first=3 * start)
+        target.scissor = None  # type: ignore[assignment]  # the stub does not know how to take it back
+
+
+def _corners(points: F32) -> F64:
+    """(2^K, K) of the box around (..., K) points."""
+    flat = points.reshape(-1, points.shape[-1]).astype(np.float64)
+    box = zip(flat.min(axis=0), flat.max(axis=0), strict=True)
+    return np.array(np.meshgrid(*box)).reshape(points.shape[-1], -1).T
+
+
+def _projected(corners: F64, clip: F64) -> F64 | None:
+    """(8, 2) in the picture, -1 to 1; None where one lies behind the camera."""
+    at = corners @ clip[:, :3].T + clip[:, 3]
+    return None if at[:, 3].min() <= 0.0 else at[:, :2] / at[:, 3:]
+
+
+def _rows(at: F64 | None, height: int) -> tuple[int, int]:
+    """First and end of the rows of a picture that points -1 to 1 in it span, with a row to spare; None: all."""
+    if at is None or not np.isfinite(at).all():
+        return 0, height
+    low, high = at.min(axis=0), at.max(axis=0)
+    if (low > 1.0).any() or (high < -1.0).any():
+        return 0, 0
+    return max(int((0.5 * low[1] + 0.5) * height) - 1, 0), min(int((0.5 * high[1] + 0.5) * height) + 2, height)
+
+
 class MeshBuffer:
     """The triangles of a mesh in one vertex buffer, sorted by material slot."""
 
@@ -71,9 +131,10 @@ class MeshBuffer:
             mesh.object_normals[order] if mesh.object_normals is not None else zeros[..., :3],
             mesh.tangents[order] if mesh.tangents is not None else zeros,
         ]
-        self.buffer = device.ctx.buffer(np.concatenate(parts, axis=2).astype(np.float32).tobytes())
-        self.ranges = [(int(s), int(np.searchsorted(slots, s)), int(np.count_nonzero(slots == s)))
-                       for s in np.unique(slots)]
+        self.buffer = device.buffer(np.concatenate(parts, axis=2).astype(np.float32))
+        ranges = [(int(s), int(np.searchsorted(slots, s)), int(np.count_nonzero(slots == s))) for s in np.unique(slots)]
+        self.slots = [(slot, Triangles(parts[0], first, count, parts[3])) for slot, first, count in ranges]
+        self.triangles = Triangles(parts[0], 0, len(order), parts[3])
         self.normal_maps: dict[int, moderngl.Texture] = {}
         for slot, image in mesh.normal_maps.items():
             h, w = image.pixels.shape[:2]
@@ -96,9 +157,7 @@ class MeshBuffer:
             "u_in_uv": clip is None, "u_clip": column_major(matrix), "u_normal_matrix": column_major(normal_matrix),
             "u_footprint": footprint,
         })
-        target.use()
-        device.ctx.viewport = (0, 0, target.width, target.height)
-        for slot, first, count in self.ranges:
+        for slot, triangles in self.slots:
             device.bind(program, {"u_normal_map": self.normal_maps.get(slot)})
             used = self.mesh.normal_maps.get(slot)
             device.programs.set(program, {
@@ -106,25 +165,23 @@ class MeshBuffer:
                 "u_normal_strength": used.strength if used else 0.0,
                 "u_unit_normal": used is not None and used.unit_normal,
             })
-            self._array(program).render(moderngl.TRIANGLES, vertices=3 * count, first=3 * first)
+            triangles.draw(device, ("gbuffer/surface.frag", clip is None, target.size), self._array(program), target,
+                           clip)
 
-    def draw_positions(self, target: moderngl.Framebuffer, fragment: str, uniforms: dict[str, Any]) -> None:
+    def draw_positions(
+        self, target: moderngl.Framebuffer, fragment: str, clip: F64, uniforms: dict[str, Any],
+    ) -> None:
         """Draw positions alone with ``gbuffer/depth.vert`` and a fragment shader."""
         program = self.device.programs.get("gbuffer/depth.vert", fragment)
-        self.device.programs.set(program, uniforms)
-        target.use()
-        self.device.ctx.viewport = (0, 0, target.width, target.height)
-        self._array(program).render(moderngl.TRIANGLES)
+        self.device.programs.set(program, {**uniforms, "u_clip": column_major(clip)})
+        self.triangles.draw(self.device, (fragment, target.size), self._array(program), target, clip)
 
     def draw_count(self, target: moderngl.Framebuffer) -> None:
         """Add 1 to every texel under each triangle's UVs."""
-        ctx = self.device.ctx
         program = self.device.programs.get("gbuffer/surface.vert", "gbuffer/count.frag")
         self.device.programs.set(program, {"u_in_uv": True})
-        target.use()
-        ctx.viewport = (0, 0, target.width, target.height)
         with self.device.adding():
-            self._array(program).render(moderngl.TRIANGLES)
+            self.triangles.draw(self.device, ("gbuffer/count.frag", target.size), self._array(program), target, None)
 
     def _array(self, program: moderngl.Program) -> moderngl.VertexArray:
         if program.glo not in self._arrays:
@@ -148,18 +205,17 @@ class Occluders:
 
     def __init__(self, device: Device, triangles: F32) -> None:
         self.device, self.triangles = device, triangles
-        self.buffer = device.ctx.buffer(triangles.astype(np.float32).tobytes()) if len(triangles) else None
+        self.buffer = device.buffer(triangles.astype(np.float32)) if len(triangles) else None
+        self._triangles = Triangles(triangles, 0, len(triangles))
 
-    def draw(self, target: moderngl.Framebuffer, fragment: str, uniforms: dict[str, Any]) -> None:
+    def draw(self, target: moderngl.Framebuffer, fragment: str, clip: F64, uniforms: dict[str, Any]) -> None:
         """Draw with ``gbuffer/depth.vert`` and a fragment shader."""
         if self.buffer is None:
             return
         program = self.device.programs.get("gbuffer/depth.vert", fragment)
-        self.device.programs.set(program, uniforms)
-        target.use()
-        self.device.ctx.viewport = (0, 0, target.width, target.height)
+        self.device.programs.set(program, {**uniforms, "u_clip": column_major(clip)})
         array = self.device.ctx.vertex_array(program, [(self.buffer, "3f", "in_position")])
-        array.render(moderngl.TRIANGLES)
+        self._triangles.draw(self.device, (fragment, target.size), array, target, clip)
         array.release()
 
 
@@ -202,13 +258,13 @@ def draw_pixel_grid(
     clip = clip_matrix(camera, [mesh.mesh.positions, occluders.triangles])
     textures = [device.texture(width, height), device.texture(width, height), device.texture(width, height),
                 device.texture(width, height, 2), device.texture(width, height)]
-    depth = ctx.depth_texture((width, height))
-    target = ctx.framebuffer(textures, depth)
+    with device.making(f"a depth map of {width} x {height}"):
+        depth = ctx.depth_texture((width, height))
+    target = device.framebuffer(textures, depth)
     target.clear(depth=1.0)
     ctx.enable(moderngl.DEPTH_TEST)
     mesh.draw(target, clip, footprint)
-    occluders.draw(target, "gbuffer/occluder.frag",
-                   {"u_clip": column_major(clip), "u_depth_plane": (0.0, 0.0, 0.0, 0.0)})
+    occluders.draw(target, "gbuffer/occluder.frag", clip, {"u_depth_plane": (0.0, 0.0, 0.0, 0.0)})
     ctx.disable(moderngl.DEPTH_TEST)
     target.release()
     depth.release()

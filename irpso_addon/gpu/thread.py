@@ -81,7 +81,7 @@ class Job:
 
     def _run(self) -> None:
         try:
-            if _device is not None:
+            if _device is not None and not _device.lost:
                 _device.collect()
             steps = self._function()
             told = False
@@ -149,7 +149,7 @@ def device() -> Device:
     global _device
     if threading.current_thread() is not _thread:
         raise RuntimeError("OpenGL is used outside its thread: go through gpu.thread.run or Job")
-    if _device is None:
+    if _device is None or _device.lost:  # a lost one is left as it is: its driver may be in any state
         _device = Device()
     if _device.settings != _settings:
         _device.configure(_settings)
@@ -161,9 +161,9 @@ def _loop() -> None:
     while (job := _queue.get()) is not None:
         job._run()
         del job  # its result belongs to whoever asked for it
-    if _device is not None:
+    if _device is not None and not _device.lost:
         _device.release()
-        _device = None
+    _device = None
 
 
 def _ensure_thread() -> None:

@@ -142,9 +142,9 @@ class LightVisibility:
         ctx.enable(moderngl.BLEND)
         ctx.blend_func = (moderngl.ONE, moderngl.ONE)
         ctx.blend_equation = moderngl.MIN  # type: ignore[assignment]  # the stub knows pairs alone
-        uniforms = {"u_clip": column_major(frustum.clip), "u_depth_plane": frustum.plane}
-        self.mesh.draw_positions(self._target, "gbuffer/shadow.frag", uniforms)
-        self.occluders.draw(self._target, "gbuffer/shadow.frag", uniforms)
+        uniforms = {"u_depth_plane": frustum.plane}
+        self.mesh.draw_positions(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
+        self.occluders.draw(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
         ctx.blend_equation = moderngl.FUNC_ADD  # type: ignore[assignment]
         ctx.disable(moderngl.BLEND)
 

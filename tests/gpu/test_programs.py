@@ -8,6 +8,7 @@ from pathlib import Path
 import moderngl
 import pytest
 
+from irpso_addon.core.errors import ShaderRefused
 from irpso_addon.gpu import programs
 
 SCREEN = "void main() { gl_Position = vec4(gl_VertexID == 1 ? 3 : -1, gl_VertexID == 2 ? 3 : -1, 0, 1); }\n"
@@ -78,7 +79,7 @@ def test_a_broken_shader_names_its_file_and_line(ctx, shaders, broken, where, wr
     texts[broken][-1] = texts[broken][-1].replace("{", f"{{ {wrong}")
     for name, lines in texts.items():
         (shaders / name).write_text("\n".join(lines) + "\n")
-    with pytest.raises(RuntimeError, match=rf"{re.escape(where)}\b[^\n]*{said}") as caught:
+    with pytest.raises(ShaderRefused, match=rf"{re.escape(where)}\b[^\n]*{said}") as caught:
         programs.Programs(ctx).get("screen.vert", "main.frag")
     assert caught.value.__suppress_context__  # one message, not two tracebacks
 
@@ -86,7 +87,7 @@ def test_a_broken_shader_names_its_file_and_line(ctx, shaders, broken, where, wr
 def test_a_broken_vertex_shader_names_its_own_file(ctx, shaders):
     (shaders / "broken.vert").write_text("// first\nvoid main() { nonsense; }\n")
     (shaders / "main.frag").write_text("float value() { return 1.0; }\n" + MAIN)
-    with pytest.raises(RuntimeError, match=r"broken\.vert:2\b[\s\S]*nonsense"):
+    with pytest.raises(ShaderRefused, match=r"broken\.vert:2\b[\s\S]*nonsense"):
         programs.Programs(ctx).get("broken.vert", "main.frag")
 
 
