@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -34,7 +35,8 @@ def parse_captures(text: str, path: Path) -> list[CaptureView]:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
         line = getattr(error, "lineno", None)
-        raise BadInput(f"{path}: is not JSON{f' (line {line})' if line else ''}; mend or rewrite it") from None
+        cure = "write / in paths, not \\" if "escape" in str(error) else "mend or rewrite it"
+        raise BadInput(f"{path}: is not JSON{f' (line {line})' if line else ''}; {cure}") from None
     views = content.get("views") if isinstance(content, dict) else None
     if not isinstance(views, list) or not views:
         raise BadInput(f'{path}: has no views; want {{"views": [{{"image", "camera", "lights"}}, ...]}}')
@@ -72,9 +74,15 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
     image, camera, mask = text("image", True), text("camera", True), text("mask", False)
     assert image is not None and camera is not None  # text() raised otherwise
     return CaptureView(
-        image=path.parent / image, camera=camera, lights=tuple(lights), exposure=float(exposure),
-        mask=None if mask is None else path.parent / mask, colorspace=text("colorspace", False),
+        image=_located(path.parent, image), camera=camera, lights=tuple(lights), exposure=float(exposure),
+        mask=None if mask is None else _located(path.parent, mask), colorspace=text("colorspace", False),
     )
+
+
+def _located(folder: Path, name: str) -> Path:
+    r"""``name`` in ``folder``, also as it is written on Windows (``refs\a.exr``) where that is where the file is."""
+    path, translated = folder / name, folder / name.replace("\\", "/")
+    return translated if os.path.isfile(translated) and not os.path.isfile(path) else path
 
 
 def _is_name(value: Any) -> bool:

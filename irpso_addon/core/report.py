@@ -40,10 +40,10 @@ def versions() -> dict[str, str]:
 
 def peak_memory() -> int | None:
     """Peak resident memory of this process in bytes; None where the system does not tell."""
-    try:
-        import resource
-    except ImportError:  # Windows
+    if sys.platform == "win32":
         return None
+    import resource  # not there
+
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024  # macOS counts bytes, Linux KiB
 
