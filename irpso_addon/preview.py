@@ -18,6 +18,7 @@ import moderngl
 import numpy as np
 
 from . import worker
+from .core import decoder
 from .core.data import F32, Bool, Camera, Light, MeshArrays, RadianceImage, SceneData, View
 from .core.errors import BadInput, Cancelled
 from .core.image import read_reference
@@ -64,7 +65,8 @@ def preview(scene: SceneData, settings: SolveSettings) -> Steps[None]:
 
 
 def warm_up() -> Steps[None]:
-    """Compiles what every preview needs, on a scene of one square."""
+    """Compiles what every preview needs, on a scene of one square; and its images will not wait for decoders."""
+    decoder.warm_up()
     scene, images = _square()
     yield from _refined(scene, SolveSettings(size=16), images, (16,), first=True)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..core.data import F32, Region, SceneData, Solution
 from ..core.errors import BadInput
+from ..core.mask import read_mask
 from . import session
 from .files import read_maps
 from .scene_mesh import evaluated_mesh, integers, triangles
@@ -112,14 +113,10 @@ def image_region(image: bpy.types.Image | None) -> Region:
 
 def file_region(path: Path) -> Region:
     """The same of a file.  Raises BadInput."""
-    try:
-        image = bpy.data.images.load(str(path.resolve()))
-    except RuntimeError:
-        raise BadInput(f"{path}: cannot be read as an image; give one that is white in the part to solve") from None
-    try:
-        return image_region(image)
-    finally:
-        bpy.data.images.remove(image)
+    white = read_mask(path)
+    if white.max() <= 0.5:
+        raise BadInput(f"{path}: is nowhere white; paint the part to solve white")
+    return Region(image=white)
 
 
 def _of_mesh(obj: bpy.types.Object, depsgraph: Any, weights: Callable[[bpy.types.Mesh], F32], nothing: str) -> Region:

@@ -28,6 +28,8 @@ from .errors import BadInput
 PATIENCE = 10.0  # seconds without a word from a process that decodes
 START = 60.0  # and from one that starts: libraries may have to come from a slow disk
 UNUSED = 30.0  # seconds after which a process is ended
+MOST = min(4, max(2, (os.cpu_count() or 2) // 2))  # processes at a time, while nobody waits longer for one than ...
+TURN = 1.0  # seconds
 WATCH = 0.25  # seconds between two looks at them
 MEMORY = 1 << 30  # bytes that a process may hold, where the system can limit it
 LINE = 1 << 20  # bytes of a message, at most
@@ -67,9 +69,11 @@ def bands(path: Path, part: int, channels: Sequence[int], form: str, size: tuple
 
 
 def warm_up() -> None:
-    """Start a process, for whoever will need one soon.  Raises BadInput."""
+    """Start processes, for who must not wait for them later, and keep them.  Raises BadInput."""
     pool = _pool
-    pool.give_back(pool.take())
+    for process in [pool.take() for _ in range(MOST)]:
+        process.keep = True
+        pool.give_back(process)
 
 
 def _header(told: dict[str, Any]) -> dict[str, Any]:
@@ -107,7 +111,8 @@ class _Process:
         self.number = self._popen.pid
         self.since = time.monotonic()  # when it was last given back
         self.deadline = math.inf  # of a word that somebody waits for
-        self.ready = self.stalled = False
+        self.ready = self.stalled = self.keep = False
+        self.owner = 0  # thread
         self.clean = True  # whether it waits for orders
 
     @property
@@ -177,13 +182,16 @@ class _Pool:
     """The processes of this one."""
 
     def __init__(self) -> None:
-        self.lock = threading.Lock()
+        self.lock = threading.Condition()
         self.idle: list[_Process] = []
         self.busy: list[_Process] = []
         self.watcher: threading.Thread | None = None
 
     def take(self) -> _Process:
         with self.lock:
+            # Rather one that is warm and soon free; but who holds one (of an image, and now wants its mask) must not
+            # wait for another who does, and somebody may hold one and not go on.
+            self.lock.wait_for(lambda: self.idle or len(self.busy) < MOST or self._mine(), timeout=TURN)
             while self.idle:
                 process = self.idle.pop()
                 if process.alive:
@@ -191,16 +199,21 @@ class _Pool:
                 process.close()
             else:
                 process = _Process()
+            process.owner = threading.get_ident()
             self.busy.append(process)
             if self.watcher is None:
                 self.watcher = threading.Thread(target=self._watch, name="irpso-decoders", daemon=True)
                 self.watcher.start()
         return process
 
+    def _mine(self) -> bool:
+        return any(process.owner == threading.get_ident() for process in self.busy)
+
     def give_back(self, process: _Process) -> None:
         with self.lock:
             if process in self.busy:
                 self.busy.remove(process)
+            self.lock.notify_all()
             if process.clean and process.alive:
                 process.since = time.monotonic()
                 self.idle.append(process)
@@ -222,10 +235,10 @@ class _Pool:
                     if now > process.deadline:
                         process.stalled = True
                         process.kill()
-                for process in [p for p in self.idle if now - p.since > UNUSED]:
+                for process in [p for p in self.idle if not p.keep and now - p.since > UNUSED]:
                     self.idle.remove(process)
                     process.close()
-                if not self.idle and not self.busy:
+                if not self.busy and all(process.keep for process in self.idle):
                     self.watcher = None
                     return
 

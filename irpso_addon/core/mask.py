@@ -14,6 +14,11 @@ from .image_file import ImageFile, floats, open_image
 ASPECT = 0.01  # greatest relative difference of the aspects of mask and image
 
 
+def read_mask(path: Path) -> F32:
+    """(h, w), row 0 at the bottom: the grey value times the alpha of an image.  Raises BadInput."""
+    return np.ascontiguousarray(np.concatenate(list(_grey(open_image(path))))[::-1])
+
+
 class Mask:
     """A mask of any size with its image's aspect: its grey value times its alpha."""
 

@@ -76,6 +76,22 @@ def test_an_image_is_white_by_its_colour_and_alpha(empty, is_float):
         steer.image_region(None)
 
 
+def test_an_image_file_is_white_as_the_image_is_that_blender_loads(empty, tmp_path):
+    made = bpy.data.images.new("Part", 4, 2, alpha=True)
+    pixels = np.zeros((2, 4, 4), np.float32)
+    pixels[0, 1], pixels[1, 2], pixels[1, 0] = (1, 1, 1, 1), (0.2, 0.8, 0.9, 1), (1, 1, 1, 0.2)
+    made.pixels.foreach_set(pixels.ravel())
+    made.filepath_raw, made.file_format = str(tmp_path / "part.png"), "PNG"
+    made.save()
+    region, same = (steer.file_region(tmp_path / "part.png"),
+                    steer.image_region(bpy.data.images.load(str(tmp_path / "part.png"))))
+    np.testing.assert_allclose(region.image, same.image, atol=1e-6)
+    np.testing.assert_array_equal(region.image > 0.5, [[False, True, False, False], [False, False, True, False]])
+    (tmp_path / "none.png").write_bytes(b"no image")
+    with pytest.raises(BadInput, match=r"none\.png: cannot be read as an image"):
+        steer.file_region(tmp_path / "none.png")
+
+
 # ---- by operators
 
 
