@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import shlex
 import sys
 from pathlib import Path
@@ -42,5 +43,11 @@ def run(arguments: argparse.Namespace) -> None:
     console.say(f"{folder}: {squares * job.tiles} x Solve ({job.tile} x {job.tile} texels each), "
                 f"then {squares} x Merge")
     console.say(f"{maps}: the maps, when these are done, and the scene with them on its material")
-    console.say(f"on this machine: openjd run {shlex.quote(str(folder / farm.TEMPLATE))} "
-                f"-p Python={shlex.quote(sys.executable)}")
+    console.say(f"on this machine: openjd run {shlex.quote(str(folder / farm.TEMPLATE))} -p Python={_python()}")
+
+
+def _python() -> str:
+    """A Python for tasks: this one, unless it is Blender's own, which finds moderngl in the extension alone."""
+    moderngl = importlib.util.find_spec("moderngl")
+    ours = moderngl is not None and moderngl.origin is not None and Path(moderngl.origin).is_relative_to(sys.prefix)
+    return shlex.quote(sys.executable) if ours else "PYTHON (with numpy, moderngl and OpenImageIO)"
