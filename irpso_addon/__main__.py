@@ -61,6 +61,7 @@ def _run(arguments: argparse.Namespace) -> int:
         return 1
     finally:
         log.info("end", peak_memory_bytes=peak_memory())
+        log.close()
     return 0
 
 

@@ -76,9 +76,7 @@ def prepare(
     halo: int = HALO, clock: Clock | None = None,
 ) -> Generator[Progress, None, Plan]:
     """The plan in the work folder, which the caller has entered: the one that is there if it is of the same solve."""
-    if scene.region is not None or settings.start != "anew":
-        raise BadInput(f"{scene.mesh.name}: maps of more than {tiling.ONE_PIECE} texels, or of several UDIMs, are "
-                       "solved whole and anew; solve all of it, or choose a smaller size")
+    check(scene, settings)
     memory = thread.settings().memory
     sources = [path for view in scene.views for path in (view.image, view.mask) if path is not None]
     if settings.indirect != "off" and isinstance(blend := getattr(bounce, "blend", None), Path):
@@ -89,6 +87,13 @@ def prepare(
         plan = yield from make_plan(scene, settings, work, bounce, block, halo, clock or Clock())
         work.write_plan(plan)
     return plan
+
+
+def check(scene: SceneData, settings: SolveSettings) -> None:
+    """Raises BadInput for what is only done in one piece."""
+    if scene.region is not None or settings.start != "anew":
+        raise BadInput(f"{scene.mesh.name}: maps of more than {tiling.ONE_PIECE} texels, or of several UDIMs, are "
+                       "solved whole and anew; solve all of it, or choose a smaller size")
 
 
 def make_plan(

@@ -120,9 +120,15 @@ def no_light() -> None:
         camera.data.background_images.new().image = image
 
 
+def udims() -> None:
+    """No fault: the left half of the UV map fills the square 1001, the right half 1002."""
+    for corner in bpy.data.objects["Ball"].data.uv_layers.active.data:
+        corner.uv.x *= 2
+
+
 SPOILED = {
     "no_uvs": no_uvs, "no_light": no_light, "no_views": lambda: None, "no_camera": lambda: remove("CAMERA"),
-    "no_mesh": lambda: remove("MESH"), "two_meshes": two_meshes,
+    "no_mesh": lambda: remove("MESH"), "two_meshes": two_meshes, "udims": udims,
 }
 
 if __name__ == "__main__":

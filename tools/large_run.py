@@ -191,39 +191,39 @@ def _figures(out: Path, size: int) -> Iterator[tuple[str, str]]:
     yield "roughness, mean error", f"{absolute / count:.4f}"
     for name, seams in borders.items():
         if size > BLOCK:
-            yield (f"{name}: step of the error across borders of blocks",
-                   f"{seams.ratio():.3f} times that {NEAR} texels beside them")
+            yield f"{name}: step of the error at borders", f"{seams.ratio():.3f} times that {NEAR} texels beside"
     yield "one piece" if size <= ONE_PIECE else "blocks", f"{(-(-size // BLOCK))**2}"
 
 
 class _Seams:
-    """Mean step of the error from one texel to the next, across the borders of blocks and beside them."""
+    """Mean step of the error from one texel to the next, at each border between blocks and beside it."""
 
     def __init__(self, size: int) -> None:
         inner = np.arange(BLOCK, size, BLOCK)
-        self._lines = inner, np.concatenate([inner - NEAR, inner + NEAR])
-        self._sums, self._counts = np.zeros(2), np.zeros(2)
+        self._lines = np.stack([inner, inner - NEAR, inner + NEAR])
+        shape = 2, *self._lines.shape  # columns, rows
+        self._sums, self._counts = np.zeros(shape), np.zeros(shape)
 
     def add(self, y: int, error: F32, below: F32 | None) -> None:
         """A strip of (rows, size, channels) from row ``y``; ``below``: the row under it."""
         across = np.abs(np.diff(error, axis=1))
-        for kind, lines in enumerate(self._lines):
-            self._take(kind, across[:, lines - 1])
         rows = error if below is None else np.concatenate([below, error])
         first = y + 1 if below is None else y  # of the steps' upper rows
         along = np.abs(np.diff(rows, axis=0))
-        for kind, lines in enumerate(self._lines):
-            inside = lines[(lines >= first) & (lines < first + len(along))]
-            self._take(kind, along[inside - first])
+        for at in np.ndindex(self._lines.shape):
+            line = self._lines[at]
+            self._take((0, *at), across[:, line - 1])
+            if first <= line < first + len(along):
+                self._take((1, *at), along[line - first])
 
-    def _take(self, kind: int, steps: F32) -> None:
-        self._sums[kind] += np.nansum(steps, dtype=np.float64)
-        self._counts[kind] += np.isfinite(steps).sum()
+    def _take(self, at: tuple[int, ...], steps: F32) -> None:
+        self._sums[at] += np.nansum(steps, dtype=np.float64)
+        self._counts[at] += np.isfinite(steps).sum()
 
     def ratio(self) -> float:
-        """At borders over beside them."""
-        at, beside = self._sums / self._counts
-        return float(at / beside)
+        """At a border over beside it, the median of all: the paint has edges of its own along some."""
+        mean = self._sums / np.maximum(self._counts, 1)
+        return float(np.median(2 * mean[:, 0] / np.maximum(mean[:, 1] + mean[:, 2], 1e-12)))
 
 
 def _strip(path: Path, y: int, size: int) -> F32:

@@ -9,7 +9,11 @@ import numpy as np
 
 from ..core.data import F32, Maps
 from ..core.errors import BadInput
+from ..core.image_file import open_image
+from ..core.map_files import MapFiles
+from ..core.tiling import FIRST_UDIM, ONE_PIECE
 from . import properties
+from .material import SUFFIXES
 from .tags import maps_of
 
 # A .blend starts so when plain, gzip (before 3.0) or Zstandard.
@@ -78,6 +82,21 @@ def read_maps(obj: bpy.types.Object) -> Maps:
         error=error[..., 0].copy(), filled=filled, coverage=~filled, roughness_sigma=roughness_sigma[..., 0].copy(),
         base_sigma=base_sigma[..., 0].copy(), lobes=None if grey else roughness,
         specular=_pixels(obj, "specular")[..., 0].copy() if "specular" in maps_of(obj) else None)
+
+
+def map_files(obj: bpy.types.Object) -> MapFiles | None:
+    """The files that a large solve left for the object; None: its maps are in the .blend, or small."""
+    images = maps_of(obj)
+    kept = any(image.source not in ("FILE", "TILED") or image.packed_file for image in images.values())
+    if kept or "base_color" not in images:
+        return None
+    paths = {SUFFIXES.get(role, role): Path(bpy.path.abspath(image.filepath)) for role, image in images.items()}
+    base = paths["basecolor"]
+    filled = base.with_name(base.name.replace("_basecolor", "_filled"))  # no image: its confidence tells a material
+    udims = tuple(tile.number for tile in images["base_color"].tiles) or (FIRST_UDIM,)
+    files = MapFiles({**paths, "filled": filled}, udims)
+    files = files if all(files.of("filled", udim).exists() for udim in udims) else MapFiles(paths, udims)
+    return files if files.tiled or open_image(files.of("basecolor", FIRST_UDIM)).width > ONE_PIECE else None
 
 
 def _pixels(obj: bpy.types.Object, role: str) -> F32:

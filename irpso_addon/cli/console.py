@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 from ..core.job import Progress
+
+PATIENCE = 60.0  # seconds between two lines of a stage
 
 
 def say(text: str) -> None:
@@ -71,13 +74,14 @@ def _rich_bar() -> Any:
 
 
 def _stage_lines() -> Callable[[Progress], None]:
-    """A line whenever the stage changes."""
-    last = ""
+    """A line whenever the stage changes, and one now and then."""
+    last, told = "", 0.0
 
     def show(p: Progress) -> None:
-        nonlocal last
-        if p.stage != last:
-            last = p.stage
+        nonlocal last, told
+        now = time.monotonic()
+        if p.stage != last or now - told > PATIENCE:
+            last, told = p.stage, now
             print(f"irpso: {p.fraction:4.0%} {p.stage} {p.message}".rstrip(), file=sys.stderr, flush=True)
 
     return show

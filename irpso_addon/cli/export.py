@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..blender import files
+from ..core import map_files
 from ..core.export import write_maps
 from . import console
 
@@ -16,5 +17,8 @@ def run(arguments: argparse.Namespace) -> None:
     with console.quiet():
         files.open_blend(scene)
     obj = files.solved_object(arguments.object)
-    for path in write_maps(files.read_maps(obj), obj.name, arguments.out or scene.parent, arguments.format):
+    out, kind, linked = arguments.out or scene.parent, arguments.format, files.map_files(obj)
+    written = (write_maps(files.read_maps(obj), obj.name, out, kind) if linked is None
+               else map_files.export(linked, obj.name, out, kind))
+    for path in written:
         console.say(str(path))

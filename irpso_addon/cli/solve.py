@@ -5,21 +5,29 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from .. import pipeline
-from ..blender import files, material, steer, writable
+from .. import large, pipeline
+from ..blender import estimates, files, material, steer, writable
 from ..blender.indirect import Bouncer
 from ..blender.scene import read_scene
+from ..core import estimate, tiling
 from ..core.data import SceneData, Solution
 from ..core.errors import BadInput, Cancelled
+from ..core.estimate import Taken, gigabytes
 from ..core.export import write_maps
+from ..core.image_file import open_image
+from ..core.job import Progress
 from ..core.params import SolveSettings
 from ..core.report import build_report, write_report
 from ..core.staging import Staging
+from ..core.work import Work
 from ..gpu import thread
 from . import console, options
+
+WORK = "irpso_work"  # in the output folder, while maps are solved in blocks
 
 
 @dataclass(frozen=True)
@@ -69,12 +77,23 @@ def solve(request: Request) -> Solution:
     writable.check(subject, data.mesh)
     data = steer.with_part(None, subject, data, request.settings.start, *request.part)
     read = time.perf_counter()
+    udims = tiling.solved_udims(request.settings.udim, data.mesh.uvs)
+    work = request.out / WORK if tiling.is_large(request.settings.size, udims) else None
+    if work is not None:
+        large.check(data, request.settings)
+    foretell(data, request, udims, work)
+    bounce = Bouncer.of_open_file(request.scene)
     with Staging(request.out) as staging:
-        solution = solve_data(data, request.settings, Bouncer.of_open_file(request.scene))
-        solved = time.perf_counter()
-        messages = material.write_maps(subject, solution)
+        if work is None:
+            solution = solve_data(data, request.settings, bounce)
+            solved = time.perf_counter()
+            messages = material.write_maps(subject, solution)
+            write_maps(solution.maps, data.mesh.name, staging.folder, request.kind)
+        else:
+            solution = solve_in_blocks(data, request, staging.folder, work, bounce)
+            solved = time.perf_counter()
+            messages = material.link_maps(subject, solution, request.out, request.kind, udims)
         solution = replace(solution, warnings=(*solution.warnings, *messages))
-        write_maps(solution.maps, data.mesh.name, staging.folder, request.kind)
         with console.quiet():
             files.save_copy(staging.beside(f"{data.name}_irpso.blend"))
         seconds = {"scene": read - started, **solution.seconds, "write": time.perf_counter() - solved}
@@ -84,6 +103,9 @@ def solve(request: Request) -> Solution:
         if request.report is not None:
             write_report(request.report, report)
         staging.publish()
+    if work is not None:
+        with Work(work) as place:
+            place.remove()
     tell(data.mesh.name, solution, request.out)
     return solution
 
@@ -99,6 +121,50 @@ def solve_data(data: SceneData, settings: SolveSettings, bounce: pipeline.Bounce
                 raise
             result = stop.partial
     return result
+
+
+def solve_in_blocks(
+    data: SceneData, request: Request, folder: Path, work: Path, bounce: pipeline.Bounce,
+) -> Solution:
+    """The maps' files in ``folder``, from blocks in ``work``.  Stopped, it raises Cancelled that says what is kept."""
+    try:
+        with console.progress() as show:
+            result: Solution = thread.run(
+                lambda: large.run(data, request.settings, folder, work, request.kind, bounce),
+                on_progress=lambda p: show(_coarse(p)))
+        return result
+    except BaseException as error:
+        blocks, planned = len(list(work.glob("blocks/*.npz"))), (work / "plan.npz").exists()
+        if not planned:
+            with suppress(BadInput), Work(work) as place:
+                place.remove()
+        if planned and isinstance(error, Cancelled | KeyboardInterrupt):
+            raise Cancelled(f"the plan and {blocks} finished blocks are kept in {work}; the same command goes on from "
+                            "there") from None
+        raise
+
+
+def _coarse(step: Progress) -> Progress:
+    """Each block goes through all stages: of no interest to a log."""
+    block, colon, _ = step.message.partition(": ")
+    return replace(step, stage="blocks", message=block) if colon and block.startswith("block ") else step
+
+
+def foretell(data: SceneData, request: Request, udims: tuple[int, ...], work: Path | None) -> None:
+    """Say what the solve will need.  Raises BadInput where the disk has no room for it."""
+    taken = []
+    for view in data.views:
+        with suppress(BadInput):  # the solve says it
+            header = open_image(view.image)
+            taken.append(Taken(header.width, header.height, view.camera.name, len(view.lights)))
+    settings = request.settings
+    found = estimate.estimate(taken, settings, estimates.factors(), thread.settings().memory,
+                              rounds=settings.indirect == "on", udims=udims)
+    there = sum(path.stat().st_size for path in work.rglob("*")) if work is not None and work.exists() else 0
+    estimate.check_disk(request.out, found.disk_bytes, there)
+    unsure = "" if found.learnt else " (first guess)"
+    console.warn(f"{estimate.in_words(found.seconds)}{unsure}, {gigabytes(found.gpu_bytes)} GPU memory, "
+                 f"{gigabytes(found.host_bytes)} memory, {gigabytes(found.disk_bytes)} of disk")
 
 
 def tell(name: str, solution: Solution, out: Path) -> None:
