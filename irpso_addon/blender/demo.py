@@ -17,6 +17,7 @@ import numpy as np
 from mathutils import Vector
 
 from ..core import vase
+from ..core.atomic import replacing, write_whole
 from ..core.data import F32
 from ..core.job import Progress
 
@@ -67,7 +68,7 @@ def make(out: Path, plan: Plan = Plan()) -> Iterator[Progress | Demo]:
     render_held_out(relit)
     unpaint()
     views = [{"image": it.image, "camera": it.camera.name, "lights": [it.light.name]} for it in references]
-    (out / "captures.json").write_text(json.dumps({"views": views}, indent=1) + "\n", encoding="utf-8")
+    write_whole(out / "captures.json", (json.dumps({"views": views}, indent=1) + "\n").encode())
     save(out / "scene.blend")
     yield Demo(out / "scene.blend", out / "captures.json", relit, base, rough)
 
@@ -240,8 +241,11 @@ def _render(path: Path, camera: bpy.types.Object, light: bpy.types.Object) -> No
     scene = bpy.context.scene
     for obj in _lights():
         obj.hide_render = obj is not light
-    scene.camera, scene.render.filepath = camera, str(path.resolve())
-    bpy.ops.render.render(write_still=True)
+    before, scene.camera = scene.render.filepath, camera
+    with replacing(path.resolve()) as part:
+        scene.render.filepath = str(part)
+        bpy.ops.render.render(write_still=True)
+    scene.render.filepath = before
     for obj in _lights():
         obj.hide_render = False
 

@@ -12,6 +12,7 @@ import imbuf
 import numpy as np
 import OpenImageIO as oiio
 
+from ..core.atomic import replacing
 from ..core.data import F32
 from ..core.errors import BadInput
 
@@ -67,5 +68,9 @@ def _save_jpeg(source: Path, target: Path, quality: int) -> None:
     picture = oiio.ImageBufAlgo.channels(oiio.ImageBuf(str(source)), (0, 1, 2))
     picture.specmod().attribute("Compression", f"jpeg:{quality}")
     picture.specmod().attribute("jpeg:subsampling", "4:4:4")
-    if not picture.write(str(target)):
-        raise BadInput(f"{target}: cannot be written ({picture.geterror()}); choose another folder")
+    try:
+        with replacing(target) as part:
+            if not picture.write(str(part)):
+                raise OSError(None, picture.geterror().strip())
+    except OSError as error:
+        raise BadInput(f"{target}: cannot be written ({error.strerror}); choose another folder") from None

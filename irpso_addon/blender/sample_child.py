@@ -11,6 +11,7 @@ from pathlib import Path
 import bpy
 
 from ..core import vase
+from ..core.atomic import FolderLock
 from ..core.job import Progress
 from . import demo, properties
 from .child import as_child, tell
@@ -30,10 +31,12 @@ def _make(folder: Path) -> None:
     tempfile.TemporaryFile(dir=target.parent).close()  # whether it can be written, before the work
     for step in build(made):
         tell(folder, step)
-    beside = target.with_name(f"{target.name}-{os.getpid()}")  # the user's folder may lie on another disk
-    shutil.move(made, beside)
-    shutil.rmtree(target, ignore_errors=True)  # without a scene in it
-    os.replace(beside, target)
+    beside = target.with_name(f"{target.name}-new")  # the user's folder may lie on another disk
+    with FolderLock(target.parent):
+        shutil.rmtree(beside, ignore_errors=True)  # of one that was killed here
+        shutil.move(made, beside)
+        shutil.rmtree(target, ignore_errors=True)  # without a scene in it
+        os.replace(beside, target)
 
 
 def build(out: Path) -> Iterator[Progress]:

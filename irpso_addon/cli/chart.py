@@ -10,6 +10,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
+from ..core.atomic import replacing
 from ..core.chart import COLOURS, Curve, Panel
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")  # tell apart without any colour
@@ -42,7 +43,8 @@ def draw(panels: Sequence[Sequence[Panel]], title: str, foot: str, stem: Path) -
         paths = []
         for kind in ("png", "svg"):
             paths.append(stem.with_name(f"{stem.name}.{kind}"))
-            figure.savefig(paths[-1], metadata={"Date": None} if kind == "svg" else None)
+            with replacing(paths[-1]) as part:
+                figure.savefig(part, metadata={"Date": None} if kind == "svg" else None)
     return paths
 
 
