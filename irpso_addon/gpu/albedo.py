@@ -77,7 +77,7 @@ class AlbedoSolver:
         while i <= iterations:
             # The first step starts from black: it is the weighted mean of what the cameras show.
             canvas.step([c for c in range(len(cameras)) if i == 0 or c % subsets == i % subsets], first=i == 0)
-            device.ctx.finish()
+            device.pace.finish()
             if i == 0 and canvas.pixels_per_texel() > COARSE:
                 iterations = min(iterations, COARSE_ITERATIONS)
             i += 1

@@ -20,6 +20,7 @@ import moderngl
 import numpy as np
 
 from ..core.data import F32, Bool
+from .cells import CELL
 from .context import Device
 from .observe import Observations
 from .surface import SurfaceMaps
@@ -91,6 +92,7 @@ class Atlas:
     def __init__(self, device: Device, source: Source, tile: tuple[int, int] | None = None) -> None:
         """``tile``: its width and height (else TILE), less where the maps or the device's textures are smaller."""
         tile = tile or TILE
+        self.device = device
         self.layers = layers = source.layers
         rows, (width, height) = layers.blocks, source.size
         self.tile = (min(tile[0], width), max(1, min(tile[1], height, ATLAS_ROWS // rows)))
@@ -102,6 +104,18 @@ class Atlas:
         """Viewport of a block."""
         w, h = self.tile
         return 0, number * h, w, h
+
+    def work(self) -> F32:
+        """(height,) about how many observations each row of texels holds, and one more for each texel."""
+        width, height = self.tile
+        counts = self.device.texture(-(-width // CELL), -(-height // CELL), 1)
+        target = self.device.framebuffer([counts])
+        self.device.draw("solve/work.frag", target, textures={"u_observations": self.texture}, uniforms=self.uniforms,
+                         defines={"LAYERS": str(len(self.layers.groups)), "LIGHTS": str(self.layers.lights)})
+        rows = np.repeat(self.device.read(counts)[..., 0].sum(axis=1) / np.float32(CELL), CELL)[:height]
+        target.release()
+        counts.release()
+        return rows
 
     def release(self) -> None:
         """Free the texture."""
@@ -151,7 +165,7 @@ class CameraSource:
                         self._copy(atlas, match, layer, (camera.views[view].colour, camera.views[view].lobes),
                                    channel, camera.views[view].tint[channel], colour)
                         layer += 1
-                device.ctx.finish()
+                device.pace.finish()
                 yield
         finally:
             match_target.release()

@@ -202,7 +202,7 @@ class Device:
 
     def steps(
         self, name: str, target: moderngl.Framebuffer, *, textures: Mapping[str, Textures],
-        uniforms: Mapping[str, Any], defines: Mapping[str, str], region: Rectangle, work: Sequence[float] | None = None,
+        uniforms: Mapping[str, Any], defines: Mapping[str, str], region: Rectangle, work: F32 | None = None,
     ) -> Iterator[None]:
         """The same in pieces of about a slice, between which others may draw.
 

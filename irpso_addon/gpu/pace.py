@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
+
+from ..core.data import F32
 
 Rectangle = tuple[int, int, int, int]  # x, y, width, height
 
@@ -75,14 +77,14 @@ class Pace:
 
 
 def rectangles(
-    region: Rectangle, most: Callable[[], float], work: Sequence[float] | None = None,
+    region: Rectangle, most: Callable[[], float], work: F32 | None = None,
 ) -> Iterator[tuple[Rectangle, float]]:
     """Divide a region into rows, or parts of a row where one is too much: (rectangle, its units).
 
     ``most``: units of the next one, asked again for each.  ``work``: units of each row of the region; None: its pixels.
     """
     x, y, width, height = region
-    ahead = np.cumsum(np.full(height, float(width)) if work is None else np.asarray(work, np.float64))
+    ahead = np.cumsum(np.full(height, float(width)) if work is None else work, dtype=np.float64)
     done, row = 0.0, 0
     while row < height:
         allowed = most()

@@ -111,7 +111,7 @@ class Swarms:
             target.release()
         for particle in range(self.settings.particles):
             self._move(particle, 0)
-        self.device.ctx.finish()
+        self.device.pace.finish()
         yield
 
     def step(self) -> None:
@@ -230,7 +230,7 @@ class PaperSwarm:
             start = time.perf_counter()
             for _ in range(min(slice_passes, count - swarms.passes)):
                 swarms.step()
-            self.device.ctx.finish()
+            self.device.pace.finish()
             pace = self.device.settings.slice / 1000 / max(time.perf_counter() - start, 1e-6)
             slice_passes = max(int(slice_passes * min(max(pace, 0.25), 4.0)), 1)
             yield swarms.passes / count

@@ -96,8 +96,8 @@ def pyramid(
         levels.append(above)
     parent: moderngl.Texture | None = None
     if around is not None:
-        half = (levels[-1][0].width + 1) // 2
-        parent = device.texture(half, half, data=around(half))
+        coarse = (levels[-1][0].width + 1) // 2
+        parent = device.texture(coarse, coarse, data=around(coarse))
     prior: moderngl.Texture | None = None
     for level in range(len(levels) - 1, -1, -1):
         table = levels[level]

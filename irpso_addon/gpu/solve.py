@@ -6,7 +6,6 @@ memory of the gathered observations and the time of a draw.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +13,7 @@ from functools import partial
 import moderngl
 import numpy as np
 
+from ..core.data import F32
 from ..core.errors import Cancelled
 from ..core.job import Progress
 from ..core.params import SolveSettings
@@ -23,7 +23,6 @@ from .atlas import Atlas, Source, Tile, tiles
 from .context import Device
 from .look import LOOKS
 
-FIRST_ROWS = 16  # of a tile in the first draw of a kernel, before its speed is known
 FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
 QUIET = 3e-4  # relative noise below which ...
 SURE = 0.02  # ... texels this sure of their roughness ...
@@ -78,7 +77,7 @@ class Solver:
         self.found: dict[int, Noise] = {}  # by lobes, of the last solve
         self.noise = 0.0  # relative, as the last solve found it (median)
         self.noise_map: moderngl.Texture | None = None  # log variance of it, see share.noise_map
-        self.bands: dict[str, int] = {}
+        self._work: dict[Tile, F32] = {}  # of each row of a tile, see Atlas.work
         self.atlas = Atlas(device, source, tile)
         self.covered = device.read(source.position)[..., 3] > 0.5
         self.slack = FIRST_SLACK
@@ -260,31 +259,18 @@ class Solver:
         self, kernel: str, target: moderngl.Framebuffer, tile: Tile, textures: Textures, uniforms: Uniforms,
         defines: Mapping[str, str],
     ) -> Iterator[None]:
-        """One kernel over one tile, written in place into the whole maps.
-
-        In bands of rows that take about a slice (core/params.py) each, so that a window stays alive and no driver
-        takes the GPU for hung.
-        """
-        x, y = tile
-        width, height = self.source.size
-        w, end = min(self.atlas.tile[0], width - x), min(y + self.atlas.tile[1], height)
-        key = kernel + defines["LOBES"]
-        while y < end:
-            rows = min(self.bands.get(key, FIRST_ROWS), end - y)
-            start = time.perf_counter()
-            self.device.kernel(kernel, target, textures={
-                "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
-                "u_principled_table": self.source.principled_table,
-                **({"u_level": self.level} if self.level else {}),
-                **({"u_start": self.start} if "STARTED" in defines else {}), **textures,
-            }, uniforms={**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile, **uniforms},
-                defines=defines, region=(x, y, w, rows))
-            self.device.ctx.finish()
-            took = time.perf_counter() - start
-            fitting = int(rows * min(max(self.device.settings.slice / 1000 / max(took, 1e-6), 0.25), 8.0))
-            self.bands[key] = min(max(fitting, 4), self.atlas.tile[1])
-            y += rows
-            yield
+        """One kernel over one tile, written in place into the whole maps, a slice at a time."""
+        (x, y), (width, height) = tile, self.source.size
+        if tile not in self._work:
+            self._work[tile] = self.atlas.work()
+        region = x, y, min(self.atlas.tile[0], width - x), min(self.atlas.tile[1], height - y)
+        yield from self.device.steps(kernel, target, textures={
+            "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
+            "u_principled_table": self.source.principled_table,
+            **({"u_level": self.level} if self.level else {}),
+            **({"u_start": self.start} if "STARTED" in defines else {}), **textures,
+        }, uniforms={**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile, **uniforms},
+            defines=defines, region=region, work=self._work[tile][:region[3]])
 
     def _noise(
         self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int
