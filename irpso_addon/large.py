@@ -23,6 +23,7 @@ from .core.job import Progress
 from .core.params import SolveSettings
 from .core.pictures import Picture, develop
 from .core.plan import Plan
+from .core.staging import Staging
 from .core.tiling import BLOCK, HALO, Crop, Window
 from .core.work import Work
 from .gpu import thread
@@ -38,6 +39,8 @@ Result = TypeVar("Result")
 PLANNED, SOLVED = 0.25, 0.95  # of the whole: once the plan is made, once all blocks are solved
 BLOCK_BYTES = 400_000_000  # of a block's textures without pictures, at most
 LEAST_BYTES = 100_000_000  # for its pictures, whatever the memory
+WORK = "irpso_work"  # in the folder of the maps, until they are done
+NO_INDIRECT = "several UDIMs: indirect light is not rendered and taken out; darken the surroundings"
 STATS = "stats"  # of a block: (1, 6) texels covered, observed, solved, filled; sum and count of squared residuals
 
 
@@ -60,7 +63,7 @@ def run(
         for n, window in enumerate(left):
             message = f"block {there + n + 1} of {len(blocks)}"
             low, high = (PLANNED + (SOLVED - PLANNED) * (there + k) / len(blocks) for k in (n, n + 1))
-            yield from _told(solve_block(plan, place, window, clock), low, high, f"{message}: ")
+            yield from _told(solve_block(plan, place, window, clock), low, high, f"{message}: ", looks=False)
         began = time.perf_counter()
         for share in merge.steps(place.read_block, blocks, scene.mesh.name, folder, kind, layers_of(plan),
                                  tiled=len(plan.udims) > 1 or plan.udims != (tiling.FIRST_UDIM,)):
@@ -69,6 +72,18 @@ def run(
         solution = total(plan, place)
     told = (f"resumed: {there} of {len(blocks)} blocks were there",) if there else ()
     return replace(solution, seconds=clock.seconds, warnings=(*told, *solution.warnings))
+
+
+def solve_to(
+    scene: SceneData, settings: SolveSettings, out: Path, kind: str, bounce: Bounce | None = None,
+) -> Generator[Progress, None, Solution]:
+    """As `run`: all files appear in ``out`` together; until then what is finished waits in `WORK` there."""
+    with Staging(out) as staging:
+        solution = yield from run(scene, settings, staging.folder, out / WORK, kind, bounce)
+        staging.publish()
+    with Work(out / WORK) as place:
+        place.remove()
+    return solution
 
 
 def prepare(
@@ -103,6 +118,9 @@ def make_plan(
     udims = tiling.udims_of(scene.mesh.uvs) if settings.udim == "all" else (tiling.FIRST_UDIM,)
     if not udims:
         raise BadInput(f"{scene.mesh.name}: none of its faces lies in a UDIM square; unwrap the mesh")
+    if len(udims) > 1 and settings.indirect != "off" and bounce is not None:
+        bounce = None  # it puts the small map on the object as it is, and that one holds the squares side by side
+        scene = replace(scene, warnings=(*scene.warnings, NO_INDIRECT))
     small = tiling.layout(settings.size, udims)
     mesh = replace(scene.mesh, grid=small.grid(scene.mesh.uvs), extent=float(small.columns))
     began = time.perf_counter()
@@ -120,16 +138,17 @@ def make_plan(
 
 
 def _told(
-    steps: Generator[Progress, None, Result], low: float, high: float, prefix: str,
+    steps: Generator[Progress, None, Result], low: float, high: float, prefix: str, looks: bool = True,
 ) -> Generator[Progress, None, Result]:
-    """Steps as a part of the whole.  A stop ends them; they have nothing to keep."""
+    """Steps as a part of the whole.  A stop ends them; they have nothing to keep.  Looks at a block show no map."""
     while True:
         try:
             step = next(steps)
         except StopIteration as end:
             result: Result = end.value
             return result
-        yield Progress(low + (high - low) * step.fraction, step.stage, prefix + step.message, step.look)
+        yield Progress(low + (high - low) * step.fraction, step.stage, prefix + step.message,
+                       step.look if looks else None)
 
 
 def _developed(views: tuple[View, ...], work: Work) -> Generator[Progress, None, None]:

@@ -254,7 +254,7 @@ def _maps(
                 "kept": int((part.known & ~made.good).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
         views_skipped=scene.skipped + observations.skipped, checks=checks, pictures=pictures,
-        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps),
+        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps, settings.udim),
                   *warnings(checks), *([NO_CONFIDENCE] if settings.method == "paper" else [])),
     )
 
@@ -272,7 +272,7 @@ def _checks(
     return measure(views, texels), tuple(pictures)
 
 
-def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps) -> list[str]:
+def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, udim: str) -> list[str]:
     """What a user must know of the mesh before trusting the maps."""
     covered = max(int(gbuffer.coverage.sum()), 1)
     name = scene.mesh.name
@@ -284,7 +284,9 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps) -> list[str]:
     grid = scene.mesh.uvs if scene.mesh.grid is None else scene.mesh.grid
     outside = np.mean(np.any((grid < -1e-4) | (grid > 1 + 1e-4), axis=(1, 2)))
     if outside > 0:
-        found.append(f"{name}: {100 * outside:.1f} % of its faces lie outside the 0-1 UV square and are not solved")
+        where = "outside the 0-1 UV square" if udim == "first" else "in no UDIM square"
+        found.append(f"{name}: {100 * outside:.1f} % of its faces lie {where} and are not solved"
+                     + ("; setting UDIM 'all' solves every square" if udim == "first" else ""))
     unseen = (gbuffer.coverage & maps.filled).sum() / covered
     if unseen > 0.05:
         found.append(f"{name}: {100 * unseen:.0f} % of its texels are seen lit by no view and were filled "

@@ -208,13 +208,17 @@ def crop_of(camera: Camera, width: int, height: int, position: F32, normal: F32,
 
 def shrunk(crop: Crop, shrink: int, width: int, height: int) -> Crop:
     """Whole cells of ``shrink`` x ``shrink`` pixels that hold the crop, as far as the picture has whole cells."""
-    if shrink == 1:
-        return crop
-    x, y = crop.x // shrink * shrink, crop.y // shrink * shrink
-    right = min(-(-(crop.x + crop.width) // shrink), max(width // shrink, x // shrink + 1)) * shrink
-    top = min(-(-(crop.y + crop.height) // shrink), max(height // shrink, y // shrink + 1)) * shrink
-    x, y = max(min(x, width - shrink), 0) // shrink * shrink, max(min(y, height - shrink), 0) // shrink * shrink
-    return Crop(x, y, max(right - x, shrink), max(top - y, shrink), shrink)
+    x, columns = _cells(crop.x, crop.width, shrink, width)
+    y, rows = _cells(crop.y, crop.height, shrink, height)
+    return Crop(x, y, columns, rows, shrink)
+
+
+def _cells(first: int, count: int, shrink: int, whole: int) -> tuple[int, int]:
+    """First pixel and number of pixels of the cells that hold ``count`` pixels, of ``whole``."""
+    most = max(whole // shrink, 1)
+    low = min(first // shrink, most - 1)
+    high = max(min(-(-(first + count) // shrink), most), low + 1)
+    return low * shrink, (high - low) * shrink
 
 
 def cropped(camera: Camera, width: int, height: int, crop: Crop) -> Camera:
