@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
+import platform
 import re
 import secrets
-import socket
 import stat
 import sys
 from collections.abc import Iterator
@@ -80,7 +80,7 @@ def remove_leftovers(folder: Path) -> None:
         with contextlib.suppress(OSError):  # gone, or not ours to remove
             if not stat.S_ISREG(part.lstat().st_mode):
                 continue
-            handle = os.open(part, os.O_RDWR)
+            handle = os.open(part, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
             try:
                 dead = sys.platform == "win32" or _take(handle) is True
                 if dead and sys.platform != "win32":
@@ -135,7 +135,9 @@ class FolderLock:
 
     def __enter__(self) -> FolderLock:
         while True:
-            handle = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
+            # A link would have somebody's file overwritten, a pipe would wait.
+            safely = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+            handle = os.open(self.path, os.O_RDWR | os.O_CREAT | safely, 0o666)
             try:
                 taken = _take(handle)
                 if taken is False:
@@ -144,7 +146,7 @@ class FolderLock:
                 if self._is(handle):
                     os.ftruncate(handle, 0)
                     os.lseek(handle, 0, os.SEEK_SET)
-                    os.write(handle, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
+                    os.write(handle, f"process {os.getpid()} on {platform.node()}\n".encode())
                     self._handle, self.real, handle = handle, bool(taken), -1
                     return self
             finally:

@@ -10,6 +10,7 @@ import importlib
 import io
 import json
 import math
+import stat
 import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
@@ -52,7 +53,7 @@ def load(path: Path) -> Any:
     """What `save` wrote there, after its checksums were compared.  Raises BadInput."""
     path = Path(path)
     try:
-        size = path.stat().st_size
+        size = _size(path)
         with zipfile.ZipFile(path) as file:
             members = {info.filename: info for info in file.infolist()}
             # Stored as they are and together no larger than the file: nothing that unpacks to more than the disk holds.
@@ -60,10 +61,10 @@ def load(path: Path) -> Any:
                     or any(m.compress_type != zipfile.ZIP_STORED for m in members.values())):
                 raise ValueError
             arrays = {name[:-4]: _array(file.read(info)) for name, info in members.items() if name != THING}
-            told = json.loads(file.read(THING))
-        if told["format"] != FORMAT:
+            text = json.loads(file.read(THING))
+        if text["format"] != FORMAT:
             raise BadInput(f"{path}: was written by another version of irpso; remove it and run again")
-        return _decode(told["thing"], arrays)
+        return _decode(text["thing"], arrays)
     except OSError as error:
         raise BadInput(f"{path}: cannot be read ({error.strerror or 'is damaged'}); check the path") from None
     except BadInput:
@@ -86,11 +87,20 @@ def fingerprint(*things: Any, files: Iterable[Path] = ()) -> str:
             found.update(hashlib.sha256(array).digest())
     for path in files:
         try:
+            _size(Path(path))
             with Path(path).open("rb") as file:
                 found.update(hashlib.file_digest(file, "sha256").digest())
         except OSError as error:
             raise BadInput(f"{path}: cannot be read ({error.strerror}); check the path") from None
     return found.hexdigest()
+
+
+def _size(path: Path) -> int:
+    """Of a file, in bytes.  Raises BadInput for what is none: reading a pipe would wait."""
+    told = path.stat()
+    if not stat.S_ISREG(told.st_mode):
+        raise BadInput(f"{path}: is not a file; check the path")
+    return told.st_size
 
 
 def _member(name: str, size: int) -> zipfile.ZipInfo:

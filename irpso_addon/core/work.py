@@ -21,6 +21,7 @@ from . import bundle
 from .atomic import LOCK, PART, FolderLock, remove_leftovers, write_whole
 from .data import F32
 from .errors import BadInput
+from .text_file import read_text
 
 MARK = "irpso-work"
 PLAN = "plan.npz"
@@ -63,6 +64,9 @@ class Work:
         """Keep what is there if it was begun with the same fingerprint, else empty the folder.  Enter it first."""
         assert self._lock is not None
         try:
+            for place in (self._blocks, self.pictures):
+                if place.is_symlink():  # what it points to is not ours
+                    place.unlink()
             for place in (self.folder, self._blocks, self.pictures):
                 remove_leftovers(place)
             if self.fingerprint() != fingerprint:
@@ -77,8 +81,8 @@ class Work:
     def fingerprint(self) -> str | None:
         """What the folder was begun with; None: nothing, or not to the end."""
         try:
-            return (self.folder / MARK).read_text(encoding="ascii").strip() or None
-        except (OSError, UnicodeDecodeError):
+            return read_text(self.folder / MARK).strip() or None
+        except BadInput:
             return None
 
     def write_plan(self, plan: Any) -> None:
@@ -91,6 +95,8 @@ class Work:
 
     def write_block(self, key: str, layers: dict[str, F32]) -> None:
         """Keep a finished block: arrays by name, (h, w) or (h, w, 3) those of its maps' layers."""
+        if self._blocks.is_symlink():
+            raise BadInput(f"{self._blocks}: is a link, and what it points to is not irpso's; remove it and run again")
         self._save(self._block(key), dict(layers))
 
     def read_block(self, key: str) -> dict[str, F32]:
@@ -151,7 +157,7 @@ class Work:
         (self.folder / MARK).unlink(missing_ok=True)
         (self.folder / PLAN).unlink(missing_ok=True)
         for place in (self._blocks, self.pictures):
-            if place.is_symlink() or not place.is_dir():  # what it points to is not ours
+            if place.is_symlink() or not place.is_dir():
                 place.unlink(missing_ok=True)
             else:
                 shutil.rmtree(place)

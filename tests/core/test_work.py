@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core import bundle
-from irpso_addon.core.atomic import PART, remove_leftovers, replacing
+from irpso_addon.core.atomic import LOCK, PART, remove_leftovers, replacing
 from irpso_addon.core.checks import Checks
 from irpso_addon.core.data import Camera, Light, Maps, MeshArrays, NormalMap, SceneData, Solution, View
 from irpso_addon.core.errors import BadInput
@@ -246,7 +246,26 @@ def test_links_are_not_followed(tmp_path):
         (work.folder / "pictures").symlink_to(tmp_path / "mine")
         work.begin("b")
         assert not work.pictures.is_symlink()
-    assert (tmp_path / "mine" / "a").exists()
+        (work.folder / "blocks").rmdir()
+        (work.folder / "blocks").symlink_to(tmp_path / "mine")
+        with pytest.raises(BadInput, match="blocks: is a link"):
+            work.write_block("k", BLOCK)
+        work.begin("b")
+        work.write_block("k", BLOCK)
+    (tmp_path / "w" / LOCK).symlink_to(tmp_path / "mine" / "a")
+    with pytest.raises(BadInput, match="cannot be written"):
+        Work(tmp_path / "w").__enter__()
+    assert [(p.name, p.read_text()) for p in (tmp_path / "mine").iterdir()] == [("a", "x")]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names")
+def test_pipes_are_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "irpso-work")
+    with pytest.raises(BadInput, match="is not a file"):
+        bundle.load(tmp_path / "irpso-work")
+    with pytest.raises(BadInput, match="is not a file"):
+        bundle.fingerprint(files=[tmp_path / "irpso-work"])
+    assert Work(tmp_path).fingerprint() is None
 
 
 def test_leftovers_of_the_dead_alone_are_removed(tmp_path):
