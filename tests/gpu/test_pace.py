@@ -100,7 +100,17 @@ def test_rectangles_cover_a_region_once(most, work):
     assert units == pytest.approx(77 if work is None else work.sum())
 
 
-class Cut(Pace):
+class Counted(Pace):
+    """Divides nothing."""
+
+    pieces = 0
+
+    def piece(self, key: Any, units: float) -> Any:
+        self.pieces += 1
+        return super().piece(key, units)
+
+
+class Cut(Counted):
     """Cuts every draw into pieces that end anywhere."""
 
     def most(self, key: Any, first: float = 0.0) -> float:
@@ -120,13 +130,11 @@ def divided(on_gl: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[
 
     def call(solve: Callable[[], Any]) -> list[Any]:
         results, drawn = [], []
-        for kind, chunk in ((Pace, 10**9), (Cut, 300)):
+        for kind, chunk in ((Counted, 10**9), (Cut, 300)):
             monkeypatch.setattr(surface, "CHUNK", chunk)
             monkeypatch.setattr(device, "pace", kind(device._finish, math.inf))
-            pieces: list[Any] = []
-            device.pace.told = lambda key, seconds, pieces=pieces: pieces.append(key)  # type: ignore[misc]
             results.append(solve())
-            drawn.append(len(pieces))
+            drawn.append(device.pace.pieces)  # type: ignore[attr-defined]
         assert drawn[1] > 5 * drawn[0]  # else it would compare a path with itself
         return results
 
