@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from ..core.errors import printable
 from ..core.job import Progress
 
 PATIENCE = 60.0  # seconds between two lines of a stage
@@ -19,12 +20,12 @@ PATIENCE = 60.0  # seconds between two lines of a stage
 
 def say(text: str) -> None:
     """A line of the result."""
-    print(text, flush=True)
+    print(printable(text), flush=True)
 
 
 def warn(text: str) -> None:
     """A line that the user should read, beside the result."""
-    print(f"irpso: {text}", file=sys.stderr, flush=True)
+    print(f"irpso: {printable(text)}", file=sys.stderr, flush=True)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -1,6 +1,15 @@
 """The ways a job ends early that are not bugs."""
 
 
+def printable(text: str) -> str:
+    """``text`` in one line.
+
+    Names of files and objects may hold line breaks, letters that turn round what a terminal shows, and halves of
+    letters that cannot be written at all.
+    """
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
 class BadInput(Exception):
     """Something the user gave cannot be used.
 
@@ -9,8 +18,7 @@ class BadInput(Exception):
     """
 
     def __init__(self, message: str) -> None:
-        # Names of files and objects may hold line breaks, and letters that turn round what a terminal shows.
-        super().__init__("".join(letter if letter.isprintable() else "?" for letter in message))
+        super().__init__(printable(message))
 
 
 class DeviceError(BadInput):

@@ -16,6 +16,7 @@ from pathlib import Path
 from .errors import BadInput
 from .params import SolveSettings
 from .report import write_report
+from .text_file import read_text
 from .tiling import BLOCK, FIRST_UDIM, HALO, is_large, layout, windows
 
 COVERED = 0.8  # of a map's texels lie in UV islands ...
@@ -122,6 +123,11 @@ def check_disk(folder: Path, size: int, there: int = 0) -> None:
                        "are free; make room, choose another folder, or smaller maps")
 
 
+def size_of(folder: Path) -> int:
+    """Bytes of the files below a folder; 0 where there is none."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) if folder.is_dir() else 0
+
+
 def predicted(
     views: Sequence[Taken], settings: SolveSettings, known: Collection[str], reduced: float = 1.0,
     rounds: bool = False, udims: tuple[int, ...] = (FIRST_UDIM,),
@@ -189,9 +195,9 @@ def learnt(
 def read_factors(path: Path) -> dict[str, float]:
     """What was learnt; nothing where there is no such file, or something else in it."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path))
         found = {str(key): float(value) for key, value in content["factors"].items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (BadInput, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         return {}
     return {key: value for key, value in found.items() if 1 / FURTHEST < value < FURTHEST}
 

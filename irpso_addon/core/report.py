@@ -77,7 +77,7 @@ def build_report(
         "peak_memory_bytes": peak_memory(),
         "cancelled": solution.cancelled,
     }
-    return _finite(report)  # type: ignore[no-any-return]
+    return _finite(report)  # type: ignore[no-any-return]  # as it will be in the file
 
 
 def _model(solution: Solution, slot: str) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def _checks(checks: Checks) -> dict[str, Any]:
 def write_report(path: Path, report: dict[str, Any]) -> None:
     """Write the report as JSON: whole or not at all.  Raises BadInput where that is impossible."""
     path = Path(path)
-    text = json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(_finite(report), indent=1, ensure_ascii=False, allow_nan=False)
     try:
         write_whole(path, f"{text}\n".encode(errors="backslashreplace"))  # file names may be no text
     except OSError as error:

@@ -40,7 +40,7 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
             writes = any(letter in mode for letter in "wax+")
         if writes and isinstance(path, (str, bytes)):
             _watched.append(os.fsdecode(path))
-    elif event in _WRITES:
+    elif event in _WRITES and not any(isinstance(a, int) and a >= 0 for a in arguments[1:]):  # relative to a folder
         _watched.extend(os.fsdecode(a) for a in arguments[:2] if isinstance(a, (str, bytes)))
 
 
@@ -64,7 +64,8 @@ def run_case(
     box.note = note or box.note
     _empty(box)
     tempfile.tempdir = str(root / "tmp")
-    action = importlib.import_module(f".kinds.{kind}", __package__).make(shared, Random(f"{seed} {kind} {index}"), box)
+    module = importlib.import_module(f".kinds.{kind}", __package__)
+    action = module.make(shared, Random(f"{seed} {kind} {index}"), box)
     before, start_memory = snapshot(root, box.out), _forget_peaks()
     started = time.monotonic()
     outcome = Outcome(index, "accepted")
