@@ -20,7 +20,7 @@ PATIENCE = 60.0  # seconds between two lines of a stage
 
 def say(text: str) -> None:
     """A line of the result."""
-    print(printable(text), flush=True)
+    print("\n".join(map(printable, text.split("\n"))), flush=True)
 
 
 def warn(text: str) -> None:
