@@ -52,7 +52,10 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """The file ``path`` with this content, whole or as before; what killed runs left beside it goes.  Raises OSError."""
+    """The file ``path`` with this content, whole or as before; what killed runs left beside it goes.
+
+    Raises OSError.
+    """
     remove_leftovers(path.parent)
     with replacing(path) as part:
         part.write_bytes(content)

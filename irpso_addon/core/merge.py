@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .atomic import remove_leftovers
 from .data import F32
 from .errors import BadInput
 from .export import as_stored, check_kind, file_name
@@ -47,6 +48,7 @@ def steps(
 ) -> Iterator[float]:
     """`merge` in steps of a row of blocks; gives the share that is done."""
     check_kind(kind)
+    remove_leftovers(Path(folder))
     ordered = sorted(windows, key=lambda w: (w.udim, -w.y, w.x))  # as files are written: the top first
     done = 0
     for udim, those in groupby(ordered, key=lambda w: w.udim):
