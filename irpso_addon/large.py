@@ -41,6 +41,7 @@ BLOCK_BYTES = 400_000_000  # of a block's textures without pictures, at most
 LEAST_BYTES = 100_000_000  # for its pictures, whatever the memory
 WORK = "irpso_work"  # in the folder of the maps, until they are done
 NO_INDIRECT = "several UDIMs: indirect light is not rendered and taken out; darken the surroundings"
+RESUMED = "resumed: "  # begins the warning of a solve that went on
 STATS = "stats"  # of a block: (1, 6) texels covered, observed, solved, filled; sum and count of squared residuals
 
 
@@ -70,7 +71,7 @@ def run(
             yield Progress(SOLVED + (1 - SOLVED) * share, "merge", "writing files")
         clock.seconds["merge"] = time.perf_counter() - began
         solution = total(plan, place)
-    told = (f"resumed: {there} of {len(blocks)} blocks were there",) if there else ()
+    told = (f"{RESUMED}{there} of {len(blocks)} blocks were there",) if there else ()
     return replace(solution, seconds=clock.seconds, warnings=(*told, *solution.warnings))
 
 

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import bpy
 
-from ..irpso_addon.blender import properties
+from ..irpso_addon.blender import properties, session
+from ..irpso_addon.core import map_files
 from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.export import write_maps
 from .needs_solution import NeedsSolution
@@ -39,7 +40,9 @@ class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
         kind = self.format if self.properties.is_property_set("format") else settings.format
         try:
             folder = Path(absolute(self.directory or settings.out))
-            paths = write_maps(self.solution(obj).maps, obj.name, folder, kind)
+            solution, files = self.solution(obj), session.files_of(obj)
+            paths = (write_maps(solution.maps, obj.name, folder, kind) if files is None
+                     else map_files.export(files, obj.name, folder, kind))
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

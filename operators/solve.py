@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 
+from ..irpso_addon import large
 from ..irpso_addon.blender import (
     estimates,
     indirect,
@@ -24,11 +25,13 @@ from ..irpso_addon.blender import (
 )
 from ..irpso_addon.blender.jobs import Task
 from ..irpso_addon.blender.readiness import solve_objects
+from ..irpso_addon.core import tiling
 from ..irpso_addon.core.data import SceneData, Solution
 from ..irpso_addon.core.errors import BadInput
+from ..irpso_addon.core.estimate import check_disk, size_of
 from ..irpso_addon.core.params import SolveSettings
 from .modal_job import ModalJob
-from .paths import captures_path
+from .paths import absolute, captures_path
 
 
 class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
@@ -44,6 +47,9 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
 
     _live: live.LiveMaps | None = None
     _label = ""
+    _folder: Path | None = None  # of the files of large maps; None: the maps go into the .blend
+    _udims: tuple[int, ...] = ()
+    _kind = "exr"
     _held = False  # was paused: its times say nothing
     _asked: tuple[SceneData, SolveSettings]
 
@@ -68,22 +74,42 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         if self.write:
             writable.check(obj, data.mesh)
         self._label = f"{settings.method}, {settings.model}, {settings.size}{', part' if data.region else ''}"
+        name, arguments = self._asked_for(context, data, settings)
         if settings.indirect == "off":
-            return Task("pipeline:solve", (data, settings))
+            return Task(name, arguments)
         if not bpy.data.is_dirty:
             bounce = indirect.Bouncer.of_open_file(Path(bpy.data.filepath))
-            return Task("pipeline:solve", (data, settings, None, bounce))
+            return Task(name, (*arguments, bounce))
         bounce = indirect.Bouncer.of_copy()
         assert bounce.copy is not None
-        return Task("pipeline:solve", (data, settings, None, replace(bounce, copy=None)), bounce.copy.cleanup)
+        return Task(name, (*arguments, replace(bounce, copy=None)), bounce.copy.cleanup)
+
+    def _asked_for(
+        self, context: bpy.types.Context, data: SceneData, settings: SolveSettings,
+    ) -> tuple[str, tuple[Any, ...]]:
+        """The task and its arguments but for the last; large maps become files in the panel's folder."""
+        udims, scene_settings = tiling.solved_udims(settings.udim, data.mesh.uvs), context.scene.irpso
+        self._folder, self._udims = None, ()
+        if not tiling.is_large(settings.size, udims):
+            return "pipeline:solve", (data, settings, None)
+        large.check(data, settings)
+        self._udims, self._kind = udims, scene_settings.format
+        self._folder = Path(absolute(scene_settings.out))
+        found = estimates.of(context)
+        if found is not None:
+            check_disk(self._folder, found.disk_bytes, size_of(self._folder / large.WORK))
+        return "large:solve_to", (data, settings, self._folder, self._kind)
 
     def start(self, task: Task, obj: bpy.types.Object) -> None:
         """The solve in one process, first looks at it in another."""
-        data, settings = task.arguments[:2]
-        self._live, self._asked = live.LiveMaps(data, settings), (data, settings)
-        maps = self._live
+        data, settings = self._asked = task.arguments[:2]
+        if self._folder is not None:  # its plan is what is seen
+            settings = replace(settings, size=tiling.layout(settings.size, self._udims).size)
+        maps = self._live = live.LiveMaps(data, settings)
         running = session.start(task.start(maps.take), self.bl_label, obj.session_uid)
         running.curve = maps.curve
+        if self._udims not in ((), (tiling.FIRST_UDIM,)):
+            return  # it looks at the 0-1 square
         with suppress(BadInput):  # looks are welcome, not needed
             running.preview = jobs.preview((replace(data, start=None), settings), maps.take_preview)
             maps.feed = running.preview.feed
@@ -94,24 +120,32 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         assert running is not None and maps is not None
         self._held |= running.paused
         fresh, running.live = running.live is not maps.latest, maps.latest
-        fresh = maps.show(obj) if self.write else fresh
+        fresh = maps.show(obj) if self.write and self._folder is None else fresh
         if fresh:
             views.refresh()
         return fresh
 
     def stopped(self) -> Solution | None:
-        """What was on show."""
-        return None if self._live is None else self._live.solution()
+        """What was on show; of large maps nothing, they go on from what is finished."""
+        if self._folder is not None and (self._folder / large.WORK).exists():
+            self.report({"INFO"}, f"Finished blocks are kept in {self._folder / large.WORK}; Solve goes on from there")
+        return None if self._live is None or self._folder is not None else self._live.solution()
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
         """Keeps the solution, wires the maps, says what happened."""
         solution: Solution = value
         name, uid = obj.name, obj.session_uid
-        session.keep(obj, solution, self._label)
-        if not (cancelled or self._held or self._live is None):
-            estimates.learn(*self._asked, solution, self._live.seconds)
+        files = None
+        if self._folder is not None:
+            files = material.files_of(name, solution.maps, self._folder, self._kind, self._udims)
+        session.keep(obj, solution, self._label, files)
+        resumed = any(warning.startswith(large.RESUMED) for warning in solution.warnings)
+        if not (cancelled or self._held or resumed or self._live is None):
+            estimates.learn(*self._asked, solution, self._live.seconds, self._udims or (tiling.FIRST_UDIM,))
         messages: tuple[str, ...] = ()
-        if self.write:
+        if self.write and files is not None:
+            messages = material.link_files(obj, solution, files)
+        elif self.write:
             material.check(obj, solution)
             messages = yield from self._written(uid, solution)
         for warning in (*solution.warnings, *messages):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import bpy
 
-from ..irpso_addon.blender import material
+from ..irpso_addon.blender import material, session
 from ..irpso_addon.core.errors import BadInput
 from .needs_solution import NeedsSolution
 from .paths import absolute
@@ -25,8 +25,10 @@ class IRPSO_OT_write_maps(NeedsSolution, bpy.types.Operator):
         """Writes images and nodes; what the user should know goes to the Info editor."""
         obj = context.active_object
         try:
-            folder = None if self.packed else Path(absolute(context.scene.irpso.out))
-            messages = material.write_maps(obj, self.solution(obj), packed=self.packed, directory=folder)
+            solution, files = self.solution(obj), session.files_of(obj)
+            folder = None if self.packed or files else Path(absolute(context.scene.irpso.out))
+            messages = (material.write_maps(obj, solution, packed=self.packed, directory=folder) if files is None
+                        else material.link_files(obj, solution, files))
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

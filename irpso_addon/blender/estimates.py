@@ -88,7 +88,10 @@ def _rounds(obj: bpy.types.Object | None, settings: SolveSettings) -> bool:
         settings.indirect == "auto" and last is not None and "indirect" in last.seconds)
 
 
-def learn(data: SceneData, settings: SolveSettings, solution: Solution, wall: float) -> None:
+def learn(
+    data: SceneData, settings: SolveSettings, solution: Solution, wall: float,
+    udims: tuple[int, ...] = (FIRST_UDIM,),
+) -> None:
     """Remembers what a solve took, ``wall`` seconds in all; one that was stopped, or was of a part, says nothing."""
     global _factors
     if solution.cancelled or data.region is not None or data.start is not None:
@@ -96,7 +99,7 @@ def learn(data: SceneData, settings: SolveSettings, solution: Solution, wall: fl
     taken = _sizes(data)
     if len(taken) < len(data.views):  # the list has been changed meanwhile
         return
-    _factors = estimate.learnt(factors(), taken, settings, solution.seconds, wall)
+    _factors = estimate.learnt(factors(), taken, settings, solution.seconds, wall, udims=udims)
     saved = path(), dict(_factors)
     threading.Thread(target=_save, args=saved, name="irpso-speed", daemon=True).start()  # disks may be slow
 

@@ -25,6 +25,7 @@ from ..core.live import ROLES, Canvas, Live, reduced, resized
 from ..core.params import SolveSettings
 from ..gpu.look import HALF_SURE
 from . import material
+from .tags import maps_of
 
 SO_FAR = "irpso_so_far"  # custom property of an object in the undo step of `LiveMaps._link`: the solve's token
 SHOWN = 1024  # texels: larger maps are shown reduced until they are done
@@ -174,7 +175,7 @@ class LiveMaps:
     def on_object(self) -> bool:
         """Whether an object has its images."""
         uids = set(self._uids.values())
-        return any(image.session_uid in uids for obj in bpy.data.objects for image in material.images_of(obj).values())
+        return any(image.session_uid in uids for obj in bpy.data.objects for image in maps_of(obj).values())
 
     def drop(self) -> None:
         """The solve is over: take away what nothing points to."""

@@ -18,12 +18,14 @@ from ..core.data import F32, Maps, Solution
 from ..core.errors import BadInput
 from ..core.export import file_name, layers
 from ..core.export import write_maps as export_maps
+from ..core.map_files import UDIM, MapFiles
 from ..core.tiling import FIRST_UDIM
-from .tags import TAG
+from .tags import TAG, maps_of
 from .wiring import wire
 from .writable import check_material, check_object
 
 SUFFIXES = {"base_color": "basecolor"}  # role -> end of the name, where they differ
+UNKEPT = "filled"  # the layer without an image: the confidence tells which texels were filled
 OPTIONAL = ("specular",)  # roles that only some models have
 NAME_BYTES = 63  # of a datablock in Blender 4.5; 5.x allows more
 
@@ -52,19 +54,24 @@ def write_maps(
         if directory is None:
             raise ValueError("packed=False needs a directory")
         export_maps(solution.maps, obj.name, directory, "exr")
-        images = link_images(obj, files_of(obj.name, solution.maps, directory, "exr"))
+        images = link_images(obj, files_of(obj.name, solution.maps, directory, "exr", (FIRST_UDIM,)))
     return wire_maps(obj, solution, images)
 
 
 def link_maps(
-    obj: bpy.types.Object, solution: Solution, directory: Path, kind: str, udims: Sequence[int] = (),
+    obj: bpy.types.Object, solution: Solution, directory: Path, kind: str, udims: tuple[int, ...],
 ) -> tuple[str, ...]:
     """As `write_maps`, of a large solve, whose maps are (or are about to be) files in ``directory``.
 
     ``solution`` tells models and layers; ``udims``: with more than one or another than 1001, a file for each.
     """
+    return link_files(obj, solution, files_of(obj.name, solution.maps, directory, kind, udims))
+
+
+def link_files(obj: bpy.types.Object, solution: Solution, files: MapFiles) -> tuple[str, ...]:
+    """The same of files by any names."""
     check(obj, solution)
-    return wire_maps(obj, solution, link_images(obj, files_of(obj.name, solution.maps, directory, kind, udims), udims))
+    return wire_maps(obj, solution, link_images(obj, files))
 
 
 def wire_maps(
@@ -135,41 +142,31 @@ def adopt(obj: bpy.types.Object, images: Mapping[str, bpy.types.Image]) -> None:
 
     Until the next undo step is made Blender does not know of it: Undo would free what the object points to.
     """
-    before = images_of(obj)
+    before = maps_of(obj)
     for role, image in images.items():
         if before.get(role) != image:
             _adopt(obj, role, image)
 
 
-def images_of(obj: bpy.types.Object) -> dict[str, bpy.types.Image]:
-    """The object's maps that the file holds, by role."""
-    return {role: image for role, image in dict(obj.get(TAG, {})).items() if isinstance(image, bpy.types.Image)}
+def files_of(name: str, maps: Maps, directory: Path, kind: str, udims: tuple[int, ...]) -> MapFiles:
+    """The files of an object's maps as `core.export` and `core.merge` name them."""
+    token = "" if udims == (FIRST_UDIM,) else f".{UDIM}"
+    return MapFiles({layer: directory.resolve() / file_name(name, f"{layer}{token}", kind) for layer in layers(maps)},
+                    udims)
 
 
-def files_of(
-    name: str, maps: Maps, directory: Path, kind: str, udims: Sequence[int] = (),
-) -> dict[str, Path]:
-    """The files of an object's maps by role, as `core.export` and `core.merge` name them."""
-    token = "" if tuple(udims) in ((), (FIRST_UDIM,)) else ".<UDIM>"
-    return {role: directory.resolve() / file_name(name, f"{SUFFIXES.get(role, role)}{token}", kind)
-            for role in layers_of(maps)}
-
-
-def link_images(
-    obj: bpy.types.Object, files: Mapping[str, Path], udims: Sequence[int] = (),
-) -> dict[str, bpy.types.Image]:
-    """Images by role that are files, which need not be there yet; paths are relative where the .blend was saved.
-
-    A ``<UDIM>`` in a name stands for the numbers ``udims``.
-    """
-    images = {}
-    for role, path in files.items():
-        image = loose_image(obj, role, 1, encoded=path.suffix != ".exr")
-        tiled = "<UDIM>" in path.name
+def link_images(obj: bpy.types.Object, files: MapFiles) -> dict[str, bpy.types.Image]:
+    """Images by role that are files, which need not be there yet; paths are relative where the .blend was saved."""
+    images, roles = {}, {suffix: role for role, suffix in SUFFIXES.items()}
+    for layer, path in files.paths.items():
+        if layer == UNKEPT:
+            continue
+        role = roles.get(layer, layer)
+        image = loose_image(obj, role, 1, encoded=files.kind != "exr")
         image.filepath = _relative(path)
-        image.source = "TILED" if tiled else "FILE"
-        if tiled:
-            _set_tiles(image, udims)
+        image.source = "TILED" if files.tiled else "FILE"
+        if files.tiled:
+            _set_tiles(image, files.udims)
         images[role] = _adopt(obj, role, image)
     return images
 
@@ -196,16 +193,17 @@ def _set_tiles(image: bpy.types.Image, udims: Sequence[int]) -> None:
 def layers_of(maps: Maps) -> dict[str, F32]:
     """The maps that the file keeps, by role.  Which texels were filled is in the confidence: 0."""
     roles = {suffix: role for role, suffix in SUFFIXES.items()}
-    return {roles.get(suffix, suffix): array for suffix, array in layers(maps).items() if suffix != "filled"}
+    return {roles.get(suffix, suffix): array for suffix, array in layers(maps).items() if suffix != UNKEPT}
 
 
 def _adopt(obj: bpy.types.Object, role: str, image: bpy.types.Image) -> bpy.types.Image:
     """Makes ``image`` the object's one image of this role: named, owned, in place of the one before."""
-    if TAG not in obj:
+    before = maps_of(obj).get(role)
+    if not hasattr(obj.get(TAG), "items"):
         obj[TAG] = {}
-    before = obj[TAG].get(role)
     # A duplicated object points to the images of its original: those are not ours to replace.
-    shared = any(other is not obj and before in dict(other.get(TAG, {})).values() for other in bpy.data.objects)
+    shared = any(image == before and (other, key) != (obj, role)
+                 for other in bpy.data.objects for key, image in maps_of(other).items())
     if before is not None and not shared:
         before.user_remap(image)
         bpy.data.images.remove(before)

@@ -9,6 +9,7 @@ from bpy.types import Panel
 
 from ..core.checks import Checks
 from ..core.data import Solution
+from ..core.map_files import MapFiles
 from . import session
 from .tab import Tab, letters, split, wrapped
 
@@ -27,7 +28,8 @@ class IRPSO_PT_result(Tab, Panel):
         if solution is None:
             layout.label(text="Not solved since the file was opened", icon="INFO")
         else:
-            self._draw_summary(layout, context.active_object.name, solution, letters(context))
+            files = session.files_of(context.active_object)
+            self._draw_summary(layout, context.active_object.name, solution, files, letters(context))
         layout.operator("irpso.show_views", icon="IMAGE_DATA")
         layout.operator("irpso.write_maps", icon="MATERIAL")
         layout.prop(settings, "out")
@@ -35,7 +37,9 @@ class IRPSO_PT_result(Tab, Panel):
         layout.operator("irpso.export_maps", icon="EXPORT")
 
     @staticmethod
-    def _draw_summary(layout: bpy.types.UILayout, name: str, solution: Solution, width: int) -> None:
+    def _draw_summary(
+        layout: bpy.types.UILayout, name: str, solution: Solution, files: MapFiles | None, width: int,
+    ) -> None:
         texels, box = solution.texels, layout.box().column(align=True)
         state = "stopped early" if solution.cancelled else f"{sum(solution.seconds.values()):.1f} s"
         box.label(text=f"{name}: {state}", icon="ERROR" if solution.cancelled else "CHECKMARK")
@@ -43,6 +47,8 @@ class IRPSO_PT_result(Tab, Panel):
         box.label(text=f"{texels['filled']:,} filled from neighbours", icon="BLANK1")
         if texels.get("kept"):
             box.label(text=f"{texels['kept']:,} kept of the last result", icon="BLANK1")
+        if files is not None:
+            box.label(text=f"Files in {files.of('basecolor', files.udims[0]).parent.name}", icon="FILE_FOLDER")
         skipped = f", {len(solution.views_skipped)} skipped" if solution.views_skipped else ""
         box.label(text=f"{len(solution.views_used)} views used{skipped}", icon="CAMERA_DATA")
         for slot, model in solution.model.items():

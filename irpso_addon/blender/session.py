@@ -17,6 +17,7 @@ from bpy.app.handlers import persistent
 from ..core.data import Solution
 from ..core.job import Progress
 from ..core.live import Live
+from ..core.map_files import MapFiles
 
 if TYPE_CHECKING:  # so that maps can be written where OpenGL is missing
     from ..remote import Remote
@@ -30,7 +31,8 @@ class Result:
     """A solution and what it was called when it was asked for."""
 
     label: str  # "refined, auto, 1024"
-    solution: Solution
+    solution: Solution  # of a large solve: its plan's, with small maps
+    files: MapFiles | None = None  # of a large solve: its maps
 
 
 _results: dict[int, list[Result]] = {}  # by object, the newest last
@@ -56,9 +58,9 @@ class Running:
 running: Running | None = None
 
 
-def keep(obj: bpy.types.Object, solution: Solution, label: str = "solved") -> None:
+def keep(obj: bpy.types.Object, solution: Solution, label: str = "solved", files: MapFiles | None = None) -> None:
     """Remembers ``solution`` as the last one of ``obj``."""
-    _results[obj.session_uid] = [*results_of(obj), Result(label, solution)][-REMEMBERED:]
+    _results[obj.session_uid] = [*results_of(obj), Result(label, solution, files)][-REMEMBERED:]
 
 
 def results_of(obj: bpy.types.Object | None) -> list[Result]:
@@ -70,6 +72,12 @@ def solution_of(obj: bpy.types.Object | None) -> Solution | None:
     """The last solution of ``obj`` since the file was opened."""
     results = results_of(obj)
     return results[-1].solution if results else None
+
+
+def files_of(obj: bpy.types.Object | None) -> MapFiles | None:
+    """Its last solution's maps, where they are files."""
+    results = results_of(obj)
+    return results[-1].files if results else None
 
 
 def object_by_uid(uid: int) -> bpy.types.Object | None:

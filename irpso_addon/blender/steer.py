@@ -138,7 +138,9 @@ def _of_mesh(obj: bpy.types.Object, depsgraph: Any, weights: Callable[[bpy.types
 
 def last_result(obj: bpy.types.Object) -> Solution | None:
     """What was solved of ``obj`` since the file was opened, else the maps on its materials; None: neither."""
-    solution = session.solution_of(obj)
+    solution, files = session.solution_of(obj), session.files_of(obj)
+    if files is not None and files.tiled:  # the solution's maps hold all UDIMs side by side
+        return None
     if solution is not None:
         return _by_present_names(obj, replace(solution, checks=None, pictures=()))
     if not maps_of(obj):

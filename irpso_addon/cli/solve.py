@@ -27,8 +27,6 @@ from ..core.work import Work
 from ..gpu import thread
 from . import console, options
 
-WORK = "irpso_work"  # in the output folder, while maps are solved in blocks
-
 
 @dataclass(frozen=True)
 class Request:
@@ -78,7 +76,7 @@ def solve(request: Request) -> Solution:
     data = steer.with_part(None, subject, data, request.settings.start, *request.part)
     read = time.perf_counter()
     udims = tiling.solved_udims(request.settings.udim, data.mesh.uvs)
-    work = request.out / WORK if tiling.is_large(request.settings.size, udims) else None
+    work = request.out / large.WORK if tiling.is_large(request.settings.size, udims) else None
     if work is not None:
         large.check(data, request.settings)
     foretell(data, request, udims, work)
@@ -160,8 +158,7 @@ def foretell(data: SceneData, request: Request, udims: tuple[int, ...], work: Pa
     settings = request.settings
     found = estimate.estimate(taken, settings, estimates.factors(), thread.settings().memory,
                               rounds=settings.indirect == "on", udims=udims)
-    there = sum(path.stat().st_size for path in work.rglob("*")) if work is not None and work.exists() else 0
-    estimate.check_disk(request.out, found.disk_bytes, there)
+    estimate.check_disk(request.out, found.disk_bytes, 0 if work is None else estimate.size_of(work))
     unsure = "" if found.learnt else " (first guess)"
     console.warn(f"{estimate.in_words(found.seconds)}{unsure}, {gigabytes(found.gpu_bytes)} GPU memory, "
                  f"{gigabytes(found.host_bytes)} memory, {gigabytes(found.disk_bytes)} of disk")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.blender import material
+from irpso_addon.blender.tags import maps_of
 from irpso_addon.core.colour import linear_to_srgb
 from irpso_addon.core.export import write_maps
 from irpso_addon.core.image_writer import write_image
@@ -78,7 +79,7 @@ def test_cycles_shows_each_square_on_its_faces(empty, tmp_path: Path, udims: tup
     moved = tmp_path / "elsewhere"
     out.rename(moved)
     bpy.ops.wm.open_mainfile(filepath=str(moved / "solved.blend"))
-    image = material.images_of(bpy.data.objects["Strip"])["base_color"]
+    image = maps_of(bpy.data.objects["Strip"])["base_color"]
     assert image.filepath.startswith("//") and image.packed_file is None
     if udims == (1001,):
         assert image.source == "FILE"
@@ -101,7 +102,7 @@ def test_a_large_solve_replaces_packed_maps_and_is_replaced_by_them(empty, tmp_p
     material.write_maps(obj, solution)
     count, nodes = len(bpy.data.images), len(obj.material_slots[0].material.node_tree.nodes)
     material.link_maps(obj, solution, tmp_path, "exr", (1001, 1002))
-    assert {image.source for image in material.images_of(obj).values()} == {"TILED"}
+    assert {image.source for image in maps_of(obj).values()} == {"TILED"}
     material.write_maps(obj, solution)
-    assert all(image.packed_file for image in material.images_of(obj).values())
+    assert all(image.packed_file for image in maps_of(obj).values())
     assert (len(bpy.data.images), len(obj.material_slots[0].material.node_tree.nodes)) == (count, nodes)
