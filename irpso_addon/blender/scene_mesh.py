@@ -108,7 +108,7 @@ def _check(obj: Any, local: F32, uvs: F32) -> None:
         raise BadInput(f"object '{obj.name}': has vertices that are not finite; run Mesh > Clean Up")
     if not np.isfinite(uvs).all():
         raise BadInput(f"object '{obj.name}': has UVs that are not finite; unwrap it again")
-    a, b = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
+    a, b = (uvs[:, i].astype(np.float64) - uvs[:, 0] for i in (1, 2))
     if not (np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) > 1e-12).any():
         raise BadInput(f"object '{obj.name}': its UV map has no area; unwrap it")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterator
 from dataclasses import fields
@@ -15,6 +16,7 @@ import numpy as np
 from irpso_addon.blender import files, material, readiness, steer, writable
 from irpso_addon.blender.scene import read_scene
 from irpso_addon.blender.tags import TAG
+from irpso_addon.core import tiling
 from irpso_addon.core.data import Maps, SceneData, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.lights import light_irradiance, light_uniforms
@@ -171,6 +173,9 @@ def check(data: SceneData) -> None:
     assert mesh.tangents is None or np.isfinite(mesh.tangents).all()
     assert np.isfinite(data.pixel_filter) and data.pixel_filter > 0
     assert data.views
+    for udim in ("first", "all"):
+        with contextlib.suppress(BadInput):  # far too many squares
+            assert len(tiling.solved_udims(udim, mesh.uvs)) <= tiling.MOST_UDIMS
     point, normal = mesh.positions[:4].mean(1), mesh.normals[:4, 0]
     for view in data.views:
         camera = view.camera

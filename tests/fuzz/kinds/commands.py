@@ -21,6 +21,7 @@ from ..case import Box
 
 # These go on for long once all is well with what they were given.
 LONG = ("demo", "doctor")
+WRITTEN = {"out", "log", "report"}
 
 
 def prepare(_folder: Path) -> dict[str, list[argparse.Action]]:
@@ -53,24 +54,24 @@ def _value(action: argparse.Action, rng: Random, box: Box) -> str:
     if kind < 0.3 and action.choices:
         return str(rng.choice(list(action.choices)))
     if kind < 0.3 or action.type is Path or action.dest in {"scene", "work"}:
-        return _path(rng, box)
+        return _path(rng, box.out if action.dest in WRITTEN else box.given, box.out)
     if kind < 0.6:
         return str(spoil.number(rng)) if rng.random() < 0.99 else "9" * 6000
     return spoil.word(rng)
 
 
-def _path(rng: Random, box: Box) -> str:
-    """A path to something that is no scene, or to nothing, all in the case's own folder."""
-    path = box.given / spoil.file_name(rng, rng.choice((".blend", ".json", "")))
+def _path(rng: Random, folder: Path, out: Path) -> str:
+    """A path to something that is no scene, or to nothing, in ``folder``."""
+    path = folder / spoil.file_name(rng, rng.choice((".blend", ".json", "")))
     kind = rng.randrange(6)
     if kind == 0:
         path.write_bytes(rng.choice((b"BLENDER", b"", b"{}", rng.randbytes(40), b"\x28\xb5\x2f\xfd1234")))
     elif kind == 1:
         path = spoil.odd_place(path, rng)
     elif kind == 2:
-        path = box.given / os.fsdecode(bytes(b for b in rng.randbytes(10) if b not in b"/\0"))
+        path = folder / os.fsdecode(bytes(b for b in rng.randbytes(10) if b not in b"/\0"))
     elif kind == 3:
-        path = box.out
+        path = out
     return str(path)
 
 
@@ -82,7 +83,8 @@ def run(words: list[str]) -> None:
         code = main(words)
     said.flush()
     told.flush()
-    errors = said.buffer.getvalue().decode()
+    logged = said.buffer.getvalue().decode().splitlines()
+    errors = "\n".join(line for line in logged if not line.startswith("{"))  # --verbose: JSON
     assert code in {0, 2, 3}, f"exit code {code}: {words}\n{errors}"
     assert "Traceback" not in errors, errors
     if code == 3:
