@@ -9,6 +9,7 @@ import pytest
 
 from irpso_addon.core import selftest
 from irpso_addon.core.data import Bounced
+from irpso_addon.core.tiling import Crop, cropped
 from irpso_addon.gpu import bounced as smoothing
 from irpso_addon.gpu.bounced import Smoother
 from irpso_addon.gpu.observe import camera_uniforms, observe
@@ -67,12 +68,12 @@ def test_no_indirect_light_changes_nothing(on_gl, square):
         np.testing.assert_allclose(lobe_2, lobe, rtol=2e-5, atol=1e-6)
 
 
-def smoothed(on_gl, scene, picture: Bounced, size: int = 64) -> np.ndarray:
-    """(size, size, 4) irradiance at the square's pixels, and coverage."""
+def smoothed(on_gl, scene, picture: Bounced, size: tuple[int, int] = (64, 64)) -> np.ndarray:
+    """(h, w, 4) irradiance at the square's pixels, and coverage."""
     def work(device):
         mesh, camera = MeshBuffer(device, scene.mesh), scene.views[0].camera
         nothing = Occluders(device, scene.occluders)
-        maps = draw_pixel_grid(device, mesh, nothing, camera, size, size, 0.0)
+        maps = draw_pixel_grid(device, mesh, nothing, camera, *size, 0.0)
         with Smoother(device, mesh, nothing, camera, maps, lambda c, h: camera_uniforms(c, h, 0.0)) as smoother:
             pair = smoother.smooth(picture)
         result = device.read(pair[0]).copy()
@@ -106,3 +107,17 @@ def test_noise_is_averaged(on_gl, square):
     inner = result[12:52, 12:52, 0]
     assert abs(inner.mean() - 1) < 0.02
     assert inner.std() < 1.3 * 0.5 / np.sqrt(4 * np.pi * smoothing.MEAN[1] ** 2)
+
+
+def test_a_part_of_a_picture_has_the_light_of_that_part(on_gl, square):
+    """A camera cropped to a part of its frame, as blocks of large maps have it, sees what the whole one sees there."""
+    rng = np.random.default_rng(4)
+    picture = Bounced(rng.uniform(0.5, 2.0, (16, 16, 3)).astype(np.float32), np.zeros((16, 16, 3), np.float32))
+    crop = Crop(20, 8, 24, 40)
+    whole = smoothed(on_gl, square.scene, picture)
+    view = square.scene.views[0]
+    part = replace(square.scene, views=(replace(view, camera=cropped(view.camera, 64, 64, crop)),))
+    found = smoothed(on_gl, part, picture, size=(crop.width, crop.height))
+    there = whole[crop.y:crop.y + crop.height, crop.x:crop.x + crop.width]
+    assert (found[..., 3] == there[..., 3]).all() and found[..., 3].sum() > 500
+    np.testing.assert_allclose(found[..., :3], there[..., :3], rtol=1e-4)

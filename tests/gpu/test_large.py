@@ -1,0 +1,165 @@
+"""Large solves against the same solved in one piece, and against the truth: errors, borders of blocks, models, memory.
+
+Kills and bytes: tests/resilience; tasks of farms: test_farm.py; several UDIMs in Blender: tests/blender/test_large.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from irpso_addon import large, pipeline
+from irpso_addon.core.data import SceneData
+from irpso_addon.core.errors import BadInput, Cancelled
+from irpso_addon.core.export import layers
+from irpso_addon.core.image_writer import write_image
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.tiling import Crop
+from irpso_addon.core.work import Work
+from irpso_addon.gpu import thread
+from tests.gpu import synthetic as syn
+
+SIZE, BLOCK = 128, 64  # texels
+PIXELS = 72
+NOISE = 0.01
+WAVES = syn.Truth(
+    base=lambda u, v: np.stack([0.5 + 0.3 * np.sin(9 * u), 0.4 + 0.2 * np.cos(7 * v), 0.3 + 0.1 * np.sin(5 * (u + v))],
+                               -1),
+    roughness=lambda u, v: 0.4 + 0.1 * np.sin(6 * u) * np.cos(5 * v))
+Found = dict[str, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> SceneData:
+    """A plane whose material changes smoothly, its noisy pictures in files."""
+    folder = tmp_path_factory.mktemp("pictures")
+    rig = [(camera, [lamp]) for camera in syn.cameras(2) for lamp in syn.lamps(6)]
+    shoot = syn.shoot(WAVES, rig, (PIXELS, PIXELS), noise=NOISE)
+    views = []
+    for view in shoot.scene.views:
+        write_image(folder / view.image.name, shoot.images[view.image.name].rgb, kind="exr", color=True)
+        views.append(replace(view, image=folder / view.image.name))
+    return replace(shoot.scene, views=tuple(views))
+
+
+def settings(**chosen: Any) -> SolveSettings:
+    return SolveSettings(**{"size": SIZE, "model": "one-lobe", "registration": "given", "indirect": "off", **chosen})
+
+
+def solve(scene: SceneData, folder: Path, **chosen: Any) -> Found:
+    """The maps of a large solve, and what its plan holds under "plan"."""
+    work = folder / "work"
+    folder.mkdir(exist_ok=True)
+    thread.run(lambda: large.run(scene, settings(**chosen), folder, work, "exr", block=BLOCK))
+    with Work(work) as place:
+        plan = place.read_plan()
+        found: Found = {"plan": plan}
+        for name in large.layers_of(plan):
+            first = place.read_block(plan.windows[0].key)[name]
+            whole = np.zeros((plan.settings.size,) * 2 + first.shape[2:], np.float32)
+            for window in plan.windows:
+                height, width = window.shape
+                whole[window.y:window.y + height, window.x:window.x + width] = place.read_block(window.key)[name]
+            found[name] = whole
+    return found
+
+
+@pytest.fixture(scope="module")
+def one_piece(scene: SceneData) -> Found:
+    maps = thread.run(lambda: pipeline.solve(scene, settings())).maps
+    return {**layers(maps), "coverage": maps.coverage}
+
+
+@pytest.fixture(scope="module")
+def blocks(scene: SceneData, tmp_path_factory: pytest.TempPathFactory) -> Found:
+    return solve(scene, tmp_path_factory.mktemp("blocks") / "out")
+
+
+def off(found: Found, where: np.ndarray) -> tuple[float, float]:
+    """Mean absolute errors of base colour and roughness."""
+    at = (np.arange(SIZE) + 0.5) / SIZE
+    u, v = np.meshgrid(at, at)
+    return (float(np.abs(found["basecolor"] - WAVES.base(u, v))[where].mean()),
+            float(np.abs(found["roughness"] - WAVES.roughness(u, v))[where].mean()))
+
+
+def test_blocks_are_as_right_as_one_piece(blocks: Found, one_piece: Found) -> None:
+    solved = (blocks["filled"] < 0.5) & (one_piece["filled"] < 0.5)
+    assert solved.sum() > 0.98 * one_piece["coverage"].sum()
+    base, rough = off(blocks, solved)
+    whole_base, whole_rough = off(one_piece, solved)
+    assert base < 1.05 * whole_base and rough < 1.1 * whole_rough
+    assert whole_rough < 0.05 and whole_base < 0.02  # else nothing would be compared
+    apart = np.abs(blocks["basecolor"] - one_piece["basecolor"])[solved].mean()
+    assert apart < 0.1 * whole_base
+
+
+@pytest.mark.parametrize("name", ["basecolor", "roughness", "confidence"])
+def test_no_border_of_blocks_shows(blocks: Found, one_piece: Found, name: str) -> None:
+    """Steps from texel to texel across the border beside the same steps of one piece, which has no border there."""
+    solved = (blocks["filled"] < 0.5) & (one_piece["filled"] < 0.5)
+
+    def steps(found: Found) -> float:
+        across = [np.abs(np.diff(found[name], axis=axis)).reshape(*np.diff(solved, axis=axis).shape, -1).mean(-1)
+                  for axis in (0, 1)]
+        both = [solved[1:] & solved[:-1], solved[:, 1:] & solved[:, :-1]]
+        rows, columns = across[0][BLOCK - 1][both[0][BLOCK - 1]], across[1][:, BLOCK - 1][both[1][:, BLOCK - 1]]
+        return float(np.concatenate([rows, columns]).mean())
+
+    assert steps(blocks) < 1.15 * steps(one_piece) + 1e-4
+
+
+def test_holes_beyond_a_block_are_filled_from_the_plan(blocks: Found, one_piece: Found) -> None:
+    outside = ~one_piece["coverage"]
+    apart = np.abs(blocks["basecolor"] - one_piece["basecolor"])[outside]
+    assert np.quantile(apart, 0.99) < 0.05 and (blocks["confidence"][outside] == 0).all()
+
+
+def test_a_block_has_the_plans_specular_level(scene: SceneData, tmp_path: Path) -> None:
+    found = solve(scene, tmp_path / "out", model="one-lobe-specular", size=96)
+    level = found["plan"].solution.levels["Paint"]
+    solved = found["filled"] < 0.5
+    np.testing.assert_allclose(found["specular"][solved], level, atol=1e-6)
+    assert abs(level - 0.5) < 0.1  # the truth
+
+
+def test_little_memory_shrinks_the_pictures(
+    scene: SceneData, blocks: Found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    crops: list[Crop] = []
+    window = large._window
+    monkeypatch.setattr(large, "_window", lambda picture, crop, scale: crops.append(crop) or window(
+        picture, crop, scale))
+    monkeypatch.setattr(large, "LEAST_BYTES", 1_200_000)
+    monkeypatch.setattr(large, "BLOCK_BYTES", 3e9)
+    found = solve(scene, tmp_path / "out")
+    assert {crop.shrink for crop in crops} == {2}
+    solved = (found["filled"] < 0.5) & (blocks["filled"] < 0.5)
+    assert solved.sum() > 0.9 * (blocks["filled"] < 0.5).sum()
+    assert off(found, solved)[0] < 2 * off(blocks, solved)[0] + 0.005
+
+
+def test_a_stop_keeps_finished_blocks(scene: SceneData, blocks: Found, tmp_path: Path) -> None:
+    """Stopped within a block, it is solved again, and the maps are the same."""
+    out, seen = tmp_path / "out", []
+    out.mkdir()
+
+    def stop() -> bool:
+        return bool(seen) and seen[-1].message.startswith("block 3") and seen[-1].stage == "solve"
+
+    with pytest.raises(Cancelled):
+        thread.run(lambda: large.run(scene, settings(), out, out / "work", "exr", block=BLOCK),
+                   on_progress=seen.append, should_stop=stop)
+    assert not list(out.glob("*.exr"))
+    again = thread.run(lambda: large.run(scene, settings(), out, out / "work", "exr", block=BLOCK))
+    assert "resumed: 2 of 4 blocks were there" in again.warnings
+    assert again.texels["solved"] == int((blocks["filled"] < 0.5).sum())
+
+
+def test_a_part_or_the_last_result_is_refused(scene: SceneData, tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="solved whole and anew"):
+        thread.run(lambda: large.run(scene, settings(start="last"), tmp_path, tmp_path / "work", "exr"))
