@@ -1,9 +1,9 @@
 """A solve of a map too large for memory: the demo's vase from large pictures, solved in blocks, against its truth.
 
-    python tools/large_run.py [--size 8192] [--views 12] [--pixels 3584] [--memory GB] [--out build/large]
+    python tools/large_run.py [--size 8192] [--views 12] [--pixels 3584] [--memory GB] [--docs]
 
 The pictures are rendered by Cycles once, into the folder's `scene`.  The solve runs as a process of its own, whose
-resident memory (with all that it starts) is read ten times a second.  Prints a table.
+resident memory (with all that it starts) is read ten times a second.  Prints a table; --docs keeps it.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ CAMERAS, LIGHTS = 4, 5  # 12 of their pairs are on the same side of the vase
 STRIP = 256  # rows of the maps that are read at a time
 OFTEN = 0.1  # seconds between two looks at the memory
 NEAR = 8  # texels: borders between blocks are compared with lines so far beside them
+PAGE, BEGIN, END = ROOT / "docs" / "large.md", "<!-- begin large_run -->", "<!-- end large_run -->"
 NAMES = {"basecolor": 3, "roughness": 1}
 
 
@@ -47,6 +48,7 @@ def main() -> int:
     parser.add_argument("--memory", type=float, default=None, metavar="GB", help="as of 'irpso solve'")
     parser.add_argument("--model", default="one-lobe")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "large")
+    parser.add_argument("--docs", action="store_true", help="put the table into docs/large.md")
     parser.add_argument("--make", action="store_true", help=argparse.SUPPRESS)  # in the process that renders
     arguments = parser.parse_args()
     scene: Path = arguments.out / f"scene_{arguments.pixels}"
@@ -65,6 +67,13 @@ def main() -> int:
             *_figures(run.out, arguments.size)]
     for name, value in rows:
         print(f"{name:42} {value}")
+    if arguments.docs:
+        lines = [f"| {name.strip()} | {value} |" for name, value in rows if name != "command"]
+        table = "\n".join([f"`{' '.join(sys.argv)}`: {arguments.views} pictures of {arguments.pixels} x "
+                           f"{arguments.pixels} pixels.", "", "| | |", "|---|---|", *lines])
+        page = PAGE.read_text(encoding="utf-8")
+        before, _, rest = page.partition(BEGIN)
+        PAGE.write_text(f"{before}{BEGIN}\n{table}\n{END}{rest.partition(END)[2]}", encoding="utf-8", newline="\n")
     return 0
 
 
