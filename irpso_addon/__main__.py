@@ -10,6 +10,7 @@ import importlib
 import signal
 import sys
 import traceback
+from pathlib import Path
 
 from .cli import console, options
 from .core import log
@@ -36,7 +37,7 @@ def main(argv: list[str]) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     try:
         if arguments.log is not None:
-            log.to_file(arguments.log)
+            _to_file(arguments.log)
         if arguments.verbose:
             log.to_stream(sys.stderr)
         # Imported here, because Blender's module takes a second to load and --help must not.
@@ -63,6 +64,15 @@ def _run(arguments: argparse.Namespace) -> int:
         log.info("end", peak_memory_bytes=peak_memory())
         log.close()
     return 0
+
+
+def _to_file(path: Path) -> None:
+    """The log there too.  Raises BadInput where that is impossible."""
+    try:
+        path.open("a", encoding="utf-8").close()
+    except OSError as error:
+        raise BadInput(f"{path}: the log cannot be written ({error.strerror}); choose another place") from None
+    log.to_file(path)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the graphics device is, how IRPSO uses it, and whether it computes rightly.
+"""What computes, how IRPSO uses it, and whether it computes rightly.
 
 Each function is a generator of Progress and must run on the GL thread: `gpu.thread.run`, `Job`, `remote.Remote`.
 """
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import pipeline
-from .core import selftest
+from .core import reference, selftest
 from .core.errors import BadInput
 from .core.job import Progress
 from .core.params import SolveSettings
@@ -26,6 +26,7 @@ LIMITS = {
 }
 # llvmpipe is off by less than 0.0001; a driver that computes in half floats would be by some 0.005.
 TOLERANCE = 0.002
+NUMPY_TEXELS = 16  # of the self-test where numpy solves it, so that this takes a second too
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Detected:
     renderer: str
     vendor: str
     version: str
-    kernels: str  # compute or fragment
+    kernels: str  # compute, fragment, or numpy
     limits: Mapping[str, int]  # by what they limit
 
 
@@ -52,6 +53,9 @@ class Tested:
 def detect() -> Generator[Progress, None, Detected]:
     """The device.  Raises BadInput where there is none, or it cannot do what the settings ask."""
     yield Progress(0.0, "device")
+    if thread.settings().device == "numpy":
+        largest = {LIMITS["GL_MAX_TEXTURE_SIZE"]: reference.MOST_SIZE}
+        return Detected(**reference.device(), kernels="numpy", limits=largest)
     device = thread.device()
     info = device.describe()
     return Detected(
@@ -64,12 +68,13 @@ def test() -> Generator[Progress, None, Tested]:
     """The device, tested.  Raises BadInput as `detect` does, and where it computes wrongly."""
     device = yield from detect()
     started = time.perf_counter()
-    square = selftest.build()
-    solution = yield from pipeline.solve(
-        square.scene, SolveSettings(size=selftest.TEXELS, model="one-lobe"), square.read_image)
+    size = NUMPY_TEXELS if device.kernels == "numpy" else selftest.TEXELS
+    square = selftest.build(size)
+    solution = yield from pipeline.solve(square.scene, SolveSettings(size=size, model="one-lobe"), square.read_image)
     base_error = float(np.median(np.abs(solution.maps.base_color - square.base_color)))
     rough_error = float(np.median(np.abs(solution.maps.roughness - selftest.ROUGHNESS)))
     if not max(base_error, rough_error) < TOLERANCE:
         raise BadInput(f"{device.renderer}: the self-test is off by {max(base_error, rough_error):.4f}, more than "
-                       f"{TOLERANCE}; update the graphics driver")
+                       f"{TOLERANCE}; update the graphics driver, or choose device numpy (--device numpy): slow, small "
+                       "maps")
     return Tested(device, time.perf_counter() - started, base_error, rough_error)

@@ -1,4 +1,4 @@
-"""Test the graphics device, as ``irpso doctor`` does."""
+"""Test what computes, as ``irpso doctor`` does."""
 
 import bpy
 
@@ -34,6 +34,7 @@ class IRPSO_OT_test_device(bpy.types.Operator):
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, f"{tested.device.renderer}, {tested.device.version}: {tested.device.kernels} shaders, "
+        shaders = "no" if tested.device.kernels == "numpy" else tested.device.kernels
+        self.report({"INFO"}, f"{tested.device.renderer}, {tested.device.version}: {shaders} shaders, "
                     f"tested in {tested.seconds:.1f} s")
         return {"FINISHED"}

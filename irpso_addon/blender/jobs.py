@@ -48,7 +48,9 @@ class Task:
 
 
 def preview(arguments: tuple[Any, ...], prepare: Callable[[Live], Live]) -> Remote:
-    """The first looks at a solve, in the worker that is warm."""
+    """The first looks at a solve, in the worker that is warm.  Raises BadInput where there are none."""
+    if device_settings().device == "numpy":
+        raise BadInput("device numpy: there are no looks before the end")
     return Remote("preview:preview", *arguments, worker=_worker(), prepare=prepare)
 
 
@@ -56,7 +58,7 @@ def warm_up() -> None:
     """Get the worker for previews ready, unless it is."""
     global _tried
     _tried = True
-    if _warm is None or not _warm.alive:
+    if device_settings().device == "opengl" and (_warm is None or not _warm.alive):
         with suppress(BadInput):  # the solve will say it
             Remote("preview:warm_up", worker=_worker())
 

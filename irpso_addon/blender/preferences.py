@@ -12,14 +12,16 @@ from ..core.errors import BadInput, Cancelled
 from ..core.params import DeviceSettings
 from ..examine import Detected, Tested
 from ..remote import Remote
+from . import logs
 from .properties import rna
 from .tab import split, wrapped
 
 EXTENSION = (__package__ or "").rsplit(".", 2)[0]  # bl_ext.<repository>.irpso, or whatever imported us
 POLL = 0.1  # seconds
+KERNELS = {"compute": "Compute Shaders", "fragment": "Fragment Shaders", "numpy": "None"}
 
 _job: Remote | None = None
-_asked: str | None = None  # for which kernels the device was looked at
+_asked: tuple[str, str] | None = None  # for which device and kernels it was looked at
 _found: Detected | Tested | str | None = None  # or why it cannot be used
 
 
@@ -30,13 +32,17 @@ class IRPSO_AP_preferences(AddonPreferences):
 
     def draw(self, _context: bpy.types.Context) -> None:
         """The settings; beside them, what was detected."""
-        if _asked != self.kernels and not bpy.app.timers.is_registered(detect):
+        if _asked != (self.device, self.kernels) and not bpy.app.timers.is_registered(detect):
             bpy.app.timers.register(detect)  # it may not be started while drawing
         column = split(self.layout).column()
         for field in fields(DeviceSettings):
             unit = field.metadata["unit"]
             column.prop(self, field.name, text=f"{field.metadata['label']} ({unit})" if unit else None)
-        _draw_device(self.layout.box())
+        box = self.layout.box()
+        _draw_device(box)
+        row = box.row()
+        row.label(text=f"Log: {logs.path()}")
+        row.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = str(logs.path().parent)
 
 
 IRPSO_AP_preferences.__annotations__ = {field.name: rna(field) for field in fields(DeviceSettings)}
@@ -81,7 +87,7 @@ def _start(task: str) -> None:
     global _job, _asked, _found
     forget()
     settings = device_settings()
-    _asked = settings.kernels
+    _asked = settings.device, settings.kernels
     try:
         _job = Remote(task, settings=settings)
     except BadInput as error:
@@ -121,7 +127,7 @@ def _draw_device(box: bpy.types.UILayout) -> None:
     else:
         device = _found.device if isinstance(_found, Tested) else _found
         rows = [("Renderer", device.renderer), ("OpenGL", device.version),
-                ("Kernels", {"compute": "Compute Shaders", "fragment": "Fragment Shaders"}[device.kernels])]
+                ("Kernels", KERNELS[device.kernels])]
         rows += [(name.title().replace(" A ", " a "), f"{limit:,}") for name, limit in device.limits.items()]
         if isinstance(_found, Tested):
             rows.append(("Test", f"Passed in {_found.seconds:.1f} s"))

@@ -31,10 +31,11 @@ from .params import Table
 NAME = "irpso"
 FILE = "irpso_log.jsonl"
 MOST_BYTES, KEPT = 1_000_000, 2  # of a file, after which it is put aside; files put aside
+MOST_LETTERS = 4000  # of a text
 LIBRARY = Path(__file__).resolve().parents[2]
 # A stretch without a blank up to a separator, and on to the last one before a colon, a quote or the line's end: names
 # of folders may have blanks.  Rather too much than too little.
-FOLDERS = re.compile(r"""[^\s'"(<|]*[/\\](?:[^:'"\n<>|]*[/\\])?""")
+FOLDERS = re.compile(r"""(?<![^\s'"(<|])[^\s'"(<|]*[/\\](?:[^:'"\n<>|]*[/\\])?""")
 Fields = dict[str, Any]
 Result = TypeVar("Result")
 
@@ -64,7 +65,7 @@ def failure(event: str, error: BaseException) -> None:
 
 def without_folders(text: str) -> str:
     """The text with every path cut to its last part."""
-    return FOLDERS.sub("", text.replace(str(Path.home()), "~"))
+    return FOLDERS.sub("", text[:MOST_LETTERS].replace(str(Path.home()), "~"))
 
 
 def trace(error: BaseException) -> list[str]:
@@ -129,6 +130,11 @@ class _File(logging.handlers.RotatingFileHandler):
 
     def handleError(self, record: logging.LogRecord) -> None:
         """A full disk must not end a solve."""
+
+    def close(self) -> None:
+        """Nor hinder Blender's end."""
+        with suppress(OSError):
+            super().close()
 
 
 class _Hand(logging.Handler):

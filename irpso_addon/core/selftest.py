@@ -28,17 +28,17 @@ class SelfTest:
 
     scene: SceneData
     read_image: Callable[[View], RadianceImage]
-    base_color: F32  # (TEXELS, TEXELS, 3) linear, row 0 bottom
+    base_color: F32  # (texels, texels, 3) linear, row 0 bottom
 
 
-def build() -> SelfTest:
-    """The whole test."""
+def build(texels: int = TEXELS) -> SelfTest:
+    """The whole test; texels: on a side of the maps that it is to be solved for."""
     camera = _camera()
     turns = 2.399963 * np.arange(16)  # the golden angle
     lamps = [_lamp(i, turn, 2.2 * np.sqrt((i + 0.5) / 16)) for i, turn in enumerate(turns)]
     views = tuple(View(Path(f"lamp {i}"), camera, (lamp,)) for i, lamp in enumerate(lamps))
     scene = SceneData("self-test", _square(), np.zeros((0, 3, 3), np.float32), views)
-    centres = (np.arange(TEXELS) + 0.5) / TEXELS * 2 - 1
+    centres = (np.arange(texels) + 0.5) / texels * 2 - 1
     x, y = np.meshgrid(centres, centres)
     return SelfTest(scene, _draw, _paint(x, y).astype(np.float32))
 
