@@ -11,6 +11,7 @@ from ..core.data import F32, Maps
 from ..core.errors import BadInput
 from ..core.image_file import open_image
 from ..core.map_files import MapFiles
+from ..core.text_file import first_bytes
 from ..core.tiling import FIRST_UDIM, ONE_PIECE
 from . import properties
 from .material import SUFFIXES
@@ -27,12 +28,7 @@ def blender_version() -> str:
 
 def open_blend(path: Path) -> None:
     """Open a .blend in place of what is open.  Raises BadInput when there is none or it cannot be read."""
-    try:
-        with open(path, "rb") as file:
-            head = file.read(7)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be opened ({error.strerror}); give the path of a .blend file") from None
-    if not head.startswith(MAGIC):
+    if not first_bytes(path, 7).startswith(MAGIC):
         raise BadInput(f"{path}: is not a .blend file; save the scene from Blender and give that file")
     if not hasattr(bpy.types.Scene, "irpso"):  # in the bpy module nobody has registered the scene's view list
         properties.register()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from contextlib import suppress
@@ -65,7 +66,7 @@ def _part(arguments: argparse.Namespace) -> tuple[str, str | Path | None]:
 
 def solve(request: Request) -> Solution:
     """Open, solve, write everything or nothing, say what came out.  A cancelled solve is written as far as it got."""
-    if request.report is not None and not request.report.resolve().parent.is_dir():
+    if request.report is not None and not os.path.isdir(request.report.resolve().parent):
         raise BadInput(f"{request.report}: there is no such folder; make it or choose another")
     started = time.perf_counter()
     with console.quiet():

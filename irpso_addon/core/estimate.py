@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -115,7 +116,7 @@ def estimate(
 def check_disk(folder: Path, size: int, there: int = 0) -> None:
     """Raises BadInput where ``folder`` (or where it will be) has no room for ``size`` bytes, ``there`` being used."""
     place = folder.resolve()
-    while not place.exists() and place != place.parent:
+    while not os.path.exists(place) and place != place.parent:
         place = place.parent
     free = shutil.disk_usage(place).free
     if free < size - there:
@@ -125,7 +126,7 @@ def check_disk(folder: Path, size: int, there: int = 0) -> None:
 
 def size_of(folder: Path) -> int:
     """Bytes of the files below a folder; 0 where there is none."""
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) if folder.is_dir() else 0
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) if os.path.isdir(folder) else 0
 
 
 def predicted(

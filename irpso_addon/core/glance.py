@@ -61,7 +61,7 @@ class Glance(Look):
 
 def glance(path: Path) -> Glance:
     """One look at an image; whatever is wrong is in the answer."""
-    if path.is_dir():
+    if os.path.isdir(path):  # (unlike pathlib, it takes any name)
         return Glance(problem="Is a folder, not an image")
     try:
         file = open_image(path)

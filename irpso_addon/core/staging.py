@@ -34,7 +34,7 @@ class Staging:
 
     def __enter__(self) -> Staging:
         missing = self.out
-        while not missing.exists() and missing != missing.parent:
+        while not os.path.exists(missing) and missing != missing.parent:
             self._made.append(missing)
             missing = missing.parent
         try:

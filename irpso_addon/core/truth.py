@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ def _read(folder: Path, stem: str, *, color: bool) -> F32:
     """(h, w, 3), row 0 at the bottom."""
     for kind in KINDS:
         path = folder / f"{stem}.{kind}"
-        if path.is_file():
+        if os.path.isfile(path):
             break
     else:
         raise BadInput(f"{folder}: holds no {stem}.exr (nor .png, .tiff); give the folder of the true maps")
