@@ -14,6 +14,8 @@ from .colour import linear_to_srgb
 from .data import F32
 from .errors import BadInput
 
+_FULL = "the disk may be full"
+_PNG_END = b"IEND\xaeB`\x82"
 _SLAB = 64  # rows written at a time: the same whoever calls, and whole strips of TIFF and EXR
 
 
@@ -80,7 +82,7 @@ class ImageWriter:
         self._check(self._file.close())
         self._file = None
         if self._read_back() != self._sum:  # not every format's writer notices that the disk is full
-            raise self._failed("the disk may be full")
+            raise self._failed(_FULL)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None,
@@ -109,13 +111,18 @@ class ImageWriter:
         return np.round((linear_to_srgb(rows) if self.encoded else rows).clip(0, 1) * 65535).astype(np.uint16)
 
     def _check(self, done: bool) -> None:
-        if not done:
-            raise self._failed(self._file.geterror().strip().partition("\n")[0] or "the disk may be full")
+        if not done:  # OpenImageIO's words name a file that the user does not know
+            self._file.geterror()
+            raise self._failed(_FULL)
 
     def _read_back(self) -> int:
         """The sum of what the file holds; -1 where it cannot be read."""
         import OpenImageIO
 
+        with self._part.open("rb") as content:
+            content.seek(-min(len(_PNG_END), content.seek(0, 2)), 2)
+            if self._part.suffix == ".png" and content.read() != _PNG_END:  # libpng prints what it thinks of that
+                return -1
         file = OpenImageIO.ImageInput.open(str(self._part))
         if file is None:
             OpenImageIO.geterror()

@@ -20,7 +20,7 @@ from irpso_addon.core.data import Camera, Light, Maps, MeshArrays, NormalMap, Sc
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.export import layers, write_maps
 from irpso_addon.core.live import ViewPicture
-from irpso_addon.core.merge import merge
+from irpso_addon.core.merge import merge, steps
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.tiling import windows
 from irpso_addon.core.work import Work
@@ -308,4 +308,8 @@ def test_a_merge_that_fails_leaves_nothing(tmp_path):
         merge(read, windows(128, [1001], block=64), "o", tmp_path, "exr", ["roughness"])
     with pytest.raises(BadInput, match="does not hold 'error'"):
         merge(read, windows(128, [1001], block=64), "o", tmp_path, "exr", ["error"])
+    going = steps(lambda key: {"roughness": np.zeros((64, 64), np.float32)}, windows(128, [1001], block=64), "o",
+                  tmp_path, "exr", ["roughness"])
+    assert next(going) == 0.5
+    going.close()  # as when the user stops it
     assert list(tmp_path.iterdir()) == []

@@ -27,7 +27,7 @@ from irpso_addon.core.work import Work
 from irpso_addon.gpu import thread
 
 SIZE, BLOCK = 128, 64  # texels
-WORK = "irpso_work"
+WORK = large.WORK
 BAD = 3  # exit status of a BadInput, as of the command line
 # What the audit hook of Python tells that changes files; "open" also tells what is only read.
 EVENTS = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "shutil.rmtree", "os.listdir"}
