@@ -96,6 +96,15 @@ def test_cycles_shows_each_square_on_its_faces(empty, tmp_path: Path, udims: tup
             np.testing.assert_allclose(linear_to_srgb(found), linear_to_srgb(want), atol=2e-5)
 
 
+def test_roles_that_point_to_one_image(empty) -> None:
+    """Nobody but a broken file has that; each role gets an image of its own."""
+    obj = make_strip((1001,))
+    obj["irpso"] = dict.fromkeys(("base_color", "roughness"), bpy.data.images.new("odd", 4, 4))
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    images = maps_of(obj)
+    assert images["base_color"].name == "Strip_basecolor" and images["roughness"].name == "Strip_roughness"
+
+
 def test_a_large_solve_replaces_packed_maps_and_is_replaced_by_them(empty, tmp_path: Path) -> None:
     obj = make_strip((1001, 1002))
     solution = make_solution({"Skin": "one-lobe"})

@@ -78,6 +78,34 @@ def test_pictures_beyond_the_memory_are_counted_as_reduced() -> None:
     assert estimate(views(), settings, {}, 2.0).reduced == 1.0
 
 
+def test_large_maps() -> None:
+    """Time and disk grow with texels and UDIMs, memory does not; disk holds pictures, blocks and files."""
+    taken, memory = views(12, 2000), []
+    whole = estimate(taken, SolveSettings(size=2048), {}, 2.0)
+    before = whole.seconds
+    for size, udims in ((4096, (1001,)), (8192, (1001,)), (8192, (1001, 1002))):
+        found = estimate(taken, SolveSettings(size=size), {}, 2.0, udims=udims)
+        assert found.seconds > 1.5 * before
+        before = found.seconds
+        texels = len(udims) * size**2
+        assert found.disk_bytes == 12 * 16 * 2000**2 + (48 + 44) * texels
+        assert found.reduced == 1.0
+        memory.append(found.host_bytes)
+    assert max(memory) < 0.8e9 and max(memory) - min(memory) < 0.1e9
+    one = estimate(taken, SolveSettings(size=64), {}, 2.0, udims=(1002,))  # small, but not the 0-1 square
+    assert one.disk_bytes > 12 * 16 * 2000**2
+
+
+def test_a_large_solve_teaches_too() -> None:
+    settings, udims = SolveSettings(size=4096), (1001, 1002)
+    took = {stage: 3.0 * s for stage, s in predicted(views(), settings, {}, udims=udims).items()}
+    stages = {stage: s for stage, s in took.items() if stage != "start"}
+    assert {"plan", "pictures", "observe", "solve", "maps", "merge"} == set(stages)
+    factors = learnt({}, views(), settings, stages, sum(took.values()), udims=udims)
+    found = estimate(views(), settings, factors, 2.0, udims=udims)
+    assert 0.5 < found.seconds / sum(took.values()) < 1.1
+
+
 def test_what_was_learnt_is_kept_in_a_file_or_not_at_all(tmp_path) -> None:
     path = tmp_path / "speed.json"
     assert read_factors(path) == {}

@@ -21,5 +21,13 @@ def test_stopping_is_at_once_and_keeps_what_was_found(blender, ball, folder):
     assert max(told["stopped"].values()) < STOP_SECONDS
 
 
+def test_large_maps_go_on_where_they_were_stopped(blender, ball, folder):
+    told = blender.run("jobs:large", folder, scene=str(ball), size=96).told
+    assert "plan.npz" in told["kept"] and not told["before"]
+    assert (told["source"], told["tiles"]) == ("TILED", [1001, 1002])
+    assert {"Ball_basecolor.1001.exr", "Ball_roughness.1002.exr"} <= set(told["files"])
+    assert not any(name.startswith((".irpso", "irpso_work")) for name in told["files"])
+
+
 def test_pause(blender, ball, folder):
     blender.run("jobs:paused", folder, scene=str(ball), size=256)

@@ -121,6 +121,28 @@ def whole(scene: str, size: int, shading: str = "MATERIAL") -> Steps:
     yield from robot.look("redone")
 
 
+def large(scene: str, size: int) -> Steps:
+    """Two UDIMs: Esc keeps what is finished, Solve goes on with it, the files are on the material."""
+    yield from opened(scene, size)
+    ball, settings = subject(), bpy.context.scene.irpso
+    for corner in ball.data.uv_layers.active.data:
+        corner.uv.x *= 2
+    settings.udim, settings.model, settings.out = "all", "one-lobe", str(robot.FOLDER / "maps")
+    work = robot.FOLDER / "maps" / "irpso_work"
+    yield from started()
+    yield from robot.until(lambda: (work / "plan.npz").exists() or running() is None, 4 * robot.PATIENCE)
+    yield from robot.key("ESC")
+    yield from ended(10)
+    robot.tell(kept=sorted(path.name for path in work.iterdir()), before=linked(ball))
+    yield from started()
+    yield from ended(4 * robot.PATIENCE)
+    yield from robot.until(lambda: linked(ball), 5)
+    yield from robot.look("large", 4)
+    image = bpy.data.images[linked(ball)["Base Color"]]
+    robot.tell(tiles=[tile.number for tile in image.tiles], source=image.source, warnings=list(solution().warnings),
+               files=sorted(path.name for path in (robot.FOLDER / "maps").iterdir()))
+
+
 def stopped(scene: str, size: int) -> Steps:
     """Esc, then the button; each keeps what was found.  And a pause."""
     yield from opened(scene, size)
