@@ -110,6 +110,9 @@ def check(scene: SceneData, settings: SolveSettings) -> None:
     if scene.region is not None or settings.start != "anew":
         raise BadInput(f"{scene.mesh.name}: maps of more than {tiling.ONE_PIECE} texels, or of several UDIMs, are "
                        "solved whole and anew; solve all of it, or choose a smaller size")
+    if thread.settings().device == "numpy":
+        raise BadInput(f"{scene.mesh.name}: maps of more than {tiling.ONE_PIECE} texels, or of several UDIMs, need "
+                       "OpenGL; with device numpy choose a smaller size")
 
 
 def make_plan(
