@@ -21,7 +21,7 @@ from typing import Any
 
 from .channel import Closed, Receiver, Sender
 from .core import log
-from .core.errors import BadInput, Cancelled
+from .core.errors import BadInput, Cancelled, DeviceLost
 from .core.job import Progress
 from .core.live import Live
 from .core.params import DeviceSettings
@@ -114,7 +114,9 @@ class Worker:
             code = self._process.wait()
             if self.job is not None:
                 log.warning("worker ended", status=code, message=self._last_words())
-                self.job._hear("error", RuntimeError(f"the worker process ended (status {code}): {self._last_words()}"))
+                self.job._hear("error", DeviceLost(
+                    f"the worker process ended (status {code}): {self._last_words()}; solve again, with a smaller "
+                    "Memory or Size if it happens again"))
         for stream in (self._process.stdin, self._process.stdout):
             assert stream is not None
             try:

@@ -30,7 +30,7 @@ class NoDevice(DeviceError):
 
 
 class OutOfDeviceMemory(DeviceError):
-    """Textures or buffers do not fit."""
+    """Textures or buffers do not fit, or the arrays beside them."""
 
 
 class DeviceLost(DeviceError):

@@ -27,6 +27,7 @@ from .pace import Pace, Rectangle, rectangles
 from .programs import SLOWER, Programs, first_line
 
 COMPUTE_GAIN = 1.5  # how many times faster compute shaders must be to be taken
+BAD_MATCH = "0x3009"  # EGL's word for a version that is not there
 Textures = moderngl.Texture | tuple[moderngl.Texture, ...] | None
 
 
@@ -42,8 +43,9 @@ class Device:
             backend: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
             self.ctx = moderngl.create_context(standalone=True, require=330, **backend)
         except Exception as error:  # moderngl raises plain Exception, with the platform's words
+            why = "the driver's is older" if BAD_MATCH in str(error) else first_line(str(error))
             raise NoDevice(
-                f"OpenGL 3.3: no context can be made ({first_line(str(error))}); install a graphics driver (on Linux "
+                f"OpenGL 3.3: no context can be made ({why}); install a graphics driver (on Linux "
                 f"also libegl1 and libgl1-mesa-dri, Mesa's software OpenGL), {SLOWER}"
             ) from None
         self.settings = DeviceSettings()
@@ -134,15 +136,18 @@ class Device:
 
     def read(self, texture: moderngl.Texture, part: Rectangle | None = None) -> F32:
         """A float32 texture's content or a part of it, (h, w, channels)."""
+        # Into an array of ours: moderngl's own read takes the process down where memory is short.
+        width, height = texture.size if part is None else part[2:]
+        values = np.empty((height, width, texture.components), np.float32)
         if part is None:
-            raw, shape = texture.read(alignment=1), (texture.height, texture.width)
+            texture.read_into(values, alignment=1)
         else:
             frame = self.framebuffer([texture])
-            raw, shape = frame.read(part, components=texture.components, dtype="f4", alignment=1), (part[3], part[2])
+            frame.read_into(values, part, components=texture.components, dtype="f4", alignment=1)
             frame.release()
         self.check("reading")
         self.check_alive()
-        return np.frombuffer(raw, np.float32).reshape(*shape, texture.components)
+        return values
 
     def bind(self, program: moderngl.Program | moderngl.ComputeShader, textures: Mapping[str, Textures]) -> None:
         """Bind textures to consecutive units, by sampler name; a tuple fills an array of samplers."""

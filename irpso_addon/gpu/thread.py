@@ -15,7 +15,7 @@ import traceback
 from collections.abc import Callable, Generator
 from typing import Any
 
-from ..core.errors import Cancelled
+from ..core.errors import Cancelled, OutOfDeviceMemory
 from ..core.job import Progress
 from ..core.params import DeviceSettings
 from .context import Device
@@ -98,6 +98,8 @@ class Job:
                 self._value = stop.value
         except BaseException as error:  # whatever it is, it belongs to whoever asks for the result
             traceback.clear_frames(error.__traceback__)  # they hold the job's textures
+            if isinstance(error, MemoryError):
+                error = OutOfDeviceMemory(f"memory: {error or 'there is not enough'}; choose a smaller Memory or Size")
             self._error = error
         finally:
             self._finished.set()

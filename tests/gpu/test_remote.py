@@ -14,7 +14,7 @@ import pytest
 
 from irpso_addon import pipeline, remote
 from irpso_addon.core.data import SceneData, Solution
-from irpso_addon.core.errors import BadInput, Cancelled
+from irpso_addon.core.errors import BadInput, Cancelled, DeviceLost
 from irpso_addon.core.image_writer import write_image
 from irpso_addon.core.live import Live
 from irpso_addon.core.params import DeviceSettings, SolveSettings
@@ -105,7 +105,7 @@ def test_a_worker_that_dies_is_told_of(filed: SceneData) -> None:
     job = remote.Remote("pipeline:solve", filed, replace(SETTINGS, size=1024))
     until(lambda: job.poll() is not None)
     os.kill(job.worker._process.pid, signal.SIGKILL)
-    with pytest.raises(RuntimeError, match="worker process ended"):
+    with pytest.raises(DeviceLost, match=r"worker process ended \(status -9\).*smaller Memory"):
         job.result()
 
 
