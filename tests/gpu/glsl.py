@@ -75,12 +75,14 @@ class Recorder:
 
         def make(context: moderngl.Context, *, vertex_shader: str, fragment_shader: str) -> moderngl.Program:
             linked = draw(context, vertex_shader=vertex_shader, fragment_shader=fragment_shader)
-            self.add(linked, vert=vertex_shader, frag=fragment_shader)
+            if programs.SHADERS == shaders:
+                self.add(linked, vert=vertex_shader, frag=fragment_shader)
             return linked
 
         def make_compute(context: moderngl.Context, source: str) -> moderngl.ComputeShader:
             linked = compute(context, source)
-            self.add(linked, comp=source)
+            if programs.SHADERS == shaders:
+                self.add(linked, comp=source)
             return linked
 
         patch.setattr(programs, "_assemble", assembled)
