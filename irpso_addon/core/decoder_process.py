@@ -62,13 +62,14 @@ def main(memory: int) -> None:
 
 
 def _limit(memory: int) -> None:
-    with suppress(ImportError, ValueError, OSError):  # Windows has none; others may not let us
-        import resource
+    if sys.platform == "win32":
+        return
+    import resource
 
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        # Linux counts what is really taken as data; address space would count what libraries reserve.
-        which = resource.RLIMIT_DATA if sys.platform == "linux" else resource.RLIMIT_AS
-        resource.setrlimit(which, (memory, memory))
+    # Linux counts as data what is really taken; the address space would count what libraries reserve.
+    for what, most in ((resource.RLIMIT_CORE, 0), (resource.RLIMIT_DATA, memory)):
+        with suppress(ValueError, OSError):  # a lower limit holds already
+            resource.setrlimit(what, (most, most))
 
 
 def _listen(stdin: IO[bytes], orders: queue.SimpleQueue[list[Any]]) -> None:

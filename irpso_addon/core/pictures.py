@@ -6,19 +6,18 @@ and coverage, exactly as `image.read_reference` gives them.
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
+from .atomic import replacing
 from .data import F32, RadianceImage, View
 from .errors import BadInput
 from .image import Pixels, Reference, reduce
+from .text_file import first_bytes
 
 MAGIC = b"IRPSO picture 1 "
 LONGEST = 1 << 16  # bytes of the first line
@@ -32,19 +31,12 @@ def develop(view: View, path: Path) -> None:
     Raises BadInput as `image.read_reference`, and when ``path`` cannot be written.
     """
     reference = Reference(view)
-    part = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}")
     try:
-        with part.open("wb") as file:
+        with replacing(path) as part, part.open("wb") as file:
             file.write(_first_line(reference))
             reference.check(_write(file, reference.bands()))
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)
     except OSError as error:
         raise BadInput(f"{path}: cannot be written ({error.strerror}); check the folder and the free space") from None
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
 
 
 def _first_line(reference: Reference) -> bytes:
@@ -71,19 +63,16 @@ class Picture:
     def __init__(self, path: Path) -> None:
         """Raises BadInput when ``path`` is no such file, or not whole."""
         self.path = path
+        line, end, _ = first_bytes(path, LONGEST).partition(b"\n")
         try:
-            with path.open("rb") as file:
-                line = file.readline(LONGEST)
-                size = os.fstat(file.fileno()).st_size
             known: dict[str, Any] = json.loads(line.removeprefix(MAGIC))
             self.width, self.height = int(known["width"]), int(known["height"])
             self.clipped_share = float(known["clipped_share"])
             self.warnings = tuple(str(text) for text in known["warnings"])
-        except OSError as error:
-            raise BadInput(f"{path}: cannot be read ({error.strerror}); start the solve again") from None
-        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+            size = path.stat().st_size
+        except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
             raise self._damaged() from None
-        self._start = len(line)
+        self._start = len(line) + len(end)
         if not line.startswith(MAGIC) or min(self.width, self.height) < 1 or (
                 size != self._start + PIXEL * self.width * self.height):
             raise self._damaged()
