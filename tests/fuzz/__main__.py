@@ -92,7 +92,7 @@ def replay(kind: str, number: int, seed: int) -> int:
     """One case, with all that it says."""
     folder = Path(tempfile.mkdtemp(prefix="irpso-fuzz-"))
     shared = worker.importlib.import_module(f".kinds.{kind}", __package__).prepare(folder)
-    outcome = worker.run_case(kind, shared, seed, number, folder / "box", keep=True)
+    outcome = worker.run_case(kind, shared, worker.random_of(kind, seed, number), number, folder / "box", keep=True)
     message = outcome.message
     outcome.message = ""
     print(json.dumps(outcome.__dict__, indent=1), message, f"kept: {folder}", sep="\n")

@@ -17,6 +17,7 @@ class Box:
     """The folder of a case.  ``out`` is where may be written; all else under ``root`` has to stay as it was made."""
 
     root: Path
+    index: int = 0  # the case's number
     names: tuple[str, ...] = ()  # a refusal has to say one of them
     memory: int = MEMORY
     note: Callable[[str], None] = lambda _text: None  # "blender": Blender itself reads, its crash is not ours

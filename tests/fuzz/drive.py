@@ -48,6 +48,10 @@ class Results:
         """Keeps one."""
         if kind not in self._files:
             self._files[kind] = self._path(kind).open("a", encoding="utf-8")
+            with self._path(kind).open("rb") as file:
+                whole = not file.seek(0, os.SEEK_END) or (file.seek(-1, os.SEEK_END), file.read())[1] == b"\n"
+            if not whole:  # a killed run was writing a line
+                self._files[kind].write("\n")
         if not outcome.bad:
             outcome.message = outcome.message[:200]
         print(json.dumps(asdict(outcome)), file=self._files[kind], flush=outcome.bad)
@@ -86,10 +90,10 @@ class _Process:
 
 
 class Driver:
-    """``jobs`` processes at a time; ``log`` takes what they say on stderr."""
+    """``jobs`` processes at a time; ``log`` takes what they say on stderr; ``hang``: seconds that a case may take."""
 
-    def __init__(self, results: Results, seed: int, jobs: int, log: Path) -> None:
-        self.results, self.seed, self.jobs, self.log = results, seed, jobs, log
+    def __init__(self, results: Results, seed: int, jobs: int, log: Path, hang: float = HANG) -> None:
+        self.results, self.seed, self.jobs, self.log, self.hang = results, seed, jobs, log, hang
         memory = Path("/dev/shm")  # cases wait for every file to be on the disk
         self.base = Path(tempfile.mkdtemp(prefix="irpso-fuzz-", dir=memory if memory.is_dir() else None))
         self.selector = selectors.DefaultSelector()
@@ -109,7 +113,7 @@ class Driver:
                 for key, _ in self.selector.select(timeout=0.5):
                     self._hear(key.data)
                 for process in list(self.processes):
-                    limit = HANG if process.ready else START
+                    limit = self.hang if process.ready else START
                     if time.monotonic() - process.heard > limit:
                         self._still(process)
         finally:
@@ -204,7 +208,7 @@ class Driver:
         if (process.kind, index) in self.again or process.note == "blender":
             process.waiting.popleft()
             verdict = "blender" if process.note == "blender" else "hang"
-            self.results.add(process.kind, Outcome(index, verdict, f"nothing in {HANG:.0f} s", seconds=HANG))
+            self.results.add(process.kind, Outcome(index, verdict, f"nothing in {self.hang:.0f} s", seconds=self.hang))
         else:
             self.again.add((process.kind, index))
         self._end(process)

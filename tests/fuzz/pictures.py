@@ -55,6 +55,8 @@ def write(path: Path, pixels: Any, form: str, attributes: dict[str, Any]) -> boo
 
 def bases(folder: Path) -> list[tuple[str, bytes]]:
     """(suffix, bytes) of each of FORMS that can be written here, 36 x 24 pixels."""
+    import OpenImageIO
+
     rng = np.random.default_rng(1)
     found = []
     for suffix, form, channels, attributes in FORMS:
@@ -68,6 +70,7 @@ def bases(folder: Path) -> list[tuple[str, bytes]]:
                 found.append((suffix, path.read_bytes()))
         finally:
             path.unlink(missing_ok=True)
+    OpenImageIO.geterror()  # of formats that it cannot write, else told when the process ends
     found += [(".exr", _parts(folder / "parts.exr")), (".exr", _moved(folder / "moved.exr"))]
     return found
 

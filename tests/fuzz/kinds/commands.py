@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import io
 import os
 from collections.abc import Callable
@@ -25,9 +26,11 @@ WRITTEN = {"out", "log", "report"}
 
 
 def prepare(_folder: Path) -> dict[str, list[argparse.Action]]:
-    """The arguments of each command."""
+    """The arguments of each command, all of which are loaded: Blender's module takes seconds."""
     top = options.parser()
     commands = next(action for action in top._actions if isinstance(action, argparse._SubParsersAction))
+    for name in commands.choices:
+        importlib.import_module(f"irpso_addon.cli.{name}")
     return {name: parser._actions for name, parser in commands.choices.items()}
 
 
