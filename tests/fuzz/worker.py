@@ -10,6 +10,7 @@ import importlib
 import json
 import os
 import shutil
+import stat
 import sys
 import tempfile
 import time
@@ -67,7 +68,7 @@ def run_case(
     module = importlib.import_module(f".kinds.{kind}", __package__)
     action = module.make(shared, rng, box)
     before, start_memory = snapshot(root, box.out), _forget_peaks()
-    started = time.monotonic()
+    begun, started = time.time(), time.monotonic()
     outcome = Outcome(index, "accepted")
     with _watching() as written:
         try:
@@ -86,10 +87,21 @@ def run_case(
     outcome.stray = sorted(path for path in before.keys() | after.keys() if before.get(path) != after.get(path))
     log = os.path.join(os.path.expanduser("~"), ".config", "blender")  # where Blender keeps what it is told to keep
     allowed = (str(box.out), str(root / "tmp"), log)
-    outcome.stray += [p for p in written if p != os.devnull and not os.path.realpath(p).startswith(allowed)]
+    outcome.stray += [path for path in map(os.path.realpath, written)
+                      if not path.startswith(allowed) and path not in before and _touched(path, begun)]
     if outcome.stray and not keep:
         shutil.rmtree(root)
     return outcome
+
+
+def _touched(path: str, since: float) -> bool:
+    """Whether a file was really written, or came and went: to ask for it may have been in vain."""
+    with contextlib.suppress(OSError):
+        told = os.stat(path)
+        return stat.S_ISREG(told.st_mode) and told.st_mtime > since - 0.1
+    with contextlib.suppress(OSError):
+        return os.stat(os.path.dirname(path)).st_mtime > since - 0.1
+    return False
 
 
 def random_of(kind: str, seed: int, index: int) -> Random:

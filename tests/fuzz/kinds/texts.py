@@ -73,7 +73,7 @@ def _report(_shared: Maps, rng: Random, box: Box) -> Callable[[], None]:
     """A report in which names and numbers are odd."""
     report = {"command": ["irpso", spoil.word(rng)], "models": {spoil.word(rng): spoil.word(rng)},
               "more": spoil.value(rng), "views": [os.fsdecode(rng.randbytes(8))]}
-    name = rng.choice(("report.json", spoil.file_name(rng, ".json"), "no such folder/report.json", "n" * 300, "."))
+    name = rng.choice(("report.json", spoil.file_name(rng, ".json"), "no such folder/report.json", "n" * 300))
     path = box.out / name
     if rng.random() < 0.1:
         (box.out / "report.json").mkdir()
