@@ -54,7 +54,7 @@ def main() -> int:
             return 1
     where = sum((made.where for made, _, _ in done), Counter[str]())
     rows = {"kills": sum(made.kills for made, _, _ in done),
-            **{f"  that left: {stage}": where[stage] for stage in ("start", "plan", "blocks", "merging", "publishing")},
+            **{f"    at: {stage}": count for stage, count in sorted(where.items())},
             "rounds from nothing or older results to the end": sum(made.rounds for made, _, _ in done),
             "writes refused beyond a size, told in one line": sum(made.refusals for made, _, _ in done),
             f"full disks met on {disks} disks that grew": sum(full for _, _, full in done),

@@ -71,7 +71,7 @@ class Campaign:
     kills: int = 0
     rounds: int = 0  # from nothing, or from older results, to the end
     refusals: int = 0  # runs that found the disk full and said so
-    where: Counter[str] = field(default_factory=Counter)  # what a killed run left: its latest stage
+    where: Counter[str] = field(default_factory=Counter)  # how far killed runs had come, by what they left
 
     def __post_init__(self) -> None:
         self.random = random.Random(self.seed)
@@ -82,7 +82,7 @@ class Campaign:
         began = time.perf_counter()
         self._expect(self._run(Request(str(out))), 0, out)
         self.seconds = time.perf_counter() - began
-        self.events = int(Path(f"{out}.events").read_text())
+        self.events, self.late = json.loads(Path(f"{out}.events").read_text())
         self.whole = {path.name: path.read_bytes() for path in out.iterdir()}
         self._parse(out)
         if len(self.whole) < 8 or any(path.name.startswith(".") for path in out.iterdir()):
@@ -112,6 +112,9 @@ class Campaign:
                 self._expect(status, -signal.SIGKILL, out)
                 self.kills += 1
             blocks = self._check(out, older, blocks)
+            if status == -signal.SIGKILL:
+                published = all((out / name).exists() and (out / name).read_bytes() != OLDER for name in self.whole)
+                self.where["published" if published else _stage(out, blocks)] += 1
         self.compare(out)
         shutil.rmtree(out)
         self.rounds += 1
@@ -173,9 +176,11 @@ class Campaign:
 
     def _request(self, out: Path) -> Request:
         """How the next run is to end: at a moment, at something it does to a file, by a full disk."""
-        kind = self.random.choice(("moment", "moment", "moment", "event", "event", "event", "limit"))
+        kind = self.random.choice(("moment", "moment", "moment", "event", "event", "late", "late", "limit"))
         if kind == "limit":
             return Request(str(out), limit=int(10 ** self.random.uniform(1, 6)))
+        if kind == "late":
+            return Request(str(out), late=self.random.randint(1, self.late))
         early = self.random.random() ** 1.5  # a run that goes on with another's blocks is shorter
         if kind == "event":
             return Request(str(out), event=1 + int(early * self.events))
@@ -220,7 +225,6 @@ class Campaign:
         merged = len(before) == 4
         if (work / "irpso-work").exists() and not merged and before - blocks:
             raise Torn(f"{work}: blocks {before - blocks} are gone")
-        self.where[_stage(out, blocks)] += 1
         return blocks
 
     def _parse(self, out: Path) -> None:

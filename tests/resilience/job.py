@@ -18,11 +18,12 @@ from typing import Any
 
 from irpso_addon import large
 from irpso_addon.core import bundle
+from irpso_addon.core.atomic import PART
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.image_writer import write_image
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.report import write_report
-from irpso_addon.core.staging import Staging
+from irpso_addon.core.staging import SET, Staging
 from irpso_addon.core.work import Work
 from irpso_addon.gpu import thread
 
@@ -67,6 +68,7 @@ class Request:
     out: str
     moment: float | None = None  # seconds after which it is killed
     event: int | None = None  # the process kills itself before it does its n-th thing to files in ``out``
+    late: int | None = None  # the same, counted from when the maps are merged
     limit: int | None = None  # bytes that a file may have: writing fails beyond, as on a full disk
 
 
@@ -106,7 +108,7 @@ def _child(scene: Path, request: Request) -> None:
             print(error, file=sys.stderr)
             status = BAD
         if request.limit is None:
-            Path(f"{request.out}.events").write_text(str(count[0]))
+            Path(f"{request.out}.events").write_text(json.dumps(count))
     except BaseException:
         sys.excepthook(*sys.exc_info())
     finally:
@@ -115,14 +117,17 @@ def _child(scene: Path, request: Request) -> None:
 
 
 def _watch(request: Request) -> list[int]:
-    """Counts what is done to files in ``out``, and dies when it is time."""
-    count = [0]
+    """Counts what is done to files in ``out``, in all and since maps are merged, and dies when it is time."""
+    count = [0, 0]
 
     def hook(event: str, arguments: tuple[Any, ...]) -> None:
-        if event in EVENTS and arguments and str(arguments[0]).startswith(request.out):
-            count[0] += 1
-            if count[0] == request.event:
-                os.kill(os.getpid(), signal.SIGKILL)
+        if event not in EVENTS or not arguments or not (path := str(arguments[0])).startswith(request.out):
+            return
+        count[0] += 1
+        if count[1] or (SET in path and PART in path):
+            count[1] += 1
+        if count[0] == request.event or count[1] == request.late:
+            os.kill(os.getpid(), signal.SIGKILL)
 
     sys.addaudithook(hook)
     return count
