@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.data import F32, F64, Camera, MeshArrays
 from .cells import Cells
 from .context import Device
-from .pace import rectangles
+from .pace import Rectangle, rectangles
 
-CHUNK = 16384  # triangles in a draw, at most
-FIRST_PIXELS = 65536.0  # of a draw of triangles before its speed is known
+BUNDLE = 1024  # triangles that are drawn together
+TRIANGLE = 64  # pixels that take as long as a triangle
+FIRST_PIXELS = 131072.0  # of a draw of triangles before its speed is known
+I64 = NDArray[np.int64]
 _LAYOUT = "3f 3f 2f 2f 4f 3f 4f"
 _NAMES = ("in_position", "in_normal", "in_uv", "in_grid", "in_facet", "in_object_normal", "in_tangent")
 
@@ -61,16 +64,16 @@ def facets(mesh: MeshArrays) -> F32:
 
 
 class Triangles:
-    """A run of triangles in a vertex buffer, drawn a chunk at a time, and each chunk in bands of rows.
+    """A run of triangles in a vertex buffer, drawn in pieces: bundles of them, and a dear bundle in bands of rows.
 
     In their order, so that what lies over what does not depend on how they are divided.
     """
 
     def __init__(self, positions: F32, first: int, count: int, grid: F32 | None = None) -> None:
         """``positions``: (T, 3, 3), world, of the whole buffer; ``grid``: (T, 3, 2) places on the texel grid."""
-        self._chunks = [(start, min(CHUNK, first + count - start)) for start in range(first, first + count, CHUNK)]
-        self._boxes = [_corners(positions[a:a + n]) for a, n in self._chunks]
-        self._flat = [] if grid is None else [_corners(grid[a:a + n]) for a, n in self._chunks]
+        self._ends = np.array([*range(first, first + count, BUNDLE), first + count], np.int64)
+        self._boxes = _boxes(positions, self._ends)
+        self._flat = None if grid is None else _boxes(grid, self._ends)
 
     def draw(
         self, device: Device, kind: Hashable, array: moderngl.VertexArray, target: moderngl.Framebuffer,
@@ -80,40 +83,65 @@ class Triangles:
 
         ``kind``: what draws are alike in cost.
         """
-        width, height = target.size
-        device.ctx.viewport = 0, 0, width, height
-        for i, (start, count) in enumerate(self._chunks):
-            at = 2.0 * self._flat[i] - 1.0 if clip is None else _projected(self._boxes[i], clip)
-            low, high = _rows(at, height)
-            for part, pixels in rectangles((0, low, width, high - low), lambda: device.pace.most(kind, FIRST_PIXELS)):
-                target.scissor = part
+        at = _projected(self._boxes, clip) if clip is not None else self._flat
+        assert at is not None
+        low, high = _pixels(at, target.size)
+        area = (high - low).prod(axis=1)
+        cost = np.where(area > 0, area + TRIANGLE * np.diff(self._ends), 0.0)
+        device.ctx.viewport = 0, 0, *target.size
+        target.use()
+        i, shown = 0, np.append(area > 0, False)
+        while i < len(cost):
+            if not shown[i]:
+                i += 1
+                continue
+            allowed = device.pace.most(kind, FIRST_PIXELS)
+            end = i + int(np.argmin(shown[i:]))
+            end = i + int(np.searchsorted(np.cumsum(cost[i:end]), allowed, side="right"))
+            first, last = self._ends[i], self._ends[max(end, i + 1)]
+            bands: Iterable[tuple[Rectangle | None, float]] = [(None, float(cost[i:end].sum()))]
+            if end == i:  # even one is too much
+                size = high[i] - low[i]
+                bands = rectangles((*low[i].tolist(), *size.tolist()), lambda: device.pace.most(kind, FIRST_PIXELS),
+                                   np.full(size[1], cost[i] / size[1], np.float32))
+            for part, units in bands:
+                if part is not None:
+                    target.scissor = part
+                    target.use()
+                with device.pace.piece(kind, units):
+                    array.render(moderngl.TRIANGLES, vertices=3 * int(last - first), first=3 * int(first))
+            if end == i:
+                target.scissor = None  # type: ignore[assignment]  # the stub does not know how to take it back
                 target.use()
-                with device.pace.piece(kind, pixels):
-                    array.render(moderngl.TRIANGLES, vertices=3 * count, first=3 * start)
-        target.scissor = None  # type: ignore[assignment]  # the stub does not know how to take it back
+            i = max(end, i + 1)
 
 
-def _corners(points: F32) -> F64:
-    """(2^K, K) of the box around (..., K) points."""
-    flat = points.reshape(-1, points.shape[-1]).astype(np.float64)
-    box = zip(flat.min(axis=0), flat.max(axis=0), strict=True)
-    return np.array(np.meshgrid(*box)).reshape(points.shape[-1], -1).T
+def _boxes(points: F32, ends: I64) -> F64:
+    """(B, 2^K, K) corners of the boxes around bundles of (T, 3, K) points."""
+    if len(ends) < 2:
+        return np.zeros((0, 2 ** points.shape[-1], points.shape[-1]))
+    part = points[ends[0]:ends[-1]].astype(np.float64)
+    box = np.stack([of.reduceat(part, ends[:-1] - ends[0]) for of in (np.minimum, np.maximum)])
+    box = np.stack([box[0].min(axis=1), box[1].max(axis=1)])  # (2, B, K)
+    choice = np.array(np.meshgrid(*[[0, 1]] * points.shape[-1])).reshape(points.shape[-1], -1).T
+    return np.stack([box[choice[:, k], :, k] for k in range(points.shape[-1])], axis=-1).swapaxes(0, 1)
 
 
-def _projected(corners: F64, clip: F64) -> F64 | None:
-    """(8, 2) in the picture, -1 to 1; None where one lies behind the camera."""
+def _projected(corners: F64, clip: F64) -> F64:
+    """(B, 8, 2) places in the picture, 0 to 1; not finite where a box reaches behind the camera."""
     at = corners @ clip[:, :3].T + clip[:, 3]
-    return None if at[:, 3].min() <= 0.0 else at[:, :2] / at[:, 3:]
+    behind = at[..., 3].min(axis=1, initial=np.inf) <= 0.0
+    at[behind] = np.nan
+    return np.asarray(0.5 * at[..., :2] / at[..., 3:] + 0.5)
 
 
-def _rows(at: F64 | None, height: int) -> tuple[int, int]:
-    """First and end of the rows of a picture that points -1 to 1 in it span, with a row to spare; None: all."""
-    if at is None or not np.isfinite(at).all():
-        return 0, height
-    low, high = at.min(axis=0), at.max(axis=0)
-    if (low > 1.0).any() or (high < -1.0).any():
-        return 0, 0
-    return max(int((0.5 * low[1] + 0.5) * height) - 1, 0), min(int((0.5 * high[1] + 0.5) * height) + 2, height)
+def _pixels(at: F64, size: tuple[int, int]) -> tuple[I64, I64]:
+    """First and end, (B, 2) each, of the pixels that boxes span in a picture, with one to spare; all where unknown."""
+    known = np.isfinite(at).all(axis=(1, 2))
+    at = np.where(known[:, None, None], at, np.array([[0.0, 0.0], [1.0, 1.0]])[np.arange(at.shape[1]) % 2])
+    low, high = (np.clip(end, -1.0, 2.0) * size for end in (at.min(axis=1), at.max(axis=1)))
+    first = np.clip(np.floor(low).astype(np.int64) - 1, 0, size)
+    return first, np.maximum(np.clip(np.ceil(high).astype(np.int64) + 1, 0, size), first)
 
 
 class MeshBuffer:

@@ -130,8 +130,8 @@ def divided(on_gl: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[
 
     def call(solve: Callable[[], Any]) -> list[Any]:
         results, drawn = [], []
-        for kind, chunk in ((Counted, 10**9), (Cut, 300)):
-            monkeypatch.setattr(surface, "CHUNK", chunk)
+        for kind, bundle in ((Counted, 10**9), (Cut, 300)):
+            monkeypatch.setattr(surface, "BUNDLE", bundle)
             monkeypatch.setattr(device, "pace", kind(device._finish, math.inf))
             results.append(solve())
             drawn.append(device.pace.pieces)  # type: ignore[attr-defined]
