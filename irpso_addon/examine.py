@@ -17,6 +17,7 @@ from .core.errors import BadInput
 from .core.job import Progress
 from .core.params import SolveSettings
 from .gpu import thread
+from .gpu.programs import SLOWER
 
 LIMITS = {
     "GL_MAX_TEXTURE_SIZE": "largest map (texels)",
@@ -75,6 +76,5 @@ def test() -> Generator[Progress, None, Tested]:
     rough_error = float(np.median(np.abs(solution.maps.roughness - selftest.ROUGHNESS)))
     if not max(base_error, rough_error) < TOLERANCE:
         raise BadInput(f"{device.renderer}: the self-test is off by {max(base_error, rough_error):.4f}, more than "
-                       f"{TOLERANCE}; update the graphics driver, or choose device numpy (--device numpy): slow, small "
-                       "maps")
+                       f"{TOLERANCE}; update the graphics driver, {SLOWER}")
     return Tested(device, time.perf_counter() - started, base_error, rough_error)

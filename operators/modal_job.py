@@ -15,7 +15,7 @@ import bpy
 from ..irpso_addon.blender import session
 from ..irpso_addon.blender.jobs import Task
 from ..irpso_addon.core import log
-from ..irpso_addon.core.errors import BadInput, Cancelled
+from ..irpso_addon.core.errors import BadInput, Cancelled, DeviceError
 from ..irpso_addon.core.job import Progress
 
 TIMER_PERIOD = 0.05  # seconds
@@ -190,6 +190,7 @@ class ModalJob:
 
     def _refuse(self, error: Exception) -> None:
         log.failure(self.bl_idname, error)
+        session.device_trouble = isinstance(error, DeviceError)
         self.report({"ERROR"}, str(error))
 
     def _finished(self, uid: int, value: Any, cancelled: bool) -> Iterator[None]:

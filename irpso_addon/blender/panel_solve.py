@@ -8,7 +8,7 @@ import bpy
 from bpy.types import Panel
 
 from ..core.params import SolveSettings
-from . import estimates, jobs, presets, readiness, session, steer
+from . import estimates, jobs, preferences, presets, readiness, session, steer
 from .tab import Tab, split
 
 # Settings that mean something for some choices of another alone: which one, and which choices.
@@ -51,6 +51,8 @@ class IRPSO_PT_solve(Tab, Panel):
         column.scale_y = 1.4
         count = len(readiness.solve_objects(context))
         column.operator("irpso.solve", text=f"Solve {count} Objects" if count > 1 else "Solve", icon="PLAY")
+        if session.device_trouble:
+            preferences.draw_offer(layout)
         estimates.draw(layout, context)
         readiness.draw(layout, context)
         if readiness.why_not(context) is None:

@@ -51,10 +51,26 @@ CLASSES = (IRPSO_AP_preferences,)
 
 def device_settings() -> DeviceSettings:
     """What the preferences say; the table's defaults where the add-on has none (loaded by a script)."""
-    addon = bpy.context.preferences.addons.get(EXTENSION)
-    if addon is None or addon.preferences is None:
+    chosen = _chosen()
+    if chosen is None:
         return DeviceSettings()
-    return DeviceSettings(**{field.name: getattr(addon.preferences, field.name) for field in fields(DeviceSettings)})
+    return DeviceSettings(**{field.name: getattr(chosen, field.name) for field in fields(DeviceSettings)})
+
+
+def draw_offer(layout: bpy.types.UILayout) -> None:
+    """The choice of the device, for where the graphics device has failed."""
+    chosen = _chosen()
+    if chosen is not None:
+        box = layout.box().column()
+        box.label(text="The graphics device cannot do it", icon="ERROR")
+        box.prop(chosen, "device")
+        if chosen.device == "numpy":
+            box.label(text="One lobe, maps of 64 texels, slow", icon="INFO")
+
+
+def _chosen() -> AddonPreferences | None:
+    addon = bpy.context.preferences.addons.get(EXTENSION)
+    return None if addon is None else addon.preferences
 
 
 def detect() -> None:

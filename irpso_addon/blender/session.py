@@ -56,6 +56,7 @@ class Running:
 
 
 running: Running | None = None
+device_trouble = False  # whether the graphics device could not do the last job
 
 
 def keep(obj: bpy.types.Object, solution: Solution, label: str = "solved", files: MapFiles | None = None) -> None:
@@ -87,7 +88,8 @@ def object_by_uid(uid: int) -> bpy.types.Object | None:
 
 def start(job: Remote, title: str, object_uid: int = 0) -> Running:
     """Makes ``job`` the running one."""
-    global running
+    global running, device_trouble
+    device_trouble = False
     running = Running(job, title, object_uid=object_uid)
     return running
 

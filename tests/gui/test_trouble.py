@@ -5,6 +5,6 @@ from __future__ import annotations
 import pytest
 
 
-@pytest.mark.parametrize("what", ["load", "undo", "delete", "render", "close"])
+@pytest.mark.parametrize("what", ["load", "undo", "delete", "render", "no_opengl", "close"])
 def test_while_it_runs(blender, ball, folder, what):
     blender.run(f"trouble:{what}", folder, scene=str(ball), size=512)

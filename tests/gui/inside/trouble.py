@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import bpy
 import jobs
 import robot
@@ -82,6 +84,26 @@ def render(scene: str, size: int) -> Steps:
     yield from jobs.ended()
     yield from jobs.delivered()
     assert not jobs.solution().cancelled
+
+
+def no_opengl(scene: str, size: int) -> Steps:
+    """The worker finds no OpenGL: the panel offers numpy, which then does it."""
+    os.environ["__EGL_VENDOR_LIBRARY_FILENAMES"] = os.devnull  # Blender has its own context already
+    yield from jobs.opened(scene, min(size, 32))
+    robot.addon("irpso_addon.blender.jobs").cool_down()  # whose worker had been started before
+    yield from jobs.started()
+    yield from jobs.ended()
+    assert jobs.solution() is None and robot.addon("irpso_addon.blender.session").device_trouble
+    yield 0.5
+    yield from robot.look("offered")
+    yield from robot.key("ESC")  # the report lies over the button
+    yield 0.5
+    robot.addon("irpso_addon.blender.preferences")._chosen().device = "numpy"
+    yield from jobs.started()
+    yield from jobs.ended()
+    yield from jobs.delivered()
+    assert jobs.solution().device["renderer"].startswith("numpy")
+    yield from robot.look("by_numpy")
 
 
 def close(scene: str, size: int) -> Steps:
