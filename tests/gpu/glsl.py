@@ -119,6 +119,6 @@ def glslang(folder: Path, *arguments: str) -> str:
         pytest.fail("no glslangValidator: run 'make setup', or install Debian's glslang-tools")
     environment = {**os.environ, "LD_LIBRARY_PATH": str(Path(program).resolve().parents[1] / "lib")}  # of the wheel
     done = subprocess.run([program, *arguments], cwd=folder, env=environment, capture_output=True, text=True,
-                          timeout=120)
+                          timeout=600)
     assert done.returncode in (0, 2, 3), done.stdout + done.stderr  # 2, 3: of compiling, of linking
     return done.stdout + done.stderr
