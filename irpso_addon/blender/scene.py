@@ -11,7 +11,7 @@ from typing import Any
 
 import bpy
 
-from ..core.captures import read_captures
+from ..core.captures import MOST_EXPOSURE, read_captures
 from ..core.data import Camera, Light, SceneData, View
 from ..core.errors import BadInput
 from .oiio import ensure_openimageio
@@ -93,6 +93,8 @@ class _Reader:
         self._cameras: dict[str, Camera] = {}
         self._lights: dict[str, Light] = {}
         self.gain = float(scene.cycles.film_exposure) if scene.render.engine == "CYCLES" else 1.0
+        if not 0 < self.gain < math.inf:
+            raise BadInput(f"scene '{scene.name}': its film exposure is {self.gain:g}; set it to 1 (Render > Film)")
 
     def warn(self, text: str) -> None:
         self.warnings.append(text)
@@ -151,6 +153,9 @@ class _Reader:
             chosen = [item.light for item in entry.lights]
             if None in chosen:
                 raise BadInput(f"{where}: has an empty light entry; choose a light or remove the entry")
+            if not abs(entry.exposure) <= MOST_EXPOSURE:
+                raise BadInput(f"{where}: exposure {entry.exposure:g} is out of range; "
+                               f"want EV from -{MOST_EXPOSURE} to {MOST_EXPOSURE}")
             mask = getattr(entry, "mask", "")
             views.append(View(
                 image=_absolute(entry.image), camera=self._camera(entry.camera.name, where),
@@ -246,6 +251,8 @@ def _pixel_filter(scene: Any) -> float:
     if scene.cycles.samples == 1:
         return 0.01
     width = float(scene.cycles.filter_width)
+    if not 0 < width < math.inf:
+        raise BadInput(f"scene '{scene.name}': its pixel filter's width is {width:g}; set it to 1.5 (Render > Film)")
     if scene.cycles.pixel_filter_type == "BOX":
         return 1.0
     if scene.cycles.pixel_filter_type == "GAUSSIAN":  # exp(-2 (6 x / reach)^2): sigma = reach / 12

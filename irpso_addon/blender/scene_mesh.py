@@ -12,7 +12,7 @@ import numpy as np
 from ..core.data import F32, F64, I32, MeshArrays, NormalMap
 from ..core.errors import BadInput
 from .scene_material import SlotNormalMap
-from .scene_objects import rendered_objects, world_matrix
+from .scene_objects import FAR, rendered_objects, world_matrix
 
 MAX_TRIANGLES = 20_000_000  # of the occluders: 720 MB
 _SOLID = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
@@ -52,8 +52,8 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
     with np.errstate(over="ignore"):
         positions = (local @ linear.T + world[:3, 3]).astype(np.float32)
     normals = _unit(corner_normals @ normal_matrix.T)
-    if not (np.isfinite(positions).all() and np.isfinite(normals).all()):
-        raise BadInput(f"object '{obj.name}': is too large for its normals to be told; scale it down")
+    if not ((np.abs(positions) <= FAR).all() and np.isfinite(normals).all()):
+        raise BadInput(f"object '{obj.name}': is too large or too far away to be computed with; scale it down")
     order = [0, 2, 1] if mirrored else [0, 1, 2]
     unit = bpy.app.version >= (5, 0, 0)
     return MeshArrays(
@@ -151,7 +151,7 @@ def _mikktspace(mesh: Any, vertices: I32, normals: F32, layers: dict[str, F32]) 
     found = {}
     for name in layers:
         mesh.calc_tangents(uvmap=name)
-        tangent = _floats(mesh.loops, "tangent", 3)
+        tangent = np.nan_to_num(_floats(mesh.loops, "tangent", 3), posinf=0.0, neginf=0.0)  # of faces without area
         sign = _floats(mesh.loops, "bitangent_sign", 1)
         found[name] = np.concatenate([tangent, sign], 1).reshape(-1, 3, 4)
     return found
@@ -171,7 +171,7 @@ def read_occluders(subject: Any, depsgraph: Any, warn: Warn) -> F32:
                            "million triangles beside the object; hide some from renders")
         found.append((shapes[key] @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
     everything = np.concatenate(found) if found else np.zeros((0, 3, 3), np.float32)
-    return everything[np.isfinite(everything).all((1, 2))]
+    return everything[(np.abs(everything) <= FAR).all((1, 2))]
 
 
 def _solids(subject: Any, depsgraph: Any, warn: Warn) -> Iterator[tuple[Any, int, F64]]:

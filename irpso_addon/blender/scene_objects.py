@@ -13,6 +13,9 @@ from ..core.data import F64, Camera, Light
 from ..core.errors import BadInput
 
 Warn = Callable[[str], None]
+FAR = 1e12  # metres: whose square single precision still holds
+BRIGHTEST = 1e30  # watts
+NARROWEST = math.radians(0.1)  # spread of an area lamp
 
 
 def world_matrix(obj: Any, depsgraph: Any) -> F64:
@@ -55,21 +58,39 @@ def read_camera(obj: Any, scene: Any, depsgraph: Any) -> Camera:
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     if not np.isfinite(matrix).all() or lengths.min() < 1e-9:
         raise BadInput(f"camera '{obj.name}': its scale is 0 or its matrix not finite; clear its scale")
+    projection = np.array(projection, np.float64)
+    finite = (np.abs(matrix) <= FAR).all() and (np.abs(projection) <= FAR).all()
+    if not finite or not np.linalg.det(projection):
+        raise BadInput(f"camera '{obj.name}': its place, lens or shift is no number that makes a picture; reset it")
     matrix[:3, :3] /= lengths  # Blender ignores a camera's scale
     return Camera(
-        name=obj.name, world_to_camera=np.linalg.inv(matrix), projection=np.array(projection, np.float64),
+        name=obj.name, world_to_camera=np.linalg.inv(matrix), projection=projection,
         position=matrix[:3, 3].copy(), forward=-matrix[:3, 2], orthographic=obj.data.type == "ORTHO",
         aspect=width / height,
     )
 
 
 def read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
-    """``obj`` with its power in watts (sun: W/m^2): colour, exposure and temperature multiplied in."""
+    """``obj`` with its power in watts (sun: W/m^2): colour, exposure and temperature multiplied in.
+
+    Raises BadInput for numbers that no lamp can have.
+    """
+    with np.errstate(all="ignore"):  # which are found out at the end
+        light = _read_light(obj, depsgraph, warn)
+    sizes = [light.radius, light.spot_angle, light.spot_blend, *light.size, light.spread, *light.matrix.ravel()]
+    if not (np.abs(sizes) <= FAR).all() or not (np.abs(light.power) <= BRIGHTEST).all():
+        raise BadInput(f"light '{obj.name}': its power, size or place is not finite or too large; set it anew")
+    if light.kind == "AREA" and light.spread < NARROWEST:
+        raise BadInput(f"light '{obj.name}': its spread is below 0.1 degrees, which is not modelled; widen it")
+    return light
+
+
+def _read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
     lamp = obj.data
     matrix = world_matrix(obj, depsgraph)
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-20:
         raise BadInput(f"light '{obj.name}': its scale is 0 or its matrix not finite; clear its scale")
-    power = lamp.energy * 2.0**lamp.exposure * np.array(lamp.color, np.float64)
+    power = lamp.energy * np.exp2(lamp.exposure) * np.array(lamp.color, np.float64)
     if lamp.use_temperature:
         power = power * np.array(lamp.temperature_color, np.float64)
     power = power * _emission(obj, warn)

@@ -11,6 +11,8 @@ from typing import Any, NoReturn
 from .errors import BadInput
 from .text_file import read_text
 
+MOST_EXPOSURE = 64  # EV, either way
+
 
 @dataclass(frozen=True)
 class CaptureView:
@@ -69,8 +71,8 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
         exposure = 0.0
     if isinstance(exposure, bool) or not isinstance(exposure, (int, float)):
         bad('"exposure" is not a number; want EV')
-    if not -64 <= exposure <= 64:  # false for NaN too
-        bad('"exposure" is out of range; want EV from -64 to 64')
+    if not abs(exposure) <= MOST_EXPOSURE:  # so is NaN
+        bad(f'"exposure" is out of range; want EV from -{MOST_EXPOSURE} to {MOST_EXPOSURE}')
     image, camera, mask = text("image", True), text("camera", True), text("mask", False)
     assert image is not None and camera is not None  # text() raised otherwise
     return CaptureView(

@@ -180,7 +180,7 @@ def check(data: SceneData) -> None:
     for view in data.views:
         camera = view.camera
         assert np.isfinite(camera.world_to_camera).all() and np.isfinite(camera.projection).all()
-        assert abs(np.linalg.det(camera.projection)) > 0 and 0 < camera.aspect < 1e6
+        assert np.linalg.det(camera.projection) and 0 < camera.aspect < 1e6
         assert np.isfinite(2.0**view.exposure) and np.isfinite(view.gain) and view.gain > 0
         assert view.lights
         for light in view.lights:
