@@ -21,6 +21,7 @@ test: lint
 	$(RUN) -m pytest tests/bench
 	$(RUN) -m pytest tests/stability
 	$(RUN) -m pytest tests/resilience
+	$(RUN) -m pytest tests/fuzz
 	$(RUN) -m pytest tests/blender
 
 # BLENDER=/path/to/blender picks one with a window; else Debian's is set up (as root).
