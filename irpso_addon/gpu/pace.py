@@ -33,6 +33,7 @@ class Pace:
         self._finish = finish
         self.told: Callable[[Hashable, float], None] | None = None  # hears of every piece: what, and its seconds
         self._seconds: dict[Hashable, float] = {}  # for a unit, rather too many than too few
+        self._compiled: set[Hashable] = set()  # kinds that were drawn once: the first time may hold the compiler's work
         self._waiting = 0.0  # seconds of pieces that have not been waited for
         self.choose(slice_ms)
 
@@ -69,6 +70,9 @@ class Pace:
     def _learn(self, key: Hashable, units: float, took: float) -> None:
         if self.told is not None:
             self.told(key, took)
+        if key not in self._compiled:
+            self._compiled.add(key)
+            return
         rate = took / max(units, 1.0)
         known = self._seconds.get(key, rate)
         if took < WORTH * self.slice:  # mostly waiting: only says that it is not slower

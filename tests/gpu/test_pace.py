@@ -73,6 +73,15 @@ def test_dear_rows_after_cheap_ones_are_known_by_their_work(monkeypatch):
     assert machine.longest < 0.03
 
 
+def test_what_a_driver_compiles_at_first_is_not_taken_for_the_draw(monkeypatch):
+    machine = Machine(monkeypatch)
+    machine.queued = 15.0  # shaders of a large kernel, on Mesa
+    work = np.full(1024, 1024.0, np.float32)
+    machine.draw(work, 1e-7)
+    assert machine.waited < 30
+    assert machine.pace.most("draw") == pytest.approx(0.015 / 1e-7, rel=0.1)
+
+
 def test_a_machine_that_slows_down_is_noticed(monkeypatch):
     machine = Machine(monkeypatch)
     machine.draw(np.full(1024, 1024.0, np.float32), 1e-8)
