@@ -100,6 +100,8 @@ def _possible(scene: SceneData, settings: SolveSettings) -> tuple[SolveSettings,
         told.append(f"device numpy: maps of {DEFAULT_SIZE} x {DEFAULT_SIZE} texels in place of {settings.size} x "
                     f"{settings.size}; sizes up to {MOST_SIZE} are taken as they are")
         settings = replace(settings, size=DEFAULT_SIZE)
+    if settings.udim == "all":
+        told.append("device numpy: the 0-1 UV square alone")
     if settings.indirect == "on":
         told.append("device numpy: indirect light is left in the maps")
     return settings, told
