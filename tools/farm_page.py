@@ -60,18 +60,15 @@ def _draw_measured(found: dict[str, Any], stem: Path) -> None:
     """Times as fast as one machine without a farm."""
     figure, axes = plt.subplots(figsize=(4.6, 3.6), dpi=160, layout="constrained")
     workers = [int(count) for count in found["workers"]]
-    times = [found["alone_solve"] / found["workers"][str(count)] for count in workers]
-    cores = found["cores"]
-    axes.plot(workers, [min(count, cores) for count in workers], color="#999999", linestyle=(0, (4, 3)), linewidth=1)
-    axes.annotate(f"ideal: {cores} cores", (workers[-1], cores), (-2, 4), textcoords="offset points", ha="right",
+    times = [found["alone"] / seconds for seconds in found["workers"].values()]
+    axes.plot(workers, workers, color="#999999", linestyle=(0, (4, 3)), linewidth=1)
+    axes.annotate("ideal", (workers[-1], workers[-1]), (-10, 0), textcoords="offset points", ha="right",
                   color="#666666", fontsize=8)
     axes.plot(workers, times, color=CURVES[2], marker="o", markersize=5)
     for count, value in zip(workers, times, strict=True):
-        axes.annotate(f"{value:.2f}", (count, value), (0, -13), textcoords="offset points", ha="center", fontsize=8)
-    axes.set(xscale="log", xticks=workers, xlabel="workers on this machine", ylim=(0, cores * 1.15))
-    axes.set_xticks(workers, [str(count) for count in workers])
-    axes.minorticks_off()
-    axes.set_title("Times as fast as one machine alone, plan aside", loc="left", fontsize=10)
+        axes.annotate(f"{value:.2f}", (count, value), (0, -14), textcoords="offset points", ha="center", fontsize=8)
+    axes.set(xticks=workers, xlabel="workers", ylim=(0, workers[-1] * 1.1), xlim=(0.7, workers[-1] + 0.3))
+    axes.set_title("Times as fast as one machine, plan aside", loc="left", fontsize=10)
     _save(figure, stem)
 
 
@@ -110,8 +107,8 @@ def _save(figure: Any, stem: Path) -> None:
 
 def _words(found: dict[str, Any], measured: Costs, costs: list[Costs], cases: dict[str, Runs]) -> dict[str, str]:
     """What the page's braces stand for."""
-    rows = [f"| {count} | {seconds:.1f} | {found['alone_solve'] / seconds:.2f} | "
-            f"{found['alone_solve'] / seconds / min(int(count), found['cores']):.0%} |"
+    rows = [f"| {count} | {seconds:.1f} | {found['alone'] / seconds:.2f} | "
+            f"{found['alone'] / seconds / int(count):.0%} |"
             for count, seconds in found["workers"].items()]
     table = [f"| {name} | {workers} | {_time(run.seconds)} | {run.efficiency:.0%} | {NAMES[most(run)]} |"
              for name, runs in cases.items() for workers, run in runs[SHOWN_TILE].items()
@@ -121,12 +118,12 @@ def _words(found: dict[str, Any], measured: Costs, costs: list[Costs], cases: di
         for runs in cases.values()) + " |" for tile in TILES]
     return {
         "measured": "\n".join(rows), "simulated": "\n".join(table), "tiles": "\n".join(tiles),
-        "alone": f"{found['alone_solve']:.1f}", "plan": f"{measured.plan:.1f}", "session": f"{measured.session:.2f}",
+        "alone": f"{found['alone']:.1f}", "plan": f"{measured.plan:.1f}", "session": f"{measured.session:.2f}",
         "dispatch": f"{1000 * measured.dispatch:.0f}", "start": f"{measured.start:.1f}",
         "block": f"{median(measured.blocks):.1f}",
         "blocks": f"{min(measured.blocks):.1f} to {max(measured.blocks):.1f}",
         "merge_start": f"{measured.merge_start:.1f}", "merge": f"{measured.merge:.2f}",
-        "slow": f"{max(measured.slowness):.2f}", "device": found["device"], "cores": str(found["cores"]),
+        "slow": f"{max(measured.slowness):.2f}", "device": found["device"],
         "date": found["date"], "size": str(found["size"]), "tile": str(found["tile"]), "views": str(found["views"]),
         "pixels": str(found["pixels"]), "squares": str(SQUARES), "gpu": f"{GPU:g}", "plan_times": f"{PLAN:g}",
         "alone_all": _time(alone(costs[0], _work(SHOWN_TILE))), "alone_gpu": _time(alone(costs[1], _work(SHOWN_TILE))),
