@@ -1,7 +1,8 @@
 """What decoding in another process costs, and how much memory reading takes.
 
     python -m tests.decoding [--megapixels 24]           files that OpenImageIO writes: seconds of processor, peaks
-    python -m tests.decoding --solve build/demo/scene.blend    a headless solve with and without, by turns
+    python -m tests.decoding --solve build/demo/scene.blend --captures build/demo/captures.json
+                                                         headless solves with these arguments, here and there by turns
 
 Seconds of processor rather than of a clock, because they hardly depend on what else runs: of this process and of
 those that decode.  Decoding in this process is decode.py called directly.
@@ -71,8 +72,8 @@ def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--megapixels", type=float, default=24.0)
-    parser.add_argument("--solve", type=Path, metavar="SCENE.blend")
     parser.add_argument("--pairs", type=int, default=3, help="how often each is measured")
+    parser.add_argument("--solve", nargs=argparse.REMAINDER, metavar="ARGUMENTS")
     options = parser.parse_args()
     if options.solve:
         _solves(options.solve, options.pairs)
@@ -122,13 +123,13 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def _solves(scene: Path, pairs: int) -> None:
+def _solves(arguments: list[str], pairs: int) -> None:
     seconds: dict[str, list[tuple[float, float]]] = {"here": [], "decoder": []}
     with tempfile.TemporaryDirectory() as folder:
         for pair in range(pairs):
             for way in ("here", "decoder")[::1 if pair % 2 else -1]:
                 before, start = os.times(), time.perf_counter()
-                subprocess.run([sys.executable, "-c", SOLVE, way, "solve", str(scene), "--out", f"{folder}/{way}"],
+                subprocess.run([sys.executable, "-c", SOLVE, way, "solve", *arguments, "--out", f"{folder}/{way}"],
                                cwd=ROOT, check=True, capture_output=True)
                 after = os.times()
                 seconds[way].append((sum(after[2:4]) - sum(before[2:4]), time.perf_counter() - start))
