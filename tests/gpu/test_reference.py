@@ -20,14 +20,15 @@ from tests.gpu.shoots import errors, rig, run
 
 SIZE, BORDER = 32, 2.5
 BLOCK = ((-0.2, -0.3, 0.15), (0.25, 0.2, 0.5))
-MANY = [replace(light, power=100 * np.roll([1.0, 0.5, 0.2], i)) for i, light in enumerate(syn.lamps(6))]
+SPOT = {"kind": "SPOT", "spot_angle": 1.0, "spot_blend": 0.3}
+SPOTS = [replace(light, power=400 * np.roll([1.0, 0.5, 0.2], i)) for i, light in enumerate(syn.lamps(6, **SPOT))]
 SOFT = {"kind": "AREA", "shape": "DISK", "size": (0.3, 0.3)}
 CASES: dict[str, tuple[Any, ...]] = {
-    "spots, something in the way": (rig(2, 6, kind="SPOT", spot_angle=1.0, spot_blend=0.3, power=400.0), (BLOCK,)),
-    "suns, orthographic": ([(c, [lamp]) for c in syn.cameras(1, width=2.4)
-                            for lamp in syn.lamps(8, kind="SUN", power=3.0)], ()),
-    "two lamps of different colours": ([(c, [a, b]) for c in syn.cameras(2)
-                                        for a, b in zip(MANY, MANY[2:] + MANY[:2], strict=True)], ()),
+    "suns, orthographic, something in the way": ([
+        (camera, [sun]) for camera in syn.cameras(2, width=2.4) for sun in syn.lamps(6, kind="SUN", power=3.0)],
+        (BLOCK,)),
+    "two spots of different colours": ([(camera, [one, other]) for camera in syn.cameras(2)
+                                        for one, other in zip(SPOTS, SPOTS[2:] + SPOTS[:2], strict=True)], ()),
     "areas, soft shadows": (rig(1, 8, **SOFT), (BLOCK,)),
 }
 # Medians and 95 % quantiles of the differences.  Measured: 1e-6 and 7e-6 of roughness, 4e-7 and 1.4e-4 of base colour;
