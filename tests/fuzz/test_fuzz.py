@@ -51,7 +51,8 @@ def test_a_stopped_run_goes_on(tmp_path):
 
 
 def test_small_form(tmp_path):
-    found = run(tmp_path, {kind: max(8, 250 * share // 100_000) for kind, share in SHARES.items()})
+    found = run(tmp_path, {kind: max(8, 250 * share // 100_000) for kind, share in SHARES.items()
+                           if kind != "solves"})  # whose shaders take seconds to compile; other tests solve
     bad = [(kind, o.index, o.verdict, o.stray, o.message) for kind, outcomes in found.items() for o in outcomes
            if o.bad]
     assert not bad, f"python -m tests.fuzz --replay KIND:NUMBER shows one: {bad[0]} and {len(bad) - 1} more"
