@@ -46,14 +46,19 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def of(context: bpy.types.Context) -> Estimate | None:
-    """The next solve of the active object; None: the pictures' sizes are not known, or there are none."""
+    """The next solve of the active object; None: not known (pictures whose sizes are not, or numpy solves)."""
     taken = [Taken(v.file.width, v.file.height, v.camera, v.lights) for v in readiness.recent(context).views
              if v.used and v.file is not None and v.file.width]
-    if not taken:
+    if not taken or by_numpy():
         return None
     settings, obj = properties.settings(context.scene.irpso), context.active_object
     return estimate.estimate(taken, settings, factors(), preferences.device_settings().memory,
                              rounds=_rounds(obj, settings), udims=_udims(obj, settings))
+
+
+def by_numpy() -> bool:
+    """Whether solves in the window are numpy's, which take other times."""
+    return preferences.device_settings().device == "numpy"
 
 
 def _udims(obj: bpy.types.Object | None, settings: SolveSettings) -> tuple[int, ...]:
@@ -92,9 +97,9 @@ def learn(
     data: SceneData, settings: SolveSettings, solution: Solution, wall: float,
     udims: tuple[int, ...] = (FIRST_UDIM,),
 ) -> None:
-    """Remembers what a solve took, ``wall`` seconds in all; one that was stopped, or was of a part, says nothing."""
+    """Remembers what a solve took, ``wall`` seconds in all; stopped ones, parts and numpy's say nothing."""
     global _factors
-    if solution.cancelled or data.region is not None or data.start is not None:
+    if solution.cancelled or data.region is not None or data.start is not None or by_numpy():
         return
     taken = _sizes(data)
     if len(taken) < len(data.views):  # the list has been changed meanwhile

@@ -160,9 +160,11 @@ def foretell(data: SceneData, request: Request, udims: tuple[int, ...], work: Pa
     found = estimate.estimate(taken, settings, estimates.factors(), thread.settings().memory,
                               rounds=settings.indirect == "on", udims=udims)
     estimate.check_disk(request.out, found.disk_bytes, 0 if work is None else estimate.size_of(work))
+    if thread.settings().device == "numpy":  # which takes other times
+        return
     unsure = "" if found.learnt else " (first guess)"
-    console.warn(f"{estimate.in_words(found.seconds)}{unsure}, {gigabytes(found.gpu_bytes)} GPU memory, "
-                 f"{gigabytes(found.host_bytes)} memory, {gigabytes(found.disk_bytes)} of disk")
+    console.expect(f"{estimate.in_words(found.seconds)}{unsure}, {gigabytes(found.gpu_bytes)} GPU memory, "
+                   f"{gigabytes(found.host_bytes)} memory, {gigabytes(found.disk_bytes)} of disk")
 
 
 def tell(name: str, solution: Solution, out: Path) -> None:
