@@ -20,18 +20,19 @@ ALLOWED = {
     "pipeline": {"core", "gpu"},
     "examine": {"core", "gpu", "pipeline"},
     "preview": {"core", "gpu", "pipeline", "worker"},
+    "large": {"core", "gpu", "pipeline"},
     "farm": {"core", "pipeline", "large"},
     "channel": set(),
     "worker": {"core", "gpu", "channel"},  # it finds its jobs by their names
     "remote": {"core", "channel"},
     "blender": {"core", "channel", "gpu", "pipeline", "examine", "remote", "blender"},
-    "cli": {"core", "gpu", "pipeline", "examine", "farm", "blender", "cli"},
+    "cli": {"core", "gpu", "pipeline", "examine", "large", "farm", "blender", "cli"},
     "__main__": {"core", "gpu", "pipeline", "blender", "cli"},
 }
 # One arrow back: Blender's start hands the command line's main() to Blender, which calls it much later.
 EXCEPTIONS = {("blender/registration.py", "irpso_addon.__main__.main")}
-FREE_OF_BLENDER = {"core", "gpu", "pipeline", "farm", "examine", "preview", "channel", "worker", "remote", "cli",
-                   "__main__"}
+FREE_OF_BLENDER = {"core", "gpu", "pipeline", "large", "farm", "examine", "preview", "channel", "worker", "remote",
+                   "cli", "__main__"}
 
 
 def files(room: str) -> list[Path]:
