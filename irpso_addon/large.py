@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from .core import bundle, merge, tiling
+from .core import bundle, log, merge, tiling
 from .core.data import F32, F64, I32, Bool, Camera, Maps, RadianceImage, SceneData, Solution, View
 from .core.errors import BadInput, Cancelled
 from .core.export import layers
@@ -55,6 +55,14 @@ def run(
     core/export.py.  Returns the plan's solution, of small maps, with the figures of the whole.  Raises Cancelled, and
     BadInput for what cannot be used.
     """
+    steps = _run(scene, settings, folder, work, kind, bounce, block, halo)
+    return (yield from log.watched(scene, settings, thread.settings(), steps))
+
+
+def _run(
+    scene: SceneData, settings: SolveSettings, folder: Path, work: Path, kind: str, bounce: Bounce | None, block: int,
+    halo: int,
+) -> Generator[Progress, None, Solution]:
     clock = Clock()
     with Work(work) as place:
         plan = yield from prepare(scene, settings, place, bounce, block, halo, clock)
