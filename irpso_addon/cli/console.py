@@ -28,6 +28,11 @@ def warn(text: str) -> None:
     print(f"irpso: {printable(text)}", file=sys.stderr, flush=True)
 
 
+def expect(text: str) -> None:
+    """What a job will need, as the first line of its progress."""
+    print(f"irpso: {0.0:4.0%} {text}", file=sys.stderr, flush=True)
+
+
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Aligned columns, the first to the left, the others to the right."""
     widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
