@@ -98,13 +98,6 @@ def windows(size: int, udims: Iterable[int], block: int = BLOCK, halo: int = HAL
             for udim in udims for y in range(0, size, block) for x in range(0, size, block)]
 
 
-def tiles(size: int, tile: int, block: int = BLOCK) -> list[tuple[int, int]]:
-    """(x, y) of the first texel of each square of ``tile`` texels, row by row; ``tile`` is a multiple of ``block``."""
-    if tile % block:
-        raise BadInput(f"tile {tile}: is not a multiple of {block} texels; choose {block}, {2 * block} or more")
-    return [(x, y) for y in range(0, size, tile) for x in range(0, size, tile)]
-
-
 # ---- the plan's map: all squares side by side
 
 
