@@ -38,7 +38,8 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     unsure = "" if found.learnt else " (first guess)"
     seconds = estimate.in_words(found.seconds * max(count, 1)).capitalize()
     column.label(text=f"{seconds}{unsure}", icon="TIME")
-    column.label(text=f"{gigabytes(found.gpu_bytes)} GPU memory, {gigabytes(found.host_bytes)} memory", icon="MEMORY")
+    memory = f"{gigabytes(found.gpu_bytes)} GPU memory, {gigabytes(found.host_bytes)} memory"
+    column.label(text=memory[:1].upper() + memory[1:], icon="MEMORY")
     if found.disk_bytes > TOLD:
         column.label(text=f"{gigabytes(found.disk_bytes)} of disk", icon="DISK_DRIVE")
     if found.reduced < 0.99:
