@@ -19,6 +19,7 @@ from .core import bundle, log, merge, tiling
 from .core.data import F32, F64, I32, Bool, Camera, Maps, RadianceImage, SceneData, Solution, View
 from .core.errors import BadInput, Cancelled
 from .core.export import layers
+from .core.image import read_reference
 from .core.job import Progress
 from .core.params import SolveSettings
 from .core.pictures import Picture, develop
@@ -30,15 +31,14 @@ from .gpu import thread
 from .gpu.atlas import CameraSource
 from .gpu.ladder import Found, Ladder, Last
 from .gpu.maps import Around, filled, make_maps
-from .gpu.observe import channels_needed, observe
+from .gpu.observe import channels_needed, most_pixels, observe
 from .gpu.part import Part
 from .gpu.surface import MeshBuffer, draw_texel_grid
 from .pipeline import Bounce, Clock, Outcome, outcome
 
 Result = TypeVar("Result")
 PLANNED, SOLVED = 0.25, 0.95  # of the whole: once the plan is made, once all blocks are solved
-BLOCK_BYTES = 400_000_000  # of a block's textures without pictures, at most
-LEAST_BYTES = 100_000_000  # for its pictures, whatever the memory
+PICTURES = 0.4  # of the memory, for the plan's or a block's pictures; the rest is for maps, tables and shadows
 WORK = "irpso_work"  # in the folder of the maps, until they are done
 NO_INDIRECT = "several UDIMs: indirect light is not rendered and taken out; darken the surroundings"
 RESUMED = "resumed: "  # begins the warning of a solve that went on
@@ -135,9 +135,10 @@ def make_plan(
         scene = replace(scene, warnings=(*scene.warnings, NO_INDIRECT))
     small = tiling.layout(settings.size, udims)
     mesh = replace(scene.mesh, grid=small.grid(scene.mesh.uvs), extent=float(small.columns))
+    read = partial(read_reference, max_pixels=most_pixels(scene.views, PICTURES * thread.settings().memory))
     began = time.perf_counter()
     made: Outcome = yield from _told(
-        outcome(replace(scene, mesh=mesh), replace(settings, size=small.size), None, bounce), 0.0, 0.7 * PLANNED,
+        outcome(replace(scene, mesh=mesh), replace(settings, size=small.size), read, bounce), 0.0, 0.7 * PLANNED,
         "plan: ")
     clock.seconds["plan"] = time.perf_counter() - began
     if made.solution.cancelled:
@@ -278,7 +279,7 @@ def _views(
 def _shrink(plan: Plan, keys: list[tuple[str, int, int]], crops: Mapping[tuple[str, int, int], Crop]) -> int:
     """How many pixels must become one, so that a block's pictures fit into the memory."""
     views, channels = plan.scene.views, channels_needed(plan.scene.views)
-    room = max(plan.memory * 1e9 - BLOCK_BYTES, LEAST_BYTES)
+    room = PICTURES * plan.memory * 1e9
     needed = sum(16 * (2 + len(view.lights) * channels) * crops[key].pixels
                  for view, key in zip(views, keys, strict=True))
     needed += sum(72 * crop.pixels for crop in crops.values())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +12,11 @@ from .data import F32, Bounced, Maps, SceneData, Solution
 from .params import SolveSettings
 
 LEAST_SIGMA = 0.01  # standard error of roughness that the small map is believed to have, at the least
+
+
+def cells_of(window: tiling.Window) -> int:
+    """Coarse cells on a side of what is solved of a block."""
+    return -(-window.side // tiling.CELL)
 
 
 @dataclass(frozen=True)
@@ -27,8 +32,8 @@ class Before:
     """What is known of a part of a map before it is searched."""
 
     noise: Mapping[int, Noise] = field(default_factory=dict)  # of the whole, by the number of lobes
-    # (n, n, 4) of n x n cells over the part: roughness, its variance, -, 1 where known
-    roughness: Callable[[int], F32] | None = None
+    # (n, n, 4) of the part's cells, whose width is a power of two in texels: roughness, its variance, -, 1 where known
+    roughness: F32 | None = None
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,7 @@ class Plan:
 
     def around(self, window: tiling.Window) -> Maps:
         """The small maps at a block's cells of `tiling.CELL` texels; arrays of flags are left as they are."""
-        maps, count = self.solution.maps, -(-window.side // tiling.CELL)
+        maps, count = self.solution.maps, cells_of(window)
 
         def at(values: F32) -> F32:
             return self.layout.sampled(values, window, count)
@@ -75,7 +80,7 @@ class Plan:
         maps = self.solution.maps
         known = (~maps.filled).astype(np.float32)
         values = np.stack([maps.roughness, np.maximum(maps.roughness_sigma**2, LEAST_SIGMA**2), known, known], -1)
-        return Before(self.noise, lambda count: self.layout.sampled(values, window, count))
+        return Before(self.noise, self.layout.sampled(values, window, cells_of(window)))
 
     def level_map(self, window: tiling.Window, slots: np.ndarray) -> F32 | None:
         """(side, side) Specular IOR Level of a block's texels; None: 0.5.  slots: material of each, -1: none."""

@@ -5,8 +5,6 @@ Residual tables are summed up a pyramid and estimates handed down as priors: doc
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import moderngl
 import numpy as np
 
@@ -78,15 +76,17 @@ def scatter(roughness: F32, observed: Bool) -> float:
 
 def pyramid(
     device: Device, tables: tuple[moderngl.Texture, ...], gain: float, extent: float = 1.0,
-    around: Callable[[int], F32] | None = None,
+    around: F32 | None = None,
 ) -> tuple[moderngl.Texture, moderngl.Texture]:
     """Tables summed upwards, estimates handed downwards: (estimate, prior) of every texel.
 
     ``gain``: of 1; how much four texels together say, in units of what they say apart.  ``extent``: width of the grid
-    in UV squares.  ``around``: as `core.plan.Before.roughness`, of what lies beyond the grid too.
+    in UV squares.  ``around``: as `core.plan.Before.roughness`; it stands in for all levels from its cells on, which
+    lie alike in neighbouring blocks, so that no border shows between them.
     """
     levels = [tables]
-    while levels[-1][0].width > 8:
+    most = 8 if around is None else around.shape[1]
+    while levels[-1][0].width > most:
         below = levels[-1]
         half = ((below[0].width + 1) // 2, (below[0].height + 1) // 2)
         above = tuple(device.texture(*half) for _ in range(8))
@@ -95,10 +95,11 @@ def pyramid(
         target.release()
         levels.append(above)
     parent: moderngl.Texture | None = None
-    if around is not None:
-        coarse = (levels[-1][0].width + 1) // 2
-        parent = device.texture(coarse, coarse, data=around(coarse))
     prior: moderngl.Texture | None = None
+    if around is not None:
+        for summed in levels.pop():
+            summed.release()
+        parent = device.texture(most, most, data=around)
     for level in range(len(levels) - 1, -1, -1):
         table = levels[level]
         size = table[0].size

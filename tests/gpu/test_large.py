@@ -134,8 +134,7 @@ def test_little_memory_shrinks_the_pictures(
     window = large._window
     monkeypatch.setattr(large, "_window", lambda picture, crop, scale: crops.append(crop) or window(
         picture, crop, scale))
-    monkeypatch.setattr(large, "LEAST_BYTES", 1_200_000)
-    monkeypatch.setattr(large, "BLOCK_BYTES", 3e9)
+    monkeypatch.setattr(large, "PICTURES", 6e-4)
     found = solve(scene, tmp_path / "out")
     assert {crop.shrink for crop in crops} == {2}
     solved = (found["filled"] < 0.5) & (blocks["filled"] < 0.5)
