@@ -37,7 +37,7 @@ def main() -> None:
     open_blend(arguments.demo / "scene.blend")
     scene = read_scene(None, NAME, arguments.demo / "captures.json")
     print(f"{len(scene.views)} views, {len(scene.mesh.positions):,} triangles\n")
-    print("| texels | device | processor seconds | texels solved | roughness, median error | mean | base colour, PSNR |")
+    print("| texels | device | processor s | texels solved | roughness, median error | mean | base colour, PSNR |")
     print("|---|---|---|---|---|---|---|")
     for size in arguments.sizes:
         found = {device: solved(scene, size, device) for device in ("opengl", "numpy")}
