@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import signal
 import sys
 import traceback
@@ -69,7 +70,7 @@ def _run(arguments: argparse.Namespace) -> int:
 def _to_file(path: Path) -> None:
     """The log there too.  Raises BadInput where that is impossible."""
     try:
-        path.open("a", encoding="utf-8").close()
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | getattr(os, "O_NONBLOCK", 0), 0o666))  # a pipe nobody reads
     except OSError as error:
         raise BadInput(f"{path}: the log cannot be written ({error.strerror}); choose another place") from None
     log.to_file(path)

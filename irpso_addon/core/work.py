@@ -134,7 +134,8 @@ class Work:
             found = bundle.load(path)
         except BadInput:
             return None
-        ours = isinstance(found, dict) and found.get("of") == self._fingerprint()
+        of = found.get("of") if isinstance(found, dict) else None
+        ours = isinstance(of, str) and of == self._fingerprint()
         return found.get("thing") if ours else None
 
     def _fingerprint(self) -> str:

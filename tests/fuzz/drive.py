@@ -61,7 +61,7 @@ class Results:
         known = self.of(kind)
         self._path(kind).unlink(missing_ok=True)
         for outcome in known.values():
-            if not outcome.bad:
+            if not outcome.bad and outcome.verdict != "blender":
                 self.add(kind, outcome)
         self.close()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import io
 import os
@@ -68,7 +69,9 @@ def _path(rng: Random, folder: Path, out: Path) -> str:
     path = folder / spoil.file_name(rng, rng.choice((".blend", ".json", "")))
     kind = rng.randrange(6)
     if kind == 0:
-        path.write_bytes(rng.choice((b"BLENDER", b"", b"{}", rng.randbytes(40), b"\x28\xb5\x2f\xfd1234")))
+        data = rng.choice((b"BLENDER", b"", b"{}", rng.randbytes(40), b"\x28\xb5\x2f\xfd1234"))
+        with contextlib.suppress(OSError):  # an argument before this one has made something else there
+            path.write_bytes(data)
     elif kind == 1:
         path = spoil.odd_place(path, rng)
     elif kind == 2:

@@ -110,7 +110,9 @@ def _single(which: Any, rng: Random) -> Any:
         return rng.random() < 0.5
     if which.type == "ENUM":
         items = [item.identifier for item in which.enum_items]
-        return set(rng.sample(items, rng.randrange(len(items) + 1))) if which.is_enum_flag else rng.choice(items)
+        if which.is_enum_flag:
+            return set(rng.sample(items, rng.randrange(len(items) + 1)))
+        return rng.choice(items or [""])
     if which.type == "STRING":
         return spoil.word(rng)
     return rng.choice([None, *stage.everything()])

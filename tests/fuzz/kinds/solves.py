@@ -47,7 +47,8 @@ def run(settings: SolveSettings, box: Box) -> None:
     """Reads and solves."""
     box.note("")
     data = read_scene(None, "Subject" if "Subject" in bpy.data.objects else None, None)
-    box.names = (*box.names, "a.exr", "b.exr", "mask.png")
+    files = [getattr(view, name) for view in bpy.context.scene.irpso.views for name in ("image", "mask")]
+    box.names = (*box.names, "a.exr", "b.exr", "mask.png", *(file for file in files if file))
     solution = thread.run(lambda: pipeline.solve(data, settings), on_progress=lambda p: _told(box, p))
     for name, array in layers(solution.maps).items():
         assert np.isfinite(array).all(), name
