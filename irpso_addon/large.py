@@ -16,9 +16,9 @@ from typing import TypeVar
 import numpy as np
 
 from .core import bundle, log, merge, tiling
-from .core.data import F32, F64, I32, Bool, Camera, Maps, RadianceImage, SceneData, Solution, View
+from .core.data import F32, F64, I32, Bool, Camera, Maps, MeshArrays, RadianceImage, SceneData, Solution, View
 from .core.errors import BadInput, Cancelled
-from .core.export import layers
+from .core.export import layers, safe_stem
 from .core.image import read_reference
 from .core.job import Progress
 from .core.params import SolveSettings
@@ -39,7 +39,7 @@ from .pipeline import Bounce, Clock, Outcome, outcome
 Result = TypeVar("Result")
 PLANNED, SOLVED = 0.25, 0.95  # of the whole: once the plan is made, once all blocks are solved
 PICTURES = 0.4  # of the memory, for the plan's or a block's pictures; the rest is for maps, tables and shadows
-WORK = "irpso_work"  # in the folder of the maps, until they are done
+WORK = "irpso_work_"  # begins the name of a folder beside the maps, until they are done
 NO_INDIRECT = "several UDIMs: indirect light is not rendered and taken out; darken the surroundings"
 RESUMED = "resumed: "  # begins the warning of a solve that went on
 STATS = "stats"  # of a block: (1, 6) texels covered, observed, solved, filled; sum and count of squared residuals
@@ -83,14 +83,20 @@ def _run(
     return replace(solution, seconds=clock.seconds, warnings=(*told, *solution.warnings))
 
 
+def work_folder(out: Path, name: str) -> Path:
+    """Where what is finished of an object's maps waits until all of it is in ``out``."""
+    return out / f"{WORK}{safe_stem(name)}"
+
+
 def solve_to(
     scene: SceneData, settings: SolveSettings, out: Path, kind: str, bounce: Bounce | None = None,
 ) -> Generator[Progress, None, Solution]:
-    """As `run`: all files appear in ``out`` together; until then what is finished waits in `WORK` there."""
+    """As `run`: all files appear in ``out`` together; until then what is finished waits in `work_folder`."""
+    work = work_folder(out, scene.mesh.name)
     with Staging(out) as staging:
-        solution = yield from run(scene, settings, staging.folder, out / WORK, kind, bounce)
+        solution = yield from run(scene, settings, staging.folder, work, kind, bounce)
         staging.publish()
-    with Work(out / WORK) as place:
+    with Work(work) as place:
         place.remove()
     return solution
 
@@ -103,14 +109,23 @@ def prepare(
     check(scene, settings)
     memory = thread.settings().memory
     sources = [path for view in scene.views for path in (view.image, view.mask) if path is not None]
-    if settings.indirect != "off" and isinstance(blend := getattr(bounce, "blend", None), Path):
-        sources.append(blend)  # holds what light bounces off
-    work.begin(bundle.fingerprint(scene, settings, (memory, block, halo), files=dict.fromkeys(sources)))
+    mark = bundle.fingerprint(scene, settings, (memory, block, halo), files=dict.fromkeys(sources))
+    work.begin(mark)
     plan: Plan | None = work.read_plan()
+    if plan is not None and plan.bounced is not None and plan.blend != _blend(bounce):
+        work.begin("another")  # what the light bounces off may have changed: nothing of it is kept
+        work.begin(mark)
+        plan = None
     if plan is None:
         plan = yield from make_plan(scene, settings, work, bounce, block, halo, clock or Clock())
         work.write_plan(plan)
     return plan
+
+
+def _blend(bounce: Bounce | None) -> str:
+    """A name for the .blend whose indirect light is rendered."""
+    blend = getattr(bounce, "blend", None)
+    return bundle.fingerprint(files=[blend]) if isinstance(blend, Path) else ""
 
 
 def check(scene: SceneData, settings: SolveSettings) -> None:
@@ -143,11 +158,27 @@ def make_plan(
     clock.seconds["plan"] = time.perf_counter() - began
     if made.solution.cancelled:
         raise Cancelled
+    solution = _with_every_material(made.solution, scene.mesh, udims, settings)
     yield from clock.stage("pictures", _developed(scene.views, work))
     kernels = "compute" if thread.device().prefers_compute else "fragment"
     return Plan(replace(made.scene, mesh=scene.mesh), settings, udims, block, halo, thread.settings().memory, kernels,
-                tuple(_scale(view) for view in scene.views), made.solution, made.level, made.noise, made.robust,
-                made.bounced)
+                tuple(_scale(view) for view in scene.views), solution, made.level, made.noise, made.robust,
+                made.bounced, _blend(bounce) if made.bounced is not None else "")
+
+
+def _with_every_material(
+    solution: Solution, mesh: MeshArrays, udims: tuple[int, ...], settings: SolveSettings,
+) -> Solution:
+    """Materials that the plan's small map shows nowhere have a model too: blocks must not choose for themselves."""
+    squares = [tiling.udims_of(mesh.uvs[mesh.slots == slot]) for slot in range(len(mesh.slot_names))]
+    missing = {name for name, square in zip(mesh.slot_names, squares, strict=True)
+               if set(square) & set(udims)} - solution.model.keys()
+    model = "one-lobe" if settings.model == "auto" else settings.model
+    told = tuple(f"material '{name}': shows too little for a model to be chosen; it is solved as {model}"
+                 for name in sorted(missing))
+    return replace(solution, model={**solution.model, **dict.fromkeys(missing, model)},
+                   why={**solution.why, **dict.fromkeys(missing, "too small for the plan")},
+                   warnings=(*solution.warnings, *(told if settings.model == "auto" else ())))
 
 
 def _told(
@@ -188,6 +219,7 @@ def solve_block(
 ) -> Generator[Progress, None, None]:
     """Solve a block and keep it in the work folder, whole or not at all.  Raises Cancelled when stopped."""
     thread.configure(replace(thread.settings(), kernels=plan.kernels))
+    thread.device().collect()  # a large solve is one long job
     maps, stats = yield from _solved(plan, work, window, clock or Clock())
     work.write_block(window.key, {**_core(layers(_complete(plan, maps)), window), STATS: stats.astype(np.float32)})
     yield Progress(1.0, "maps")

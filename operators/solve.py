@@ -48,6 +48,8 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
     _live: live.LiveMaps | None = None
     _label = ""
     _folder: Path | None = None  # of the files of large maps; None: the maps go into the .blend
+    _work = Path()  # of large maps: what is finished of them
+    _subject = ""  # the object's name when the solve began: that of its files
     _udims: tuple[int, ...] = ()
     _kind = "exr"
     _held = False  # was paused: its times say nothing
@@ -94,10 +96,11 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
             return "pipeline:solve", (data, settings, None)
         large.check(data, settings)
         self._udims, self._kind = udims, scene_settings.format
-        self._folder = Path(absolute(scene_settings.out))
+        self._folder, self._subject = Path(absolute(scene_settings.out)), data.mesh.name
+        self._work = large.work_folder(self._folder, self._subject)
         found = estimates.of(context)
         if found is not None:
-            check_disk(self._folder, found.disk_bytes, size_of(self._folder / large.WORK))
+            check_disk(self._folder, found.disk_bytes, size_of(self._work))
         return "large:solve_to", (data, settings, self._folder, self._kind)
 
     def start(self, task: Task, obj: bpy.types.Object) -> None:
@@ -127,8 +130,8 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
 
     def stopped(self) -> Solution | None:
         """What was on show; of large maps nothing, they go on from what is finished."""
-        if self._folder is not None and (self._folder / large.WORK).exists():
-            self.report({"INFO"}, f"Finished blocks are kept in {self._folder / large.WORK}; Solve goes on from there")
+        if self._folder is not None and (self._work / "plan.npz").exists():
+            self.report({"INFO"}, f"Finished blocks are kept in {self._work}; Solve goes on from there")
         return None if self._live is None or self._folder is not None else self._live.solution()
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
@@ -137,7 +140,7 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         name, uid = obj.name, obj.session_uid
         files = None
         if self._folder is not None:
-            files = material.files_of(name, solution.maps, self._folder, self._kind, self._udims)
+            files = material.files_of(self._subject, solution.maps, self._folder, self._kind, self._udims)
         session.keep(obj, solution, self._label, files)
         resumed = any(warning.startswith(large.RESUMED) for warning in solution.warnings)
         if not (cancelled or self._held or resumed or self._live is None):

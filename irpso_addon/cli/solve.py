@@ -77,7 +77,7 @@ def solve(request: Request) -> Solution:
     data = steer.with_part(None, subject, data, request.settings.start, *request.part)
     read = time.perf_counter()
     udims = tiling.solved_udims(request.settings.udim, data.mesh.uvs)
-    work = request.out / large.WORK if tiling.is_large(request.settings.size, udims) else None
+    work = large.work_folder(request.out, data.mesh.name) if tiling.is_large(request.settings.size, udims) else None
     if work is not None:
         large.check(data, request.settings)
     foretell(data, request, udims, work)

@@ -229,6 +229,7 @@ class Ladder:
     def _specular(self, names: list[str]) -> Generator[Progress, None, Found]:
         """One lobe with the level that fits, one for each material or by texel."""
         by_texel = self.settings.specular == "texel"
+        names = [name for name in names if self.masks[name].any()] or names
         masks = {name: self.masks[name] for name in names}
         solver = self.solver if by_texel else Solver(
             self.device, self.source, self.settings, (SAMPLE, SAMPLE), self.start)
@@ -298,6 +299,8 @@ class Ladder:
         if self.settings.specular == "texel" and self.settings.model == "one-lobe-specular":
             pooled = np.stack([_box(cost, LEVEL_WINDOW) for cost in costs])
             result = level + _lowest(offsets, pooled).astype(np.float32)
+            for name in self.last.fixed.intersection(masks):
+                result[masks[name]] = level[masks[name]]
         else:
             for mask in (mask for name, mask in masks.items() if name not in self.last.fixed):
                 pooled = costs[:, mask].sum(axis=1)[:, None, None]

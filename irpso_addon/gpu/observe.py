@@ -194,6 +194,7 @@ def observe(
     for camera in cameras:
         if not camera.views:
             camera.release()
+    occluders.release()
     useful = [camera for camera in cameras if camera.views]
     return Observations(useful, channels, level, tuple(skipped), tuple(warnings), table_texture)
 

@@ -246,6 +246,11 @@ class Occluders:
         self._triangles.draw(self.device, (fragment, target.size), array, target, clip)
         array.release()
 
+    def release(self) -> None:
+        """Free the buffer."""
+        if self.buffer is not None:
+            self.buffer.release()
+
 
 def column_major(matrix: F32 | F64) -> bytes:
     """A matrix as a GL uniform's bytes."""

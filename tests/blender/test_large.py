@@ -78,13 +78,13 @@ def test_ctrl_c_keeps_the_work_and_the_same_command_goes_on(solved, scenes, tmp_
     run = [sys.executable, "-m", "irpso_addon", *map(str, command(scenes, tmp_path))]
     process = subprocess.Popen(run, cwd=ROOT, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
-    while not (tmp_path / "irpso_work" / "plan.npz").exists() and time.monotonic() < deadline:
+    while not (tmp_path / "irpso_work_Ball" / "plan.npz").exists() and time.monotonic() < deadline:
         time.sleep(0.005)
     process.send_signal(signal.SIGINT)
     _, told = process.communicate(timeout=120)
     assert process.returncode == 130, told
-    assert re.search(r"cancelled; the plan and \d finished blocks are kept in .*irpso_work; the same command", told)
-    assert {path.name for path in tmp_path.iterdir()} == {"irpso_work"}
+    assert re.search(r"cancelled; the plan and \d finished blocks are kept in .*irpso_work_Ball; the same command", told)
+    assert {path.name for path in tmp_path.iterdir()} == {"irpso_work_Ball"}
     again = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert again.returncode == 0, again.stderr
     assert "plan:" not in again.stderr

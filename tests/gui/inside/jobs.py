@@ -128,7 +128,7 @@ def large(scene: str, size: int) -> Steps:
     for corner in ball.data.uv_layers.active.data:
         corner.uv.x *= 2
     settings.udim, settings.model, settings.out = "all", "one-lobe", str(robot.FOLDER / "maps")
-    work = robot.FOLDER / "maps" / "irpso_work"
+    work = robot.FOLDER / "maps" / "irpso_work_Ball"
     yield from started()
     yield from robot.until(lambda: (work / "plan.npz").exists() or running() is None, 4 * robot.PATIENCE)
     yield from robot.key("ESC")
