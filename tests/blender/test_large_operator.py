@@ -30,7 +30,8 @@ def test_maps_become_files_beside_the_scene(opened, module, tmp_path: Path) -> N
     ball, folder = opened
     assert bpy.ops.irpso.solve() == {"FINISHED"}
     names = {path.name for path in folder.iterdir()}
-    assert {"Ball_basecolor.1001.exr", "Ball_roughness.1002.exr"} <= names and not any("irpso_work" in name for name in names)
+    assert {"Ball_basecolor.1001.exr", "Ball_roughness.1002.exr"} <= names
+    assert not any("irpso_work" in name for name in names)
     images = module("blender.tags").maps_of(ball)
     assert images["base_color"].filepath == "//irpso/Ball_basecolor.<UDIM>.exr"
     assert [tile.number for tile in images["roughness"].tiles] == [1001, 1002]
