@@ -12,7 +12,10 @@ depend on plan and pictures alone, so tasks may run anywhere, in any order, twic
 from __future__ import annotations
 
 import json
+import os
+import re
 import shutil
+import stat
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +23,7 @@ from string import Template
 
 from . import large
 from .core import merge
-from .core.atomic import write_whole
+from .core.atomic import PART, write_whole
 from .core.data import SceneData
 from .core.errors import BadInput
 from .core.job import Progress
@@ -33,6 +36,7 @@ from .pipeline import Bounce
 TEMPLATE, PROGRAM, WORK, MAPS = "template.yaml", "program", "work", "maps"
 NAME_LENGTH = 128  # of a job, as the specification allows
 ROOT = Path(__file__).resolve().parents[1]
+START_FILE = "__main__.py"
 START = '''"""IRPSO's commands that need no Blender: python THIS_FOLDER tile|merge ..."""
 
 import sys
@@ -133,8 +137,12 @@ def plan_job(
     scene: SceneData, settings: SolveSettings, folder: Path, bounce: Bounce | None = None, block: int = BLOCK,
     halo: int = HALO,
 ) -> Generator[Progress, None, Plan]:
-    """Plan the solve in ``folder``, where finished blocks of the same solve stay.  Raises BadInput."""
+    """Plan the solve in ``folder``, where finished blocks of the same solve stay.  Raises BadInput.
+
+    Also where a program or a template lies in ``folder`` that no job has put there.
+    """
     try:
+        _check_ours(folder)
         (folder / MAPS).mkdir(parents=True, exist_ok=True)
         (folder / TEMPLATE).unlink(missing_ok=True)  # whoever finds one finds all that it needs
     except OSError as error:
@@ -150,11 +158,42 @@ def write_job(plan: Plan, folder: Path, tile: int, kind: str, gpu_memory: float 
     """
     job = Job(plan.scene.mesh.name, plan.udims, plan.settings.size, tile, kind, gpu_memory)
     try:
+        _check_ours(folder)
         copy_program(folder / PROGRAM)
         write_whole(folder / TEMPLATE, template(job).encode())
     except OSError as error:
         raise _unwritable(folder, error) from None
     return job
+
+
+def _check_ours(folder: Path) -> None:
+    """A job's program and template are made anew; those of somebody else are not.  Raises BadInput, OSError."""
+    program, file = folder / PROGRAM, folder / TEMPLATE
+    if os.path.lexists(program) and not _is_program(program):
+        raise BadInput(f"{folder}: holds a folder '{PROGRAM}' that is not irpso's; choose another folder")
+    if os.path.lexists(file) and not _is_template(file):
+        raise BadInput(f"{folder}: holds a file '{TEMPLATE}' that is not irpso's; choose another folder")
+
+
+def _is_program(folder: Path) -> bool:
+    """Whether `copy_program` made it, or began to."""
+    if not stat.S_ISDIR(folder.lstat().st_mode):
+        return False
+    start = folder / START_FILE
+    return (_read(start) == START if os.path.lexists(start)
+            else all(path.name.startswith(PART) for path in folder.iterdir()))
+
+
+def _is_template(path: Path) -> bool:
+    """Whether `template` wrote it: a job's name and the command of its tasks."""
+    text = _read(path)
+    return (text.startswith(_TEMPLATE.template.partition("$name")[0] + '"IRPSO ')
+            and '"{{Param.Program}}", tile, "{{Param.Work}}"' in text)
+
+
+def _read(path: Path) -> str:
+    """A text file; nothing for what is no file, or a link.  Raises OSError."""
+    return path.read_text("utf-8", "replace") if stat.S_ISREG(path.lstat().st_mode) else ""
 
 
 def _unwritable(folder: Path, error: OSError) -> BadInput:
@@ -219,19 +258,25 @@ def blocks_of(windows: Iterable[Window], udim: int, tile: int, tile_size: int) -
 
 
 def copy_program(folder: Path) -> None:
-    """This program into ``folder`` (made anew), to be started as `python FOLDER`: sources and shaders alone."""
-    shutil.rmtree(folder, ignore_errors=True)
+    """This program into ``folder`` (made anew), to be started as `python FOLDER`: sources and shaders alone.
+
+    Raises OSError.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / START_FILE, START.encode())  # first: it tells that the rest is ours
     ignored = shutil.ignore_patterns("__pycache__", "*.pyc")
     for name in ("irpso_addon", "shaders"):
+        shutil.rmtree(folder / name, ignore_errors=True)
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)
-    shutil.copy(ROOT / "blender_manifest.toml", folder)  # the version stands there
-    (folder / "__main__.py").write_text(START, encoding="utf-8", newline="\n")
+    manifest = "blender_manifest.toml"  # the version stands there
+    write_whole(folder / manifest, (ROOT / manifest).read_bytes())
 
 
 def _job_name(subject: str) -> str:
-    """A job's name: one line, and no two braces, which would be read as a reference."""
-    plain = "".join(c if c.isprintable() else "_" for c in subject).replace("{{", "{ {").replace("}}", "} }")
-    return f"IRPSO {plain}"[:NAME_LENGTH].rstrip()
+    """A job's name: one line, and no two braces side by side, which would be read as a reference."""
+    plain = "".join(c if c.isprintable() else "_" for c in subject)
+    apart = re.sub(r"([{}])(?=\1)", r"\1 ", plain)
+    return f"IRPSO {apart}"[:NAME_LENGTH].rstrip()
 
 
 def _text(value: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -18,6 +19,9 @@ from openjd.model import (
 )
 
 from irpso_addon import farm
+from irpso_addon.core.data import SceneData
+from irpso_addon.core.errors import BadInput
+from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.report import version
 from irpso_addon.core.tiling import windows
 from tools.farm_simulation import Costs, Work, alone, simulate
@@ -44,6 +48,13 @@ def test_template_is_valid(job: farm.Job, tmp_path: Path) -> None:
     steps = {step.name: len(StepParameterSpaceIterator(space=step.parameterSpace)) for step in made.steps}
     assert steps == {"Solve": len(job.udims) * job.tiles, "Merge": len(job.udims)}
     assert made.name.startswith("IRPSO ") and len(made.name) <= farm.NAME_LENGTH
+
+
+@pytest.mark.parametrize("subject", ["a{{{b", "{{{{", "}}}a}}", "{}{{}}"])
+def test_a_name_holds_no_reference(subject: str) -> None:
+    name = farm._job_name(subject)
+    assert "{{" not in name and "}}" not in name
+    assert name.replace(" ", "") == f"IRPSO{subject}"
 
 
 def test_check_finds_nothing(tmp_path: Path) -> None:
@@ -81,6 +92,47 @@ def test_program_runs_where_it_was_copied(tmp_path: Path) -> None:
     manifest = tmp_path / "my job" / "blender_manifest.toml"
     assert f'version = "{version()}"' in manifest.read_text()
     assert not list(tmp_path.rglob("*.blend")) and not (tmp_path / "no such").exists()
+
+
+@pytest.mark.parametrize("name", ["program", "template.yaml"])
+@pytest.mark.parametrize("kind", ["folder", "file", "link", "link to one of ours"])
+def test_what_is_not_a_jobs_stays(tmp_path: Path, name: str, kind: str) -> None:
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "novel.txt").write_text("text")
+    (mine / "__main__.py").write_text(farm.START if "ours" in kind else "print('mine')")
+    (mine / "t.yaml").write_text(farm.template(JOB))
+    job = tmp_path / "job"
+    job.mkdir()
+    if "link" in kind:
+        (job / name).symlink_to(mine / "t.yaml" if name == farm.TEMPLATE else mine)
+    elif kind == "folder":
+        shutil.copytree(mine, job / name)
+    else:
+        (job / name).write_text("specificationVersion: jobtemplate-2023-09\nname: mine\n")
+    before = {path: path.is_symlink() or path.is_dir() or path.read_text() for path in tmp_path.rglob("*")}
+    with pytest.raises(BadInput, match=rf"job: holds a \w+ '{name}' that is not irpso's; choose another folder"):
+        next(farm.plan_job(SceneData("", None, None, ()), SolveSettings(), job))
+    assert {path: path.is_symlink() or path.is_dir() or path.read_text() for path in tmp_path.rglob("*")} == before
+
+
+@pytest.mark.parametrize("left", ["whole", "begun", "empty"])
+def test_a_jobs_own_program_is_made_anew(tmp_path: Path, left: str) -> None:
+    """Also what a killed run has left."""
+    if left == "whole":
+        farm.copy_program(tmp_path / farm.PROGRAM)
+        (tmp_path / farm.PROGRAM / "irpso_addon" / "stale.py").write_text("x")
+        (tmp_path / farm.TEMPLATE).write_text(farm.template(JOB), encoding="utf-8")
+    else:
+        (tmp_path / farm.PROGRAM).mkdir()
+        if left == "begun":
+            (tmp_path / farm.PROGRAM / "__main__.py").write_text(farm.START)
+    farm._check_ours(tmp_path)
+    farm.copy_program(tmp_path / farm.PROGRAM)
+    farm._check_ours(tmp_path)
+    farm.copy_program(tmp_path / "new")
+    assert sorted(p.relative_to(tmp_path / "new") for p in (tmp_path / "new").rglob("*")) == sorted(
+        p.relative_to(tmp_path / farm.PROGRAM) for p in (tmp_path / farm.PROGRAM).rglob("*"))
 
 
 FREE = Costs(plan=0.0, session=0.0, dispatch=0.0, start=0.0, blocks=(2.0,), merge_start=0.0, merge=0.0,
