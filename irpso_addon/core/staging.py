@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
+import secrets
 import shutil
-import tempfile
 from pathlib import Path
 from types import TracebackType
 
@@ -47,7 +48,7 @@ class Staging:
             if self._lock.real:
                 remove_leftovers(self.out)
                 self._finish_others()
-            self.folder = Path(tempfile.mkdtemp(prefix=SET, dir=self.out))
+            self.folder = self._new_folder()
         except BaseException as error:
             self._lock.__exit__(None, None, None)
             self._remove_folders()
@@ -93,6 +94,14 @@ class Staging:
             error.args = (str(error).replace(str(self.folder), str(self.out)),)
         elif isinstance(error, OSError):
             raise self._unwritable(error) from None
+
+    def _new_folder(self) -> Path:
+        """Made as any other: one of ``tempfile`` is its owner's alone, and on Windows so stays what is moved out."""
+        while True:
+            folder = self.out / f"{SET}{secrets.token_hex(4)}"
+            with contextlib.suppress(FileExistsError):
+                folder.mkdir()
+                return folder
 
     def _pairs(self, folder: Path) -> list[tuple[Path, Path]]:
         """What lies in a set's folder and beside it, and where it belongs; what lies beside comes last."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import signal
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.staging import Staging
+from irpso_addon.core.staging import SET, Staging
 
 ROOT = Path(__file__).parents[2]
 
@@ -139,6 +140,18 @@ def test_a_set_that_cannot_be_published_to_its_end_is_kept(tmp_path, monkeypatch
     with Staging(tmp_path):
         pass
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {f"{n}.txt": n for n in "abc"}
+
+
+def test_the_folder_is_made_as_any_other(tmp_path, monkeypatch):
+    """With the rights of a plain one, under a name that is free."""
+    (tmp_path / "plain").mkdir()
+    (tmp_path / f"{SET}{'0' * 8}").write_text("taken")
+    drawn = iter(["0" * 8, "1" * 8])
+    monkeypatch.setattr(secrets, "token_hex", lambda _: next(drawn))
+    monkeypatch.setattr(Staging, "_finish_others", lambda _: None)  # a share without locks
+    with Staging(tmp_path) as staging:
+        assert staging.folder.name == f"{SET}{'1' * 8}"
+        assert staging.folder.stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
 def test_links_and_things_of_others_stay(tmp_path):
