@@ -8,6 +8,7 @@ import platform
 import re
 import secrets
 import stat
+import struct
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,7 +23,9 @@ else:
 
 PART = ".irpso-part-"  # begins the names of files that are being written
 LOCK = ".irpso-lock"
-_FAR = 1 << 30  # the byte that Windows locks: nobody can read a locked one, and the file's first ones are to be read
+# The one byte that is locked, beyond the end of any file of ours: on Windows, and on a share of it wherever that is
+# mounted, nobody else can read or write what is locked.
+_FAR = 1 << 40
 
 
 @contextlib.contextmanager
@@ -114,7 +117,12 @@ def _take(handle: int, wait: bool = False) -> bool | None:
         if sys.platform == "win32":
             os.lseek(handle, _FAR, os.SEEK_SET)
             msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-        else:
+        elif sys.platform == "linux":
+            # Of the open file: a lock of the process would end as soon as it closes the file anywhere.  Of one byte:
+            # flock's is the whole file, to SMB shares one that keeps out the writer's own second handle.
+            lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, _FAR, 1, 0)  # C's struct flock; no process
+            fcntl.fcntl(handle, fcntl.F_OFD_SETLKW if wait else fcntl.F_OFD_SETLK, lock)
+        else:  # Python names no locks of an open file's bytes here
             fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except (BlockingIOError, PermissionError):
         return False
@@ -177,7 +185,11 @@ class FolderLock:
 
 
 def _holder(handle: int) -> str:
-    """Whom a lock's file names, in brackets."""
-    os.lseek(handle, 0, os.SEEK_SET)
-    found = re.match(r"process \d+ on [\w.-]+", os.read(handle, 300).decode(errors="replace"))
+    """Whom a lock's file names, in brackets; nothing where it cannot be read."""
+    try:
+        os.lseek(handle, 0, os.SEEK_SET)
+        told = os.read(handle, 300).decode(errors="replace")
+    except OSError:
+        return ""
+    found = re.match(r"process \d+ on [\w.-]+", told)
     return f" ({found[0]})" if found else ""

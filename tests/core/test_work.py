@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core import bundle
-from irpso_addon.core.atomic import LOCK, PART, remove_leftovers, replacing
+from irpso_addon.core.atomic import _FAR, LOCK, PART, FolderLock, remove_leftovers, replacing
 from irpso_addon.core.checks import Checks
 from irpso_addon.core.data import Camera, Light, Maps, MeshArrays, NormalMap, SceneData, Solution, View
 from irpso_addon.core.errors import BadInput
@@ -276,6 +276,33 @@ def test_leftovers_of_the_dead_alone_are_removed(tmp_path):
         remove_leftovers(tmp_path)
         assert not dead.exists() and living.exists()
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"b": b"b"}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="locks of bytes of open files")
+def test_a_lock_keeps_nobody_from_the_bytes_of_the_file(tmp_path):
+    """Shares of SMB refuse the locked bytes to every other handle: none of these may be a byte that is used."""
+    import fcntl
+
+    with FolderLock(tmp_path):
+        other = os.open(tmp_path / LOCK, os.O_RDWR)
+        fcntl.lockf(other, fcntl.LOCK_EX | fcntl.LOCK_NB, _FAR, 0)
+        fcntl.lockf(other, fcntl.LOCK_EX | fcntl.LOCK_NB, 0, _FAR + 1)  # to the end of all
+        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)  # there, a lock of all bytes
+        with pytest.raises(BlockingIOError):
+            fcntl.lockf(other, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _FAR)
+        os.close(other)  # would end a lock of the process
+        with pytest.raises(BadInput, match="another irpso"):
+            FolderLock(tmp_path).__enter__()
+
+
+def test_who_cannot_be_read_is_still_told_of(tmp_path, monkeypatch):
+    def refused(*_: object) -> bytes:
+        raise PermissionError(13, "Permission denied")
+
+    with FolderLock(tmp_path), monkeypatch.context() as patched:
+        patched.setattr(os, "read", refused)
+        with pytest.raises(BadInput, match="another irpso is working there; wait or choose another folder"):
+            FolderLock(tmp_path).__enter__()
 
 
 @pytest.mark.parametrize("kind", ["exr", "png", "tiff"])
