@@ -94,7 +94,10 @@ class Work:
         return self._load(self.folder / PLAN)
 
     def write_block(self, key: str, layers: dict[str, F32]) -> None:
-        """Keep a finished block: arrays by name, (h, w) or (h, w, 3) those of its maps' layers."""
+        """Keep a finished block: arrays by name, (h, w) or (h, w, 3) those of its maps' layers.
+
+        Raises BadInput where the folder has been begun for another solve since.
+        """
         if self._blocks.is_symlink():
             raise BadInput(f"{self._blocks}: is a link, and what it points to is not irpso's; remove it and run again")
         self._save(self._block(key), dict(layers))
@@ -126,7 +129,11 @@ class Work:
         return self._blocks / f"{key}.npz"
 
     def _save(self, path: Path, thing: Any) -> None:
-        bundle.save(path, {"of": self._fingerprint(), "thing": thing})
+        of = self._fingerprint()
+        if self.fingerprint() != of:
+            raise BadInput(f"{self.folder}: the folder belongs to another solve by now; "
+                           "stop the tasks of the older one")
+        bundle.save(path, {"of": of, "thing": thing})
 
     def _load(self, path: Path) -> Any | None:
         """What a file holds if it was written for this very solve."""
@@ -139,7 +146,11 @@ class Work:
         return found.get("thing") if ours else None
 
     def _fingerprint(self) -> str:
-        """Asked once: a task that outlives its folder's solve writes nothing into the next one's."""
+        """Asked once: what a task of an older solve reads or writes is never taken for the next one's.
+
+        `_save` asks again before it writes.  A folder begun anew in that very moment may lose a block of the same name,
+        which is then one that is missing.
+        """
         if self._begun is None:
             self._begun = self.fingerprint()
         if self._begun is None:

@@ -169,8 +169,13 @@ def test_work_keeps_what_is_of_the_same_solve(tmp_path):
         assert work.has_block("1001_y0_x0") and (work.pictures / "a").exists()
         work.begin("two")
         assert not work.has_block("1001_y0_x0") and work.read_plan() is None and not list(work.pictures.iterdir())
-        late.write_block("1001_y0_x0", BLOCK)  # of the solve before
+        with pytest.raises(BadInput, match="w: the folder belongs to another solve by now; stop"):
+            late.write_block("1001_y0_x0", BLOCK)  # of the solve before
         assert not work.has_block("1001_y0_x0")
+        work.write_block("1001_y0_x1", {"roughness": 2 * BLOCK["roughness"]})
+        with pytest.raises(BadInput, match="another solve"):
+            late.write_block("1001_y0_x1", BLOCK)
+        assert same(work.read_block("1001_y0_x1"), {"roughness": 2 * BLOCK["roughness"]})
         with pytest.raises(BadInput, match="missing or damaged"):
             work.read_block("1001_y0_x0")
         work.remove()
