@@ -27,6 +27,7 @@ MARK = "irpso-work"
 PLAN = "plan.npz"
 BLOCKS = "blocks"
 PICTURES = "pictures"
+_LITTER = {".ds_store", "thumbs.db", "desktop.ini", "@eadir"}  # what file managers and servers put anywhere
 
 
 class Work:
@@ -160,7 +161,8 @@ class Work:
     def _check_ours(self) -> None:
         """A folder with other things in it, and no mark of ours, is somebody's own."""
         known = {MARK, PLAN, BLOCKS, PICTURES, LOCK}
-        others = sorted(p.name for p in self.folder.iterdir() if p.name not in known and not p.name.startswith(PART))
+        others = sorted(p.name for p in self.folder.iterdir() if p.name not in known and p.name.lower() not in _LITTER
+                        and not p.name.startswith((PART, ".nfs")))
         if others and self.fingerprint() is None:
             raise BadInput(f"{self.folder}: holds '{others[0]}' and is no work folder of irpso; choose another folder")
 

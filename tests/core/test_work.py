@@ -242,6 +242,18 @@ def test_somebodys_own_folder_is_refused(tmp_path):
         Work(tmp_path).write_block("k", BLOCK)
 
 
+def test_litter_of_systems_makes_a_folder_nobodys_own(tmp_path):
+    for name in (".DS_Store", "Thumbs.db", "Desktop.ini", ".nfs00000000041a8f"):
+        (tmp_path / name).write_text("x")
+    (tmp_path / "@eaDir").mkdir()
+    before = sorted(os.listdir(tmp_path))
+    with Work(tmp_path) as work:
+        work.begin("x")
+        work.write_block("k", BLOCK)
+        work.remove()
+    assert sorted(os.listdir(tmp_path)) == before
+
+
 def test_links_are_not_followed(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "a").write_text("x")
