@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .errors import BadInput
 
 MAX_SIDE = 20_000  # pixels: at most 400 megapixels
-MAX_TILE = 1 << 24  # pixels of a tile: what a file may make a reader hold
+MAX_TILE = 1 << 24  # pixels of a row of tiles: what a file may make a reader hold
 BAND = 1 << 19  # pixels read at a time: 8 MB as RGBA float
 CHUNK, LONG_CHUNK = 32, 256  # rows that an EXR file compresses together, at most: DWAB, else
 MAX_PARTS = 1000
@@ -119,7 +119,8 @@ def _fields(path: Path, spec: Any, part: int, channels: tuple[int, ...], warning
         raise BadInput(f"{path}: is {width} x {height} pixels; scale it to at most {MAX_SIDE} on a side")
     if min(width, height, spec.width, spec.height) < 1 or spec.depth > 1:
         raise BadInput(f"{path}: is not a flat image; save it as an ordinary picture")
-    if spec.tile_width * spec.tile_height > MAX_TILE:
+    # A row of tiles is read at once.
+    if spec.tile_width and max(spec.tile_width, spec.width) * spec.tile_height > MAX_TILE:
         raise BadInput(f"{path}: is stored in tiles of {spec.tile_width} x {spec.tile_height} pixels; "
                        "save it in rows or small tiles")
     if spec.get_int_attribute("Orientation", 1) != 1:

@@ -30,6 +30,7 @@ START = 60.0  # and from one that starts: libraries may have to come from a slow
 UNUSED = 30.0  # seconds after which a process is ended
 MOST = min(4, max(2, (os.cpu_count() or 2) // 2))  # processes at a time, while nobody waits longer for one than ...
 TURN = 1.0  # seconds
+LAST = 0.5  # that one which says no more may take to end: its own status is told
 WATCH = 0.25  # seconds between two looks at them
 MEMORY = 1 << 30  # bytes that a process may hold, where the system can limit it
 LINE = 1 << 20  # bytes of a message, at most
@@ -98,7 +99,9 @@ class _Process:
 
     def __init__(self) -> None:
         """Starts it; raises BadInput where that is not possible."""
-        code = f"import sys; sys.path[:] = {[str(PACKAGE.parent), *map(str, sys.path)]!r}; {PROGRAM.format(MEMORY)}"
+        # Ctrl-C in a terminal is for us alone: we end it.
+        code = ("import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); import sys; "
+                f"sys.path[:] = {[str(PACKAGE.parent), *map(str, sys.path)]!r}; {PROGRAM.format(MEMORY)}")
         try:
             self._popen = subprocess.Popen(
                 [sys.executable, "-I", "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -137,11 +140,12 @@ class _Process:
         if not line.endswith(b"\n"):
             raise EOFError
         told: dict[str, Any] = json.loads(line)
-        self.clean = "rows" not in told
+        self.clean = "rows" not in told and "failed" not in told
         if "wrong" in told:
             raise BadInput(str(told["wrong"]))
         if "failed" in told:
-            raise RuntimeError(str(told["failed"]))
+            raise BadInput(f"images: cannot be read ({told['failed']}); use Blender 4.5 or later, which has OpenImageIO, "
+                           "or pip install OpenImageIO")
         return told
 
     def band(self, most: int, width: int, channels: int, form: str) -> Stored:
@@ -166,8 +170,10 @@ class _Process:
     def kill(self) -> None:
         self._popen.kill()
 
-    def close(self) -> int:
-        """End it; its exit status."""
+    def close(self, patience: float = 0.0) -> int:
+        """End it, after so many seconds if it has not by itself; its exit status."""
+        with suppress(subprocess.TimeoutExpired):
+            self._popen.wait(patience)
         self.kill()
         for stream in (self._orders, self._answers):
             with suppress(OSError):
@@ -264,8 +270,8 @@ def _borrowed(path: Path) -> Generator[_Process, None, None]:
     process = pool.take()
     try:
         yield process
-    except (EOFError, OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        ended = process.close()
+    except (EOFError, OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        ended = process.close(LAST if isinstance(error, EOFError) else 0.0)
         if process.stalled:
             raise BadInput(f"{path}: cannot be read (decoding it stalled for {PATIENCE:.0f} s); "
                            "save it anew, or copy it to a faster disk") from None

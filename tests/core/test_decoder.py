@@ -105,6 +105,32 @@ def test_a_decoder_that_crashes_is_said_and_replaced(large, own_processes, numbe
 
 
 @POSIX
+def test_ctrl_c_in_a_terminal_is_not_for_decoders(tmp_path, large, own_processes):
+    """It goes to all processes of the terminal: the command line is to say that it was cancelled, not a bad file."""
+    file, pixels = large
+    bands = file.bands()
+    first = next(bands)
+    os.kill(own_processes.busy[0].number, signal.SIGINT)
+    np.testing.assert_array_equal(np.concatenate([first, *bands]), pixels.astype(np.float16))
+
+
+@POSIX
+def test_the_status_told_is_the_decoders_own(tmp_path, monkeypatch):
+    """Its pipe is closed some time before it ends."""
+    monkeypatch.setattr(decoder, "PROGRAM", "import os, time; os.close(1); time.sleep(0.1); os._exit(7)")
+    with pytest.raises(BadInput, match=r"a\.exr: cannot be read \(its decoder ended with status 7\)"):
+        open_image(save(tmp_path / "a.exr", noise()))
+
+
+def test_a_python_without_openimageio_is_told_what_to_install(tmp_path, own_processes, monkeypatch):
+    program = "import sys; sys.modules['OpenImageIO'] = None; " + decoder.PROGRAM
+    monkeypatch.setattr(decoder, "PROGRAM", program)
+    with pytest.raises(BadInput, match=r"OpenImageIO cannot be loaded.*pip install OpenImageIO"):
+        open_image(save(tmp_path / "a.exr", noise()))
+    assert not own_processes.idle and not own_processes.busy
+
+
+@POSIX
 def test_a_decoder_that_stalls_is_ended(large, own_processes, monkeypatch):
     monkeypatch.setattr(decoder, "PATIENCE", 0.4)
     file, _ = large
@@ -142,6 +168,7 @@ def test_memory_of_a_decoder_is_limited(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("answer", [
     "hello", "{}", '{"header": {}}', '{"header": 3}', "[[[[" * 5000, "\\xff\\xfe", '{"rows": -4}', '{"rows": 1e99}',
+    '{"rows": 1e999, "header": {"part": 1e999, "channels": [1e999], "window": []}}',
     '{"header": {"part": 0, "channels": [0, 1, 2], "window": [0, 0, 9, 9], "width": 99999, "height": 9, "form": "half",'
     ' "bits": 16, "integer": false, "premultiplied": true, "colorspace": null, "warnings": []}}',
 ])

@@ -224,6 +224,16 @@ def test_tiled_files(tmp_path):
     np.testing.assert_array_equal(read_reference(view(path)).rgb, pixels[::-1])
 
 
+def test_rows_of_tall_tiles_are_refused(tmp_path, monkeypatch):
+    """Each is small, but all of a row are read at once."""
+    path = save(tmp_path / "a.exr", noise(40, 60), tile_width=16, tile_height=32)
+    monkeypatch.setattr(decode, "MAX_TILE", 60 * 32)
+    assert decode.header(path)["width"] == 60
+    monkeypatch.setattr(decode, "MAX_TILE", 60 * 32 - 1)
+    with pytest.raises(BadInput, match=r"tiles of 16 x 32 pixels; save it in rows or small tiles"):
+        decode.header(path)
+
+
 # --- clipping and noise
 
 
