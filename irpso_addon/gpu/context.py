@@ -256,34 +256,62 @@ class Device:
         target = self.framebuffer([self.texture(size, size)])
         seconds = []
         self.pace.choose(math.inf)
-        for compute in (False, True):
-            self.__dict__["prefers_compute"] = compute
-            taken = []
-            for _ in range(4):  # the first compiles and warms up
-                start = time.perf_counter()
-                self.kernel("include/probe.glsl", target, textures={}, uniforms={"u_steps": 64}, defines={},
-                            region=(0, 0, size, size))
-                self.pace.finish()
-                taken.append(time.perf_counter() - start)
-            seconds.append(min(taken[1:]))
-        self.pace.choose(self.settings.slice)
-        target.color_attachments[0].release()
-        target.release()
+        try:
+            for compute in (False, True):
+                self.__dict__["prefers_compute"] = compute
+                seconds.append(self._probe(target, size))
+        finally:
+            self.__dict__.pop("prefers_compute", None)  # not known until this returns
+            self.pace.choose(self.settings.slice)
+            target.color_attachments[0].release()
+            target.release()
         return seconds[1] * COMPUTE_GAIN < seconds[0]
+
+    def _probe(self, target: moderngl.Framebuffer, size: int) -> float:
+        """Seconds of a kernel on the whole target."""
+        taken = []
+        for _ in range(4):  # the first compiles and warms up
+            start = time.perf_counter()
+            self.kernel("include/probe.glsl", target, textures={}, uniforms={"u_steps": 64}, defines={},
+                        region=(0, 0, size, size))
+            self.pace.finish()
+            taken.append(time.perf_counter() - start)
+        return min(taken[1:])
 
     @contextmanager
     def adding(self) -> Iterator[None]:
         """Draws add to what the target holds."""
+        with self._blending(moderngl.FUNC_ADD):
+            yield
+
+    @contextmanager
+    def keeping_least(self) -> Iterator[None]:
+        """Draws leave the least of theirs and what the target holds."""
+        with self._blending(moderngl.MIN):
+            yield
+
+    @contextmanager
+    def _blending(self, equation: int) -> Iterator[None]:
         self.ctx.enable(moderngl.BLEND)
         self.ctx.blend_func = (moderngl.ONE, moderngl.ONE)
-        self.ctx.blend_equation = moderngl.FUNC_ADD  # type: ignore[assignment]  # the stub knows pairs alone
+        self.ctx.blend_equation = equation  # type: ignore[assignment]  # the stub knows pairs alone
         try:
             yield
         finally:
+            self.ctx.blend_equation = moderngl.FUNC_ADD  # type: ignore[assignment]
             self.ctx.disable(moderngl.BLEND)
 
+    @contextmanager
+    def keeping_nearest(self) -> Iterator[None]:
+        """Draws are hidden by what is nearer in the target's depth map."""
+        self.ctx.enable(moderngl.DEPTH_TEST)
+        try:
+            yield
+        finally:
+            self.ctx.disable(moderngl.DEPTH_TEST)
+
     def collect(self) -> None:
-        """Free what an error or a stop left behind.
+        """Free what an error or a stop left behind, and switch off what it left on.
 
         moderngl's own ``gc`` stumbles over objects that were released before they were dropped.
         """
@@ -291,6 +319,8 @@ class Device:
             left = self.ctx.objects.popleft()
             if hasattr(left, "release"):
                 left.release()
+        self.ctx.disable(moderngl.BLEND | moderngl.DEPTH_TEST)
+        self.ctx.blend_equation = moderngl.FUNC_ADD  # type: ignore[assignment]  # the stub knows pairs alone
 
     def release(self) -> None:
         """Give the context back; nothing made by it may be used after."""

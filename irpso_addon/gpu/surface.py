@@ -120,9 +120,9 @@ def _boxes(points: F32, ends: I64) -> F64:
     """(B, 2^K, K) corners of the boxes around bundles of (T, 3, K) points."""
     if len(ends) < 2:
         return np.zeros((0, 2 ** points.shape[-1], points.shape[-1]))
-    part = points[ends[0]:ends[-1]].astype(np.float64)
+    part = points[ends[0]:ends[-1]]
     box = np.stack([of.reduceat(part, ends[:-1] - ends[0]) for of in (np.minimum, np.maximum)])
-    box = np.stack([box[0].min(axis=1), box[1].max(axis=1)])  # (2, B, K)
+    box = np.stack([box[0].min(axis=1), box[1].max(axis=1)]).astype(np.float64)  # (2, B, K)
     choice = np.array(np.meshgrid(*[[0, 1]] * points.shape[-1])).reshape(points.shape[-1], -1).T
     return np.stack([box[choice[:, k], :, k] for k in range(points.shape[-1])], axis=-1).swapaxes(0, 1)
 
@@ -287,18 +287,16 @@ def draw_pixel_grid(
 
     ``footprint``: width in pixels over which a normal map is averaged.
     """
-    ctx = device.ctx
     clip = clip_matrix(camera, [mesh.mesh.positions, occluders.triangles])
     textures = [device.texture(width, height), device.texture(width, height), device.texture(width, height),
                 device.texture(width, height, 2), device.texture(width, height)]
     with device.making(f"a depth map of {width} x {height}"):
-        depth = ctx.depth_texture((width, height))
+        depth = device.ctx.depth_texture((width, height))
     target = device.framebuffer(textures, depth)
     target.clear(depth=1.0)
-    ctx.enable(moderngl.DEPTH_TEST)
-    mesh.draw(target, clip, footprint)
-    occluders.draw(target, "gbuffer/occluder.frag", clip, {"u_depth_plane": (0.0, 0.0, 0.0, 0.0)})
-    ctx.disable(moderngl.DEPTH_TEST)
+    with device.keeping_nearest():
+        mesh.draw(target, clip, footprint)
+        occluders.draw(target, "gbuffer/occluder.frag", clip, {"u_depth_plane": (0.0, 0.0, 0.0, 0.0)})
     target.release()
     depth.release()
     position, normal, facet, uv, slope = textures

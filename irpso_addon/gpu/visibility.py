@@ -137,16 +137,11 @@ class LightVisibility:
         yield maps
 
     def _draw_shadow(self, frustum: Frustum) -> None:
-        ctx = self.device.ctx
         self._target.clear(red=FAR_TEXEL)
-        ctx.enable(moderngl.BLEND)
-        ctx.blend_func = (moderngl.ONE, moderngl.ONE)
-        ctx.blend_equation = moderngl.MIN  # type: ignore[assignment]  # the stub knows pairs alone
         uniforms = {"u_depth_plane": frustum.plane}
-        self.mesh.draw_positions(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
-        self.occluders.draw(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
-        ctx.blend_equation = moderngl.FUNC_ADD  # type: ignore[assignment]
-        ctx.disable(moderngl.BLEND)
+        with self.device.keeping_least():
+            self.mesh.draw_positions(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
+            self.occluders.draw(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
 
     def _look_up(self, frustum: Frustum, camera: SurfaceMaps, lit: moderngl.Texture, share: float) -> None:
         target = self.device.framebuffer([lit])

@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import moderngl
 import numpy as np
 import pytest
 
@@ -31,6 +32,7 @@ from tests.gpu import synthetic as syn
 
 ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = SolveSettings(size=32, method="draft", model="one-lobe")
+GL_BLEND, GL_DEPTH_TEST, GL_BLEND_EQUATION = 0x0BE2, 0x0B71, 0x8009
 ONLY_MESA = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="EGL and limits of Linux")
 
 
@@ -82,6 +84,58 @@ def test_a_lost_context_is_noticed_and_the_next_solve_is_well(shoot, stage):
     after = solve(shoot)
     for role in ("base_color", "roughness", "confidence"):
         assert getattr(before.maps, role).tobytes() == getattr(after.maps, role).tobytes()
+
+
+@ONLY_MESA
+def test_a_stage_that_fails_leaves_the_context_as_it_was(on_gl):
+    """Draws that blend, or heed depth, and come to nothing; and whatever else a job left switched on."""
+    def state(device: Device) -> tuple[int, ...]:
+        gl = ctypes.CDLL("libGL.so.1")
+        equation = ctypes.c_int()
+        gl.glGetIntegerv(GL_BLEND_EQUATION, ctypes.byref(equation))
+        return gl.glIsEnabled(GL_BLEND), gl.glIsEnabled(GL_DEPTH_TEST), equation.value
+
+    def failing(device: Device, way: str) -> tuple[int, ...]:
+        with pytest.raises(DeviceLost), getattr(device, way)():
+            assert state(device) != clean
+            raise DeviceLost("played")
+        return state(device)
+
+    clean = (0, 0, moderngl.FUNC_ADD)
+    assert on_gl(state) == clean
+    for way in ("adding", "keeping_least", "keeping_nearest"):
+        assert on_gl(lambda device, way=way: failing(device, way)) == clean
+
+    def untidy(device: Device) -> None:
+        device.ctx.enable(moderngl.BLEND | moderngl.DEPTH_TEST)
+        device.ctx.blend_equation = moderngl.MIN
+
+    on_gl(untidy)
+    assert on_gl(state) == clean
+
+
+def test_a_probe_that_fails_decides_nothing(on_gl, monkeypatch):
+    def job(device: Device) -> None:
+        monkeypatch.setattr(device, "settings", replace(device.settings, kernels="auto"))
+        known = device.__dict__.pop("prefers_compute", None)
+        slices = []
+        monkeypatch.setattr(device.pace, "choose", slices.append)
+
+        def lost(*_: Any) -> float:
+            raise DeviceLost("played")
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Device, "_probe", lost)
+            with pytest.raises(DeviceLost):
+                assert device.prefers_compute is None
+        assert "prefers_compute" not in device.__dict__
+        assert slices[-1] == device.settings.slice
+        if known is not None:
+            device.__dict__["prefers_compute"] = known
+
+    if on_gl(lambda device: device.ctx.version_code) < 430:
+        pytest.skip("no compute shaders here: nothing is measured")
+    on_gl(job)
 
 
 def test_reading_and_looking_do_not_disturb_each_other(on_gl):
