@@ -45,7 +45,8 @@ def _run(arguments: argparse.Namespace) -> int:
         if arguments.command not in WITHOUT_BLENDER:
             with console.quiet():
                 importlib.import_module(".blender.oiio", __package__).ensure_openimageio()
-            importlib.import_module(".blender.logs", __package__).begin("command", arguments=arguments.given)
+            given = [log.name_alone(argument) for argument in arguments.given]
+            importlib.import_module(".blender.logs", __package__).begin("command", arguments=given)
         importlib.import_module(f".cli.{arguments.command}", __package__).run(arguments)
     except BadInput as error:
         log.failure("refused", error)

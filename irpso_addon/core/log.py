@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Callable, Generator
 from contextlib import suppress
 from dataclasses import asdict
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import TracebackType
 from typing import Any, TextIO, TypeVar
 
@@ -33,8 +33,8 @@ FILE = "irpso_log.jsonl"
 MOST_BYTES, KEPT = 1_000_000, 2  # of a file, after which it is put aside; files put aside
 MOST_LETTERS = 4000  # of a text
 LIBRARY = Path(__file__).resolve().parents[2]
-# A stretch without a blank up to a separator, and on to the last one before a colon, a quote or the line's end: names
-# of folders may have blanks.  Rather too much than too little.
+# In prose: a stretch without a blank up to a separator, and on to the last one before a colon, a quote or the line's
+# end: names of folders may have blanks.  Rather too much than too little.
 FOLDERS = re.compile(r"""(?<![^\s'"(<|])[^\s'"(<|]*[/\\](?:[^:'"\n<>|]*[/\\])?""")
 Fields = dict[str, Any]
 Result = TypeVar("Result")
@@ -63,9 +63,17 @@ def failure(event: str, error: BaseException) -> None:
     logger.error(event, extra={"fields": fields})
 
 
+def name_alone(argument: str) -> str:
+    """An argument of a command, or what else is known to be a path, cut to what follows the last separator.
+
+    Whatever the folders are called; "--flag=" stays.
+    """
+    return re.sub(r"(?s)^(--[\w-]+=)?.*[/\\]", r"\1", argument)
+
+
 def without_folders(text: str) -> str:
-    """The text with every path cut to its last part."""
-    return FOLDERS.sub("", text[:MOST_LETTERS].replace(str(Path.home()), "~"))
+    """Prose with every path, as far as a pattern can tell, cut to its last part."""
+    return FOLDERS.sub("", text)[:MOST_LETTERS]
 
 
 def trace(error: BaseException) -> list[str]:
@@ -115,6 +123,8 @@ def _plain(value: Any) -> Any:
         return round(value, 6) if abs(value) < 1e300 else str(value)  # NaN and infinity too
     if value is None or isinstance(value, bool | int):
         return value
+    if isinstance(value, PurePath):
+        return name_alone(str(value))
     return without_folders(str(value))
 
 
@@ -122,10 +132,11 @@ class _File(logging.handlers.RotatingFileHandler):
     """A file of some size; never in anybody's way."""
 
     def doRollover(self) -> None:
-        """Windows refuses while another process has the file open: then it grows on."""
+        """Windows refuses while another process has the file open: then it grows on, as long as this one runs."""
         try:
             super().doRollover()
         except OSError:
+            self.maxBytes = 0  # else it would be tried, and the files put aside moved, with every line
             self.stream = self._open()
 
     def handleError(self, record: logging.LogRecord) -> None:
@@ -155,7 +166,8 @@ def to_file(path: Path) -> None:
         return
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        _add(_File(path, maxBytes=MOST_BYTES, backupCount=KEPT, encoding="utf-8", delay=True))
+        _add(_File(path, maxBytes=MOST_BYTES, backupCount=KEPT, encoding="utf-8", delay=True,
+                   errors="backslashreplace"))
 
 
 def to_stream(stream: TextIO) -> None:

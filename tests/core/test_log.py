@@ -42,6 +42,51 @@ def test_no_folder_of_a_path_is_left(folders, name, start):
             assert len(folder) < 4 or folder not in hidden.replace("' and '", "")
 
 
+@pytest.mark.parametrize(("argument", "left"), [
+    ("solve", "solve"), ("--size", "--size"), ("--size=64", "--size=64"), ("1.5", "1.5"), ("", ""),
+    ('/data/Kunde: "Meier & Co" (geheim)/wand 3.blend', "wand 3.blend"),
+    ("--out=/data/Max Muster's/a: b/maps", "--out=maps"), ("C:\\Users\\Max Muster\\a.blend", "a.blend"),
+    ("//server/share <old>/x\ny/a.exr", "a.exr"), ("geheim|2/", ""), ("--out=geheim/x=y/", "--out="),
+])
+def test_arguments_are_cut_whatever_their_folders_are_called(argument, left, written):
+    assert log.name_alone(argument) == left
+    log.info("command", arguments=[log.name_alone(argument)])
+    assert written()[-1]["arguments"] == [left]
+    if argument.startswith("/data"):
+        log.info("path", path=Path(argument))
+        assert written()[-1]["path"] == left
+
+
+@pytest.mark.parametrize("home", ["/", "/home/max"])
+def test_the_home_folder_does_not_matter(monkeypatch, home):
+    monkeypatch.setenv("HOME", home)
+    assert log.without_folders("/home/max/secret/a.exr: broken") == "a.exr: broken"
+
+
+def test_a_rotation_that_fails_is_not_tried_again(tmp_path, monkeypatch):
+    """As on Windows while another Blender has the file open."""
+    tried = []
+
+    def refused(*paths: object) -> None:
+        tried.append(paths)
+        raise PermissionError
+
+    monkeypatch.setattr(log.os, "rename", refused)
+    monkeypatch.setattr(log, "MOST_BYTES", 1000)
+    log.to_file(tmp_path / log.FILE)
+    for i in range(30):
+        log.info("line", number=i, text="x" * 100)
+    log.close()
+    assert len(tried) == 1
+    told = [json.loads(line) for line in (tmp_path / log.FILE).read_text().splitlines()]
+    assert [line["number"] for line in told] == list(range(30))
+
+
+def test_names_that_are_no_text_are_told_all_the_same(written):
+    log.info("odd", name="a\udcff.exr")
+    assert written()[-1]["name"] == "a\udcff.exr"
+
+
 def test_words_without_folders_stay():
     for text in ("Vase: 20 % of its texels are seen lit by no view", "no", "", "view_01.exr: clipped, 3.4 %"):
         assert log.without_folders(text) == text
