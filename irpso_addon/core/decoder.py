@@ -144,8 +144,8 @@ class _Process:
         if "wrong" in told:
             raise BadInput(str(told["wrong"]))
         if "failed" in told:
-            raise BadInput(f"images: cannot be read ({told['failed']}); use Blender 4.5 or later, which has OpenImageIO, "
-                           "or pip install OpenImageIO")
+            raise BadInput(f"images: cannot be read ({told['failed']}); use Blender 4.5 or later, which has it, or "
+                           "pip install OpenImageIO")
         return told
 
     def band(self, most: int, width: int, channels: int, form: str) -> Stored:
