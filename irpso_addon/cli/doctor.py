@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import argparse
 import os
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from .. import examine
 from ..blender import logs
@@ -16,49 +18,76 @@ from ..blender.files import blender_version
 from ..core.errors import BadInput
 from ..core.params import DeviceSettings
 from ..core.report import versions
-from ..gpu import thread
+from ..remote import Remote, Worker
 from . import console, options
 
+POLL = 0.1  # seconds
 Rows = list[tuple[str, str]]
 
 
 def run(arguments: argparse.Namespace) -> None:
     """The command.  Raises BadInput where OpenGL is missing or computes wrongly."""
     settings = options.device(arguments)
-    rows: Rows = [(name, value) for name, value in (versions() | {"blender": blender_version()}).items()]
-    rows += [("processors", str(os.cpu_count())), ("log", _from_home(logs.path()))]
+    rows = [*versions().items(), ("blender", blender_version()), ("processors", str(os.cpu_count())),
+            ("log", _from_home(logs.path()))]
+    console.table(("program", "here"), rows)  # each table at once: a driver may hang
     try:
-        rows += _device(settings)
+        with _Apart(settings) as apart:
+            detected = _detected(apart.run("examine:detect"))
+            console.say("")
+            console.table(("device", "here"), detected)
+            tested: examine.Tested = apart.run("examine:test")
     except BadInput:
         if settings.device == "opengl":
-            rows += [("OpenGL", "not usable, see below"), *_slower(settings)]
+            console.say("")
+            console.table(("without it", "here"), [("OpenGL", "not usable, see below"), _slower(settings)])
         raise
-    finally:
-        console.table(("", "here"), rows)
+    console.say("")
+    console.table(("self-test", "here"), [
+        ("self-test (s)", f"{tested.seconds:.1f}"), ("self-test, base colour error", f"{tested.base_error:.4f}"),
+        ("self-test, roughness error", f"{tested.rough_error:.4f}")])
     console.say("\nall is well")
 
 
-def _device(settings: DeviceSettings) -> Rows:
-    """What it is, and that it computes rightly.  Raises BadInput."""
-    thread.configure(settings)
-    tested: examine.Tested = thread.run(examine.test)
-    device = tested.device
+class _Apart:
+    """A process that looks at the device: a driver that crashes ends that one alone."""
+
+    def __init__(self, settings: DeviceSettings) -> None:
+        """Raises BadInput where it cannot be started."""
+        self._worker = Worker(settings)
+
+    def __enter__(self) -> _Apart:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._worker.close()
+
+    def run(self, task: str) -> Any:
+        """A job's result.  Raises BadInput: what it raises, or DeviceLost when the process ended."""
+        job = Remote(task, worker=self._worker)
+        while not job.wait(POLL):  # Ctrl-C comes through, on Windows too
+            pass
+        return job.result()
+
+
+def _detected(device: examine.Detected) -> Rows:
     rows = [(name, str(getattr(device, name))) for name in ("renderer", "vendor", "version", "kernels")]
-    rows += [(label, str(limit)) for label, limit in device.limits.items()]
-    return [*rows, ("self-test (s)", f"{tested.seconds:.1f}"),
-            ("self-test, base colour error", f"{tested.base_error:.4f}"),
-            ("self-test, roughness error", f"{tested.rough_error:.4f}")]
+    return rows + [(label, str(limit)) for label, limit in device.limits.items()]
 
 
-def _slower(settings: DeviceSettings) -> Rows:
+def _slower(settings: DeviceSettings) -> tuple[str, str]:
     """Whether the slower path would do."""
     try:
-        seconds = dict(_device(replace(settings, device="numpy")))["self-test (s)"]
+        with _Apart(replace(settings, device="numpy")) as apart:
+            return "device numpy", f"works, self-test {apart.run('examine:test').seconds:.1f} s"
     except BadInput as error:
-        return [("device numpy", str(error))]
-    return [("device numpy", f"works, self-test {seconds} s")]
+        return "device numpy", str(error)
 
 
 def _from_home(path: Path) -> str:
     """The path, with the user's home as "~"."""
-    return f"~/{path.relative_to(Path.home()).as_posix()}" if path.is_relative_to(Path.home()) else str(path)
+    with suppress(RuntimeError):  # nobody knows where that is
+        home = Path.home()
+        if home != home.parent and path.is_relative_to(home):
+            return f"~/{path.relative_to(home).as_posix()}"
+    return str(path)

@@ -11,7 +11,10 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
+from irpso_addon import remote
+from irpso_addon.cli import doctor, options
 from irpso_addon.core import log
+from irpso_addon.core.errors import DeviceLost
 
 ROUGH = 0.45  # of the Ball, as in tests/make_scenes.py
 PRIVATE = "secret project"  # a folder that no log may name
@@ -37,14 +40,43 @@ def log_of(home: Path) -> str:
     return (home / "config" / log.FILE).read_text(encoding="utf-8")
 
 
-def test_doctor_says_what_to_do_without_opengl(irpso, environment):
+def test_doctor_says_what_to_do_without_opengl(irpso, environment, home):
     done = irpso("doctor", env=environment)
     assert done.returncode == 3
     assert re.search(r"^device numpy +works, self-test [\d.]+ s$", done.stdout, re.M)
     assert re.search(rf"^log +\S.*{log.FILE}$", done.stdout, re.M)
     assert len(done.stderr.splitlines()) == 1
+    assert [line["event"] for line in lines(log_of(home))] == ["command", "solve", "solved", "refused", "end"]
     for words in ("OpenGL 3.3", "libgl1-mesa-dri", "--device numpy"):
         assert words in done.stderr
+
+
+def test_doctor_survives_a_driver_that_crashes(monkeypatch, capsys):
+    """What was found until then is printed, and the slower path is tried."""
+    class Crashing(remote.Worker):
+        def order(self, *message: object) -> None:
+            super().order(*message)
+            if message[0] == "configure" and message[1].device == "opengl":
+                self._process.kill()
+
+    monkeypatch.setattr(doctor, "Worker", Crashing)
+    with pytest.raises(DeviceLost, match="the worker process ended"):
+        doctor.run(options.parser().parse_args(["doctor"]))
+    said = capsys.readouterr().out
+    for row in ("blender", "processors", "log", "OpenGL +not usable, see below", "device numpy +works, self-test"):
+        assert re.search(f"^{row}\\b", said, re.M), said
+    assert "all is well" not in said
+
+
+@pytest.mark.parametrize("home", ["/", None])
+def test_where_the_log_lies_is_told_without_a_home_too(monkeypatch, home):
+    def nowhere() -> Path:
+        if home is None:
+            raise RuntimeError("Could not determine home directory.")
+        return Path(home)
+
+    monkeypatch.setattr(Path, "home", nowhere)
+    assert doctor._from_home(Path("/home/max/log.jsonl")) == "/home/max/log.jsonl"
 
 
 def test_solve_offers_the_slower_path_and_takes_it(irpso, scenes, environment, home, tmp_path):
