@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from .data import F32, F64, Bool
 
 LEAF = 4  # triangles
-RAYS_AT_ONCE = 8192  # bounds the memory: a ray is in some tens of boxes at a time
+RAYS_AT_ONCE = 8192  # a ray is in some tens of boxes at a time
+PAIRS_AT_ONCE = 1 << 21  # of a ray and a box: bounds the memory where it is in thousands
 EDGE = 1e-9  # by which a ray may miss a triangle in barycentric coordinates: no gaps between neighbours
 MORTON_BITS = 10  # an axis
 Index = NDArray[np.int64]
@@ -77,18 +78,25 @@ class Rays:
 
     def _met(self, origin: F64, direction: F64, most: float) -> Iterator[tuple[Index, Index, F64, F64]]:
         """Of all that rays meet before ``most``: ray, place in our order, distance, weights."""
-        ray, leaf = self._leaves(origin, direction, most)
+        pairs = self._leaves(origin, direction, most)
+        if pairs is None:
+            half = len(origin) // 2
+            for first, part in ((0, slice(half)), (half, slice(half, None))):
+                for ray, place, distance, weights in self._met(origin[part], direction[part], most):
+                    yield first + ray, place, distance, weights
+            return
+        ray, leaf = pairs
         place = leaf * LEAF
         for k in range(LEAF):
             inside = place + k < len(self._corners)
             at = ray[inside]
             distance, weights = _cross(origin[at], direction[at], self._corners[place[inside] + k])
-            met = ((weights[:, 0] > -EDGE) & (weights[:, 1] > -EDGE) & (weights[:, 2] > -EDGE)
+            hit = ((weights[:, 0] > -EDGE) & (weights[:, 1] > -EDGE) & (weights[:, 2] > -EDGE)
                    & (distance > 0) & (distance < most))
-            yield at[met], place[inside][met] + k, distance[met], weights[met]
+            yield at[hit], place[inside][hit] + k, distance[hit], weights[hit]
 
-    def _leaves(self, origin: F64, direction: F64, most: float) -> tuple[Index, Index]:
-        """Pairs of a ray and a leaf whose box it goes through."""
+    def _leaves(self, origin: F64, direction: F64, most: float) -> tuple[Index, Index] | None:
+        """Pairs of a ray and a leaf whose box it goes through; None: too many for so many rays."""
         ray, node = np.arange(len(origin)), np.zeros(len(origin), np.int64)
         start, slope = origin.T, 1 / np.where(np.abs(direction) < 1e-200, 1e-200, direction).T
         for level, (low, high) in enumerate(self._boxes):
@@ -102,6 +110,8 @@ class Rays:
                 enter, leave = np.maximum(enter, np.minimum(one, other)), np.minimum(leave, np.maximum(one, other))
             through = filled & (enter <= leave * (1 + 1e-12))  # flat boxes are met on their very face
             ray, node = ray[through], node[through]
+            if len(ray) > PAIRS_AT_ONCE and len(origin) > 1:
+                return None
         return ray, node
 
 

@@ -19,11 +19,11 @@ import numpy as np
 from .data import F64, Bool, Maps, SceneData, Solution
 from .errors import BadInput
 from .job import Progress
-from .params import SolveSettings
+from .params import DeviceSettings, SolveSettings
 from .rays import Index
 from .reference_fit import Fit, fit_texels
 from .reference_surface import Places, places, rasterise
-from .reference_views import ReadImage, observe
+from .reference_views import ReadImage, memory, observe
 
 SIDE = 2  # points of a texel, squared
 DEFAULT_SIZE, MOST_SIZE = 64, 256  # texels: of what is asked for beyond the second, the first is solved
@@ -34,14 +34,23 @@ Result = TypeVar("Result")
 
 
 def solve(
-    scene: SceneData, settings: SolveSettings, read_image: ReadImage,
+    scene: SceneData, settings: SolveSettings, read_image: ReadImage, most_memory: float = DeviceSettings().memory,
 ) -> Generator[Progress, None, Solution]:
-    """From a scene's data to its maps, in numpy alone.  Raises BadInput for what it cannot do."""
+    """From a scene's data to its maps, in numpy alone.  Raises BadInput for what it cannot do.
+
+    most_memory: GB that observations may take; larger maps are solved smaller, with a warning.
+    """
     settings, told = _possible(scene, settings)
     seconds: dict[str, float] = {}
     started = time.perf_counter()
     size, lambert = settings.size, MODELS[settings.model] == "lambert"
     owner, _ = rasterise(scene.mesh.uvs, size)
+    needed = memory(scene, int(np.count_nonzero(owner >= 0)) * SIDE**2)
+    if needed > most_memory * 1e9:
+        smaller = max(int(size * (most_memory * 1e9 / needed) ** 0.5), 1)
+        told.append(f"device numpy: maps of {smaller} x {smaller} texels in place of {size} x {size}: larger ones do "
+                    f"not fit in {most_memory:g} GB; choose a larger Memory, or fewer views")
+        size, (owner, _) = smaller, rasterise(scene.mesh.uvs, smaller)
     coverage = owner >= 0
     if not coverage.any():
         raise BadInput(f"{scene.mesh.name}: no face covers a texel of the 0-1 UV square at {size} x {size}; "

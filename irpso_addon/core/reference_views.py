@@ -24,6 +24,7 @@ MIN_COS_V, MIN_COS_L = 0.15, 0.08  # the long footprint of a grazing pixel; the 
 EDGE_QUALITY = 0.03  # of what lies at an edge of shadow or silhouette, beside 1
 EDGE_RANGE = 0.02  # of the share of light that arrives, among neighbours
 DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
+VIEW_BYTES, LAMP_BYTES = 100, 40  # of a point: for each view, and for each point on its lamps
 NO_LIGHT = 1e-3  # share of the mean irradiance below which a channel is not lit
 ReadImage = Callable[[View], RadianceImage]
 
@@ -120,6 +121,13 @@ def _shown(scene: SceneData, rays: Rays, points: Places, camera: Camera, width: 
     seen = inside & mine[back] & near & same & (cos_v[back] > MIN_COS_V)
     at_points = Places(met.position[back], met.normal[back], met.lifted[back])
     return Shown(pixel, seen, at_points, towards[back], np.where(seen, cos_v[back], 1.0))
+
+
+def memory(scene: SceneData, points: int) -> int:
+    """Bytes that the observations of so many points take while they are gathered: up to twice what they are then."""
+    middle = scene.mesh.positions.reshape(-1, 3).mean(0, np.float64, keepdims=True)
+    lamps = sum(_points_of(light, middle) for view in scene.views for light in view.lights)
+    return points * (VIEW_BYTES * len(scene.views) + LAMP_BYTES * lamps)
 
 
 def _points_of(light: Light, P: F64) -> int:

@@ -26,7 +26,7 @@ ALLOWED = {
     "worker": {"core", "gpu", "channel"},  # it finds its jobs by their names
     "remote": {"core", "channel"},
     "blender": {"core", "channel", "gpu", "pipeline", "examine", "remote", "blender"},
-    "cli": {"core", "gpu", "pipeline", "examine", "large", "farm", "blender", "cli"},
+    "cli": {"core", "gpu", "pipeline", "examine", "remote", "large", "farm", "blender", "cli"},
     "__main__": {"core", "gpu", "pipeline", "blender", "cli"},
 }
 # One arrow back: Blender's start hands the command line's main() to Blender, which calls it much later.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from irpso_addon.core import rays as module
 from irpso_addon.core.rays import Rays
 from tests.gpu import synthetic as syn
 
@@ -68,6 +69,21 @@ def test_the_first_of_many_is_nearest():
     below = np.floor(start[:, 2].clip(max=39))
     np.testing.assert_allclose(rays.nearest(start, -up).distance,
                                np.where(below >= 0, (start[:, 2] - below) / 2, np.inf))
+
+
+def test_rays_through_many_boxes_are_cast_in_parts(ends, monkeypatch):
+    """Nothing but the memory changes."""
+    start, toward = (x[:600] for x in ends)
+    triangles, _ = syn.sphere(40, 40)
+    rays, most = Rays(triangles), []
+    hit, blocked = rays.nearest(start, toward), rays.blocked(start, toward)
+    monkeypatch.setattr(module, "PAIRS_AT_ONCE", 50)
+    cross = module._cross
+    monkeypatch.setattr(module, "_cross", lambda o, *rest: most.append(len(o)) or cross(o, *rest))
+    for found, expected in zip(rays.nearest(start, toward), hit, strict=True):
+        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(rays.blocked(start, toward), blocked)
+    assert max(most) <= 50
 
 
 def test_triangles_that_are_none_stop_nothing():

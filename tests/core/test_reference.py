@@ -5,6 +5,7 @@ That its maps are right is shown beside the pipeline's, in tests/gpu/test_refere
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +17,7 @@ from irpso_addon.core.data import NormalMap, Region, SceneData, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.reference_surface import places, rasterise
+from irpso_addon.core.reference_views import memory
 
 SQUARE = selftest.build()
 
@@ -71,6 +73,34 @@ def test_what_is_too_large_is_solved_small_and_said():
     found = solved(replace(SQUARE.scene, mesh=small, views=SQUARE.scene.views[:3]), size=1024)
     assert found.maps.roughness.shape == (64, 64)
     assert any("64 x 64 texels in place of 1024 x 1024" in warning for warning in found.warnings)
+
+
+def test_maps_that_do_not_fit_in_memory_are_solved_smaller_and_said():
+    """A quarter of the memory: half the size."""
+    needed = memory(SQUARE.scene, 4 * 16 * 16) / 1e9
+    steps = reference.solve(SQUARE.scene, SolveSettings(size=16), SQUARE.read_image, 0.26 * needed)
+    with pytest.raises(StopIteration) as stop:
+        while True:
+            next(steps)
+    found = stop.value.value
+    assert found.maps.roughness.shape == (8, 8)
+    assert any("8 x 8 texels in place of 16 x 16" in line and "Memory" in line for line in found.warnings)
+
+
+def test_the_memory_foreseen_is_what_observations_take():
+    """With large lamps; what a view takes while it is looked at is for the rest."""
+    views = tuple(replace(view, lights=tuple(replace(light, radius=0.2) for light in view.lights))
+                  for view in SQUARE.scene.views[:8])
+    scene = replace(SQUARE.scene, views=views)
+    steps = reference.solve(scene, SolveSettings(size=32), SQUARE.read_image)
+    next(steps)
+    tracemalloc.start()
+    try:
+        while next(steps).stage == "observe":
+            taken = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert 0.4 < taken / memory(scene, 4 * 32 * 32) < 1.0
 
 
 @pytest.mark.parametrize("scene, settings, words", [
