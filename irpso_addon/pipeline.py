@@ -140,7 +140,7 @@ def _solved(
 ) -> Generator[Progress, None, Solution]:
     if thread.settings().device == "numpy":
         read_image = read_image or partial(read_reference, max_pixels=reference.MOST_PIXELS)
-        return (yield from reference.solve(scene, settings, read_image))
+        return (yield from reference.solve(scene, settings, read_image, thread.settings().memory))
     return (yield from outcome(scene, settings, read_image, bounce)).solution
 
 
