@@ -38,7 +38,7 @@ from .pipeline import Bounce, Clock, Outcome, outcome
 
 Result = TypeVar("Result")
 PLANNED, SOLVED = 0.25, 0.95  # of the whole: once the plan is made, once all blocks are solved
-PICTURES = 0.4  # of the memory, for the plan's or a block's pictures; the rest is for maps, tables and shadows
+PICTURES = 0.25  # of the memory, for the plan's or a block's pictures; the rest is for maps, tables and shadows
 WORK = "irpso_work_"  # begins the name of a folder beside the maps, until they are done
 NO_INDIRECT = "several UDIMs: indirect light is not rendered and taken out; darken the surroundings"
 RESUMED = "resumed: "  # begins the warning of a solve that went on
