@@ -1,6 +1,6 @@
 """A solve of a map too large for memory: the demo's vase from large pictures, solved in blocks, against its truth.
 
-    python tools/large_run.py [--size 8192] [--views 12] [--pixels 3584] [--memory GB] [--docs]
+    python tools/large_run.py [--size 8192] [--views 12] [--pixels 2048] [--memory GB] [--docs]
 
 The pictures are rendered by Cycles once, into the folder's `scene`.  The solve runs as a process of its own, whose
 resident memory (with all that it starts) is read ten times a second.  Prints a table; --docs keeps it.
@@ -44,7 +44,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", type=int, default=8192)
     parser.add_argument("--views", type=int, default=12, help="at most 12")
-    parser.add_argument("--pixels", type=int, default=3584, help="width and height of a picture")
+    parser.add_argument("--pixels", type=int, default=2048, help="width and height of a picture")
     parser.add_argument("--memory", type=float, default=None, metavar="GB", help="as of 'irpso solve'")
     parser.add_argument("--model", default="one-lobe")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "large")
