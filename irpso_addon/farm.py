@@ -1,9 +1,9 @@
-"""A job for a render farm: an Open Job Description template beside all that its tasks need.
+"""A job for a render farm: an Open Job Description template beside all that its tasks need.  In the job's folder lie
 
-    JOB/template.yaml   what a farm, or `openjd run`, is given
-    JOB/program/        this very program, without Blender: `python JOB/program tile ...`
-    JOB/work/           plan and pictures; every block as it is solved
-    JOB/maps/           the merged maps, and the scene with them on its material
+    template.yaml   what a farm, or `openjd run`, is given
+    program         this very program, without Blender: `python JOB/program tile ...`
+    work            plan and pictures; every block as it is solved
+    maps            the merged maps, and the scene with them on its material
 
 A task of the step Solve is a tile, a square of blocks of one UDIM square; a task of Merge is a UDIM square.  Blocks
 depend on plan and pictures alone, so tasks may run anywhere, in any order, twice, or again after they failed.

@@ -18,9 +18,10 @@ import numpy as np
 from .core import bundle, log, merge, tiling
 from .core.data import F32, F64, I32, Bool, Camera, Maps, MeshArrays, RadianceImage, SceneData, Solution, View
 from .core.errors import BadInput, Cancelled
+from .core.estimate import bytes_per_pixel
 from .core.export import layers, safe_stem
 from .core.image import read_reference
-from .core.job import Progress
+from .core.job import Progress, retold
 from .core.params import SolveSettings
 from .core.pictures import Picture, develop
 from .core.plan import Plan
@@ -38,11 +39,11 @@ from .pipeline import Bounce, Clock, Outcome, outcome
 
 Result = TypeVar("Result")
 PLANNED, SOLVED = 0.25, 0.95  # of the whole: once the plan is made, once all blocks are solved
-PICTURES = 0.25  # of the memory, for the plan's or a block's pictures; the rest is for maps, tables and shadows
 WORK = "irpso_work_"  # begins the name of a folder beside the maps, until they are done
 NO_INDIRECT = "several UDIMs: indirect light is not rendered and taken out; darken the surroundings"
 RESUMED = "resumed: "  # begins the warning of a solve that went on
-STATS = "stats"  # of a block: (1, 6) texels covered, observed, solved, filled; sum and count of squared residuals
+STATS = "stats"  # of a block: (1, 7) texels covered, observed, solved, filled; sum and count of squared residuals,
+# and whether its pictures are reduced
 
 
 def run(
@@ -75,7 +76,7 @@ def _run(
             yield from _told(solve_block(plan, place, window, clock), low, high, f"{message}: ", looks=False)
         began = time.perf_counter()
         for share in merge.steps(place.read_block, blocks, scene.mesh.name, folder, kind, layers_of(plan),
-                                 tiled=len(plan.udims) > 1 or plan.udims != (tiling.FIRST_UDIM,)):
+                                 tiled=plan.udims != (tiling.FIRST_UDIM,)):
             yield Progress(SOLVED + (1 - SOLVED) * share, "merge", "writing files")
         clock.seconds["merge"] = time.perf_counter() - began
         solution = total(plan, place)
@@ -142,7 +143,7 @@ def make_plan(
     scene: SceneData, settings: SolveSettings, work: Work, bounce: Bounce | None, block: int, halo: int, clock: Clock,
 ) -> Generator[Progress, None, Plan]:
     """Solve a small map, and develop the pictures."""
-    udims = tiling.udims_of(scene.mesh.uvs) if settings.udim == "all" else (tiling.FIRST_UDIM,)
+    udims = tiling.solved_udims(settings.udim, scene.mesh.uvs)
     if not udims:
         raise BadInput(f"{scene.mesh.name}: none of its faces lies in a UDIM square; unwrap the mesh")
     if len(udims) > 1 and settings.indirect != "off" and bounce is not None:
@@ -150,7 +151,7 @@ def make_plan(
         scene = replace(scene, warnings=(*scene.warnings, NO_INDIRECT))
     small = tiling.layout(settings.size, udims)
     mesh = replace(scene.mesh, grid=small.grid(scene.mesh.uvs), extent=float(small.columns))
-    read = partial(read_reference, max_pixels=most_pixels(scene.views, PICTURES * thread.settings().memory))
+    read = partial(read_reference, max_pixels=most_pixels(scene.views, tiling.PICTURES * thread.settings().memory))
     began = time.perf_counter()
     made: Outcome = yield from _told(
         outcome(replace(scene, mesh=mesh), replace(settings, size=small.size), read, bounce), 0.0, 0.7 * PLANNED,
@@ -184,15 +185,9 @@ def _with_every_material(
 def _told(
     steps: Generator[Progress, None, Result], low: float, high: float, prefix: str, looks: bool = True,
 ) -> Generator[Progress, None, Result]:
-    """Steps as a part of the whole.  A stop ends them; they have nothing to keep.  Looks at a block show no map."""
-    while True:
-        try:
-            step = next(steps)
-        except StopIteration as end:
-            result: Result = end.value
-            return result
-        yield Progress(low + (high - low) * step.fraction, step.stage, prefix + step.message,
-                       step.look if looks else None)
+    """Steps as a part of the whole.  Looks at a block show no map."""
+    return (yield from retold(steps, lambda step: Progress(
+        low + (high - low) * step.fraction, step.stage, prefix + step.message, step.look if looks else None)))
 
 
 def _developed(views: tuple[View, ...], work: Work) -> Generator[Progress, None, None]:
@@ -235,8 +230,10 @@ def total(plan: Plan, work: Work) -> Solution:
     every = np.concatenate([work.read_block(window.key)[STATS] for window in plan.windows])
     stats = every.sum(axis=0, dtype=np.float64)
     texels = dict(zip(("covered", "observed", "solved", "filled"), (int(n) for n in stats[:4]), strict=True))
-    return replace(plan.solution, texels={**texels, "kept": 0}, device=thread.device().describe(),
-                   residual=float(np.sqrt(stats[4] / max(stats[5], 1.0))))
+    told = (f"{int(stats[6])} of {len(every)} blocks see their pictures reduced, to fit into {plan.memory:g} GB; "
+            "more Memory shows more of them",) if stats[6] else ()
+    return replace(plan.solution, texels={**texels, "kept": 0}, warnings=(*plan.solution.warnings, *told),
+                   device=thread.device().describe(), residual=float(np.sqrt(stats[4] / max(stats[5], 1.0))))
 
 
 def _solved(
@@ -253,11 +250,11 @@ def _solved(
     if not covered.any():
         grid.release()
         mesh.release()
-        return _unseen(plan, side, around), np.zeros((1, 6))
+        return _unseen(plan, side, around), np.zeros((1, 7))
     slots = np.where(covered, normal[..., 3].round().astype(np.int32), -1)
     settings = replace(plan.settings, size=side, loss="robust" if plan.robust else "squares",
                        seed=(plan.settings.seed + zlib.crc32(window.key.encode())) % 2**31)
-    views, pictures = _views(plan, work, position[..., :3], normal[..., :3], covered)
+    views, pictures, reduced = _views(plan, work, position[..., :3], normal[..., :3], covered)
     scene = replace(plan.scene, mesh=mesh.mesh, views=views, warnings=(), skipped=())
     part = Part(covered.astype(np.float32), np.zeros_like(covered))
     observations = yield from clock.stage("observe", observe(
@@ -279,7 +276,7 @@ def _solved(
     counts = (covered[core], made.solved[core] | made.shown[core], made.good[core],
               covered[core] & made.maps.filled[core])
     return made.maps, np.array([[*(float(flags.sum()) for flags in counts), float((told[solved] ** 2).sum()),
-                                 float(solved.sum())]])
+                                 float(solved.sum()), float(reduced)]])
 
 
 def _last(plan: Plan, window: Window, slots: I32) -> Last:
@@ -291,8 +288,8 @@ def _last(plan: Plan, window: Window, slots: I32) -> Last:
 
 def _views(
     plan: Plan, work: Work, position: F32, normal: F32, covered: Bool,
-) -> tuple[tuple[View, ...], dict[int, Callable[[], RadianceImage]]]:
-    """The views as far as they show the block, and what reads their pictures, by the view's id."""
+) -> tuple[tuple[View, ...], dict[int, Callable[[], RadianceImage]], bool]:
+    """The views as far as they show the block, what reads their pictures, by the view's id, and if it reduces them."""
     whole = plan.scene.views
     files = [Picture(_picture(work, n)) for n in range(len(whole))]
     keys = [(view.camera.name, file.width, file.height) for view, file in zip(whole, files, strict=True)]
@@ -305,17 +302,16 @@ def _views(
     views = tuple(replace(view, camera=parts[key]) for view, key in zip(whole, keys, strict=True))
     read: dict[int, Callable[[], RadianceImage]] = {id(view): partial(_window, file, crops[key], scale / _scale(view))
             for view, file, key, scale in zip(views, files, keys, plan.scales, strict=True)}
-    return views, read
+    return views, read, shrink > 1
 
 
 def _shrink(plan: Plan, keys: list[tuple[str, int, int]], crops: Mapping[tuple[str, int, int], Crop]) -> int:
     """How many pixels must become one, so that a block's pictures fit into the memory."""
     views, channels = plan.scene.views, channels_needed(plan.scene.views)
-    room = PICTURES * plan.memory * 1e9
-    needed = sum(16 * (2 + len(view.lights) * channels) * crops[key].pixels
-                 for view, key in zip(views, keys, strict=True))
-    needed += sum(72 * crop.pixels for crop in crops.values())
-    return max(1, int(np.ceil(np.sqrt(needed / room))))
+    lights = {key: [len(view.lights) for view, other in zip(views, keys, strict=True) if other == key] for key in crops}
+    needed = sum(bytes_per_pixel(len(lights[key]), channels * sum(lights[key]), 1) * crop.pixels
+                 for key, crop in crops.items())
+    return max(1, int(np.ceil(np.sqrt(needed / (tiling.PICTURES * plan.memory * 1e9)))))
 
 
 def _window(picture: Picture, crop: Crop, scale: float) -> RadianceImage:

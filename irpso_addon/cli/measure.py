@@ -20,7 +20,7 @@ from ..core.chart import Chart, Curve, Panel
 from ..core.data import F64, Bool, RadianceImage, SceneData, Solution, View
 from ..core.errors import BadInput, Cancelled
 from ..core.image import read_reference
-from ..core.job import Progress
+from ..core.job import Progress, retold
 from ..core.params import SolveSettings
 from ..core.predict import Surface, surface
 from ..core.report import versions
@@ -99,13 +99,7 @@ def measure(
 
 def _part(job: Job[Result], done: float, share: float, message: str) -> Job[Result]:
     """A job as part of this one."""
-    while True:
-        try:
-            step = next(job)
-        except StopIteration as end:
-            result: Result = end.value
-            return result
-        yield Progress(done + share * step.fraction, "compare", message)
+    return (yield from retold(job, lambda step: Progress(done + share * step.fraction, "compare", message)))
 
 
 def _solve(scene: SceneData, settings: SolveSettings, read_image: ReadImage) -> Job[Solution]:

@@ -18,7 +18,7 @@ from .errors import BadInput
 from .params import SolveSettings
 from .report import write_report
 from .text_file import read_text
-from .tiling import BLOCK, FIRST_UDIM, HALO, is_large, layout, windows
+from .tiling import BLOCK, FIRST_UDIM, HALO, PICTURES, is_large, layout, windows
 
 COVERED = 0.8  # of a map's texels lie in UV islands ...
 SHOWN = 0.35  # ... and of a picture's pixels show the object
@@ -90,10 +90,12 @@ def estimate(
 
     ``udims``: of the squares that are solved.
     """
+    large = is_large(settings.size, udims)
+    if large:
+        memory *= PICTURES
     each = bytes_per_pixel(len(views), sum(v.lights for v in views), len({v.camera for v in views}))
     largest = max((v.width * v.height for v in views), default=0)
     reduced = min(1.0, memory * 1e9 / each / max(largest, 1))
-    large = is_large(settings.size, udims)
     taken = predicted(views, settings, factors, reduced, rounds, udims)
     known = [factors.get(key) for key in (_key(stage, settings) for stage in taken)]
     usual = _mean([factor for key, factor in factors.items() if not key.startswith(COMPILED)])
@@ -101,7 +103,7 @@ def estimate(
     side = layout(settings.size, udims).size if large else settings.size
     texels, pixels = side**2, largest * reduced
     atlas = min(ATLAS_BYTES, 512 * 128 * 16 * sum(2 + v.lights for v in views))
-    reading = DEVELOPING if large else READING * 60 * largest
+    reading = DEVELOPING if large else int(READING * min(60 * largest, DEVELOPING + 20 * pixels))
     found = Estimate(
         seconds=seconds, gpu_bytes=int(each * pixels + atlas + TEXEL_BYTES * texels), disk_bytes=2 * MAP_BYTES * texels,
         host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + reading),

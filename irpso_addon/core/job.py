@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from .live import Live
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -21,3 +24,16 @@ class Progress:
     message: str = ""
     look: Callable[[], Live] | None = field(default=None, compare=False, repr=False)
     due: bool = False
+
+
+def retold(
+    steps: Generator[Progress, None, Result], tell: Callable[[Progress], Progress],
+) -> Generator[Progress, None, Result]:
+    """A job as part of another, whose progress ``tell`` makes of its own.  A stop ends it: it has nothing to keep."""
+    while True:
+        try:
+            step = next(steps)
+        except StopIteration as end:
+            result: Result = end.value
+            return result
+        yield tell(step)

@@ -20,6 +20,7 @@ CELL = 32  # texels: where a block knows nothing nearer, its holes are filled fr
 PLAN, PLAN_SQUARE = 1024, 512  # texels: width of the plan's map, and of one of several squares on it
 FIRST_UDIM, LAST_UDIM = 1001, 1999
 MOST_UDIMS = 100
+PICTURES = 0.25  # of the memory, for the plan's or a block's pictures; the rest is for maps, tables and shadows
 MARGIN = 16  # pixels around what shows a block
 FACING = -0.3  # cosine: texels that face away by more are seen by no pixel
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from irpso_addon.core import tiling
 from irpso_addon.core.errors import BadInput
+from irpso_addon.core.plan import cells_of
 from irpso_addon.core.tiling import Crop, Window
 from tests.gpu import synthetic as syn
 
@@ -120,3 +121,17 @@ def test_the_crop_holds_what_shows_the_block():
     assert away.pixels == 64  # a corner
     behind = replace(camera, world_to_camera=np.diag([1.0, 1.0, -1.0, 1.0]) @ camera.world_to_camera)
     assert tiling.crop_of(behind, 400, 300, position, normal, covered).pixels == 64
+
+
+def test_neighbouring_blocks_hear_the_same_of_their_border():
+    """Coarse cells are whole levels of both pyramids, and lie alike in blocks beside each other."""
+    layout, rng = tiling.layout(4096, (1001,)), np.random.default_rng(2)
+    values = rng.uniform(size=(layout.size, layout.size)).astype(np.float32)
+    left, right = Window(1001, 512, 512, 4096), Window(1001, 512, 1024, 4096)
+    count, width = cells_of(left), left.side
+    while width > count:
+        width = (width + 1) // 2
+    assert width == count and left.side == count * tiling.CELL
+    shared = 2 * left.halo // tiling.CELL
+    np.testing.assert_array_equal(layout.sampled(values, left, count)[:, -shared:],
+                                  layout.sampled(values, right, count)[:, :shared])

@@ -26,8 +26,10 @@ SIZE = 8  # texels of the maps
 CAPTURES = "captures.json"
 
 
-def build(folder: Path) -> list[Path]:
-    """.blend files in ``folder``: the scene, the same with maps on it, and one that is linked from another."""
+def prepare(folder: Path) -> list[Path]:
+    """.blend files below ``folder``: the scene, the same with maps on it, and one that is linked from another."""
+    folder = folder / "bases"
+    folder.mkdir()
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     files.properties.register()
     scene = bpy.context.scene

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from irpso_addon import large, pipeline
+from irpso_addon.core import tiling
 from irpso_addon.core.data import SceneData
 from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.export import layers
@@ -54,10 +55,10 @@ def solve(scene: SceneData, folder: Path, **chosen: Any) -> Found:
     """The maps of a large solve, and what its plan holds under "plan"."""
     work = folder / "work"
     folder.mkdir(exist_ok=True)
-    thread.run(lambda: large.run(scene, settings(**chosen), folder, work, "exr", block=BLOCK))
+    solution = thread.run(lambda: large.run(scene, settings(**chosen), folder, work, "exr", block=BLOCK))
     with Work(work) as place:
         plan = place.read_plan()
-        found: Found = {"plan": plan}
+        found: Found = {"plan": plan, "warnings": solution.warnings}
         for name in large.layers_of(plan):
             first = place.read_block(plan.windows[0].key)[name]
             whole = np.zeros((plan.settings.size,) * 2 + first.shape[2:], np.float32)
@@ -134,9 +135,12 @@ def test_little_memory_shrinks_the_pictures(
     window = large._window
     monkeypatch.setattr(large, "_window", lambda picture, crop, scale: crops.append(crop) or window(
         picture, crop, scale))
-    monkeypatch.setattr(large, "PICTURES", 6e-4)
+    monkeypatch.setattr(tiling, "PICTURES", 6e-4)
     found = solve(scene, tmp_path / "out")
     assert {crop.shrink for crop in crops} == {2}
+    told = "4 of 4 blocks see their pictures reduced"
+    assert any(told in warning for warning in found["warnings"])
+    assert not any(told[4:] in warning for warning in blocks["warnings"])
     solved = (found["filled"] < 0.5) & (blocks["filled"] < 0.5)
     assert solved.sum() > 0.9 * (blocks["filled"] < 0.5).sum()
     assert off(found, solved)[0] < 2 * off(blocks, solved)[0] + 0.005

@@ -18,11 +18,7 @@ from ..case import Box
 HEAD = b"BLENDER"
 
 
-def prepare(folder: Path) -> list[Path]:
-    """The files that are spoilt."""
-    bases = folder / "bases"
-    bases.mkdir()
-    return stage.build(bases)
+prepare = stage.prepare  # the files that are spoilt
 
 
 def make(shared: list[Path], rng: Random, box: Box) -> Callable[[], None]:

@@ -27,11 +27,7 @@ MODIFIERS = ("SUBSURF", "MIRROR", "TRIANGULATE", "DECIMATE", "ARRAY", "SOLIDIFY"
              "EDGE_SPLIT", "WEIGHTED_NORMAL", "DATA_TRANSFER", "UV_PROJECT", "MASK")
 
 
-def prepare(folder: Path) -> list[Path]:
-    """The files that cases begin with."""
-    bases = folder / "bases"
-    bases.mkdir()
-    return stage.build(bases)
+prepare = stage.prepare  # the files that cases begin with
 
 
 def make(shared: list[Path], rng: Random, box: Box) -> Callable[[], None]:

@@ -21,10 +21,7 @@ from .. import pictures
 from ..case import Box
 from . import scenes
 
-
-def prepare(folder: Path) -> list[Path]:
-    """The files that cases begin with."""
-    return scenes.prepare(folder)
+prepare = scenes.prepare
 
 
 def make(shared: list[Path], rng: Random, box: Box) -> Callable[[], None]:
