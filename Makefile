@@ -33,6 +33,7 @@ screenshots: setup
 
 lint: setup
 	$(RUN) -m ruff check .
+	$(VENV)/bin/lint-imports --no-cache --no-logo
 	@if $(RUN) -c 'import sys; sys.exit(sys.version_info < (3, 13))'; then echo $(RUN) -m mypy; $(RUN) -m mypy; \
 	else echo "lint: mypy runs on Python 3.13 alone (this one's numpy 1.26 types too little)"; fi
 

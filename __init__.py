@@ -10,7 +10,7 @@ def register() -> None:
     from .irpso_addon.blender import registration
     from .operators import CLASSES
 
-    registration.register(CLASSES)
+    registration.register(CLASSES, _command)
 
 
 def unregister() -> None:
@@ -18,3 +18,10 @@ def unregister() -> None:
     from .irpso_addon.blender import registration
 
     registration.unregister()
+
+
+def _command(argv: list[str]) -> int:
+    """``blender --command irpso``; imported when it is called, because every start of Blender would pay for it."""
+    from .irpso_addon.__main__ import main
+
+    return main(argv)

@@ -2,7 +2,7 @@
 
     core/       numpy only: parameters, data, BRDF twin, lights, images, captures, reports
     gpu/        moderngl + numpy: the GL thread, shaders, G-buffer, observation, solve, fill
-    pipeline.py the whole flow: scene -> gbuffer -> observe -> solve -> maps
+    solve/pipeline.py the whole flow: scene -> gbuffer -> observe -> solve -> maps
     blender/    the only room that imports bpy: scene in, material out, panels
     __main__.py the command line
 

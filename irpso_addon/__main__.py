@@ -16,7 +16,7 @@ from pathlib import Path
 from .cli import console, options
 from .core import log
 from .core.errors import BadInput, Cancelled
-from .core.report import peak_memory
+from .core.reporting.report import peak_memory
 
 WITHOUT_BLENDER = ("tile", "merge")  # commands of a farm's workers, which have none
 

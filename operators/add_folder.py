@@ -8,10 +8,10 @@ from typing import Any
 import bpy
 
 from ..irpso_addon.blender import properties
+from ..irpso_addon.core.capture.file_preview import same_file
+from ..irpso_addon.core.capture.matching import Match, match
 from ..irpso_addon.core.errors import BadInput
-from ..irpso_addon.core.glance import same_file
-from ..irpso_addon.core.matching import Match, match
-from .paths import absolute, stored
+from .helpers.paths import absolute, stored
 
 SUFFIXES = {".exr", ".hdr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".webp", ".tga", ".bmp", ".dpx", ".cin", ".jp2"}
 MOST = 2000  # images of one folder

@@ -5,7 +5,8 @@ import math
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty
 
-from ..irpso_addon.blender import rigs, session
+from ..irpso_addon.blender.jobs import session
+from ..irpso_addon.blender.sample import rigs
 from ..irpso_addon.core.errors import BadInput
 
 ITEMS = tuple((key, name, text) for key, (name, text) in rigs.KINDS.items())

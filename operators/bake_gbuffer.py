@@ -7,12 +7,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..irpso_addon.blender import material
-from ..irpso_addon.blender.jobs import Task
-from ..irpso_addon.blender.scene_material import read_normal_maps
-from ..irpso_addon.blender.scene_mesh import read_mesh
+from ..irpso_addon.blender.jobs.jobs import Task
+from ..irpso_addon.blender.material import material
+from ..irpso_addon.blender.scene.scene_material import read_normal_maps
+from ..irpso_addon.blender.scene.scene_mesh import read_mesh
 from ..irpso_addon.core.data import SceneData
-from .modal_job import ModalJob
+from .helpers.modal_job import ModalJob
 
 
 class IRPSO_OT_bake_gbuffer(ModalJob, bpy.types.Operator):
@@ -28,7 +28,7 @@ class IRPSO_OT_bake_gbuffer(ModalJob, bpy.types.Operator):
         warn = partial(self.report, {"WARNING"})
         mesh = read_mesh(obj, context.evaluated_depsgraph_get(), read_normal_maps(obj, warn), warn)
         data = SceneData(name=obj.name, mesh=mesh, occluders=np.zeros((0, 3, 3), np.float32), views=())
-        return Task("pipeline:bake_gbuffer", (data, size))
+        return Task("solve.pipeline:bake_gbuffer", (data, size))
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
         """Writes the images."""

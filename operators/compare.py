@@ -7,13 +7,16 @@ from typing import Any
 
 import bpy
 
-from ..irpso_addon.blender import files, properties, readiness, scene, session, views
-from ..irpso_addon.blender.jobs import Task
-from ..irpso_addon.cli.measure import figure, hold_out
+from ..irpso_addon.blender import files, properties
+from ..irpso_addon.blender.jobs import session
+from ..irpso_addon.blender.jobs.jobs import Task
+from ..irpso_addon.blender.scene import readiness, scene
+from ..irpso_addon.blender.viewer import views
+from ..irpso_addon.compare.measure import figure, hold_out
 from ..irpso_addon.core.errors import BadInput
-from ..irpso_addon.core.report import write_report
-from .modal_job import ModalJob
-from .paths import absolute, captures_path
+from ..irpso_addon.core.reporting.report import write_report
+from .helpers.modal_job import ModalJob
+from .helpers.paths import absolute, captures_path
 
 HOLD_OUT = 5  # every so many a view is predicted, not solved from
 PASSES = (100, 400, 1600)  # of the algorithm as published
@@ -45,7 +48,7 @@ class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
             absolute(context.scene.irpso.out)
         settings = replace(properties.settings(context.scene.irpso), size=chosen.compare_size, start="anew")
         fit, held = hold_out(scene.read_scene(context, obj.name, captures_path(context.scene)), HOLD_OUT, False)
-        return Task("cli.measure:measure", (fit, held, None, settings, PASSES if chosen.compare_paper else ()))
+        return Task("compare.measure:measure", (fit, held, None, settings, PASSES if chosen.compare_paper else ()))
 
     def tick(self, _obj: bpy.types.Object) -> None:
         """Which method is at work."""

@@ -4,12 +4,13 @@ from pathlib import Path
 
 import bpy
 
-from ..irpso_addon.blender import properties, session
-from ..irpso_addon.core import map_files
+from ..irpso_addon.blender import properties
+from ..irpso_addon.blender.jobs import session
 from ..irpso_addon.core.errors import BadInput
-from ..irpso_addon.core.export import write_maps
-from .needs_solution import NeedsSolution
-from .paths import absolute
+from ..irpso_addon.core.maps import map_set
+from ..irpso_addon.core.maps.export import write_maps
+from .helpers.needs_solution import NeedsSolution
+from .helpers.paths import absolute
 
 
 class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
@@ -42,7 +43,7 @@ class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
             folder = Path(absolute(self.directory or settings.out))
             solution, files = self.solution(obj), session.files_of(obj)
             paths = (write_maps(solution.maps, obj.name, folder, kind) if files is None
-                     else map_files.export(files, obj.name, folder, kind))
+                     else map_set.export(files, obj.name, folder, kind))
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

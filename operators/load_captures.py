@@ -4,9 +4,9 @@ from pathlib import Path
 
 import bpy
 
-from ..irpso_addon.core.captures import CaptureView, read_captures
+from ..irpso_addon.core.capture.captures import CaptureView, read_captures
 from ..irpso_addon.core.errors import BadInput
-from .paths import captures_path, stored
+from .helpers.paths import captures_path, stored
 
 
 class IRPSO_OT_load_captures(bpy.types.Operator):

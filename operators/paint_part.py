@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..irpso_addon.blender import steer
+from ..irpso_addon.blender.jobs import solve_region
 
 
 class IRPSO_OT_paint_part(bpy.types.Operator):
@@ -30,7 +30,7 @@ class IRPSO_OT_paint_part(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Makes the group or image where there is none."""
         obj, settings = context.active_object, context.scene.irpso
-        mode = steer.MODES[settings.region][0]
+        mode = solve_region.MODES[settings.region][0]
         if obj.mode == mode:
             bpy.ops.object.mode_set(mode="OBJECT")
             return {"FINISHED"}

@@ -2,8 +2,8 @@
 
 import bpy
 
-from ..irpso_addon.core.glance import same_file
-from .needs_views import NeedsViews
+from ..irpso_addon.core.capture.file_preview import same_file
+from .helpers.needs_views import NeedsViews
 
 
 class IRPSO_OT_remove_duplicate_views(NeedsViews, bpy.types.Operator):

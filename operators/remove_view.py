@@ -2,7 +2,7 @@
 
 import bpy
 
-from .needs_views import NeedsViews
+from .helpers.needs_views import NeedsViews
 
 
 class IRPSO_OT_remove_view(NeedsViews, bpy.types.Operator):

@@ -2,7 +2,8 @@
 
 import bpy
 
-from ..irpso_addon.blender import sample, session
+from ..irpso_addon.blender.jobs import session
+from ..irpso_addon.blender.sample import sample
 
 
 class IRPSO_OT_sample_scene(bpy.types.Operator):

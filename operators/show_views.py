@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..irpso_addon.blender import views
+from ..irpso_addon.blender.viewer import views
 
 
 class IRPSO_OT_show_views(bpy.types.Operator):

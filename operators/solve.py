@@ -8,30 +8,21 @@ from typing import Any
 
 import bpy
 
-from ..irpso_addon import large
-from ..irpso_addon.blender import (
-    estimates,
-    indirect,
-    jobs,
-    live,
-    material,
-    properties,
-    readiness,
-    scene,
-    session,
-    steer,
-    views,
-    writable,
-)
-from ..irpso_addon.blender.jobs import Task
-from ..irpso_addon.blender.readiness import solve_objects
-from ..irpso_addon.core import tiling
+from ..irpso_addon.blender import properties
+from ..irpso_addon.blender.jobs import indirect, jobs, live_display, session, solve_region, solve_speed
+from ..irpso_addon.blender.jobs.jobs import Task
+from ..irpso_addon.blender.material import material, material_preflight
+from ..irpso_addon.blender.scene import readiness, scene
+from ..irpso_addon.blender.scene.readiness import solve_objects
+from ..irpso_addon.blender.viewer import views
 from ..irpso_addon.core.data import SceneData, Solution
 from ..irpso_addon.core.errors import BadInput
-from ..irpso_addon.core.estimate import check_disk, size_of
 from ..irpso_addon.core.params import SolveSettings
-from .modal_job import ModalJob
-from .paths import absolute, captures_path
+from ..irpso_addon.core.reporting.estimates import check_disk, size_of
+from ..irpso_addon.core.tiled import uv_blocks
+from ..irpso_addon.solve import tiled_solve
+from .helpers.modal_job import ModalJob
+from .helpers.paths import absolute, captures_path
 
 
 class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
@@ -45,7 +36,7 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         name="Write Maps", description="Put the maps on the object's materials when done", default=True,
         options={"HIDDEN", "SKIP_SAVE"})
 
-    _live: live.LiveMaps | None = None
+    _live: live_display.LiveMaps | None = None
     _label = ""
     _folder: Path | None = None  # of the files of large maps; None: the maps go into the .blend
     _work = Path()  # of large maps: what is finished of them
@@ -60,7 +51,9 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         """A mesh that maps can go onto, with views."""
         if not super().poll(context):
             return False
-        why = None if bpy.app.background else writable.why_not(context.active_object) or readiness.why_not(context)
+        why = None
+        if not bpy.app.background:
+            why = material_preflight.why_not(context.active_object) or readiness.why_not(context)
         if why is not None:
             cls.poll_message_set(why)
         return why is None
@@ -72,9 +65,9 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
     def task(self, context: bpy.types.Context, obj: bpy.types.Object) -> Task:
         """Reads the scene and the panel's settings."""
         settings = properties.settings(context.scene.irpso)
-        data = steer.steered(context, obj, scene.read_scene(context, obj.name, captures_path(context.scene)))
+        data = solve_region.steered(context, obj, scene.read_scene(context, obj.name, captures_path(context.scene)))
         if self.write:
-            writable.check(obj, data.mesh)
+            material_preflight.check(obj, data.mesh)
         self._label = f"{settings.method}, {settings.model}, {settings.size}{', part' if data.region else ''}"
         name, arguments = self._asked_for(context, data, settings)
         if settings.indirect == "off":
@@ -90,28 +83,28 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         self, context: bpy.types.Context, data: SceneData, settings: SolveSettings,
     ) -> tuple[str, tuple[Any, ...]]:
         """The task and its arguments but for the last; large maps become files in the panel's folder."""
-        udims, scene_settings = tiling.solved_udims(settings.udim, data.mesh.uvs), context.scene.irpso
+        udims, scene_settings = uv_blocks.solved_udims(settings.udim, data.mesh.uvs), context.scene.irpso
         self._folder, self._udims = None, ()
-        if not tiling.is_large(settings.size, udims):
-            return "pipeline:solve", (data, settings, None)
-        large.check(data, settings)
+        if not uv_blocks.is_large(settings.size, udims):
+            return "solve.pipeline:solve", (data, settings, None)
+        tiled_solve.check(data, settings)
         self._udims, self._kind = udims, scene_settings.format
         self._folder, self._subject = Path(absolute(scene_settings.out)), data.mesh.name
-        self._work = large.work_folder(self._folder, self._subject)
-        found = estimates.of(context)
+        self._work = tiled_solve.work_folder(self._folder, self._subject)
+        found = solve_speed.of(context)
         if found is not None:
             check_disk(self._folder, found.disk_bytes, size_of(self._work))
-        return "large:solve_to", (data, settings, self._folder, self._kind)
+        return "solve.tiled_solve:solve_to", (data, settings, self._folder, self._kind)
 
     def start(self, task: Task, obj: bpy.types.Object) -> None:
         """The solve in one process, first looks at it in another."""
         data, settings = self._asked = task.arguments[:2]
         if self._folder is not None:  # its plan is what is seen
-            settings = replace(settings, size=tiling.layout(settings.size, self._udims).size)
-        maps = self._live = live.LiveMaps(data, settings)
+            settings = replace(settings, size=uv_blocks.layout(settings.size, self._udims).size)
+        maps = self._live = live_display.LiveMaps(data, settings)
         running = session.start(task.start(maps.take), self.bl_label, obj.session_uid)
         running.curve = maps.curve
-        if self._udims not in ((), (tiling.FIRST_UDIM,)):
+        if self._udims not in ((), (uv_blocks.FIRST_UDIM,)):
             return  # it looks at the 0-1 square
         with suppress(BadInput):  # looks are welcome, not needed
             running.preview = jobs.preview((replace(data, start=None), settings), maps.take_preview)
@@ -142,9 +135,9 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         if self._folder is not None:
             files = material.files_of(self._subject, solution.maps, self._folder, self._kind, self._udims)
         session.keep(obj, solution, self._label, files)
-        resumed = any(warning.startswith(large.RESUMED) for warning in solution.warnings)
+        resumed = any(warning.startswith(tiled_solve.RESUMED) for warning in solution.warnings)
         if not (cancelled or self._held or resumed or self._live is None):
-            estimates.learn(*self._asked, solution, self._live.seconds, self._udims or (tiling.FIRST_UDIM,))
+            solve_speed.learn(*self._asked, solution, self._live.seconds, self._udims or (uv_blocks.FIRST_UDIM,))
         messages: tuple[str, ...] = ()
         if self.write and files is not None:
             messages = material.link_files(obj, solution, files)

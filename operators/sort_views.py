@@ -4,8 +4,8 @@ from pathlib import PurePath
 
 import bpy
 
-from ..irpso_addon.core.matching import natural
-from .needs_views import NeedsViews
+from ..irpso_addon.core.capture.matching import natural
+from .helpers.needs_views import NeedsViews
 
 
 class IRPSO_OT_sort_views(NeedsViews, bpy.types.Operator):

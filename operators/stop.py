@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..irpso_addon.blender import session
+from ..irpso_addon.blender.jobs import session
 
 
 class _WhileRunning:

@@ -2,10 +2,10 @@
 
 import bpy
 
-from ..irpso_addon import examine
 from ..irpso_addon.blender import preferences
 from ..irpso_addon.core.errors import BadInput
-from ..irpso_addon.gpu import thread
+from ..irpso_addon.gpu.device import thread
+from ..irpso_addon.solve import device_test
 
 
 class IRPSO_OT_test_device(bpy.types.Operator):
@@ -30,7 +30,7 @@ class IRPSO_OT_test_device(bpy.types.Operator):
             return {"FINISHED"}
         thread.configure(preferences.device_settings())
         try:
-            tested: examine.Tested = thread.run(examine.test)
+            tested: device_test.Tested = thread.run(device_test.test)
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

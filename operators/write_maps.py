@@ -4,10 +4,11 @@ from pathlib import Path
 
 import bpy
 
-from ..irpso_addon.blender import material, session
+from ..irpso_addon.blender.jobs import session
+from ..irpso_addon.blender.material import material
 from ..irpso_addon.core.errors import BadInput
-from .needs_solution import NeedsSolution
-from .paths import absolute
+from .helpers.needs_solution import NeedsSolution
+from .helpers.paths import absolute
 
 
 class IRPSO_OT_write_maps(NeedsSolution, bpy.types.Operator):

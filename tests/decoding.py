@@ -32,7 +32,8 @@ FILES: tuple[tuple[str, str, dict[str, Any]], ...] = (
 MEASURE = """
 import os, resource, sys, time
 from pathlib import Path
-from irpso_addon.core import decode, decoder, image, pictures
+from irpso_addon.core.images import decoder_pool as decoder, oiio_reader as decode, reference_image as image
+from irpso_addon.core.tiled import reference_cache as pictures
 from tests.core.test_image import view
 way, path = sys.argv[1], Path(sys.argv[2])
 if way == "here":
@@ -117,7 +118,7 @@ SOLVE = """
 import sys
 from irpso_addon.__main__ import main
 if sys.argv.pop(1) == "here":
-    from irpso_addon.core import decode, decoder
+    from irpso_addon.core.images import decoder_pool as decoder, oiio_reader as decode
     decoder.header, decoder.bands = decode.header, decode.bands
 sys.exit(main(sys.argv[1:]))
 """

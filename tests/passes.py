@@ -20,14 +20,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from irpso_addon import large, pipeline
 from irpso_addon.core.data import SceneData
 from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.tiling import HALO
-from irpso_addon.core.work import Work
-from irpso_addon.gpu import thread
-from irpso_addon.gpu.pace import Pace
+from irpso_addon.core.tiled.uv_blocks import HALO
+from irpso_addon.core.tiled.work_folder import Work
+from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.device.draw_budget import Pace
+from irpso_addon.solve import pipeline, tiled_solve
 
 MOST = 100.0  # ms; what no pass may take
 Steps = Callable[[], Generator[Progress, None, Any]]
@@ -119,11 +119,12 @@ def a_block(scene: SceneData, settings: SolveSettings, work: Work) -> tuple[Step
     plans: list[Any] = []
 
     def plan() -> Generator[Progress, None, None]:
-        plans.append((yield from large.make_plan(scene, settings, work, None, large.BLOCK, HALO, pipeline.Clock())))
+        clock = pipeline.Clock()
+        plans.append((yield from tiled_solve.make_plan(scene, settings, work, None, tiled_solve.BLOCK, HALO, clock)))
 
     def block() -> Generator[Progress, None, None]:
         windows = plans[0].windows
-        yield from large.solve_block(plans[0], work, windows[len(windows) // 2])
+        yield from tiled_solve.solve_block(plans[0], work, windows[len(windows) // 2])
 
     return plan, block
 
@@ -175,7 +176,7 @@ def _scene(path: Path) -> SceneData:
     from irpso_addon.blender import files, oiio
 
     oiio.ensure_openimageio()
-    from irpso_addon.blender.scene import read_scene
+    from irpso_addon.blender.scene.scene import read_scene
 
     files.open_blend(path)
     captures = path.parent / "captures.json"

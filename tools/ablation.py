@@ -21,14 +21,14 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon import pipeline  # noqa: E402  # the checkout is no installed package
 from irpso_addon.blender.files import open_blend  # noqa: E402
-from irpso_addon.blender.scene import read_scene  # noqa: E402
+from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.cli.demo import make, score  # noqa: E402
-from irpso_addon.core import vase  # noqa: E402
 from irpso_addon.core.data import Solution  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
-from irpso_addon.gpu import thread  # noqa: E402
+from irpso_addon.core.samples import vase  # noqa: E402
+from irpso_addon.gpu.device import thread  # noqa: E402
+from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
 
 VARIANTS: list[tuple[str, dict[str, float], bool]] = [
     ("all of it", {}, False),
@@ -67,7 +67,7 @@ def main() -> int:
         with ExitStack() as stack:
             for key, value in constants.items():
                 module, constant = key.split(".")
-                target = "irpso_addon.pipeline" if module == "pipeline" else f"irpso_addon.gpu.{module}"
+                target = "irpso_addon.solve.pipeline" if module == "pipeline" else f"irpso_addon.gpu.{module}"
                 stack.enter_context(patch(f"{target}.{constant}", value))
             data = replace(scene, pixel_filter=0.01) if points else scene
             solution: Solution = thread.run(lambda data=data: pipeline.solve(data, SolveSettings(size=size)))

@@ -17,14 +17,14 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon.blender import demo  # noqa: E402  # the checkout is no installed package
 from irpso_addon.blender.files import open_blend  # noqa: E402
-from irpso_addon.blender.scene import read_scene  # noqa: E402
+from irpso_addon.blender.sample import demo  # noqa: E402  # the checkout is no installed package
+from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.cli.demo import make  # noqa: E402
 from irpso_addon.core.data import SceneData, Solution  # noqa: E402
-from irpso_addon.core.estimate import Taken, estimate, learnt  # noqa: E402
 from irpso_addon.core.params import DeviceSettings, SolveSettings  # noqa: E402
-from irpso_addon.remote import Remote  # noqa: E402
+from irpso_addon.core.reporting.estimates import Taken, estimate, learnt  # noqa: E402
+from irpso_addon.process.remote import Remote  # noqa: E402
 
 PAGE = """\
 # The estimate before a solve
@@ -86,7 +86,7 @@ def main() -> None:
 def solve(data: SceneData, settings: SolveSettings) -> tuple[Solution, float]:
     """A solve in a process of its own, and its seconds from start to result."""
     start = time.perf_counter()
-    solution: Solution = Remote("pipeline:solve", data, settings).result()
+    solution: Solution = Remote("solve.pipeline:solve", data, settings).result()
     return solution, time.perf_counter() - start
 
 

@@ -28,9 +28,9 @@ from typing import IO, Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon import examine, farm, large  # noqa: E402  # the checkout is no installed package
 from irpso_addon.core.params import SolveSettings  # noqa: E402
-from irpso_addon.gpu import thread  # noqa: E402
+from irpso_addon.gpu.device import thread  # noqa: E402
+from irpso_addon.solve import device_test, farm, tiled_solve  # noqa: E402  # the checkout is no installed package
 from tests.gpu.squares import write_scene  # noqa: E402
 from tools.farm_page import write_page  # noqa: E402
 from tools.farm_simulation import Costs  # noqa: E402
@@ -70,8 +70,8 @@ def child(what: str, folder: Path) -> None:
         farm.write_job(plan, folder / "job", TILE, "exr", None)
     else:
         (folder / "alone").mkdir()
-        thread.run(lambda: large.run(scene, settings, folder / "alone", folder / "alone_work", "exr"))
-    print(json.dumps({"seconds": time.process_time() - started, "device": thread.run(examine.detect).renderer}))
+        thread.run(lambda: tiled_solve.run(scene, settings, folder / "alone", folder / "alone_work", "exr"))
+    print(json.dumps({"seconds": time.process_time() - started, "device": thread.run(device_test.detect).renderer}))
 
 
 def measure(folder: Path) -> dict[str, Any]:

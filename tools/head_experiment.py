@@ -20,21 +20,21 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon import pipeline  # noqa: E402  # the checkout is no installed package
-from irpso_addon.blender.scene import read_scene  # noqa: E402
-from irpso_addon.cli.judge import GLOSS, Judge, make_judge  # noqa: E402
+from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
+from irpso_addon.compare.judge import GLOSS, Judge, make_judge  # noqa: E402
 from irpso_addon.core.data import F32, Bool, Maps, SceneData, Solution  # noqa: E402
 from irpso_addon.core.errors import BadInput  # noqa: E402
-from irpso_addon.core.image import read_reference  # noqa: E402
+from irpso_addon.core.evaluation.metrics import at_size  # noqa: E402
+from irpso_addon.core.images.reference_image import read_reference  # noqa: E402
 from irpso_addon.core.job import Progress  # noqa: E402
-from irpso_addon.core.metrics import at_size  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
-from irpso_addon.gpu import thread  # noqa: E402
-from irpso_addon.gpu.atlas import CameraSource  # noqa: E402
-from irpso_addon.gpu.fill import fill  # noqa: E402
-from irpso_addon.gpu.ladder import Ladder  # noqa: E402
-from irpso_addon.gpu.observe import observe  # noqa: E402
-from irpso_addon.gpu.surface import MeshBuffer  # noqa: E402
+from irpso_addon.gpu.device import thread  # noqa: E402
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer  # noqa: E402
+from irpso_addon.gpu.maps.fill import fill  # noqa: E402
+from irpso_addon.gpu.observe.observation_atlas import CameraSource  # noqa: E402
+from irpso_addon.gpu.observe.observations import observe  # noqa: E402
+from irpso_addon.gpu.solve.model_ladder import Ladder  # noqa: E402
+from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
 from tools import head_page as page  # noqa: E402
 from tools import head_scene as scan  # noqa: E402
 from tools.head_page import Options, Pixels, Record, Result  # noqa: E402

@@ -13,10 +13,11 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from irpso_addon.blender import picture
-from irpso_addon.core.colour import linear_to_srgb
+from irpso_addon.blender.sample import contact_sheet
 from irpso_addon.core.data import F32, F64, Bool, Solution
-from irpso_addon.core.metrics import FAIL, at_size, psnr
+from irpso_addon.core.evaluation.metrics import FAIL, psnr
+from irpso_addon.core.images.colour import linear_to_srgb
+from irpso_addon.core.resampling import at_size
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "head.md"
@@ -147,8 +148,8 @@ def parts(record: Record, result: Result) -> dict[str, Bool]:
 def draw(record: Record, folder: Path) -> None:
     """Write both pictures."""
     folder.mkdir(parents=True, exist_ok=True)
-    picture.save(folder / "head_one_image.jpg", _rows(record.pixels, record.one))
-    picture.save(folder / "head_many_lights.jpg", _rows(record.pixels, record.many))
+    contact_sheet.save(folder / "head_one_image.jpg", _rows(record.pixels, record.one))
+    contact_sheet.save(folder / "head_many_lights.jpg", _rows(record.pixels, record.many))
 
 
 def _rows(pixels: Pixels, results: Sequence[Result]) -> list[list[tuple[str, F32]]]:

@@ -15,16 +15,16 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from irpso_addon import pipeline
-from irpso_addon.blender import material
-from irpso_addon.blender.demo import read_render
-from irpso_addon.blender.scene_mesh import read_mesh
-from irpso_addon.core.colour import srgb_to_linear
+from irpso_addon.blender.material import material
+from irpso_addon.blender.sample.demo import read_render
+from irpso_addon.blender.scene.scene_mesh import read_mesh
 from irpso_addon.core.data import F32, Bool, Maps, SceneData, Solution
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.image_file import open_image
-from irpso_addon.core.metrics import at_size
-from irpso_addon.gpu import thread
+from irpso_addon.core.images.colour import srgb_to_linear
+from irpso_addon.core.images.image_file import open_image
+from irpso_addon.core.resampling import at_size
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
 
 NAME = "Head"
 MESH, COLOURS = "LeePerrySmith.glb", "Map-COL.jpg"

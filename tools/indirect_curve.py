@@ -22,16 +22,17 @@ from mathutils import Vector
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon import pipeline  # noqa: E402  # the checkout is no installed package
-from irpso_addon.blender import demo, indirect, picture  # noqa: E402
 from irpso_addon.blender.files import open_blend  # noqa: E402
-from irpso_addon.blender.indirect import Bouncer  # noqa: E402
+from irpso_addon.blender.jobs import indirect  # noqa: E402
+from irpso_addon.blender.jobs.indirect import Bouncer  # noqa: E402
 from irpso_addon.blender.oiio import ensure_openimageio  # noqa: E402
-from irpso_addon.blender.scene import read_scene  # noqa: E402
+from irpso_addon.blender.sample import contact_sheet, demo  # noqa: E402
+from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.cli.demo import make  # noqa: E402
 from irpso_addon.core.data import F32, Solution  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
-from irpso_addon.gpu import thread  # noqa: E402
+from irpso_addon.gpu.device import thread  # noqa: E402
+from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
 
 OUT = ROOT / "docs" / "stability"
 FOOT = -0.8  # metres: the vase's foot
@@ -154,7 +155,7 @@ def relative(found: F32, truth: F32) -> F32:
 def show(made: demo.Demo, view: F32, off: Solution, auto: Solution) -> None:
     """Base colours and their errors."""
     errors = [np.where(s.maps.filled, 0, relative(s.maps.base_color, made.base_color)) for s in (off, auto)]
-    picture.save(OUT / "indirect.jpg", [
+    contact_sheet.save(OUT / "indirect.jpg", [
         [("Base colour: truth", encoded(made.base_color)), ("bounced light ignored", encoded(off.maps.base_color)),
          ("bounced light rendered", encoded(auto.maps.base_color))],
         [("A view", view), *((f"{words}: error, white: 50 %", np.repeat(2 * e[..., None], 3, -1))

@@ -24,10 +24,10 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon.core import vase  # noqa: E402  # the checkout is no installed package
 from irpso_addon.core.data import F32, F64  # noqa: E402
-from irpso_addon.core.metrics import psnr  # noqa: E402
-from irpso_addon.core.tiling import BLOCK, ONE_PIECE  # noqa: E402
+from irpso_addon.core.evaluation.metrics import psnr  # noqa: E402
+from irpso_addon.core.samples import vase  # noqa: E402  # the checkout is no installed package
+from irpso_addon.core.tiled.uv_blocks import BLOCK, ONE_PIECE  # noqa: E402
 
 PAINTED = 4096  # texels of the truth that Cycles renders
 SAMPLES = 4  # of a pixel
@@ -82,7 +82,7 @@ def main() -> int:
 
 def _make(folder: Path, pixels: int) -> None:
     """The vase, painted finely, its pictures, and what a solve may know."""
-    from irpso_addon.blender import demo
+    from irpso_addon.blender.sample import demo
 
     strips = [vase.truth(PAINTED, y, y + STRIP) for y in range(0, PAINTED, STRIP)]
     base, rough = (np.concatenate([strip[i] for strip in strips]) for i in range(2))

@@ -111,7 +111,7 @@ def ours(kind: type) -> list[Any]:
 
 def panels() -> str:
     """Where each panel is, and what it is for; sub-panels below their own."""
-    order = sys.modules[f"{EXTENSION}.irpso_addon.blender.panels"].CLASSES
+    order = sys.modules[f"{EXTENSION}.irpso_addon.blender.ui.panels"].CLASSES
     found = [cls for cls in order if issubclass(cls, bpy.types.Panel)]
     names = {cls.__name__: cls.bl_label for cls in found}
     rows = []

@@ -1,4 +1,4 @@
-"""Recompute the integrals that ``irpso_addon/core/tables.py`` reads: ``principled_ior15.npz``.
+"""Recompute the integrals that ``irpso_addon/core/shading/tables.py`` reads: ``principled_ior15.npz``.
 
     python tools/make_tables.py [--check]
 
@@ -23,15 +23,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from irpso_addon.core.data import F64
-from irpso_addon.core.tables import (
-    FRESNEL_NODES,
-    LOBE_NODES,
-    NODES,
-    SLICES,
-    Nodes,
-    bilinear,
-    energy,
-)
+from irpso_addon.core.shading.tables import FRESNEL_NODES, LOBE_NODES, NODES, SLICES, Nodes, bilinear, energy
 
 SMALLEST = 1e-4  # roughness and cosine of the first node: 0 itself is degenerate
 POINTS = 46368  # of a Fibonacci lattice on the unit square (46368 and 28657 are neighbours)

@@ -17,15 +17,15 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon import pipeline  # noqa: E402  # the checkout is no installed package
-from irpso_addon.blender.demo import NAME  # noqa: E402
 from irpso_addon.blender.files import open_blend  # noqa: E402
-from irpso_addon.blender.scene import read_scene  # noqa: E402
-from irpso_addon.core import vase  # noqa: E402
+from irpso_addon.blender.sample.demo import NAME  # noqa: E402
+from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.core.data import SceneData, Solution  # noqa: E402
-from irpso_addon.core.metrics import map_errors  # noqa: E402
+from irpso_addon.core.evaluation.metrics import map_errors  # noqa: E402
 from irpso_addon.core.params import DeviceSettings, SolveSettings  # noqa: E402
-from irpso_addon.gpu import thread  # noqa: E402
+from irpso_addon.core.samples import vase  # noqa: E402
+from irpso_addon.gpu.device import thread  # noqa: E402
+from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
 
 
 def main() -> None:

@@ -23,10 +23,10 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from irpso_addon.core.params import SolveSettings  # noqa: E402  # the checkout is no installed package
-from irpso_addon.core.tables import principled_table  # noqa: E402
-from irpso_addon.gpu.atlas import ArraySource  # noqa: E402
-from irpso_addon.gpu.context import Device  # noqa: E402
-from irpso_addon.gpu.paper import Limits, Swarms  # noqa: E402
+from irpso_addon.core.shading.tables import principled_table  # noqa: E402
+from irpso_addon.gpu.device.context import Device  # noqa: E402
+from irpso_addon.gpu.observe.observation_atlas import ArraySource  # noqa: E402
+from irpso_addon.gpu.solve.paper_swarm import Limits, Swarms  # noqa: E402
 from tests.bench.measure import machine  # noqa: E402
 from tests.bench.problem import Estimate, Problem, Spec, make  # noqa: E402
 

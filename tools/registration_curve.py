@@ -27,17 +27,18 @@ import matplotlib.pyplot as plt
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon import pipeline  # noqa: E402  # the checkout is no installed package
-from irpso_addon.blender import demo, material  # noqa: E402
 from irpso_addon.blender.files import open_blend  # noqa: E402
-from irpso_addon.blender.scene import read_scene  # noqa: E402
+from irpso_addon.blender.material import material  # noqa: E402
+from irpso_addon.blender.sample import demo  # noqa: E402
+from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.cli.demo import make  # noqa: E402
-from irpso_addon.core import vase  # noqa: E402
+from irpso_addon.core.checks.registration import moved  # noqa: E402
 from irpso_addon.core.data import F32, Bool, SceneData, Solution  # noqa: E402
-from irpso_addon.core.metrics import at_size, map_errors, psnr  # noqa: E402
+from irpso_addon.core.evaluation.metrics import at_size, map_errors, psnr  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
-from irpso_addon.core.registration import moved  # noqa: E402
-from irpso_addon.gpu import thread  # noqa: E402
+from irpso_addon.core.samples import vase  # noqa: E402
+from irpso_addon.gpu.device import thread  # noqa: E402
+from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
 
 OUT, PAGE = ROOT / "build" / "registration", ROOT / "docs" / "stability" / "registration.md"
 RESULTS = OUT / "results"
@@ -251,7 +252,7 @@ pixels at borders of the paint are then given to the wrong texels, and what diff
 Exposures that drift do the same everywhere: a view that is brighter than its light explains looks like a highlight.
 
 **What is done.** After a solve each view is laid beside what the maps say that it should show
-(`core/registration.py`). The paint cannot tell where a camera looks, because the maps are what the views agree on; so
+(`registration.py`). The paint cannot tell where a camera looks, because the maps are what the views agree on; so
 it is eliminated, and shading, shadows, highlights and the silhouette (where the images have alpha or a mask) tell the
 shift. One view of a camera that moved by itself stands out against the others and is named. What is beyond doubt (four
 standard errors, 0.02 pixels) is put right, and the solve repeated, up to three rounds. Exposures are put right only

@@ -26,15 +26,16 @@ from mathutils import Vector
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon import pipeline  # noqa: E402  # the checkout is no installed package
-from irpso_addon.blender import demo, indirect, picture  # noqa: E402
 from irpso_addon.blender.files import open_blend  # noqa: E402
+from irpso_addon.blender.jobs import indirect  # noqa: E402
 from irpso_addon.blender.oiio import ensure_openimageio  # noqa: E402
-from irpso_addon.blender.scene import read_scene  # noqa: E402
-from irpso_addon.core import vase  # noqa: E402
+from irpso_addon.blender.sample import contact_sheet, demo  # noqa: E402
+from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.core.data import F32, Solution  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
-from irpso_addon.gpu import thread  # noqa: E402
+from irpso_addon.core.samples import vase  # noqa: E402
+from irpso_addon.gpu.device import thread  # noqa: E402
+from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
 
 PAGE, PICTURES = ROOT / "docs" / "shooting.md", ROOT / "docs" / "images" / "shooting"
 PIXELS = TEXELS = 160
@@ -136,8 +137,8 @@ def main() -> int:
     rows = [row(shoot.title, outcome, None if shoot is RIGHT else right) for shoot, outcome in taken.items()]
     print(*rows, sep="\n")
     for name in only:
-        picture.save(PICTURES / f"{name}.jpg", [tiles("right", right), tiles(WRONG[name].title, taken[WRONG[name]])],
-                     quality=75)
+        pair = [tiles("right", right), tiles(WRONG[name].title, taken[WRONG[name]])]
+        contact_sheet.save(PICTURES / f"{name}.jpg", pair, quality=75)
     if only == list(WRONG):
         plain = {shoot.lamps: outcome for shoot, outcome in taken.items() if shoot == Shoot(shoot.title, shoot.lamps)}
         plain |= {n: take(Shoot("", lamps=n)) for n in COUNTS if n not in plain}

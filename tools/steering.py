@@ -21,16 +21,16 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon import pipeline  # noqa: E402  # the checkout is no installed package
-from irpso_addon.blender import demo  # noqa: E402
 from irpso_addon.blender.files import open_blend  # noqa: E402
-from irpso_addon.blender.scene import read_scene  # noqa: E402
+from irpso_addon.blender.sample import demo  # noqa: E402
+from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.cli.demo import make  # noqa: E402
-from irpso_addon.core import vase  # noqa: E402
 from irpso_addon.core.data import Region, SceneData, Solution  # noqa: E402
-from irpso_addon.core.metrics import map_errors  # noqa: E402
+from irpso_addon.core.evaluation.metrics import map_errors  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
-from irpso_addon.gpu import thread  # noqa: E402
+from irpso_addon.core.samples import vase  # noqa: E402
+from irpso_addon.gpu.device import thread  # noqa: E402
+from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
 
 PAGE = """\
 # A part, and a new start

@@ -1,1 +1,4 @@
-"""The library's only room that imports bpy: scene in, material out, properties and panels."""
+"""The only room of the library that imports bpy: registration, properties, preferences, presets, files, logs.
+
+May use everything but cli and operators.
+"""

@@ -9,13 +9,13 @@ import numpy as np
 
 from ..core.data import F32, Maps
 from ..core.errors import BadInput
-from ..core.image_file import open_image
-from ..core.map_files import MapFiles
-from ..core.text_file import first_bytes
-from ..core.tiling import FIRST_UDIM, ONE_PIECE
+from ..core.images.image_file import open_image
+from ..core.maps.map_set import MapFiles
+from ..core.storage.text_file import first_bytes
+from ..core.tiled.uv_blocks import FIRST_UDIM, ONE_PIECE
 from . import properties
-from .material import SUFFIXES
-from .tags import maps_of
+from .material.material import SUFFIXES
+from .material.tags import maps_of
 
 # A .blend starts so when plain, gzip (before 3.0) or Zstandard.
 MAGIC = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")

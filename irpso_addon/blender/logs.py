@@ -7,7 +7,8 @@ from typing import Any
 
 import bpy
 
-from ..core import log, report
+from ..core import log
+from ..core.versions import versions
 from .files import blender_version
 
 
@@ -19,4 +20,4 @@ def path() -> Path:
 def begin(what: str, **fields: Any) -> None:
     """Something begins: with which versions."""
     log.to_file(path())
-    log.info(what, **fields, **report.versions(), blender=blender_version(), window=not bpy.app.background)
+    log.info(what, **fields, **versions(), blender=blender_version(), window=not bpy.app.background)

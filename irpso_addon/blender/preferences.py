@@ -10,11 +10,11 @@ from bpy.types import AddonPreferences
 
 from ..core.errors import BadInput, Cancelled
 from ..core.params import DeviceSettings
-from ..examine import Detected, Tested
-from ..remote import Remote
+from ..process.remote import Remote
+from ..solve.device_test import Detected, Tested
 from . import logs
+from .panel_common import split, wrapped
 from .properties import rna
-from .tab import split, wrapped
 
 EXTENSION = (__package__ or "").rsplit(".", 2)[0]  # bl_ext.<repository>.irpso, or whatever imported us
 POLL = 0.1  # seconds
@@ -75,12 +75,12 @@ def _chosen() -> AddonPreferences | None:
 
 def detect() -> None:
     """Looks at the device, in the background."""
-    _start("examine:detect")
+    _start("solve.device_test:detect")
 
 
 def test() -> None:
     """Looks at the device and solves a small scene on it, in the background."""
-    _start("examine:test")
+    _start("solve.device_test:test")
 
 
 def testing() -> bool:

@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import atexit
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import bpy
 
-from . import (
-    jobs,
-    live,
-    panels,
-    preferences,
-    presets,
-    properties,
-    sample,
-    session,
-    thumbnails,
-    view_draw,
-    view_properties,
-    views,
-)
+from . import preferences, presets, properties
+from .jobs import jobs, live_display, session
 from .oiio import ensure_openimageio
+from .sample import sample
+from .scene import thumbnails
+from .ui import panels
+from .viewer import view_draw, view_properties, views
 
 COMMAND = "irpso"
 
@@ -31,10 +23,10 @@ _operators: Sequence[type] = ()
 _PARTS = (view_properties, views, view_draw, sample, presets)  # that register more than classes
 
 
-def register(operators: Sequence[type]) -> None:
+def register(operators: Sequence[type], command: Callable[[list[str]], int]) -> None:
     """Registers properties, operators, panels, the load handler and ``blender --command irpso``.
 
-    The root package hands in the operators: nothing in ``irpso_addon`` imports above itself.
+    The root package hands in the operators and the command line: nothing in ``irpso_addon`` imports above itself.
     """
     global _command_handle, _operators
     _operators = tuple(operators)
@@ -45,10 +37,10 @@ def register(operators: Sequence[type]) -> None:
     for part in _PARTS:
         part.register()
     bpy.app.handlers.load_pre.append(session.forget)
-    bpy.app.handlers.save_pre.append(live.on_save)
-    bpy.app.handlers.undo_post.append(live.on_undo)
-    bpy.app.handlers.redo_post.append(live.on_redo)
-    _command_handle = bpy.utils.register_cli_command(COMMAND, _command)
+    bpy.app.handlers.save_pre.append(live_display.on_save)
+    bpy.app.handlers.undo_post.append(live_display.on_undo)
+    bpy.app.handlers.redo_post.append(live_display.on_redo)
+    _command_handle = bpy.utils.register_cli_command(COMMAND, command)
     if bpy.app.module:
         atexit.register(unregister)  # as in properties.py
 
@@ -64,17 +56,11 @@ def unregister() -> None:
     preferences.forget()
     thumbnails.release()
     bpy.app.handlers.load_pre.remove(session.forget)
-    bpy.app.handlers.save_pre.remove(live.on_save)
-    bpy.app.handlers.undo_post.remove(live.on_undo)
-    bpy.app.handlers.redo_post.remove(live.on_redo)
+    bpy.app.handlers.save_pre.remove(live_display.on_save)
+    bpy.app.handlers.undo_post.remove(live_display.on_undo)
+    bpy.app.handlers.redo_post.remove(live_display.on_redo)
     for part in reversed(_PARTS):
         part.unregister()
     for cls in reversed((*_operators, *preferences.CLASSES, *panels.CLASSES)):
         bpy.utils.unregister_class(cls)
     properties.unregister()
-
-
-def _command(argv: list[str]) -> int:
-    from ..__main__ import main  # here, because every start of Blender would pay for it
-
-    return main(argv)

@@ -10,8 +10,8 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from ..core.atomic import replacing
-from ..core.chart import COLOURS, Curve, Panel
+from ..core.evaluation.chart_data import COLOURS, Curve, Panel
+from ..core.storage.atomic_io import replacing
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")  # tell apart without any colour
 GREY = "#666666"

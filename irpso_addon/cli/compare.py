@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from ..blender import files
-from ..blender.scene import read_scene
-from ..core.chart import Chart
+from ..blender.scene.scene import read_scene
+from ..compare.measure import figure, hold_out, measure
+from ..core.evaluation.chart_data import Chart
+from ..core.evaluation.ground_truth import read_truth
 from ..core.job import Progress
-from ..core.report import write_report
-from ..core.staging import Staging
-from ..core.truth import read_truth
-from ..gpu import thread
+from ..core.reporting.report import write_report
+from ..core.storage.output_transaction import Staging
+from ..gpu.device import thread
 from . import chart, console, options
-from .measure import figure, hold_out, measure
 
 TRUTH_COLUMNS = ("albedo_rmse", "rough_mae", "rough_mae_informed")
 

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..blender import demo, files, picture
+from ..blender import files
+from ..blender.sample import contact_sheet, demo
 from ..core.data import F32, Bool, Maps, Solution
-from ..core.image_writer import write_image
+from ..core.images.image_writer import write_image
 from ..core.job import Progress
 from ..core.params import SolveSettings
-from ..core.staging import Staging
+from ..core.storage.output_transaction import Staging
 from . import console
 from .solve import Request, solve
 
@@ -52,7 +53,7 @@ def run(arguments: argparse.Namespace) -> None:
     truth_relit, solved_relit = demo.read_render(made.relit), demo.read_render(relit)
     scores = score((made.base_color, made.roughness), solution.maps)
     relight = _psnr(_display(truth_relit), _display(solved_relit), truth_relit[..., 3] > 0.999)
-    picture.save(out / "demo.jpg", _tiles(made, solution.maps, scores, relight, truth_relit, solved_relit))
+    contact_sheet.save(out / "demo.jpg", _tiles(made, solution.maps, scores, relight, truth_relit, solved_relit))
     _tell(scores, relight, solution, rendered - started, time.perf_counter() - started)
     console.say(f"{out / 'demo.jpg'}: truth, estimate and error side by side")
 

@@ -12,13 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from .. import examine
 from ..blender import logs
 from ..blender.files import blender_version
 from ..core.errors import BadInput
 from ..core.params import DeviceSettings
-from ..core.report import versions
-from ..remote import Remote, Worker
+from ..core.versions import versions
+from ..process.remote import Remote, Worker
+from ..solve import device_test
 from . import console, options
 
 POLL = 0.1  # seconds
@@ -33,10 +33,10 @@ def run(arguments: argparse.Namespace) -> None:
     console.table(("program", "here"), rows)  # each table at once: a driver may hang
     try:
         with _Apart(settings) as apart:
-            detected = _detected(apart.run("examine:detect"))
+            detected = _detected(apart.run("solve.device_test:detect"))
             console.say("")
             console.table(("device", "here"), detected)
-            tested: examine.Tested = apart.run("examine:test")
+            tested: device_test.Tested = apart.run("solve.device_test:test")
     except BadInput:
         if settings.device == "opengl":
             console.say("")
@@ -70,7 +70,7 @@ class _Apart:
         return job.result()
 
 
-def _detected(device: examine.Detected) -> Rows:
+def _detected(device: device_test.Detected) -> Rows:
     rows = [(name, str(getattr(device, name))) for name in ("renderer", "vendor", "version", "kernels")]
     return rows + [(label, str(limit)) for label, limit in device.limits.items()]
 

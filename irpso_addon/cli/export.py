@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from ..blender import files
-from ..core import map_files
-from ..core.export import write_maps
+from ..core.maps import map_set
+from ..core.maps.export import write_maps
 from . import console
 
 
@@ -19,6 +19,6 @@ def run(arguments: argparse.Namespace) -> None:
     obj = files.solved_object(arguments.object)
     out, kind, linked = arguments.out or scene.parent, arguments.format, files.map_files(obj)
     written = (write_maps(files.read_maps(obj), obj.name, out, kind) if linked is None
-               else map_files.export(linked, obj.name, out, kind))
+               else map_set.export(linked, obj.name, out, kind))
     for path in written:
         console.say(str(path))

@@ -8,12 +8,13 @@ import shlex
 import sys
 from pathlib import Path
 
-from .. import farm
-from ..blender import files, material, writable
-from ..blender.indirect import Bouncer
-from ..blender.scene import read_scene
-from ..core.plan import Plan
-from ..gpu import thread
+from ..blender import files
+from ..blender.jobs.indirect import Bouncer
+from ..blender.material import material, material_preflight
+from ..blender.scene.scene import read_scene
+from ..core.tiled.tiled_plan import Plan
+from ..gpu.device import thread
+from ..solve import farm
 from . import console, options
 
 
@@ -27,7 +28,7 @@ def run(arguments: argparse.Namespace) -> None:
         files.open_blend(scene)
     data = read_scene(None, arguments.object, arguments.captures)
     subject = files.object_named(data.mesh.name)
-    writable.check(subject, data.mesh)
+    material_preflight.check(subject, data.mesh)
     with console.progress() as show:
         plan: Plan = thread.run(lambda: farm.plan_job(
             data, options.settings(arguments), folder, Bouncer.of_open_file(scene)), on_progress=show)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from .. import farm
+from ..solve import farm
 from . import openjd
 
 

@@ -10,22 +10,25 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from .. import large, pipeline
-from ..blender import estimates, files, material, steer, writable
-from ..blender.indirect import Bouncer
-from ..blender.scene import read_scene
-from ..core import estimate, tiling
+from ..blender import files
+from ..blender.jobs import solve_region, solve_speed
+from ..blender.jobs.indirect import Bouncer
+from ..blender.material import material, material_preflight
+from ..blender.scene.scene import read_scene
 from ..core.data import SceneData, Solution
 from ..core.errors import BadInput, Cancelled
-from ..core.estimate import Taken, gigabytes
-from ..core.export import write_maps
-from ..core.image_file import open_image
+from ..core.images.image_file import open_image
 from ..core.job import Progress
+from ..core.maps.export import write_maps
 from ..core.params import SolveSettings
-from ..core.report import build_report, write_report
-from ..core.staging import Staging
-from ..core.work import Work
-from ..gpu import thread
+from ..core.reporting import estimates
+from ..core.reporting.estimates import Taken, gigabytes
+from ..core.reporting.report import build_report, write_report
+from ..core.storage.output_transaction import Staging
+from ..core.tiled import uv_blocks
+from ..core.tiled.work_folder import Work
+from ..gpu.device import thread
+from ..solve import pipeline, tiled_solve
 from . import console, options
 
 
@@ -73,13 +76,14 @@ def solve(request: Request) -> Solution:
         files.open_blend(request.scene)
     data = read_scene(None, request.object_name, request.captures)
     subject = files.object_named(data.mesh.name)
-    writable.check(subject, data.mesh)
-    data = steer.with_part(None, subject, data, request.settings.start, *request.part)
+    material_preflight.check(subject, data.mesh)
+    data = solve_region.with_part(None, subject, data, request.settings.start, *request.part)
     read = time.perf_counter()
-    udims = tiling.solved_udims(request.settings.udim, data.mesh.uvs)
-    work = large.work_folder(request.out, data.mesh.name) if tiling.is_large(request.settings.size, udims) else None
+    udims = uv_blocks.solved_udims(request.settings.udim, data.mesh.uvs)
+    large = uv_blocks.is_large(request.settings.size, udims)
+    work = tiled_solve.work_folder(request.out, data.mesh.name) if large else None
     if work is not None:
-        large.check(data, request.settings)
+        tiled_solve.check(data, request.settings)
     foretell(data, request, udims, work)
     bounce = Bouncer.of_open_file(request.scene)
     with Staging(request.out) as staging:
@@ -129,7 +133,7 @@ def solve_in_blocks(
     try:
         with console.progress() as show:
             result: Solution = thread.run(
-                lambda: large.run(data, request.settings, folder, work, request.kind, bounce),
+                lambda: tiled_solve.run(data, request.settings, folder, work, request.kind, bounce),
                 on_progress=lambda p: show(_coarse(p)))
         return result
     except BaseException as error:
@@ -157,13 +161,13 @@ def foretell(data: SceneData, request: Request, udims: tuple[int, ...], work: Pa
             header = open_image(view.image)
             taken.append(Taken(header.width, header.height, view.camera.name, len(view.lights)))
     settings = request.settings
-    found = estimate.estimate(taken, settings, estimates.factors(), thread.settings().memory,
+    found = estimates.estimate(taken, settings, solve_speed.factors(), thread.settings().memory,
                               rounds=settings.indirect == "on", udims=udims)
-    estimate.check_disk(request.out, found.disk_bytes, 0 if work is None else estimate.size_of(work))
+    estimates.check_disk(request.out, found.disk_bytes, 0 if work is None else estimates.size_of(work))
     if thread.settings().device == "numpy":  # which takes other times
         return
     unsure = "" if found.learnt else " (first guess)"
-    console.expect(f"{estimate.in_words(found.seconds)}{unsure}, {gigabytes(found.gpu_bytes)} GPU memory, "
+    console.expect(f"{estimates.in_words(found.seconds)}{unsure}, {gigabytes(found.gpu_bytes)} GPU memory, "
                    f"{gigabytes(found.host_bytes)} memory, {gigabytes(found.disk_bytes)} of disk")
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from .. import farm
-from ..gpu import thread
+from ..gpu.device import thread
+from ..solve import farm
 from . import openjd
 
 

@@ -1,1 +1,4 @@
-"""numpy only: what IRPSO knows without a GPU and without Blender."""
+"""Records, parameters and rules without OpenGL or Blender: data, params, errors, job, log, live_maps, models.
+
+May use numpy and OpenImageIO; its rooms may not import gpu or anything above it.
+"""

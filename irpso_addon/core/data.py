@@ -2,22 +2,21 @@
 
 Conventions, everywhere in memory: world space is Blender's (metres, Z up); colours are scene-linear
 Rec.709; **row 0 of every image and map is the bottom** (v = 0), as in OpenGL and in Blender's own
-pixels.  Files have row 0 at the top: only ``core/image.py`` and ``core/image_writer.py`` flip.
+pixels.  Files have row 0 at the top: only ``core/images/reference_image.py`` and ``core/images/image_writer.py`` flip.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from .checks import Checks
-    from .live import ViewPicture
+from .check_records import Checks
 
+F16 = NDArray[np.float16]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -157,6 +156,21 @@ class Maps:
     # Only where the model of some material has them, else None:
     lobes: F32 | None = None  # (n, n, 3) roughness1 <= roughness2 and the weight of lobe 1; (r, r, 1) for one lobe
     specular: F32 | None = None  # (n, n) Specular IOR Level, 0..1; 0.5 where it was not solved for
+
+
+@dataclass(frozen=True)
+class ViewPicture:
+    """A view's reference and what the maps predict, in the part of the picture that shows the object; row 0 bottom.
+
+    Both are radiance over ``scale``; pixels that one of them says nothing of are NaN.
+    """
+
+    view: str  # file name of the reference
+    camera: str
+    lights: tuple[str, ...]
+    reference: F16  # (h, w, 3)
+    predicted: F16  # (h, w, 3)
+    scale: float  # W/(m^2 sr) of the value 1
 
 
 @dataclass(frozen=True)

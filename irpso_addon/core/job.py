@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from .live import Live
+from .live_maps import Live
 
 Result = TypeVar("Result")
 

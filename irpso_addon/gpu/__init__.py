@@ -1,1 +1,4 @@
-"""moderngl + numpy: everything that is computed per texel or per pixel.  No bpy."""
+"""Everything that touches OpenGL, stage by stage; the folders of shaders/ have the same names.
+
+May use core and moderngl; never Blender.
+"""

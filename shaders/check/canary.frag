@@ -1,4 +1,4 @@
-// A kept texel times a new number: see gpu/canary.py.
+// A kept texel times a new number: see gpu/device/context_check.py.
 uniform sampler2D u_kept;
 uniform float u_number;
 

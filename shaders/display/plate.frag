@@ -1,4 +1,4 @@
-// A picture or map as blender/views.py's Plate says.  Alpha 0 of a texture: nothing is known there.
+// A picture or map as blender/viewer/views.py's Plate says.  Alpha 0 of a texture: nothing is known there.
 // Constants: kind (order of view_draw.KINDS), wipe (left of it the first, right of it the second), gain (of colour),
 // top (heat of the brightest colour), least (denominator of relative errors, at least).
 

@@ -1,4 +1,4 @@
-// Blender's own shader dialect: inputs, outputs and constants are declared by blender/view_draw.py.
+// Blender's own shader dialect: inputs, outputs and constants are declared by blender/viewer/view_draw.py.
 void main()
 {
   uv = place;

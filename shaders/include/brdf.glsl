@@ -1,4 +1,4 @@
-// The reflectance models, as Cycles renders them.  Twin: irpso_addon/core/brdf.py.
+// The reflectance models, as Cycles renders them.  Twin: irpso_addon/core/shading/brdf.py.
 // Principled BSDF (metallic 0, IOR 1.5, multiscatter GGX) at any Specular IOR Level; Cook-Torrance with Beckmann.
 //
 // alpha = roughness^2, alpha2 = alpha^2; cos_l, cos_v: N.L and N.V; cos_vh: V.H, H the half vector.
@@ -9,7 +9,7 @@
 #define PI 3.14159265358979
 #endif
 
-// core/tables.py, principled_table: x cosine to the viewer, y roughness; (comp, A) at Specular IOR Level 0.5, and
+// core/shading/tables.py, principled_table: x cosine to the viewer, y roughness; (comp, A) at Specular IOR Level 0.5, and
 // above its square Cycles' nodes for the other levels.
 uniform sampler2D u_principled_table;
 const int TABLE_SIZE = 466, LOBE_NODES = 32, FRESNEL_NODES = 16, FRESNEL_SLICES = 9;

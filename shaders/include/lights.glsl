@@ -1,4 +1,4 @@
-// Unshadowed irradiance of Cycles' lamps, and points on them.  Twin: irpso_addon/core/lights.py, which also gives
+// Unshadowed irradiance of Cycles' lamps, and points on them.  Twin: irpso_addon/core/shading/lights.py, which also gives
 // the uniforms of one lamp (light_uniforms).
 //
 // P: world position, metres; N: unit shading normal.  Irradiance is relative to the lamp's power: W/m^2 per watt

@@ -3,7 +3,7 @@ uniform sampler2D u_map;
 
 layout(location = 0) out float o_held;
 
-const int CELL = 8;  // as in gpu/cells.py
+const int CELL = 8;  // as in gpu/device/occupied_cells.py
 
 void main() {
     ivec2 first = CELL * ivec2(gl_FragCoord.xy), size = textureSize(u_map, 0);

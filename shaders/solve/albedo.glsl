@@ -1,5 +1,5 @@
 // Base colour of each texel from its own observations, at the roughness found: weighted least squares per channel.
-// (The product's maps come from gpu/albedo.py, which also knows how far pixels reach; this is what a texel alone says.)
+// (The product's maps come from gpu/maps/albedo.py, which also knows how far pixels reach; this is what a texel alone says.)
 #include "solve/observations.glsl"
 #ifdef ROBUST
 #include "solve/fit.glsl"

@@ -1,4 +1,4 @@
-// One texel's observations, as irpso_addon/gpu/atlas.py lays them out.
+// One texel's observations, as irpso_addon/gpu/observe/observation_atlas.py lays them out.
 //
 // Observation n is layer n; one that a texel does not have weighs nothing, and a group that it does not have is
 // passed over.  (Packing those that it has would index arrays differently in each texel: twice as slow.)

@@ -17,7 +17,7 @@ from typing import Any
 
 os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")  # else compile times are those of an earlier run
 
-from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.device.context import Device
 
 from . import chart, peak, special
 from .entrants import ENTRANTS, SAMPLE

@@ -20,14 +20,15 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-from irpso_addon import pipeline
 from irpso_addon.blender import files
 from irpso_addon.blender.oiio import ensure_openimageio
-from irpso_addon.blender.scene import read_scene
-from irpso_addon.core.metrics import at_size, map_errors
+from irpso_addon.blender.scene.scene import read_scene
+from irpso_addon.core.evaluation.metrics import map_errors
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.report import versions
-from irpso_addon.gpu import thread
+from irpso_addon.core.resampling import at_size
+from irpso_addon.core.versions import versions
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
 
 REPEATS = 3
 SIZES = {"refined": (128, 192, 224, 256, 384, 512), "draft": (128, 256, 512)}

@@ -30,7 +30,7 @@ from mathutils.bvhtree import BVHTree
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from irpso_addon.blender.oiio import ensure_openimageio
-from irpso_addon.core.metrics import at_size
+from irpso_addon.core.resampling import at_size
 
 GRID = 256
 MIN_VIEWS = 3

@@ -43,9 +43,9 @@ find_llvm()
 mi.set_variant("llvm_ad_rgb")
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-from irpso_addon.core.brdf import principled_energy  # noqa: E402
-from irpso_addon.core.metrics import at_size, map_errors  # noqa: E402
-from irpso_addon.core.tables import IOR  # noqa: E402
+from irpso_addon.core.evaluation.metrics import at_size, map_errors  # noqa: E402
+from irpso_addon.core.shading.brdf import principled_energy  # noqa: E402
+from irpso_addon.core.shading.tables import IOR  # noqa: E402
 
 MARKS = (1, 2, 5, 10, 20, 30, 45, 60, 90, 120, 180)  # seconds at which the textures are scored
 TEXTURE = 512
@@ -57,7 +57,7 @@ BASE_KEY, ROUGH_KEY = "base_color.data", "roughness.data"
 
 
 class Matched(mi.BSDF):
-    """base (1 - A(r, cos_v)) / pi + comp(r, cos_v) D F G / (4 cos_l cos_v): irpso_addon/core/brdf.py in Dr.Jit."""
+    """base (1 - A(r, cos_v)) / pi + comp(r, cos_v) D F G / (4 cos_l cos_v): core/shading/brdf.py in Dr.Jit."""
 
     def __init__(self, props):
         mi.BSDF.__init__(self, props)

@@ -13,7 +13,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.device.context import Device
 
 from .entrants import Entrant, Point, Stage, set_up
 from .problem import Spec

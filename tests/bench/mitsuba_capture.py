@@ -26,7 +26,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 from irpso_addon.cli.chart import Curve, Panel, draw  # noqa: E402
-from irpso_addon.core.metrics import map_errors  # noqa: E402
+from irpso_addon.core.evaluation.metrics import map_errors  # noqa: E402
 
 HERE = Path(__file__).resolve().parent
 PARTS = ("judge", "irpso", "stock", "matched")

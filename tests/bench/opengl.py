@@ -15,10 +15,10 @@ import moderngl
 import numpy as np
 
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.tables import principled_table
-from irpso_addon.gpu.atlas import ArraySource
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.solve import METHODS, TWO_LOBES, Solver
+from irpso_addon.core.shading.tables import principled_table
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.observe.observation_atlas import ArraySource
+from irpso_addon.gpu.solve.solver import METHODS, TWO_LOBES, Solver
 
 from .problem import Estimate, Problem
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.paper import Swarms
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.solve.paper_swarm import Swarms
 
 from .opengl import SHADERS, Bench
 from .problem import Spec, make

@@ -1,4 +1,4 @@
-"""Texel problems of which everything is known: a bumpy patch under lamps in a cone, in float64 from core/brdf.py.
+"""Texel problems of which everything is known: a bumpy patch under lamps in a cone, in float64 from brdf.py.
 
 No scene and no renderer: each observation is the BRDF itself, so that what is measured is the solver alone.
 A problem is made from its ``Spec`` and never stored; workers in other processes make their own.
@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irpso_addon.core import brdf
 from irpso_addon.core.data import F32, F64
+from irpso_addon.core.shading import brdf
 
 FAILED = 0.1  # an error of roughness above this is a failure
 CONE = np.radians(60)  # half angle of the cone of lamps

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import least_squares
 
-from irpso_addon.core import brdf
-from irpso_addon.core.tables import SIZE
+from irpso_addon.core.shading import brdf
+from irpso_addon.core.shading.tables import SIZE
 
 from .problem import Errors, Estimate, Problem
 

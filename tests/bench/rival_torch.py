@@ -1,7 +1,7 @@
 """Rivals in PyTorch, all texels in one batch: Levenberg-Marquardt with variable projection, and Adam.
 
 Runs on the CPU, on CUDA where there is one.  Everything that depends on geometry alone is made before the clock
-starts.  Both see the model that made the data (core/brdf.py).  ``compiled``: through torch.compile.
+starts.  Both see the model that made the data (core/shading/brdf.py).  ``compiled``: through torch.compile.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from irpso_addon.core import brdf
-from irpso_addon.core.tables import SIZE
+from irpso_addon.core.shading import brdf
+from irpso_addon.core.shading.tables import SIZE
 
 from .problem import Estimate, Problem
 

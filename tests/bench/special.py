@@ -10,8 +10,8 @@ import numpy as np
 
 from irpso_addon.core.data import F64
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.ladder import Ladder
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.solve.model_ladder import Ladder
 
 from .opengl import Bench, result
 from .problem import FAILED, Estimate, Spec, make

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon.core import brdf
-from irpso_addon.gpu.context import Device
+from irpso_addon.core.shading import brdf
+from irpso_addon.gpu.device.context import Device
 
 from . import special
 from .entrants import ENTRANTS, Stage, set_up

@@ -60,7 +60,7 @@ def stage(empty, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
 
     def read(name="Subject", captures=captures):
-        from irpso_addon.blender.scene import read_scene
+        from irpso_addon.blender.scene.scene import read_scene
         return read_scene(None, name, captures)
 
     return types.SimpleNamespace(

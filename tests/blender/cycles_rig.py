@@ -11,7 +11,7 @@ import numpy as np
 import OpenImageIO
 from mathutils import Matrix, Vector
 
-from irpso_addon.blender.scene_objects import read_light
+from irpso_addon.blender.scene.scene_objects import read_light
 from irpso_addon.core.data import Light
 
 

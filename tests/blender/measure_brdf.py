@@ -16,7 +16,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from irpso_addon.core import brdf, lights
+from irpso_addon.core.shading import brdf, lights
 
 from . import cycles_rig as rig
 

@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from irpso_addon.core import lights
+from irpso_addon.core.shading import lights
 
 from . import cycles_rig as rig
 

@@ -26,8 +26,8 @@ def scene(extension, scenes: Path, tmp_path: Path) -> bpy.types.Scene:
 def survey(module):
     """``survey()``: what is known once the files have been looked at."""
     def ask():
-        thumbnails = module("blender.thumbnails")
-        readiness = module("blender.readiness")
+        thumbnails = module("blender.scene.thumbnails")
+        readiness = module("blender.scene.readiness")
         readiness.survey(bpy.context)
         end = time.monotonic() + 10
         while (thumbnails._images.busy or thumbnails._captures.busy) and time.monotonic() < end:
@@ -267,7 +267,7 @@ def test_backgrounds_are_views_without_a_list(scene, survey) -> None:
 
 
 def test_names_are_shortened_to_what_differs(module) -> None:
-    prefix = module("blender.readiness")._prefix
+    prefix = module("blender.scene.readiness")._prefix
     assert prefix(["Camera 1", "Camera 12", "Camera 1"]) == "Camera "
     assert prefix(["Cam.001", "Cam.002"]) == "Cam."
     assert prefix(["Only", "Only"]) == "Only"
@@ -283,7 +283,7 @@ def test_asking_is_cheap(scene, module, survey) -> None:
         view.image, view.camera = f"//refs/{n}.exr", bpy.data.objects["Camera 1"]
         view.lights.add().light = bpy.data.objects["Light 1"]
     survey()
-    readiness, times = module("blender.readiness"), []
+    readiness, times = module("blender.scene.readiness"), []
     for _ in range(5):
         start = time.thread_time()
         readiness.survey(bpy.context)
@@ -302,8 +302,8 @@ def test_every_selected_mesh_is_looked_at(scene, survey) -> None:
 
 def test_a_thumbnail_shows_radiance_as_srgb(module) -> None:
     """Exposure taken out, encoded as IEC 61966-2-1 says, in the middle of a square; transparent around it."""
-    thumbnails = module("blender.thumbnails")
-    side = module("core.glance").SIDE
+    thumbnails = module("blender.scene.thumbnails")
+    side = module("core.capture.file_preview").SIDE
     linear = np.zeros((side // 2, side, 4), np.float32)
     linear[...] = 0.5, 0.02, 4.0, 1.0
     linear[:, : side // 4] *= 0.5  # half transparent: premultiplied
@@ -316,26 +316,26 @@ def test_a_thumbnail_shows_radiance_as_srgb(module) -> None:
 
 def test_the_estimate_learns_and_remembers(scene, module, survey, tmp_path: Path, monkeypatch) -> None:
     """What a solve took is in the file soon after; another Blender reads it.  A part teaches nothing."""
-    estimates, read_scene = module("blender.estimates"), module("blender.scene").read_scene
-    monkeypatch.setattr(estimates, "path", lambda: tmp_path / "config" / "speed.json")
-    estimates.forget()
+    solve_speed, read_scene = module("blender.jobs.solve_speed"), module("blender.scene.scene").read_scene
+    monkeypatch.setattr(solve_speed, "path", lambda: tmp_path / "config" / "speed.json")
+    solve_speed.forget()
     bpy.ops.irpso.add_folder(directory="//refs")
     survey()
-    wait(lambda: all(view.file is not None for view in module("blender.readiness").survey(bpy.context).views))
-    before = estimates.of(bpy.context)
+    wait(lambda: all(view.file is not None for view in module("blender.scene.readiness").survey(bpy.context).views))
+    before = solve_speed.of(bpy.context)
     assert not before.learnt
     data, settings = read_scene(None, "Ball", None), module("blender.properties").settings(scene.irpso)
     took = {"gbuffer": 0.1, "observe": 0.2, "solve": 0.5, "maps": 0.1}
     solution = SimpleNamespace(cancelled=False, seconds=took)
-    estimates.learn(replace(data, region=object()), settings, solution, 1.0)
-    assert not estimates.of(bpy.context).learnt
-    estimates.learn(data, settings, solution, 1.0)
+    solve_speed.learn(replace(data, region=object()), settings, solution, 1.0)
+    assert not solve_speed.of(bpy.context).learnt
+    solve_speed.learn(data, settings, solution, 1.0)
     wait((tmp_path / "config" / "speed.json").exists)
-    estimates.forget()
-    after = estimates.of(bpy.context)
+    solve_speed.forget()
+    after = solve_speed.of(bpy.context)
     assert after.learnt and after.seconds < before.seconds
     assert 0.5 < after.seconds < 2.0  # 1 s was taken
-    estimates.forget()
+    solve_speed.forget()
 
 
 def wait(said) -> None:

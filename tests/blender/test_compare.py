@@ -15,7 +15,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from irpso_addon.core.image_writer import write_image
+from irpso_addon.core.images.image_writer import write_image
 
 BASE, ROUGH = (0.6, 0.3, 0.1), 0.45  # as in tests/make_scenes.py
 PASSES = (5, 60)

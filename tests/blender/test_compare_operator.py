@@ -25,7 +25,7 @@ def opened(scenes, tmp_path):
 def test_chart_and_report(opened, tmp_path):
     opened.compare_size, opened.compare_save = 32, True
     assert bpy.ops.irpso.compare() == {"FINISHED"}
-    chart = sys.modules["irpso_ext.irpso_addon.blender.views"].chart(bpy.context)
+    chart = sys.modules["irpso_ext.irpso_addon.blender.viewer.views"].chart(bpy.context)
     assert opened.show == "CHART" and [panel.title[:14] for panel in chart.panels] == ["held-out views"]
     curves = {curve.label: curve for curve in chart.panels[0].curves}
     assert set(curves) == {"refined", "draft", "swarm", "no solver"}

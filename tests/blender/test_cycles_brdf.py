@@ -9,7 +9,7 @@ pytest.importorskip("bpy")
 
 import bpy
 
-from irpso_addon.core import brdf, lights
+from irpso_addon.core.shading import brdf, lights
 from tests.blender import cycles_rig as rig
 from tests.blender.measure_brdf import LEVELS, ROUGHNESSES, Pixels, conductor_is_exact, measure, measure_two_lobes
 

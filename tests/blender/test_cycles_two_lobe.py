@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon.blender import material
-from irpso_addon.core import brdf, lights
+from irpso_addon.blender.material import material
 from irpso_addon.core.data import F64, Maps, Solution
+from irpso_addon.core.shading import brdf, lights
 from tests.blender import cycles_rig as rig
 
 LAMPS = {"beside": (2, -3, 3), "behind": (3.2, 1.2, 1.0)}  # the second: grazing, half vectors far from the viewer

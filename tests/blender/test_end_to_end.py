@@ -13,14 +13,16 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon import pipeline
-from irpso_addon.blender import demo, files, material
-from irpso_addon.blender.scene import read_scene
-from irpso_addon.core import vase
-from irpso_addon.core.advice import warnings
+from irpso_addon.blender import files
+from irpso_addon.blender.material import material
+from irpso_addon.blender.sample import demo
+from irpso_addon.blender.scene.scene import read_scene
+from irpso_addon.core.checks.warnings import warnings
 from irpso_addon.core.data import SceneData, Solution
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import thread
+from irpso_addon.core.samples import vase
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
 
 TEXELS = 128
 

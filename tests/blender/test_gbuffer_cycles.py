@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from mathutils import Matrix, Vector
 
-from irpso_addon import pipeline
-from irpso_addon.blender.scene_mesh import read_mesh, read_occluders
-from irpso_addon.blender.scene_objects import read_camera
-from irpso_addon.core import lights, vase
+from irpso_addon.blender.scene.scene_mesh import read_mesh, read_occluders
+from irpso_addon.blender.scene.scene_objects import read_camera
 from irpso_addon.core.data import SceneData
 from irpso_addon.core.job import Progress
-from irpso_addon.gpu import thread
-from irpso_addon.gpu.surface import MeshBuffer, Occluders, draw_pixel_grid
-from irpso_addon.gpu.visibility import LightVisibility
+from irpso_addon.core.samples import vase
+from irpso_addon.core.shading import lights
+from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid
+from irpso_addon.gpu.observe.visibility import LightVisibility
+from irpso_addon.solve import pipeline
 from tests.blender import cycles_rig as rig
 
 TEXELS = 192
@@ -27,7 +28,7 @@ SCALE = (1.0, 1.3, 0.8)
 
 def read_all(subject) -> SceneData:
     """The subject as a solve gets it, without views."""
-    from irpso_addon.blender.scene_material import read_normal_maps
+    from irpso_addon.blender.scene.scene_material import read_normal_maps
 
     bpy.context.view_layer.update()
     depsgraph = bpy.context.evaluated_depsgraph_get()

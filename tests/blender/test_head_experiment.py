@@ -73,7 +73,7 @@ def test_many_lights_tell_more(record):
 
 
 def test_pictures_and_tables(record, tmp_path):
-    from irpso_addon.core.image_file import open_image
+    from irpso_addon.core.images.image_file import open_image
     from tools import head_page as page
 
     page.draw(record, tmp_path)

@@ -82,12 +82,13 @@ def test_meshes_of_libraries_with_normal_maps(stage):
 
 @pytest.mark.parametrize("value", [3, 0.5, "x", [1, 2], {"base_color": 3}, {"a": {"b": "c"}}, b"bytes"])
 def test_other_things_under_our_names(stage, value):
-    from irpso_addon.blender import files, steer
-    from irpso_addon.blender.tags import TAG
+    from irpso_addon.blender import files
+    from irpso_addon.blender.jobs import solve_region
+    from irpso_addon.blender.material.tags import TAG
 
     stage.subject[TAG] = value
     with pytest.raises(BadInput):
         files.read_maps(files.solved_object("Subject"))
     data = stage.read()
-    assert steer.with_part(None, stage.subject, data, "last", "ALL").start is None
+    assert solve_region.with_part(None, stage.subject, data, "last", "ALL").start is None
     assert all(isinstance(view, View) for view in data.views)

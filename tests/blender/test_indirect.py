@@ -18,13 +18,15 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon import pipeline
-from irpso_addon.blender import demo, files, indirect
-from irpso_addon.blender.scene import read_scene
+from irpso_addon.blender import files
+from irpso_addon.blender.jobs import indirect
+from irpso_addon.blender.sample import demo
+from irpso_addon.blender.scene.scene import read_scene
 from irpso_addon.core.data import Bounced, Maps, SceneData, Solution
 from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
 from tests.gpu.texels import finish
 
 BASE, ROUGH, PIXELS = (0.7, 0.35, 0.15), 0.4, 96

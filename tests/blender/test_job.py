@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from irpso_addon import farm
+from irpso_addon.solve import farm
 
 MAPS = {f"Ball_{role}.png" for role in (
     "basecolor", "roughness", "confidence", "error", "filled", "roughness_sigma", "basecolor_sigma")}

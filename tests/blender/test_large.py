@@ -15,7 +15,7 @@ import OpenImageIO as oiio
 import pytest
 
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.estimate import check_disk
+from irpso_addon.core.reporting.estimates import check_disk
 from tests.blender.test_cli import BASE, ROLES, ROOT, ROUGH, read
 
 SIZE = 64

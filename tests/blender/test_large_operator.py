@@ -32,17 +32,17 @@ def test_maps_become_files_beside_the_scene(opened, module, tmp_path: Path) -> N
     names = {path.name for path in folder.iterdir()}
     assert {"Ball_basecolor.1001.exr", "Ball_roughness.1002.exr"} <= names
     assert not any("irpso_work" in name for name in names)
-    images = module("blender.tags").maps_of(ball)
+    images = module("blender.material.tags").maps_of(ball)
     assert images["base_color"].filepath == "//irpso/Ball_basecolor.<UDIM>.exr"
     assert [tile.number for tile in images["roughness"].tiles] == [1001, 1002]
     assert tuple(images["roughness"].size) == (SIZE, SIZE) and images["roughness"].packed_file is None
-    solution = module("blender.session").solution_of(ball)
+    solution = module("blender.jobs.session").solution_of(ball)
     assert len(solution.maps.roughness) == 2 * SIZE  # the plan's: squares side by side
 
     # The files again, not the plan's maps, whatever the object is called by now.
     ball.name = "Sphere"
     assert bpy.ops.irpso.write_maps() == {"FINISHED"}
-    assert module("blender.tags").maps_of(ball)["base_color"].filepath.endswith("Ball_basecolor.<UDIM>.exr")
+    assert module("blender.material.tags").maps_of(ball)["base_color"].filepath.endswith("Ball_basecolor.<UDIM>.exr")
     assert bpy.ops.irpso.export_maps(directory=str(tmp_path / "png"), format="png") == {"FINISHED"}
     assert {"Sphere_basecolor.1001.png", "Sphere_filled.1002.png"} <= {p.name for p in (tmp_path / "png").iterdir()}
 
@@ -53,8 +53,8 @@ def test_what_cannot_be_is_said_before_the_solve(opened, module, monkeypatch) ->
     with pytest.raises(RuntimeError, match="solved whole and anew"):
         bpy.ops.irpso.solve()
     bpy.context.scene.irpso.start = "anew"
-    estimates = module("blender.estimates")
-    while estimates.of(bpy.context) is None:  # files are looked at in a thread
+    solve_speed = module("blender.jobs.solve_speed")
+    while solve_speed.of(bpy.context) is None:  # files are looked at in a thread
         pass
     usage = shutil.disk_usage(folder.parent)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=1000))

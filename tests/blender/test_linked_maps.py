@@ -8,11 +8,11 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon.blender import material
-from irpso_addon.blender.tags import maps_of
-from irpso_addon.core.colour import linear_to_srgb
-from irpso_addon.core.export import write_maps
-from irpso_addon.core.image_writer import write_image
+from irpso_addon.blender.material import material
+from irpso_addon.blender.material.tags import maps_of
+from irpso_addon.core.images.colour import linear_to_srgb
+from irpso_addon.core.images.image_writer import write_image
+from irpso_addon.core.maps.export import write_maps
 from tests.blender.test_material import make_maps, make_material, make_solution, source
 
 SIZE = 8  # texels of a square = pixels of a face

@@ -8,8 +8,8 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon.blender import material
-from irpso_addon.blender.scene_mesh import read_mesh
+from irpso_addon.blender.material import material
+from irpso_addon.blender.scene.scene_mesh import read_mesh
 from irpso_addon.core.data import Maps, Solution
 from irpso_addon.core.errors import BadInput
 

@@ -9,9 +9,9 @@ from itertools import product
 import bpy
 import pytest
 
-from irpso_addon.blender import panel_result, panel_solve, properties
-from irpso_addon.core.checks import Checks
-from irpso_addon.core.consensus import LightResidual
+from irpso_addon.blender import properties
+from irpso_addon.blender.ui import panel_result, panel_solve
+from irpso_addon.core.check_records import Checks, LightResidual
 from irpso_addon.core.params import SolveSettings
 
 CHOICES = {f.name: [key for key, _ in f.metadata["choices"]] for f in fields(SolveSettings)}

@@ -36,6 +36,6 @@ def test_a_script_without_the_add_on_enabled_has_the_defaults(module) -> None:
 def test_test_device_uses_them(module, chosen, capfd) -> None:
     chosen.kernels, chosen.slice = "fragment", 33
     assert bpy.ops.irpso.test_device() == {"FINISHED"}
-    assert module("gpu.thread").settings() == module("core.params").DeviceSettings(kernels="fragment", slice=33)
+    assert module("gpu.device.thread").settings() == module("core.params").DeviceSettings(kernels="fragment", slice=33)
     assert "fragment shaders" in capfd.readouterr().out
-    module("gpu.thread").configure(module("core.params").DeviceSettings())
+    module("gpu.device.thread").configure(module("core.params").DeviceSettings())

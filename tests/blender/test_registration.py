@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon import pipeline
-from irpso_addon.blender import demo, files
-from irpso_addon.blender.scene import read_scene
+from irpso_addon.blender import files
+from irpso_addon.blender.sample import demo
+from irpso_addon.blender.scene.scene import read_scene
+from irpso_addon.core.checks.registration import moved
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.registration import moved
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
 
 PIXELS, TEXELS = 144, 128
 SHIFTS = {"Camera 1": (0.6, -0.5), "Camera 2": (-0.3, 0.9)}  # pixels by which Cycles' pictures are off

@@ -12,7 +12,7 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
-from irpso_addon.core.matching import match
+from irpso_addon.core.capture.matching import match
 
 COUNTS = {"FLASH": (20, 20, 20), "TURNTABLE": (12, 36, 36)}  # cameras, lamps, views
 

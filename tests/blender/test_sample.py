@@ -10,14 +10,14 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon import pipeline
-from irpso_addon.blender import demo, sample, sample_child
-from irpso_addon.blender.scene import read_scene
-from irpso_addon.core import vase
+from irpso_addon.blender.sample import demo, sample, sample_child
+from irpso_addon.blender.scene.scene import read_scene
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import thread
+from irpso_addon.core.samples import vase
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
 
 
 def test_the_scene_is_ready_and_solves(extension, tmp_path, monkeypatch) -> None:

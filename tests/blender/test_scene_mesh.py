@@ -250,7 +250,7 @@ def test_instances_of_geometry_nodes_are_named(stage):
 
 
 def test_too_much_geometry(stage, monkeypatch):
-    from irpso_addon.blender import scene_mesh
+    from irpso_addon.blender.scene import scene_mesh
 
     monkeypatch.setattr(scene_mesh, "MAX_TRIANGLES", 10_000)
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6)

@@ -10,9 +10,9 @@ import numpy as np
 import OpenImageIO
 import pytest
 
-from irpso_addon.blender.scene import read_scene
+from irpso_addon.blender.scene.scene import read_scene
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.image import read_reference
+from irpso_addon.core.images.reference_image import read_reference
 
 
 def write_captures(stage, *views):
@@ -354,7 +354,7 @@ def test_files_that_blender_writes(stage, form):
 
 def test_colour_spaces_are_blenders(stage):
     """Blender converts a float image to linear Rec.709 when it loads it: the same file through both."""
-    from irpso_addon.core.colour import SPACES
+    from irpso_addon.core.images.colour import SPACES
 
     pixels = np.random.default_rng(5).uniform(0.05, 0.9, (2, 3, 3)).astype(np.float32)
     path = stage.folder / "a.exr"

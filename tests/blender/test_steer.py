@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon.blender import steer
+from irpso_addon.blender.jobs import solve_region
 from irpso_addon.core.errors import BadInput
 
 SIZE = 64
@@ -30,7 +30,7 @@ def cube(empty):
 
 def corners(obj):
     """World positions (T, 3, 3) in the order that the region's weights are to have."""
-    from irpso_addon.blender.scene_mesh import read_mesh
+    from irpso_addon.blender.scene.scene_mesh import read_mesh
 
     return read_mesh(obj, bpy.context.evaluated_depsgraph_get(), {}, lambda _: None).positions
 
@@ -38,7 +38,7 @@ def corners(obj):
 def test_selected_faces_are_those_of_the_evaluated_mesh(cube):
     for polygon in cube.data.polygons:
         polygon.select = polygon.normal.z > 0.5
-    region = steer.faces_region(cube, bpy.context.evaluated_depsgraph_get())
+    region = solve_region.faces_region(cube, bpy.context.evaluated_depsgraph_get())
     top = corners(cube)[..., 2] > 0.999
     np.testing.assert_array_equal(region.corners, np.repeat(top.all(1, keepdims=True), 3, 1))
     assert region.corners.sum() == 3 * 8  # a face has become four, of two triangles each
@@ -46,7 +46,7 @@ def test_selected_faces_are_those_of_the_evaluated_mesh(cube):
     cube.data.update()
     bpy.context.view_layer.update()
     with pytest.raises(BadInput, match=r"Cube.*no face is selected.*Edit Mode"):
-        steer.faces_region(cube, bpy.context.evaluated_depsgraph_get())
+        solve_region.faces_region(cube, bpy.context.evaluated_depsgraph_get())
 
 
 def test_a_vertex_group_is_weighed_at_the_corners(cube):
@@ -54,11 +54,11 @@ def test_a_vertex_group_is_weighed_at_the_corners(cube):
     for vertex in cube.data.vertices:
         group.add([vertex.index], 0.5 + 0.5 * vertex.co.x, "REPLACE")  # 0 on the left, 1 on the right
     bpy.context.view_layer.update()
-    region = steer.group_region(cube, bpy.context.evaluated_depsgraph_get(), "Soft")
+    region = solve_region.group_region(cube, bpy.context.evaluated_depsgraph_get(), "Soft")
     np.testing.assert_allclose(region.corners, 0.5 - 0.5 * corners(cube)[..., 0] / 1.5, atol=1e-6)  # mirrored
     for name, words in (("Hard", r"no vertex group 'Hard' \(it has 'Soft'\)"), ("", "no vertex group is chosen")):
         with pytest.raises(BadInput, match=words):
-            steer.group_region(cube, bpy.context.evaluated_depsgraph_get(), name)
+            solve_region.group_region(cube, bpy.context.evaluated_depsgraph_get(), name)
 
 
 @pytest.mark.parametrize("is_float", [False, True])
@@ -67,13 +67,13 @@ def test_an_image_is_white_by_its_colour_and_alpha(empty, is_float):
     pixels = np.zeros((2, 4, 4), np.float32)
     pixels[0, 1], pixels[1, 2], pixels[1, 3] = (1, 1, 1, 1), (1, 1, 0, 1), (1, 1, 1, 0)
     image.pixels.foreach_set(pixels.ravel())
-    region = steer.image_region(image)
+    region = solve_region.image_region(image)
     np.testing.assert_array_equal(region.image > 0.5, [[False, True, False, False], [False, False, True, False]])
     image.pixels.foreach_set(np.zeros(32, np.float32))
     with pytest.raises(BadInput, match=r"Part.*nowhere white"):
-        steer.image_region(image)
+        solve_region.image_region(image)
     with pytest.raises(BadInput, match="no image is chosen"):
-        steer.image_region(None)
+        solve_region.image_region(None)
 
 
 def test_an_image_file_is_white_as_the_image_is_that_blender_loads(empty, tmp_path):
@@ -83,13 +83,13 @@ def test_an_image_file_is_white_as_the_image_is_that_blender_loads(empty, tmp_pa
     made.pixels.foreach_set(pixels.ravel())
     made.filepath_raw, made.file_format = str(tmp_path / "part.png"), "PNG"
     made.save()
-    region, same = (steer.file_region(tmp_path / "part.png"),
-                    steer.image_region(bpy.data.images.load(str(tmp_path / "part.png"))))
+    region, same = (solve_region.file_region(tmp_path / "part.png"),
+                    solve_region.image_region(bpy.data.images.load(str(tmp_path / "part.png"))))
     np.testing.assert_allclose(region.image, same.image, atol=1e-6)
     np.testing.assert_array_equal(region.image > 0.5, [[False, True, False, False], [False, False, True, False]])
     (tmp_path / "none.png").write_bytes(b"no image")
     with pytest.raises(BadInput, match=r"none\.png: cannot be read as an image"):
-        steer.file_region(tmp_path / "none.png")
+        solve_region.file_region(tmp_path / "none.png")
 
 
 # ---- by operators
@@ -122,7 +122,7 @@ def spoil(name: str, value: float) -> None:
 
 def test_a_part_is_solved_and_the_rest_kept(scene):
     whole, known = pixels("Ball_roughness")[..., 0], pixels("Ball_confidence")[..., 0] > 0
-    for module in [m for n, m in sys.modules.items() if n == "irpso_ext.irpso_addon.blender.session"]:
+    for module in [m for n, m in sys.modules.items() if n == "irpso_ext.irpso_addon.blender.jobs.session"]:
         module.forget()  # as after opening the saved file: the maps on the material are what is kept
     spoil("Ball_roughness", 0.9)
     ball = bpy.data.objects["Ball"]
@@ -157,7 +157,7 @@ def test_a_material_that_was_copied_is_known_again(scene):
     assert bpy.ops.irpso.solve() == {"FINISHED"}
     name = ball.material_slots[0].material.name
     assert name != "Paint" and ball.material_slots[0].material["irpso"] == "Paint"
-    last = sys.modules["irpso_ext.irpso_addon.blender.steer"].last_result(ball)
+    last = sys.modules["irpso_ext.irpso_addon.blender.jobs.solve_region"].last_result(ball)
     assert last.model == {name: "one-lobe"} and set(last.why) == {name}
 
 
@@ -184,8 +184,8 @@ def test_a_part_is_marked_in_its_own_mode(scene):
 def test_what_is_stopped_keeps_the_last_result(scene, extension):
     """Looks at a part put their texels into it; the preview's coarse maps none."""
     live, data, session = (sys.modules[f"irpso_ext.irpso_addon.{name}"]
-                           for name in ("blender.live", "core.data", "blender.session"))
-    glimpse = sys.modules["irpso_ext.irpso_addon.core.live"].Live
+                           for name in ("blender.jobs.live_display", "core.data", "blender.jobs.session"))
+    glimpse = sys.modules["irpso_ext.irpso_addon.core.live_maps"].Live
     settings = sys.modules["irpso_ext.irpso_addon.blender.properties"].settings(scene.irpso)
     start = session.solution_of(bpy.data.objects["Ball"])
     mesh = data.MeshArrays("Ball", *np.zeros((3, 0, 3, 3), "f4"), np.zeros(0, "i4"), ("Paint",))
@@ -262,6 +262,6 @@ def test_what_is_linked_from_a_library_is_refused(scene, tmp_path_factory):
     bpy.data.libraries.write(str(tmp_path / "ball.blend"), {bpy.data.objects["Ball"]})
     with bpy.data.libraries.load(str(tmp_path / "ball.blend"), link=True) as (_, linked):
         linked.objects = ["Ball"]
-    why_not = sys.modules["irpso_ext.irpso_addon.blender.writable"].why_not
+    why_not = sys.modules["irpso_ext.irpso_addon.blender.material.material_preflight"].why_not
     assert why_not(linked.objects[0]) == "Ball: this object is linked from a library; make it local first " \
         "(Object > Relations)"

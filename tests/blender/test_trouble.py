@@ -11,10 +11,10 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from irpso_addon import remote
 from irpso_addon.cli import doctor, options
 from irpso_addon.core import log
 from irpso_addon.core.errors import DeviceLost
+from irpso_addon.process import remote
 
 ROUGH = 0.45  # of the Ball, as in tests/make_scenes.py
 PRIVATE = "secret project"  # a folder that no log may name

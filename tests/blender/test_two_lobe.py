@@ -9,11 +9,12 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon.blender import files, material
-from irpso_addon.blender.scene_material import read_normal_maps
+from irpso_addon.blender import files
+from irpso_addon.blender.material import material
+from irpso_addon.blender.scene.scene_material import read_normal_maps
 from irpso_addon.core.data import Maps, Solution
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.export import layers
+from irpso_addon.core.maps.export import layers
 from tests.blender.test_material import (
     make_maps,
     make_material,

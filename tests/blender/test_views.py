@@ -8,10 +8,11 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon.blender import session, view_draw, view_properties, views
-from irpso_addon.blender.plot import Box
-from irpso_addon.core.data import Maps, Solution
-from irpso_addon.core.live import Live, ViewPicture
+from irpso_addon.blender.jobs import session
+from irpso_addon.blender.viewer import view_draw, view_properties, views
+from irpso_addon.blender.viewer.plot import Box
+from irpso_addon.core.data import Maps, Solution, ViewPicture
+from irpso_addon.core.live_maps import Live
 
 SIDE = 8
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core import brdf, tables
+from irpso_addon.core.shading import brdf, tables
 
 ROUGHNESSES = [0.1, 0.3, 0.6, 1.0]
 LEVELS = [0.01, 0.2, 0.8, 1.0]

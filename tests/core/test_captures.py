@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irpso_addon.core.captures import CaptureView, parse_captures, read_captures
+from irpso_addon.core.capture.captures import CaptureView, parse_captures, read_captures
 from irpso_addon.core.errors import BadInput
 
 FILE = Path("shoot") / "captures.json"

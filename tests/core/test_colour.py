@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core.colour import (
+from irpso_addon.core.images.colour import (
     D60,
     D65,
     SPACES,

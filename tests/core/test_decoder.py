@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core import decode, decoder
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.image import read_reference
-from irpso_addon.core.image_file import floats, open_image
-from irpso_addon.core.mask import Mask
+from irpso_addon.core.images import decoder_pool, oiio_reader
+from irpso_addon.core.images.image_file import floats, open_image
+from irpso_addon.core.images.mask import Mask
+from irpso_addon.core.images.reference_image import read_reference
 
 from .test_image import noise, save, view
 
@@ -29,8 +29,8 @@ POSIX = pytest.mark.skipif(os.name == "nt", reason="sends signals")
 
 @pytest.fixture(autouse=True)
 def own_processes(monkeypatch):
-    pool = decoder._Pool()
-    monkeypatch.setattr(decoder, "_pool", pool)
+    pool = decoder_pool._Pool()
+    monkeypatch.setattr(decoder_pool, "_pool", pool)
     yield pool
     pool.close()
 
@@ -66,7 +66,7 @@ def test_integers_become_the_floats_that_openimageio_makes_of_them(tmp_path, for
 
 @pytest.mark.parametrize("size", [(38, 57), (200, 300), (20, 30)])
 def test_masks_of_other_sizes_are_filtered_as_openimageio_does(tmp_path, monkeypatch, size):
-    monkeypatch.setattr(decode, "BAND", 900)
+    monkeypatch.setattr(oiio_reader, "BAND", 900)
     grey = noise(*size, 1)
     image = open_image(save(tmp_path / "i.exr", noise(60, 90)))
     rows = Mask(save(tmp_path / "m.exr", grey, names="Y"), image).rows()
@@ -81,12 +81,16 @@ def test_no_decoder_in_this_process(tmp_path):
     """A reference with a mask, a thumbnail and maps of known truth are read, and OpenImageIO is never loaded."""
     path = save(tmp_path / "ball_basecolor.exr", noise(30, 30))
     save(tmp_path / "ball_roughness.exr", noise(30, 30, 1), names="Y")
-    code = ("import sys; from pathlib import Path; from irpso_addon.core import glance, image, pictures, truth; "
+    code = ("import sys; from pathlib import Path; from irpso_addon.core.capture import file_preview; "
+            "from irpso_addon.core.evaluation import ground_truth; "
+            "from irpso_addon.core.images import reference_image; "
+            "from irpso_addon.core.tiled import reference_cache; "
             "from irpso_addon.core.data import Camera, View; import numpy as np; "
             "camera = Camera('c', np.eye(4), np.eye(4), np.zeros(3), np.zeros(3), False, 1.0); "
             f"path = Path({str(path)!r}); view = View(path, camera, (), mask=path); "
-            "image.read_reference(view); image.read_reference(view, 100); pictures.develop(view, path.with_name('p')); "
-            "assert not glance.glance(path).problem; truth.read_truth(path.parent, 'ball'); "
+            "reference_image.read_reference(view); reference_image.read_reference(view, 100); "
+            "reference_cache.develop(view, path.with_name('p')); "
+            "assert not file_preview.glance(path).problem; ground_truth.read_truth(path.parent, 'ball'); "
             "assert 'OpenImageIO' not in sys.modules")
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 
@@ -117,14 +121,14 @@ def test_ctrl_c_in_a_terminal_is_not_for_decoders(tmp_path, large, own_processes
 @POSIX
 def test_the_status_told_is_the_decoders_own(tmp_path, monkeypatch):
     """Its pipe is closed some time before it ends."""
-    monkeypatch.setattr(decoder, "PROGRAM", "import os, time; os.close(1); time.sleep(0.1); os._exit(7)")
+    monkeypatch.setattr(decoder_pool, "program", lambda: "import os, time; os.close(1); time.sleep(0.1); os._exit(7)")
     with pytest.raises(BadInput, match=r"a\.exr: cannot be read \(its decoder ended with status 7\)"):
         open_image(save(tmp_path / "a.exr", noise()))
 
 
 def test_a_python_without_openimageio_is_told_what_to_install(tmp_path, own_processes, monkeypatch):
-    program = "import sys; sys.modules['OpenImageIO'] = None; " + decoder.PROGRAM
-    monkeypatch.setattr(decoder, "PROGRAM", program)
+    program = "import sys; sys.modules['OpenImageIO'] = None; " + decoder_pool.program()
+    monkeypatch.setattr(decoder_pool, "program", lambda: program)
     with pytest.raises(BadInput, match=r"OpenImageIO cannot be loaded.*pip install OpenImageIO"):
         open_image(save(tmp_path / "a.exr", noise()))
     assert not own_processes.idle and not own_processes.busy
@@ -132,7 +136,7 @@ def test_a_python_without_openimageio_is_told_what_to_install(tmp_path, own_proc
 
 @POSIX
 def test_a_decoder_that_stalls_is_ended(large, own_processes, monkeypatch):
-    monkeypatch.setattr(decoder, "PATIENCE", 0.4)
+    monkeypatch.setattr(decoder_pool, "PATIENCE", 0.4)
     file, _ = large
     bands = file.bands()
     next(bands)
@@ -142,13 +146,13 @@ def test_a_decoder_that_stalls_is_ended(large, own_processes, monkeypatch):
     with pytest.raises(BadInput, match=r"large\.exr: cannot be read \(decoding it stalled"):
         list(bands)
     assert time.perf_counter() - start < 5 and not process.alive
-    monkeypatch.setattr(decoder, "PATIENCE", 10)
+    monkeypatch.setattr(decoder_pool, "PATIENCE", 10)
     assert len(list(file.bands())) > 3
 
 
 @POSIX
 def test_who_waits_with_taking_is_not_stalled(large, own_processes, monkeypatch):
-    monkeypatch.setattr(decoder, "PATIENCE", 0.3)
+    monkeypatch.setattr(decoder_pool, "PATIENCE", 0.3)
     bands = large[0].bands()
     next(bands)
     time.sleep(1.0)
@@ -159,7 +163,7 @@ def test_who_waits_with_taking_is_not_stalled(large, own_processes, monkeypatch)
 def test_memory_of_a_decoder_is_limited(tmp_path, monkeypatch):
     """Tiles as wide as the image and as tall as allowed: a row of them is more than the limit."""
     path = save(tmp_path / "a.exr", np.zeros((2048, 2048, 4), np.float32), tile_width=2048, tile_height=2048)
-    monkeypatch.setattr(decoder, "MEMORY", 120_000_000)
+    monkeypatch.setattr(decoder_pool, "MEMORY", 120_000_000)
     with pytest.raises(BadInput, match=r"a\.exr: cannot be read|a\.exr: is damaged") as caught:
         read_reference(view(path, 1.0))
     assert "\n" not in str(caught.value)
@@ -176,12 +180,12 @@ def test_nonsense_is_not_believed(tmp_path, monkeypatch, answer):
     """What a decoder that a file has taken over might say."""
     program = 'import sys; sys.stdout.buffer.write(b"""{{"ready": true}}\\n' + answer.replace("{", "{{").replace(
         "}", "}}") + '\\n"""); sys.stdout.flush(); sys.stdin.read()'
-    monkeypatch.setattr(decoder, "PROGRAM", program)
+    monkeypatch.setattr(decoder_pool, "program", lambda: program)
     path = save(tmp_path / "a.exr", noise())
     with pytest.raises(BadInput, match=r"a\.exr: cannot be read \(its decoder gave nonsense"):
         open_image(path)
     with pytest.raises(BadInput, match=r"a\.exr: cannot be read"):
-        list(decoder.bands(path, 0, (0, 1, 2), "float", (30, 20), 0, 20))
+        list(decoder_pool.bands(path, 0, (0, 1, 2), "float", (30, 20), 0, 20))
 
 
 def test_a_file_that_changes_is_not_read_as_it_was(tmp_path):
@@ -192,7 +196,7 @@ def test_a_file_that_changes_is_not_read_as_it_was(tmp_path):
 
 
 def test_a_process_outlives_a_short_rest_that_nobody_wants(tmp_path, own_processes, monkeypatch):
-    monkeypatch.setattr(decode, "BAND", 900)
+    monkeypatch.setattr(oiio_reader, "BAND", 900)
     file = open_image(save(tmp_path / "a.exr", noise(200, 30)))
     for _ in range(3):
         assert len(next(file.bands())) < 200
@@ -232,13 +236,14 @@ def test_threads_and_bands_that_nobody_finishes(large, own_processes):
 def test_processes_end_when_unused_and_with_us(tmp_path, own_processes, monkeypatch):
     path = save(tmp_path / "a.exr", noise())
     open_image(path)
-    monkeypatch.setattr(decoder, "UNUSED", 0.1)
+    monkeypatch.setattr(decoder_pool, "UNUSED", 0.1)
     number = own_processes.idle[0].number
     _until(lambda: not alive(number))
     assert not any(thread.name == "irpso-decoders" for thread in threading.enumerate() if thread.is_alive()) or (
         _until(lambda: own_processes.watcher is None))
-    code = ("import os; from pathlib import Path; from irpso_addon.core import decoder; "
-            f"decoder.header(Path({str(path)!r})); print(decoder._pool.idle[0].number, flush=True); os._exit(1)")
+    code = ("import os; from pathlib import Path; from irpso_addon.core.images import decoder_pool; "
+            f"decoder_pool.header(Path({str(path)!r})); print(decoder_pool._pool.idle[0].number, flush=True); "
+            "os._exit(1)")
     told = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     _until(lambda: not alive(int(told.stdout)))
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core.chart import linear_ticks, log_ticks
 from irpso_addon.core.data import Maps
-from irpso_addon.core.display import apart, reduced, white
+from irpso_addon.core.evaluation.chart_data import linear_ticks, log_ticks
+from irpso_addon.core.evaluation.display import apart, reduced, white
 
 
 @pytest.fixture

@@ -7,7 +7,8 @@ from itertools import pairwise, product
 import pytest
 
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.estimate import (
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.reporting.estimates import (
     FURTHEST,
     Taken,
     bytes_per_pixel,
@@ -18,7 +19,6 @@ from irpso_addon.core.estimate import (
     read_factors,
     write_factors,
 )
-from irpso_addon.core.params import SolveSettings
 
 CHOICES = {name: [key for key, _ in SolveSettings.__dataclass_fields__[name].metadata["choices"]]
            for name in ("model", "method")}

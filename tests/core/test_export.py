@@ -11,7 +11,7 @@ import pytest
 
 from irpso_addon.core.data import Maps
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.export import safe_stem, write_maps
+from irpso_addon.core.maps.export import safe_stem, write_maps
 
 oiio = pytest.importorskip("OpenImageIO")
 

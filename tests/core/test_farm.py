@@ -18,12 +18,12 @@ from openjd.model import (
     preprocess_job_parameters,
 )
 
-from irpso_addon import farm
 from irpso_addon.core.data import SceneData
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.report import version
-from irpso_addon.core.tiling import windows
+from irpso_addon.core.tiled.uv_blocks import windows
+from irpso_addon.core.versions import version
+from irpso_addon.solve import farm
 from tools.farm_simulation import Costs, Work, alone, simulate
 
 OPENJD = Path(sys.executable).with_name("openjd")

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core import decode
-from irpso_addon.core import glance as glances
-from irpso_addon.core.glance import Glance, Watcher, captures_look, glance
-from irpso_addon.core.image_writer import write_image
+from irpso_addon.core.capture import file_preview as glances
+from irpso_addon.core.capture.file_preview import Glance, Watcher, captures_look, glance
+from irpso_addon.core.images import oiio_reader
+from irpso_addon.core.images.image_writer import write_image
 
 
 def until(said, seconds: float = 5.0):
@@ -42,7 +42,7 @@ def test_a_large_picture_is_read_in_strips(tmp_path: Path, monkeypatch) -> None:
     picture = np.random.default_rng(1).random((300, 200, 3), np.float32)
     write_image(tmp_path / "p.exr", picture, kind="exr", color=False)
     whole = glance(tmp_path / "p.exr").thumbnail
-    monkeypatch.setattr(decode, "BAND", 200 * 7)
+    monkeypatch.setattr(oiio_reader, "BAND", 200 * 7)
     np.testing.assert_array_equal(glance(tmp_path / "p.exr").thumbnail, whole)
 
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core import decode, image_file
 from irpso_addon.core.data import Camera, View
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.image import read_reference
-from irpso_addon.core.image_writer import write_image
+from irpso_addon.core.images import image_file, oiio_reader
+from irpso_addon.core.images.image_writer import write_image
+from irpso_addon.core.images.reference_image import read_reference
 
 oiio = pytest.importorskip("OpenImageIO")
 RNG = np.random.default_rng(7)
@@ -227,11 +227,11 @@ def test_tiled_files(tmp_path):
 def test_rows_of_tall_tiles_are_refused(tmp_path, monkeypatch):
     """Each is small, but all of a row are read at once."""
     path = save(tmp_path / "a.exr", noise(40, 60), tile_width=16, tile_height=32)
-    monkeypatch.setattr(decode, "MAX_TILE", 60 * 32)
-    assert decode.header(path)["width"] == 60
-    monkeypatch.setattr(decode, "MAX_TILE", 60 * 32 - 1)
+    monkeypatch.setattr(oiio_reader, "MAX_TILE", 60 * 32)
+    assert oiio_reader.header(path)["width"] == 60
+    monkeypatch.setattr(oiio_reader, "MAX_TILE", 60 * 32 - 1)
     with pytest.raises(BadInput, match=r"tiles of 16 x 32 pixels; save it in rows or small tiles"):
-        decode.header(path)
+        oiio_reader.header(path)
 
 
 # --- clipping and noise
@@ -423,7 +423,7 @@ def test_strips_change_nothing(tmp_path, monkeypatch, tiles):
     pixels = noise(41, 60, 4)
     path = save(tmp_path / "a.exr", pixels, x=2, y=3, full_width=60, full_height=50, **tiles)
     whole = [read_reference(view(path, aspect=1.2), max_pixels=n) for n in (None, 500)]
-    monkeypatch.setattr(decode, "BAND", 300)
+    monkeypatch.setattr(oiio_reader, "BAND", 300)
     strips = [read_reference(view(path, aspect=1.2), max_pixels=n) for n in (None, 500)]
     for a, b in zip(whole, strips, strict=True):
         np.testing.assert_allclose(a.rgb, b.rgb, rtol=1e-5)

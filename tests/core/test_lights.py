@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core import lights
 from irpso_addon.core.data import Light
+from irpso_addon.core.shading import lights
 
 TURN = np.linalg.qr(np.array([[0.9, 0.3, -0.2], [-0.4, 0.8, 0.5], [0.3, -0.35, 0.9]]))[0]
 MATRIX = np.eye(4)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core.live import Canvas, Live, ViewPicture, difference, reduced, resized
+from irpso_addon.core.data import ViewPicture
+from irpso_addon.core.live_maps import Canvas, Live, difference, reduced, resized
 
 
 def look(size: int, value: float, known: np.ndarray | None = None, role: str = "roughness") -> Live:

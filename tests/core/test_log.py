@@ -12,9 +12,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from irpso_addon.core import log, reference, selftest
+from irpso_addon.core import log
+from irpso_addon.core.cpu_solver import solver
 from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.params import DeviceSettings, SolveSettings
+from irpso_addon.core.samples import selftest
 
 NAMES = st.text(string.ascii_letters + string.digits + " _-.,;é東(+", min_size=1, max_size=12).map(
     lambda s: s.strip() or "x")
@@ -158,7 +160,7 @@ def test_a_solve_is_told_from_its_start_to_its_end():
     def told(read_image=square.read_image) -> list[dict]:
         stream.truncate(0)
         stream.seek(0)
-        solving = reference.solve(square.scene, settings, read_image)
+        solving = solver.solve(square.scene, settings, read_image)
         steps = log.watched(square.scene, settings, DeviceSettings(), solving)
         try:
             for _ in steps:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irpso_addon.core.matching import match, natural, words
+from irpso_addon.core.capture.matching import match, natural, words
 
 
 def files(*names: str) -> list[PurePath]:

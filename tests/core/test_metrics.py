@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core import brdf
-from irpso_addon.core.metrics import at_size, map_errors, psnr
-from irpso_addon.core.predict import Pixels, PlaceView, Surface, predict, shown
+from irpso_addon.core.evaluation.metrics import map_errors, psnr
+from irpso_addon.core.evaluation.prediction import Pixels, PlaceView, Surface, predict, shown
+from irpso_addon.core.resampling import at_size
+from irpso_addon.core.shading import brdf
 
 
 def test_coarser_by_a_whole_number_is_the_mean_of_blocks():

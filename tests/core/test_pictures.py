@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core import decode
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.image import read_reference
-from irpso_addon.core.pictures import Picture, develop
+from irpso_addon.core.images import oiio_reader
+from irpso_addon.core.images.reference_image import read_reference
+from irpso_addon.core.tiled.reference_cache import Picture, develop
 
 from .test_image import noise, save, view
 
@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture
 def sample(tmp_path, monkeypatch):
     """A picture with alpha, a mask of another size and clipped pixels, in several bands: (view, developed file)."""
-    monkeypatch.setattr(decode, "BAND", 1000)
+    monkeypatch.setattr(oiio_reader, "BAND", 1000)
     pixels = noise(90, 120, 4)
     pixels[20:30, 50:60, 1] = 65504
     path = save(tmp_path / "a.exr", pixels, "half")
@@ -117,7 +117,8 @@ def test_a_pipe_is_not_waited_for(tmp_path):
 MEASURE = """
 import sys
 from pathlib import Path
-from irpso_addon.core import image, pictures
+from irpso_addon.core.images import reference_image as image
+from irpso_addon.core.tiled import reference_cache as pictures
 from tests.core.test_image import view
 path, out = map(Path, sys.argv[1:3])
 image.KEEP = 0  # as if it were too large

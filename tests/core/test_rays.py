@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core import rays as module
-from irpso_addon.core.rays import Rays
+from irpso_addon.core.cpu_solver import rays as module
+from irpso_addon.core.cpu_solver.rays import Rays
 from tests.gpu import synthetic as syn
 
 LOW, HIGH = (-0.7, -0.3, 0.1), (0.4, 0.9, 1.3)

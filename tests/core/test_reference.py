@@ -12,18 +12,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon.core import reference, selftest
+from irpso_addon.core.cpu_solver import solver
+from irpso_addon.core.cpu_solver.observe import memory
+from irpso_addon.core.cpu_solver.rasterise import places, rasterise
 from irpso_addon.core.data import NormalMap, Region, SceneData, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.reference_surface import places, rasterise
-from irpso_addon.core.reference_views import memory
+from irpso_addon.core.samples import selftest
 
 SQUARE = selftest.build()
 
 
 def solved(scene: SceneData = SQUARE.scene, **settings: Any) -> Solution:
-    steps = reference.solve(scene, SolveSettings(**{"size": 16, **settings}), SQUARE.read_image)
+    steps = solver.solve(scene, SolveSettings(**{"size": 16, **settings}), SQUARE.read_image)
     told = []
     while True:
         try:
@@ -52,14 +53,14 @@ def test_a_matte_square_is_lambert():
         return replace(image, rgb=(clay * image.coverage[..., None]).astype(np.float32))
 
     def reference_light(view: Any) -> np.ndarray:
-        from irpso_addon.core.lights import light_irradiance
+        from irpso_addon.core.shading.lights import light_irradiance
 
         at = selftest.EDGE * ((np.arange(selftest.PIXELS) + 0.5) / selftest.PIXELS * 2 - 1)
         x, y = np.meshgrid(at, at)
         points = np.stack([x, y, np.zeros_like(x)], -1)
         return light_irradiance(view.lights[0], points, np.array([0.0, 0.0, 1.0]))[..., None] * view.lights[0].power
 
-    steps = reference.solve(replace(SQUARE.scene, views=views), SolveSettings(size=16, model="lambert"), matte)
+    steps = solver.solve(replace(SQUARE.scene, views=views), SolveSettings(size=16, model="lambert"), matte)
     with pytest.raises(StopIteration) as stop:
         while True:
             next(steps)
@@ -78,7 +79,7 @@ def test_what_is_too_large_is_solved_small_and_said():
 def test_maps_that_do_not_fit_in_memory_are_solved_smaller_and_said():
     """A quarter of the memory: half the size."""
     needed = memory(SQUARE.scene, 4 * 16 * 16) / 1e9
-    steps = reference.solve(SQUARE.scene, SolveSettings(size=16), SQUARE.read_image, 0.26 * needed)
+    steps = solver.solve(SQUARE.scene, SolveSettings(size=16), SQUARE.read_image, 0.26 * needed)
     with pytest.raises(StopIteration) as stop:
         while True:
             next(steps)
@@ -92,7 +93,7 @@ def test_the_memory_foreseen_is_what_observations_take():
     views = tuple(replace(view, lights=tuple(replace(light, radius=0.2) for light in view.lights))
                   for view in SQUARE.scene.views[:8])
     scene = replace(SQUARE.scene, views=views)
-    steps = reference.solve(scene, SolveSettings(size=32), SQUARE.read_image)
+    steps = solver.solve(scene, SolveSettings(size=32), SQUARE.read_image)
     next(steps)
     tracemalloc.start()
     try:
@@ -153,7 +154,7 @@ def test_holes_are_filled_from_around():
     rng = np.random.default_rng(1)
     values, known = rng.uniform(0, 1, (13, 20, 2)), np.zeros((13, 20))
     known[4:9, 3:15] = 1
-    filled = reference.fill(values, known)
+    filled = solver.fill(values, known)
     np.testing.assert_array_equal(filled[known == 1], values[known == 1])
     assert filled.min() >= values[known == 1].min() - 1e-12 and filled.max() <= values[known == 1].max() + 1e-12
-    np.testing.assert_allclose(reference.fill(np.full((13, 20, 1), 0.3), known), 0.3)
+    np.testing.assert_allclose(solver.fill(np.full((13, 20, 1), 0.3), known), 0.3)

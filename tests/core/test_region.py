@@ -7,8 +7,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from irpso_addon.core import region
 from irpso_addon.core.data import Maps
+from irpso_addon.core.maps import region
 
 SIZE = 256  # where the seam has its full width
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core.checked import CheckedView, Window
+from irpso_addon.core.check_records import Misfit
+from irpso_addon.core.checks.registration import Registration, corrected
+from irpso_addon.core.checks.registration_fit import fit_views, gain_of_cameras, silhouette
+from irpso_addon.core.checks.view_check_data import CheckedView, Window
 from irpso_addon.core.data import Camera, MeshArrays, SceneData, View
-from irpso_addon.core.registration import Misfit, Registration, corrected
-from irpso_addon.core.shifts import fit_views, gain_of_cameras, silhouette
 
 WIDTH, HEIGHT, RADIUS = 150, 120, 48.0
 SUNS = np.array([(0.5, 0.3, 0.8), (-0.6, 0.2, 0.8), (0.1, -0.7, 0.7), (0.0, 0.6, 0.8), (0.7, -0.4, 0.6),

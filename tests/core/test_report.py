@@ -10,15 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core.advice import grouped
-from irpso_addon.core.checks import Checks, MaterialCheck, ViewCheck
-from irpso_addon.core.consensus import LightResidual, Slope
+from irpso_addon.core.check_records import Checks, LightResidual, MaterialCheck, Misfit, Residual, Slope, ViewCheck
+from irpso_addon.core.checks.warnings import grouped
 from irpso_addon.core.data import Maps, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.registration import Misfit
-from irpso_addon.core.report import build_report, peak_memory, version, write_report
-from irpso_addon.core.residuals import Residual
+from irpso_addon.core.reporting.report import build_report, peak_memory, write_report
+from irpso_addon.core.versions import version
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTHING = np.zeros((1, 1), np.float32)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.staging import SET, Staging
+from irpso_addon.core.storage.output_transaction import SET, Staging
 
 ROOT = Path(__file__).parents[2]
 
@@ -79,7 +79,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from irpso_addon.core import staging
+from irpso_addon.core.storage import output_transaction as staging
 place, name = sys.argv[2].split(".")
 place = {"os": os, "staging": staging, "shutil": staging.shutil}[place]
 real, calls = getattr(place, name), []

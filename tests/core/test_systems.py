@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core.captures import read_captures
+from irpso_addon.core.capture.captures import read_captures
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.export import FORBIDDEN, safe_stem
-from irpso_addon.core.image_writer import write_image
+from irpso_addon.core.images.image_writer import write_image
+from irpso_addon.core.maps.export import FORBIDDEN, safe_stem
 
 ROOT = Path(__file__).resolve().parents[2]
 VIEW = {"image": "refs\\first\\a b.exr", "camera": "Cam", "lights": ["Key"], "mask": "refs\\first\\mask.png"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from irpso_addon.core import vase
+from irpso_addon.core.samples import vase
 
 SIZE = 256
 

@@ -13,17 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core import bundle
-from irpso_addon.core.atomic import _FAR, LOCK, PART, FolderLock, remove_leftovers, replacing
-from irpso_addon.core.checks import Checks
-from irpso_addon.core.data import Camera, Light, Maps, MeshArrays, NormalMap, SceneData, Solution, View
+from irpso_addon.core.check_records import Checks
+from irpso_addon.core.data import Camera, Light, Maps, MeshArrays, NormalMap, SceneData, Solution, View, ViewPicture
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.export import layers, write_maps
-from irpso_addon.core.live import ViewPicture
-from irpso_addon.core.merge import merge, steps
+from irpso_addon.core.maps.block_merge import merge, steps
+from irpso_addon.core.maps.export import layers, write_maps
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.tiling import windows
-from irpso_addon.core.work import Work
+from irpso_addon.core.storage.atomic_io import _FAR, LOCK, PART, FolderLock, remove_leftovers, replacing
+from irpso_addon.core.tiled import npz_archive
+from irpso_addon.core.tiled.uv_blocks import windows
+from irpso_addon.core.tiled.work_folder import Work
 
 ROOT = Path(__file__).parents[2]
 
@@ -76,10 +75,10 @@ def same(a: object, b: object) -> bool:
     np.bool_(True), {"x": np.array(7), "y": np.zeros((0, 3), np.int64)}, Path("a/ü"), "\udcff\n", 2**80,
 ], ids=lambda t: type(t).__name__)
 def test_bundle_gives_back_what_it_got(tmp_path, thing):
-    bundle.save(tmp_path / "a.npz", thing)
-    assert same(bundle.load(tmp_path / "a.npz"), thing)
+    npz_archive.save(tmp_path / "a.npz", thing)
+    assert same(npz_archive.load(tmp_path / "a.npz"), thing)
     first = (tmp_path / "a.npz").read_bytes()
-    bundle.save(tmp_path / "b.npz", bundle.load(tmp_path / "a.npz"))
+    npz_archive.save(tmp_path / "b.npz", npz_archive.load(tmp_path / "a.npz"))
     assert (tmp_path / "b.npz").read_bytes() == first  # the same thing, the same bytes
     with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
         assert "thing.json" in file.files
@@ -87,8 +86,8 @@ def test_bundle_gives_back_what_it_got(tmp_path, thing):
 
 def test_loaded_arrays_can_be_changed_and_shared_ones_are_kept_once(tmp_path):
     array = np.arange(6.0)
-    bundle.save(tmp_path / "a.npz", (array, array))
-    a, b = bundle.load(tmp_path / "a.npz")
+    npz_archive.save(tmp_path / "a.npz", (array, array))
+    a, b = npz_archive.load(tmp_path / "a.npz")
     a[0] = 5
     assert b[0] == 5 and len(zipfile.ZipFile(tmp_path / "a.npz").namelist()) == 2
 
@@ -96,13 +95,13 @@ def test_loaded_arrays_can_be_changed_and_shared_ones_are_kept_once(tmp_path):
 @pytest.mark.parametrize("thing", [object(), {1, 2}, b"x", np.array(["a"]), np.array([None]), lambda: 0])
 def test_bundle_refuses_what_it_does_not_know(tmp_path, thing):
     with pytest.raises(TypeError):
-        bundle.save(tmp_path / "a.npz", thing)
+        npz_archive.save(tmp_path / "a.npz", thing)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_damage_is_told_with_the_file(tmp_path):
     path = tmp_path / "a.npz"
-    bundle.save(path, scene())
+    npz_archive.save(path, scene())
     whole = path.read_bytes()
     rng = np.random.default_rng(0)
     for n in range(150):
@@ -113,43 +112,43 @@ def test_damage_is_told_with_the_file(tmp_path):
             bad[rng.integers(len(bad))] ^= 1 << rng.integers(8)
         path.write_bytes(bad)
         try:
-            assert same(bundle.load(path), scene())  # a bit that tells nothing: a date, a comment
+            assert same(npz_archive.load(path), scene())  # a bit that tells nothing: a date, a comment
         except BadInput as error:
             assert str(path) in str(error) and "\n" not in str(error)
 
 
 def test_hostile_bundles(tmp_path):
     path = tmp_path / "a.npz"
-    texts = ['{"format":1,"thing":{"record":"os.system","fields":{}}}', '{"format":1,"thing":{"array":"a0"}}',
-             "[" * 10**5, '{"format":1,"thing":{"record":"data.View","fields":{"x":1}}}',
-             '{"format":1,"thing":{"path":"a\\u0000"}}',
-             '{"format":2,"thing":1}', "{}", "null", '{"format":1,"thing":{"dict":[[[],1]]}}']
+    texts = ['{"format":2,"thing":{"record":"os.system","fields":{}}}', '{"format":2,"thing":{"array":"a0"}}',
+             "[" * 10**5, '{"format":2,"thing":{"record":"View","fields":{"x":1}}}',
+             '{"format":2,"thing":{"path":"a\\u0000"}}',
+             '{"format":1,"thing":1}', "{}", "null", '{"format":2,"thing":{"dict":[[[],1]]}}']
     for text in texts:
         with zipfile.ZipFile(path, "w") as file:
             file.writestr("thing.json", text)
         with pytest.raises(BadInput, match=r"a\.npz"):
-            bundle.load(path)
+            npz_archive.load(path)
     header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }".ljust(117) + b"\n"
     for content, how in ((b"\x93NUMPY\x01\x00v\x00" + header, zipfile.ZIP_STORED),
                          (b"\0" * 10**7, zipfile.ZIP_DEFLATED)):
         with zipfile.ZipFile(path, "w", how) as file:
-            file.writestr("thing.json", '{"format":1,"thing":1}')
+            file.writestr("thing.json", '{"format":2,"thing":1}')
             file.writestr("a0.npy", content)
         with pytest.raises(BadInput, match="damaged"):
-            bundle.load(path)
+            npz_archive.load(path)
 
 
 def test_fingerprint(tmp_path):
     (tmp_path / "f").write_bytes(b"1")
-    base = bundle.fingerprint(scene(), SolveSettings(), files=[tmp_path / "f"])
-    assert base == bundle.fingerprint(scene(), SolveSettings(), files=[tmp_path / "f"]) and len(base) == 64
-    others = {bundle.fingerprint(scene(), SolveSettings(size=64), files=[tmp_path / "f"]),
-              bundle.fingerprint(scene(), SolveSettings()), bundle.fingerprint(SolveSettings(), scene())}
+    base = npz_archive.fingerprint(scene(), SolveSettings(), files=[tmp_path / "f"])
+    assert base == npz_archive.fingerprint(scene(), SolveSettings(), files=[tmp_path / "f"]) and len(base) == 64
+    others = {npz_archive.fingerprint(scene(), SolveSettings(size=64), files=[tmp_path / "f"]),
+              npz_archive.fingerprint(scene(), SolveSettings()), npz_archive.fingerprint(SolveSettings(), scene())}
     (tmp_path / "f").write_bytes(b"2")
-    others.add(bundle.fingerprint(scene(), SolveSettings(), files=[tmp_path / "f"]))
+    others.add(npz_archive.fingerprint(scene(), SolveSettings(), files=[tmp_path / "f"]))
     assert base not in others and len(others) == 4
     with pytest.raises(BadInput, match="gone"):
-        bundle.fingerprint(files=[tmp_path / "gone"])
+        npz_archive.fingerprint(files=[tmp_path / "gone"])
 
 
 BLOCK = {"roughness": np.ones((4, 4), np.float32)}
@@ -194,7 +193,7 @@ def test_damaged_blocks_are_as_if_not_there(tmp_path):
 
 
 def test_two_at_once(tmp_path):
-    code = ("import sys; from pathlib import Path; from irpso_addon.core.work import Work\n"
+    code = ("import sys; from pathlib import Path; from irpso_addon.core.tiled.work_folder import Work\n"
             "with Work(Path(sys.argv[1])): print('in', flush=True); sys.stdin.read()")
     other = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, stdin=subprocess.PIPE,
                              stdout=subprocess.PIPE, text=True)
@@ -210,7 +209,7 @@ def test_two_at_once(tmp_path):
 ENTER = """
 import sys, time
 from pathlib import Path
-from irpso_addon.core.atomic import FolderLock
+from irpso_addon.core.storage.atomic_io import FolderLock
 from irpso_addon.core.errors import BadInput
 count, done = Path(sys.argv[1], "count"), 0
 while done < 40:
@@ -279,9 +278,9 @@ def test_links_are_not_followed(tmp_path):
 def test_pipes_are_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "irpso-work")
     with pytest.raises(BadInput, match="is not a file"):
-        bundle.load(tmp_path / "irpso-work")
+        npz_archive.load(tmp_path / "irpso-work")
     with pytest.raises(BadInput, match="is not a file"):
-        bundle.fingerprint(files=[tmp_path / "irpso-work"])
+        npz_archive.fingerprint(files=[tmp_path / "irpso-work"])
     assert Work(tmp_path).fingerprint() is None
 
 

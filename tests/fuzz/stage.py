@@ -13,14 +13,17 @@ from typing import Any
 import bpy
 import numpy as np
 
-from irpso_addon.blender import files, material, readiness, steer, writable
-from irpso_addon.blender.scene import read_scene
-from irpso_addon.blender.tags import TAG
-from irpso_addon.core import tiling
+from irpso_addon.blender import files
+from irpso_addon.blender.jobs import solve_region
+from irpso_addon.blender.material import material, material_preflight
+from irpso_addon.blender.material.tags import TAG
+from irpso_addon.blender.scene import readiness
+from irpso_addon.blender.scene.scene import read_scene
 from irpso_addon.core.data import Maps, SceneData, Solution
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.lights import light_irradiance, light_uniforms
 from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.shading.lights import light_irradiance, light_uniforms
+from irpso_addon.core.tiled import uv_blocks
 
 SIZE = 8  # texels of the maps
 CAPTURES = "captures.json"
@@ -150,9 +153,9 @@ def _scene(rng: Random, folder: Path) -> None:
     data = read_scene(None, name, rng.choice((None, None, folder / CAPTURES)))
     check(data)
     subject = files.object_named(data.mesh.name)
-    writable.check(subject, data.mesh)
+    material_preflight.check(subject, data.mesh)
     part = rng.choice((("ALL", None), ("GROUP", "part"), ("GROUP", ""), ("FACES", None)))
-    data = steer.with_part(None, subject, data, rng.choice(("anew", "last")), *part)
+    data = solve_region.with_part(None, subject, data, rng.choice(("anew", "last")), *part)
     SolveSettings()
     names = [slot.material.name if slot.material else "" for slot in subject.material_slots] or [""]
     if rng.random() < 0.5:
@@ -177,7 +180,7 @@ def check(data: SceneData) -> None:
     assert data.views
     for udim in ("first", "all"):
         with contextlib.suppress(BadInput):  # far too many squares
-            assert len(tiling.solved_udims(udim, mesh.uvs)) <= tiling.MOST_UDIMS
+            assert len(uv_blocks.solved_udims(udim, mesh.uvs)) <= uv_blocks.MOST_UDIMS
     point, normal = mesh.positions[:4].mean(1), mesh.normals[:4, 0]
     for view in data.views:
         camera = view.camera

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from irpso_addon.core.captures import read_captures
+from irpso_addon.core.capture.captures import read_captures
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.text_file import MOST
+from irpso_addon.core.storage.text_file import MOST
 from tests.fuzz import worker
 from tests.fuzz.__main__ import SHARES, table
 from tests.fuzz.drive import Driver, Results

@@ -12,10 +12,10 @@ import pytest
 
 from irpso_addon.core.data import Solution
 from irpso_addon.core.job import Progress
-from irpso_addon.core.tables import principled_table
-from irpso_addon.gpu import thread
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.programs import assemble
+from irpso_addon.core.shading.tables import principled_table
+from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.device.programs import assemble
 from tests.gpu import shoots
 from tests.gpu import synthetic as syn
 from tests.gpu.glsl import Recorder

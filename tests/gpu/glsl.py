@@ -19,7 +19,7 @@ from typing import Any
 import moderngl
 import pytest
 
-from irpso_addon.gpu import programs
+from irpso_addon.gpu.device import programs
 
 KERNEL = "#ifdef COMPUTE"  # stands in include/kernel.glsl: that text is a compute shader too
 SAMPLERS = {0x8B5D, 0x8B5E, 0x8B5F, 0x8B60, 0x8DC1, 0x8DC2, 0x8DCA, 0x8DD2}  # GL_SAMPLER_1D and so on

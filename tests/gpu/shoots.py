@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from irpso_addon import pipeline
 from irpso_addon.core.data import Light, Solution
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
 from tests.gpu import synthetic as syn
 
 SIZE = 64

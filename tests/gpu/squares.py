@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from irpso_addon.core.data import SceneData
-from irpso_addon.core.image_writer import write_image
+from irpso_addon.core.images.image_writer import write_image
 from tests.gpu import synthetic as syn
 
 MARGIN, WIDTH = syn.MARGIN, 1 - 2 * syn.MARGIN

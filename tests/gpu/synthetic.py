@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from irpso_addon.core import brdf, lights
 from irpso_addon.core.data import Camera, Light, MeshArrays, RadianceImage, SceneData, View
+from irpso_addon.core.shading import brdf, lights
 
 CELLS = 24
 MARGIN = 0.05  # of the UV square, left free around the island

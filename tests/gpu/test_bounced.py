@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core import selftest
 from irpso_addon.core.data import Bounced
-from irpso_addon.core.tiling import Crop, cropped
-from irpso_addon.gpu import bounced as smoothing
-from irpso_addon.gpu.bounced import Smoother
-from irpso_addon.gpu.observe import camera_uniforms, observe
-from irpso_addon.gpu.surface import MeshBuffer, Occluders, draw_pixel_grid
+from irpso_addon.core.samples import selftest
+from irpso_addon.core.tiled.uv_blocks import Crop, cropped
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid
+from irpso_addon.gpu.observe import indirect_light as smoothing
+from irpso_addon.gpu.observe.indirect_light import Smoother
+from irpso_addon.gpu.observe.observations import camera_uniforms, observe
 from tests.gpu.texels import finish
 
 TINT = np.array([0.9, 0.5, 0.2], np.float32)  # of the indirect light

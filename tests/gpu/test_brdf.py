@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core import brdf
-from irpso_addon.core.tables import F0, SIZE
+from irpso_addon.core.shading import brdf
+from irpso_addon.core.shading.tables import F0, SIZE
 
 BRDF = "include/brdf.glsl"
 RTOL = 2e-5

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon.core.advice import warnings
-from irpso_addon.core.checks import Checks
+from irpso_addon.core.check_records import Checks
+from irpso_addon.core.checks.warnings import warnings
 from irpso_addon.core.data import Light, Solution, View
 from tests.gpu import shoots
 from tests.gpu import synthetic as syn
@@ -149,7 +149,7 @@ def test_one_picture_that_is_not_linear(plane) -> None:
 
 
 def test_clipped_pictures(plane) -> None:
-    """The brightest 5 % of each picture left out, as core/image.py does with clipped pixels."""
+    """The brightest 5 % of each picture left out, as core/images/reference_image.py does with clipped pixels."""
     def cut(view: View):
         image = plane.images[view.image.name]
         bright = image.rgb.max(-1)

@@ -13,10 +13,10 @@ import pytest
 
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import DeviceSettings, SolveSettings
-from irpso_addon.gpu import thread
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.paper import PaperSwarm
-from irpso_addon.gpu.solve import Solver
+from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.solve.paper_swarm import PaperSwarm
+from irpso_addon.gpu.solve.solver import Solver
 from tests.gpu.texels import Texels, exact, finish
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -198,8 +198,8 @@ def test_a_driver_without_compute_shaders_solves(on_gl):
 OLD = """
 import numpy as np
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.solve import Solver
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.solve.solver import Solver
 from tests.gpu.texels import exact, finish
 device = Device()
 problem, texels = exact()

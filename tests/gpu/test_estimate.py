@@ -5,9 +5,9 @@ from __future__ import annotations
 import moderngl
 import pytest
 
-from irpso_addon.core.estimate import Taken, estimate
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu.observe import bytes_per_pixel
+from irpso_addon.core.reporting.estimates import Taken, estimate
+from irpso_addon.gpu.observe.observations import bytes_per_pixel
 from tests.gpu import synthetic as syn
 from tests.gpu.shoots import rig, run
 

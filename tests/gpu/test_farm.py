@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from irpso_addon import farm, large
 from irpso_addon.core.data import SceneData
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import farm, tiled_solve
 from tests.gpu.squares import write_scene
 
 OPENJD = Path(sys.executable).with_name("openjd")
@@ -34,7 +34,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = write_scene(folder / "scene", cameras=1)
     alone = folder / "alone"
     alone.mkdir()
-    thread.run(lambda: large.run(scene, SETTINGS, alone, folder / "work", "exr", block=BLOCK, halo=HALO))
+    thread.run(lambda: tiled_solve.run(scene, SETTINGS, alone, folder / "work", "exr", block=BLOCK, halo=HALO))
     plan = thread.run(lambda: farm.plan_job(scene, SETTINGS, folder / "job", block=BLOCK, halo=HALO))
     farm.write_job(plan, folder / "job", 2 * BLOCK, "exr", None)
     shutil.rmtree(folder / "scene")  # workers have the job's folder alone

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.gpu.fill import fill
+from irpso_addon.gpu.maps.fill import fill
 
 SIZES = [(64, 64), (100, 100), (33, 47), (1, 1), (5, 1), (128, 96)]
 

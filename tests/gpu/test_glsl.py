@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from irpso_addon.gpu import programs
-from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.device import programs
+from irpso_addon.gpu.device.context import Device
 from tests.gpu.glsl import Made, Recorder
 
 UNITS = 16  # GL_MAX_TEXTURE_IMAGE_UNITS at least, and on a Mac; llvmpipe has 32
 OUTPUTS = 8  # GL_MAX_DRAW_BUFFERS, and GL_MAX_IMAGE_UNITS of OpenGL 4.3
-# What blender/view_draw.py declares of them; Blender writes these lines itself.
+# What blender/viewer/view_draw.py declares of them; Blender writes these lines itself.
 PLATE = {
     "plate.vert": "in vec2 position;\nin vec2 place;\nout vec2 uv;\nuniform mat4 mvp;\n",
     "plate.frag": "in vec2 uv;\nout vec4 color;\nuniform int kind;\nuniform float wipe, gain, top, least;\n"

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon.core import brdf
 from irpso_addon.core.errors import Cancelled
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.ladder import Found, Ladder
+from irpso_addon.core.shading import brdf
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.solve.model_ladder import Found, Ladder
 from tests.bench import problem as bench
 from tests.gpu.texels import Texels, exact, finish, held
 

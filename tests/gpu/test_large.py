@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon import large, pipeline
-from irpso_addon.core import tiling
 from irpso_addon.core.data import SceneData
 from irpso_addon.core.errors import BadInput, Cancelled
-from irpso_addon.core.export import layers
-from irpso_addon.core.image_writer import write_image
+from irpso_addon.core.images.image_writer import write_image
+from irpso_addon.core.maps.export import layers
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.tiling import Crop
-from irpso_addon.core.work import Work
-from irpso_addon.gpu import thread
+from irpso_addon.core.tiled import uv_blocks
+from irpso_addon.core.tiled.uv_blocks import Crop
+from irpso_addon.core.tiled.work_folder import Work
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline, tiled_solve
 from tests.gpu import synthetic as syn
 
 SIZE, BLOCK = 128, 64  # texels
@@ -55,11 +55,11 @@ def solve(scene: SceneData, folder: Path, **chosen: Any) -> Found:
     """The maps of a large solve, and what its plan holds under "plan"."""
     work = folder / "work"
     folder.mkdir(exist_ok=True)
-    solution = thread.run(lambda: large.run(scene, settings(**chosen), folder, work, "exr", block=BLOCK))
+    solution = thread.run(lambda: tiled_solve.run(scene, settings(**chosen), folder, work, "exr", block=BLOCK))
     with Work(work) as place:
         plan = place.read_plan()
         found: Found = {"plan": plan, "warnings": solution.warnings}
-        for name in large.layers_of(plan):
+        for name in tiled_solve.layers_of(plan):
             first = place.read_block(plan.windows[0].key)[name]
             whole = np.zeros((plan.settings.size,) * 2 + first.shape[2:], np.float32)
             for window in plan.windows:
@@ -132,10 +132,10 @@ def test_little_memory_shrinks_the_pictures(
     scene: SceneData, blocks: Found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     crops: list[Crop] = []
-    window = large._window
-    monkeypatch.setattr(large, "_window", lambda picture, crop, scale: crops.append(crop) or window(
+    window = tiled_solve._window
+    monkeypatch.setattr(tiled_solve, "_window", lambda picture, crop, scale: crops.append(crop) or window(
         picture, crop, scale))
-    monkeypatch.setattr(tiling, "PICTURES", 6e-4)
+    monkeypatch.setattr(uv_blocks, "PICTURES", 6e-4)
     found = solve(scene, tmp_path / "out")
     assert {crop.shrink for crop in crops} == {2}
     told = "4 of 4 blocks see their pictures reduced"
@@ -155,14 +155,14 @@ def test_a_stop_keeps_finished_blocks(scene: SceneData, blocks: Found, tmp_path:
         return bool(seen) and seen[-1].message.startswith("block 3") and seen[-1].stage == "solve"
 
     with pytest.raises(Cancelled):
-        thread.run(lambda: large.run(scene, settings(), out, out / "work", "exr", block=BLOCK),
+        thread.run(lambda: tiled_solve.run(scene, settings(), out, out / "work", "exr", block=BLOCK),
                    on_progress=seen.append, should_stop=stop)
     assert not list(out.glob("*.exr"))
-    again = thread.run(lambda: large.run(scene, settings(), out, out / "work", "exr", block=BLOCK))
+    again = thread.run(lambda: tiled_solve.run(scene, settings(), out, out / "work", "exr", block=BLOCK))
     assert "resumed: 2 of 4 blocks were there" in again.warnings
     assert again.texels["solved"] == int((blocks["filled"] < 0.5).sum())
 
 
 def test_a_part_or_the_last_result_is_refused(scene: SceneData, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="solved whole and anew"):
-        thread.run(lambda: large.run(scene, settings(start="last"), tmp_path, tmp_path / "work", "exr"))
+        thread.run(lambda: tiled_solve.run(scene, settings(start="last"), tmp_path, tmp_path / "work", "exr"))

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core import lights
 from irpso_addon.core.data import Light
+from irpso_addon.core.shading import lights
 
 LIGHTS = "include/lights.glsl"
 COUNT = 4_000

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon import pipeline
 from irpso_addon.core.job import Progress
-from irpso_addon.core.live import Live
+from irpso_addon.core.live_maps import Live
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
 from tests.gpu import shoots
 from tests.gpu import synthetic as syn
 

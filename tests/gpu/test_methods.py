@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import atlas
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.solve import Solver
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.observe import observation_atlas
+from irpso_addon.gpu.solve.solver import Solver
 from tests.gpu.texels import Texels, exact, finish
 
 METHODS = ("refined", "draft", "swarm")
@@ -68,7 +68,7 @@ def test_the_same_bytes_again_and_with_other_tiles(on_gl, monkeypatch, method, t
     if tile == (40, 40):
         assert [a.tobytes() for a in solve(on_gl, texels, lobes, method=method)] == whole
         return
-    monkeypatch.setattr(atlas, "TILE", tile)
+    monkeypatch.setattr(observation_atlas, "TILE", tile)
     assert [a.tobytes() for a in solve(on_gl, texels, lobes, method=method)] == whole
 
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core import selftest
 from irpso_addon.core.data import Light, SceneData
-from irpso_addon.gpu.cells import CELL, Cells
-from irpso_addon.gpu.observe import observe
-from irpso_addon.gpu.surface import MeshBuffer
+from irpso_addon.core.samples import selftest
+from irpso_addon.gpu.device.occupied_cells import CELL, Cells
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
+from irpso_addon.gpu.observe.observations import observe
 
 
 def observed(on_gl, scene: SceneData, read_image):

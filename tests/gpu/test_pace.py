@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon import pipeline
 from irpso_addon.core.data import Solution
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import pace, surface, thread
-from irpso_addon.gpu.atlas import Atlas
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.pace import Pace, rectangles
+from irpso_addon.gpu.device import draw_budget, thread
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.device.draw_budget import Pace, rectangles
+from irpso_addon.gpu.gbuffer import gbuffer
+from irpso_addon.gpu.observe.observation_atlas import Atlas
+from irpso_addon.solve import pipeline
 from tests.gpu import shoots
 from tests.gpu import synthetic as syn
 from tests.gpu.texels import exact
@@ -30,7 +31,7 @@ class Machine:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, slice_ms: float = 15.0) -> None:
         self.now = self.queued = self.waited = 0.0
         self.longest = 0.0  # seconds that went by between two waits
-        monkeypatch.setattr(pace.time, "perf_counter", lambda: self.now)
+        monkeypatch.setattr(draw_budget.time, "perf_counter", lambda: self.now)
         self.pace = Pace(self.wait, slice_ms)
 
     def wait(self) -> None:
@@ -140,7 +141,7 @@ def divided(on_gl: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[
     def call(solve: Callable[[], Any]) -> list[Any]:
         results, drawn = [], []
         for kind, bundle in ((Counted, 10**9), (Cut, 300)):
-            monkeypatch.setattr(surface, "BUNDLE", bundle)
+            monkeypatch.setattr(gbuffer, "BUNDLE", bundle)
             monkeypatch.setattr(device, "pace", kind(device._finish, math.inf))
             results.append(solve())
             drawn.append(device.pace.pieces)  # type: ignore[attr-defined]

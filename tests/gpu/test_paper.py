@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon import pipeline
-from irpso_addon.core import brdf
 from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.tables import principled_table
-from irpso_addon.gpu import atlas, thread
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.paper import Limits, PaperMaps, PaperSwarm, Swarms, limits_for, spans
+from irpso_addon.core.shading import brdf
+from irpso_addon.core.shading.tables import principled_table
+from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.observe import observation_atlas
+from irpso_addon.gpu.solve.paper_swarm import Limits, PaperMaps, PaperSwarm, Swarms, limits_for, spans
+from irpso_addon.solve import pipeline
 from tests.bench import problem as bench
 from tests.gpu import synthetic as syn
 
@@ -53,7 +54,7 @@ def exact(**spec: Any) -> tuple[bench.Problem, dict[str, Any]]:
     return problem, {name: getattr(problem, name) for name in names}
 
 
-class ColouredSource(atlas.ArraySource):
+class ColouredSource(observation_atlas.ArraySource):
     """Every observation is of one channel: view k's R, then G, then B, of one camera each."""
 
     def __init__(self, device: Device, arrays: dict[str, Any]) -> None:
@@ -74,8 +75,8 @@ def settings(**chosen: Any) -> SolveSettings:
     return SolveSettings(**{"size": SIZE, "method": "paper", "particles": 8, "iterations": 100, **chosen})
 
 
-def source_of(device: Device, arrays: dict[str, Any]) -> atlas.ArraySource:
-    return atlas.ArraySource(device, table=principled_table(), **arrays)
+def source_of(device: Device, arrays: dict[str, Any]) -> observation_atlas.ArraySource:
+    return observation_atlas.ArraySource(device, table=principled_table(), **arrays)
 
 
 def finish(steps: Any) -> Any:
@@ -86,7 +87,7 @@ def finish(steps: Any) -> Any:
             return end.value
 
 
-def run(on_gl: OnGL, arrays: dict[str, Any], model: str = "one-lobe", tile: tuple[int, int] = atlas.TILE,
+def run(on_gl: OnGL, arrays: dict[str, Any], model: str = "one-lobe", tile: tuple[int, int] = observation_atlas.TILE,
         **chosen: Any) -> tuple[np.ndarray, np.ndarray, int]:
     """(best, more, evaluations) of a whole run."""
 

@@ -9,7 +9,7 @@ import moderngl
 import pytest
 
 from irpso_addon.core.errors import ShaderRefused
-from irpso_addon.gpu import programs
+from irpso_addon.gpu.device import programs
 
 SCREEN = "void main() { gl_Position = vec4(gl_VertexID == 1 ? 3 : -1, gl_VertexID == 2 ? 3 : -1, 0, 1); }\n"
 MAIN = "out vec4 o;\nvoid main() { o = vec4(value()); }\n"

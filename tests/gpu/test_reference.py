@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon.core import reference
+from irpso_addon.core.cpu_solver import solver
 from irpso_addon.core.data import Solution
 from irpso_addon.core.params import DeviceSettings, SolveSettings
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
 from tests.gpu import synthetic as syn
 from tests.gpu.shoots import errors, rig, run
 
@@ -45,7 +45,7 @@ def numpy_device():
 
 
 def drained(shoot: syn.Shoot, **settings: Any) -> Solution:
-    steps = reference.solve(shoot.scene, SolveSettings(**{"size": SIZE, **settings}), shoot.read_image)
+    steps = solver.solve(shoot.scene, SolveSettings(**{"size": SIZE, **settings}), shoot.read_image)
     while True:
         try:
             next(steps)

@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon import pipeline, remote
 from irpso_addon.core.data import SceneData, Solution
 from irpso_addon.core.errors import BadInput, Cancelled, DeviceLost
-from irpso_addon.core.image_writer import write_image
-from irpso_addon.core.live import Live
+from irpso_addon.core.images.image_writer import write_image
+from irpso_addon.core.live_maps import Live
 from irpso_addon.core.params import DeviceSettings, SolveSettings
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
+from irpso_addon.process import remote
+from irpso_addon.solve import pipeline
 from tests.gpu import synthetic as syn
 
 PATIENCE = 60.0  # seconds; far more than any of these jobs needs
@@ -41,7 +42,7 @@ def filed(patches: syn.Shoot, tmp_path_factory: pytest.TempPathFactory) -> Scene
 def warm() -> Iterator[remote.Worker]:
     """A worker that has compiled what previews need."""
     worker = remote.Worker(DeviceSettings())
-    job = remote.Remote("preview:warm_up", worker=worker)
+    job = remote.Remote("solve.preview:warm_up", worker=worker)
     assert job.wait(PATIENCE)
     job.result()
     yield worker
@@ -56,7 +57,7 @@ def until(true: Callable[[], bool]) -> None:
 
 
 def test_a_solve_is_the_same_as_here_and_pictures_show_what_it_predicts(filed: SceneData) -> None:
-    job = remote.Remote("pipeline:solve", filed, SETTINGS)
+    job = remote.Remote("solve.pipeline:solve", filed, SETTINGS)
     looks: list[Live] = []
     fractions: list[float] = []
     while not job.wait(0.01):
@@ -84,13 +85,13 @@ def test_a_solve_is_the_same_as_here_and_pictures_show_what_it_predicts(filed: S
 
 def test_bad_input_arrives_as_what_it_is(filed: SceneData) -> None:
     missing = replace(filed, views=(replace(filed.views[0], image=Path("/nowhere/a.exr")),))
-    job = remote.Remote("pipeline:solve", missing, SETTINGS)
+    job = remote.Remote("solve.pipeline:solve", missing, SETTINGS)
     with pytest.raises(BadInput, match=r"a\.exr"):
         job.result()
 
 
 def test_a_stop_is_immediate_and_takes_the_process_along(filed: SceneData) -> None:
-    job = remote.Remote("pipeline:solve", filed, replace(SETTINGS, size=1024))
+    job = remote.Remote("solve.pipeline:solve", filed, replace(SETTINGS, size=1024))
     until(lambda: job.poll() is not None)
     began = time.monotonic()
     job.cancel()
@@ -102,7 +103,7 @@ def test_a_stop_is_immediate_and_takes_the_process_along(filed: SceneData) -> No
 
 
 def test_a_worker_that_dies_is_told_of(filed: SceneData) -> None:
-    job = remote.Remote("pipeline:solve", filed, replace(SETTINGS, size=1024))
+    job = remote.Remote("solve.pipeline:solve", filed, replace(SETTINGS, size=1024))
     until(lambda: job.poll() is not None)
     os.kill(job.worker._process.pid, signal.SIGKILL)
     with pytest.raises(DeviceLost, match=r"worker process ended \(status -9\).*smaller Memory"):
@@ -110,7 +111,7 @@ def test_a_worker_that_dies_is_told_of(filed: SceneData) -> None:
 
 
 def test_a_job_that_is_held_stands_still(filed: SceneData) -> None:
-    job = remote.Remote("pipeline:solve", filed, replace(SETTINGS, size=512))
+    job = remote.Remote("solve.pipeline:solve", filed, replace(SETTINGS, size=512))
     until(lambda: (p := job.poll()) is not None and p.stage == "solve")
     job.pause(True)
     time.sleep(0.7)  # the step that it was in
@@ -123,7 +124,7 @@ def test_a_job_that_is_held_stands_still(filed: SceneData) -> None:
 
 
 def test_a_preview_comes_closer_from_look_to_look(filed: SceneData, warm: remote.Worker, patches: syn.Shoot) -> None:
-    job = remote.Remote("preview:preview", filed, replace(SETTINGS, size=512), worker=warm)
+    job = remote.Remote("solve.preview:preview", filed, replace(SETTINGS, size=512), worker=warm)
     looks: list[Live] = []
     until(lambda: bool(looks.extend(job.looks())) or sum(bool(look.pictures) for look in looks) >= 3)
     assert set(looks[0].maps) == {"base_color"}  # is there at once
@@ -143,6 +144,6 @@ def test_a_preview_comes_closer_from_look_to_look(filed: SceneData, warm: remote
     assert next(look for look in judged if not look.maps).error > 3 * whole[1].error
     job.cancel()
     # The worker lives, and takes the next job.
-    again = remote.Remote("preview:warm_up", worker=warm)
+    again = remote.Remote("solve.preview:warm_up", worker=warm)
     assert again.wait(PATIENCE)
     again.result()

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import share
-from irpso_addon.gpu.solve import Solver
+from irpso_addon.gpu.solve import neighbours
+from irpso_addon.gpu.solve.solver import Solver
 from tests.bench.problem import Problem, Spec, make
 from tests.gpu.texels import Texels, Twin, evaluate, finish, of_problem
 
@@ -141,5 +141,5 @@ def test_clean_data_are_left_alone_bit_for_bit(on_gl):
 
 
 def test_noise_of_too_few_degrees_of_freedom_is_not_judged():
-    variance, outliers = share.clean_noise(np.array([1.0, 2.0], np.float32), np.array([1.0, 2.0], np.float32))
-    assert variance == share.NOISE_FLOOR**2 and not outliers
+    variance, outliers = neighbours.clean_noise(np.array([1.0, 2.0], np.float32), np.array([1.0, 2.0], np.float32))
+    assert variance == neighbours.NOISE_FLOOR**2 and not outliers

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.solve import Solver
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.solve.solver import Solver
 from tests.gpu.texels import Texels, exact, finish
 
 NINETY = 1.6449  # standard deviations that hold 90 % of a normal distribution

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core import brdf, lights
 from irpso_addon.core.data import Solution
-from irpso_addon.gpu import atlas as gpu_atlas
+from irpso_addon.core.shading import brdf, lights
+from irpso_addon.gpu.observe import observation_atlas as gpu_atlas
 from tests.gpu import synthetic as syn
 from tests.gpu.shoots import METHODS, SIZE, errors, rig, run
 

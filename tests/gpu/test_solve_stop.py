@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon import pipeline
 from irpso_addon.core.data import Solution
 from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import atlas as gpu_atlas
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.observe import observation_atlas as gpu_atlas
+from irpso_addon.solve import pipeline
 from tests.gpu import synthetic as syn
 from tests.gpu.shoots import SIZE, errors, run, turned_away
 from tests.gpu.texels import held

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon import pipeline
 from irpso_addon.core.data import Camera, MeshArrays, NormalMap, SceneData
 from irpso_addon.core.errors import BadInput
-from irpso_addon.gpu import thread
-from irpso_addon.gpu.surface import MeshBuffer, Occluders, clip_matrix, draw_pixel_grid, facets
+from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, clip_matrix, draw_pixel_grid, facets
+from irpso_addon.solve import pipeline
 from tests.gpu import synthetic as syn
 
 SNAP = 1.5 / 256  # pixels

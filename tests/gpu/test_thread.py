@@ -10,7 +10,7 @@ import pytest
 
 from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.job import Progress
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
 
 PATIENCE = 20.0  # seconds; far more than any of these jobs needs
 

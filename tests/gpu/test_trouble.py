@@ -20,13 +20,13 @@ import moderngl
 import numpy as np
 import pytest
 
-from irpso_addon import pipeline
 from irpso_addon.core.data import Solution
 from irpso_addon.core.errors import BadInput, DeviceError, DeviceLost, NoDevice, OutOfDeviceMemory, ShaderRefused
 from irpso_addon.core.job import Progress
 from irpso_addon.core.params import DeviceSettings, SolveSettings
-from irpso_addon.gpu import programs, thread
-from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.device import programs, thread
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.solve import pipeline
 from tests.gpu import shoots
 from tests.gpu import synthetic as syn
 
@@ -264,7 +264,7 @@ def test_kernels_that_compute_shaders_cannot_do_run_as_fragment_shaders(broken, 
     ({"MESA_GL_VERSION_OVERRIDE": "3.2"}, "the driver's is older"),
 ])
 def test_no_device_is_told_with_what_to_do(environment, said):
-    code = ("from irpso_addon.core.errors import NoDevice\nfrom irpso_addon.gpu.context import Device\n"
+    code = ("from irpso_addon.core.errors import NoDevice\nfrom irpso_addon.gpu.device.context import Device\n"
             "try:\n    Device()\nexcept NoDevice as error:\n    print(error)")
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env={**os.environ, **environment},
                           capture_output=True, text=True, timeout=60)

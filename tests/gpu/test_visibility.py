@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.data import Camera, Light, MeshArrays
-from irpso_addon.gpu.surface import MeshBuffer, Occluders, draw_pixel_grid
-from irpso_addon.gpu.visibility import LightVisibility
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid
+from irpso_addon.gpu.observe.visibility import LightVisibility
 from tests.gpu import synthetic as syn
 
 PIXELS = 96

@@ -11,10 +11,10 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from irpso_addon.core import brdf
-from irpso_addon.core.tables import principled_table
-from irpso_addon.gpu.atlas import ArraySource, Atlas
-from irpso_addon.gpu.context import Device
+from irpso_addon.core.shading import brdf
+from irpso_addon.core.shading.tables import principled_table
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.observe.observation_atlas import ArraySource, Atlas
 from tests.bench import problem as bench
 
 HERE = Path(__file__).parent

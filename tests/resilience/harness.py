@@ -14,9 +14,9 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from irpso_addon.core import bundle
-from irpso_addon.core.atomic import PART
-from irpso_addon.core.image_file import open_image
+from irpso_addon.core.images.image_file import open_image
+from irpso_addon.core.storage.atomic_io import PART
+from irpso_addon.core.tiled import npz_archive
 
 from .job import BAD, WORK, Request, make_scene
 
@@ -221,7 +221,7 @@ class Campaign:
         work = out / WORK
         blocks = {p.name for p in work.glob("blocks/*") if not p.name.startswith(PART)}
         for path in [*(work / "blocks" / name for name in blocks - before), *work.glob("plan.npz")]:
-            bundle.load(path)
+            npz_archive.load(path)
         merged = len(before) == 4
         if (work / "irpso-work").exists() and not merged and before - blocks:
             raise Torn(f"{work}: blocks {before - blocks} are gone")

@@ -16,19 +16,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from irpso_addon import large
-from irpso_addon.core import bundle
-from irpso_addon.core.atomic import PART
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.image_writer import write_image
+from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.report import write_report
-from irpso_addon.core.staging import SET, Staging
-from irpso_addon.core.work import Work
-from irpso_addon.gpu import thread
+from irpso_addon.core.reporting.report import write_report
+from irpso_addon.core.storage.atomic_io import PART
+from irpso_addon.core.storage.output_transaction import SET, Staging
+from irpso_addon.core.tiled import npz_archive
+from irpso_addon.core.tiled.work_folder import Work
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import tiled_solve
 
 SIZE, BLOCK = 128, 64  # texels
-WORK = large.WORK
+WORK = tiled_solve.WORK
 BAD = 3  # exit status of a BadInput, as of the command line
 # What the audit hook of Python tells that changes files; "open" also tells what is only read.
 EVENTS = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "shutil.rmtree", "os.listdir"}
@@ -43,17 +43,17 @@ def make_scene(folder: Path) -> Path:
     for view in shoot.scene.views:
         path = folder / view.image.name
         write_image(path, shoot.images[view.image.name].rgb, kind="exr", color=True)
-        views.append(large.replace(view, image=path))
-    bundle.save(folder / "scene.npz", large.replace(shoot.scene, views=tuple(views)))
+        views.append(tiled_solve.replace(view, image=path))
+    npz_archive.save(folder / "scene.npz", tiled_solve.replace(shoot.scene, views=tuple(views)))
     return folder / "scene.npz"
 
 
 def solve(scene: Path, out: Path) -> None:
     """As the command line does it, without the .blend."""
-    data = bundle.load(scene)
+    data = npz_archive.load(scene)
     settings = SolveSettings(size=SIZE, model="one-lobe", registration="given")
     with Staging(out) as staging:
-        solution = thread.run(lambda: large.run(
+        solution = thread.run(lambda: tiled_solve.run(
             data, settings, staging.folder, out / WORK, "exr", block=BLOCK))
         write_report(staging.folder / "report.json", {"texels": solution.texels, "residual": solution.residual})
         staging.publish()

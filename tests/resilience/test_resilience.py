@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from irpso_addon.core.work import MARK
+from irpso_addon.core.tiled.work_folder import MARK
 
 from .harness import Campaign, Torn
 from .job import WORK

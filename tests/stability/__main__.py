@@ -12,7 +12,7 @@ import os
 import sys
 import time
 
-from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.device.context import Device
 
 from .axes import AXES, ROW
 from .identical import identical

@@ -1,4 +1,4 @@
-"""The product's rounds of solving, checking and putting cameras and exposures right (irpso_addon/pipeline.py, solve).
+"""The product's rounds of solving, checking and putting cameras and exposures right (solve/pipeline.py).
 
 Where the product moves a camera, the picture is moved here: the texels are the cameras' pixels.
 """
@@ -10,11 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from irpso_addon.core.advice import mended
-from irpso_addon.core.checks import Checks, worse
+from irpso_addon.core.check_records import Checks
+from irpso_addon.core.checks.registration import corrected
+from irpso_addon.core.checks.solve_checks import worse
+from irpso_addon.core.checks.warnings import mended
 from irpso_addon.core.data import SceneData, View
-from irpso_addon.core.registration import corrected
-from irpso_addon.pipeline import ALIGN_ROUNDS
+from irpso_addon.solve.pipeline import ALIGN_ROUNDS
 from tests.gpu.synthetic import plane_mesh
 
 from .methods import Answer

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from PIL import Image
 
-from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.device.context import Device
 from tests.bench.chart import STYLES as BENCH
 
 from .axes import Axis, Point

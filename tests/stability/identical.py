@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from irpso_addon import pipeline
 from irpso_addon.core.data import RadianceImage
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import atlas, ladder, solve, thread
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.paper import PaperSwarm
-from irpso_addon.gpu.solve import Solver
+from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.observe import observation_atlas
+from irpso_addon.gpu.solve import model_ladder, solver
+from irpso_addon.gpu.solve.paper_swarm import PaperSwarm
+from irpso_addon.gpu.solve.solver import Solver
+from irpso_addon.solve import pipeline
 from tests.bench.opengl import result
 from tests.gpu import shoots
 from tests.gpu import synthetic as syn
@@ -90,32 +92,32 @@ def _arrays(device: Device, problem: Problem, method: str, tile: tuple[int, int]
 @contextmanager
 def ordered(number: int) -> Iterator[None]:
     """Tiles in another order."""
-    usual = atlas.tiles
+    usual = observation_atlas.tiles
 
-    def other(*arguments: Any) -> list[atlas.Tile]:
+    def other(*arguments: Any) -> list[observation_atlas.Tile]:
         tiles = usual(*arguments)
         if number == 1:
             return tiles[::-1]
         return [tiles[i] for i in np.random.default_rng(7).permutation(len(tiles))] if number == 2 else tiles
 
-    solve.tiles = ladder.tiles = other
+    solver.tiles = model_ladder.tiles = other
     try:
         yield
     finally:
-        solve.tiles = ladder.tiles = usual
+        solver.tiles = model_ladder.tiles = usual
 
 
 def _pipeline(method: str, seed: int, tile: tuple[int, int] | None, order: int) -> bytes:
     """Of a whole solve, pictures with noise and a few outliers, on the GL thread."""
-    usual = atlas.TILE
-    atlas.TILE = tile or usual
+    usual = observation_atlas.TILE
+    observation_atlas.TILE = tile or usual
     try:
         with ordered(order):
             shoot = _shoot()
             settings = SolveSettings(size=SIZE, method=method, seed=seed)
             maps = thread.run(lambda: pipeline.solve(shoot.scene, settings, shoot.read_image)).maps
     finally:
-        atlas.TILE = usual
+        observation_atlas.TILE = usual
     made = [maps.base_color, maps.roughness, maps.confidence, maps.error, maps.filled, maps.roughness_sigma]
     return hashlib.sha256(b"".join(a.tobytes() for a in made)).digest()
 

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irpso_addon.core.data import F32, F64
+from irpso_addon.core.evaluation.prediction import PlaceView, Surface, predict
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.predict import PlaceView, Surface, predict
-from irpso_addon.core.tables import principled_table
-from irpso_addon.gpu.atlas import CAMERA_SLACK, MODEL_ERROR, POOL_GAIN, ArraySource, Layers
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.ladder import Ladder
-from irpso_addon.gpu.maps import confidence
-from irpso_addon.gpu.paper import Swarms
-from irpso_addon.gpu.solve import Solver
+from irpso_addon.core.shading.tables import principled_table
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.maps.finish_maps import confidence
+from irpso_addon.gpu.observe.observation_atlas import CAMERA_SLACK, MODEL_ERROR, POOL_GAIN, ArraySource, Layers
+from irpso_addon.gpu.solve.model_ladder import Ladder
+from irpso_addon.gpu.solve.paper_swarm import Swarms
+from irpso_addon.gpu.solve.solver import Solver
 from tests.bench.opengl import SHADERS, result
 
 from .problem import Problem
@@ -210,20 +210,22 @@ class Method:
     needs: str = ""  # the axes it is for: "drifts", where exposures are solved as well; "other", another material
 
 
-_SOLVE = ("irpso_addon/gpu/solve.py", "irpso_addon/gpu/share.py", "irpso_addon/gpu/atlas.py", "shaders/solve",
-          "shaders/include", "irpso_addon/core/tables.py", "irpso_addon/gpu/maps.py", "tests/stability/measure.py")
-_CHECKS = ("tests/stability/aligned.py", "tests/stability/warned.py", *(f"irpso_addon/core/{name}.py" for name in (
-    "advice", "checks", "checked", "indirect", "registration", "residuals", "shifts")))
+_LIBRARY = "irpso_addon/"
+_SOLVE = (*(_LIBRARY + file for file in (
+    "gpu/solve/solver.py", "gpu/solve/neighbours.py", "gpu/observe/observation_atlas.py", "core/shading/tables.py",
+    "gpu/maps/finish_maps.py")), "shaders/solve", "shaders/include", "tests/stability/measure.py")
+_CHECKS = ("tests/stability/aligned.py", "tests/stability/warned.py", _LIBRARY + "core/checks")
 METHODS = (
-    Method("paper", "paper", None, ("irpso_addon/gpu/paper.py", "shaders/paper", "shaders/solve/observations.glsl",
-                                    "shaders/include")),
+    Method("paper", "paper", None, (_LIBRARY + "gpu/solve/paper_swarm.py", "shaders/paper",
+                                    "shaders/solve/observations.glsl", "shaders/include")),
     Method("swarm", "swarm", lambda t: t.product("swarm", "auto"), _SOLVE),
     Method("squares", "refined, squares", lambda t: t.product("refined", "squares"), _SOLVE),
     Method("refined", "refined", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS), rounds=True),
     Method("exposed", "exposures solved", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS),
            rounds=True, needs="drifts"),
     Method("auto", "model auto", lambda t: t.whole(),
-           (*_SOLVE, *_CHECKS, "irpso_addon/gpu/ladder.py", "irpso_addon/core/models.py"), rounds=True, needs="other"),
+           (*_SOLVE, *_CHECKS, _LIBRARY + "gpu/solve/model_ladder.py", _LIBRARY + "core/models.py"), rounds=True,
+           needs="other"),
     Method("single", "LM, one start", lambda t: t.rival("single.glsl", {"u_steps": 16}),
            ("shaders/solve/observations.glsl", "shaders/solve/fit.glsl", "shaders/include", "tests/bench/shaders")),
     Method("adam", "Adam", lambda t: t.rival("adam.glsl", ADAM),

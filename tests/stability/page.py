@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.device.context import Device
 from tests.bench.measure import machine
 
 from . import chart

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irpso_addon.core import brdf
 from irpso_addon.core.data import F32, F64, Bool
+from irpso_addon.core.shading import brdf
 from tests.bench.problem import BUMP, LAMP_DISTANCE, PATCH_RADIUS, Estimate, lamp_positions, smooth_map
 
 from .spoil import Pictures, develop, shifted
 
 LEAST_COS_L, LEAST_COS_V = 0.08, 0.15  # shaders/include/observed.glsl: what is more grazing is no good observation
-DARK_SHARE = 0.02  # irpso_addon/gpu/observe.py
+DARK_SHARE = 0.02  # irpso_addon/gpu/observe/observations.py
 CAMERA_DISTANCE, CAMERA_ANGLE = 5.0, 25.0  # half widths of the patch; degrees from the patch's normal
 SUB_TEXELS, SUB_LAMPS = 4, 16  # across a texel; points on a lamp with a size
 GAUSS = (-0.5 / np.sqrt(3.0), 0.5 / np.sqrt(3.0))  # two-point rule over a texel's width
@@ -95,7 +95,7 @@ class Problem:
 
     @property
     def channels(self) -> int:
-        """3 where the lamps are coloured so strongly that each channel counts by itself (gpu/observe.py)."""
+        """3 where the lamps are coloured so strongly that each channel counts by itself (observations.py)."""
         return 3 if bool(np.any(self.tint.min(1) < 0.25 * self.tint.max(1))) else 1
 
 

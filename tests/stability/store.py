@@ -17,7 +17,7 @@ from .methods import METHODS, Method
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "stability"
 COMMON = ("tests/stability/problem.py", "tests/stability/spoil.py", "tests/bench/problem.py",
-          "irpso_addon/core/brdf.py")
+          "irpso_addon/core/shading/brdf.py")
 EDITION = 2  # raised when measure.py or methods.py make other records of the same answers
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 
-from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.device.context import Device
 
 from .aligned import rounds
 from .axes import Axis

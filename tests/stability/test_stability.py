@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core import brdf
-from irpso_addon.gpu.context import Device
+from irpso_addon.core.shading import brdf
+from irpso_addon.gpu.device.context import Device
 
 from . import page, store
 from .axes import AXES, ROW, Axis, Point

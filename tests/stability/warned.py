@@ -1,4 +1,4 @@
-"""What the product would warn of after a solve: core/checks.py and core/advice.py on the problem's views."""
+"""What the product would warn of after a solve: solve_checks.py and warnings.py on the problem's views."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from irpso_addon.core.advice import warnings
-from irpso_addon.core.checked import CheckedView, Window
-from irpso_addon.core.checks import Checks, TexelFit, measure
+from irpso_addon.core.check_records import Checks
+from irpso_addon.core.checks.solve_checks import TexelFit, measure
+from irpso_addon.core.checks.view_check_data import CheckedView, Window
+from irpso_addon.core.checks.warnings import warnings
 from irpso_addon.core.data import Camera, Light, View
 
 from .methods import Answer, predicted
@@ -21,7 +22,7 @@ KINDS = {  # words of a warning -> its kind in the atlas; the first that fits
     "clipped": "clipped", "highlights are off": "misfit", "unexplained": "misfit",
     "good observations": "few observations", "highlight": "no highlight", "lit by no view": "not seen",
 }
-UNSEEN = 0.05  # irpso_addon/pipeline.py: share of texels seen by no view
+UNSEEN = 0.05  # irpso_addon/solve/pipeline.py: share of texels seen by no view
 
 
 def warned(answer: Answer, checks: Checks, mended: Sequence[str] = ()) -> list[tuple[str, str]]:
@@ -33,7 +34,7 @@ def warned(answer: Answer, checks: Checks, mended: Sequence[str] = ()) -> list[t
 
 
 def checks_of(problem: Problem, answer: Answer, views: Sequence[View] = ()) -> Checks:
-    """As irpso_addon/pipeline.py, _checks; ``views``: the problem's, where they were put right."""
+    """As irpso_addon/solve/pipeline.py, _checks; ``views``: the problem's, where they were put right."""
     assert answer.observed is not None and answer.sigma is not None
     return measure(checked_views(problem, answer, views or views_of(problem)), TexelFit(
         "patch", {"Paint": answer.model}, np.zeros(answer.solved.shape, np.int32), ("Paint",), answer.solved,

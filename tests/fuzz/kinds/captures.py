@@ -10,7 +10,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from irpso_addon.core.captures import read_captures
+from irpso_addon.core.capture.captures import read_captures
 
 from .. import spoil
 from ..case import Box

@@ -10,10 +10,10 @@ from random import Random
 
 import numpy as np
 
+from irpso_addon.core.capture.file_preview import glance
 from irpso_addon.core.data import Camera, RadianceImage, View
-from irpso_addon.core.glance import glance
-from irpso_addon.core.image import read_reference
-from irpso_addon.core.pictures import Picture, develop
+from irpso_addon.core.images.reference_image import read_reference
+from irpso_addon.core.tiled.reference_cache import Picture, develop
 
 from .. import pictures, spoil
 from ..case import MEMORY, Box

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from irpso_addon.blender import files
-from irpso_addon.blender.tags import PARKED_TAG, SPECULAR_LINK_TAG, SPECULAR_TAG, TAG
+from irpso_addon.blender.material.tags import PARKED_TAG, SPECULAR_LINK_TAG, SPECULAR_TAG, TAG
 
 from .. import spoil, stage
 from ..case import Box

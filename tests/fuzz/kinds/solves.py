@@ -10,12 +10,12 @@ from random import Random
 import bpy
 import numpy as np
 
-from irpso_addon import pipeline
-from irpso_addon.blender.scene import read_scene
-from irpso_addon.core.export import layers
+from irpso_addon.blender.scene.scene import read_scene
 from irpso_addon.core.job import Progress
+from irpso_addon.core.maps.export import layers
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
 
 from .. import pictures
 from ..case import Box

@@ -13,17 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from irpso_addon.core import estimate
 from irpso_addon.core.data import Maps
-from irpso_addon.core.export import KINDS, safe_stem, write_maps
+from irpso_addon.core.evaluation.ground_truth import read_truth
+from irpso_addon.core.maps.export import KINDS, safe_stem, write_maps
 from irpso_addon.core.params import DeviceSettings, SolveSettings
-from irpso_addon.core.report import write_report
-from irpso_addon.core.truth import read_truth
+from irpso_addon.core.reporting import estimates
+from irpso_addon.core.reporting.report import write_report
 
 from .. import spoil
 from ..case import Box
 
-VIEWS = [estimate.Taken(1000, 600, "Cam", 2), estimate.Taken(36, 24, "Cam 2", 1)]
+VIEWS = [estimates.Taken(1000, 600, "Cam", 2), estimates.Taken(36, 24, "Cam 2", 1)]
 
 
 def prepare(_folder: Path) -> Maps:
@@ -41,7 +41,7 @@ def make(shared: Maps, rng: Random, box: Box) -> Callable[[], None]:
 def _factors(_shared: Maps, rng: Random, box: Box) -> Callable[[], None]:
     """What solves on this machine have taken, and an estimate by it."""
     path = box.given / "irpso_speed.json"
-    stages = [*estimate.STAGES, "solve refined auto", "compiled one, 2 views, 2 cameras"]
+    stages = [*estimates.STAGES, "solve refined auto", "compiled one, 2 views, 2 cameras"]
     told: Any = {"factors": {rng.choice([*stages, spoil.word(rng)]): rng.choice((1.0, 0.3, spoil.number(rng)))
                              for _ in range(rng.randrange(8))}}
     if rng.random() < 0.2:
@@ -59,14 +59,14 @@ def _factors(_shared: Maps, rng: Random, box: Box) -> Callable[[], None]:
 
 
 def _estimated(path: Path, out: Path, rng: Random) -> None:
-    factors = estimate.read_factors(path)
+    factors = estimates.read_factors(path)
     settings = SolveSettings(model=rng.choice(("auto", "lambert", "two-lobe")), size=rng.choice((16, 1024, 8192)))
-    found = estimate.estimate(VIEWS, settings, factors, 2.0, rounds=rng.random() < 0.5)
+    found = estimates.estimate(VIEWS, settings, factors, 2.0, rounds=rng.random() < 0.5)
     assert math.isfinite(found.seconds) and found.seconds > 0 and found.gpu_bytes > 0 and found.host_bytes > 0
-    assert estimate.in_words(found.seconds)
-    after = estimate.learnt(factors, VIEWS, settings, {"solve": rng.choice((0.0, 1.0, 1e9))}, 2.0)
-    estimate.write_factors(out, after)
-    assert estimate.read_factors(out).keys() == after.keys()
+    assert estimates.in_words(found.seconds)
+    after = estimates.learnt(factors, VIEWS, settings, {"solve": rng.choice((0.0, 1.0, 1e9))}, 2.0)
+    estimates.write_factors(out, after)
+    assert estimates.read_factors(out).keys() == after.keys()
 
 
 def _report(_shared: Maps, rng: Random, box: Box) -> Callable[[], None]:

@@ -14,18 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from irpso_addon.core import bundle, merge, tiling
 from irpso_addon.core.data import Camera, Light, MeshArrays, SceneData, View
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.pictures import Picture, develop
-from irpso_addon.core.staging import READY, SET, Staging
-from irpso_addon.core.work import Work
+from irpso_addon.core.maps import block_merge
+from irpso_addon.core.storage.output_transaction import READY, SET, Staging
+from irpso_addon.core.tiled import npz_archive, uv_blocks
+from irpso_addon.core.tiled.reference_cache import Picture, develop
+from irpso_addon.core.tiled.work_folder import Work
 
 from .. import pictures, spoil
 from ..case import Box
 
 BLOCK = 8
-WINDOWS = tiling.windows(2 * BLOCK, (1001,), BLOCK, 2)
+WINDOWS = uv_blocks.windows(2 * BLOCK, (1001,), BLOCK, 2)
 LAYERS = ("basecolor", "roughness")
 
 
@@ -175,7 +176,7 @@ def _read(folder: Path, _maps: Path, _rng: Random) -> None:
                 work.read_block(window.key)
     finally:
         for path in sorted(folder.glob("*.npz")):
-            bundle.load(path)
+            npz_archive.load(path)
     for path in sorted(work.pictures.iterdir()) if work.pictures.is_dir() else ():
         image = Picture(path).window(0, 0, 8, 8, 2)
         assert image.rgb.shape == (4, 4, 3)
@@ -204,4 +205,4 @@ def _enter(folder: Path, _maps: Path, rng: Random) -> None:
 
 def _merge(folder: Path, maps: Path, _rng: Random) -> None:
     maps.mkdir(exist_ok=True)
-    merge.merge(Work(folder).read_block, WINDOWS, "Subject", maps, "exr", LAYERS)
+    block_merge.merge(Work(folder).read_block, WINDOWS, "Subject", maps, "exr", LAYERS)

@@ -86,7 +86,7 @@ def look(name: str, settle: float = 0.5) -> Steps:
 
 
 def addon(module: str) -> Any:
-    """A module of the installed add-on: ``addon("irpso_addon.blender.session")``."""
+    """A module of the installed add-on: ``addon("irpso_addon.blender.jobs.session")``."""
     return sys.modules[f"{PACKAGE}.{module}"]
 
 

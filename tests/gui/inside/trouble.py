@@ -90,10 +90,10 @@ def no_opengl(scene: str, size: int) -> Steps:
     """The worker finds no OpenGL: the panel offers numpy, which then does it."""
     os.environ["__EGL_VENDOR_LIBRARY_FILENAMES"] = os.devnull  # Blender has its own context already
     yield from jobs.opened(scene, min(size, 32))
-    robot.addon("irpso_addon.blender.jobs").cool_down()  # whose worker had been started before
+    robot.addon("irpso_addon.blender.jobs.jobs").cool_down()  # whose worker had been started before
     yield from jobs.started()
     yield from jobs.ended()
-    assert jobs.solution() is None and robot.addon("irpso_addon.blender.session").device_trouble
+    assert jobs.solution() is None and robot.addon("irpso_addon.blender.jobs.session").device_trouble
     yield 0.5
     yield from robot.look("offered")
     yield from robot.key("ESC")  # the report lies over the button

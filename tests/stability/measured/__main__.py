@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.device.context import Device
 
 from . import merl, page, picture
 from .run import run

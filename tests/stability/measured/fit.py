@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irpso_addon.core import brdf, tables
 from irpso_addon.core.data import F64
+from irpso_addon.core.shading import brdf, tables
 
 from .merl import fresnel, v_grooves
 from .rig import NORMAL, View

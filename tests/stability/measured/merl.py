@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from irpso_addon.core import brdf
 from irpso_addon.core.data import F64
+from irpso_addon.core.shading import brdf
 
 NETWORKS = "merl_nbrdf.npz"
 FITS = {"Low E1": "low_cooktorrance_E1.csv", "Low E2": "low_cooktorrance_E2.csv", "Ngan": "ngan_cooktorrance.csv"}

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from irpso_addon.core import tables
 from irpso_addon.core.data import F64, Bool
+from irpso_addon.core.shading import tables
 
 from . import fit, rig
 from .judge import BRIGHT, EXPOSED, LUMINANCE, encode

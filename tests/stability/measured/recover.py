@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from irpso_addon.core import brdf
 from irpso_addon.core.data import F32, F64, Bool
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.tables import principled_table
-from irpso_addon.gpu.atlas import LEAST_GAIN, MODEL_ERROR, ArraySource
-from irpso_addon.gpu.context import Device
-from irpso_addon.gpu.ladder import Found, Ladder
+from irpso_addon.core.shading import brdf
+from irpso_addon.core.shading.tables import principled_table
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.observe.observation_atlas import LEAST_GAIN, MODEL_ERROR, ArraySource
+from irpso_addon.gpu.solve.model_ladder import Found, Ladder
 from tests.bench.opengl import result
 
 from .rig import NORMAL, Geometry

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from irpso_addon.core import brdf
 from irpso_addon.core.data import F32, F64, Bool
+from irpso_addon.core.shading import brdf
 
 Reflectance = Callable[[F64, F64], F64]  # (L, V) in the normal's frame -> (..., 3)
 

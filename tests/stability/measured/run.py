@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from irpso_addon.core.data import F64
-from irpso_addon.gpu.context import Device
+from irpso_addon.gpu.device.context import Device
 
 from . import fit, merl, rig
 from .judge import Judge, Judgement

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core import brdf
 from irpso_addon.core.data import F64
-from irpso_addon.gpu.context import Device
+from irpso_addon.core.shading import brdf
+from irpso_addon.gpu.device.context import Device
 
 from . import fit, merl, rig
 from .judge import Judge, Shown
@@ -117,7 +117,7 @@ def albedo(reflectance: rig.Reflectance) -> float:
 
 
 def test_one_lobe_is_the_products() -> None:
-    """The fitted model in its own words, against core/brdf.py."""
+    """The fitted model in its own words, against core/shading/brdf.py."""
     base, L, V = np.array([[0.6, 0.3, 0.1]]), directions(200, 6), directions(200, 7)
     for r, level in ((0.2, 0.8), (0.5, 0.3), (0.9, 0.1)):
         fitted = fit.Fitted("one-lobe-specular", base, np.array([r, level]), 0.0)

@@ -1,0 +1,147 @@
+"""Indirect light by Cycles: a second Blender renders the scene with the maps found so far on its object.
+
+What it renders is what reaches each view's pixels by way of other surfaces, and from the world or things that glow.
+The open file stays as it is.  The pictures are small and noisy; ``observations.py`` smooths them along the surface.
+Imports where there is no ``bpy``: in a worker process.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from ...core.data import F32, Bounced, SceneData, Solution
+from ...core.errors import BadInput
+from ...core.job import Progress
+from . import second_blender
+
+SAMPLES = 32  # paths of a pixel
+SIDE = 256  # pixels of the longer side
+POLL = 0.05  # seconds
+# Blender 4.5 abbreviates the names of passes, 5 writes them out.
+PASSES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "GlossDir": "Glossy Direct",
+          "GlossInd": "Glossy Indirect", "GlossCol": "Glossy Color"}
+Result = TypeVar("Result")
+Picture = tuple[str, tuple[str, ...]]  # a camera and the lamps that shine; none: the world, and things that glow
+
+
+@dataclass(frozen=True)
+class Bouncer:
+    """Renders the indirect light of a scene's views.  Made on the main thread; called on any, without ``bpy``."""
+
+    blend: Path  # nobody changes it while a job runs
+    scene: str
+    view_layer: str
+    command: tuple[str, ...]  # starts a Blender that runs the Python code that follows
+    copy: tempfile.TemporaryDirectory[str] | None = None  # where ``blend`` lies that we saved ourselves
+
+    @classmethod
+    def of_copy(cls) -> Bouncer:
+        """For a copy of what is open, with all that was changed since it was saved; the copy goes with `around`."""
+        import bpy
+
+        folder = tempfile.TemporaryDirectory(prefix="irpso-copy-")
+        blend = Path(folder.name) / Path(bpy.data.filepath).name
+        bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True, compress=False)
+        return replace(cls.of_open_file(blend), copy=folder)
+
+    @classmethod
+    def of_open_file(cls, blend: Path) -> Bouncer:
+        """For ``blend``, which is what is open, as it was saved."""
+        import bpy
+
+        return cls(blend.resolve(), bpy.context.scene.name, bpy.context.view_layer.name, second_blender.command())
+
+    def __call__(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, Mapping[int, Bounced]]:
+        """Indirect light on the pixels of each view, by its place in the scene.
+
+        Raises BadInput, one line, when the child fails.  Stopped, it ends the child.
+        """
+        wanted = [(view.camera.name, tuple(light.name for light in view.lights)) for view in scene.views]
+        pictures: list[Picture] = [*dict.fromkeys((camera, ()) for camera, _ in wanted), *dict.fromkeys(wanted)]
+        found: dict[Picture, Bounced] = {}
+        with tempfile.TemporaryDirectory(prefix="irpso-indirect-") as name:
+            folder = Path(name)
+            self._write_job(folder, scene, solution, pictures)
+            with _child(self.command, folder) as renderer:
+                for n, picture in enumerate(pictures):
+                    path = folder / f"{n}.exr"
+                    while not path.exists():
+                        if renderer.status is not None and not path.exists():
+                            raise BadInput(f"{self.blend.name}: indirect light cannot be rendered "
+                                           f"({renderer.last_line()}); use Indirect Light off")
+                        yield Progress(n / len(pictures), "indirect", f"picture {n + 1} of {len(pictures)}")
+                        time.sleep(POLL)
+                    found[picture] = read_light(path, "Ind" if picture[1] else "Dir")
+                    path.unlink()
+        return {i: _sum(found[camera, ()], found[camera, lights]) for i, (camera, lights) in enumerate(wanted)}
+
+    def around(self, job: Generator[Progress, None, Result]) -> Generator[Progress, None, Result]:
+        """The job; after it the copy is gone."""
+        try:
+            return (yield from job)
+        finally:
+            if self.copy is not None:
+                self.copy.cleanup()
+
+    def _write_job(self, folder: Path, scene: SceneData, solution: Solution, pictures: Sequence[Picture]) -> None:
+        """What the child is to do: job.json, and the maps as maps.npz."""
+        maps = solution.maps
+        rough = maps.roughness if maps.lobes is None else maps.lobes
+        arrays = {"base_color": maps.base_color, "roughness": rough}
+        np.savez(folder / "maps.npz", **arrays, **({} if maps.specular is None else {"specular": maps.specular}))
+        (folder / "job.json").write_text(json.dumps({
+            "blend": str(self.blend), "scene": self.scene, "view_layer": self.view_layer, "object": scene.mesh.name,
+            "model": solution.model, "levels": solution.levels, "ndf": solution.ndf,
+            "side": SIDE, "samples": SAMPLES, "pictures": pictures,
+        }), encoding="utf-8")
+
+
+@contextmanager
+def _child(command: tuple[str, ...], folder: Path) -> Iterator[second_blender.Child]:
+    """A Blender at work on the job in ``folder``, ended on leaving."""
+    renderer = second_blender.Child(command, "blender.jobs.indirect_child", folder)
+    try:
+        yield renderer
+    finally:
+        renderer.end()
+
+
+def read_light(path: Path, kind: str) -> Bounced:
+    """The passes of a picture, "Ind" or "Dir", as light."""
+    passes = _read_passes(path)
+    diffuse, glossy = passes[f"Diff{kind}"], passes[f"Gloss{kind}"] * passes["GlossCol"]
+    return Bounced(np.float32(np.pi) * np.nan_to_num(diffuse, posinf=0.0), np.nan_to_num(glossy, posinf=0.0))
+
+
+def _read_passes(path: Path) -> dict[str, F32]:
+    """(h, w, 3) of each pass by its short name; row 0 at the bottom."""
+    import OpenImageIO
+
+    long = {name: short for short, name in PASSES.items()}
+    found: dict[str, F32] = {}
+    file = OpenImageIO.ImageInput.open(str(path))
+    if file is None:
+        raise BadInput(f"{path.name}: indirect light cannot be read back ({OpenImageIO.geterror()})")
+    part = 0
+    while file.seek_subimage(part, 0):
+        names = [channel.rsplit(".", 2)[1:] for channel in file.spec().channelnames]
+        pixels = np.asarray(file.read_image(part, 0, 0, len(names), OpenImageIO.FLOAT), np.float32)
+        for name in {name for name, _ in names}:
+            channels = [names.index([name, letter]) for letter in "RGB"]
+            found[long.get(name, name)] = pixels[::-1, :, channels]
+        part += 1
+    file.close()
+    return found
+
+
+def _sum(a: Bounced, b: Bounced) -> Bounced:
+    return Bounced(a.irradiance + b.irradiance, a.glossy + b.glossy)

@@ -1,0 +1,81 @@
+"""What the second Blender does (see indirect.py): put the maps on the object, render passes, write files."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...core.data import Maps, Solution
+from ..material import material
+from .second_blender import as_child
+
+BOUNCES = 4  # where the file renders direct light alone
+
+
+def main(name: str) -> None:
+    """Does the job in the folder ``name`` and ends the process; says in one line on stderr why it could not."""
+    as_child(lambda: _render(Path(name)))
+
+
+def _render(folder: Path) -> None:
+    """From job.json and maps.npz to 0.exr, 1.exr, ..."""
+    job: dict[str, Any] = json.loads((folder / "job.json").read_text(encoding="utf-8"))
+    bpy.ops.wm.open_mainfile(filepath=job["blend"], load_ui=False)
+    scene = bpy.data.scenes[job["scene"]]
+    with np.load(folder / "maps.npz") as arrays:
+        material.write_maps(bpy.data.objects[job["object"]], _solution(job, dict(arrays)))
+    _set_up(scene, job)
+    for n, (camera, lamps) in enumerate(job["pictures"]):
+        scene.camera = bpy.data.objects[camera]
+        for obj in scene.objects:
+            if obj.type == "LIGHT":
+                obj.hide_render = obj.name not in lamps
+        scene.cycles.seed = n
+        scene.render.filepath = str(folder / "rendering.exr")
+        bpy.ops.render.render(write_still=True, scene=scene.name)
+        os.replace(folder / "rendering.exr", folder / f"{n}.exr")
+
+
+def _solution(job: dict[str, Any], arrays: dict[str, Any]) -> Solution:
+    """What `material.write_maps` needs of a solution.  Maps that no node shows are empty."""
+    rough, none = arrays["roughness"], np.zeros((1, 1), np.float32)
+    maps = Maps(
+        base_color=arrays["base_color"], roughness=rough if rough.ndim == 2 else rough[..., 0], confidence=none,
+        error=none, filled=none > 0, coverage=none > 0, roughness_sigma=none, base_sigma=none,
+        lobes=None if rough.ndim == 2 else rough, specular=arrays.get("specular"))
+    return Solution(maps=maps, model=job["model"], why={}, texels={}, seconds={}, residual=0.0, views_used=(),
+                    views_skipped=(), warnings=(), device={}, levels=job["levels"], ndf=job["ndf"])
+
+
+def _set_up(scene: Any, job: dict[str, Any]) -> None:
+    """Small pictures of pixel centres: all light that there is, nothing clamped."""
+    render, cycles = scene.render, scene.cycles
+    render.engine = "CYCLES"
+    scale = min(1.0, job["side"] * 100 / (max(render.resolution_x, render.resolution_y) * render.resolution_percentage))
+    scale *= render.resolution_percentage / 100
+    render.resolution_x, render.resolution_y = (
+        max(4, round(side * scale)) for side in (render.resolution_x, render.resolution_y))
+    render.resolution_percentage = 100
+    render.use_border = render.use_multiview = render.use_compositing = render.use_sequencer = False
+    render.use_motion_blur = render.use_freestyle = False
+    render.use_persistent_data, render.use_file_extension = True, False
+    if hasattr(render.image_settings, "media_type"):  # Blender 5
+        render.image_settings.media_type = "MULTI_LAYER_IMAGE"
+    render.image_settings.file_format = "OPEN_EXR_MULTILAYER"
+    render.image_settings.color_depth, render.image_settings.exr_codec = "32", "NONE"
+    cycles.device, cycles.samples = "CPU", job["samples"]
+    cycles.use_adaptive_sampling = cycles.use_denoising = False
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.light_sampling_threshold = cycles.blur_glossy = 0
+    cycles.pixel_filter_type, cycles.filter_width, cycles.film_exposure = "BOX", 0.01, 1.0
+    if cycles.max_bounces == 0:  # else the file says how its references were rendered
+        cycles.max_bounces = BOUNCES
+        cycles.diffuse_bounces, cycles.glossy_bounces = BOUNCES, BOUNCES
+    for layer in scene.view_layers:
+        layer.use = layer.name == job["view_layer"]
+        for name in ("diffuse_direct", "diffuse_indirect", "glossy_direct", "glossy_indirect", "glossy_color"):
+            setattr(layer, f"use_pass_{name}", True)

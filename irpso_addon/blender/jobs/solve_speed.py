@@ -1,0 +1,147 @@
+"""Time and memory of the next solve, shown before it starts; what solves on this machine have taken."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...core.capture.file_preview import same_file
+from ...core.data import F32, SceneData, Solution
+from ...core.errors import BadInput
+from ...core.params import SolveSettings
+from ...core.reporting import estimates
+from ...core.reporting.estimates import Estimate, Taken, gigabytes
+from ...core.tiled.uv_blocks import FIRST_UDIM, udims_of
+from .. import preferences, properties
+from ..scene import readiness
+from . import session
+
+FILE = "irpso_speed.json"  # in the user's configuration folder
+
+TOLD = 1_000_000_000  # bytes of disk from which on a panel names them
+AGAIN = 3.0  # seconds until an object's UVs are looked at again
+
+_factors: dict[str, float] | None = None  # as in the file; None: not read yet
+_squares: tuple[float, int, tuple[int, ...]] | None = None  # when, of which object, UDIMs
+
+
+def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """A line each for time and memory; nothing before the pictures' sizes are known."""
+    found = of(context)
+    if found is None:
+        return
+    column, count = layout.column(align=True), len(readiness.solve_objects(context))
+    unsure = "" if found.learnt else " (first guess)"
+    seconds = estimates.in_words(found.seconds * max(count, 1)).capitalize()
+    column.label(text=f"{seconds}{unsure}", icon="TIME")
+    memory = f"{gigabytes(found.gpu_bytes)} GPU memory, {gigabytes(found.host_bytes)} memory"
+    column.label(text=memory[:1].upper() + memory[1:], icon="MEMORY")
+    if found.disk_bytes > TOLD:
+        column.label(text=f"{gigabytes(found.disk_bytes)} of disk", icon="DISK_DRIVE")
+    if found.reduced < 0.99:
+        column.label(text=f"Pictures reduced to {found.reduced ** 0.5:.0%} to fit", icon="INFO")
+
+
+def of(context: bpy.types.Context) -> Estimate | None:
+    """The next solve of the active object; None: not known (pictures whose sizes are not, or numpy solves)."""
+    taken = [Taken(v.file.width, v.file.height, v.camera, v.lights) for v in readiness.recent(context).views
+             if v.used and v.file is not None and v.file.width]
+    if not taken or by_numpy():
+        return None
+    settings, obj = properties.settings(context.scene.irpso), context.active_object
+    return estimates.estimate(taken, settings, factors(), preferences.device_settings().memory,
+                             rounds=_rounds(obj, settings), udims=_udims(obj, settings))
+
+
+def by_numpy() -> bool:
+    """Whether solves in the window are numpy's, which take other times."""
+    return preferences.device_settings().device == "numpy"
+
+
+def _udims(obj: bpy.types.Object | None, settings: SolveSettings) -> tuple[int, ...]:
+    """Those that a solve of ``obj`` fills, as far as its mesh without modifiers tells; renewed now and then."""
+    global _squares
+    if settings.udim == "first" or obj is None or obj.type != "MESH" or obj.mode == "EDIT":
+        return (FIRST_UDIM,)
+    now, uid = time.monotonic(), obj.session_uid
+    if _squares is None or _squares[1] != uid or now - _squares[0] > AGAIN:
+        _squares = now, uid, (FIRST_UDIM,)
+        with contextlib.suppress(BadInput):  # too many: the solve will say it
+            _squares = now, uid, udims_of(_middles(obj.data)) or (FIRST_UDIM,)
+    return _squares[2]
+
+
+def _middles(mesh: bpy.types.Mesh) -> F32:
+    """(F, 1, 2) UVs of the middles of a mesh's faces."""
+    layer = next((layer for layer in mesh.uv_layers if layer.active_render), None)
+    if layer is None or not mesh.polygons:
+        return np.zeros((0, 1, 2), np.float32)
+    uvs, starts = np.empty(len(layer.uv) * 2, np.float32), np.empty(len(mesh.polygons), np.int32)
+    layer.uv.foreach_get("vector", uvs)
+    mesh.polygons.foreach_get("loop_start", starts)
+    sums = np.add.reduceat(uvs.reshape(-1, 2), starts, axis=0)
+    return np.asarray(sums / np.diff(starts, append=len(layer.uv))[:, None], np.float32)[:, None]
+
+
+def _rounds(obj: bpy.types.Object | None, settings: SolveSettings) -> bool:
+    """Whether indirect light is likely to be rendered: asked for, or found in the object's last solve."""
+    last = session.solution_of(obj)
+    return settings.indirect == "on" or (
+        settings.indirect == "auto" and last is not None and "indirect" in last.seconds)
+
+
+def learn(
+    data: SceneData, settings: SolveSettings, solution: Solution, wall: float,
+    udims: tuple[int, ...] = (FIRST_UDIM,),
+) -> None:
+    """Remembers what a solve took, ``wall`` seconds in all; stopped ones, parts and numpy's say nothing."""
+    global _factors
+    if solution.cancelled or data.region is not None or data.start is not None or by_numpy():
+        return
+    taken = _sizes(data)
+    if len(taken) < len(data.views):  # the list has been changed meanwhile
+        return
+    _factors = estimates.learnt(factors(), taken, settings, solution.seconds, wall, udims=udims)
+    saved = path(), dict(_factors)
+    threading.Thread(target=_save, args=saved, name="irpso-speed", daemon=True).start()  # disks may be slow
+
+
+def _sizes(data: SceneData) -> Sequence[Taken]:
+    """The views as they were solved; sizes as the panels know them."""
+    states = readiness.recent(bpy.context).views
+    known = {same_file(state.image): state.file for state in states if state.file is not None}
+    return [Taken(file.width, file.height, view.camera.name, len(view.lights)) for view in data.views
+            if (file := known.get(same_file(str(view.image)))) is not None]
+
+
+def factors() -> dict[str, float]:
+    """What was learnt, read once."""
+    global _factors
+    if _factors is None:
+        _factors = estimates.read_factors(path())
+    return _factors
+
+
+def path() -> Path:
+    """Where it is kept."""
+    return Path(bpy.utils.user_resource("CONFIG")) / FILE
+
+
+def _save(target: Path, content: dict[str, float]) -> None:
+    with contextlib.suppress(BadInput, OSError):  # a guess is not worth a message
+        target.parent.mkdir(parents=True, exist_ok=True)
+        estimates.write_factors(target, content)
+
+
+def forget() -> None:
+    """As if nothing had been read: for tests."""
+    global _factors
+    _factors = None
+
+

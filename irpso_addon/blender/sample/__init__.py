@@ -1,0 +1,4 @@
+"""Scenes made and rendered here: the sample scene, the demo, camera and lamp rigs, contact sheets.
+
+May use blender.scene and below.
+"""

@@ -1,0 +1,262 @@
+"""Scene in: the open file as plain arrays.  Reads ``bpy.data``, changes nothing in it.
+
+What a render would show is what is read: evaluated meshes, world matrices, active-render UV map.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...core.capture.captures import MOST_EXPOSURE, read_captures
+from ...core.data import Camera, Light, SceneData, View
+from ...core.errors import BadInput
+from ..oiio import ensure_openimageio
+from .scene_material import read_normal_maps
+from .scene_mesh import read_mesh, read_occluders
+from .scene_objects import read_camera, read_light, rendered_objects
+
+_DISPLAY_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".tga"}
+
+
+def read_scene(context: Any | None, object_name: str | None, captures: Path | None) -> SceneData:
+    """The object to solve, its views and what stands around it.
+
+    ``object_name`` None: the active object if it is a mesh, else the only renderable mesh.  ``captures`` None:
+    the views of the scene's own list, else the cameras' background images under all renderable lights.
+    Raises BadInput, one line, naming the object or file.
+    """
+    ensure_openimageio()
+    context = bpy.context if context is None else context
+    if not bpy.data.filepath:
+        raise BadInput("the scene was never saved; save it first (File > Save)")
+    depsgraph = context.evaluated_depsgraph_get()
+    reader = _Reader(context.scene, depsgraph)
+    _check_working_space()
+    subject = _subject(context, object_name)
+    reader.name_unmodelled(subject)
+    maps = read_normal_maps(subject, reader.warn)
+    mesh = read_mesh(subject, depsgraph, maps, reader.warn)
+    views = reader.views(captures)
+    reader.name_display_images(views)
+    occluders = read_occluders(subject, depsgraph, reader.warn)
+    return SceneData(
+        name=Path(bpy.data.filepath).stem, mesh=mesh, occluders=occluders, views=tuple(views),
+        pixel_filter=_pixel_filter(context.scene), warnings=tuple(dict.fromkeys(reader.warnings)),
+        skipped=tuple(reader.skipped),
+    )
+
+
+def _check_working_space() -> None:
+    """Blender 5 can work in other spaces than linear Rec.709; the solver does not."""
+    space = getattr(getattr(bpy.data, "colorspace", None), "working_space", "Linear Rec.709")
+    if space != "Linear Rec.709":
+        raise BadInput(f"the file's working colour space is {space}; "
+                       "set it to Linear Rec.709 (Scene > Color Management)")
+
+
+def _subject(context: Any, name: str | None) -> Any:
+    if name is not None:
+        obj = context.scene.objects.get(name)
+        if obj is None:
+            raise BadInput(f"object '{name}': is not in scene '{context.scene.name}'; "
+                           f"it has {_names(o for o in context.scene.objects if o.type == 'MESH')}")
+        if obj.type != "MESH":
+            raise BadInput(f"object '{name}': is a {obj.type.lower()}, not a mesh; name a mesh")
+        return obj
+    active = context.view_layer.objects.active
+    if active is not None and active.type == "MESH":
+        return active
+    meshes = [o for o in rendered_objects(context.view_layer).values() if o.type == "MESH"]
+    if len(meshes) != 1:
+        raise BadInput(f"which object to solve? the scene has {_names(meshes)}; name one" if meshes
+                       else f"scene '{context.scene.name}': has no mesh to solve; add one")
+    return meshes[0]
+
+
+def _names(objects: Any) -> str:
+    """Their names as a list, shortened."""
+    names = [f"'{o.name}'" for o in objects]
+    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "") if names else "no mesh"
+
+
+class _Reader:
+    """Collects views, each camera and light read once, and warnings."""
+
+    def __init__(self, scene: Any, depsgraph: Any) -> None:
+        self.scene, self.depsgraph = scene, depsgraph
+        self.warnings: list[str] = []
+        self.skipped: list[tuple[str, str]] = []
+        self._cameras: dict[str, Camera] = {}
+        self._lights: dict[str, Light] = {}
+        self.gain = float(scene.cycles.film_exposure) if scene.render.engine == "CYCLES" else 1.0
+        if not 0 < self.gain < math.inf:
+            raise BadInput(f"scene '{scene.name}': its film exposure is {self.gain:g}; set it to 1 (Render > Film)")
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+    def name_unmodelled(self, subject: Any) -> None:
+        """Warns of what lights or shapes the references but not the solver's model."""
+        if not _is_black(self.scene.world):
+            self.warn(f"world '{self.scene.world.name}': its light counts as indirect (setting indirect), which is "
+                      "less exact; make it black for the references")
+        for modifier in subject.modifiers:
+            if modifier.show_viewport != modifier.show_render or (
+                modifier.show_render and getattr(modifier, "levels", 0) != getattr(modifier, "render_levels", 0)
+            ):
+                self.warn(f"object '{subject.name}': modifier '{modifier.name}' differs between viewport and render; "
+                          "the viewport's shape is used")
+
+    def name_display_images(self, views: list[View]) -> None:
+        """Warns when images that may have gone through a view transform would be read as sRGB."""
+        transform = self.scene.view_settings.view_transform
+        suspects = [v for v in views if v.colorspace in {None, "sRGB"} and v.image.suffix.lower() in _DISPLAY_SUFFIXES]
+        if suspects and self.scene.render.engine == "CYCLES" and transform not in {"Standard", "Raw"}:
+            self.warn(f"{suspects[0].image.name}: read as plain sRGB; if Blender rendered it under this scene's view "
+                      f"transform {transform}, render to EXR instead")
+
+    def views(self, captures: Path | None) -> list[View]:
+        if captures is not None:
+            return self._from_file(captures)
+        entries = getattr(getattr(self.scene, "irpso", None), "views", None)
+        views = self._from_list(entries) if entries else self._from_backgrounds()
+        if not views:
+            raise BadInput(f"scene '{self.scene.name}': has no view; add views in the IRPSO tab, give the cameras "
+                           "background images, or pass a captures.json")
+        return views
+
+    def _from_file(self, path: Path) -> list[View]:
+        return [
+            View(
+                image=entry.image, camera=self._camera(entry.camera, f"{path}: view {index}"),
+                lights=tuple(self._light(name, f"{path}: view {index}") for name in entry.lights),
+                exposure=entry.exposure, mask=entry.mask, colorspace=entry.colorspace, gain=self.gain,
+            )
+            for index, entry in enumerate(read_captures(path))
+        ]
+
+    def _from_list(self, entries: Any) -> list[View]:
+        views = []
+        for index, entry in enumerate(entries):
+            where = f"view {index} of scene '{self.scene.name}'"
+            if not getattr(entry, "enabled", True):
+                self.skipped.append((entry.image or where, "switched off"))
+                continue
+            if not entry.image:
+                raise BadInput(f"{where}: has no image; choose one or switch the view off")
+            if entry.camera is None:
+                raise BadInput(f"{where}: has no camera; choose one or switch the view off")
+            chosen = [item.light for item in entry.lights]
+            if None in chosen:
+                raise BadInput(f"{where}: has an empty light entry; choose a light or remove the entry")
+            if not abs(entry.exposure) <= MOST_EXPOSURE:
+                raise BadInput(f"{where}: exposure {entry.exposure:g} is out of range; "
+                               f"want EV from -{MOST_EXPOSURE} to {MOST_EXPOSURE}")
+            mask = getattr(entry, "mask", "")
+            views.append(View(
+                image=_absolute(entry.image), camera=self._camera(entry.camera.name, where),
+                lights=tuple(self._light(light.name, where) for light in chosen) or self._all_lights(),
+                exposure=float(entry.exposure), mask=_absolute(mask) if mask else None, gain=self.gain,
+                colorspace=getattr(entry, "colorspace", "") or None,
+            ))
+        return views
+
+    def _from_backgrounds(self) -> list[View]:
+        views = []
+        cameras = [o for o in self.scene.objects if o.type == "CAMERA"]
+        if not cameras:
+            raise BadInput(f"scene '{self.scene.name}': has no camera; add one for each reference image")
+        for camera in cameras:
+            for background in camera.data.background_images:
+                image = background.image
+                if background.source != "IMAGE" or image is None:
+                    continue
+                if image.packed_file is not None or image.source != "FILE":
+                    raise BadInput(f"image '{image.name}' (background of camera '{camera.name}'): is not a single file "
+                                   "on disk; unpack it (File > External Data)")
+                views.append(View(
+                    image=_absolute(image.filepath, image.library), lights=self._all_lights(), gain=self.gain,
+                    camera=self._camera(camera.name, "background images"), colorspace=image.colorspace_settings.name,
+                ))
+        return views
+
+    def _find(self, name: str, kind: str, where: str) -> Any:
+        obj = self.scene.objects.get(name)
+        if obj is None or obj.type != kind:
+            have = _names(o for o in self.scene.objects if o.type == kind).replace("no mesh", "none")
+            what = "does not exist in the scene" if obj is None else f"is a {obj.type.lower()}"
+            raise BadInput(f"{where}: {kind.lower()} '{name}' {what}; there are: {have}")
+        return obj
+
+    def _camera(self, name: str, where: str) -> Camera:
+        obj = self._find(name, "CAMERA", where)
+        if name not in self._cameras:
+            if obj.data.dof.use_dof:
+                self.warn(f"camera '{name}': depth of field is not modelled; switch it off for the references")
+            self._cameras[name] = read_camera(obj, self.scene, self.depsgraph)
+        return self._cameras[name]
+
+    def _light(self, name: str, where: str) -> Light:
+        obj = self._find(name, "LIGHT", where)
+        if name not in self._lights:
+            self._lights[name] = read_light(obj, self.depsgraph, self.warn)
+        return self._lights[name]
+
+    def _all_lights(self) -> tuple[Light, ...]:
+        """Every light that a render would use."""
+        lights = [o for o in rendered_objects(self.depsgraph.view_layer).values() if o.type == "LIGHT"]
+        if not lights:
+            raise BadInput(f"scene '{self.scene.name}': has no light that renders; add those of the references")
+        return tuple(self._light(o.name, "the scene") for o in lights)
+
+
+def _absolute(path: str, library: Any = None) -> Path:
+    return Path(bpy.path.abspath(path, library=library))
+
+
+def _is_black(world: Any) -> bool:
+    if world is None:
+        return True
+    if world.node_tree is None or (bpy.app.version < (5, 0, 0) and not world.use_nodes):
+        return not any(world.color)
+    output = world.node_tree.get_output_node("CYCLES")
+    if output is None or not output.inputs["Surface"].is_linked:
+        return True
+    node = output.inputs["Surface"].links[0].from_node
+    if node.type != "BACKGROUND":
+        return False
+    strength, color = node.inputs["Strength"], node.inputs["Color"]
+    if not strength.is_linked and strength.default_value == 0:
+        return True
+    return not color.is_linked and not any(color.default_value[:3])
+
+
+# Blackman-Harris window (Harris 1978): coefficients of its cosine series
+_BLACKMAN_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)
+
+
+def _pixel_filter(scene: Any) -> float:
+    """Width in pixels of the box with the standard deviation of the scene's render filter.
+
+    Measured on a line rendered by Cycles (the test shows it): Box is 1 pixel whatever the width says, the
+    Gaussian's table reaches over 3 widths, Blackman-Harris' over 2, and the first sample of every pixel is
+    its centre, so a render of one sample has no filter at all.
+    """
+    if scene.render.engine != "CYCLES":
+        return 1.0
+    if scene.cycles.samples == 1:
+        return 0.01
+    width = float(scene.cycles.filter_width)
+    if not 0 < width < math.inf:
+        raise BadInput(f"scene '{scene.name}': its pixel filter's width is {width:g}; set it to 1.5 (Render > Film)")
+    if scene.cycles.pixel_filter_type == "BOX":
+        return 1.0
+    if scene.cycles.pixel_filter_type == "GAUSSIAN":  # exp(-2 (6 x / reach)^2): sigma = reach / 12
+        return 3 * width / 12 * math.sqrt(12)
+    a0, *rest = _BLACKMAN_HARRIS
+    variance = 1 / 12 + sum((-1) ** k * a / (2 * math.pi**2 * k**2) for k, a in enumerate(rest, 1)) / a0
+    return 2 * width * math.sqrt(12 * variance)

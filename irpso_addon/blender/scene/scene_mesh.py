@@ -1,0 +1,237 @@
+"""Evaluated geometry as triangles: the object that is solved, and what else stands in the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...core.data import F32, F64, I32, MeshArrays, NormalMap
+from ...core.errors import BadInput
+from .scene_material import SlotNormalMap
+from .scene_objects import FAR, rendered_objects, world_matrix
+
+MAX_TRIANGLES = 20_000_000  # of the occluders: 720 MB
+_SOLID = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
+
+Warn = Callable[[str], None]
+
+
+def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Warn) -> MeshArrays:
+    """``obj`` after its modifiers, in world space.
+
+    A mirrored object (negative scale) has its corners turned round, so that triangles are
+    counter-clockwise from outside.  Raises BadInput: no faces, no UV map, a UV map without area.
+    """
+    world = world_matrix(obj, depsgraph)
+    linear = world[:3, :3]
+    if not np.isfinite(world).all() or abs(np.linalg.det(linear)) < 1e-20:
+        raise BadInput(f"object '{obj.name}': its scale is 0 or its matrix not finite; give it a size")
+    normal_matrix = np.linalg.inv(linear).T
+    mirrored = bool(np.linalg.det(linear) < 0)
+    if mirrored:
+        warn(f"object '{obj.name}': is mirrored by a negative scale; it is read as Blender shows it")
+    with evaluated_mesh(obj, depsgraph) as mesh:
+        if mesh is None or not mesh.polygons:
+            raise BadInput(f"object '{obj.name}': has no faces after its modifiers; give it some")
+        layer = _active_uv(obj, mesh, warn)
+        loops, vertices, slots = triangles(mesh)
+        local = _floats(mesh.vertices, "co", 3)[vertices]
+        corner_normals = _floats(mesh.corner_normals, "vector", 3)[loops]
+        uvs = _floats(mesh.uv_layers[layer].uv, "vector", 2)[loops]
+        _check(obj, local, uvs)
+        slot_count = max(1, len(obj.material_slots))
+        slots = np.minimum(slots, slot_count - 1)
+        if maps and not mesh.is_editable:  # also of its temporary copy: tangents of what cannot be set crash Blender
+            raise BadInput(f"object '{obj.name}': its mesh is linked from a library and has a normal map; "
+                           "make it local first (Object > Relations)")
+        tangents = _slot_tangents(mesh, local, corner_normals, loops, slots, maps, layer) if maps else None
+    with np.errstate(over="ignore"):
+        positions = (local @ linear.T + world[:3, 3]).astype(np.float32)
+    normals = _unit(corner_normals @ normal_matrix.T)
+    if not ((np.abs(positions) <= FAR).all() and np.isfinite(normals).all()):
+        raise BadInput(f"object '{obj.name}': is too large or too far away to be computed with; scale it down")
+    order = [0, 2, 1] if mirrored else [0, 1, 2]
+    unit = bpy.app.version >= (5, 0, 0)
+    return MeshArrays(
+        name=obj.name, positions=positions[:, order].copy(),
+        normals=normals[:, order].astype(np.float32),
+        uvs=uvs[:, order].copy(), slots=slots.astype(np.int32),
+        slot_names=tuple(s.material.name if s.material else "" for s in obj.material_slots) or ("",),
+        object_normals=corner_normals[:, order].copy() if maps else None,
+        tangents=None if tangents is None else tangents[:, order].copy(),
+        normal_matrix=normal_matrix.astype(np.float32) if maps else None,
+        normal_maps={slot: NormalMap(m.pixels, m.strength, unit) for slot, m in maps.items()},
+    )
+
+
+@contextmanager
+def evaluated_mesh(obj: Any, depsgraph: Any) -> Iterator[Any]:
+    """A temporary copy of the mesh after modifiers, in no list of the file; None when there is none."""
+    evaluated = obj.evaluated_get(depsgraph)
+    try:
+        mesh = evaluated.to_mesh()
+    except RuntimeError:  # Blender: "Object does not have geometry data"
+        mesh = None
+    try:
+        yield mesh
+    finally:
+        evaluated.to_mesh_clear()
+
+
+def _active_uv(obj: Any, mesh: Any, warn: Warn) -> str:
+    """Name of the UV map that renders use."""
+    layers = mesh.uv_layers
+    if not len(layers):
+        raise BadInput(f"object '{obj.name}': has no UV map; unwrap it")
+    used = next((layer.name for layer in layers if layer.active_render), layers[0].name)
+    if layers.active is not None and layers.active.name != used:
+        warn(f"object '{obj.name}': UV map '{used}' is used (its camera icon is on), not the selected "
+             f"'{layers.active.name}'")
+    return used
+
+
+def triangles(mesh: Any) -> tuple[I32, I32, I32]:
+    """Loops (T, 3), vertices (T, 3) and material index (T,) of the triangulated faces."""
+    mesh.calc_loop_triangles()
+    found = mesh.loop_triangles
+    loops = integers(found, "loops", 3)
+    vertices = integers(found, "vertices", 3)
+    return loops, vertices, integers(found, "material_index", 1)[:, 0]
+
+
+def _check(obj: Any, local: F32, uvs: F32) -> None:
+    if not np.isfinite(local).all():
+        raise BadInput(f"object '{obj.name}': has vertices that are not finite; run Mesh > Clean Up")
+    if not np.isfinite(uvs).all():
+        raise BadInput(f"object '{obj.name}': has UVs that are not finite; unwrap it again")
+    a, b = (uvs[:, i].astype(np.float64) - uvs[:, 0] for i in (1, 2))
+    if not (np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) > 1e-12).any():
+        raise BadInput(f"object '{obj.name}': its UV map has no area; unwrap it")
+
+
+def _slot_tangents(
+    mesh: Any, local: F32, normals: F32, loops: I32, slots: I32, maps: dict[int, SlotNormalMap], active: str,
+) -> F32:
+    """(T, 3, 4) MikkTSpace tangents in object space, for each slot by the UV map that its normal map names."""
+    names = {slot: m.uv_map or active for slot, m in maps.items()}
+    layers = {name: _floats(mesh.uv_layers[name].uv, "vector", 2)[loops] for name in {active, *names.values()}
+              if name in mesh.uv_layers}
+    vertices = integers(mesh.loops, "vertex_index", 1)[:, 0][loops]
+    every = _mikktspace(mesh, vertices, normals, layers)
+    tangents = every[active].copy()
+    for slot, name in names.items():
+        if name in every:
+            tangents[slots == slot] = every[name][slots == slot]
+    return tangents
+
+
+def _mikktspace(mesh: Any, vertices: I32, normals: F32, layers: dict[str, F32]) -> dict[str, F32]:
+    """(T, 3, 4) tangents and signs for each UV layer.
+
+    The temporary ``mesh`` is rebuilt as triangles first: Blender's tangents want no n-gons, and Cycles
+    takes them over triangles, not quads.  The corner normals are given back to it as custom normals.
+    """
+    coordinates = _floats(mesh.vertices, "co", 3)
+    count = len(vertices)
+    mesh.clear_geometry()
+    mesh.vertices.add(len(coordinates))
+    mesh.vertices.foreach_set("co", coordinates.ravel())
+    mesh.loops.add(3 * count)
+    mesh.loops.foreach_set("vertex_index", vertices.ravel())
+    mesh.polygons.add(count)
+    mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
+    mesh.update(calc_edges=True)
+    for name, uvs in layers.items():
+        mesh.uv_layers.new(name=name, do_init=False).uv.foreach_set("vector", uvs.ravel())
+    mesh.normals_split_custom_set(normals.reshape(-1, 3).tolist())
+    found = {}
+    for name in layers:
+        mesh.calc_tangents(uvmap=name)
+        tangent = np.nan_to_num(_floats(mesh.loops, "tangent", 3), posinf=0.0, neginf=0.0)  # of faces without area
+        sign = _floats(mesh.loops, "bitangent_sign", 1)
+        found[name] = np.concatenate([tangent, sign], 1).reshape(-1, 3, 4)
+    return found
+
+
+def read_occluders(subject: Any, depsgraph: Any, warn: Warn) -> F32:
+    """(O, 3, 3) world triangles of all other objects and instances that a render shows."""
+    shapes: dict[int, F32] = {}
+    found: list[F32] = []
+    total = 0
+    for obj, key, matrix in _solids(subject, depsgraph, warn):
+        if key not in shapes:
+            shapes[key] = _local_triangles(obj)
+        total += len(shapes[key])
+        if total > MAX_TRIANGLES:
+            raise BadInput(f"object '{obj.name}': with it the scene has more than {MAX_TRIANGLES // 1_000_000} "
+                           "million triangles beside the object; hide some from renders")
+        found.append((shapes[key] @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
+    everything = np.concatenate(found) if found else np.zeros((0, 3, 3), np.float32)
+    return everything[(np.abs(everything) <= FAR).all((1, 2))]
+
+
+def _solids(subject: Any, depsgraph: Any, warn: Warn) -> Iterator[tuple[Any, int, F64]]:
+    """Evaluated object, key of its shape and world matrix of whatever renders beside the subject."""
+    shown = rendered_objects(depsgraph.view_layer)
+    iterated = set()
+    for instance in depsgraph.object_instances:
+        obj, original = instance.object, instance.object.original
+        iterated.add(original.name_full)
+        if instance.is_instance:
+            # A curve's or text's own mesh comes as an instance of it, too.
+            own = instance.parent is None or instance.parent.original == original
+            visible = (instance.parent or obj).original.name_full in shown and not original.hide_render
+            if own and original == subject:
+                warn(f"object '{subject.name}': its modifiers make instances, which are left out; realize them")
+                continue
+        else:
+            # Curves, texts and metaballs follow as meshes; an instancer may be there for its instances alone.
+            visible = original.name_full in shown and original != subject and obj.type == "MESH"
+            visible = visible and (original.instance_type == "NONE" or original.show_instancer_for_render)
+        if visible and obj.type in _SOLID and (original.visible_camera or original.visible_shadow):
+            yield obj, hash((obj.as_pointer(), obj.data.as_pointer())), np.array(instance.matrix_world, np.float64)
+    # What is hidden in the viewport alone still renders.
+    for name, obj in shown.items():
+        if name in iterated or obj == subject or obj.type not in _SOLID:
+            continue
+        evaluated = obj.evaluated_get(depsgraph)
+        if not evaluated.is_evaluated and len(obj.modifiers):
+            warn(f"object '{obj.name}': is disabled in viewports, so it counts without its modifiers; enable it")
+        yield evaluated, hash((evaluated.as_pointer(), evaluated.data.as_pointer())), world_matrix(obj, depsgraph)
+
+
+def _local_triangles(obj: Any) -> F32:
+    """(T, 3, 3) in object space of an evaluated object."""
+    try:
+        mesh = obj.to_mesh()
+    except RuntimeError:  # nothing that a mesh could be made of
+        return np.zeros((0, 3, 3), np.float32)
+    try:
+        if mesh is None or not mesh.polygons:
+            return np.zeros((0, 3, 3), np.float32)
+        _, vertices, _ = triangles(mesh)
+        return _floats(mesh.vertices, "co", 3)[vertices]
+    finally:
+        obj.to_mesh_clear()
+
+
+def _floats(collection: Any, attribute: str, width: int) -> F32:
+    out = np.empty(len(collection) * width, np.float32)
+    collection.foreach_get(attribute, out)
+    return out.reshape(-1, width)
+
+
+def integers(collection: Any, attribute: str, width: int) -> I32:
+    """(N, width) of an attribute of a collection."""
+    out = np.empty(len(collection) * width, np.int32)
+    collection.foreach_get(attribute, out)
+    return out.reshape(-1, width)
+
+
+def _unit(vectors: F64 | F32) -> F64:
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.maximum(lengths, 1e-30))

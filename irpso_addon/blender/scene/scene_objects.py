@@ -1,0 +1,143 @@
+"""Blender's cameras and lights as the solver's records (``docs/brdf.md`` has the formulas)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...core.data import F64, Camera, Light
+from ...core.errors import BadInput
+
+Warn = Callable[[str], None]
+FAR = 1e12  # metres: whose square single precision still holds
+BRIGHTEST = 1e30  # watts
+NARROWEST = math.radians(0.1)  # spread of an area lamp
+
+
+def world_matrix(obj: Any, depsgraph: Any) -> F64:
+    """(4, 4) object to world.  Of an object that is not evaluated (disabled in viewports), by its parents."""
+    evaluated = obj.evaluated_get(depsgraph)
+    if evaluated.is_evaluated:
+        return np.array(evaluated.matrix_world, np.float64)
+    own = np.array(obj.matrix_basis, np.float64)
+    if obj.parent is None or obj.parent_type != "OBJECT":
+        return own
+    return np.asarray(world_matrix(obj.parent, depsgraph) @ np.array(obj.matrix_parent_inverse, np.float64) @ own)
+
+
+def rendered_objects(view_layer: Any) -> dict[str, Any]:
+    """The objects of ``view_layer`` that a render shows, by full name, whatever the viewport hides."""
+    found: dict[str, Any] = {}
+
+    def walk(layer: Any) -> None:
+        if layer.collection.hide_render:
+            return
+        if not layer.exclude:
+            found.update((o.name_full, o) for o in layer.collection.objects if not o.hide_render)
+        for child in layer.children:
+            walk(child)
+
+    walk(view_layer.layer_collection)
+    return found
+
+
+def read_camera(obj: Any, scene: Any, depsgraph: Any) -> Camera:
+    """``obj`` with the scene's render resolution and pixel aspect.  Raises BadInput for a panoramic one."""
+    if obj.data.type not in {"PERSP", "ORTHO"}:
+        raise BadInput(f"camera '{obj.name}': is neither perspective nor orthographic; change its type")
+    render = scene.render
+    width = max(1, render.resolution_x * render.resolution_percentage // 100)
+    height = max(1, render.resolution_y * render.resolution_percentage // 100)
+    projection = obj.evaluated_get(depsgraph).calc_matrix_camera(
+        depsgraph, x=width, y=height, scale_x=render.pixel_aspect_x, scale_y=render.pixel_aspect_y)
+    matrix = world_matrix(obj, depsgraph)
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    if not np.isfinite(matrix).all() or lengths.min() < 1e-9:
+        raise BadInput(f"camera '{obj.name}': its scale is 0 or its matrix not finite; clear its scale")
+    projection = np.array(projection, np.float64)
+    finite = (np.abs(matrix) <= FAR).all() and (np.abs(projection) <= FAR).all()
+    if not finite or not np.linalg.det(projection):
+        raise BadInput(f"camera '{obj.name}': its place, lens or shift is no number that makes a picture; reset it")
+    matrix[:3, :3] /= lengths  # Blender ignores a camera's scale
+    return Camera(
+        name=obj.name, world_to_camera=np.linalg.inv(matrix), projection=projection,
+        position=matrix[:3, 3].copy(), forward=-matrix[:3, 2], orthographic=obj.data.type == "ORTHO",
+        aspect=width / height,
+    )
+
+
+def read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
+    """``obj`` with its power in watts (sun: W/m^2): colour, exposure and temperature multiplied in.
+
+    Raises BadInput for numbers that no lamp can have.
+    """
+    with np.errstate(all="ignore"):  # which are found out at the end
+        light = _read_light(obj, depsgraph, warn)
+    sizes = [light.radius, light.spot_angle, light.spot_blend, *light.size, light.spread, *light.matrix.ravel()]
+    if not (np.abs(sizes) <= FAR).all() or not (np.abs(light.power) <= BRIGHTEST).all():
+        raise BadInput(f"light '{obj.name}': its power, size or place is not finite or too large; set it anew")
+    if light.kind == "AREA" and light.spread < NARROWEST:
+        raise BadInput(f"light '{obj.name}': its spread is below 0.1 degrees, which is not modelled; widen it")
+    return light
+
+
+def _read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
+    lamp = obj.data
+    matrix = world_matrix(obj, depsgraph)
+    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-20:
+        raise BadInput(f"light '{obj.name}': its scale is 0 or its matrix not finite; clear its scale")
+    power = lamp.energy * np.exp2(lamp.exposure) * np.array(lamp.color, np.float64)
+    if lamp.use_temperature:
+        power = power * np.array(lamp.temperature_color, np.float64)
+    power = power * _emission(obj, warn)
+    if obj.light_linking.receiver_collection or obj.light_linking.blocker_collection:
+        warn(f"light '{obj.name}': light linking is not modelled; unlink it for the references")
+    if not (obj.visible_diffuse and obj.visible_glossy):
+        warn(f"light '{obj.name}': is hidden from diffuse or glossy rays, which is not modelled; show it to both")
+    if getattr(lamp.cycles, "is_portal", False):
+        warn(f"light '{obj.name}': is a portal and gives no light of its own; leave it out")
+    common = {"name": obj.name, "kind": lamp.type, "matrix": matrix, "cast_shadow": bool(lamp.use_shadow)}
+    if lamp.type in {"POINT", "SPOT"}:
+        radius = float(lamp.shadow_soft_size)
+        if not lamp.normalize:
+            power = power * (4 * math.pi * radius**2 if radius > 0 else 4.0)
+        if lamp.type == "SPOT":
+            common |= {"spot_angle": float(lamp.spot_size), "spot_blend": float(lamp.spot_blend)}
+        return Light(**common, power=power, radius=radius, soft_falloff=bool(lamp.use_soft_falloff))
+    if lamp.type == "SUN":
+        half = float(lamp.angle) / 2
+        if not lamp.normalize and half > 0:
+            power = power * math.pi * math.sin(half) ** 2
+        return Light(**common, power=power, radius=half)
+    one_size = lamp.shape in {"SQUARE", "DISK"}
+    size = (float(lamp.size), float(lamp.size if one_size else lamp.size_y))
+    if not lamp.normalize:
+        power = power * _area(size, lamp.shape, matrix)
+    return Light(**common, power=power, shape=lamp.shape, size=size, spread=float(lamp.spread))
+
+
+def _area(size: tuple[float, float], shape: str, matrix: F64) -> float:
+    """World area of an area light, m^2."""
+    scale = np.linalg.norm(matrix[:3, :2], axis=0)
+    rectangle = size[0] * size[1] * scale[0] * scale[1]
+    return float(rectangle * (math.pi / 4 if shape in {"DISK", "ELLIPSE"} else 1.0))
+
+
+def _emission(obj: Any, warn: Warn) -> F64:
+    """(3,) factor of the light's node tree: that of one Emission node with constant inputs."""
+    one = np.ones(3)
+    tree = obj.data.node_tree
+    if tree is None or (bpy.app.version < (5, 0, 0) and not obj.data.use_nodes):
+        return one
+    output = tree.get_output_node("CYCLES")
+    links = output.inputs["Surface"].links if output is not None else ()
+    node = links[0].from_node if links else None
+    if node is not None and node.type == "EMISSION" and not any(i.is_linked for i in node.inputs if i.name != "Weight"):
+        return np.array(node.inputs["Color"].default_value[:3]) * node.inputs["Strength"].default_value
+    what = "an IES profile" if any(n.type == "TEX_IES" for n in tree.nodes) else "nodes"
+    warn(f"light '{obj.name}': {what} in it not modelled; its plain power is used")
+    return one

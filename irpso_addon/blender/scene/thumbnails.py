@@ -1,0 +1,106 @@
+"""What the panels show of files: looked at in a thread, drawn from memory."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import bpy
+import bpy.utils.previews  # Blender does not import it by itself
+import numpy as np
+
+from ...core.capture.file_preview import (
+    MISSING,
+    SIDE,
+    CapturesLook,
+    Glance,
+    Watcher,
+    captures_look,
+    glance,
+    same_file,
+)
+from ...core.data import F32
+from ...core.images.colour import known_space, linear_to_srgb, to_linear_rec709
+from ..panel_common import redraw_sidebars
+
+POLL = 0.2  # seconds between two looks whether the thread has found something
+MOST = 2000  # previews kept at a time
+
+_images = Watcher(glance, Glance(problem=MISSING))
+_captures = Watcher(captures_look, CapturesLook(problem=MISSING))
+_previews: Any = None
+Known = TypeVar("Known")
+_drawn: dict[str, Any] = {}  # key of a preview -> stamp of the file that it shows
+_shown = 0  # changes of the watchers that the sidebars show
+
+
+def image(path: str) -> Glance | None:
+    """What is known of the image at an absolute path; None: nothing yet, and a redraw follows when there is."""
+    return _asked(_images.of(same_file(path)))
+
+
+def captures(path: str) -> CapturesLook | None:
+    """What is known of the capture file at an absolute path, likewise."""
+    return _asked(_captures.of(same_file(path)))
+
+
+def _asked(found: Known) -> Known:
+    if not (bpy.app.background or bpy.app.timers.is_registered(_poll)) and (_images.busy or _captures.busy):
+        bpy.app.timers.register(_poll, first_interval=POLL)
+    return found
+
+
+def icon(path: str, exposure: float, colorspace: str) -> int:
+    """Icon of a picture, 0 where there is none yet; ``exposure`` in EV is taken out, ``colorspace`` as a view says."""
+    global _previews
+    found = image(path)
+    if found is None or found.thumbnail is None or bpy.app.background:
+        return 0
+    if _previews is None:
+        _previews = bpy.utils.previews.new()
+    elif len(_previews) > MOST:
+        _previews.clear()
+        _drawn.clear()
+    space = known_space(colorspace) or found.colorspace or ("sRGB" if found.integer else "Linear Rec.709")
+    key = f"{same_file(path)} {exposure:.1f} {space}"
+    preview = _previews[key] if key in _previews else _previews.new(key)
+    if _drawn.get(key) != found.stamp:
+        pixels = _developed(found.thumbnail, exposure, space)
+        for size, target in (("icon_size", "icon_pixels"), ("image_size", "image_pixels")):
+            setattr(preview, size, (SIDE, SIDE))
+            getattr(preview, target).foreach_set(pixels)
+        _drawn[key] = found.stamp
+    return int(preview.icon_id)
+
+
+def _developed(thumbnail: F32, exposure: float, space: str) -> Any:
+    """(SIDE * SIDE) int32 RGBA, the picture in the middle of nothing."""
+    alpha = thumbnail[..., 3:].clip(0, 1)
+    straight = np.divide(thumbnail[..., :3], alpha, out=np.zeros_like(thumbnail[..., :3]), where=alpha > 0)
+    rgb = linear_to_srgb(to_linear_rec709(straight, space) * np.float32(2.0**-exposure)).clip(0, 1)
+    (h, w), square = thumbnail.shape[:2], np.zeros((SIDE, SIDE, 4), np.uint8)
+    y, x = (SIDE - h) // 2, (SIDE - w) // 2
+    square[y:y + h, x:x + w] = np.round(np.concatenate([rgb, alpha], 2) * 255)
+    return square.view(np.int32).ravel()
+
+
+def _poll() -> float | None:
+    """Timer: shows what the thread has found, until it has no more to look at."""
+    global _shown
+    changes = _images.changes + _captures.changes
+    if changes != _shown:
+        _shown = changes
+        redraw_sidebars()
+    return POLL if _images.busy or _captures.busy else None
+
+
+def release() -> None:
+    """Ends the thread and frees the icons."""
+    global _previews
+    if bpy.app.timers.is_registered(_poll):
+        bpy.app.timers.unregister(_poll)
+    _images.stop()
+    _captures.stop()
+    _drawn.clear()
+    if _previews is not None:
+        bpy.utils.previews.remove(_previews)
+        _previews = None

@@ -1,0 +1,87 @@
+"""The Solve panel: what is solved for, and how."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import bpy
+from bpy.types import Panel
+
+from ...core.params import SolveSettings
+from .. import preferences, presets
+from ..jobs import jobs, session, solve_region, solve_speed
+from ..panel_common import Tab, split
+from ..scene import readiness
+
+# Settings that mean something for some choices of another alone: which one, and which choices.
+ONLY_FOR = {"specular": ("model", {"one-lobe-specular"}), "ndf": ("model", {"two-lobe", "auto"})} | dict.fromkeys(
+    ("particles", "iterations", "c1", "c2", "c3", "window", "threshold"), ("method", {"paper"}))
+
+
+ELSEWHERE = ("start",)  # drawn by `steer`
+
+
+def shown(settings: bpy.types.PropertyGroup, advanced: bool) -> list[str]:
+    """The rows of the parameter table that a panel shows: those that the present model and method use."""
+    names = [field.name for field in fields(SolveSettings) if field.metadata["advanced"] == advanced]
+    others = {name: ONLY_FOR.get(name, ("", set())) for name in names}
+    return [name for name, (other, choices) in others.items() if not other or getattr(settings, other) in choices]
+
+
+class IRPSO_PT_solve(Tab, Panel):
+    """What is solved for, and how."""
+
+    bl_label = "Solve"
+
+    def draw_header_preset(self, _context: bpy.types.Context) -> None:
+        """The menu of presets."""
+        presets.IRPSO_PT_solve_presets.draw_panel_header(self.layout)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Settings, the button, and the progress while it runs."""
+        layout = split(self.layout)
+        column = layout.column()
+        column.enabled = session.running is None
+        for name in shown(context.scene.irpso, advanced=False):
+            if name not in ELSEWHERE:
+                column.prop(context.scene.irpso, name)
+        solve_region.draw(column, context)
+        if session.running is not None:
+            draw_running(layout, session.running)
+            return
+        column = layout.column()
+        column.scale_y = 1.4
+        count = len(readiness.solve_objects(context))
+        column.operator("irpso.solve", text=f"Solve {count} Objects" if count > 1 else "Solve", icon="PLAY")
+        if session.device_trouble:
+            preferences.draw_offer(layout)
+        solve_speed.draw(layout, context)
+        readiness.draw(layout, context)
+        if readiness.why_not(context) is None:
+            jobs.warm_soon()
+
+
+def draw_running(layout: bpy.types.UILayout, running: session.Running) -> None:
+    """The bar of a running job, with Pause and Stop."""
+    row = layout.row(align=True)
+    row.progress(factor=running.progress.fraction, text=session.words(running))
+    row.operator("irpso.pause", text="", icon="PLAY" if running.paused else "PAUSE", depress=running.paused)
+    row.operator("irpso.stop", text="", icon="X")
+
+
+class IRPSO_PT_advanced(Tab, Panel):
+    """Settings that are seldom changed."""
+
+    bl_label = "Advanced"
+    bl_parent_id = "IRPSO_PT_solve"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """The table's advanced rows and the G-buffer."""
+        layout = split(self.layout)
+        for name in shown(context.scene.irpso, advanced=True):
+            layout.prop(context.scene.irpso, name)
+        layout.operator("irpso.bake_gbuffer", icon="TEXTURE")
+
+
+CLASSES = (IRPSO_PT_solve, IRPSO_PT_advanced)

@@ -1,0 +1,4 @@
+"""The Image Editor's views: maps, wipe, comparison, convergence, charts.
+
+Draws; nothing of it is saved in the file.
+"""

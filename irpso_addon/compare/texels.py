@@ -1,0 +1,122 @@
+"""Views at the texels and at their own pixels, as arrays: what `irpso compare` judges methods by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from ..core.data import F32, I32, Bool, RadianceImage, SceneData, View
+from ..core.evaluation.prediction import Pixels, PlaceView
+from ..core.job import Progress
+from ..gpu.device import thread
+from ..gpu.device.context import Device
+from ..gpu.gbuffer.gbuffer import MeshBuffer, draw_texel_grid
+from ..gpu.observe.observation_atlas import Atlas, CameraSource, Layers, tiles
+from ..gpu.observe.observations import ObservedCamera, observe
+
+EDGE = 0.25  # of a good pixel's quality: below it lies an edge of shadow or silhouette
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The texel grid of a map."""
+
+    covered: Bool  # (n, n)
+    slots: I32  # (n, n) material slot; -1 where not covered
+
+
+def observe_texels(
+    scene: SceneData, size: int, read_image: Callable[[View], RadianceImage],
+    digest: Callable[[Bool, list[PlaceView]], Result],
+) -> Generator[Progress, None, tuple[Grid, list[Result]]]:
+    """Runs on the GL thread.  The grid, and what ``digest`` makes of each of its tiles.
+
+    It is given the tile's covered texels (n, n) and the scene's views there, in the order of the cameras.
+    """
+    device = thread.device()
+    mesh = MeshBuffer(device, scene.mesh)
+    grid = draw_texel_grid(device, mesh, size)
+    observations = yield from observe(device, scene, mesh, read_image)
+    source = CameraSource(device, grid, observations)
+    atlas = Atlas(device, source)
+    covered = device.read(grid.position)[..., 3] > 0.5
+    slots = np.where(covered, device.read(grid.normal)[..., 3].round().astype(np.int32), -1)
+    found = []
+    width, height = atlas.tile
+    for x, y in tiles(atlas, covered):
+        for _ in source.gather(atlas, (x, y), True):
+            yield Progress(1.0, "observe")
+        inside = np.zeros_like(covered)
+        inside[y:y + height, x:x + width] = covered[y:y + height, x:x + width]
+        blocks = device.read(atlas.texture).reshape(source.layers.blocks, height, width, 4)
+        part = inside[y:y + height, x:x + width]
+        here = blocks[:, :part.shape[0], :part.shape[1]][:, part]
+        found.append(digest(inside, _views(here, source.layers)))
+    for thing in (atlas, observations, grid, mesh):
+        thing.release()
+    return Grid(covered, slots), found
+
+
+def observe_pixels(
+    scene: SceneData, read_image: Callable[[View], RadianceImage],
+) -> Generator[Progress, None, list[tuple[Pixels, list[PlaceView]]]]:
+    """Runs on the GL thread.  For each camera its pixels that show the object, and its views there."""
+    device = thread.device()
+    mesh = MeshBuffer(device, scene.mesh)
+    observations = yield from observe(device, scene, mesh, read_image)
+    found = [_camera(device, camera, scene.pixel_filter) for camera in observations.cameras]
+    for thing in (observations, mesh):
+        thing.release()
+    return found
+
+
+def _camera(device: Device, camera: ObservedCamera, footprint: float) -> tuple[Pixels, list[PlaceView]]:
+    """One camera's pixels and views."""
+    maps = camera.maps
+    assert maps.uv is not None and maps.uv_slope is not None
+    position = device.read(maps.position)
+    inside = position[..., 3] > 0.5
+    towards = camera.camera.position - position[inside, :3]
+    towards = towards / np.linalg.norm(towards, axis=-1, keepdims=True)
+    if camera.camera.orthographic:
+        towards = np.broadcast_to(-camera.camera.forward, towards.shape)
+    cos_v = (towards * device.read(maps.normal)[inside, :3]).sum(-1).astype(np.float32)
+    pixels = Pixels(device.read(maps.uv)[inside], device.read(maps.uv_slope)[inside], footprint)
+    views = []
+    for view in camera.views:
+        colour = device.read(view.colour)[inside]
+        edge = colour[:, 3] < EDGE * cos_v**2  # a good pixel has cos_v^2
+        good = (colour[:, :3] >= 0) & ~edge[:, None]  # a channel without light is negative
+        lobes = np.stack([device.read(lobe)[inside] for lobe in view.lobes], 1)  # (P, L channels, 4)
+        lobes = lobes.reshape(len(lobes), len(view.view.lights), -1, 4).swapaxes(1, 2)
+        views.append(PlaceView(
+            rgb=np.where(good, colour[:, :3], 0), weight=(good * colour[:, 3:]).astype(np.float32), cos_v=cos_v,
+            lobes=np.broadcast_to(lobes, (len(lobes), 3, *lobes.shape[2:]))))
+    return pixels, views
+
+
+def _views(blocks: F32, layers: Layers) -> list[PlaceView]:
+    """Blocks (B, T, 4) of an atlas as views.  Where channels are layers of their own, three layers are one view."""
+    per_layer = blocks.reshape(len(layers.groups), 2 + layers.lights, *blocks.shape[1:])
+    if layers.channels == 1:
+        return [_view([layer] * 3) for layer in per_layer]
+    views = []
+    groups = np.array(layers.groups)
+    for camera in range(int(groups.max()) // 3 + 1):
+        channels = [per_layer[groups == 3 * camera + channel] for channel in range(3)]
+        views += [_view(list(three)) for three in zip(*channels, strict=True)]
+    return views
+
+
+def _view(channels: list[F32]) -> PlaceView:
+    """One view from its layer (2 + L, T, 4) for each of R, G and B."""
+    first = np.stack([layer[0] for layer in channels])  # (3, T, 4): f, quality, cos_v, flags
+    edge = np.floor(first[..., 3]).astype(int) % 2 == 1
+    lobes = np.stack([layer[2:] for layer in channels])  # (3, L, T, 4)
+    return PlaceView(
+        rgb=channels[0][1, :, :3].copy(), weight=np.where(edge, 0, first[..., 1]).T.astype(np.float32),
+        cos_v=first[..., 2].max(0), lobes=np.moveaxis(lobes, 2, 0).copy())

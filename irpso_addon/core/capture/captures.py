@@ -1,0 +1,95 @@
+"""captures.json: which image was taken by which camera under which lights."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from ..errors import BadInput
+from ..storage.text_file import read_text
+
+MOST_EXPOSURE = 64  # EV, either way
+
+
+@dataclass(frozen=True)
+class CaptureView:
+    """One entry of a capture file; objects by their names in the scene."""
+
+    image: Path  # absolute, or relative to the working directory as the capture file's own path is
+    camera: str
+    lights: tuple[str, ...]  # at least one, each once
+    exposure: float = 0.0  # EV; image = radiance * 2^exposure
+    mask: Path | None = None
+    colorspace: str | None = None
+
+
+def read_captures(path: Path) -> list[CaptureView]:
+    """The views of ``path``; image paths in it are relative to its folder.  Raises BadInput, one line."""
+    return parse_captures(read_text(path), path)
+
+
+def parse_captures(text: str, path: Path) -> list[CaptureView]:
+    """The views in ``text``, the content of ``path``.  Unknown keys are ignored.  Raises BadInput."""
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        line = getattr(error, "lineno", None)
+        cure = "write / in paths, not \\" if "escape" in str(error) else "mend or rewrite it"
+        raise BadInput(f"{path}: is not JSON{f' (line {line})' if line else ''}; {cure}") from None
+    views = content.get("views") if isinstance(content, dict) else None
+    if not isinstance(views, list) or not views:
+        raise BadInput(f'{path}: has no views; want {{"views": [{{"image", "camera", "lights"}}, ...]}}')
+    return [_view(entry, index, path) for index, entry in enumerate(views)]
+
+
+def _view(entry: Any, index: int, path: Path) -> CaptureView:
+    def bad(what: str) -> NoReturn:
+        raise BadInput(f"{path}: view {index}: {what}")
+
+    def text(key: str, needed: bool) -> str | None:
+        value = entry.get(key)
+        if value is None and not needed:
+            return None
+        if not _is_name(value):
+            bad(f'"{key}" {"is missing" if value is None else "is not a name"}; want text')
+        return str(value)
+
+    if not isinstance(entry, dict):
+        bad('is not an object; want {"image", "camera", "lights"}')
+    lights = entry.get("lights")
+    if not isinstance(lights, list) or not lights:
+        bad('"lights" is missing or empty; list the names of the lights that were on')
+    if not all(_is_name(name) for name in lights):
+        bad('"lights" holds something that is not a name; want text')
+    if len(set(lights)) < len(lights):
+        bad('"lights" names a light twice; name each once')
+    exposure = entry.get("exposure")
+    if exposure is None:
+        exposure = 0.0
+    if isinstance(exposure, bool) or not isinstance(exposure, (int, float)):
+        bad('"exposure" is not a number; want EV')
+    if not abs(exposure) <= MOST_EXPOSURE:  # so is NaN
+        bad(f'"exposure" is out of range; want EV from -{MOST_EXPOSURE} to {MOST_EXPOSURE}')
+    image, camera, mask = text("image", True), text("camera", True), text("mask", False)
+    assert image is not None and camera is not None  # text() raised otherwise
+    return CaptureView(
+        image=_located(path.parent, image), camera=camera, lights=tuple(lights), exposure=float(exposure),
+        mask=None if mask is None else _located(path.parent, mask), colorspace=text("colorspace", False),
+    )
+
+
+def _located(folder: Path, name: str) -> Path:
+    r"""``name`` in ``folder``, also as it is written on Windows (``refs\a.exr``) where that is where the file is."""
+    path, translated = folder / name, folder / name.replace("\\", "/")
+    return translated if os.path.isfile(translated) and not os.path.isfile(path) else path
+
+
+def _is_name(value: Any) -> bool:
+    """Text that a path or an object's name can be: no control characters, no lone surrogates."""
+    return (
+        isinstance(value, str) and bool(value.strip())
+        and not any(c < " " or c == "\x7f" or "\ud800" <= c <= "\udfff" for c in value)
+    )

@@ -1,0 +1,205 @@
+"""How far each view lies from where its camera says, and how far its exposure has drifted; and scenes put right.
+
+Texture cannot tell where a camera looks, since the maps are what the views agree on; so every pixel's brightness
+(a factor on the prediction, the same in all views of the camera) is eliminated, and what is left moves the camera:
+shading, shadows and highlights, which stay while the paint would move, and the silhouette, where the image has alpha
+or a mask.  Beside the other views of its camera a single view is held by the texture as well.  A camera with one view
+alone is held by the paint that the other cameras agree on: part of it is its own, so it takes some rounds.
+
+Gauss-Newton on image differences (Lucas and Kanade 1981; Baker and Matthews, IJCV 56, 2004), with variable projection
+(Golub and Pereyra 1973) for the pixels' factors and Cauchy weights; standard errors from the scores of tiles (the
+sandwich of Huber 1967 over clusters), because neighbouring pixels share their errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..check_records import SIGMAS, Misfit
+from ..data import F32, F64, Bool, Camera, SceneData, View
+from .registration_fit import Fit, Found, blurred, eroded, fit_views, gain_of_cameras, silhouette, tiles_of
+from .view_check_data import CheckedView, Window
+
+MEAN = np.full(3, 1 / 3, np.float32)  # of the channels
+SAMPLES = 12_000  # pixels of a camera, at most, that are looked at
+# Lights that stand elsewhere bend the shading of the whole object, so that its tiles err alike: shifts are then off by
+# ten times their standard errors (the cow with lights off by 1 and 3 %).
+MODEL = 10.0
+UNEXPLAINED = 5.0  # pixels of doubt per unit of relative error left in the pixels: outliers, bad maps
+RIM = 4  # pixels next to an edge of the object, left to the silhouette
+SHIFT_FLOOR, GAIN_FLOOR = 0.005, 0.001  # errors that no statistics shows: pixels, relative
+GAIN_PER_PIXEL = 0.005  # relative, per pixel of shift: while cameras are off the base colours are wrong too
+LIKELY = 2.0  # a shift so many off is likely
+LEAST_ALONE = 0.1  # pixels from the other views of its camera: then a view is believed to have moved by itself
+
+
+class Registration:
+    """Takes the checked views one by one, those of a camera together, and keeps little of each."""
+
+    def __init__(self) -> None:
+        self._window: Window | None = None
+        self._camera: _Collected | None = None
+        self._done: list[_Estimate] = []
+
+    def add(self, view: CheckedView) -> None:
+        """One more view."""
+        if view.window is not self._window:
+            self._finish()
+            self._window, self._camera = view.window, _Collected(view.window)
+        assert self._camera is not None
+        self._camera.add(view)
+
+    def estimate(self) -> tuple[Misfit, ...]:
+        """What was found, one for each view that was added."""
+        self._finish()
+        gains = gain_of_cameras([(e.uv, e.fit.factor) for e in self._done])
+        logs = [e.fit.log_gain + g for e, g in zip(self._done, gains, strict=True)]
+        mean = float(np.mean(np.concatenate(logs))) if logs else 0.0
+        return tuple(m for e, log in zip(self._done, logs, strict=True) for m in e.misfits(log - mean))
+
+    def _finish(self) -> None:
+        if self._camera is not None and self._camera.views:
+            self._done.append(self._camera.solve())
+        self._window = self._camera = None
+
+
+class _Collected:
+    """One camera's views at a sample of its pixels."""
+
+    def __init__(self, window: Window) -> None:
+        self.window = window
+        self.views: list[View] = []
+        inside = eroded(window.covered, RIM)
+        inside[:RIM], inside[-RIM:], inside[:, :RIM], inside[:, -RIM:] = False, False, False, False
+        at = np.flatnonzero(inside)
+        self.at = at[:: max(1, -(-len(at) // SAMPLES))]
+        self.seen: list[F32] = []  # (4, N): predicted radiance, its slopes, observed; NaN where it tells nothing
+        self.outlines: list[Found | None] = []
+        self._coverage: F32 | None = None
+        self._outline: Found | None = None
+        self._product = np.zeros(window.covered.shape, np.float32)
+        self._square = np.zeros(window.covered.shape, np.float32)
+
+    def add(self, checked: CheckedView) -> None:
+        self.views.append(checked.view)
+        radiance = checked.radiance @ MEAN
+        told = self.window.covered & np.isfinite(radiance) & ((checked.quality > 0) | checked.unlit)
+        observed = blurred(np.where(told, radiance, np.float32(0)))
+        predicted = blurred(np.where(told, (checked.predicted * checked.irradiance) @ MEAN, np.float32(0)))
+        whole = eroded(told, RIM)
+        self._product += np.where(whole, observed * predicted, np.float32(0))
+        self._square += np.where(whole, predicted * predicted, np.float32(0))
+        up, right = np.gradient(predicted)
+        rows = np.stack([np.where(whole, a, np.nan).ravel()[self.at] for a in (predicted, right, up, observed)])
+        self.seen.append(rows.astype(np.float32))
+        if self._coverage is None or not np.array_equal(self._coverage, checked.coverage):
+            self._coverage, self._outline = checked.coverage, silhouette(self.window.covered, checked.coverage)
+        self.outlines.append(self._outline)
+
+    def solve(self) -> _Estimate:
+        told = self._square > 1e-6 * max(float(self._square.max(initial=0.0)), 1e-30)
+        factor = np.where(told, self._product / np.where(told, self._square, np.float32(1)), np.float32(0))
+        single = len(self.views) == 1
+        if single:  # beside what other cameras show of the same paint
+            factor = np.where(told, np.median(factor[told]) if told.any() else np.float32(1), np.float32(0))
+        up, right = np.gradient(factor)
+        at = self.at[eroded(told, 1).ravel()[self.at]]
+        known = np.isin(self.at, at, assume_unique=True)
+        rows, columns = np.divmod(at, told.shape[1])
+        fit = fit_views(np.stack(self.seen, 1)[..., known].astype(np.float64),
+                        np.stack([a.ravel()[at] for a in (factor, right, up)]).astype(np.float64),
+                        tiles_of(rows, columns), free=not single)
+        shift, error, alone = _settled(fit, self.outlines)
+        return _Estimate(self.views, self.window.image, shift, error, alone, fit, self.window.uv.reshape(-1, 2)[at])
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """Of one camera's V views."""
+
+    views: list[View]
+    size: tuple[int, int]
+    shift: F64  # (V, 2) pixels
+    shift_error: F64  # (V,)
+    alone: Bool  # (V,)
+    fit: Fit
+    uv: F32  # (N, 2) where the fit's pixels look
+
+    def misfits(self, log_gain: F64) -> list[Misfit]:
+        """With the views' gains, (V,)."""
+        errors = np.sqrt(self.fit.gain_error**2 + GAIN_FLOOR**2 + (GAIN_PER_PIXEL * np.hypot(*self.shift.T)) ** 2)
+        return [
+            Misfit(view.image, view.camera.name, self.size, (float(x), float(y)), float(error), float(np.exp(gain)),
+                   float(gain_error), bool(alone))
+            for view, (x, y), error, gain, gain_error, alone in zip(
+                self.views, self.shift, self.shift_error, log_gain, errors, self.alone, strict=True)]
+
+
+def _settled(fit: Fit, outlines: list[Found | None]) -> tuple[F64, F64, Bool]:
+    """Pixels and silhouettes together: (V, 2) shifts, (V,) their standard errors, (V,) departs from its camera."""
+    views = range(len(outlines))
+    floor = SHIFT_FLOOR**2 * np.eye(2)
+    pixels = [(fit.shift[v], MODEL**2 * fit.covariance[v]) for v in views]
+    # Shading is only as good as the model of light and shape: where silhouettes gainsay it, they win.
+    quarrel = np.median([fit.shift[v] - o[0] for v, o in enumerate(outlines) if o is not None] or [(0.0, 0.0)], axis=0)
+    doubt = floor + ((quarrel**2).mean() + (UNEXPLAINED * fit.noise) ** 2) * np.eye(2)
+    each = [_joined((pixels[v][0], pixels[v][1] + doubt), outlines[v]) for v in views]
+    shift = np.array([e[0] for e in each])
+    error = np.array([np.sqrt(np.trace(e[1]) / 2) for e in each])
+    middle = np.median(shift, axis=0)
+    alone = np.hypot(*(shift - middle).T) > np.maximum(LEAST_ALONE, SIGMAS * error)
+    together = np.flatnonzero(~alone)
+    if len(together):
+        weights = np.array([np.linalg.inv(pixels[v][1] + floor) for v in together])
+        total = np.linalg.inv(weights.sum(0))
+        mean = total @ np.einsum("vij,vj->i", weights, fit.shift[together])
+        drawn = [o for v in together if (o := outlines[v]) is not None]  # of one shape: their errors do not average out
+        outline = (np.mean([o[0] for o in drawn], axis=0), np.mean([o[1] for o in drawn], axis=0)) if drawn else None
+        common = _joined((mean, total + doubt), outline)
+        shift[together], error[together] = common[0], np.sqrt(np.trace(common[1]) / 2)
+    return shift, error, alone
+
+
+def _joined(pixels: Found, outline: Found | None) -> Found:
+    """Two estimates' mean by their covariances."""
+    if outline is None:
+        return pixels
+    first, second = np.linalg.inv(pixels[1]), np.linalg.inv(outline[1] + SHIFT_FLOOR**2 * np.eye(2))
+    total = np.linalg.inv(first + second)
+    return total @ (first @ pixels[0] + second @ outline[0]), total
+
+
+def corrected(scene: SceneData, misfits: Sequence[Misfit], shifts: bool, gains: bool) -> SceneData:
+    """The scene with cameras and exposures put right; the scene itself where none is off beyond doubt.
+
+    Where a camera is, the others are put right as well, by what is likely (two standard errors): the round comes
+    anyway.  Not so gains: those of views lit from behind run away with the roughness that explains them as well.
+    Views of a camera that share their shift go on sharing it; one that departs gets a camera of its own.
+    """
+    found = {(m.image, m.camera): m for m in misfits}
+    shifts = shifts and any(m.shifted for m in misfits)
+    gains = gains and any(m.drifted for m in misfits)
+    cameras: dict[str, Camera] = {}
+    views = []
+    for view in scene.views:
+        misfit = found.get((view.image, view.camera.name))
+        if misfit is not None and shifts and misfit.pixels > LIKELY * misfit.shift_error:
+            name = f"{view.camera.name} ({view.image.name})" if misfit.alone else view.camera.name
+            if name not in cameras:
+                cameras[name] = moved(replace(view.camera, name=name), misfit.shift, misfit.size)
+            view = replace(view, camera=cameras[name])
+        if misfit is not None and gains and misfit.drifted:
+            view = replace(view, gain=view.gain * misfit.gain)
+        views.append(view)
+    return replace(scene, views=tuple(views)) if shifts or gains else scene
+
+
+def moved(camera: Camera, shift: tuple[float, float], size: tuple[int, int]) -> Camera:
+    """The camera whose image lies ``shift`` pixels (right, up) from that of ``camera``; ``size``: width, height."""
+    projection = camera.projection.copy()
+    for axis in (0, 1):
+        projection[axis] += 2 * shift[axis] / size[axis] * projection[3]
+    return replace(camera, projection=projection)

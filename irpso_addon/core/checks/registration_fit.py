@@ -1,0 +1,204 @@
+"""Least squares for registration: shifts and gains of views from pixels and silhouettes; see registration.py."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from ..data import F32, F64, I32, Bool
+
+BINOMIAL = (1 / 16, 4 / 16, 6 / 16)  # sigma 1 pixel: what is aliased in the prediction averages out
+ALIASING = 0.2  # pixels: how far an edge in the prediction may lie from the true one
+DARK = 0.1  # of the typical radiance: added to a pixel's own, for errors relative to it
+TILE = 32  # pixels: errors this far apart are independent
+ROUNDS = 3
+CAUCHY = 2.4  # standard deviations at which a pixel has lost half its weight: 95 % efficient for normal errors
+LEAST_PIXELS = 12  # of a view: from fewer it tells nothing
+RIDGE = 1e-9  # of the largest: what the normal matrix's diagonal has at least
+WIDEST = 10.0  # pixels: prior of shifts, so that nothing to see gives a large error instead of nonsense
+BINS = 64  # by BINS, over the UV square: what two cameras show of it is compared
+Image = TypeVar("Image", F32, Bool)
+Found = tuple[F64, F64]  # shift (2,) and its covariance (2, 2), pixels
+ALIKE = 0.9  # least cosine between what a silhouette's slope is and what it should be
+BAND = 3  # pixels around a silhouette in which the image's must lie
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Of one camera's V views at N pixels."""
+
+    shift: F64  # (V, 2) pixels, right and up
+    covariance: F64  # (V, 2, 2)
+    log_gain: F64  # (V,) mean 0
+    gain_error: F64  # (V,)
+    factor: F64  # (N,) brightness that all views show over the predicted
+    noise: float  # what is left, relative: robust, the median of the views
+
+
+def fit_views(seen: F64, factor: F64, tiles: I32, free: bool = True) -> Fit:
+    """Shifts and gains of views that share their pixels.
+
+    ``seen`` (4, V, N): predicted radiance, its slopes to the right and upwards (by pixel), observed; NaN where a view
+    tells nothing.  ``factor`` (3, N): observed brightness over the predicted, and its slopes.  ``tiles`` (N,): groups
+    of pixels that share their errors.
+
+    To first order observed = (factor + df) predicted + gain * factor predicted - slope . shift, where the slope is
+    that of factor times prediction; df of each pixel is eliminated (not ``free``: it is 0).
+    """
+    told = np.isfinite(seen).all(0)
+    predicted, right, up, observed = np.where(told, seen, 0.0)
+    expected = factor[0] * predicted
+    columns = np.stack([-factor[0] * right - predicted * factor[1], -factor[0] * up - predicted * factor[2], expected])
+    lit = expected[expected > 0]
+    level = np.abs(expected) + DARK * (float(np.median(lit)) if len(lit) else 1.0)
+    edges = ALIASING**2 * (columns[:2] ** 2).sum(0)
+    left = (observed - expected) * told
+    noise = np.full((len(told), 1), 0.01)
+    weight = told / ((noise * level) ** 2 + edges)
+    for _ in range(ROUNDS):
+        solved, inverse, remains, change = _projected(columns, predicted, left, weight, free)
+        noise = np.array([[_scale(r[t])] for r, t in zip(remains / level, told, strict=True)])
+        sure = told / ((noise * level) ** 2 + edges)
+        spread = max(_scale((remains * np.sqrt(sure))[told]), 1e-6)
+        weight = sure / spread**2 / (1.0 + remains**2 * sure / (CAUCHY * spread) ** 2)
+    views = len(told)
+    scores = np.stack([_by_tile(weight[v] * column[v] * remains[v], tiles) for column in columns for v in range(views)])
+    covariance = inverse @ (scores @ scores.T) @ inverse
+    blind = np.tile(told.sum(axis=1) < LEAST_PIXELS, 3)  # views that tell nothing: clipped, masked, not seen
+    covariance = np.where(blind | blind[:, None], 0.0, covariance) + np.diag(np.where(blind, WIDEST**2, 0.0))
+    variance = np.maximum(np.diag(covariance), 0.0)
+    pairs = np.arange(views)[:, None] + np.array([0, views])
+    gains = np.log1p(np.maximum(solved[2 * views:], -0.9))
+    return Fit(
+        shift=solved[:2 * views].reshape(2, views).T, covariance=covariance[pairs[:, :, None], pairs[:, None, :]],
+        log_gain=gains - gains.mean(), gain_error=np.sqrt(variance[2 * views:]), factor=factor[0] + change,
+        noise=float(np.median(noise)))
+
+
+def _projected(columns: F64, predicted: F64, left: F64, weight: F64, free: bool) -> tuple[F64, F64, F64, F64]:
+    """Weighted least squares with each pixel's brightness eliminated.
+
+    Returns the 3 V unknowns, the inverse of their normal matrix, what remains (V, N) and the pixels' changes (N,).
+    """
+    count, views = len(columns), len(left)
+    total = np.maximum((weight * predicted**2).sum(0), 1e-30) if free else np.full(predicted.shape[1], np.inf)
+    across = weight * predicted * columns  # (3, V, N)
+    flat = (across / np.sqrt(total)).reshape(count * views, -1)
+    normal = -(flat @ flat.T)
+    for a in range(count):
+        for b in range(count):
+            at = np.arange(views)
+            normal[a * views + at, b * views + at] += (weight * columns[a] * columns[b]).sum(1)
+    normal[np.diag_indices(2 * views)] += WIDEST**-2
+    normal[2 * views:, 2 * views:] += max(np.trace(normal[2 * views:, 2 * views:]), 1.0) / views**2  # gains: mean 0
+    blind = np.tile((weight > 0).sum(axis=1) < LEAST_PIXELS, count)
+    normal[np.diag_indices(count * views)] += np.where(blind, 1.0, RIDGE) * normal.diagonal().max()
+    rest = left - predicted * ((weight * predicted * left).sum(0) / total)
+    inverse = np.linalg.inv(normal)
+    solved = inverse @ (weight * columns * rest).sum(-1).reshape(-1)
+    remains = left - (columns * solved.reshape(count, views, 1)).sum(0)
+    change = (weight * predicted * remains).sum(0) / total
+    return solved, inverse, (remains - predicted * change) * (weight > 0), change
+
+
+def _scale(values: F64) -> float:
+    """Robust standard deviation (from the median of absolute values)."""
+    return 1.4826 * float(np.median(np.abs(values))) + 1e-6 if len(values) else 1.0
+
+
+def _by_tile(values: F64, tiles: I32) -> F64:
+    return np.bincount(tiles, values, minlength=int(tiles.max(initial=0)) + 1)
+
+
+def tiles_of(rows: I32, columns: I32) -> I32:
+    """(N,) number of the TILE by TILE square that each pixel lies in."""
+    return np.asarray(np.unique(rows // TILE * 65536 + columns // TILE, return_inverse=True)[1], np.int32)
+
+
+def silhouette(covered: Bool, coverage: F32) -> Found | None:
+    """Shift (2,) of the object's outline in an image and its covariance (2, 2), pixels; None where none can be seen.
+
+    ``covered`` (h, w): what a camera's pixel centres see of the object; ``coverage`` (h, w) 0..1: the image's alpha or
+    mask.  Along the outline the difference of the two areas is the shift's part across it.
+    """
+    seen, drawn = blurred(blurred(coverage)), blurred(blurred(covered.astype(np.float32)))
+    (up, right), (up_drawn, right_drawn) = np.gradient(seen), np.gradient(drawn)
+    steep, steep_drawn = np.hypot(up, right), np.hypot(up_drawn, right_drawn)
+    alike = up * up_drawn + right * right_drawn > ALIKE * steep * steep_drawn  # not where a mask cuts the object
+    up, right = 0.5 * (up + up_drawn), 0.5 * (right + right_drawn)
+    lowest, highest = coverage, coverage
+    for _ in range(BAND):
+        lowest, highest = _around(lowest, np.minimum), _around(highest, np.maximum)
+    near = (steep_drawn > 0.05) & (steep > 0.005) & alike & (highest > 0.75) & (lowest < 0.25)
+    near[:BAND], near[-BAND:], near[:, :BAND], near[:, -BAND:] = False, False, False, False
+    at = np.flatnonzero(near)
+    if len(at) < 50:
+        return None
+    slope = np.stack([right.ravel()[at], up.ravel()[at]]).astype(np.float64)
+    left = (drawn - seen).ravel()[at].astype(np.float64)
+    weight = np.ones(len(at))
+    for _ in range(2 * ROUNDS):
+        inverse = np.linalg.inv((weight * slope) @ slope.T + np.eye(2) * WIDEST**-2)
+        shift = inverse @ (slope @ (weight * left))
+        remains = left - shift @ slope
+        weight = 1.0 / (1.0 + (remains / (CAUCHY * _scale(remains))) ** 2)
+    tiles = tiles_of(*(np.stack(np.unravel_index(at, covered.shape)).astype(np.int32)))
+    scores = np.stack([_by_tile(weight * remains * part, tiles) for part in slope])
+    return shift, inverse @ (scores @ scores.T) @ inverse
+
+
+def blurred(image: F32) -> F32:
+    """``image`` (h, w) through a binomial filter of 5 x 5, its edges repeated."""
+    for axis in (0, 1):
+        wide = np.pad(image, [(2, 2) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
+        length = image.shape[axis]
+        first, second, third = (np.float32(k) for k in BINOMIAL[:3])
+        image = (first * (_rows(wide, 0, length, axis) + _rows(wide, 4, length, axis)) + third * _rows(
+            wide, 2, length, axis) + second * (_rows(wide, 1, length, axis) + _rows(wide, 3, length, axis)))
+    return image
+
+
+def eroded(mask: Bool, steps: int) -> Bool:
+    """Without what lies within so many pixels (by rows and columns) of anything outside."""
+    for _ in range(steps):
+        mask = _around(mask, np.logical_and)
+    return mask
+
+
+def _around(image: Image, least: np.ufunc) -> Image:
+    """The least (or greatest) of each pixel and its eight neighbours; beyond the edges lies the edge."""
+    for axis in (0, 1):
+        wide = np.pad(image, [(1, 1) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
+        length = image.shape[axis]
+        image = least(least(_rows(wide, 0, length, axis), _rows(wide, 1, length, axis)), _rows(wide, 2, length, axis))
+    return image
+
+
+def _rows(image: Image, first: int, count: int, axis: int) -> Image:
+    """Rows (axis 0) or columns (axis 1) of an image."""
+    return image[first:first + count] if axis == 0 else image[:, first:first + count]
+
+
+def gain_of_cameras(cameras: list[tuple[F32, F64]]) -> F64:
+    """(C,) logarithm of each camera's gain, mean 0: by what several of them show of the same places.
+
+    For each camera ``uv`` (N, 2) of its pixels and their brightness over the predicted (N,).  The places' own
+    brightness is eliminated: alternating medians over places and cameras (Tukey's median polish).
+    """
+    table = np.full((len(cameras), BINS * BINS), np.nan)
+    for row, (uv, factor) in zip(table, cameras, strict=True):
+        good = factor > 1e-3
+        place = np.clip((uv[good] * BINS).astype(int), 0, BINS - 1) @ np.array([1, BINS])
+        count = np.bincount(place, minlength=BINS * BINS)
+        mean = np.bincount(place, np.log(factor[good]), minlength=BINS * BINS) / np.maximum(count, 1)
+        row[count >= 3] = mean[count >= 3]
+    shared = table[:, np.isfinite(table).sum(0) > 1]
+    gains = np.zeros(len(cameras))
+    for _ in range(20 if shared.size else 0):
+        places = np.nanmean(shared - gains[:, None], axis=0)
+        for n, row in enumerate(shared - places):
+            gains[n] = np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0
+        gains -= gains.mean()
+    return gains

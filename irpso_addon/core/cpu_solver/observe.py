@@ -1,0 +1,197 @@
+"""What the views say of points of the mesh, by rays: observations of core/cpu_solver/solver.py.
+
+A point takes the pixel of each camera that shows it, and the surface where the ray through that pixel's centre meets
+it: the pixel's colour belongs to its own geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data import F32, F64, Bool, Camera, Light, RadianceImage, SceneData, View
+from ..job import Progress
+from ..shading import brdf
+from ..shading.lights import light_irradiance, light_sample
+from .rasterise import Places, places
+from .rays import Index, Rays
+
+EMITTER_POINTS = 16  # on a lamp that is not as good as a point
+POINT_ANGLE = 0.004  # radians: extent over distance up to which it is one
+MIN_COS_V, MIN_COS_L = 0.15, 0.08  # the long footprint of a grazing pixel; the terminator
+EDGE_QUALITY = 0.03  # of what lies at an edge of shadow or silhouette, beside 1
+EDGE_RANGE = 0.02  # of the share of light that arrives, among neighbours
+DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
+VIEW_BYTES, LAMP_BYTES = 100, 40  # of a point: for each view, and for each point on its lamps
+NO_LIGHT = 1e-3  # share of the mean irradiance below which a channel is not lit
+ReadImage = Callable[[View], RadianceImage]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One view at S points; zero weight where it says nothing."""
+
+    f: F64  # (S, 3) radiance / irradiance, 1/sr
+    quality: F64  # (S, 3) squared: 1 for a good observation seen head on
+    camera: int  # whose pixels: those of one camera share cos_v
+    cos_v: F64  # (S,)
+    sin2h: F32  # (S, K) for each of the lamps' points
+    cos_l: F32  # (S, K)
+    factor: F32  # (S, K, 1 or 3) F / (2 cos_l cos_v) * its share of the irradiance, by channel where they differ
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a camera's pixels show of S points."""
+
+    pixel: Index  # (S, 2) x, y
+    seen: Bool  # (S,)
+    at: Places  # (S, ...) where the pixel's ray meets the mesh
+    towards: F64  # (S, 3) unit, to the camera
+    cos_v: F64  # (S,)
+
+
+def observe(
+    scene: SceneData, points: Places, neighbours: Index, read_image: ReadImage,
+) -> Generator[Progress, None, tuple[list[Seen], list[View], list[tuple[str, str]], list[str]]]:
+    """What each view says, the views that do, those left out and why, and warnings.
+
+    neighbours: (S, 8) of each point among the points, itself where there is none.
+    """
+    rays = Rays(np.concatenate([scene.mesh.positions, scene.occluders]))
+    shown: dict[tuple[str, int, int], Shown] = {}
+    lit: dict[tuple[str, tuple[str, int, int]], F64] = {}
+    pictures, used, skipped, warnings = [], [], [], []
+    for i, view in enumerate(scene.views):
+        image = read_image(view)
+        warnings += [w for w in image.warnings if w not in warnings]
+        h, w = image.rgb.shape[:2]
+        key = view.camera.name, w, h
+        if key not in shown:
+            shown[key] = _shown(scene, rays, points, view.camera, w, h)
+        x, y = shown[key].pixel.T
+        valid = shown[key].seen & image.valid[y, x] & (image.coverage[y, x] > 0.5)
+        if not valid.any():
+            skipped.append((view.image.name, "no usable pixel shows the object: check camera, mask and clipping"))
+            continue
+        pictures.append((view, key, image.rgb[y, x].astype(np.float64), np.where(valid, image.coverage[y, x], 0)))
+        used.append(view)
+        yield Progress(0.5 * (i + 1) / len(scene.views), "observe", f"reading {view.image.name}")
+    level = float(np.median([np.median(rgb[good > 0].mean(-1)) for _, _, rgb, good in pictures])) if pictures else 1.0
+    found = []
+    for i, (view, key, rgb, coverage) in enumerate(pictures):
+        for light in view.lights:
+            if (light.name, key) not in lit:
+                lit[light.name, key] = _lit(rays, light, shown[key])
+        found.append(_seen(view, shown[key], [lit[light.name, key] for light in view.lights], rgb, coverage,
+                           neighbours, level, list(shown).index(key)))
+        yield Progress(0.5 + 0.5 * (i + 1) / len(pictures), "observe", f"light of {view.image.name}")
+    return found, used, skipped, warnings
+
+
+def _shown(scene: SceneData, rays: Rays, points: Places, camera: Camera, width: int, height: int) -> Shown:
+    """The pixels that show points, and what their rays meet."""
+    p, rotation = camera.projection, camera.world_to_camera[:3, :3]
+    local = points.position @ rotation.T + camera.world_to_camera[:3, 3]
+    clip = np.concatenate([local, np.ones((len(local), 1))], -1) @ p.T
+    front = (-local[:, 2] > 0) & (clip[:, 3] > 0)
+    at = (clip[:, :2] / np.where(front, clip[:, 3], 1.0)[:, None] * 0.5 + 0.5) * [width, height]
+    inside = front & (at >= 0).all(-1) & (at < [width, height]).all(-1)
+    pixel = np.where(inside[:, None], np.floor(at), 0).astype(np.int64)
+    once, back = np.unique(pixel[:, 1] * width + pixel[:, 0], return_inverse=True)
+    x, y = ((once % width) + 0.5) / width * 2 - 1, ((once // width) + 0.5) / height * 2 - 1
+    flat = np.zeros_like(x)
+    if camera.orthographic:
+        start = np.stack([(x - p[0, 3]) / p[0, 0], (y - p[1, 3]) / p[1, 1], flat], -1)
+        origin = camera.position + start @ rotation
+        direction = np.broadcast_to(camera.forward, origin.shape).astype(np.float64)
+    else:
+        direction = np.stack([(x + p[0, 2]) / p[0, 0], (y + p[1, 2]) / p[1, 1], flat - 1], -1) @ rotation
+        origin = np.broadcast_to(camera.position, direction.shape).astype(np.float64)
+    hit = rays.nearest(origin, direction)
+    mine = (hit.triangle >= 0) & (hit.triangle < len(scene.mesh.positions))
+    met = places(scene.mesh, np.where(mine, hit.triangle, 0), hit.weights)
+    towards = -direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+    cos_v = (towards * met.normal).sum(-1)
+    metres = 2 / (abs(p[1, 1]) * height) * (1.0 if camera.orthographic else -local[:, 2])  # a pixel's width
+    near = np.linalg.norm(met.position[back] - points.position, axis=-1) < 2 * metres / np.maximum(cos_v[back], 0.15)
+    same = (met.normal[back] * points.normal).sum(-1) > 0.5
+    seen = inside & mine[back] & near & same & (cos_v[back] > MIN_COS_V)
+    at_points = Places(met.position[back], met.normal[back], met.lifted[back])
+    return Shown(pixel, seen, at_points, towards[back], np.where(seen, cos_v[back], 1.0))
+
+
+def memory(scene: SceneData, points: int) -> int:
+    """Bytes that the observations of so many points take while they are gathered: up to twice what they are then."""
+    middle = scene.mesh.positions.reshape(-1, 3).mean(0, np.float64, keepdims=True)
+    lamps = sum(_points_of(light, middle) for view in scene.views for light in view.lights)
+    return points * (VIEW_BYTES * len(scene.views) + LAMP_BYTES * lamps)
+
+
+def _points_of(light: Light, P: F64) -> int:
+    """How many points stand for a lamp."""
+    distance = max(float(np.linalg.norm(light.matrix[:3, 3] - P.mean(0))), 1e-9)
+    if light.kind == "SUN":
+        extent = light.radius
+    elif light.kind == "AREA":
+        extent = 0.5 * float((np.array(light.size) * np.linalg.norm(light.matrix[:3, :2], axis=0)).max()) / distance
+    else:
+        extent = light.radius / distance
+    return 1 if extent <= POINT_ANGLE else EMITTER_POINTS
+
+
+def _lit(rays: Rays, light: Light, shown: Shown) -> F64:
+    """(S, K) 1 where a point of the lamp is seen from where the pixels look, 0 where not."""
+    count = _points_of(light, shown.at.position)
+    arrives = np.ones((len(shown.seen), count))
+    if light.cast_shadow:
+        for k in range(count):
+            start = shown.at.lifted
+            toward, _ = light_sample(light, start, k, count)
+            asked = shown.seen & ((toward * shown.at.normal).sum(-1) > 0)
+            arrives[asked, k] = ~rays.blocked(start[asked], toward[asked], endless=light.kind == "SUN")
+    return arrives
+
+
+def _seen(
+    view: View, shown: Shown, lit: list[F64], rgb: F64, coverage: F64, neighbours: Index, level: float,
+    camera: int,
+) -> Seen:
+    """The view's observations: what each lamp's points send, and what the picture shows of it."""
+    at, edge = shown.at, (shown.seen[:, None] != shown.seen[neighbours]).any(-1) | (coverage < 0.999)
+    sin2h, cos_l, power, factor = [], [], [], []
+    irradiance = np.zeros_like(rgb)
+    for light, arrives in zip(view.lights, lit, strict=True):
+        count = arrives.shape[1]
+        toward, weight = light_sample(light, at.position[:, None], np.arange(count)[None], count)
+        angles = brdf.angles(toward / np.linalg.norm(toward, axis=-1, keepdims=True), shown.towards[:, None],
+                             at.normal[:, None])
+        sent = weight * np.where(angles.seen, angles.cos_l, 0)
+        whole = light_irradiance(light, at.position, at.normal)  # the points' sum is all but the same
+        sent *= (whole / np.maximum(sent.sum(-1), 1e-300))[:, None]
+        share = (sent * arrives).sum(-1) / np.maximum(whole, 1e-300)
+        edge |= (np.ptp(share[neighbours], axis=-1) > EDGE_RANGE) & (whole > 0)
+        edge |= (angles.cos_l < MIN_COS_L).any(-1) & (whole > 0)
+        irradiance += light.power * (sent * arrives).sum(-1, keepdims=True)
+        sin2h.append(angles.sin2h)
+        cos_l.append(np.clip(angles.cos_l, 1e-3, 1))
+        factor.append(sent * arrives * brdf.F_dielectric(angles.cos_vh) / (2 * cos_l[-1] * shown.cos_v[:, None]))
+        power.append(np.repeat(light.power[None], count, 0))
+    mean = irradiance.mean(-1)
+    good = (coverage > 0) & (mean > 0)
+    each = irradiance > NO_LIGHT * np.maximum(mean, 1e-300)[:, None]
+    quality = shown.cos_v * mean / (mean + DARK_SHARE * level) * np.where(edge, EDGE_QUALITY, 1.0)
+    powers = np.concatenate(power)  # (K, 3)
+    tints = powers / np.maximum(powers.sum(-1, keepdims=True), 1e-300)
+    if np.allclose(tints, tints[0], atol=1e-6):  # whatever the colour, each lamp's share is the same in all channels
+        powers, below = powers.mean(-1, keepdims=True), mean[:, None]
+    else:
+        below = irradiance
+    shares = np.concatenate(factor, -1)[..., None] * powers / np.maximum(below, 1e-300)[:, None]
+    return Seen(
+        f=np.where(each, rgb / np.maximum(irradiance, 1e-300), 0.0),
+        quality=np.where(each & good[:, None], quality[:, None] ** 2, 0.0), camera=camera, cos_v=shown.cos_v,
+        sin2h=np.concatenate(sin2h, -1).astype(np.float32), cos_l=np.concatenate(cos_l, -1).astype(np.float32),
+        factor=shares.astype(np.float32))

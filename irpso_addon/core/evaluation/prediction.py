@@ -1,0 +1,136 @@
+"""What maps say that a view should show: radiance over irradiance at its pixels, by the models of core/shading/brdf.py.
+
+Independent of the shaders that solved, so that it can judge them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data import F32, F64, I32, Bool, Maps, Solution
+from ..shading import brdf
+
+TAPS = 4  # by TAPS, over a pixel's footprint
+
+
+@dataclass(frozen=True)
+class PlaceView:
+    """One view at T places: texels, or pixels."""
+
+    rgb: F32  # (T, 3) radiance / irradiance, 1/sr
+    weight: F32  # (T, 3) how good an observation of the channel is; 0: none, or at an edge of shadow or silhouette
+    cos_v: F32  # (T,)
+    lobes: F32  # (T, 3, L, 4) for each channel and light: sin2h, its spread, cos_l, F / (2 cos_l cos_v) * share of E
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Maps at T places."""
+
+    base: F64  # (T, 3) linear
+    lobes: F64  # (T, 3) roughness1, roughness2, weight of lobe 1
+    level: F64  # (T,) Specular IOR Level
+    beckmann: Bool  # (T,) two lobes of Beckmann's distribution over a diffuse
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """Where P pixels of a camera look."""
+
+    uv: F32  # (P, 2) at their centres
+    slope: F32  # (P, 4) d(uv)/dx, d(uv)/dy, by pixel
+    footprint: float  # pixels: width of the box over which one averages
+
+
+def surface(solution: Solution, ndf: str, slots: I32, names: tuple[str, ...]) -> Surface:
+    """A solution's maps, T = n n; slots: (n, n) material of each texel, names: of the materials."""
+    maps: Maps = solution.maps
+    rough = maps.roughness
+    lobes = np.stack([rough, rough, np.ones_like(rough)], -1) if maps.lobes is None else maps.lobes
+    level = np.full_like(rough, 0.5) if maps.specular is None else maps.specular
+    model = np.array([solution.model.get(name, "one-lobe") for name in names])[np.maximum(slots, 0)]
+    level = np.where(model == "lambert", 0.0, level)
+    return Surface(
+        base=maps.base_color.reshape(-1, 3).astype(np.float64), lobes=lobes.reshape(-1, 3).astype(np.float64),
+        level=level.ravel().astype(np.float64), beckmann=((model == "two-lobe") & (ndf == "beckmann")).ravel())
+
+
+def shown(maps: Surface, pixels: Pixels) -> Surface:
+    """What pixels show of maps: the mean base colour over the footprint, the lobes of the centre.
+
+    A map is the surface, a pixel its mean: one texel in place of the pixel would blame a sharp map for being sharp.
+    """
+    size = round(len(maps.level) ** 0.5)
+    base = maps.base.reshape(size, size, 3)
+    mean = np.zeros((len(pixels.uv), 3))
+    steps = ((np.arange(TAPS) + 0.5) / TAPS - 0.5) * pixels.footprint
+    for dx in steps:
+        for dy in steps:
+            mean += _bilinear(base, pixels.uv + dx * pixels.slope[:, :2] + dy * pixels.slope[:, 2:]) / TAPS**2
+    x, y = np.clip((pixels.uv * size).astype(int), 0, size - 1).T
+    texel = y * size + x
+    lobes = _bilinear(maps.lobes.reshape(size, size, 3), pixels.uv)
+    return Surface(mean, lobes, maps.level[texel], maps.beckmann[texel])
+
+
+def _bilinear(grid: F64, uv: F64 | F32) -> F64:
+    """(P, c) of (n, n, c) at (P, 2); texel centres lie at (i + 1/2) / n, clamped outside them."""
+    size = len(grid)
+    at = np.clip(uv.astype(np.float64) * size - 0.5, 0, size - 1)
+    low = np.minimum(at.astype(int), size - 2)
+    (x, y), (s, t) = low.T, (at - low).T[..., None]
+    value: F64 = (1 - t) * ((1 - s) * grid[y, x] + s * grid[y, x + 1]) + t * (
+        (1 - s) * grid[y + 1, x] + s * grid[y + 1, x + 1])
+    return value
+
+
+def predict(at: Surface, view: PlaceView) -> F64:
+    """(T, 3) radiance / irradiance, 1/sr."""
+    r1, r2, weight = at.lobes.T
+    diffuse, specular = _lobe(at, r1, view)
+    if np.any(weight < 1):
+        other = _lobe(at, r2, view)
+        diffuse = weight * diffuse + (1 - weight) * other[0]
+        specular = weight[:, None] * specular + (1 - weight)[:, None] * other[1]
+    value: F64 = at.base * diffuse[:, None] + specular
+    return value
+
+
+def _lobe(at: Surface, roughness: F64, view: PlaceView) -> tuple[F64, F64]:
+    """(T,) what a white diffuse reflects below one lobe, and (T, 3) what the lobe does."""
+    cos_v = np.clip(view.cos_v.astype(np.float64), 1e-3, 1)
+    energy = brdf.principled_energy(roughness, cos_v)
+    other = at.level != 0.5
+    if other.any():
+        energy[other] = brdf.principled_energy_level(roughness[other], cos_v[other], at.level[other])
+    gain, taken = np.where(at.beckmann[:, None], np.array([1.0, 0.0]), energy).T
+    specular = _sum(brdf.D_ggx_spread, brdf.lambda_root, roughness, cos_v, view)
+    if at.beckmann.any():
+        classic = _sum(brdf.D_beckmann_spread, brdf.lambda_root_beckmann, roughness, cos_v, view)
+        specular = np.where(at.beckmann[:, None, None], classic, specular)
+    if other.any():
+        specular[other] *= _fresnel_ratio(view.lobes[other], cos_v[other], at.level[other])
+    return (1 - taken) / np.pi, gain[:, None] * specular.sum(-1)
+
+
+Distribution = Callable[[F64, F64, F64], F64]
+
+
+def _sum(D: Distribution, root: Callable[[F64, F64], F64], roughness: F64, cos_v: F64, view: PlaceView) -> F64:
+    """(T, 3, L) the lobe of each channel and light, without its gain."""
+    sin2h, spread, cos_l, factor = np.moveaxis(view.lobes.astype(np.float64), -1, 0)
+    cos_l = np.clip(cos_l, 1e-3, 1)
+    alpha2, cos_v = (roughness**4)[:, None, None], cos_v[:, None, None]
+    roots = root(alpha2, 1 / cos_l**2 - 1) + root(alpha2, 1 / cos_v**2 - 1)
+    value: F64 = D(alpha2, sin2h, spread) * factor / roots
+    return value
+
+
+def _fresnel_ratio(lobes: F32, cos_v: F64, level: F64) -> F64:
+    """(T, 3, L) Fresnel reflectance at a level over that at 0.5; V.H follows from the other cosines."""
+    sin2h, cos_l = lobes[..., 0].astype(np.float64), np.clip(lobes[..., 2].astype(np.float64), 1e-3, 1)
+    cos_vh = np.clip((cos_l + cos_v[:, None, None]) / (2 * np.sqrt(np.maximum(1 - sin2h, 1e-6))), 0, 1)
+    return np.asarray(brdf.F_level_ratio(cos_vh, level[:, None, None]), np.float64)

@@ -1,0 +1,244 @@
+"""How long a solve will take, and how much memory, before it starts.
+
+Seconds of a stage are a sum over what it has to do, measured once on a small machine, times a factor that the last
+solves on this machine have shown.  Bytes are counted from the textures and arrays that are alive together.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ..errors import BadInput
+from ..params import SolveSettings
+from ..storage.text_file import read_text
+from ..tiled.uv_blocks import BLOCK, FIRST_UDIM, HALO, PICTURES, is_large, layout, windows
+from .report import write_report
+
+COVERED = 0.8  # of a map's texels lie in UV islands ...
+SHOWN = 0.35  # ... and of a picture's pixels show the object
+ATLAS_BYTES = 134_000_000  # at most, see gpu/observe/observation_atlas.py
+TEXEL_BYTES = 17 * 16  # of the textures on the texel grid that are alive together
+HOST_BYTES = 150_000_000  # of a process before it reads anything
+HOST_TEXEL_BYTES = 48
+READING = 3  # pictures in memory at a time
+FURTHEST = 1000.0  # times faster or slower than the small machine: beyond, something else was measured
+
+# Of the small machine (2 cores, software OpenGL): what a stage takes in any case, in seconds.
+FIXED = {"start": 1.5, "gbuffer": 0.1, "observe": 0.8, "maps": 0.4}
+# More for programs that were never compiled on this machine (drivers keep them); those of the search are made for a
+# number of views and cameras.
+COMPILING = {"observe": 1.0, "solve": 2.0, "maps": 1.0}  # of the search: for each of
+PROGRAMS = {"lambert": ("one",), "one-lobe": ("one",), "one-lobe-specular": ("one",), "two-lobe": ("two",),
+            "auto": ("one", "two")}
+COMPILED = "compiled "  # begins the keys that remember for which
+# Of the search: seconds in any case, microseconds a texel, and more for each view.
+SEARCH = {"lambert": (0.4, 2.0, 0.2), "one-lobe": (0.4, 2.0, 0.2), "one-lobe-specular": (1.6, 1.7, 0.2),
+          "two-lobe": (0.8, 4.0, 0.4), "auto": (0.6, 4.5, 0.3)}
+METHODS = {"refined": 1.0, "draft": 0.8, "swarm": 3.5}  # times the above; "paper" goes by its iterations
+PAPER = 0.04  # microseconds a texel, view and iteration
+PICTURE_SECONDS = 1.0  # of indirect light, by Cycles
+STAGES = ("start", "gbuffer", "observe", "solve", "maps", "indirect")
+BLOCK_SECONDS = 1.0  # of maps in blocks: of one in any case, ...
+GROWN = ((BLOCK + 2 * HALO) / BLOCK) ** 2  # ... what is solved for a texel that is kept, ...
+SEEN = 3.0  # ... and how many blocks take a pixel
+PICTURE_BYTES = 16  # of a developed pixel
+BLOCK_BYTES = 48  # of a texel in a block's file, ...
+MAP_BYTES = 44  # ... and in the files of all maps, where they do not compress
+DEVELOPING = 200_000_000  # bytes at most while a picture is developed
+
+Factors = Mapping[str, float]  # seconds on this machine / on the small one, by stage; of the search, by its kind
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A view as far as it makes work."""
+
+    width: int
+    height: int
+    camera: str
+    lights: int
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a solve will need."""
+
+    seconds: float
+    gpu_bytes: int
+    host_bytes: int  # of its process, without what a software renderer holds
+    disk_bytes: int  # at most, while it runs; the maps' files alone are less
+    learnt: bool  # from solves on this machine
+    reduced: float = 1.0  # share of the pictures' pixels that fits into the memory
+
+
+def bytes_per_pixel(views: int, lobes: int, cameras: int) -> int:
+    """GPU memory that all views take together, for each pixel that one of them has; ``lobes`` over all views."""
+    return 16 * (2 * views + lobes) + 72 * cameras
+
+
+def estimate(
+    views: Sequence[Taken], settings: SolveSettings, factors: Factors, memory: float, *, rounds: bool = False,
+    udims: tuple[int, ...] = (FIRST_UDIM,),
+) -> Estimate:
+    """``memory``: GB that pictures may take.  ``rounds``: indirect light is likely to be rendered, and solved again.
+
+    ``udims``: of the squares that are solved.
+    """
+    large = is_large(settings.size, udims)
+    if large:
+        memory *= PICTURES
+    each = bytes_per_pixel(len(views), sum(v.lights for v in views), len({v.camera for v in views}))
+    largest = max((v.width * v.height for v in views), default=0)
+    reduced = min(1.0, memory * 1e9 / each / max(largest, 1))
+    taken = predicted(views, settings, factors, reduced, rounds, udims)
+    known = [factors.get(key) for key in (_key(stage, settings) for stage in taken)]
+    usual = _mean([factor for key, factor in factors.items() if not key.startswith(COMPILED)])
+    seconds = sum(s * (factor or usual) for s, factor in zip(taken.values(), known, strict=True))
+    side = layout(settings.size, udims).size if large else settings.size
+    texels, pixels = side**2, largest * reduced
+    atlas = min(ATLAS_BYTES, 512 * 128 * 16 * sum(2 + v.lights for v in views))
+    reading = DEVELOPING if large else int(READING * min(60 * largest, DEVELOPING + 20 * pixels))
+    found = Estimate(
+        seconds=seconds, gpu_bytes=int(each * pixels + atlas + TEXEL_BYTES * texels), disk_bytes=2 * MAP_BYTES * texels,
+        host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + reading),
+        learnt=bool(factors), reduced=reduced)
+    if not large:
+        return found
+    whole = len(udims) * settings.size**2
+    disk = PICTURE_BYTES * sum(v.width * v.height for v in views) + (BLOCK_BYTES + MAP_BYTES) * whole
+    return replace(found, disk_bytes=disk, reduced=1.0)  # blocks take pictures as they are
+
+
+def check_disk(folder: Path, size: int, there: int = 0) -> None:
+    """Raises BadInput where ``folder`` (or where it will be) has no room for ``size`` bytes, ``there`` being used."""
+    place = folder.resolve()
+    while not os.path.exists(place) and place != place.parent:
+        place = place.parent
+    free = shutil.disk_usage(place).free
+    if free < size - there:
+        raise BadInput(f"{folder}: the solve may take {gigabytes(size - there)} of disk there, and {gigabytes(free)} "
+                       "are free; make room, choose another folder, or smaller maps")
+
+
+def size_of(folder: Path) -> int:
+    """Bytes of the files below a folder; 0 where there is none."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) if os.path.isdir(folder) else 0
+
+
+def predicted(
+    views: Sequence[Taken], settings: SolveSettings, known: Collection[str], reduced: float = 1.0,
+    rounds: bool = False, udims: tuple[int, ...] = (FIRST_UDIM,),
+) -> dict[str, float]:
+    """Seconds of each stage on the small machine; ``known``: keys of the factors that were learnt."""
+    if is_large(settings.size, udims):
+        plan = predicted(views, replace(settings, size=layout(settings.size, udims).size), known, reduced, rounds)
+        start, squares, pixels = plan.pop("start"), len(udims), sum(v.width * v.height for v in views)
+        each = _once(views, settings, SEEN)  # of one square
+        fixed = BLOCK_SECONDS * len(windows(settings.size, udims))
+        return {"start": start, "plan": sum(plan.values()), "pictures": 0.3e-6 * pixels,
+                "observe": each["observe"] + fixed, "solve": GROWN * squares * each["solve"],
+                "maps": GROWN * squares * each["maps"], "merge": 0.5e-6 * squares * settings.size**2}
+    first = _once(views, settings, reduced)
+    if rounds:  # a small round and another whole one
+        small = _once(views, replace(settings, size=min(settings.size, 512)), reduced)
+        first = {stage: 2 * s + small[stage] for stage, s in first.items()}
+    result = {stage: first.get(stage, 0.0) + FIXED.get(stage, 0.0) for stage in STAGES[:-1]}
+    for stage, seconds in COMPILING.items():
+        result[stage] += seconds * len(_to_compile(stage, views, settings, known))
+    if rounds:
+        lit = {(v.camera, v.width, v.height, i) for i, v in enumerate(views)}
+        result["indirect"] = 2 * PICTURE_SECONDS * (len(lit) + len({v.camera for v in views}))
+    return result
+
+
+def _once(views: Sequence[Taken], settings: SolveSettings, reduced: float) -> dict[str, float]:
+    """Seconds of one round's stages that grow with texels and pixels, of which ``reduced`` times as many are read."""
+    texels, count = COVERED * settings.size**2, len(views)
+    pixels = reduced * sum(v.width * v.height for v in views)
+    lobes = reduced * sum(v.width * v.height * v.lights for v in views)
+    cameras = {(v.camera, v.width, v.height) for v in views}
+    shown = SHOWN * reduced * sum(w * h for _, w, h in cameras)
+    passes = min(120, len(cameras) * (5 if shown > texels else 20))  # of gpu/maps/albedo.py
+    fixed, base, more = SEARCH[settings.model]
+    search = (base + more * count) * METHODS.get(settings.method, 1.0)
+    if settings.method == "paper":
+        search = PAPER * count * settings.iterations
+    return {"gbuffer": 0.1e-6 * texels, "observe": 0.25e-6 * (pixels + lobes),
+            "solve": fixed + 1e-6 * texels * search, "maps": 0.4e-6 * pixels + 0.09e-6 * passes * texels}
+
+
+def learnt(
+    factors: Factors, views: Sequence[Taken], settings: SolveSettings, seconds: Mapping[str, float], wall: float,
+    reduced: float = 1.0, udims: tuple[int, ...] = (FIRST_UDIM,),
+) -> dict[str, float]:
+    """The factors after a solve: ``seconds`` of its stages, ``wall`` of it all.
+
+    The mean with what was known; and a stage that compiled and was slow was mostly slow in compiling, so that half of
+    the surprise (of its logarithm) is believed.
+    """
+    result = dict(factors)
+    expectations = predicted(views, settings, factors, reduced, "indirect" in seconds, udims)
+    measured = {**seconds, "start": max(wall - sum(seconds.get(s, 0.0) for s in expectations), 0.05)}
+    for stage, expected in expectations.items():
+        if stage in measured:
+            key, factor = _key(stage, settings), measured[stage] / expected
+            if 1 / FURTHEST < factor < FURTHEST:
+                if _to_compile(stage, views, settings, factors) and factor > 1:
+                    factor = _mean([factor, 1.0])
+                result[key] = _mean([factor, factors[key]]) if key in factors else factor
+    return {**result, **dict.fromkeys(_to_compile("solve", views, settings, ()), 1.0)}
+
+
+def read_factors(path: Path) -> dict[str, float]:
+    """What was learnt; nothing where there is no such file, or something else in it."""
+    try:
+        content = json.loads(read_text(path))
+        found = {str(key): float(value) for key, value in content["factors"].items()}
+    except (BadInput, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
+        return {}
+    return {key: value for key, value in found.items() if 1 / FURTHEST < value < FURTHEST}
+
+
+def write_factors(path: Path, factors: Factors) -> None:
+    """Whole or not at all.  Raises BadInput."""
+    write_report(path, {"factors": {key: round(value, 4) for key, value in sorted(factors.items())}})
+
+
+def in_words(seconds: float) -> str:
+    """As one would say it: "about 25 s", "about 3 min"."""
+    if seconds < 90:
+        step = 1 if seconds < 10 else 5
+        return f"about {max(step, round(seconds / step) * step)} s"
+    minutes = seconds / 60
+    return f"about {round(minutes)} min" if minutes < 90 else f"about {minutes / 60:.1f} h"
+
+
+def gigabytes(size: int) -> str:
+    """As one would say it: "2.4 GB"."""
+    return f"{size / 1e9:.1f} GB" if size >= 50_000_000 else "below 0.1 GB"
+
+
+def _key(stage: str, settings: SolveSettings) -> str:
+    return f"{stage} {settings.method} {settings.model}" if stage == "solve" else stage
+
+
+def _to_compile(stage: str, views: Sequence[Taken], settings: SolveSettings, known: Collection[str]) -> list[str]:
+    """Keys of the programs that a stage has to compile."""
+    if stage not in COMPILING:
+        return []
+    names = [stage]
+    if stage == "solve":
+        kinds = ("paper",) if settings.method == "paper" else PROGRAMS[settings.model]
+        names = [f"{COMPILED}{kind}, {len(views)} views, {len({v.camera for v in views})} cameras" for kind in kinds]
+    return [name for name in names if name not in known]
+
+
+def _mean(factors: Sequence[float]) -> float:
+    """Geometric; 1 of none."""
+    return math.exp(sum(map(math.log, factors)) / len(factors)) if factors else 1.0

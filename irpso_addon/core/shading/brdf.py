@@ -1,0 +1,300 @@
+"""The reflectance models, as Cycles renders them: float64 twin of ``shaders/include/brdf.glsl``.
+
+Principled BSDF (metallic 0, IOR 1.5, multiscatter GGX) at any Specular IOR Level, two of them mixed, and the
+classic two-lobe Cook-Torrance with Beckmann's distribution.
+
+Same names and arguments as there, vectorised over arrays that broadcast.  alpha = roughness^2, alpha2 = alpha^2;
+cos_l, cos_v: N.L and N.V; cos_vh: V.H with H the half vector; sin2h: 1 - (N.H)^2, kept as such because
+1 - cos^2 cancels in float32 near the peak.  Values are BRDFs in 1/sr, without the cosine of the incoming light.
+The tests compare the two files function by function, and this one with Cycles' pixels.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data import F64
+from .tables import F0, FRESNEL_NODES, IOR, SIZE, SLICES, bilinear, energy_nodes, principled_table
+
+ArrayLike = float | NDArray[np.floating]  # every argument broadcasts
+
+LEVEL_MIN = 1e-4  # Specular IOR Level below which slopes by level are those of this one
+ALPHA2_MIN = 1e-8  # Beckmann: keeps float32 from overflow
+COS2H_MIN = 1e-6  # Beckmann: D is 0 there at any roughness
+
+
+def D_ggx(alpha2: ArrayLike, sin2h: ArrayLike) -> F64:
+    """Normal distribution, 1/sr.  Walter et al. 2007, "Microfacet Models for Refraction", eq. 33."""
+    a2, s = np.asarray(alpha2, np.float64), np.asarray(sin2h, np.float64)
+    # alpha2 cos^2 + sin^2, with cos^2 = 1 - sin^2
+    return a2 / (np.pi * (s * (1 - a2) + a2) ** 2)
+
+
+def D_ggx_spread(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> F64:
+    """Mean of D over two points sin2h +- spread: two-point Gauss-Hermite rule for its mean over a pixel or lamp."""
+    s = np.asarray(sin2h, np.float64)
+    half = np.minimum(spread, s)
+    return 0.5 * (D_ggx(alpha2, s - half) + D_ggx(alpha2, s + half))
+
+
+def D_ggx_spread_d(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> tuple[F64, F64]:
+    """(D_ggx_spread, its derivative by alpha2)."""
+    a2, s = np.asarray(alpha2, np.float64), np.asarray(sin2h, np.float64)
+    half = np.minimum(spread, s)
+    low, high = s - half, s + half
+    q_low, q_high = low * (1 - a2) + a2, high * (1 - a2) + a2
+    derivative = (low * (1 + a2) - a2) / q_low**3 + (high * (1 + a2) - a2) / q_high**3
+    return D_ggx_spread(a2, s, half), derivative / (2 * np.pi)
+
+
+def lambda_root(alpha2: ArrayLike, tan2: ArrayLike) -> F64:
+    """sqrt(1 + alpha2 tan2); 1 + Lambda_l + Lambda_v is the mean of the two roots.  Heitz 2014, eq. 72 and 99."""
+    return np.sqrt(1 + np.asarray(alpha2, np.float64) * tan2)
+
+
+def D_beckmann(alpha2: ArrayLike, sin2h: ArrayLike) -> F64:
+    """Normal distribution exp(-tan^2 / alpha2) / (pi alpha2 cos^4), 1/sr.  Walter et al. 2007, eq. 25."""
+    return D_beckmann_spread(alpha2, sin2h, 0.0)
+
+
+def D_beckmann_spread(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> F64:
+    """Mean of D over sin2h +- spread, as ``D_ggx_spread``."""
+    return D_beckmann_spread_d(alpha2, sin2h, spread)[0]
+
+
+def D_beckmann_spread_d(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> tuple[F64, F64]:
+    """(D_beckmann_spread, its derivative by alpha2)."""
+    a2, s = np.maximum(np.asarray(alpha2, np.float64), ALPHA2_MIN), np.asarray(sin2h, np.float64)
+    half = np.minimum(spread, s)
+    value, derivative = np.zeros(np.broadcast_shapes(a2.shape, half.shape)), 0.0
+    for point in (s - half, s + half):
+        cos2 = np.maximum(1 - point, COS2H_MIN)
+        x = point / (a2 * cos2)
+        D = np.exp(-x) / (2 * np.pi * a2 * cos2 * cos2)
+        value, derivative = value + D, derivative + D * (x - 1) / a2
+    return value, np.asarray(derivative)
+
+
+def lambda_root_beckmann(alpha2: ArrayLike, tan2: ArrayLike) -> F64:
+    """1 + 2 Lambda, to be used as ``lambda_root``."""
+    return lambda_root_beckmann_d(alpha2, tan2)[0]
+
+
+def lambda_root_beckmann_d(alpha2: ArrayLike, tan2: ArrayLike) -> tuple[F64, F64]:
+    """(lambda_root_beckmann, its derivative by alpha2)."""
+    value, derivative = lambda_beckmann_d(alpha2, tan2)
+    return 1 + 2 * value, 2 * derivative
+
+
+def lambda_beckmann_d(alpha2: ArrayLike, tan2: ArrayLike) -> tuple[F64, F64]:
+    """(Smith's Lambda, its derivative by alpha2), by the rational fit of Walter et al. 2007, sec. 5.2.
+
+    The fit's G1 = n / d is Lambda = d / n - 1; it is 0 below alpha2 tan2 = 0.39, where Cycles cuts it.
+    """
+    t2 = np.asarray(tan2, np.float64)
+    x = np.asarray(alpha2, np.float64) * t2
+    a = 1 / np.sqrt(np.maximum(x, 0.39))
+    above, below = 1 + a * (-1.259 + 0.396 * a), a * (3.535 + 2.181 * a)
+    by_a = ((-1.259 + 0.792 * a) * below - above * (3.535 + 4.362 * a)) / below**2
+    return np.where(x < 0.39, 0.0, above / below), np.where(x < 0.39, 0.0, -0.5 * a**3 * t2 * by_a)
+
+
+def F_dielectric(cos_vh: ArrayLike) -> F64:
+    """Unpolarised Fresnel reflectance at IOR 1.5.  Cook and Torrance 1982, "A Reflectance Model", sec. 5."""
+    c = np.asarray(cos_vh, np.float64)
+    g = np.sqrt(IOR * IOR - 1 + c * c)
+    parallel = (c * (g + c) - 1) / (c * (g - c) + 1)
+    return 0.5 * ((g - c) / (g + c)) ** 2 * (1 + parallel * parallel)
+
+
+def F_level(cos_vh: ArrayLike, level: ArrayLike) -> F64:
+    """Fresnel reflectance at the IOR of a Specular IOR Level (0..1); 0 at level 0, ``F_dielectric`` at 0.5."""
+    return np.asarray(F_level_ratio(cos_vh, level) * F_dielectric(cos_vh))
+
+
+def F_level_ratio(cos_vh: ArrayLike, level: ArrayLike) -> F64:
+    """Fresnel reflectance at the IOR of ``level`` / that at IOR 1.5."""
+    return F_level_ratio_d(cos_vh, level)[0]
+
+
+def F_level_ratio_d(cos_vh: ArrayLike, level: ArrayLike) -> tuple[F64, F64]:
+    """(F_level_ratio, its derivative by level).
+
+    q = sqrt(F0), F0 = 2 level 0.04 (Cycles' node), IOR = (1 + q) / (1 - q), so IOR^2 - 1 = 4 q / (1 - q)^2, and the
+    perpendicular amplitude (g - c) / (g + c) is q p with p = 4 / ((1 - q) (g + c))^2, which does not cancel.
+    """
+    c = np.asarray(cos_vh, np.float64)
+    q = np.sqrt(2 * F0 * np.asarray(level, np.float64))
+    rest = 1 - q
+    g = np.sqrt(np.maximum(4 * q / rest**2 + c * c, 1e-12))
+    u = g + c
+    p = 4 / (rest * u) ** 2
+    below = c * q * p * u + 1
+    parallel = (c * u - 1) / below
+    share, scale = 1 + parallel**2, 1 / F_dielectric(c)
+    # By g, over q p: the amplitude's 2 c / u^2 and parallel's 2 c (1 - c^2) / below^2.  dg/dlevel has 1/q.
+    by_g = 2 * c * (share / u**2 + q * p * parallel * (1 - c * c) / below**2)
+    d_level = by_g * p * 2 * F0 * (1 + q) / (rest**3 * g)
+    return 0.5 * (q * p) ** 2 * share * scale, d_level * scale
+
+
+@cache
+def _table() -> F64:
+    return principled_table()[:SIZE, :, :2].astype(np.float64)
+
+
+def principled_energy(roughness: ArrayLike, cos_v: ArrayLike) -> F64:
+    """(comp, A), shape (..., 2): gain of the specular lobe and dimming of the diffuse.  Kulla and Conty 2017."""
+    return bilinear(_table(), *np.broadcast_arrays(np.asarray(roughness, np.float64), cos_v))
+
+
+def principled_energy_d(roughness: ArrayLike, cos_v: ArrayLike) -> tuple[F64, F64]:
+    """(principled_energy, its derivative by roughness): the slope of the table's cell."""
+    return _bilinear_d(_table(), roughness, cos_v)
+
+
+def _bilinear_d(table: F64, roughness: ArrayLike, cos_v: ArrayLike) -> tuple[F64, F64]:
+    """(bilinear, the cell's slope along roughness)."""
+    last = len(table) - 1
+    r, c = np.broadcast_arrays(np.clip(np.asarray(roughness, np.float64), 0, 1), cos_v)
+    below = np.minimum((r * last).astype(int), last - 1)
+    slope = bilinear(table, (below + 1) / last, c) - bilinear(table, below / last, c)
+    return bilinear(table, r, c), slope * last
+
+
+def principled_energy_level(roughness: ArrayLike, cos_v: ArrayLike, level: ArrayLike) -> F64:
+    """(comp, A) at a Specular IOR Level 0..1; (1, 0) at level 0, ``principled_energy`` at 0.5."""
+    return principled_energy_level_d(roughness, cos_v, level)[0]
+
+
+def principled_energy_level_d(
+    roughness: ArrayLike, cos_v: ArrayLike, level: ArrayLike,
+) -> tuple[F64, F64, F64]:
+    """(principled_energy_level, its derivative by roughness, by level), from Cycles' own nodes (``tables.py``).
+
+    At level 0 comp and A start vertically, as its square and fourth root: below LEVEL_MIN the slope is LEVEL_MIN's.
+    """
+    r, c, level = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (roughness, cos_v, level)))
+    floor = np.maximum(level, LEVEL_MIN)
+    f0, q, q_floor = 2 * F0 * level, np.sqrt(2 * F0 * level), np.sqrt(2 * F0 * floor)
+    e1, mean, s, d_e1, d_mean, d_s, s_by_z = _level_nodes(r, c, (FRESNEL_NODES - 1) * np.sqrt(q))
+    s_by_level = s_by_z * (FRESNEL_NODES - 1) * np.sqrt(q_floor) / (4 * floor)
+    # Kulla and Conty's (n - 1) / (4.08567 + 1.00071 n), n = (1 + q) / (1 - q), and its derivative.
+    fss = 2 * q / (5.08638 - 3.08496 * q)
+    fss_by_level = 10.17276 / (5.08638 - 3.08496 * q_floor) ** 2 * F0 / q_floor
+    below = 1 - fss * (1 - mean)
+    fms, fms_by_mean, fms_by_level = fss * mean / below, fss * (1 - fss) / below**2, mean / below**2 * fss_by_level
+    lobe, fresnel = e1 + fms * (1 - e1), f0 + (1 - f0) * s  # lobe is E1 comp
+    lobe_by_r = d_e1 * (1 - fms) + fms_by_mean * d_mean * (1 - e1)
+    value = np.stack([1 + fms * (1 / e1 - 1), fresnel * lobe], -1)
+    by_r = np.stack([fms_by_mean * d_mean * (1 / e1 - 1) - fms * d_e1 / e1**2,
+                     (1 - f0) * d_s * lobe + fresnel * lobe_by_r], -1)
+    by_level = np.stack([fms_by_level * (1 / e1 - 1), (2 * F0 * (1 - s) + (1 - f0) * s_by_level) * lobe
+                         + fresnel * fms_by_level * (1 - e1)], -1)
+    return value, by_r, by_level
+
+
+def _level_nodes(roughness: F64, cos_v: F64, z: F64) -> tuple[F64, ...]:
+    """(E1, Eavg, s, their derivatives by roughness, that of s by z) with s between the slices beside z (0..8)."""
+    nodes = energy_nodes()
+    lobes = np.stack([nodes.albedo, np.broadcast_to(nodes.mean[:, None], nodes.albedo.shape)], -1)
+    lobe, d_lobe = _bilinear_d(lobes, roughness, cos_v)
+    k = np.minimum(z.astype(int), SLICES - 2)
+    t = z - k
+    pair = np.stack([k, k + 1], -1)
+    s, d_s = (np.take_along_axis(x, pair, -1)
+              for x in _bilinear_d(np.moveaxis(nodes.fresnel, 0, -1), roughness, cos_v))
+    return (lobe[..., 0], lobe[..., 1], s[..., 0] * (1 - t) + s[..., 1] * t, d_lobe[..., 0], d_lobe[..., 1],
+            d_s[..., 0] * (1 - t) + d_s[..., 1] * t, s[..., 1] - s[..., 0])
+
+
+def specular_principled(
+    roughness: ArrayLike, sin2h: ArrayLike, spread: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike, cos_vh: ArrayLike,
+) -> F64:
+    """D F comp / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)).  Heitz 2014, eq. 99."""
+    a2 = np.asarray(roughness, np.float64) ** 4
+    cl, cv = np.asarray(cos_l, np.float64), np.asarray(cos_v, np.float64)
+    roots = lambda_root(a2, 1 / (cl * cl) - 1) + lambda_root(a2, 1 / (cv * cv) - 1)
+    gain = principled_energy(roughness, cv)[..., 0]
+    value: F64 = D_ggx_spread(a2, sin2h, spread) * F_dielectric(cos_vh) * gain / (2 * cl * cv * roots)
+    return value
+
+
+def specular_beckmann(
+    roughness: ArrayLike, sin2h: ArrayLike, spread: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike, cos_vh: ArrayLike,
+) -> F64:
+    """D F / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)) at IOR 1.5.  Walter et al. 2007, eq. 20; Heitz 2014, eq. 99."""
+    a2 = np.asarray(roughness, np.float64) ** 4
+    cl, cv = np.asarray(cos_l, np.float64), np.asarray(cos_v, np.float64)
+    roots = lambda_root_beckmann(a2, 1 / (cl * cl) - 1) + lambda_root_beckmann(a2, 1 / (cv * cv) - 1)
+    value: F64 = D_beckmann_spread(a2, sin2h, spread) * F_dielectric(cos_vh) / (2 * cl * cv * roots)
+    return value
+
+
+def diffuse_principled(roughness: ArrayLike, cos_v: ArrayLike) -> F64:
+    """(1 - A) / pi: what the layer above leaves to a white diffuse.  Depends on the view only, as in Cycles."""
+    value: F64 = (1 - principled_energy(roughness, cos_v)[..., 1]) / np.pi
+    return value
+
+
+class Angles(NamedTuple):
+    """What the models need of three unit vectors (..., 3): cosines, and 1 - (N.H)^2; 1 where not ``seen``."""
+
+    seen: NDArray[np.bool_]  # both above the horizon
+    cos_l: F64
+    cos_v: F64
+    cos_vh: F64
+    sin2h: F64
+
+
+def angles(L: ArrayLike, V: ArrayLike, N: ArrayLike) -> Angles:
+    """Of unit vectors to the light, to the viewer and along the normal."""
+    light, view, normal = (np.asarray(v, np.float64) for v in (L, V, N))
+    half = light + view
+    half = half / np.linalg.norm(half, axis=-1, keepdims=True)
+    cos_l, cos_v, cos_vh = ((a * b).sum(-1) for a, b in ((light, normal), (view, normal), (view, half)))
+    seen = (cos_l > 0) & (cos_v > 0)
+    sin2h = (np.cross(normal, half) ** 2).sum(-1)
+    return Angles(seen, np.where(seen, cos_l, 1.0), np.where(seen, cos_v, 1.0), cos_vh, sin2h)
+
+
+def principled(
+    base: ArrayLike, roughness: ArrayLike, L: ArrayLike, V: ArrayLike, N: ArrayLike, level: ArrayLike = 0.5,
+) -> F64:
+    """The whole BRDF, 1/sr: base (..., 3 or 1) linear, roughness and Specular IOR Level (...), unit vectors (..., 3).
+
+    0 below the horizon.
+    """
+    at = angles(L, V, N)
+    geometry = roughness, at.sin2h, 0.0, at.cos_l, at.cos_v, at.cos_vh
+    if np.all(np.asarray(level) == 0.5):  # the resampled table of the default model
+        diffuse, specular = diffuse_principled(roughness, at.cos_v), specular_principled(*geometry)
+    else:
+        energy = principled_energy_level(roughness, at.cos_v, level)
+        diffuse = (1 - energy[..., 1]) / np.pi
+        gain = energy[..., 0] / principled_energy(roughness, at.cos_v)[..., 0]
+        specular = specular_principled(*geometry) * F_level_ratio(at.cos_vh, level) * gain
+    value: F64 = np.where(at.seen[..., None], np.asarray(base) * diffuse[..., None] + specular[..., None], 0.0)
+    return value
+
+
+def two_lobe(
+    base: ArrayLike, r1: ArrayLike, r2: ArrayLike, weight: ArrayLike,
+    L: ArrayLike, V: ArrayLike, N: ArrayLike, ndf: str,
+) -> F64:
+    """Two lobes, ``weight`` (...) of the first, 1/sr; base (..., 3 or 1), unit vectors (..., 3); 0 below the horizon.
+
+    ndf "ggx": two Principled of one base, mixed.  "beckmann": base / pi plus the mixed D F / (4 cos_l cos_v (1 +
+    Lambda_l + Lambda_v)) at IOR 1.5 (Cook and Torrance 1982), no energy coupling.
+    """
+    share = np.asarray(weight, np.float64)[..., None]
+    if ndf == "ggx":
+        return np.asarray(share * principled(base, r1, L, V, N) + (1 - share) * principled(base, r2, L, V, N))
+    at = angles(L, V, N)
+    first, second = (specular_beckmann(r, at.sin2h, 0.0, at.cos_l, at.cos_v, at.cos_vh)[..., None] for r in (r1, r2))
+    value: F64 = np.where(at.seen[..., None], np.asarray(base) / np.pi + share * first + (1 - share) * second, 0.0)
+    return value

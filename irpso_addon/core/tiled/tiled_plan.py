@@ -1,0 +1,96 @@
+"""What every block of a large map has in common: found once on a small map, before the first block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..data import F32, Bounced, Maps, SceneData, Solution
+from ..params import SolveSettings
+from . import uv_blocks
+
+LEAST_SIGMA = 0.01  # standard error of roughness that the small map is believed to have, at the least
+
+
+def cells_of(window: uv_blocks.Window) -> int:
+    """Coarse cells on a side of what is solved of a block."""
+    return -(-window.side // uv_blocks.CELL)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What a search has found of its data as a whole."""
+
+    variance: float  # median, relative
+    neighbours: bool  # whether texels need theirs
+
+
+@dataclass(frozen=True)
+class Before:
+    """What is known of a part of a map before it is searched."""
+
+    noise: Mapping[int, Noise] = field(default_factory=dict)  # of the whole, by the number of lobes
+    # (n, n, 4) of the part's cells, whose width is a power of two in texels: roughness, its variance, -, 1 where known
+    roughness: F32 | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Whoever has this and the developed pictures can solve any block."""
+
+    scene: SceneData  # cameras and exposures put right
+    settings: SolveSettings
+    udims: tuple[int, ...]
+    block: int  # texels, see core/tiled/uv_blocks.py
+    halo: int
+    memory: float  # GB that pictures and observations of a block may take
+    kernels: str  # "fragment" or "compute": the same on all machines
+    scales: tuple[float, ...]  # of each view: by what its picture was divided when it was developed
+    solution: Solution  # the small map, `layout` tells of which squares
+    level: float  # typical radiance of the views
+    noise: Mapping[int, Noise]  # by the number of lobes
+    robust: bool  # whether outliers are disbelieved
+    bounced: Mapping[int, Bounced] | None  # indirect light by the view's place in the scene
+    blend: str = ""  # fingerprint of the .blend in which that was rendered
+
+    @property
+    def windows(self) -> list[uv_blocks.Window]:
+        """All blocks."""
+        return uv_blocks.windows(self.settings.size, self.udims, self.block, self.halo)
+
+    @property
+    def layout(self) -> uv_blocks.Layout:
+        """Where the small map holds each square."""
+        return uv_blocks.layout(self.settings.size, self.udims)
+
+    def around(self, window: uv_blocks.Window) -> Maps:
+        """The small maps at a block's cells of `tiling.CELL` texels; arrays of flags are left as they are."""
+        maps, count = self.solution.maps, cells_of(window)
+
+        def at(values: F32) -> F32:
+            return self.layout.sampled(values, window, count)
+
+        return Maps(at(maps.base_color), at(maps.roughness), maps.confidence, maps.error, maps.filled, maps.coverage,
+                    maps.roughness_sigma, maps.base_sigma, None if maps.lobes is None else at(maps.lobes),
+                    None if maps.specular is None else at(maps.specular))
+
+    def before(self, window: uv_blocks.Window) -> Before:
+        """What the search of a block knows of it."""
+        maps = self.solution.maps
+        known = (~maps.filled).astype(np.float32)
+        values = np.stack([maps.roughness, np.maximum(maps.roughness_sigma**2, LEAST_SIGMA**2), known, known], -1)
+        return Before(self.noise, self.layout.sampled(values, window, cells_of(window)))
+
+    def level_map(self, window: uv_blocks.Window, slots: np.ndarray) -> F32 | None:
+        """(side, side) Specular IOR Level of a block's texels; None: 0.5.  slots: material of each, -1: none."""
+        specular = self.solution.maps.specular
+        if specular is None:
+            return None
+        if self.settings.specular == "texel":
+            return self.layout.sampled(specular, window, window.side)
+        result = np.full(slots.shape, 0.5, np.float32)
+        for slot, name in enumerate(self.scene.mesh.slot_names):
+            result[slots == slot] = self.solution.levels.get(name, 0.5)
+        return result

@@ -1,0 +1,52 @@
+"""The part of the texels that a solve changes, and grids that show nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...core.data import F32, Bool
+from ..device.context import Device
+from ..device.occupied_cells import Cells
+from .gbuffer import SurfaceMaps
+
+
+@dataclass(frozen=True)
+class SolveMask:
+    """Which texels are solved."""
+
+    weight: F32  # (n, n) of the new result: 1 in the region, falling to 0 around it; 0 where not covered
+    whole: bool  # nothing is left out
+
+    @property
+    def solved(self) -> Bool:
+        """(n, n) texels to solve."""
+        return np.asarray(self.weight > 0)
+
+    def grid(self, device: Device, whole: SurfaceMaps) -> SurfaceMaps:
+        """The texel grid as if nothing but the part were covered.  Takes the place of ``whole``, which it releases."""
+        if self.whole:
+            return whole
+        position = device.read(whole.position) * self.solved[..., None]
+        for thing in (whole.position, whole.cells):
+            if thing is not None:
+                thing.release()
+        texture = device.texture(position.shape[1], position.shape[0], data=position)
+        return replace(whole, position=texture, cells=Cells(device, texture))
+
+    def pixels(self, device: Device, maps: SurfaceMaps) -> SurfaceMaps:
+        """A camera's pixel grid as if it showed nothing but the part; takes the place of ``maps``."""
+        if self.whole:
+            return maps
+        h, w = self.weight.shape
+        weight = device.texture(w, h, 1, self.weight)
+        position = device.texture(*maps.position.size)
+        target = device.framebuffer([position])
+        target.clear()
+        device.draw("gbuffer/shown.frag", target, textures={
+            "u_position": maps.position, "u_uv": maps.uv, "u_part": weight}, uniforms={}, cells=maps.cells)
+        for thing in (target, weight, maps.position, maps.cells):
+            if thing is not None:
+                thing.release()
+        return replace(maps, position=position, cells=Cells(device, position))

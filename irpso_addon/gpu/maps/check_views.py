@@ -1,0 +1,109 @@
+"""What the maps say that each view should show, beside what it shows: at the camera's own pixels, one view at a time.
+
+The same prediction as the base colour's (shaders/albedo): base colour averaged over the pixel's footprint, times the
+diffuse, plus the lobes.  solve_checks.py and registration.py make of it what a user should know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import moderngl
+import numpy as np
+
+from ...core.checks.view_check_data import CheckedView, Window
+from ...core.data import F32, ViewPicture
+from ..device.context import Device
+from ..device.draw_budget import Rectangle
+from ..observe.observations import HALF_MOST, ObservedCamera, ObservedView
+from .albedo import AlbedoSolver
+
+WINDOW = 1_500_000  # pixels of a view that are looked at, at most: its middle rows
+MIN_COS_V = 0.2  # of a pixel that is unlit: seen flatter, shaders/include/observed.glsl says nothing of it
+PICTURE_SIDE = 512  # pixels
+EDGE = 0.25  # of a good pixel's quality: below it lies an edge of shadow or silhouette
+
+
+def check_views(albedo: AlbedoSolver, base: moderngl.Texture) -> Iterator[CheckedView]:
+    """Each view in turn, by cameras; runs on the GL thread.  ``base``: the texture found, holes filled."""
+    device = albedo.device
+    for texture in (base, *albedo.known.values()):
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    for camera in albedo.observations.cameras:
+        part = _viewport(camera)
+        diffuse = _diffuse(albedo, camera, base, part)
+        window = _window(device, camera, part, diffuse[..., 3])
+        for view in camera.views:
+            yield _check(albedo, camera, view, window, part, diffuse[..., :3])
+    for texture in (base, *albedo.known.values()):
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+
+
+def pictured(views: Iterator[CheckedView], pictures: list[ViewPicture]) -> Iterator[CheckedView]:
+    """The views, and of each, as it passes, a picture of at most PICTURE_SIDE pixels on a side."""
+    for seen in views:
+        step = -(-max(seen.window.covered.shape) // PICTURE_SIDE)
+        covered = seen.window.covered[::step, ::step, None]
+        reference = np.where(covered, seen.radiance[::step, ::step], np.nan)
+        predicted = np.where(covered, (seen.predicted * seen.irradiance)[::step, ::step], np.nan)
+        scale = max(float(np.nanmax(reference)) if np.isfinite(reference).any() else 0.0, 1e-20)
+        pictures.append(ViewPicture(
+            seen.view.image.name, seen.view.camera.name, tuple(light.name for light in seen.view.lights),
+            (reference / scale).astype(np.float16), np.minimum(predicted / scale, HALF_MOST).astype(np.float16), scale))
+        yield seen
+
+
+def _viewport(camera: ObservedCamera) -> Rectangle:
+    """The window's place: the camera's (``ObservedCamera.window``), or its middle rows."""
+    x, y, w, h = camera.window
+    rows = min(h, max(WINDOW // w, 1))
+    return x, y + (h - rows) // 2, w, rows
+
+
+def _window(device: Device, camera: ObservedCamera, part: Rectangle, cos_v: F32) -> Window:
+    maps = camera.maps
+    assert maps.uv is not None
+    position, normal = device.read(maps.position, part), device.read(maps.normal, part)
+    return Window(corner=part[:2], image=maps.position.size, covered=position[..., 3] > 0.5, position=position[..., :3],
+                  normal=normal[..., :3], uv=device.read(maps.uv, part), slot=normal[..., 3], cos_v=cos_v)
+
+
+def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Texture, part: Rectangle) -> F32:
+    """(h, w, 4): what the base colour shows, and cos_v; the same in all the camera's views."""
+    device, maps = albedo.device, camera.maps
+    texture = device.texture(*maps.position.size)
+    target = device.framebuffer([texture])
+    target.clear()
+    device.draw("check/diffuse.frag", target, textures={
+        **albedo.looked_up(camera), "u_uv_slope": maps.uv_slope, "u_base": base,
+    }, uniforms={**camera.viewpoint, "u_footprint": camera.uniforms["u_footprint"]}, defines=albedo.defines,
+        cells=maps.cells)
+    target.release()
+    values = device.read(texture, part)
+    texture.release()
+    return values
+
+
+def _check(
+    albedo: AlbedoSolver, camera: ObservedCamera, view: ObservedView, window: Window, part: Rectangle, diffuse: F32,
+) -> CheckedView:
+    device = albedo.device
+    texture = albedo.specular(camera, view)
+    specular = device.read(texture, part)[..., :3]
+    texture.release()
+    colour = device.read(view.colour, part)
+    observed, quality = colour[..., :3], colour[..., 3]
+    x, y = part[0] - camera.window[0], part[1] - camera.window[1]
+    lobes = [device.read(lobe, part) for lobe in view.lobes]
+    away = [np.where(lobe[..., 3] > 0, lobe[..., 0], np.float32(1)) for lobe in lobes]  # no light, no highlight
+    reference = view.reference[y:y + part[3], x:x + part[2]].astype(np.float32)
+    radiance = reference[..., :3] * np.float32(view.scale)
+    seen = np.isfinite(radiance[..., 0])
+    told = (quality > 0)[..., None] & (observed > 0)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        irradiance = np.where(told, radiance / observed, np.float32(0))
+    return CheckedView(
+        view=view.view, window=window, observed=observed, predicted=diffuse + specular, specular=specular,
+        quality=quality, edge=quality < EDGE * window.cos_v**2, radiance=radiance, irradiance=irradiance,
+        sin2h=np.minimum.reduce(away), coverage=reference[..., 3], clipped=view.clipped,
+        unlit=window.covered & seen & (window.cos_v > MIN_COS_V) & (quality == 0))

@@ -1,0 +1,65 @@
+"""Holes filled and seams padded by push-pull (Gortler, Grzeszczuk, Szeliski, Cohen 1996)."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+
+from ...core.data import F32
+from ..device.context import Device
+
+Level = tuple[moderngl.Texture, moderngl.Framebuffer]
+
+
+class Filler:
+    """Fills textures of one size, again and again, without making new ones."""
+
+    def __init__(self, device: Device, size: tuple[int, int], around: F32 | None = None) -> None:
+        """``around``: (h, w, 3) of cells whose width is a power of two in texels: what is known of larger holes."""
+        self.device = device
+        last = (1, 1) if around is None else (around.shape[1], around.shape[0])
+        sizes = [size]
+        while sizes[-1] != last:
+            sizes.append(((sizes[-1][0] + 1) // 2, (sizes[-1][1] + 1) // 2))
+        self._around: moderngl.Texture | None = None
+        if around is not None:
+            rgba = np.concatenate([around, np.ones_like(around[..., :1])], axis=2)
+            self._around = device.texture(*sizes.pop(), data=rgba)
+        self._coarser = [self._level(s) for s in sizes[1:]]  # what is known, ever coarser
+        self._filled = [self._level(s) for s in (sizes[:-1] if around is None else sizes)]  # the same without holes
+
+    def fill(self, source: moderngl.Texture) -> moderngl.Texture:
+        """RGBA32F: ``source`` where its alpha is 1, else the nearest known values, smoothly.
+
+        Texels whose alpha lies between are mixed accordingly.  The texture belongs to the filler, which
+        overwrites it the next time.
+        """
+        known = [source, *(texture for texture, _ in self._coarser)]
+        for finer, (_, target) in zip(known, self._coarser, strict=False):
+            self.device.draw("fill/down.frag", target, textures={"u_map": finer}, uniforms={})
+        filled = self._around or known.pop()
+        for own, (texture, target) in zip(reversed(known), reversed(self._filled), strict=True):
+            self.device.draw("fill/up.frag", target, textures={"u_map": own, "u_parent": filled}, uniforms={})
+            filled = texture
+        return filled
+
+    def release(self, keep: moderngl.Texture | None = None) -> None:
+        """Free the textures, but not ``keep``."""
+        for texture, target in (*self._coarser, *self._filled):
+            target.release()
+            if texture is not keep:
+                texture.release()
+        if self._around is not None:
+            self._around.release()
+
+    def _level(self, size: tuple[int, int]) -> Level:
+        texture = self.device.texture(*size)
+        return texture, self.device.framebuffer([texture])
+
+
+def fill(device: Device, source: moderngl.Texture, around: F32 | None = None) -> moderngl.Texture:
+    """A new texture, as Filler.fill gives it; a single texel is itself."""
+    filler = Filler(device, source.size, around)
+    filled = filler.fill(source)
+    filler.release(keep=filled)
+    return filled

@@ -1,0 +1,154 @@
+"""A solve of some of the texels: which, from where the search begins, and how the rest of the last result joins in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...core.data import F32, I32, Bool, Maps, Region, SceneData, Solution
+from ...core.errors import BadInput
+from ...core.maps import region
+from ...core.params import SolveSettings
+from ..device.context import Device
+from ..gbuffer.gbuffer import Triangles
+from ..gbuffer.solve_mask import SolveMask
+from ..solve.model_ladder import Found, Last
+
+
+@dataclass(frozen=True)
+class Part(SolveMask):
+    """What a solve changes, and what it keeps of the last result."""
+
+    known: Bool  # (n, n) the last result has a value of its own, which is kept where the new one has none
+    kept: Maps | None = None  # the last result at this size; None: nothing is kept
+
+    def share(self, found: Bool) -> F32:
+        """(n, n) of the new result in the end, where it was ``found``; 1 too where there is nothing else."""
+        return np.where(self.known, self.weight * found, np.float32(1.0)).astype(np.float32)
+
+    def join(self, new: F32, role: str, share: F32) -> F32:
+        """A map of the new result mixed with the last one's."""
+        if self.kept is None:
+            return new
+        old = getattr(self.kept, role)
+        weight = share if new.ndim == 2 else share[..., None]
+        return np.where(weight == 0, old, np.where(weight == 1, new, weight * new + (1 - weight) * old)).astype(
+            np.float32)
+
+    def join_found(self, found: Found, last: Solution | None) -> Found:
+        """The new roughnesses and levels among the last ones."""
+        if self.kept is None or last is None:
+            return found
+        share = self.share(found.roughness[..., 3] > 0.5)
+        rough = found.roughness.copy()
+        rough[..., 0] = self.join(found.roughness[..., 0], "roughness", share)
+        rough[..., 3] = np.maximum(found.roughness[..., 3], self.known)
+        joined = replace(found, roughness=rough, model={**last.model, **found.model}, why={**last.why, **found.why},
+                         levels={**last.levels, **found.levels})
+        if found.lobes is not None or self.kept.lobes is not None:
+            weight = share[..., None]
+            joined.lobes = weight * _lobes(found.roughness[..., 0], found.lobes) + (1 - weight) * _lobes(
+                self.kept.roughness, self.kept.lobes)
+        if found.level is not None or self.kept.specular is not None:
+            half = np.full_like(share, 0.5)
+            joined.level = share * (half if found.level is None else found.level) + (1 - share) * (
+                half if self.kept.specular is None else self.kept.specular)
+        return joined
+
+    def join_base(self, base: F32) -> F32:
+        """(n, n, 4): the new base colour, and how far it is known, among the last one's."""
+        if self.kept is None:
+            return base
+        share = np.where(self.known, self.weight * np.clip(base[..., 3], 0, 1), np.float32(1.0))
+        return np.concatenate([self.join(base[..., :3], "base_color", share),
+                               np.maximum(base[..., 3:], self.known[..., None])], -1).astype(np.float32)
+
+    def join_maps(self, maps: Maps, share: F32) -> Maps:
+        """Confidence, error and standard errors among the last ones."""
+        joined: dict[str, Any] = {role: self.join(getattr(maps, role), role, share)
+                                  for role in ("confidence", "error", "roughness_sigma", "base_sigma")}
+        return replace(maps, **joined)
+
+
+def _lobes(roughness: F32, lobes: F32 | None) -> F32:
+    return np.stack([roughness, roughness, np.ones_like(roughness)], -1) if lobes is None else lobes
+
+
+def part_of(device: Device, scene: SceneData, size: int, position: F32, slots: I32) -> Part:
+    """What is to be solved.  Raises BadInput when no texel is in the region.
+
+    ``position``: (n, n, 3) metres.  ``slots``: (n, n) material slot of each covered texel, -1 elsewhere.
+    """
+    covered = slots >= 0
+    if scene.region is None:
+        return Part(covered.astype(np.float32), True, np.zeros_like(covered))
+    inside = covered & _inside(device, scene, scene.region, size)
+    if not inside.any():
+        raise BadInput(f"{scene.mesh.name}: the part to solve covers no texel at {size} x {size}; "
+                       "choose a larger part, or a larger size")
+    if scene.start is None:
+        return Part(inside.astype(np.float32), False, np.zeros_like(covered))
+    kept = region.resized(scene.start.maps, size)
+    within = np.isin(slots, np.unique(slots[inside]))  # where one material ends there is a seam already
+    return Part(region.fade(position, within, inside), False, covered & ~kept.filled, kept)
+
+
+def _inside(device: Device, scene: SceneData, chosen: Region, size: int) -> Bool:
+    if chosen.corners is None:
+        assert chosen.image is not None
+        return region.of_image(chosen.image, size)
+    corners = np.concatenate([scene.mesh.uvs, chosen.corners[..., None]], axis=2).astype(np.float32)
+    texture = device.texture(size, size, 1)
+    target = device.framebuffer([texture])
+    target.clear()
+    program = device.programs.get("gbuffer/region.vert", "gbuffer/region.frag")
+    buffer = device.buffer(corners)
+    array = device.ctx.vertex_array(program, [(buffer, "3f", "in_corner")])
+    triangles = Triangles(scene.mesh.positions, 0, len(corners), scene.mesh.uvs)
+    triangles.draw(device, ("gbuffer/region.frag", size), array, target, None)
+    inside = device.read(texture)[..., 0] > 0.5
+    for thing in (array, buffer, target, texture):
+        thing.release()
+    return inside
+
+
+def last_of(part: Part, scene: SceneData, settings: SolveSettings, slots: I32) -> Last | None:
+    """What the ladder takes over from the last result.
+
+    Materials of which a part is kept keep their model.  ``slots``: (n, n) of each covered texel, -1 elsewhere.
+    Raises BadInput where another model is asked for.
+    """
+    start, names = scene.start, scene.mesh.slot_names
+    if start is None:
+        return None
+    of = {name: np.isin(slots, [i for i, other in enumerate(names) if other == name]) for name in start.model}
+    kept = part.known & (part.weight < 1)
+    shared = [name for name, mask in of.items() if kept[mask].any() and part.solved[mask].any()]
+    for name in shared:
+        _check_model(name, start, settings)
+    again = settings.start == "last"
+    taken = list(start.model) if again else shared
+    return Last(
+        model={name: start.model[name] for name in taken} if settings.model == "auto" else {},
+        levels={name: level for name, level in start.levels.items() if name in taken}, fixed=frozenset(shared),
+        level=None if part.kept is None else part.kept.specular,
+        lobes=_seeds(region.resized(start.maps, settings.size)) if again else None)
+
+
+def _check_model(name: str, start: Solution, settings: SolveSettings) -> None:
+    """A material has one model: raises BadInput where a part of it would get another."""
+    model = start.model[name]
+    wanted = "one-lobe" if settings.model == "auto" and settings.method == "paper" else settings.model
+    if wanted not in ("auto", model):
+        raise BadInput(f"material '{name}': its other part was solved as {model}, not {wanted}; choose that model, "
+                       "or solve all of it")
+    if model == "two-lobe" and start.ndf != settings.ndf:
+        raise BadInput(f"material '{name}': its other part was solved with distribution {start.ndf}; choose that, "
+                       "or solve all of it")
+
+
+def _seeds(maps: Maps) -> F32:
+    """(n, n, 4): roughness1, roughness2, weight; whether known."""
+    return np.concatenate([_lobes(maps.roughness, maps.lobes), ~maps.filled[..., None]], -1).astype(np.float32)

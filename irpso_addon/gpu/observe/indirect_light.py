@@ -1,0 +1,73 @@
+"""Indirect light from small, noisy pictures to a camera's pixels: smoothed along the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from types import TracebackType
+
+import moderngl
+
+from ...core.data import F32, Bounced, Camera
+from ..device.context import Device
+from ..gbuffer.gbuffer import MeshBuffer, Occluders, SurfaceMaps, draw_pixel_grid
+
+MEAN, SHARE = (5, 2.0), (1, 0.6)  # reach and width, in small pixels: over noise, and to the camera's pixels
+Pair = tuple[moderngl.Texture, moderngl.Texture]  # irradiance and glossy radiance, RGB
+
+
+class Smoother:
+    """For one camera; what its small pictures see of the surface is drawn once.  A context manager."""
+
+    def __init__(
+        self, device: Device, mesh: MeshBuffer, occluders: Occluders, camera: Camera, maps: SurfaceMaps,
+        uniforms: Callable[[Camera, int], dict[str, object]],
+    ) -> None:
+        """``maps``: the camera's pixels; ``uniforms``: of include/pixel.glsl for a picture so many pixels high.
+
+        The small pictures are of the whole frame where the camera is a part of another.
+        """
+        self.device, self.maps, self.uniforms, self.camera = device, maps, uniforms, camera
+        self._draw_grid = partial(draw_pixel_grid, device, mesh, occluders, camera.whole or camera, footprint=0.0)
+        self._grids: dict[tuple[int, int], SurfaceMaps] = {}
+
+    def __enter__(self) -> Smoother:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None,
+    ) -> None:
+        for grid in self._grids.values():
+            grid.release()
+
+    def smooth(self, bounced: Bounced) -> Pair:
+        """A picture's light at the camera's pixels."""
+        height, width = bounced.irradiance.shape[:2]
+        if (width, height) not in self._grids:
+            self._grids[width, height] = self._draw_grid(width=width, height=height)
+        grid = self._grids[width, height]
+        noisy = self._upload(bounced.irradiance), self._upload(bounced.glossy)
+        smooth = self._mean(noisy, grid, grid, self.camera.whole or self.camera, MEAN)
+        found = self._mean(smooth, grid, self.maps, self.camera, SHARE)
+        for texture in (*noisy, *smooth):
+            texture.release()
+        return found
+
+    def _mean(
+        self, light: Pair, grid: SurfaceMaps, maps: SurfaceMaps, camera: Camera, width: tuple[int, float],
+    ) -> Pair:
+        """The light of the pixels of ``grid`` at those of ``maps``, which ``camera`` sees."""
+        device = self.device
+        found = device.texture(*maps.position.size), device.texture(*maps.position.size)
+        target = device.framebuffer(found)
+        target.clear()
+        device.draw("observe/bounced.frag", target, textures={
+            "u_position": maps.position, "u_normal": maps.normal, "u_small_position": grid.position,
+            "u_small_normal": grid.normal, "u_small_irradiance": light[0], "u_small_glossy": light[1],
+        }, uniforms={**self.uniforms(camera, maps.position.height), "u_part": camera.part, "u_reach": width[0],
+                     "u_sigma": width[1]}, cells=maps.cells)
+        target.release()
+        return found
+
+    def _upload(self, array: F32) -> moderngl.Texture:
+        return self.device.texture(array.shape[1], array.shape[0], 3, array)

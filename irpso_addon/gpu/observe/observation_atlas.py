@@ -1,0 +1,243 @@
+"""Where a texel's observations come from, and how a kernel finds them: one texture, block upon block.
+
+Block b of the atlas is its rows [b h, (b + 1) h), h the height of a tile.  A layer is one view (of one
+channel, where the channels are kept apart) and has 2 + lights blocks:
+
+    0      f (1/sr), quality, cos_v, 2 channel + edge + share / 2    f = radiance / irradiance
+    1      f of R, G and B                                           where a method asks for colour
+    2 + l  lobe of light l: sin2h, spread, cos_l, F / (2 cos_l cos_v) * E_light / E_view
+
+The layers of one camera (and channel) follow one another: they are a group, and share its pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import moderngl
+import numpy as np
+
+from ...core.data import F32, Bool
+from ..device.context import Device
+from ..device.occupied_cells import CELL
+from ..gbuffer.gbuffer import SurfaceMaps
+from .observations import Observations
+
+TILE = (512, 128)  # width and height, in texels
+ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
+UNROLLED = 16  # layers up to which loops over them are unrolled
+REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
+CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
+POOL_GAIN = 0.3  # neighbours' errors are alike (shared pixels, model error), four say less than four times one
+MODEL_ERROR = 0.003  # relative: pixels stand for texels
+LEAST_GAIN = 5.0  # nats a texel: such errors are mimicked by more lobes; up to 2.9 was seen
+
+Tile = tuple[int, int]  # its first texel
+
+
+@dataclass(frozen=True)
+class Layers:
+    """What a texel is offered."""
+
+    groups: tuple[int, ...]  # camera and channel of each layer
+    lights: int  # lobes per layer
+    channels: int  # 1: an observation is the mean of R, G and B; 3: each channel by itself
+    spread: bool  # whether a lobe is seen from an area or lit by one
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of the atlas."""
+        return len(self.groups) * (2 + self.lights)
+
+    def defines(self) -> dict[str, str]:
+        """Of every kernel that includes solve/observations.glsl."""
+        count = len(self.groups)
+        starts = [n for n in range(count) if n == 0 or self.groups[n] != self.groups[n - 1]]
+        bounds = [*starts, count]
+        each = " ".join(f"GROUP({k}, {bounds[k]}, {bounds[k + 1]})" for k in range(len(starts)))
+        if count > UNROLLED:
+            each = ("for (int k = 0; k < GROUPS; k++) "
+                    "{ GROUP(k, GROUP_START[k], group_seen[k] ? GROUP_START[k + 1] : GROUP_START[k]) }")
+        return {
+            "EACH_GROUP": each,
+            "LAYERS": str(count), "GROUPS": str(len(starts)), "GROUP_STARTS": ", ".join(map(str, bounds)),
+            "GROUP_CHANNELS": ", ".join(str(self.groups[n] % self.channels) for n in starts),
+            "LIGHTS": str(self.lights), "CHANNELS": str(self.channels), **({"SPREAD": "1"} if self.spread else {}),
+        }
+
+
+class Source(Protocol):
+    """Something that fills an atlas."""
+
+    size: tuple[int, int]  # width and height of the maps
+    layers: Layers
+    camera_slack: float  # how much albedo may differ between groups, relative
+    pool_gain: float  # of 1: how much four texels together say, in units of what they say apart
+    model_error: float  # relative, of the forward model: the floor of core.models.evidence
+    least_gain: float  # of core.models.choose
+    extent: float  # width of the maps in UV squares
+    position: moderngl.Texture  # of the texels: world xyz, coverage
+    principled_table: moderngl.Texture
+
+    def gather(self, atlas: Atlas, tile: Tile, colour: bool) -> Iterator[None]:
+        """Fill the atlas with a tile's observations; ``colour``: with those of R, G and B."""
+        ...
+
+
+class Atlas:
+    """The texture that holds the observations of one tile."""
+
+    def __init__(self, device: Device, source: Source, tile: tuple[int, int] | None = None) -> None:
+        """``tile``: its width and height (else TILE), less where the maps or the device's textures are smaller."""
+        tile = tile or TILE
+        self.device = device
+        self.layers = layers = source.layers
+        rows, (width, height) = layers.blocks, source.size
+        self.tile = (min(tile[0], width), max(1, min(tile[1], height, ATLAS_ROWS // rows)))
+        self.texture = device.texture(self.tile[0], self.tile[1] * rows)
+        self.target = device.framebuffer([self.texture])
+        self.uniforms = {"u_tile_height": self.tile[1]}
+
+    def block(self, number: int) -> tuple[int, int, int, int]:
+        """Viewport of a block."""
+        w, h = self.tile
+        return 0, number * h, w, h
+
+    def work(self) -> F32:
+        """(height,) about how many observations each row of texels holds, and one more for each texel."""
+        width, height = self.tile
+        counts = self.device.texture(-(-width // CELL), -(-height // CELL), 1)
+        target = self.device.framebuffer([counts])
+        self.device.draw("solve/work.frag", target, textures={"u_observations": self.texture}, uniforms=self.uniforms,
+                         defines={"LAYERS": str(len(self.layers.groups)), "LIGHTS": str(self.layers.lights)})
+        rows = np.repeat(self.device.read(counts)[..., 0].sum(axis=1) / np.float32(CELL), CELL)[:height]
+        target.release()
+        counts.release()
+        return rows
+
+    def release(self) -> None:
+        """Free the texture."""
+        self.target.release()
+        self.texture.release()
+
+
+def tiles(atlas: Atlas, covered: Bool) -> list[Tile]:
+    """First texel of each tile that has covered texels."""
+    (w, h), (height, width) = atlas.tile, covered.shape
+    return [(x, y) for y in range(0, height, h) for x in range(0, width, w) if covered[y:y + h, x:x + w].any()]
+
+
+class CameraSource:
+    """Texels matched to the pixels of the cameras that see them."""
+
+    def __init__(self, device: Device, grid: SurfaceMaps, observations: Observations, extent: float = 1.0) -> None:
+        self.device, self.grid, self.observations = device, grid, observations
+        channels = observations.channels
+        groups = tuple(i * channels + channel for i, camera in enumerate(observations.cameras)
+                       for channel in range(channels) for _ in camera.views)
+        lights = max(len(v.lobes) for c in observations.cameras for v in c.views) // channels
+        self.layers = Layers(groups, lights, channels, spread=True)
+        self.size = grid.position.size
+        self.camera_slack = CAMERA_SLACK
+        self.pool_gain = POOL_GAIN
+        self.model_error = MODEL_ERROR
+        self.least_gain = LEAST_GAIN
+        self.extent = extent
+        self.position = grid.position
+        self.principled_table = observations.principled_table
+
+    def gather(self, atlas: Atlas, tile: Tile, colour: bool) -> Iterator[None]:
+        """Match the tile's texels to each camera's pixels and copy what those observe."""
+        device = self.device
+        match = device.texture(*atlas.tile)
+        match_target = device.framebuffer([match])
+        try:
+            layer = 0
+            for camera in self.observations.cameras:
+                device.draw("observe/match.frag", match_target, textures={
+                    "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
+                    "u_position": camera.maps.position, "u_normal": camera.maps.normal,
+                }, uniforms={**camera.uniforms, "u_clip": camera.clip, "u_tile": tile, "u_reach": REACH})
+                for channel in range(self.layers.channels):
+                    for view in range(len(camera.views)):
+                        self._copy(atlas, match, layer, (camera.views[view].colour, camera.views[view].lobes),
+                                   channel, camera.views[view].tint[channel], colour)
+                        layer += 1
+                device.pace.finish()
+                yield
+        finally:
+            match_target.release()
+            match.release()
+
+    def _copy(
+        self, atlas: Atlas, match: moderngl.Texture, layer: int, view: tuple[moderngl.Texture, list[moderngl.Texture]],
+        channel: int, tint: float, colour: bool,
+    ) -> None:
+        """One layer: what the matched pixels of one view observe."""
+        channels, lights = self.layers.channels, self.layers.lights
+        block = layer * (2 + lights)
+        view_colour, lobes = view
+        textures = {"u_match": match, "u_colour": view_colour}
+        for offset, wanted in enumerate((channel if channels > 1 else -1, 3)):
+            if wanted < 3 or colour:
+                place = atlas.block(block + offset)
+                self.device.draw("observe/gather_colour.frag", atlas.target, textures=textures, viewport=place,
+                                 uniforms={"u_channel": wanted, "u_row": place[1],
+                                           "u_tint": tint if channels > 1 else 1.0})
+        for n in range(lights):
+            place = atlas.block(block + 2 + n)
+            index = n * channels + channel
+            if index < len(lobes):
+                self.device.draw("observe/gather_lobe.frag", atlas.target, uniforms={"u_row": place[1]},
+                                 textures={"u_match": match, "u_lobe": lobes[index]}, viewport=place)
+            else:
+                atlas.target.clear(viewport=place)
+
+
+class ArraySource:
+    """Observations from arrays, row 0 at the bottom: for benchmarks, tests, and other people's renderers."""
+
+    def __init__(
+        self, device: Device, *, rgb: F32, quality: F32, cos_v: F32, lobes: F32, groups: tuple[int, ...], table: F32,
+    ) -> None:
+        """K observations of each of (h, w) texels.
+
+        rgb: (h, w, K, 3) radiance / irradiance, 1/sr.  quality: (h, w, K) 0 (not observed) to 1.  cos_v: (h, w, K).
+        lobes: (h, w, K, lights, 4) as the last blocks of the atlas.  groups: (K) ascending, which camera.
+        table: core.tables.principled_table().
+        """
+        h, w = quality.shape[:2]
+        self.size = (w, h)
+        self.layers = Layers(groups, lobes.shape[3], 1, spread=bool(np.any(lobes[..., 1])))
+        self.camera_slack = 0.0  # texels are observed where they are
+        self.pool_gain = 1.0  # and each for itself
+        self.model_error = 1e-4  # float32
+        self.least_gain = 0.0
+        self.extent = 1.0
+        self.position = device.texture(w, h, 4, np.ones((h, w, 4), np.float32))
+        self.principled_table = device.texture(table.shape[1], table.shape[0], table.shape[2], table)
+        flags = np.where(quality > 0, 0.5 * 0.999, 0.0)
+        first = np.stack([rgb.mean(axis=3), quality, cos_v, flags], axis=3)
+        second = np.concatenate([rgb, np.zeros_like(rgb[..., :1])], axis=3)
+        blocks = np.concatenate([first[:, :, :, None], second[:, :, :, None], lobes], axis=3)
+        self.blocks = np.ascontiguousarray(np.moveaxis(blocks, (2, 3), (0, 1)), np.float32).reshape(-1, h, w, 4)
+        self._filled: tuple[int, Tile] | None = None
+
+    def gather(self, atlas: Atlas, tile: Tile, colour: bool) -> Iterator[None]:
+        """Upload a tile; nothing to do where the atlas holds it already."""
+        if self._filled == (atlas.texture.glo, tile):
+            return
+        (x, y), (w, h) = tile, atlas.tile
+        data = np.zeros((len(self.blocks), h, w, 4), np.float32)
+        part = self.blocks[:, y:y + h, x:x + w]
+        data[:, :part.shape[1], :part.shape[2]] = part
+        atlas.texture.write(data.tobytes())
+        self._filled = (atlas.texture.glo, tile)
+        yield
+
+    def release(self) -> None:
+        """Free the textures."""
+        self.position.release()
+        self.principled_table.release()

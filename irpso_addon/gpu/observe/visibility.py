@@ -1,0 +1,164 @@
+"""Which pixels a light reaches: shadow maps drawn from the light, looked up per camera pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import moderngl
+import numpy as np
+
+from ...core.data import F64, Light
+from ...core.shading import lights as light_model
+from ..device.context import Device
+from ..gbuffer.gbuffer import MeshBuffer, Occluders, SurfaceMaps, column_major, facets
+
+SHADOW_SIZE = 2048  # texels on a side; 0.1 % of lit texels change against 4096
+SOFT_POINTS = 16  # sample points on an emitter that casts a visible penumbra
+SOFT_ANGLE = 0.004  # radians; a smaller emitter has penumbrae thinner than a pixel: one point is enough
+FAR_TEXEL = 1e30
+
+
+@dataclass(frozen=True)
+class Frustum:
+    """One shadow map's projection."""
+
+    clip: F64  # (4, 4) world to clip
+    plane: tuple[float, float, float, float]  # linear depth along the view axis
+    texel: float  # width of a texel, metres, or metres per metre of depth where perspective
+    parallel: bool
+    face: int = -1  # of the six around a point inside the subject's sphere: +X +Y +Z -X -Y -Z
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of a perspective map
+
+
+def shadow_points(light: Light, center: F64, radius: float) -> list[F64]:
+    """Homogeneous points (4,) on the emitter that stand for it: (x, y, z, 1), or (direction to it, 0)."""
+    position = light.matrix[:3, 3]
+    distance = max(float(np.linalg.norm(position - center)), 1e-6)
+    if light.kind == "SUN":
+        extent = light.radius
+    elif light.kind == "AREA":
+        scale = np.linalg.norm(light.matrix[:3, :2], axis=0)
+        extent = 0.5 * max(light.size[0] * scale[0], light.size[1] * scale[1]) / distance
+    else:
+        extent = light.radius / distance
+    count = SOFT_POINTS if extent > SOFT_ANGLE else 1
+    vectors, _ = light_model.light_sample(light, center[None], np.arange(count), count)
+    if light.kind == "SUN":
+        return [np.append(v, 0.0) for v in vectors.reshape(-1, 3)]
+    return [np.append(center + v, 1.0) for v in vectors.reshape(-1, 3)]
+
+
+def frusta(point: F64, center: F64, radius: float, bounds: F64, size: int = SHADOW_SIZE) -> list[Frustum]:
+    """The map (or six maps, when the point lies inside the sphere) that cover the subject's sphere.
+
+    ``bounds``: (N, 3) corners of everything that casts shadows, for the near and far planes.  ``size``: texels of a map
+    on a side.
+    """
+    if point[3] == 0.0:
+        return [_parallel(point[:3], center, radius, bounds, size)]
+    position = point[:3]
+    axis = center - position
+    distance = float(np.linalg.norm(axis))
+    if distance > radius * 1.2:
+        half = radius / np.sqrt(distance**2 - radius**2)  # tangent of the sphere's angular radius
+        return [_perspective(position, axis / distance, 1.01 * half, size)]
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    return [replace(_perspective(position, a, 1.001, size), face=i) for i, a in enumerate(axes)]
+
+
+def _frame(forward: F64) -> F64:
+    up = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(right, forward), forward])
+
+
+def _perspective(position: F64, forward: F64, half: float, size: int) -> Frustum:
+    frame = _frame(forward)
+    view = np.concatenate([frame, -(frame @ position)[:, None]], axis=1)
+    # z = 0 in clip space: MIN blending sorts, not the depth test; w = depth keeps what is behind out
+    clip = np.stack([view[0] / half, view[1] / half, np.zeros(4), view[2]])
+    return Frustum(clip, _quad(view[2]), 2.0 * half / size, False,
+                   origin=(float(position[0]), float(position[1]), float(position[2])))
+
+
+def _parallel(toward: F64, center: F64, radius: float, bounds: F64, size: int) -> Frustum:
+    forward = -toward / np.linalg.norm(toward)
+    frame = _frame(forward)
+    view = np.concatenate([frame, -(frame @ center)[:, None]], axis=1)
+    view[2, 3] -= float((bounds @ view[2, :3] + view[2, 3]).min()) - radius  # depths start above zero
+    width = 1.01 * radius
+    clip = np.stack([view[0] / width, view[1] / width, np.zeros(4), np.array([0.0, 0.0, 0.0, 1.0])])
+    return Frustum(clip, _quad(view[2]), 2.0 * width / size, True)
+
+
+def _quad(row: F64) -> tuple[float, float, float, float]:
+    return (float(row[0]), float(row[1]), float(row[2]), float(row[3]))
+
+
+class LightVisibility:
+    """Makes lit maps; holds one shadow map at a time."""
+
+    def __init__(self, device: Device, mesh: MeshBuffer, occluders: Occluders, size: int = SHADOW_SIZE) -> None:
+        """``size``: texels of the shadow map on a side."""
+        self.device, self.mesh, self.occluders, self.size = device, mesh, occluders, size
+        points = mesh.mesh.positions.reshape(-1, 3).astype(np.float64)
+        low, high = points.min(axis=0), points.max(axis=0)
+        self.center = (low + high) / 2
+        lift = float(facets(mesh.mesh)[:, 3].max())  # the look-up lifts points off the facets by so much
+        self.radius = float(np.max(np.linalg.norm(points - self.center, axis=1))) * 1.001 + lift + 1e-6
+        if len(occluders.triangles):
+            others = occluders.triangles.reshape(-1, 3)
+            low, high = np.minimum(low, others.min(axis=0)), np.maximum(high, others.max(axis=0))
+        self.bounds = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+        self._map = device.texture(size, size, 1)
+        self._target = device.framebuffer([self._map])
+
+    def lit_maps(self, light: Light, cameras: list[SurfaceMaps]) -> Iterator[list[moderngl.Texture]]:
+        """For each camera's pixel grid, a R16F map: the share of the light that arrives, 0..1.
+
+        A generator so that the caller may yield between shadow maps; its last item is complete.
+        """
+        maps = []
+        for camera in cameras:
+            maps.append(self.device.texture(camera.position.width, camera.position.height, 1, dtype="f2"))
+            target = self.device.framebuffer([maps[-1]])
+            target.clear(red=0.0 if light.cast_shadow else 1.0)
+            target.release()
+        if light.cast_shadow:
+            points = shadow_points(light, self.center, self.radius)
+            for point in points:
+                for frustum in frusta(point, self.center, self.radius, self.bounds, self.size):
+                    self._draw_shadow(frustum)
+                    for camera, lit in zip(cameras, maps, strict=True):
+                        self._look_up(frustum, camera, lit, 1.0 / len(points))
+                yield maps
+        yield maps
+
+    def _draw_shadow(self, frustum: Frustum) -> None:
+        self._target.clear(red=FAR_TEXEL)
+        uniforms = {"u_depth_plane": frustum.plane}
+        with self.device.keeping_least():
+            self.mesh.draw_positions(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
+            self.occluders.draw(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
+
+    def _look_up(self, frustum: Frustum, camera: SurfaceMaps, lit: moderngl.Texture, share: float) -> None:
+        target = self.device.framebuffer([lit])
+        with self.device.adding():
+            self.device.draw("observe/lit.frag", target, textures={
+                "u_position": camera.position, "u_normal": camera.normal, "u_facet": camera.facet,
+                "u_shadow": self._map,
+            }, uniforms={
+                "u_shadow_clip": column_major(frustum.clip), "u_depth_plane": frustum.plane,
+                "u_texel": frustum.texel, "u_parallel": frustum.parallel, "u_share": share,
+                "u_face": frustum.face, "u_origin": frustum.origin,
+            }, cells=camera.cells)
+        target.release()
+
+    def release(self) -> None:
+        """Free the shadow map."""
+        self._target.release()
+        self._map.release()
+
+

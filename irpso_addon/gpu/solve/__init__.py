@@ -1,0 +1,4 @@
+"""Observations to roughness: the model ladder, the search, neighbours, the paper's swarm, live read-back.
+
+May use gpu.observe and below.
+"""

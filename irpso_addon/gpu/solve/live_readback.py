@@ -1,0 +1,88 @@
+"""What kernels have found so far, read back while they go from tile to tile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import moderngl
+import numpy as np
+
+from ...core.data import F32, Bool
+from ...core.live_maps import Live
+from ..device.context import Device
+from ..observe.observation_atlas import CAMERA_SLACK
+from . import neighbours
+
+HALF_SURE = 0.05  # standard error of roughness at which confidence is one half
+UNKNOWN = np.float32(np.nan)
+
+
+def confidence(sigma: F32, observations: F32) -> F32:
+    """0 to 1: half where the standard error of roughness is HALF_SURE; nothing from edges of shadow alone."""
+    told = np.clip(0.5 * (observations - 1.0), 0.0, 1.0)
+    return np.asarray(told / (1.0 + (sigma / HALF_SURE) ** 2), np.float32)
+
+
+def relative_error(residual: F32, observations: F32) -> F32:
+    """RMS relative residual of a texel from its sum of squares."""
+    return np.asarray(np.sqrt(np.maximum(residual, 0.0) / np.maximum(observations, 0.25)), np.float32)
+
+
+def _searched(lobes: int, device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
+    """Of solve/search.glsl.  With two lobes it does not tell how sure a texel is: confidence is 0 then."""
+    best, support = device.read(outputs[0]), device.read(outputs[1])
+    known, residual = support[..., 3] > 0.5, best[..., 1 if lobes == 1 else 3]
+    if lobes == 1:
+        sure = confidence(np.sqrt(_noise(residual[known], support[known, 2]) / np.maximum(support[..., 0], 1e-6)),
+                          support[..., 1])
+    else:
+        sure = np.zeros_like(residual)
+    return _live(best[..., 0], known, confidence=sure, error=relative_error(residual, support[..., 1]))
+
+
+def _noise(residual: F32, degrees: F32) -> float:
+    """Median variance of the relative noise that fits leave, (N,) each; where none tells, the slack between cameras."""
+    told = degrees >= neighbours.TOLD
+    if not told.any():
+        return CAMERA_SLACK**2
+    return max(float(np.median(residual[told] / degrees[told])), neighbours.NOISE_FLOOR**2)
+
+
+def _polished(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
+    """Of solve/polish.glsl."""
+    found, detail = device.read(outputs[0]), device.read(outputs[1])
+    return _live(found[..., 0], found[..., 3] > 0.5, confidence=confidence(found[..., 1], detail[..., 0]),
+                 error=relative_error(detail[..., 1], detail[..., 0]))
+
+
+def _polished_two(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
+    """Of solve/polish_two.glsl."""
+    pairs, variances, detail = (device.read(texture) for texture in outputs)
+    sigma = np.sqrt(np.minimum(variances[..., 2], 0.25))  # the larger one
+    return _live(pairs[..., 0], variances[..., 3] > 0.5, confidence=confidence(sigma, detail[..., 0]),
+                 error=relative_error(detail[..., 1], detail[..., 0]))
+
+
+def _live(roughness: F32, known: Bool, **others: F32) -> Live:
+    maps = {"roughness": roughness, **others}
+    return Live({role: np.where(known, values, UNKNOWN) for role, values in maps.items()})
+
+
+def base_color(device: Device, texture: moderngl.Texture) -> Live:
+    """Of the albedo canvas: RGB and how far pixels showed the texel."""
+    values = device.read(texture)
+    return Live({"base_color": np.where(values[..., 3:] > 0.25, values[..., :3], UNKNOWN)})
+
+
+def swarm(best: F32, more: F32) -> Live:
+    """Of `paper.PaperMaps`, read back.  The method says nothing of how sure it is."""
+    known = more[..., 3] > 0
+    found = _live(best[..., 3], known, confidence=np.zeros_like(best[..., 3]),
+                  error=np.sqrt(np.maximum(more[..., 2], 0.0)))
+    return Live({**found.maps, "base_color": np.where(known[..., None], best[..., :3], UNKNOWN)})
+
+
+LOOKS: dict[tuple[str, int], Callable[[Device, Sequence[moderngl.Texture]], Live]] = {  # by kernel and lobes
+    ("solve/search.glsl", 1): partial(_searched, 1), ("solve/search.glsl", 2): partial(_searched, 2),
+    ("solve/polish.glsl", 1): _polished, ("solve/polish_two.glsl", 2): _polished_two}

@@ -1,0 +1,296 @@
+"""The whole flow: scene -> gbuffer -> observe -> solve -> maps.
+
+Each function is a generator of Progress and must run on the GL thread: ``gpu.device.thread.run`` or ``Job``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from ..core import log
+from ..core.check_records import Checks
+from ..core.checks.registration import corrected
+from ..core.checks.residuals import is_indirect
+from ..core.checks.solve_checks import TexelFit, measure, worse
+from ..core.checks.warnings import grouped, mended, warnings
+from ..core.cpu_solver import solver
+from ..core.data import F32, I32, Bool, Bounced, Maps, RadianceImage, SceneData, Solution, View, ViewPicture
+from ..core.errors import BadInput, Cancelled
+from ..core.images.reference_image import read_reference
+from ..core.job import Progress
+from ..core.live_maps import Live
+from ..core.params import SolveSettings
+from ..core.tiled.tiled_plan import Noise
+from ..gpu.device import thread
+from ..gpu.gbuffer.gbuffer import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_counts
+from ..gpu.maps.check_views import check_views, pictured
+from ..gpu.maps.finish_maps import Made, make_maps
+from ..gpu.maps.partial_solve import Part, last_of, part_of
+from ..gpu.observe.observation_atlas import CameraSource
+from ..gpu.observe.observations import Observations, most_pixels, observe
+from ..gpu.solve.model_ladder import Found, Ladder
+
+Result = TypeVar("Result")
+ReadImage = Callable[[View], RadianceImage]
+Bounce = Callable[[SceneData, Solution], Generator[Progress, None, Mapping[int, Bounced]]]
+ALIGN_ROUNDS = 4  # of finding where cameras look
+ROUND_SIZE = 512  # texels: of maps that only the next round needs
+NO_CONFIDENCE = "method paper: says nothing of how sure it is; confidence is 0, the standard errors are 0.5 everywhere"
+STAGES = {"pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85),
+          "maps": (0.85, 1.0), "indirect": (0.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class GBuffer:
+    """The texel grid as arrays, row 0 at the bottom; zero where not covered."""
+
+    position: F32  # (n, n, 3) world, metres
+    normal: F32  # (n, n, 3) world, unit, normal map included
+    coverage: Bool  # (n, n)
+    overlap: Bool  # (n, n) more than one triangle claims the texel
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a solve has found of its scene as a whole, beside the maps."""
+
+    scene: SceneData  # cameras and exposures put right
+    solution: Solution
+    level: float  # typical radiance of the views
+    noise: Mapping[int, Noise]  # by the number of lobes
+    robust: bool  # whether outliers were disbelieved
+    bounced: Mapping[int, Bounced] | None  # indirect light by the view's place in the scene
+
+
+@dataclass
+class Clock:
+    """Seconds per stage, and what every look at the job tells beside its maps."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    coverage: Bool | None = None
+
+    def stage(self, name: str, steps: Generator[Progress, None, Result]) -> Generator[Progress, None, Result]:
+        """Steps whose seconds are this stage's."""
+        start = time.perf_counter()
+        low, high = STAGES[name]
+        stop_now: Cancelled | None = None
+        reached = 0.0
+        try:
+            while True:
+                step = steps.throw(stop_now) if stop_now else next(steps)
+                stop_now = None
+                reached = max(reached, step.fraction)  # a model tried on the way starts from 0 again
+                try:
+                    yield Progress(low + (high - low) * reached, name, step.message, step.look and partial(
+                        self._covered, step.look))
+                except Cancelled as stop:  # the stage may have something to keep
+                    stop_now = stop
+        except StopIteration as stop:
+            result: Result = stop.value
+            return result
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+    def _covered(self, look: Callable[[], Live]) -> Live:
+        return replace(look(), coverage=self.coverage)
+
+
+def bake_gbuffer(scene: SceneData, size: int) -> Generator[Progress, None, GBuffer]:
+    """Position, normal and coverage of every texel.
+
+    Raises BadInput when no texel of the UV square is covered.
+    """
+    device = thread.device()
+    mesh = MeshBuffer(device, scene.mesh)
+    try:
+        grid = draw_texel_grid(device, mesh, size)
+        yield Progress(0.5, "gbuffer")
+        position, normal = device.read(grid.position), device.read(grid.normal)
+        grid.release()
+        coverage = position[..., 3] > 0.5
+        if not coverage.any():
+            raise BadInput(f"{scene.mesh.name}: no face covers a texel of the 0-1 UV square at {size} x {size}; "
+                           "unwrap the mesh (UV > Smart UV Project)")
+        overlap = overlap_counts(device, mesh, size) > 1.5
+        yield Progress(1.0, "gbuffer")
+        return GBuffer(position[..., :3], normal[..., :3], coverage, overlap & coverage)
+    finally:
+        mesh.release()
+
+
+def solve(
+    scene: SceneData, settings: SolveSettings, read_image: ReadImage | None = None, bounce: Bounce | None = None,
+) -> Generator[Progress, None, Solution]:
+    """From a scene's data to its maps.
+
+    ``read_image`` gives a view's reference; None reads its file, reduced where all views together would not fit into
+    the memory that the device's settings allow.  ``bounce`` renders indirect light from the maps so far; None: none.
+    Cancelled after the first solved tile, it returns the partial maps (``Solution.cancelled``), or those of the round
+    before; before that it raises Cancelled.  Raises BadInput for what cannot be used.
+    """
+    return (yield from log.watched(scene, settings, thread.settings(), _solved(scene, settings, read_image, bounce)))
+
+
+def _solved(
+    scene: SceneData, settings: SolveSettings, read_image: ReadImage | None, bounce: Bounce | None,
+) -> Generator[Progress, None, Solution]:
+    if thread.settings().device == "numpy":
+        read_image = read_image or partial(read_reference, max_pixels=solver.MOST_PIXELS)
+        return (yield from solver.solve(scene, settings, read_image, thread.settings().memory))
+    return (yield from outcome(scene, settings, read_image, bounce)).solution
+
+
+def outcome(
+    scene: SceneData, settings: SolveSettings, read_image: ReadImage | None = None, bounce: Bounce | None = None,
+) -> Generator[Progress, None, Outcome]:
+    """As `solve`, with all that it found on the way."""
+    if read_image is None:
+        read_image = partial(read_reference, max_pixels=most_pixels(scene.views, thread.settings().memory))
+    clock = Clock()
+    best = yield from _round(scene, settings, read_image, clock)
+    first = best.solution
+    if first.cancelled:
+        return best
+    small = replace(settings, size=min(settings.size, ROUND_SIZE))  # of rounds that only the next one needs
+    try:
+        rough = yield from _align(best, settings, partial(_round, settings=small, read_image=read_image, clock=clock))
+        aligned = rough.scene
+        if bounce is not None and _bounced(settings, rough.solution):
+            for part in (small, settings):
+                rough = yield from _round(aligned, part, read_image, clock, (
+                    yield from clock.stage("indirect", bounce(scene, rough.solution))))
+            best = rough
+        elif aligned is not scene:
+            best = rough if small == settings else (yield from _round(aligned, settings, read_image, clock))
+        if aligned is not scene and first.checks is not None:
+            told = mended(first.checks, settings.registration == "auto", settings.exposures == "solve")
+            best = _warned(best, (*told, *best.solution.warnings))
+    except Cancelled:  # the maps so far are whole
+        best = replace(best, solution=replace(best.solution, cancelled=True))
+    except BadInput as error:  # nothing of the first round is lost
+        best = _warned(best, (*best.solution.warnings, str(error)))
+    return replace(best, solution=replace(best.solution, seconds=clock.seconds))
+
+
+def _warned(found: Outcome, lines: tuple[str, ...]) -> Outcome:
+    return replace(found, solution=replace(found.solution, warnings=lines))
+
+
+def _align(
+    found: Outcome, settings: SolveSettings, again: Callable[[SceneData], Generator[Progress, None, Outcome]],
+) -> Generator[Progress, None, Outcome]:
+    """The scene with cameras and exposures put right as far as the settings let, and what it gives."""
+    for _ in range(ALIGN_ROUNDS):
+        checks = found.solution.checks
+        assert checks is not None
+        better = corrected(found.scene, checks.registration, shifts=settings.registration == "auto",
+                           gains=settings.exposures == "solve")
+        if better is found.scene:
+            break
+        after = yield from again(better)
+        assert after.solution.checks is not None
+        if worse(after.solution.checks, checks):
+            break
+        found = after
+    return found
+
+
+def _bounced(settings: SolveSettings, solution: Solution) -> bool:
+    """Whether indirect light is to be rendered."""
+    assert solution.checks is not None
+    return settings.indirect == "on" or (settings.indirect == "auto" and is_indirect(solution.checks.unlit_share))
+
+
+def _round(
+    scene: SceneData, settings: SolveSettings, read_image: ReadImage, clock: Clock,
+    bounced: Mapping[int, Bounced] | None = None,
+) -> Generator[Progress, None, Outcome]:
+    """One solve of the scene as it is given; ``bounced``: indirect light, by the view's place in the scene."""
+    device = thread.device()
+    mesh = MeshBuffer(device, scene.mesh)
+    gbuffer = yield from clock.stage("gbuffer", bake_gbuffer(scene, settings.size))
+    clock.coverage = gbuffer.coverage
+    grid = draw_texel_grid(device, mesh, settings.size)
+    slots = np.where(gbuffer.coverage, device.read(grid.normal)[..., 3].round().astype(np.int32), -1)
+    part = part_of(device, scene, settings.size, gbuffer.position, slots)
+    last = last_of(part, scene, settings, slots)
+    grid = part.grid(device, grid)
+    observations: Observations = yield from clock.stage("observe", observe(
+        device, scene, mesh, read_image, bounced, part))
+    if not observations.cameras:
+        raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
+    ladder = Ladder(device, CameraSource(device, grid, observations, scene.mesh.extent), settings,
+                    np.where(part.solved, slots, -1), scene.mesh.slot_names, last)
+    found: Found = yield from clock.stage("solve", ladder.solve())
+    solution: Solution = yield from clock.stage(
+        "maps", _maps(scene, settings, gbuffer, grid, observations, found, slots, part))
+    for thing in (ladder, observations, grid, mesh):
+        thing.release()
+    solution = replace(solution, seconds=clock.seconds, device=device.describe())
+    return Outcome(scene, solution, observations.level, found.noise, found.robust, bounced)
+
+
+def _maps(
+    scene: SceneData, settings: SolveSettings, gbuffer: GBuffer, grid: SurfaceMaps, observations: Observations,
+    found: Found, slots: I32, part: Part,
+) -> Generator[Progress, None, Solution]:
+    """The maps, and what is to be said of them."""
+    made = yield from make_maps(
+        thread.device(), scene, settings.ndf, gbuffer.coverage, grid, observations, found, slots, part)
+    found, maps = made.found, made.maps
+    checks, pictures = yield from _checks(scene, settings, made, slots)
+    made.release()
+    told = made.relative[made.solved].astype(np.float64)
+    return Solution(
+        maps=maps, model=found.model, why=found.why, seconds={}, device={}, levels=found.levels,
+        residual=float(np.sqrt(np.mean(told**2))) if len(told) else 0.0,
+        cancelled=found.cancelled or made.albedo.cancelled, ndf=settings.ndf,
+        texels={"covered": int(gbuffer.coverage.sum()), "observed": int((made.solved | made.shown).sum()),
+                "solved": int(made.good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum()),
+                "kept": int((part.known & ~made.good).sum())},
+        views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
+        views_skipped=scene.skipped + observations.skipped, checks=checks, pictures=pictures,
+        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps, settings.udim),
+                  *warnings(checks), *([NO_CONFIDENCE] if settings.method == "paper" else [])),
+    )
+
+
+def _checks(
+    scene: SceneData, settings: SolveSettings, made: Made, slots: I32,
+) -> Generator[Progress, None, tuple[Checks, tuple[ViewPicture, ...]]]:
+    """What the views say of the maps, and how they look beside what those predict."""
+    pictures: list[ViewPicture] = []
+    views = pictured(check_views(made.albedo, made.base), pictures)
+    texels = TexelFit(scene.mesh.name, made.found.model, slots, scene.mesh.slot_names, made.good,
+                      made.found.detail[..., 0], made.maps.roughness, made.maps.roughness_sigma,
+                      sure=settings.method != "paper", chosen=settings.model == "auto")
+    yield Progress(1.0, "maps", "checks")
+    return measure(views, texels), tuple(pictures)
+
+
+def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, udim: str) -> list[str]:
+    """What a user must know of the mesh before trusting the maps."""
+    covered = max(int(gbuffer.coverage.sum()), 1)
+    name = scene.mesh.name
+    found = []
+    overlap = gbuffer.overlap.sum() / covered
+    if overlap > 0.001:
+        found.append(f"{name}: {100 * overlap:.1f} % of its texels are claimed by more than one face "
+                     "(overlapping UVs); they hold one face's result")
+    grid = scene.mesh.uvs if scene.mesh.grid is None else scene.mesh.grid
+    outside = np.mean(np.any((grid < -1e-4) | (grid > 1 + 1e-4), axis=(1, 2)))
+    if outside > 0:
+        where = "outside the 0-1 UV square" if udim == "first" else "in no UDIM square"
+        found.append(f"{name}: {100 * outside:.1f} % of its faces lie {where} and are not solved"
+                     + ("; setting UDIM 'all' solves every square" if udim == "first" else ""))
+    unseen = (gbuffer.coverage & maps.filled).sum() / covered
+    if unseen > 0.05:
+        found.append(f"{name}: {100 * unseen:.0f} % of its texels are seen lit by no view and were filled "
+                     "from their neighbours")
+    return found
