@@ -108,7 +108,7 @@ def _solve_pixels(
     ladder = Ladder(device, CameraSource(device, grid, observations), settings, slots, scene.mesh.slot_names)
     found = yield from ladder.solve()
     assert found.lobes is not None
-    seen = found.roughness[..., 3:]
+    seen = found.texels.solved[..., None].astype(np.float32)
     lobes = device.texture(*grid.position.size, data=np.concatenate([found.lobes, seen], -1))
     if found.base is None:
         base = yield from ladder.solver.albedo(lobes, lobes=2)

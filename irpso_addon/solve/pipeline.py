@@ -268,7 +268,7 @@ def _checks(
     pictures: list[ViewPicture] = []
     views = pictured(check_views(made.albedo, made.base), pictures)
     texels = TexelFit(scene.mesh.name, made.found.model, slots, scene.mesh.slot_names, made.good,
-                      made.found.detail[..., 0], made.maps.roughness, made.maps.roughness_sigma,
+                      made.found.texels.observations, made.maps.roughness, made.maps.roughness_sigma,
                       sure=settings.method != "paper", chosen=settings.model == "auto")
     yield Progress(1.0, "maps", "checks")
     return measure(views, texels), tuple(pictures)

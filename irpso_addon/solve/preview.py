@@ -146,21 +146,21 @@ def _solve(
     found = yield from _shown(solver.solve(), coverage)
     if solver.cancelled:
         raise Cancelled
-    rough = device.read(found.roughness)
-    detail = device.read(found.detail)
-    known = _texture(device, rough[..., 0], rough[..., 0], np.ones_like(rough[..., 0]), rough[..., 3])
+    texels = found.read(device)
+    rough = texels.roughness
+    known = _texture(device, rough, rough, np.ones_like(rough), texels.solved.astype(np.float32))
     lobes = fill(device, known)
     albedo = AlbedoSolver(device, grid, observations, lobes)
     base = yield from _silent(albedo.solve(ITERATIONS))
     filled = fill(device, base)
-    solved = rough[..., 3] > 0.5
-    sure = live_readback.confidence(rough[..., 1], detail[..., 0])
-    error = live_readback.relative_error(detail[..., 1], detail[..., 0])
+    solved = texels.solved
+    sure = live_readback.confidence(texels.sigma, texels.observations)
+    error = live_readback.relative_error(texels.residual, texels.observations)
     yield _told(Live({
         "base_color": device.read(filled)[..., :3].copy(), "roughness": device.read(lobes)[..., 0].copy(),
         "confidence": np.where(solved, sure, np.float32(0)), "error": np.where(solved, error, np.float32(0)),
     }, pictures=_pictures(albedo, filled)), coverage)
-    release(found.roughness, found.detail, known, lobes, base, filled, solver)
+    release(found, known, lobes, base, filled, solver)
 
 
 def _judge(device: Device, observations: Observations, grid: SurfaceMaps) -> Steps[None]:

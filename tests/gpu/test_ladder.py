@@ -108,17 +108,17 @@ def test_materials_of_one_map_get_their_own_models(on_gl):
     assert (found.level[slots == 1] == 0.5).all()
     assert (found.level[slots == 2] == np.float32(found.levels["Lacquer"])).all()
     gloss, coat = slots == 1, slots == 3
-    np.testing.assert_array_equal(found.lobes[gloss, 0], found.roughness[gloss, 0])
-    np.testing.assert_array_equal(found.lobes[gloss, 1], found.roughness[gloss, 0])
+    np.testing.assert_array_equal(found.lobes[gloss, 0], found.texels.roughness[gloss])
+    np.testing.assert_array_equal(found.lobes[gloss, 1], found.texels.roughness[gloss])
     assert (found.lobes[gloss, 2] == 1).all()
-    np.testing.assert_array_equal(found.lobes[coat, 0], found.roughness[coat, 0])
+    np.testing.assert_array_equal(found.lobes[coat, 0], found.texels.roughness[coat])
     assert np.median(np.abs(found.lobes[..., 0] - two.truth.roughness)[coat]) < 0.1
-    left = np.sqrt(found.detail[..., 1] / np.maximum(found.detail[..., 0], 1))
+    left = np.sqrt(found.texels.residual / np.maximum(found.texels.observations, 1))
     assert all(np.median(left[slots == slot]) < 0.01 for slot in range(1, 4))  # three channels' mean: 0.006 of noise
     one = bench.make(bench.Spec("one-lobe", 12, 64)).truth.roughness
     for slot in (1, 2):
-        assert np.median(np.abs(found.roughness[..., 0] - one)[slots == slot]) < 0.015
-    assert (found.roughness[slots == 5, 3] == 0).all()
+        assert np.median(np.abs(found.texels.roughness - one)[slots == slot]) < 0.015
+    assert not found.texels.solved[slots == 5].any()
 
 
 def test_slots_of_one_material_decide_together(on_gl):
@@ -136,8 +136,8 @@ def test_nothing_observed_is_no_model(on_gl):
     dark = replace(texels, quality=np.zeros_like(texels.quality))
     found = climb(on_gl, dark)
     assert (found.model, found.why) == ({}, {})
-    assert np.isfinite(found.roughness).all()
-    assert not found.roughness[..., 3].any()
+    assert np.isfinite(found.texels.roughness).all() and np.isfinite(found.texels.sigma).all()
+    assert not found.texels.solved.any()
 
 
 # ---- Specular IOR Level
@@ -153,7 +153,7 @@ def test_the_specular_level_of_a_material_comes_out(on_gl, level, noise, within)
         assert found.model == {"Paint": "one-lobe-specular"}
         assert found.levels == {"Paint": pytest.approx(level, abs=within)}
         assert (found.level == np.float32(found.levels["Paint"])).all()
-        rough = np.abs(found.roughness[..., 0] - problem.truth.roughness)
+        rough = np.abs(found.texels.roughness - problem.truth.roughness)
         assert rough.mean() < (0.04 if noise else 1e-3)
 
 
@@ -202,7 +202,7 @@ def test_the_specular_level_by_texel_is_a_map(on_gl, noise, typical):
     assert np.median(off) < typical
     assert np.median(found.level[:, :27]) == pytest.approx(0.3, abs=typical)
     assert np.median(found.level[:, 37:]) == pytest.approx(0.8, abs=typical)
-    assert np.median(np.abs(found.roughness[..., 0] - problem.truth.roughness)[:, away]) < (0.03 if noise else 2e-3)
+    assert np.median(np.abs(found.texels.roughness - problem.truth.roughness)[:, away]) < (0.03 if noise else 2e-3)
 
 
 # ---- two lobes
@@ -218,7 +218,7 @@ def test_two_lobes_are_found_on_clean_data(on_gl, seed):
     assert (off > bench.FAILED).mean() < 0.02
     assert np.median(off) < 1e-4
     assert np.median(np.abs(found.lobes[..., 2] - problem.truth.weight)) < 1e-4
-    np.testing.assert_array_equal(found.roughness[..., 0], found.lobes[..., 0])
+    np.testing.assert_array_equal(found.texels.roughness, found.lobes[..., 0])
 
 
 @pytest.mark.parametrize("spec", [{"model": "two-lobe", "noise": 0.01}, {"model": "one-lobe"},
@@ -252,9 +252,9 @@ def test_beckmann_lobes_are_found(on_gl):
     failed = off > bench.FAILED
     assert 0.2 < shown.mean() < 0.4
     assert failed[shown].mean() < 0.03
-    assert np.median(found["beckmann"].roughness[..., 1][failed]) > 0.2
+    assert np.median(found["beckmann"].texels.sigma[failed]) > 0.2
     assert np.median(off[shown]) < 1e-4
-    left = {ndf: np.median(f.detail[..., 1]) for ndf, f in found.items()}
+    left = {ndf: np.median(f.texels.residual) for ndf, f in found.items()}
     assert left["beckmann"] < 1e-6 < left["ggx"]
 
 
@@ -324,5 +324,6 @@ def test_a_stop_at_any_step_gives_what_there_is_and_leaves_nothing(on_gl, coat, 
         assert found is not None, stop
         assert found.cancelled == told, stop
         assert set(found.model) <= {"Paint"}
-        for values in (found.roughness, found.detail, found.lobes, found.level, found.base):
+        at = found.texels
+        for values in (at.roughness, at.sigma, at.residual, found.lobes, found.level, found.base):
             assert values is None or np.isfinite(values).all()

@@ -98,14 +98,14 @@ class Table:
         ladder = Ladder(self.device, self.source, settings, np.zeros(shape, np.int32), ("Paint",))
         found = result(ladder.solve())
         ladder.release()
-        solved, model = found.roughness[..., 3] > 0.5, found.model.get("Paint", "one-lobe")
-        rough = found.roughness[..., 0].astype(np.float64)
+        solved, model = found.texels.solved, found.model.get("Paint", "one-lobe")
+        rough = found.texels.roughness.astype(np.float64)
         level = None if found.level is None else found.level.astype(np.float64)
-        if model == "lambert":
-            rough, level = np.ones(shape), np.zeros(shape)
-        told = np.where(solved, confidence(found.roughness[..., 0], found.roughness[..., 1], found.detail[..., 0],
-                                           solved), 0.0).astype(np.float32)
-        answer = Answer(np.zeros((*shape, 3)), rough, solved, found.roughness[..., 1], told, found.detail[..., 0],
+        at, sigma = found.texels, found.texels.sigma
+        if model == "lambert":  # what is in doubt is the base colour, as in gpu/maps/finish_maps.py
+            rough, level, sigma = np.ones(shape), np.zeros(shape), at.base_sigma
+        sure = np.where(solved, confidence(rough.astype(np.float32), sigma, at.observations, solved), 0.0)
+        answer = Answer(np.zeros((*shape, 3)), rough, solved, sigma, sure.astype(np.float32), at.observations,
                         None if found.lobes is None else found.lobes.astype(np.float64), level, model)
         return replace(answer, base=base_of(self.problem, answer))
 

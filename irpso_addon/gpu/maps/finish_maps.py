@@ -54,11 +54,12 @@ def make_maps(
     found: Found, slots: I32, part: Part, around: Around | None = None,
 ) -> Generator[Progress, None, Made]:
     """Solve base colour, fill holes and pad seams.  ``slots``: (h, w) material of each covered texel, -1 elsewhere."""
-    solved = found.roughness[..., 3] > 0.5
-    observed, residual = found.detail[..., 0], found.detail[..., 1]
-    relative = live_readback.relative_error(residual, observed)
+    solved, observed = found.texels.solved, found.texels.observations
+    lambert = _lambert(scene, found, slots)
+    relative = live_readback.relative_error(
+        np.where(lambert, found.texels.lambert_residual, found.texels.residual), observed)
     found = part.join_found(found, scene.start)
-    lobes, level = _filled_lobes(device, scene, found, slots, around)
+    lobes, level = _filled_lobes(device, found, lambert, around)
     beckmann = ndf == "beckmann" and "two-lobe" in found.model.values()
     albedo = AlbedoSolver(device, grid, observations, lobes, level, beckmann, around.base if around else None)
     if found.base is None:
@@ -70,17 +71,20 @@ def make_maps(
     shown = own_base[..., 3] > 0.25
     filled_base = filled(device, part.join_base(own_base), around.base if around else None)
     good = solved & shown
-    rough, sigma = found.roughness[..., 0], found.roughness[..., 1]
+    texels = found.texels
+    # Without a lobe no roughness was solved for: what can be trusted or not is the base colour.
+    rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), texels.sigma)
+    doubt = np.where(lambert, texels.base_sigma, sigma)
     pairs = device.read(lobes)[..., :3].copy()
     maps = Maps(
         base_color=device.read(filled_base)[..., :3].copy(),
         roughness=pairs[..., 0].copy(),
-        confidence=np.where(good, confidence(rough, sigma, observed, good), np.float32(0)),
+        confidence=np.where(good, confidence(rough, doubt, observed, good), np.float32(0)),
         error=np.where(good, relative, 0.0).astype(np.float32),
         filled=~(good | part.known),
         coverage=coverage,
         roughness_sigma=np.where(good, sigma, 0.0).astype(np.float32),
-        base_sigma=np.where(good, found.detail[..., 3], 0.0).astype(np.float32),
+        base_sigma=np.where(good, texels.base_sigma, 0.0).astype(np.float32),
         lobes=pairs if found.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and found.level is not None else None,
     )
@@ -89,12 +93,17 @@ def make_maps(
     return Made(maps, found, good, solved, shown, relative, albedo, filled_base, textures)
 
 
+def _lambert(scene: SceneData, found: Found, slots: I32) -> Bool:
+    """(h, w) texels of materials without a lobe."""
+    names = enumerate(scene.mesh.slot_names)
+    return np.isin(slots, [slot for slot, name in names if found.model.get(name) == "lambert"])
+
+
 def _filled_lobes(
-    device: Device, scene: SceneData, found: Found, slots: I32, around: Around | None,
+    device: Device, found: Found, lambert: Bool, around: Around | None,
 ) -> tuple[moderngl.Texture, moderngl.Texture | None]:
     """(roughness1, roughness2, weight) and, where some material's is not 0.5, Specular IOR Level; holes filled."""
-    r, known = found.roughness[..., 0], found.roughness[..., 3]
-    lambert = np.isin(slots, [s for s, name in enumerate(scene.mesh.slot_names) if found.model.get(name) == "lambert"])
+    r, known = found.texels.roughness, found.texels.solved.astype(np.float32)
     lobes = np.stack([r, r, np.ones_like(r)], -1) if found.lobes is None else found.lobes
     lobes = np.where(lambert[..., None], np.float32(1.0), lobes)  # any roughness renders alike; 1 reads as "no gloss"
     lobes = np.concatenate([lobes, known[..., None]], -1)

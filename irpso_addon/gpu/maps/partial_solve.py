@@ -41,15 +41,14 @@ class Part(SolveMask):
         """The new roughnesses and levels among the last ones."""
         if self.kept is None or last is None:
             return found
-        share = self.share(found.roughness[..., 3] > 0.5)
-        rough = found.roughness.copy()
-        rough[..., 0] = self.join(found.roughness[..., 0], "roughness", share)
-        rough[..., 3] = np.maximum(found.roughness[..., 3], self.known)
-        joined = replace(found, roughness=rough, model={**last.model, **found.model}, why={**last.why, **found.why},
+        share = self.share(found.texels.solved)
+        texels = replace(found.texels, roughness=self.join(found.texels.roughness, "roughness", share),
+                         solved=found.texels.solved | self.known)
+        joined = replace(found, texels=texels, model={**last.model, **found.model}, why={**last.why, **found.why},
                          levels={**last.levels, **found.levels})
         if found.lobes is not None or self.kept.lobes is not None:
             weight = share[..., None]
-            joined.lobes = weight * _lobes(found.roughness[..., 0], found.lobes) + (1 - weight) * _lobes(
+            joined.lobes = weight * _lobes(found.texels.roughness, found.lobes) + (1 - weight) * _lobes(
                 self.kept.roughness, self.kept.lobes)
         if found.level is not None or self.kept.specular is not None:
             half = np.full_like(share, 0.5)

@@ -13,6 +13,7 @@ from ...core.live_maps import Live
 from ..device.context import Device
 from ..observe.observation_atlas import CAMERA_SLACK
 from . import neighbours
+from .texel_records import read_residual, read_solved, read_support
 
 HALF_SURE = 0.05  # standard error of roughness at which confidence is one half
 UNKNOWN = np.float32(np.nan)
@@ -31,14 +32,15 @@ def relative_error(residual: F32, observations: F32) -> F32:
 
 def _searched(lobes: int, device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
     """Of solve/search.glsl.  With two lobes it does not tell how sure a texel is: confidence is 0 then."""
-    best, support = device.read(outputs[0]), device.read(outputs[1])
-    known, residual = support[..., 3] > 0.5, best[..., 1 if lobes == 1 else 3]
+    support, residual = read_support(device, outputs[1]), read_residual(device, outputs[0], lobes)
+    known = support.observed
     if lobes == 1:
-        sure = confidence(np.sqrt(_noise(residual[known], support[known, 2]) / np.maximum(support[..., 0], 1e-6)),
-                          support[..., 1])
+        variance = _noise(residual[known], support.degrees[known])
+        sure = confidence(np.sqrt(variance / np.maximum(support.curvature, 1e-6)), support.observations)
     else:
         sure = np.zeros_like(residual)
-    return _live(best[..., 0], known, confidence=sure, error=relative_error(residual, support[..., 1]))
+    roughness = device.read(outputs[0])[..., 0]
+    return _live(roughness, known, confidence=sure, error=relative_error(residual, support.observations))
 
 
 def _noise(residual: F32, degrees: F32) -> float:
@@ -51,9 +53,9 @@ def _noise(residual: F32, degrees: F32) -> float:
 
 def _polished(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
     """Of solve/polish.glsl."""
-    found, detail = device.read(outputs[0]), device.read(outputs[1])
-    return _live(found[..., 0], found[..., 3] > 0.5, confidence=confidence(found[..., 1], detail[..., 0]),
-                 error=relative_error(detail[..., 1], detail[..., 0]))
+    found = read_solved(device.read(outputs[0]), device.read(outputs[1]))
+    return _live(found.roughness, found.solved, confidence=confidence(found.sigma, found.observations),
+                 error=relative_error(found.residual, found.observations))
 
 
 def _polished_two(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:

@@ -16,7 +16,8 @@ from ...core.tiled.tiled_plan import Before, Noise
 from ..device.context import Device
 from ..observe.observation_atlas import Source, Tile, tiles
 from .paper_swarm import PaperSwarm
-from .solver import RoughnessMaps, Solver
+from .solver import Solver
+from .texel_records import RoughnessMaps, SolvedTexels, read_residual, read_support
 
 SAMPLE = 64  # texels: width of the square on which larger models are tried
 SAMPLES = 2  # squares of each material
@@ -43,8 +44,7 @@ class Last:
 class Found:
     """What the solve stage gives; arrays on the texel grid."""
 
-    roughness: F32  # (h, w, 4) as RoughnessMaps.roughness
-    detail: F32  # (h, w, 4) as RoughnessMaps.detail
+    texels: SolvedTexels
     model: dict[str, str] = field(default_factory=dict)  # by material
     why: dict[str, str] = field(default_factory=dict)
     levels: dict[str, float] = field(default_factory=dict)
@@ -97,13 +97,8 @@ class Ladder:
         return found
 
     def _read(self, maps: RoughnessMaps) -> Found:
-        device = self.device
-        found = Found(device.read(maps.roughness).copy(), device.read(maps.detail).copy())
-        if maps.pairs is not None:
-            found.lobes = device.read(maps.pairs)[..., :3].copy()
-            maps.pairs.release()
-        maps.roughness.release()
-        maps.detail.release()
+        found = Found(maps.read(self.device), lobes=maps.read_pairs(self.device))
+        maps.release()
         return found
 
     def _paper(self) -> Generator[Progress, None, Found]:
@@ -114,10 +109,11 @@ class Ladder:
         best, more = self.device.read(maps.best).copy(), self.device.read(maps.more).copy()
         for thing in (swarm, maps.best, maps.more):
             thing.release()
-        seen = (more[..., 3] > 0).astype(np.float32)
-        unknown = np.full_like(seen, 0.5)  # it says nothing of how sure it is
-        found = Found(np.stack([best[..., 3], unknown, unknown, seen], -1),
-                      np.stack([seen, more[..., 2], unknown, unknown], -1), base=best[..., :3])
+        seen = more[..., 3] > 0
+        unknown = np.full(seen.shape, 0.5, np.float32)  # the method gives no standard errors
+        texels = SolvedTexels(best[..., 3], unknown, unknown, seen, observations=seen.astype(np.float32),
+                              residual=more[..., 2], lambert_residual=unknown, base_sigma=unknown)
+        found = Found(texels, base=best[..., :3])
         if model == "two-lobe":
             found.lobes = np.stack([best[..., 3], more[..., 0], more[..., 1]], -1)
         found.model = dict.fromkeys(self.masks, model)
@@ -131,7 +127,7 @@ class Ladder:
         """From one lobe down to none, or up, by each material's evidence; changes ``found``."""
         larger: dict[str, list[str]] = {}
         for name, mask in self.masks.items():
-            texels = mask & (found.roughness[..., 3] > 0.5)
+            texels = mask & found.texels.solved
             if not texels.any():
                 found.model.pop(name, None)
                 found.why.pop(name, None)
@@ -140,9 +136,10 @@ class Ladder:
                 found.model[name], found.why[name] = self.last.model[name], "as in the last result"
                 larger.setdefault(found.model[name], []).append(name)
                 continue
-            none = Fit(found.detail[..., 2], np.zeros_like(found.detail[..., 2]))
-            one = Fit(found.detail[..., 1], np.ones_like(found.detail[..., 1]))  # in full: no lobe needs no neighbours
-            found.model[name], found.why[name] = self._choose(texels, found.detail[..., 0], lambert=none, one_lobe=one)
+            fitted = found.texels
+            none = Fit(fitted.lambert_residual, np.zeros_like(fitted.residual))
+            one = Fit(fitted.residual, np.ones_like(fitted.residual))  # in full: no lobe needs no neighbours
+            found.model[name], found.why[name] = self._choose(texels, fitted.observations, lambert=none, one_lobe=one)
             if found.model[name] == "one-lobe" and not self.solver.cancelled:
                 found.model[name], found.why[name] = yield from self._try_larger(name, texels, found)
                 larger.setdefault(found.model[name], []).append(name)
@@ -170,23 +167,23 @@ class Ladder:
                         self.start)
         solver.shown = False
         try:
-            places = self._best_seen(solver, texels, found.detail[..., 0])
-            plain = self._read((yield from solver.solve(places))) if self.solver.robust else found
-            two = self._read((yield from solver.solve_two(places)))
+            places = self._best_seen(solver, texels, found.texels.observations)
+            plain = self._read((yield from solver.solve(places))).texels if self.solver.robust else found.texels
+            two = self._read((yield from solver.solve_two(places))).texels
             sample = texels & _inside(texels.shape, places, SAMPLE)
-            one = np.ones_like(plain.detail[..., 1])
-            fits = {"lambert": Fit(plain.detail[..., 2], np.zeros_like(one)),
-                    "one_lobe": Fit(plain.detail[..., 1], one),
-                    "two_lobe": Fit(two.detail[..., 1], one + two.roughness[..., 2] - plain.roughness[..., 2])}
+            one = np.ones_like(plain.residual)
+            fits = {"lambert": Fit(plain.lambert_residual, np.zeros_like(one)),
+                    "one_lobe": Fit(plain.residual, one),
+                    "two_lobe": Fit(two.residual, one + two.determined - plain.determined)}
             if (yield from self._level_differs(solver, sample, places)):
                 level = yield from self._levels(solver, {name: texels}, places)
                 self._set_level(solver, level)
-                other = self._read((yield from solver.solve(places)))
-                fits["one_lobe_specular"] = Fit(other.detail[..., 1], one)
+                other = self._read((yield from solver.solve(places))).texels
+                fits["one_lobe_specular"] = Fit(other.residual, one)
             if solver.cancelled:
                 self.solver.cancelled = True
                 return found.model[name], found.why[name]
-            return self._choose(sample, plain.detail[..., 0], **fits)
+            return self._choose(sample, plain.observations, **fits)
         finally:
             self._set_level(solver, None)
             solver.release()
@@ -211,17 +208,14 @@ class Ladder:
 
     def _put(self, found: Found, part: Found, names: list[str]) -> None:
         """Take over what another model found for some materials."""
-        inside = np.logical_or.reduce([self.masks[name] for name in names]) & (part.roughness[..., 3] > 0.5)
-        lambert_residual = found.detail[..., 2].copy()
+        inside = np.logical_or.reduce([self.masks[name] for name in names]) & part.texels.solved
         if part.lobes is not None:
-            r = found.roughness[..., 0]
+            r = found.texels.roughness
             found.lobes = np.where(inside[..., None], part.lobes, np.stack([r, r, np.ones_like(r)], -1))
         if part.level is not None:
             before = np.full_like(part.level, 0.5) if found.level is None else found.level
             found.level = np.where(inside, part.level, before)
-        found.roughness = np.where(inside[..., None], part.roughness, found.roughness)
-        found.detail = np.where(inside[..., None], part.detail, found.detail)
-        found.detail[..., 2] = lambert_residual
+        found.texels = found.texels.where(inside, part.texels)
         found.levels |= part.levels
 
     # ---- Specular IOR Level
@@ -237,7 +231,7 @@ class Ladder:
         places = tiles(solver.atlas, np.logical_or.reduce(list(masks.values())))
         if not by_texel and not self.last.fixed.issuperset(names):
             best, support = yield from solver.search(places)
-            seen = self.device.read(support)[..., 1]
+            seen = read_support(self.device, support).observations
             best.release()
             support.release()
             places = [place for mask in masks.values() for place in self._best_seen(solver, mask, seen)]
@@ -286,13 +280,15 @@ class Ladder:
 
     def _cost(self, solver: Solver, places: list[Tile]) -> Generator[Progress, None, F64]:
         """How badly a solver's level explains each texel, (h, w): n log of the noise that the best roughness leaves."""
-        maps = yield from solver.search(places)
-        best, support = (self.device.read(texture).astype(np.float64) for texture in maps)
-        for texture in maps:
-            texture.release()
-        told = support[..., 3] * (support[..., 1] >= 3.0)
+        best, support = yield from solver.search(places)
+        residual = read_residual(self.device, best, 1).astype(np.float64)
+        found = read_support(self.device, support)
+        best.release()
+        support.release()
+        observations = found.observations.astype(np.float64)
+        informed = found.observed & (observations >= 3.0)
         floor = max(solver.noise, 1e-4) ** 2
-        return np.asarray(told * support[..., 1] * np.log(best[..., 1] / np.maximum(support[..., 1], 1.0) + floor))
+        return np.asarray(informed * observations * np.log(residual / np.maximum(observations, 1.0) + floor))
 
     def _improved(self, level: F32, offsets: F64, costs: F64, masks: dict[str, Bool]) -> F32:
         result = level.copy()

@@ -7,7 +7,6 @@ memory of the gathered observations and the time of a draw.
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 
 import moderngl
@@ -22,6 +21,7 @@ from ..device.context import Device
 from ..observe.observation_atlas import Atlas, Source, Tile, tiles
 from . import neighbours
 from .live_readback import LOOKS
+from .texel_records import RoughnessMaps, read_residual, read_support
 
 FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
 QUIET = 3e-4  # relative noise below which ...
@@ -48,15 +48,6 @@ STARTED = {  # the same where a texel's last roughness is known and is the first
 STARTED_TWO = {"refined": {"u_started": 3}, "draft": {"u_started": 2}, "swarm": {"u_started": 6}}
 Uniforms = Mapping[str, float | int]
 Textures = Mapping[str, moderngl.Texture | tuple[moderngl.Texture, ...] | None]
-
-
-@dataclass(frozen=True)
-class RoughnessMaps:
-    """What the search found, on the texel grid; released by the caller."""
-
-    roughness: moderngl.Texture  # roughness, its standard error, numbers that the data determined, solved
-    detail: moderngl.Texture  # good observations, residual, residual without lobe, standard error of base colour
-    pairs: moderngl.Texture | None = None  # two lobes: roughness1, roughness2, weight of lobe 1, residual
 
 
 class Solver:
@@ -137,9 +128,10 @@ class Solver:
         self.robust, loss = False, self.settings.loss
         if loss == "squares":
             return plain, variance
-        told = self.device.read(plain[1])
-        observed = told[..., 3] > 0.5
-        clean, outliers = neighbours.clean_noise(self.device.read(plain[0])[observed, 1], told[observed, 2])
+        support = read_support(self.device, plain[1])
+        observed = support.observed
+        clean, outliers = neighbours.clean_noise(
+            read_residual(self.device, plain[0], 1)[observed], support.degrees[observed])
         if not outliers and loss == "auto":
             return plain, variance
         part, found = min(clean / variance, 1.0), self._textures(3)
@@ -296,10 +288,9 @@ class Solver:
         """Whether the noise leaves texels that need their neighbours."""
         if variance > QUIET**2:
             return True
-        told = self.device.read(support)
-        observed = told[..., 3] > 0.5
-        unsure = (told[..., 1] < 2.5) | (told[..., 0] * SURE**2 < variance)
-        return int(np.sum(unsure & observed)) > UNSURE_SHARE * max(int(np.sum(observed)), 1)
+        found = read_support(self.device, support)
+        unsure = (found.observations < 2.5) | (found.curvature * SURE**2 < variance)
+        return int(np.sum(unsure & found.observed)) > UNSURE_SHARE * max(int(np.sum(found.observed)), 1)
 
     def _invert(self, curvature: moderngl.Texture, support: moderngl.Texture, variance: float) -> None:
         """Curvatures (r1 r1, r1 r2, r2 r2) become variances of r1 and r2, and whether observed, in place."""

@@ -81,12 +81,12 @@ def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: An
     base = _base(device, ladder, found, level)
     for thing in (ladder, source):
         thing.release()
-    rough = found.roughness[..., 0].astype(np.float64)
+    rough = found.texels.roughness.astype(np.float64)
     lobes = found.lobes if found.lobes is not None else np.stack([rough, rough, np.ones_like(rough)], -1)
     first, second, weight = np.moveaxis(lobes.astype(np.float64), -1, 0)
     maps = Principled(chosen, base, first, second, weight, level.astype(np.float64))
     nearest = np.where(seen.quality > 0, seen.lobes[..., 0, 0], 1.0).min(-1).astype(np.float64)
-    return Recovered(maps, found.roughness[..., 3] > 0.5, nearest)
+    return Recovered(maps, found.texels.solved, nearest)
 
 
 def _base(device: Device, ladder: Ladder, found: Found, level: F32) -> F64:
@@ -95,7 +95,9 @@ def _base(device: Device, ladder: Ladder, found: Found, level: F32) -> F64:
     solver = ladder.solver
     solver.level = device.texture(w, h, 1, level) if np.any(level != 0.5) else None
     lobes = 1 if found.lobes is None else 2
-    values = found.roughness if found.lobes is None else np.concatenate([found.lobes, found.lobes[..., :1]], -1)
+    at = found.texels
+    values = (np.stack([at.roughness, at.sigma, at.determined, at.solved], -1) if found.lobes is None
+              else np.concatenate([found.lobes, found.lobes[..., :1]], -1))
     texture = device.texture(w, h, 4, values.astype(np.float32))
     albedo = result(solver.albedo(texture, lobes))
     base = device.read(albedo)[..., :3].astype(np.float64)
