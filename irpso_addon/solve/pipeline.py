@@ -5,11 +5,9 @@ Each function is a generator of Progress and must run on the GL thread: ``gpu.de
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 
@@ -20,30 +18,26 @@ from ..core.checks.residuals import is_indirect
 from ..core.checks.solve_checks import TexelFit, measure, worse
 from ..core.checks.warnings import grouped, mended, warnings
 from ..core.cpu_solver import solver
-from ..core.data import F32, I32, Bool, Bounced, Maps, RadianceImage, SceneData, Solution, View, ViewPicture
+from ..core.data import F32, I32, Bool, Bounced, Maps, SceneData, Solution, ViewPicture
 from ..core.errors import BadInput, Cancelled
 from ..core.images.reference_image import read_reference
 from ..core.job import Progress
-from ..core.live_maps import Live
 from ..core.params import SolveSettings
 from ..core.tiled.tiled_plan import Noise
 from ..gpu.device import thread
-from ..gpu.gbuffer.gbuffer import MeshBuffer, SurfaceMaps, draw_texel_grid, overlap_counts
+from ..gpu.device.context import Device
+from ..gpu.gbuffer.gbuffer import overlap_counts
 from ..gpu.maps.check_views import check_views, pictured
-from ..gpu.maps.finish_maps import Made, make_maps
+from ..gpu.maps.finish_maps import Made
 from ..gpu.maps.partial_solve import Part, last_of, part_of
-from ..gpu.observe.observation_atlas import CameraSource
-from ..gpu.observe.observations import Observations, most_pixels, observe
-from ..gpu.solve.model_ladder import Found, Ladder
+from ..gpu.observe.observations import most_pixels
+from .gpu_path import Clock, Given, ReadImage, Solved, TexelGrid, draw_texels, solve_grid
 
-Result = TypeVar("Result")
-ReadImage = Callable[[View], RadianceImage]
 Bounce = Callable[[SceneData, Solution], Generator[Progress, None, Mapping[int, Bounced]]]
 ALIGN_ROUNDS = 4  # of finding where cameras look
 ROUND_SIZE = 512  # texels: of maps that only the next round needs
 NO_CONFIDENCE = "method paper: says nothing of how sure it is; confidence is 0, the standard errors are 0.5 everywhere"
-STAGES = {"pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85),
-          "maps": (0.85, 1.0), "indirect": (0.0, 1.0)}
+
 
 
 @dataclass(frozen=True)
@@ -68,60 +62,27 @@ class Outcome:
     bounced: Mapping[int, Bounced] | None  # indirect light by the view's place in the scene
 
 
-@dataclass
-class Clock:
-    """Seconds per stage, and what every look at the job tells beside its maps."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    coverage: Bool | None = None
-
-    def stage(self, name: str, steps: Generator[Progress, None, Result]) -> Generator[Progress, None, Result]:
-        """Steps whose seconds are this stage's."""
-        start = time.perf_counter()
-        low, high = STAGES[name]
-        stop_now: Cancelled | None = None
-        reached = 0.0
-        try:
-            while True:
-                step = steps.throw(stop_now) if stop_now else next(steps)
-                stop_now = None
-                reached = max(reached, step.fraction)  # a model tried on the way starts from 0 again
-                try:
-                    yield Progress(low + (high - low) * reached, name, step.message, step.look and partial(
-                        self._covered, step.look))
-                except Cancelled as stop:  # the stage may have something to keep
-                    stop_now = stop
-        except StopIteration as stop:
-            result: Result = stop.value
-            return result
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
-
-    def _covered(self, look: Callable[[], Live]) -> Live:
-        return replace(look(), coverage=self.coverage)
-
-
 def bake_gbuffer(scene: SceneData, size: int) -> Generator[Progress, None, GBuffer]:
     """Position, normal and coverage of every texel.
 
     Raises BadInput when no texel of the UV square is covered.
     """
     device = thread.device()
-    mesh = MeshBuffer(device, scene.mesh)
-    try:
-        grid = draw_texel_grid(device, mesh, size)
+    with device.scope():
+        grid = draw_texels(device, scene.mesh, size)
         yield Progress(0.5, "gbuffer")
-        position, normal = device.read(grid.position), device.read(grid.normal)
-        grid.release()
-        coverage = position[..., 3] > 0.5
-        if not coverage.any():
-            raise BadInput(f"{scene.mesh.name}: no face covers a texel of the 0-1 UV square at {size} x {size}; "
-                           "unwrap the mesh (UV > Smart UV Project)")
-        overlap = overlap_counts(device, mesh, size) > 1.5
+        found = _checked(device, grid, scene.mesh.name, size)
         yield Progress(1.0, "gbuffer")
-        return GBuffer(position[..., :3], normal[..., :3], coverage, overlap & coverage)
-    finally:
-        mesh.release()
+        return found
+
+
+def _checked(device: Device, grid: TexelGrid, name: str, size: int) -> GBuffer:
+    """The texel grid as arrays.  Raises BadInput when no texel of the UV square is covered."""
+    if not grid.coverage.any():
+        raise BadInput(f"{name}: no face covers a texel of the 0-1 UV square at {size} x {size}; "
+                       "unwrap the mesh (UV > Smart UV Project)")
+    overlap = overlap_counts(device, grid.mesh, size) > 1.5
+    return GBuffer(grid.position, grid.normal, grid.coverage, overlap & grid.coverage)
 
 
 def solve(
@@ -213,52 +174,47 @@ def _round(
 ) -> Generator[Progress, None, Outcome]:
     """One solve of the scene as it is given; ``bounced``: indirect light, by the view's place in the scene."""
     device = thread.device()
-    mesh = MeshBuffer(device, scene.mesh)
-    gbuffer = yield from clock.stage("gbuffer", bake_gbuffer(scene, settings.size))
-    clock.coverage = gbuffer.coverage
-    grid = draw_texel_grid(device, mesh, settings.size)
-    slots = np.where(gbuffer.coverage, device.read(grid.normal)[..., 3].round().astype(np.int32), -1)
-    part = part_of(device, scene, settings.size, gbuffer.position, slots)
-    last = last_of(part, scene, settings, slots)
-    grid = part.grid(device, grid)
-    observations: Observations = yield from clock.stage("observe", observe(
-        device, scene, mesh, read_image, bounced, part))
-    if not observations.cameras:
-        raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
-    ladder = Ladder(device, CameraSource(device, grid, observations, scene.mesh.extent), settings,
-                    np.where(part.solved, slots, -1), scene.mesh.slot_names, last)
-    found: Found = yield from clock.stage("solve", ladder.solve())
-    solution: Solution = yield from clock.stage(
-        "maps", _maps(scene, settings, gbuffer, grid, observations, found, slots, part))
-    for thing in (ladder, observations, grid, mesh):
-        thing.release()
-    solution = replace(solution, seconds=clock.seconds, device=device.describe())
-    return Outcome(scene, solution, observations.level, found.noise, found.robust, bounced)
+    with device.scope():
+        drawn = yield from clock.stage("gbuffer", _drawn(device, scene, settings.size))
+        grid, gbuffer = drawn
+        clock.coverage = grid.coverage
+        part = part_of(device, scene, settings.size, grid.position, grid.slots)
+        last = last_of(part, scene, settings, grid.slots)
+        solved = yield from solve_grid(
+            device, grid, Given(scene, settings, read_image, part, last, bounced), clock)
+        checks, pictures = yield from clock.stage("maps", _checks(scene, settings, solved.made, grid.slots))
+        solution = _solution(scene, settings, gbuffer, solved, part)
+        solution = replace(solution, seconds=clock.seconds, device=device.describe(), checks=checks, pictures=pictures,
+                           warnings=(*solution.warnings, *warnings(checks),
+                                     *([NO_CONFIDENCE] if settings.method == "paper" else [])))
+        return Outcome(
+            scene, solution, solved.observations.level, solved.found.noise, solved.found.robust, bounced)
 
 
-def _maps(
-    scene: SceneData, settings: SolveSettings, gbuffer: GBuffer, grid: SurfaceMaps, observations: Observations,
-    found: Found, slots: I32, part: Part,
-) -> Generator[Progress, None, Solution]:
-    """The maps, and what is to be said of them."""
-    made = yield from make_maps(
-        thread.device(), scene, settings.ndf, gbuffer.coverage, grid, observations, found, slots, part)
+def _drawn(device: Device, scene: SceneData, size: int) -> Generator[Progress, None, tuple[TexelGrid, GBuffer]]:
+    """The mesh and its G-buffer, on the device and as arrays."""
+    grid = draw_texels(device, scene.mesh, size)
+    yield Progress(0.5, "gbuffer")
+    gbuffer = _checked(device, grid, scene.mesh.name, size)
+    yield Progress(1.0, "gbuffer")
+    return grid, gbuffer
+
+
+def _solution(scene: SceneData, settings: SolveSettings, gbuffer: GBuffer, solved: Solved, part: Part) -> Solution:
+    """The maps with their figures; checks, and the warnings that follow from these, are not in it yet."""
+    made, observations = solved.made, solved.observations
     found, maps = made.found, made.maps
-    checks, pictures = yield from _checks(scene, settings, made, slots)
-    made.release()
-    told = made.relative[made.solved].astype(np.float64)
+    relative = made.relative[made.solved].astype(np.float64)
     return Solution(
         maps=maps, model=found.model, why=found.why, seconds={}, device={}, levels=found.levels,
-        residual=float(np.sqrt(np.mean(told**2))) if len(told) else 0.0,
+        residual=float(np.sqrt(np.mean(relative**2))) if len(relative) else 0.0,
         cancelled=found.cancelled or made.albedo.cancelled, ndf=settings.ndf,
         texels={"covered": int(gbuffer.coverage.sum()), "observed": int((made.solved | made.shown).sum()),
                 "solved": int(made.good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum()),
                 "kept": int((part.known & ~made.good).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
-        views_skipped=scene.skipped + observations.skipped, checks=checks, pictures=pictures,
-        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps, settings.udim),
-                  *warnings(checks), *([NO_CONFIDENCE] if settings.method == "paper" else [])),
-    )
+        views_skipped=scene.skipped + observations.skipped,
+        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps, settings.udim)))
 
 
 def _checks(

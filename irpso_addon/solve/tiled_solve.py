@@ -31,13 +31,13 @@ from ..core.tiled.tiled_plan import Plan
 from ..core.tiled.uv_blocks import BLOCK, HALO, Crop, Window
 from ..core.tiled.work_folder import Work
 from ..gpu.device import thread
-from ..gpu.gbuffer.gbuffer import MeshBuffer, draw_texel_grid
-from ..gpu.maps.finish_maps import Around, filled, make_maps
+from ..gpu.device.context import Device
+from ..gpu.maps.finish_maps import Around, filled
 from ..gpu.maps.partial_solve import Part
-from ..gpu.observe.observation_atlas import CameraSource
-from ..gpu.observe.observations import channels_needed, most_pixels, observe
-from ..gpu.solve.model_ladder import Found, Ladder, Last
-from .pipeline import Bounce, Clock, Outcome, outcome
+from ..gpu.observe.observations import channels_needed, most_pixels
+from ..gpu.solve.model_ladder import Last
+from .gpu_path import Clock, Given, draw_texels, solve_grid
+from .pipeline import Bounce, Outcome, outcome
 
 Result = TypeVar("Result")
 PLANNED, SOLVED = 0.25, 0.95  # of the whole: once the plan is made, once all blocks are solved
@@ -242,43 +242,33 @@ def _solved(
     plan: Plan, work: Work, window: Window, clock: Clock,
 ) -> Generator[Progress, None, tuple[Maps, F64]]:
     """The maps of a block with its halo, and figures of it."""
-    device, side = thread.device(), window.side
-    grid_uvs = window.grid(plan.scene.mesh.uvs)
-    mesh = MeshBuffer(device, replace(plan.scene.mesh, grid=grid_uvs, extent=side / window.size))
-    grid = draw_texel_grid(device, mesh, side)
-    position, normal = device.read(grid.position), device.read(grid.normal)
-    covered = position[..., 3] > 0.5
-    around = _around(plan, window)
-    if not covered.any():
-        grid.release()
-        mesh.release()
+    device = thread.device()
+    with device.scope():
+        return (yield from _block(device, plan, work, window, clock))
+
+
+def _block(
+    device: Device, plan: Plan, work: Work, window: Window, clock: Clock,
+) -> Generator[Progress, None, tuple[Maps, F64]]:
+    side = window.side
+    mesh = replace(plan.scene.mesh, grid=window.grid(plan.scene.mesh.uvs), extent=side / window.size)
+    grid, around = draw_texels(device, mesh, side), _around(plan, window)
+    if not grid.coverage.any():
         return _unseen(plan, side, around), np.zeros((1, 7))
-    slots = np.where(covered, normal[..., 3].round().astype(np.int32), -1)
     settings = replace(plan.settings, size=side, loss="robust" if plan.robust else "squares",
                        seed=(plan.settings.seed + zlib.crc32(window.key.encode())) % 2**31)
-    views, pictures, reduced = _views(plan, work, position[..., :3], normal[..., :3], covered)
-    scene = replace(plan.scene, mesh=mesh.mesh, views=views, warnings=(), skipped=())
-    part = Part(covered.astype(np.float32), False, np.zeros_like(covered))
-    observations = yield from clock.stage("observe", observe(
-        device, scene, mesh, lambda view: pictures[id(view)](), plan.bounced, part, level=plan.level))
-    ladder = Ladder(device, CameraSource(device, grid, observations, scene.mesh.extent), settings, slots,
-                    scene.mesh.slot_names, _last(plan, window, slots), plan.before(window))
-    found: Found = yield from clock.stage("solve", ladder.solve())
-    if found.cancelled:
-        raise Cancelled
-    found.model = dict(plan.solution.model)
-    made = yield from clock.stage("maps", make_maps(
-        device, scene, settings.ndf, covered, grid, observations, found, slots, part, around))
-    if made.albedo.cancelled:
-        raise Cancelled
-    for thing in (made, ladder, observations, grid, mesh):
-        thing.release()
-    core = window.core
-    solved, told = made.solved[core], made.relative[core].astype(np.float64)
-    counts = (covered[core], made.solved[core] | made.shown[core], made.good[core],
-              covered[core] & made.maps.filled[core])
-    return made.maps, np.array([[*(float(flags.sum()) for flags in counts), float((told[solved] ** 2).sum()),
-                                 float(solved.sum()), float(reduced)]])
+    views, pictures, reduced = _views(plan, work, grid.position, grid.normal, grid.coverage)
+    part = Part(grid.coverage.astype(np.float32), False, np.zeros_like(grid.coverage))
+    solved = yield from solve_grid(device, grid, Given(
+        replace(plan.scene, mesh=mesh, views=views, warnings=(), skipped=()), settings,
+        lambda view: pictures[id(view)](), part, _last(plan, window, grid.slots), plan.bounced, level=plan.level,
+        before=plan.before(window), around=around, model=plan.solution.model, keeps_partial=False), clock)
+    made, core = solved.made, window.core
+    inside, relative = made.solved[core], made.relative[core].astype(np.float64)
+    counts = (grid.coverage[core], inside | made.shown[core], made.good[core],
+              grid.coverage[core] & made.maps.filled[core])
+    return made.maps, np.array([[*(float(flags.sum()) for flags in counts), float((relative[inside] ** 2).sum()),
+                                 float(inside.sum()), float(reduced)]])
 
 
 def _last(plan: Plan, window: Window, slots: I32) -> Last:

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 import sys
 import time
+import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import moderngl
 import numpy as np
@@ -27,6 +28,7 @@ from .programs import SLOWER, Programs, first_line
 
 COMPUTE_GAIN = 1.5  # how many times faster compute shaders must be to be taken
 BAD_MATCH = "0x3009"  # EGL's word for a version that is not there
+Made = TypeVar("Made", moderngl.Texture, moderngl.Buffer, moderngl.Framebuffer)
 Textures = moderngl.Texture | tuple[moderngl.Texture, ...] | None
 
 
@@ -77,6 +79,7 @@ class Device:
         self.programs = Programs(self.ctx, self.check_alive)
         self.pace = Pace(self._finish, self.settings.slice)
         self._quads: dict[int, moderngl.VertexArray] = {}
+        self._scopes: list[weakref.WeakSet[Any]] = []
         self._canary = Canary(self.ctx, self.programs)
 
     def configure(self, settings: DeviceSettings) -> None:
@@ -136,7 +139,7 @@ class Device:
         kind = np.dtype({"f2": "f2", "f1": "u1"}.get(dtype, "f4"))
         raw = None if data is None else np.ascontiguousarray(data, kind).reshape(-1).view(np.uint8)
         with self.making(f"a texture of {width} x {height}"):
-            texture = self.ctx.texture((width, height), channels, raw, dtype=dtype, alignment=1)
+            texture = self._owned(self.ctx.texture((width, height), channels, raw, dtype=dtype, alignment=1))
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         texture.repeat_x = texture.repeat_y = False
         return texture
@@ -144,14 +147,47 @@ class Device:
     def buffer(self, data: NDArray[Any]) -> moderngl.Buffer:
         """A vertex buffer; the caller releases it."""
         with self.making(f"{data.nbytes / 1e6:.0f} MB of vertices"):
-            return self.ctx.buffer(np.ascontiguousarray(data).reshape(-1).view(np.uint8))
+            return self._owned(self.ctx.buffer(np.ascontiguousarray(data).reshape(-1).view(np.uint8)))
 
     def framebuffer(
         self, textures: Sequence[moderngl.Texture], depth: moderngl.Texture | None = None,
     ) -> moderngl.Framebuffer:
         """A framebuffer on these colour textures; the caller releases it."""
         with self.making(f"a framebuffer of {textures[0].width} x {textures[0].height}"):
-            return self.ctx.framebuffer(list(textures), depth)
+            return self._owned(self.ctx.framebuffer(list(textures), depth))
+
+    @contextmanager
+    def target(
+        self, textures: Sequence[moderngl.Texture], depth: moderngl.Texture | None = None, *, clear: bool = False,
+    ) -> Iterator[moderngl.Framebuffer]:
+        """A framebuffer on these colour textures, for the block; ``clear``: the textures are zeroed first."""
+        made = self.framebuffer(textures, depth)
+        try:
+            if clear:
+                made.clear()
+            yield made
+        finally:
+            made.release()
+
+    @contextmanager
+    def scope(self) -> Iterator[None]:
+        """Frees at its end, however that comes, every texture, buffer and framebuffer that was made within.
+
+        Scopes nest.  What is released earlier is released once.
+        """
+        owned: weakref.WeakSet[Any] = weakref.WeakSet()
+        self._scopes.append(owned)
+        try:
+            yield
+        finally:
+            self._scopes.remove(owned)
+            for thing in list(owned):
+                thing.release()
+
+    def _owned(self, made: Made) -> Made:
+        if self._scopes:
+            self._scopes[-1].add(made)
+        return made
 
     def read(self, texture: moderngl.Texture, part: Rectangle | None = None) -> F32:
         """A float32 texture's content or a part of it, (h, w, channels)."""
@@ -161,9 +197,8 @@ class Device:
         if part is None:
             texture.read_into(values, alignment=1)
         else:
-            frame = self.framebuffer([texture])
-            frame.read_into(values, part, components=texture.components, dtype="f4", alignment=1)
-            frame.release()
+            with self.target([texture]) as frame:
+                frame.read_into(values, part, components=texture.components, dtype="f4", alignment=1)
         self.check("reading")
         self.check_alive()
         return values

@@ -1,0 +1,140 @@
+"""The path over the GPU, assembled once: G-buffer, observations, solve, maps.
+
+Whole solves, blocks of tiled solves, the preview and the comparison of methods all take it.  Each function must run on
+the GL thread, inside a scope of the device (`Device.scope`), which frees what is made here.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from ..core.data import F32, I32, Bool, Bounced, MeshArrays, RadianceImage, SceneData, View
+from ..core.errors import BadInput, Cancelled
+from ..core.job import Progress
+from ..core.live_maps import Live
+from ..core.params import SolveSettings
+from ..core.tiled.tiled_plan import Before
+from ..gpu.device.context import Device
+from ..gpu.gbuffer.gbuffer import MeshBuffer, SurfaceMaps, draw_texel_grid
+from ..gpu.maps.finish_maps import Around, Made, make_maps
+from ..gpu.maps.partial_solve import Part
+from ..gpu.observe.observation_atlas import CameraSource
+from ..gpu.observe.observations import Observations, observe
+from ..gpu.solve.model_ladder import Found, Ladder, Last
+
+Result = TypeVar("Result")
+ReadImage = Callable[[View], RadianceImage]
+STAGES = {"pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85),
+          "maps": (0.85, 1.0), "indirect": (0.0, 1.0)}  # share of a round's progress
+
+
+@dataclass
+class Clock:
+    """Seconds per stage, and the coverage that every look at the job shows beside its maps."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    coverage: Bool | None = None
+
+    def stage(self, name: str, steps: Generator[Progress, None, Result]) -> Generator[Progress, None, Result]:
+        """Steps whose seconds are this stage's."""
+        start = time.perf_counter()
+        low, high = STAGES[name]
+        stop_now: Cancelled | None = None
+        reached = 0.0
+        try:
+            while True:
+                step = steps.throw(stop_now) if stop_now else next(steps)
+                stop_now = None
+                reached = max(reached, step.fraction)  # a model tried on the way starts from 0 again
+                try:
+                    yield Progress(low + (high - low) * reached, name, step.message, step.look and partial(
+                        self._covered, step.look))
+                except Cancelled as stop:  # the stage may have something to keep
+                    stop_now = stop
+        except StopIteration as stop:
+            result: Result = stop.value
+            return result
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+    def _covered(self, look: Callable[[], Live]) -> Live:
+        return replace(look(), coverage=self.coverage)
+
+
+@dataclass(frozen=True)
+class TexelGrid:
+    """A mesh on the device and its G-buffer over the texel grid, drawn once and read once."""
+
+    mesh: MeshBuffer
+    maps: SurfaceMaps
+    position: F32  # (n, n, 3) world, metres; zero where not covered
+    normal: F32  # (n, n, 3) world, unit, normal map included
+    coverage: Bool  # (n, n)
+    slots: I32  # (n, n) material slot; -1 where not covered
+
+
+def draw_texels(device: Device, mesh: MeshArrays | MeshBuffer, size: int) -> TexelGrid:
+    """The G-buffer of a mesh, ``size`` texels on a side."""
+    buffer = mesh if isinstance(mesh, MeshBuffer) else MeshBuffer(device, mesh)
+    maps = draw_texel_grid(device, buffer, size)
+    position, normal = device.read(maps.position), device.read(maps.normal)
+    coverage = position[..., 3] > 0.5
+    slots = np.where(coverage, normal[..., 3].round().astype(np.int32), -1)
+    return TexelGrid(buffer, maps, position[..., :3], normal[..., :3], coverage, slots)
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a solve of a grid goes by."""
+
+    scene: SceneData
+    settings: SolveSettings
+    read_image: ReadImage
+    part: Part
+    last: Last | None = None  # what is taken over from an earlier result
+    bounced: Mapping[int, Bounced] | None = None  # indirect light by the view's place in the scene
+    # Of a block, from the plan of the whole:
+    level: float | None = None  # typical radiance of the views
+    before: Before | None = None
+    around: Around | None = None
+    model: Mapping[str, str] | None = None  # by material, whatever the block would choose
+    keeps_partial: bool = True  # a stopped solve gives maps of what it has found; else it raises Cancelled
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What a grid's solve has given."""
+
+    observations: Observations
+    found: Found  # before it was joined to what a partial solve keeps
+    made: Made
+
+
+def solve_grid(
+    device: Device, grid: TexelGrid, given: Given, clock: Clock,
+) -> Generator[Progress, None, Solved]:
+    """Observe, solve and make maps.  Raises BadInput where no view is usable, Cancelled as ``given`` says."""
+    scene, part = given.scene, given.part
+    observations: Observations = yield from clock.stage("observe", observe(
+        device, scene, grid.mesh, given.read_image, given.bounced, part, level=given.level))
+    if not observations.cameras:
+        raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
+    maps = part.grid(device, grid.maps)
+    ladder = Ladder(device, CameraSource(device, maps, observations, scene.mesh.extent), given.settings,
+                    np.where(part.solved, grid.slots, -1), scene.mesh.slot_names, given.last, given.before)
+    found: Found = yield from clock.stage("solve", ladder.solve())
+    if found.cancelled and not given.keeps_partial:
+        raise Cancelled
+    if given.model is not None:
+        found.model = dict(given.model)
+    made: Made = yield from clock.stage("maps", make_maps(
+        device, scene, given.settings.ndf, grid.coverage, maps, observations, found, grid.slots, part, given.around))
+    if made.albedo.cancelled and not given.keeps_partial:
+        raise Cancelled
+    return Solved(observations, found, made)
