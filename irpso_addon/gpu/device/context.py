@@ -42,11 +42,11 @@ class DrawnCells(Protocol):
 
     @property
     def uniforms(self) -> Mapping[str, Any]:
-        """Of include/cells.vert."""
+        """Of include/occupied_cells.vert."""
         ...
 
     def render(self, program: moderngl.Program, first: int, count: int) -> None:
-        """Run a program made with include/cells.vert on every pixel of some of the squares."""
+        """Run a program made with include/occupied_cells.vert on every pixel of some of the squares."""
         ...
 
 
@@ -187,7 +187,8 @@ class Device:
         viewport: Rectangle | None = None, cells: DrawnCells | None = None,
     ) -> None:
         """Run ``shaders/<fragment>`` once for every pixel of the target, or of its viewport, or of ``cells`` of it."""
-        program = self.programs.get("include/cells.vert" if cells else "include/screen.vert", fragment, defines)
+        vertex = "include/occupied_cells.vert" if cells else "include/screen.vert"
+        program = self.programs.get(vertex, fragment, defines)
         key = fragment, program.glo, target.size
         whole = viewport or (0, 0, target.width, target.height)
         self.bind(program, textures)
@@ -291,7 +292,7 @@ class Device:
         taken = []
         for _ in range(4):  # the first compiles and warms up
             start = time.perf_counter()
-            self.kernel("include/probe.glsl", target, textures={}, uniforms={"u_steps": 64}, defines={},
+            self.kernel("device/compute_probe.kernel", target, textures={}, uniforms={"u_steps": 64}, defines={},
                         region=(0, 0, size, size))
             self.pace.finish()
             taken.append(time.perf_counter() - start)

@@ -1,6 +1,6 @@
 """What the maps say that each view should show, beside what it shows: at the camera's own pixels, one view at a time.
 
-The same prediction as the base colour's (shaders/albedo): base colour averaged over the pixel's footprint, times the
+The same prediction as the base colour's (shaders/maps): base colour averaged over the pixel's footprint, times the
 diffuse, plus the lobes.  solve_checks.py and registration.py make of it what a user should know.
 """
 
@@ -74,7 +74,7 @@ def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Textur
     texture = device.texture(*maps.position.size)
     target = device.framebuffer([texture])
     target.clear()
-    device.draw("check/diffuse.frag", target, textures={
+    device.draw("maps/check_diffuse.frag", target, textures={
         **albedo.looked_up(camera), "u_uv_slope": maps.uv_slope, "u_base": base,
     }, uniforms={**camera.viewpoint, "u_footprint": camera.uniforms["u_footprint"]}, defines=albedo.defines,
         cells=maps.cells)
