@@ -2,9 +2,9 @@
 uniform sampler2D u_noise;  // as solve/noise.frag leaves it, made coarser
 const int NODES = 32;
 
-float node_roughness(float i) { return 0.05 * pow(20.0, i / float(NODES - 1)); }
+float node_roughness(float i) { return ROUGHNESS_MIN * pow(ROUGHNESS_RANGE, i / float(NODES - 1)); }
 
-float roughness_node(float r) { return log(r / 0.05) / log(20.0) * float(NODES - 1); }
+float roughness_node(float r) { return log(r / ROUGHNESS_MIN) / log(ROUGHNESS_RANGE) * float(NODES - 1); }
 
 // The noise's variance is unknown: an inverse-gamma prior worth NOISE_PRIOR degrees of freedom about
 // the typical value `around`, integrated out, turns the sum of squares into a logarithm (Student's t).

@@ -103,7 +103,7 @@ def _told(counts: Mapping[str, int]) -> str:
 def search_seconds(bench: Bench, knobs: Mapping[str, int], rounds: int) -> float:
     """Least time of the search kernel alone, in one go."""
     outputs = [bench.device.texture(*bench.source.size) for _ in range(3)]
-    defines = {"SWARM": "1"} if knobs["u_moves"] else {}
+    defines = {"SWARM": str(knobs["u_particles"])} if knobs["u_moves"] else {}
     taken = []
     for _ in range(rounds + 1):
         bench.device.ctx.finish()

@@ -23,7 +23,7 @@ from ...core.errors import BadInput, DeviceError, DeviceLost, NoDevice, OutOfDev
 from ...core.params import DeviceSettings
 from .context_check import Canary
 from .draw_budget import Pace, Rectangle, rectangles
-from .programs import SLOWER, Programs, first_line
+from .programs import SLOWER, WORKGROUP, Programs, first_line
 
 COMPUTE_GAIN = 1.5  # how many times faster compute shaders must be to be taken
 BAD_MATCH = "0x3009"  # EGL's word for a version that is not there
@@ -249,7 +249,7 @@ class Device:
                     for unit, texture in enumerate(outputs):
                         assert isinstance(texture, moderngl.Texture)
                         texture.bind_to_image(unit, read=False, write=True)
-                    program.run(-(-part[2] // 8), -(-part[3] // 8))
+                    program.run(-(-part[2] // WORKGROUP), -(-part[3] // WORKGROUP))
                     self.ctx.memory_barrier()
             yield
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from .context import Device
 
-CELL = 8  # pixels, as in device/occupied.frag
+CELL = 8  # pixels: width of a square
 
 
 class Cells:
@@ -21,7 +21,8 @@ class Cells:
         self.size = texture.size
         squares = device.texture(-(-texture.width // CELL), -(-texture.height // CELL), 1)
         target = device.framebuffer([squares])
-        device.draw("device/occupied.frag", target, textures={"u_map": texture}, uniforms={})
+        device.draw("device/occupied.frag", target, textures={"u_map": texture}, uniforms={},
+                    defines={"CELL": str(CELL)})
         y, x = np.nonzero(device.read(squares)[..., 0])
         target.release()
         squares.release()

@@ -248,8 +248,10 @@ class Solver:
     def _defines(self, uniforms: Uniforms, lobes: int, colour: bool, robust: bool) -> dict[str, str]:
         defines = {**self.source.layers.defines(), "LOBES": str(lobes)}
         switches = {"COLOUR": colour, "STARTED": "u_started" in uniforms, "SPECULAR": self.level is not None,
-                    "SWARM": uniforms.get("u_moves", 0) > 0, "ROBUST": robust,
+                    "ROBUST": robust,
                     "NDF_BECKMANN": lobes == 2 and self.settings.ndf == "beckmann"}
+        if uniforms.get("u_moves", 0) > 0:
+            defines["SWARM"] = str(uniforms["u_particles"])
         return {**defines, **{name: "1" for name, on in switches.items() if on}}
 
     def _textures(self, count: int) -> list[moderngl.Texture]:
