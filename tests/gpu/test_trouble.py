@@ -177,7 +177,7 @@ def test_arrays_that_do_not_fit(on_gl):
 LITTLE = """
 import resource, sys
 from irpso_addon.core.errors import OutOfDeviceMemory
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
 from tests.gpu import shoots, synthetic as syn, test_trouble as t
 
 shoot = syn.shoot(syn.PATCHES, shoots.rig(1, 4), (40, 40))
