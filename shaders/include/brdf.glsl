@@ -12,12 +12,8 @@
 // core/shading/tables.py, principled_table: x cosine to the viewer, y roughness; (comp, A) at Specular IOR Level 0.5, and
 // above its square Cycles' nodes for the other levels.
 uniform sampler2D u_principled_table;
-const int TABLE_SIZE = 466, LOBE_NODES = 32, FRESNEL_NODES = 16, FRESNEL_SLICES = 9;
 
-const float LEVEL_F0 = 0.08;      // F0 of Specular IOR Level 1: twice that of IOR 1.5
-const float LEVEL_MIN = 1e-4;     // level below which slopes by level are those of this one
-const float ALPHA2_MIN = 1e-8;    // Beckmann: keeps float32 from overflow
-const float COS2H_MIN = 1e-6;     // Beckmann: D is 0 there at any roughness
+// Constants in capitals (LEVEL_F0: F0 of Specular IOR Level 1) come from gpu/device/programs.py, SHARED_CONSTANTS.
 
 // Normal distribution GGX. Walter, Marschner, Li, Torrance 2007, "Microfacet Models for Refraction", eq. 33.
 float D_ggx(float alpha2, float sin2h) {
@@ -64,10 +60,6 @@ float D_beckmann_spread(float alpha2, float sin2h, float spread) {
     float value, unused;
     D_beckmann_spread_d(alpha2, sin2h, spread, value, unused);
     return value;
-}
-
-float D_beckmann(float alpha2, float sin2h) {
-    return D_beckmann_spread(alpha2, sin2h, 0.0);
 }
 
 // Smith's Lambda of Beckmann's distribution with its derivative by alpha2: the rational fit of Walter et al. 2007,
@@ -126,11 +118,6 @@ float F_level_ratio(float cos_vh, float level) {
     float value, unused;
     F_level_ratio_d(cos_vh, level, value, unused);
     return value;
-}
-
-// Fresnel reflectance at the IOR of a Specular IOR Level.
-float F_level(float cos_vh, float level) {
-    return F_level_ratio(cos_vh, level) * F_dielectric(cos_vh);
 }
 
 // u_principled_table between its texels, with the derivative by roughness, where `corner` is the texel of roughness

@@ -1,7 +1,7 @@
 // A kernel runs once for each texel of a region, as a fragment or as a compute shader from the same text.
 // The file that includes this defines `void kernel()`, which writes out_0 to out_{OUTPUTS - 1}.
 #ifdef COMPUTE
-layout(local_size_x = 8, local_size_y = 8) in;
+layout(local_size_x = WORKGROUP, local_size_y = WORKGROUP) in;
 uniform ivec4 u_region;  // first texel, width, height
 layout(rgba32f, binding = 0) writeonly uniform image2D u_out_0;
 vec4 out_0;

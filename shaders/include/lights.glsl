@@ -30,14 +30,12 @@ uniform vec3 u_light_axis_v;
 uniform bool u_light_ellipse;       // AREA: disk or ellipse (else square or rectangle)
 uniform vec2 u_light_spread;        // AREA: tan b, 1 / (tan b - b) with b half the spread; x = 0: no limit
 
-const int LIGHT_POINT = 0;
-const int LIGHT_SUN = 1;
-const int LIGHT_SPOT = 2;
-const int LIGHT_AREA = 3;
-const int LIGHT_ELLIPSE_SIDES = 32;  // of the polygon, of the same area, that stands for an ellipse
-const float LIGHT_POINT_SIZE = 0.005; // half extent / distance below which an AREA is a point: its outline's edges
-                                      // would cancel in float32, while the point is off by its square, 2.5e-5
-const int LIGHT_QUADRATURE = 12;     // squared: points where there is no closed form, soft SPOT and AREA with spread
+// From core/shading/lights.py, through SHARED_CONSTANTS of gpu/device/programs.py:
+// LIGHT_POINT, LIGHT_SUN, LIGHT_SPOT, LIGHT_AREA: kinds.
+// LIGHT_ELLIPSE_SIDES: of the polygon, of the same area, that stands for an ellipse.
+// LIGHT_POINT_SIZE: half extent / distance below which an AREA is a point: its outline's edges would cancel in float32,
+// while the point is off by its square, 2.5e-5.
+// LIGHT_QUADRATURE: squared, points where there is no closed form, soft SPOT and AREA with spread.
 
 // Irradiance of a cone of uniform radiance over the horizon, relative to the same cone at the zenith.
 // Lagarde and de Rousiers 2014, "Moving Frostbite to Physically Based Rendering", listing 7 (after Snyder 1996).
@@ -156,7 +154,7 @@ vec3 emitter_sample(vec3 P, vec2 square, float n, out float weight) {
 // The i-th of n points on the emitter: from P to it (SUN: a unit direction), and how much it counts:
 // sum over i of weight * max(N.L, 0) = light_irradiance(P, N).  n = 1 gives the centre.
 vec3 light_sample(vec3 P, int i, int n, out float weight) {
-    vec2 lattice = vec2((float(i) + 0.5) / float(n), fract(0.5 + 0.618033988749895 * float(i))); // golden ratio
+    vec2 lattice = vec2((float(i) + 0.5) / float(n), fract(0.5 + GOLDEN_RATIO * float(i)));
     return emitter_sample(P, lattice, float(n), weight);
 }
 

@@ -45,7 +45,7 @@ float diffuse_of(Found f, float cos_v) {
 }
 
 // D / (roots) of one roughness: with the lobe's factor, the specular radiance per irradiance.
-float lobe_of(Found f, float r, float cos_v, vec4 lobe) {
+float lobe_shape(Found f, float r, float cos_v, vec4 lobe) {
     float alpha2 = r * r * r * r, tan2_l = 1.0 / (lobe.z * lobe.z + 1e-12) - 1.0, tan2_v = 1.0 / (cos_v * cos_v) - 1.0;
 #ifdef NDF_BECKMANN
     if (is_beckmann(f)) {
@@ -62,9 +62,9 @@ float lobe_of(Found f, float r, float cos_v, vec4 lobe) {
 
 // Specular radiance per irradiance; lobe: sin2h, spread, cos_l, factor, as observe/lobe.frag leaves it.
 float specular_of(Found f, float cos_v, vec4 lobe) {
-    float s = lobe_of(f, f.r.x, cos_v, lobe);
+    float s = lobe_shape(f, f.r.x, cos_v, lobe);
 #ifndef ONE_LOBE
-    if (f.r.y != f.r.x) s = mix(lobe_of(f, f.r.y, cos_v, lobe), s, f.weight);
+    if (f.r.y != f.r.x) s = mix(lobe_shape(f, f.r.y, cos_v, lobe), s, f.weight);
 #endif
 #ifdef SPECULAR
     float cos_vh = (lobe.z + cos_v) / (2.0 * sqrt(max(1.0 - lobe.x, 1e-6)));  // from N.H = (N.L + N.V) / |L + V|

@@ -15,7 +15,6 @@ uniform int u_light_points;    // sample points on the emitter
 
 const float MIN_COS_L = 0.08;  // the terminator: there the irradiance is wrong by the facets' own error
 const float MIN_COS_V = 0.15;  // beyond 81 degrees a pixel's footprint is too long to stand for a point
-const int SILHOUETTE = 512;    // in the rim
 const float NO_LIGHT = -1e3;   // marks a channel without light: it says nothing
 
 // Unshadowed irradiance over the pixel's footprint, relative to the lamp's power.
@@ -31,7 +30,7 @@ float irradiance_of(Pixel pixel) {
 
 // Mean and spread of sin^2(theta_h) over the pixel's footprint and the emitter, the cosine to the light, and
 // F / (2 cos_l cos_v); zero where the light is below the horizon.  e: as irradiance_of.
-vec4 lobe_of(Pixel pixel, out float e) {
+vec4 lobe_geometry(Pixel pixel, out float e) {
     float sum = 0.0, mean = 0.0, square = 0.0, cos_l = 0.0, fresnel = 0.0, cos_v = 0.0;
     e = 0.0;
     for (int j = 0; j < 4; j++) {

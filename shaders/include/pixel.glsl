@@ -7,6 +7,8 @@ uniform bool u_orthographic;
 uniform float u_pixel_width;        // metres (orthographic) or metres per metre of depth
 uniform float u_footprint;          // width, in pixels, of the box over which a pixel averages
 
+const int SILHOUETTE = 512;         // in what observe/rim.frag leaves
+
 struct Pixel {
     vec3 P, N;
     vec3 dPdx, dPdy, dNdx, dNdy;  // per pixel step

@@ -20,6 +20,6 @@ void main() {
     if (f < -100.0) return;  // no light in this channel
     float dim = min(u_tint, 1.0);  // the camera's own noise counts for more where there is little light
     float cos_v = clamp(match.z, 1e-3, 1.0);
-    bool edge = colour.a < 0.25 * cos_v * cos_v;  // cos_v^2 is what a good pixel has
+    bool edge = colour.a < EDGE_QUALITY * cos_v * cos_v;  // cos_v^2 is what a good pixel has
     o_observation = vec4(f, colour.a * dim * dim * match.w, cos_v, 2.0 * float(max(u_channel, 0)) + (edge ? 1.0 : 0.0) + 0.5 * match.w);
 }

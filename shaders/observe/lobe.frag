@@ -14,7 +14,7 @@ void main() {
     Pixel pixel;
     if (!load_pixel(at, pixel)) discard;
     float e;
-    vec4 lobe = lobe_of(pixel, e);
+    vec4 lobe = lobe_geometry(pixel, e);
     vec3 own = u_power * e * texelFetch(u_lit, at, 0).r, all = texelFetch(u_irradiance, at, 0).rgb;
 #ifdef BOUNCED
     // The lamps are of one colour, what has bounced is of another: the mean share is that of the channels' mean.

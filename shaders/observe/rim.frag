@@ -4,8 +4,6 @@
 
 layout(location = 0) out float o_rim;
 
-const float SILHOUETTE = 512.0;
-
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy), last = textureSize(u_position, 0) - 1;
     vec4 p = texelFetch(u_position, at, 0);
@@ -18,5 +16,5 @@ void main() {
         ends = ends || !same_surface(p, near, slant, 1.5);
         o_rim += near.w < 0.5 ? 0.0 : float(1 << j);
     }
-    if (ends && u_footprint > 0.25) o_rim += SILHOUETTE;  // a point sample mixes nothing with its neighbours
+    if (ends && u_footprint > 0.25) o_rim += float(SILHOUETTE);  // a point sample mixes nothing with its neighbours
 }

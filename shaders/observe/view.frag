@@ -11,7 +11,7 @@ void main() {
     Pixel pixel;
     if (!load_pixel(at, pixel)) discard;
     float e, cos_v = dot(pixel.N, toward_camera(pixel.P));
-    o_lobe = lobe_of(pixel, e);
+    o_lobe = lobe_geometry(pixel, e);
     e *= texelFetch(u_lit, at, 0).r;
     if (e <= 0.0) o_lobe.w = 0.0;
     int rim = int(texelFetch(u_rim, at, 0).r);

@@ -29,14 +29,14 @@ void parents(out float mean, out float variance) {
 // Mean squared distance from r under the posterior: of what lies in other valleys (the one at r being a
 // normal of curvature `bend`), and of all, by the nodes alone, for a valley wider than their steps.
 vec2 spreads(float cost[NODES], float least, float r, float bend) {
-    float here = roughness_node(clamp(r, 0.05, 1.0));
+    float here = roughness_node(clamp(r, ROUGHNESS_MIN, 1.0));
     vec2 mass = vec2(sqrt(2.0 * 3.14159265 / max(bend, 1e-3)), 1e-12), square = vec2(0.0);
     for (int i = 0; i < NODES; i++) {
         float at = node_roughness(float(i));
         float share = exp(least - cost[i]) * at;  // steps between nodes grow with roughness
         float off = (at - r) * (at - r);
         bool elsewhere = abs(float(i) - here) > 1.5 && off * max(bend, 1e-3) > 9.0;  // not this valley's own tail
-        vec2 counts = vec2(elsewhere ? 0.0966 : 0.0, 1.0);  // ln 20 / 31: step over roughness
+        vec2 counts = vec2(elsewhere ? 0.0966 : 0.0, 1.0);  // ln ROUGHNESS_RANGE / 31: step over roughness
         mass += counts * share;
         square += counts * share * off;
     }

@@ -2,9 +2,9 @@
 uniform sampler2D u_noise;  // as solve/noise.frag leaves it, made coarser
 const int NODES = 32;
 
-float node_roughness(float i) { return 0.05 * pow(20.0, i / float(NODES - 1)); }
+float node_roughness(float i) { return ROUGHNESS_MIN * pow(ROUGHNESS_RANGE, i / float(NODES - 1)); }
 
-float roughness_node(float r) { return log(r / 0.05) / log(20.0) * float(NODES - 1); }
+float roughness_node(float r) { return log(r / ROUGHNESS_MIN) / log(ROUGHNESS_RANGE) * float(NODES - 1); }
 
 // The noise's variance is unknown: an inverse-gamma prior worth NOISE_PRIOR degrees of freedom about
 // the typical value `around`, integrated out, turns the sum of squares into a logarithm (Student's t).
@@ -32,7 +32,7 @@ float belief(float observations, float share) {
 uniform float u_noise_floor;
 uniform float u_noise_unknown;  // variance to assume where no camera has views enough to tell
 
-// The typical variance around a texel, from the map that solve/noise.frag and fill/down.frag made.
+// The typical variance around a texel, from the map that solve/noise.frag and maps/fill_down.frag made.
 float noise_around(sampler2D noise, ivec2 texel, ivec2 size) {
     vec2 at = (vec2(texel) + 0.5) / vec2(size) * vec2(textureSize(noise, 0)) - 0.5;
     ivec2 corner = ivec2(floor(at)), last = textureSize(noise, 0) - 1;

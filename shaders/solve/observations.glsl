@@ -21,7 +21,6 @@ uniform sampler2D u_level;
 float obs_level;
 #endif
 
-const float ROUGHNESS_MIN = 0.05;
 #if LOBES == 2
 const float SEARCHED = 3.0;  // numbers that are neither base colour nor given
 #else

@@ -45,19 +45,19 @@ vec3 trust_group(int k, int first, int end, float albedo, float scale) {
     float mean = g.y + group_base[k];
     float prior = 1.0 / max(u_group_slack * mean * mean, 1e-12);
     float centre = (g.x * mean + prior * albedo * group_toward[k].diffuse) / (g.x + prior) - group_base[k];
-    vec3 told = vec3(0.0);
+    vec3 sums = vec3(0.0);
     for (int n = first; n < end; n++) {
         float off = obs_off[n] - centre;
         float square = obs_weight[n] * off * off / obs_variance;
-        told.x += square;
+        sums.x += square;
         if (scale <= 0.0) continue;  // asked for the spread alone
         float likely = exp(-0.5 * square / scale);
         float trust = likely / (likely + OUTLIER);
         obs_trust[n] = trust;
-        told.y += -2.0 * log((likely + OUTLIER) / (1.0 + OUTLIER)) - trust * square;
-        told.z += obs_weight[n] > 0.0 ? 1.0 - trust : 0.0;
+        sums.y += -2.0 * log((likely + OUTLIER) / (1.0 + OUTLIER)) - trust * square;
+        sums.z += obs_weight[n] > 0.0 ? 1.0 - trust : 0.0;
     }
-    return told;
+    return sums;
 }
 
 // Sets each observation's trust at roughness r; returns what those not believed cost, in units of the residual.
@@ -65,7 +65,7 @@ float disbelieve(float r) {
 #define GROUP(k, first, end) prepare_group(k, first, end, r);
     EACH_GROUP
 #undef GROUP
-    vec3 told = vec3(0.0);
+    vec3 sums = vec3(0.0);
     float spread = 1.0;
     for (int i = 0; i <= CALMER; i++) {
         CHANNEL weight = CHANNEL(1e-20), albedo = CHANNEL(0.0);
@@ -74,13 +74,13 @@ float disbelieve(float r) {
 #undef GROUP
         albedo = clamp(albedo / weight, 0.0, 1.0);
         float scale = i == 0 ? -1.0 : max(pow(spread, 1.0 - float(i) / float(CALMER)), 1.0);
-        told = vec3(0.0);
-#define GROUP(k, first, end) told += trust_group(k, first, end, sum(albedo * channel_of(k)), scale);
+        sums = vec3(0.0);
+#define GROUP(k, first, end) sums += trust_group(k, first, end, sum(albedo * channel_of(k)), scale);
         EACH_GROUP
 #undef GROUP
-        if (i == 0) spread = told.x / max(obs_total, 1.0);
+        if (i == 0) spread = sums.x / max(obs_total, 1.0);
         if (i == 0 && spread < 4.0) i = CALMER - 1;  // nothing is far off
     }
-    fit_outliers = told.z;
-    return told.y * obs_variance;
+    fit_outliers = sums.z;
+    return sums.y * obs_variance;
 }

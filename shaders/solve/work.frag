@@ -5,8 +5,6 @@ uniform int u_tile_height;
 
 layout(location = 0) out float o_work;
 
-const int CELL = 8;  // as in gpu/device/occupied_cells.py
-
 void main() {
     ivec2 first = CELL * ivec2(gl_FragCoord.xy), last = ivec2(textureSize(u_observations, 0).x, u_tile_height) - 1;
     int seen = 0;

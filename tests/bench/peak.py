@@ -1,6 +1,6 @@
 """How fast this device calculates, and how much of that the search reaches.
 
-The probe (shaders/peak.glsl) runs chains of one operation each.  What an evaluation of the residual needs is counted by
+The probe (peak.kernel) runs chains of one operation each.  What an evaluation of the residual needs is counted by
 hand from shaders/solve/{observations,fit}.glsl, in the operations that are left when the compiler has folded what
 constants allow (one light a view, no spread, one camera, one lobe): see PER_OBSERVATION and PER_EVALUATION.
 """
@@ -48,7 +48,7 @@ class Probe:
         for name, (operation, steps) in OPERATIONS.items():
             self.device.ctx.finish()
             start = time.perf_counter()
-            self.device.kernel(str(SHADERS / "peak.glsl"), self.target, textures={"u_map": self.map},
+            self.device.kernel(str(SHADERS / "peak.kernel"), self.target, textures={"u_map": self.map},
                                uniforms={"u_steps": steps, "u_x": 0.999, "u_y": 1e-3},
                                defines={"OPERATION(a)": operation}, region=(0, 0, PROBE, PROBE))
             self.device.ctx.finish()
@@ -103,12 +103,12 @@ def _told(counts: Mapping[str, int]) -> str:
 def search_seconds(bench: Bench, knobs: Mapping[str, int], rounds: int) -> float:
     """Least time of the search kernel alone, in one go."""
     outputs = [bench.device.texture(*bench.source.size) for _ in range(3)]
-    defines = {"SWARM": "1"} if knobs["u_moves"] else {}
+    defines = {"SWARM": str(knobs["u_particles"])} if knobs["u_moves"] else {}
     taken = []
     for _ in range(rounds + 1):
         bench.device.ctx.finish()
         start = time.perf_counter()
-        bench.run("solve/search.glsl", outputs, {"u_seed": 0, **knobs}, defines)
+        bench.run("solve/search.kernel", outputs, {"u_seed": 0, **knobs}, defines)
         bench.device.ctx.finish()
         taken.append(time.perf_counter() - start)
     for texture in outputs:

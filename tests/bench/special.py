@@ -50,7 +50,8 @@ def noise(device: Device, rounds: int, size: int) -> Table:
 def search_alone(bench: Bench, knobs: Mapping[str, int]) -> Estimate:
     """What the search finds of each texel before neighbours are asked; base colour is left at nothing."""
     outputs = [bench.device.texture(*bench.source.size) for _ in range(3)]
-    bench.run("solve/search.glsl", outputs, {"u_seed": 0, **knobs}, {"SWARM": "1"} if knobs["u_moves"] else {})
+    defines = {"SWARM": str(knobs["u_particles"])} if knobs["u_moves"] else {}
+    bench.run("solve/search.kernel", outputs, {"u_seed": 0, **knobs}, defines)
     found = bench.device.read(outputs[0]).astype(np.float64)
     for texture in outputs:
         texture.release()

@@ -67,7 +67,7 @@ def run(texels: Texels, lobes: int, method: str, **chosen: Any) -> Any:
 def test_search_table_polish_and_albedo_are_the_same(both, method, spec):
     """To float32 in all but the few texels where rounding decides between two valleys."""
     drawn, computed = both(run(exact(views=8, **spec)[1], 2 if "model" in spec else 1, method))
-    assert bool(drawn[-1]) is bool(computed[-1]) is ("noise" in spec)  # table.glsl ran, or did not
+    assert bool(drawn[-1]) is bool(computed[-1]) is ("noise" in spec)  # table.kernel ran, or did not
     for a, b in zip(drawn[:-1], computed[:-1], strict=True):
         assert a.shape == b.shape == (SIZE, SIZE, 4)
         assert np.isfinite(b).all()
@@ -105,7 +105,7 @@ def test_compute_keeps_within_its_region(both):
     def job(device: Device) -> list[np.ndarray]:
         target = device.framebuffer([device.texture(24, 24)])
         target.clear(7.0, 7.0, 7.0, 7.0)
-        device.kernel("include/probe.glsl", target, textures={}, uniforms={"u_steps": 1}, defines={},
+        device.kernel("device/compute_probe.kernel", target, textures={}, uniforms={"u_steps": 1}, defines={},
                       region=(3, 5, 13, 9))
         texture = target.color_attachments[0]
         result = device.read(texture).copy()
@@ -132,12 +132,12 @@ def test_which_is_faster_is_measured_once():
 
 
 MEASURE = """
-from irpso_addon.gpu import context
+from irpso_addon.gpu.device import context
 counted = 0
 original = context.Device.kernel
 def kernel(self, name, *arguments, **more):
     global counted
-    counted += name == "include/probe.glsl"
+    counted += name == "device/compute_probe.kernel"
     original(self, name, *arguments, **more)
 context.Device.kernel = kernel
 device = context.Device()

@@ -80,7 +80,7 @@ def least_squares(twin: Twin, texel: int, a: np.ndarray, s: np.ndarray) -> float
 def test_residual_of_one_lobe_is_that_of_least_squares(on_gl, layout):
     """Base colour of each channel and the cameras' differences from it, solved for as unknowns like any other."""
     c = case(layout)
-    (fit, _), twin = on_gl(lambda d: evaluate(d, c.texels, "fit_one.glsl", c.at, 2, c.slack)), Twin(c.texels, c.slack)
+    (fit, _), twin = on_gl(lambda d: evaluate(d, c.texels, "fit_one.kernel", c.at, 2, c.slack)), Twin(c.texels, c.slack)
     r = c.at[..., 0].ravel().astype(np.float64)
     a, s = twin.parts(r)
     seen = np.flatnonzero(known(c.texels))[::5]
@@ -97,7 +97,7 @@ def test_residual_of_one_lobe_is_that_of_least_squares(on_gl, layout):
 def test_one_lobe_is_its_twin(on_gl, layout, level):
     """Residual, slope and curvature; the information of groups held fixed in derivatives, as Kaufman's."""
     c = case(layout)
-    fit, albedo = on_gl(lambda d: evaluate(d, c.texels, "fit_one.glsl", c.at, 2, c.slack, level))
+    fit, albedo = on_gl(lambda d: evaluate(d, c.texels, "fit_one.kernel", c.at, 2, c.slack, level))
     twin, seen = Twin(c.texels, c.slack, level=level), known(c.texels)
     r = c.at[..., 0].ravel().astype(np.float64)
     information = twin.groups(*twin.parts(r))[2]
@@ -129,7 +129,7 @@ def test_one_lobe_is_its_twin(on_gl, layout, level):
 def test_slope_of_a_single_group_is_the_residuals_own(on_gl):
     """Nothing is left out of the slope where there is but one group: central differences of the residual itself."""
     c = case("one group")
-    fit, _ = on_gl(lambda d: evaluate(d, c.texels, "fit_one.glsl", c.at, 2))
+    fit, _ = on_gl(lambda d: evaluate(d, c.texels, "fit_one.kernel", c.at, 2))
     twin, seen = Twin(c.texels, 0.0), known(c.texels)
     r = c.at[..., 0].ravel().astype(np.float64)
     rho = twin.groups(*twin.parts(r))[1][:, 0]
@@ -184,7 +184,7 @@ NDFS = {"ggx": {"LOBES": "2"}, "beckmann": {"LOBES": "2", "NDF_BECKMANN": "1"}}
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_two_lobes_are_their_twin(on_gl, layout, ndf):
     c = case(layout)
-    first, second = on_gl(lambda d: evaluate(d, c.texels, "fit_pair.glsl", c.at, 2, c.slack, **NDFS[ndf]))
+    first, second = on_gl(lambda d: evaluate(d, c.texels, "fit_pair.kernel", c.at, 2, c.slack, **NDFS[ndf]))
     seen = known(c.texels)
     got, bend = first.reshape(-1, 4)[seen], second.reshape(-1, 4)[seen]
     want = pair_twin(Twin(c.texels, c.slack, ndf), c.at)
@@ -208,7 +208,7 @@ def test_slope_of_two_lobes_is_the_residuals_own_at_the_best_weight(on_gl, ndf):
     twin, seen = Twin(c.texels, 0.0, ndf), known(c.texels)
 
     def run(at: np.ndarray) -> np.ndarray:
-        return on_gl(lambda d: evaluate(d, c.texels, "fit_pair.glsl", at, 2, **NDFS[ndf]))[0].reshape(-1, 4)
+        return on_gl(lambda d: evaluate(d, c.texels, "fit_pair.kernel", at, 2, **NDFS[ndf]))[0].reshape(-1, 4)
 
     at = c.at.copy()
     at[..., 2] = run(at)[:, 3].reshape(at.shape[:2])
@@ -241,11 +241,11 @@ def test_one_lobe_keeps_its_digits_near_the_solution(on_gl):
     truth = problem.truth.roughness
     twin = Twin(texels, 0.0)
     count = twin.good.astype(np.float64)
-    at_truth = on_gl(lambda d: evaluate(d, texels, "fit_one.glsl", truth[..., None], 2))[0].reshape(-1, 4)
+    at_truth = on_gl(lambda d: evaluate(d, texels, "fit_one.kernel", truth[..., None], 2))[0].reshape(-1, 4)
     assert np.quantile(at_truth[:, 0] / count, 0.99) < 1e-11
     assert (at_truth[:, 0] / count).max() < 1e-10
     beside = (truth * 1.001).astype(np.float32)
-    got = on_gl(lambda d: evaluate(d, texels, "fit_one.glsl", beside[..., None], 2))[0].reshape(-1, 4)
+    got = on_gl(lambda d: evaluate(d, texels, "fit_one.kernel", beside[..., None], 2))[0].reshape(-1, 4)
     expected = (twin.errors(*twin.parts(beside.ravel().astype(np.float64))) ** 2).sum(-1)
     told = expected / count > 1e-9
     assert told.mean() > 0.5
@@ -261,7 +261,7 @@ def test_two_lobes_keep_their_digits_near_the_solution(on_gl):
     count = twin.good.astype(np.float64)
 
     def run(at: np.ndarray) -> np.ndarray:
-        return on_gl(lambda d: evaluate(d, texels, "fit_pair.glsl", at, 2, LOBES="2"))[0].reshape(-1, 4)
+        return on_gl(lambda d: evaluate(d, texels, "fit_pair.kernel", at, 2, LOBES="2"))[0].reshape(-1, 4)
 
     at = np.stack([truth.roughness, truth.roughness2, truth.weight], -1).astype(np.float32)
     there = run(at)[:, 0] / count
@@ -286,6 +286,6 @@ def test_a_base_colour_is_between_black_and_white(on_gl):
     at = np.full((8, 8, 1), 0.5, np.float32)
     for rho, excess in ((2.0, 1.0), (-0.2, 0.2), (0.9, 0.0)):
         bright = with_values(texels, np.maximum(rho * a + s, 1e-3) if rho > 0 else s + rho * a)
-        got = on_gl(lambda d, t=bright: evaluate(d, t, "fit_one.glsl", at, 2))[0].reshape(-1, 4)[:, 0]
+        got = on_gl(lambda d, t=bright: evaluate(d, t, "fit_one.kernel", at, 2))[0].reshape(-1, 4)[:, 0]
         expected = (Twin(bright, 0.0).weight * (excess * a) ** 2).sum(-1)
         np.testing.assert_allclose(got, expected, rtol=1e-3, atol=1e-9)

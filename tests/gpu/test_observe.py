@@ -115,7 +115,8 @@ def test_cells_are_the_squares_that_hold_something(on_gl, size):
         cells = Cells(device, texture)
         target.clear()
         with device.adding():  # what is drawn twice would show
-            device.draw("fill/up.frag", target, textures={"u_map": ones, "u_parent": ones}, uniforms={}, cells=cells)
+            device.draw("maps/fill_up.frag", target, textures={"u_map": ones, "u_parent": ones}, uniforms={},
+                        cells=cells)
         result = device.read(texture)[..., 0].copy()
         for thing in (cells, target, texture, ones):
             thing.release()
@@ -130,7 +131,8 @@ def test_cells_of_nothing_draw_nothing(on_gl):
         target = device.framebuffer([texture])
         nothing = device.texture(16, 16, 4, np.zeros((16, 16, 4), np.float32))
         cells = Cells(device, nothing)
-        device.draw("fill/up.frag", target, textures={"u_map": texture, "u_parent": texture}, uniforms={}, cells=cells)
+        device.draw("maps/fill_up.frag", target, textures={"u_map": texture, "u_parent": texture}, uniforms={},
+                    cells=cells)
         result = device.read(texture).copy()
         for thing in (cells, target, texture, nothing):
             thing.release()

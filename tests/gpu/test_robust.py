@@ -47,7 +47,7 @@ def test_cost_is_the_least_of_brute_force(on_gl):
     for factor in (1.0, 1.25, 0.8):
         r = np.clip(problem.truth.roughness * factor, 0.06, 1).astype(np.float32)
         at = np.stack([r, np.full_like(r, variance)], -1)
-        fit, more = on_gl(lambda d, at=at: evaluate(d, texels, "fit_robust.glsl", at, 2, ROBUST="1"))
+        fit, more = on_gl(lambda d, at=at: evaluate(d, texels, "fit_robust.kernel", at, 2, ROBUST="1"))
         expected = brute_force(twin, r.ravel().astype(np.float64), variance)
         got = fit[..., 0].ravel()
         assert (got > expected * 0.995 - 1e-6).all()  # never below what is possible
@@ -71,7 +71,7 @@ def test_slope_is_that_of_the_cost(on_gl):
 
     def at(shift: float) -> np.ndarray:
         numbers = np.stack([r + np.float32(shift), np.full_like(r, variance)], -1)
-        return on_gl(lambda d: evaluate(d, texels, "fit_robust.glsl", numbers, 2, ROBUST="1"))[0]
+        return on_gl(lambda d: evaluate(d, texels, "fit_robust.kernel", numbers, 2, ROBUST="1"))[0]
 
     slope = (at(step)[..., 0] - at(-step)[..., 0]) / (2 * step)
     off = np.abs(-2 * at(0.0)[..., 1] - slope)
@@ -85,8 +85,8 @@ def test_without_outliers_it_is_the_squares(on_gl):
     problem, texels = spoiled()
     r = problem.truth.roughness.astype(np.float32)
     at = np.stack([r, np.full_like(r, (5 * NOISE) ** 2)], -1)  # noise far below what is expected
-    robust = on_gl(lambda d: evaluate(d, texels, "fit_robust.glsl", at, 2, ROBUST="1"))[0]
-    plain = on_gl(lambda d: evaluate(d, texels, "fit_one.glsl", at, 2))[0]
+    robust = on_gl(lambda d: evaluate(d, texels, "fit_robust.kernel", at, 2, ROBUST="1"))[0]
+    plain = on_gl(lambda d: evaluate(d, texels, "fit_one.kernel", at, 2))[0]
     assert np.allclose(robust[..., :3], plain[..., :3], rtol=0.01, atol=1e-5)
 
 

@@ -177,7 +177,7 @@ def test_arrays_that_do_not_fit(on_gl):
 LITTLE = """
 import resource, sys
 from irpso_addon.core.errors import OutOfDeviceMemory
-from irpso_addon.gpu import thread
+from irpso_addon.gpu.device import thread
 from tests.gpu import shoots, synthetic as syn, test_trouble as t
 
 shoot = syn.shoot(syn.PATCHES, shoots.rig(1, 4), (40, 40))
@@ -244,7 +244,7 @@ def test_kernels_that_compute_shaders_cannot_do_run_as_fragment_shaders(broken, 
         pytest.skip("no compute shaders here")
     monkeypatch.setitem(on_gl(lambda device: device).__dict__, "prefers_compute", False)
     expected = solve(shoot)
-    device = broken("solve/search.glsl", NO_COMPUTE)
+    device = broken("solve/search.kernel", NO_COMPUTE)
     monkeypatch.setitem(device.__dict__, "prefers_compute", True)
     assert solve(shoot).maps.roughness.tobytes() == expected.maps.roughness.tobytes()
     assert device.prefers_compute is False

@@ -216,8 +216,9 @@ _SOLVE = (*(_LIBRARY + file for file in (
     "gpu/maps/finish_maps.py")), "shaders/solve", "shaders/include", "tests/stability/measure.py")
 _CHECKS = ("tests/stability/aligned.py", "tests/stability/warned.py", _LIBRARY + "core/checks")
 METHODS = (
-    Method("paper", "paper", None, (_LIBRARY + "gpu/solve/paper_swarm.py", "shaders/paper",
-                                    "shaders/solve/observations.glsl", "shaders/include")),
+    Method("paper", "paper", None, (
+        _LIBRARY + "gpu/solve/paper_swarm.py", "shaders/solve/paper_prepare.kernel", "shaders/solve/paper_move.kernel",
+        "shaders/solve/paper_keep.kernel", "shaders/solve/observations.glsl", "shaders/include")),
     Method("swarm", "swarm", lambda t: t.product("swarm", "auto"), _SOLVE),
     Method("squares", "refined, squares", lambda t: t.product("refined", "squares"), _SOLVE),
     Method("refined", "refined", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS), rounds=True),
@@ -226,9 +227,9 @@ METHODS = (
     Method("auto", "model auto", lambda t: t.whole(),
            (*_SOLVE, *_CHECKS, _LIBRARY + "gpu/solve/model_ladder.py", _LIBRARY + "core/models.py"), rounds=True,
            needs="other"),
-    Method("single", "LM, one start", lambda t: t.rival("single.glsl", {"u_steps": 16}),
+    Method("single", "LM, one start", lambda t: t.rival("single.kernel", {"u_steps": 16}),
            ("shaders/solve/observations.glsl", "shaders/solve/fit.glsl", "shaders/include", "tests/bench/shaders")),
-    Method("adam", "Adam", lambda t: t.rival("adam.glsl", ADAM),
+    Method("adam", "Adam", lambda t: t.rival("adam.kernel", ADAM),
            ("shaders/solve/observations.glsl", "shaders/solve/fit.glsl", "shaders/include", "tests/bench/shaders")),
 )
 BY_KEY = {m.key: m for m in METHODS}

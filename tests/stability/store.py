@@ -28,7 +28,7 @@ def stamp(method: Method) -> str:
     for name in sorted({*COMMON, *method.files}):
         path = ROOT / name
         for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-            if file.exists() and file.suffix in (".py", ".glsl", ".frag", ".vert"):
+            if file.exists() and file.suffix in (".py", ".glsl", ".kernel", ".frag", ".vert"):
                 made.update(file.relative_to(ROOT).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
     return made.hexdigest()[:16]
 

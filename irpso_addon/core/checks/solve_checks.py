@@ -12,6 +12,7 @@ import numpy as np
 
 from ..check_records import Checks, MaterialCheck, Residual, ViewCheck
 from ..data import F32, F64, I32, Bool, View
+from ..shading.brdf import ROUGHNESS_MIN
 from .light_checks import Places
 from .registration import Registration
 from .residuals import BLOCK, SMALL, Shared, look, residual, sample, shared
@@ -126,7 +127,7 @@ def _alphas(nearest: F32, texels: TexelFit) -> tuple[F64, Bool]:
     dull = [slot for slot, name in enumerate(texels.slot_names) if texels.models.get(name) == "lambert"]
     matt = np.isin(texels.slots, dull)
     seen = np.isfinite(nearest) & texels.solved[pick] & ~matt[pick]
-    alpha = np.maximum(texels.roughness[pick].astype(np.float64), 0.05) ** 2
+    alpha = np.maximum(texels.roughness[pick].astype(np.float64), ROUGHNESS_MIN) ** 2
     return np.where(seen, nearest, 0) / alpha, seen
 
 

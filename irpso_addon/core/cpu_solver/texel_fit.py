@@ -17,7 +17,6 @@ from ..shading import brdf
 from .observe import Seen
 from .rays import Index
 
-LOWEST = 0.05  # roughness
 NODES = 48
 ROUNDS = 5  # of looking closer at a valley, twice as close in each
 PROBES_AT_ONCE = 1 << 18  # BRDFs of a view: bounds the memory
@@ -142,11 +141,11 @@ def _search(chunk: _Chunk) -> tuple[F64, F64, F64]:
     valley = np.where((table <= around[:, :-2]) & (table <= around[:, 2:]), table, np.inf)
     two = np.argsort(valley, axis=1)[:, :2]
     centre = np.log(_nodes())[two]  # (N, 2)
-    step = np.log(1 / LOWEST) / (NODES - 1)
+    step = np.log(1 / brdf.ROUGHNESS_MIN) / (NODES - 1)
     best = np.take_along_axis(valley, two, 1)
     for _ in range(ROUNDS):
         step /= 2
-        tried = np.clip(centre[..., None] + step * np.array([-1.0, 0.0, 1.0]), np.log(LOWEST), 0.0)
+        tried = np.clip(centre[..., None] + step * np.array([-1.0, 0.0, 1.0]), np.log(brdf.ROUGHNESS_MIN), 0.0)
         left = chunk.residual(np.exp(tried.reshape(-1, 6)))[0].reshape(-1, 2, 3)
         low = left.argmin(-1)[..., None]
         centre, best = np.take_along_axis(tried, low, 2)[..., 0], np.take_along_axis(left, low, 2)[..., 0]
@@ -156,12 +155,12 @@ def _search(chunk: _Chunk) -> tuple[F64, F64, F64]:
     a, b, c = chunk.residual(np.exp(tried))[0].T
     bend = a - 2 * b + c
     move = np.where(bend > 0, 0.5 * (a - c) / np.where(bend > 0, bend, 1.0), 0.0)
-    at = np.clip(centre[:, 0] + step * np.clip(move, -1, 1), np.log(LOWEST), 0.0)
+    at = np.clip(centre[:, 0] + step * np.clip(move, -1, 1), np.log(brdf.ROUGHNESS_MIN), 0.0)
     return np.exp(at), chunk.residual(np.exp(at)[:, None])[0][:, 0], table
 
 
 def _nodes() -> F64:
-    return np.geomspace(LOWEST, 1.0, NODES)
+    return np.geomspace(brdf.ROUGHNESS_MIN, 1.0, NODES)
 
 
 def _noise(left: F64, degrees: F64) -> float:
@@ -178,14 +177,14 @@ def _told(chunk: _Chunk, best: tuple[F64, F64, F64], counts: F64, typical: float
     degrees = np.maximum(counts.sum(-1) - (counts > 0).sum(-1) - 1, 0)
     variance = (NOISE_PRIOR * typical + left) / (NOISE_PRIOR + degrees)  # (N,)
     nodes, beside = _nodes(), np.array([-0.02, 0.0, 0.02])
-    near = np.clip(r[:, None] * (1 + beside), LOWEST, 1.0)
+    near = np.clip(r[:, None] * (1 + beside), brdf.ROUGHNESS_MIN, 1.0)
     around, bases = chunk.residual(near)
     spread = np.maximum(np.diff(near).mean(-1), 1e-9)
     bend = (around[:, 0] - 2 * around[:, 1] + around[:, 2]) / spread**2
     narrow = np.sqrt(2 * variance / np.maximum(bend, 1e-12))
     worse = table - np.minimum(table.min(1), left)[:, None]
     chance = np.exp(-worse / (2 * variance[:, None])) * nodes  # a node is as wide as it is high
-    own = np.sqrt(2 * np.pi) * np.minimum(narrow, WORST_SIGMA) * NODES / np.log(1 / LOWEST)
+    own = np.sqrt(2 * np.pi) * np.minimum(narrow, WORST_SIGMA) * NODES / np.log(1 / brdf.ROUGHNESS_MIN)
     wide = (chance * (nodes - r[:, None]) ** 2).sum(1) / (chance.sum(1) + own)
     sigma = np.minimum(np.sqrt(np.maximum(narrow**2, wide)), WORST_SIGMA)
     share = (counts > 0) / np.maximum((counts > 0).sum(-1, keepdims=True), 1)

@@ -22,6 +22,7 @@ from .tables import F0, FRESNEL_NODES, IOR, SIZE, SLICES, bilinear, energy_nodes
 
 ArrayLike = float | NDArray[np.floating]  # every argument broadcasts
 
+ROUGHNESS_MIN = 0.05  # the least that solvers look for
 LEVEL_MIN = 1e-4  # Specular IOR Level below which slopes by level are those of this one
 ALPHA2_MIN = 1e-8  # Beckmann: keeps float32 from overflow
 COS2H_MIN = 1e-6  # Beckmann: D is 0 there at any roughness

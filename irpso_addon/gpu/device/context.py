@@ -24,7 +24,7 @@ from ...core.errors import BadInput, DeviceError, DeviceLost, NoDevice, OutOfDev
 from ...core.params import DeviceSettings
 from .context_check import Canary
 from .draw_budget import Pace, Rectangle, rectangles
-from .programs import SLOWER, Programs, first_line
+from .programs import SLOWER, WORKGROUP, Programs, first_line
 
 COMPUTE_GAIN = 1.5  # how many times faster compute shaders must be to be taken
 BAD_MATCH = "0x3009"  # EGL's word for a version that is not there
@@ -44,11 +44,11 @@ class DrawnCells(Protocol):
 
     @property
     def uniforms(self) -> Mapping[str, Any]:
-        """Of include/cells.vert."""
+        """Of include/occupied_cells.vert."""
         ...
 
     def render(self, program: moderngl.Program, first: int, count: int) -> None:
-        """Run a program made with include/cells.vert on every pixel of some of the squares."""
+        """Run a program made with include/occupied_cells.vert on every pixel of some of the squares."""
         ...
 
 
@@ -222,7 +222,8 @@ class Device:
         viewport: Rectangle | None = None, cells: DrawnCells | None = None,
     ) -> None:
         """Run ``shaders/<fragment>`` once for every pixel of the target, or of its viewport, or of ``cells`` of it."""
-        program = self.programs.get("include/cells.vert" if cells else "include/screen.vert", fragment, defines)
+        vertex = "include/occupied_cells.vert" if cells else "include/screen.vert"
+        program = self.programs.get(vertex, fragment, defines)
         key = fragment, program.glo, target.size
         whole = viewport or (0, 0, target.width, target.height)
         self.bind(program, textures)
@@ -283,7 +284,7 @@ class Device:
                     for unit, texture in enumerate(outputs):
                         assert isinstance(texture, moderngl.Texture)
                         texture.bind_to_image(unit, read=False, write=True)
-                    program.run(-(-part[2] // 8), -(-part[3] // 8))
+                    program.run(-(-part[2] // WORKGROUP), -(-part[3] // WORKGROUP))
                     self.ctx.memory_barrier()
             yield
 
@@ -326,7 +327,7 @@ class Device:
         taken = []
         for _ in range(4):  # the first compiles and warms up
             start = time.perf_counter()
-            self.kernel("include/probe.glsl", target, textures={}, uniforms={"u_steps": 64}, defines={},
+            self.kernel("device/compute_probe.kernel", target, textures={}, uniforms={"u_steps": 64}, defines={},
                         region=(0, 0, size, size))
             self.pace.finish()
             taken.append(time.perf_counter() - start)

@@ -19,7 +19,7 @@ class Canary:
 
     def __init__(self, ctx: moderngl.Context, programs: Programs) -> None:
         self._ctx, self._programs = ctx, programs
-        self._program = programs.get("include/screen.vert", "check/canary.frag")
+        self._program = programs.get("include/screen.vert", "device/context_check.frag")
         self._kept = ctx.texture((1, 1), 4, SONG.tobytes(), dtype="f4")
         self._drawn = ctx.texture((1, 1), 4, dtype="f4")
         self._target = ctx.framebuffer([self._drawn])

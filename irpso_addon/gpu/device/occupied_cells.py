@@ -11,7 +11,7 @@ import numpy as np
 
 from .context import Device
 
-CELL = 8  # pixels, as in observe/held.frag
+CELL = 8  # pixels: width of a square
 
 
 class Cells:
@@ -21,7 +21,8 @@ class Cells:
         self.size = texture.size
         squares = device.texture(-(-texture.width // CELL), -(-texture.height // CELL), 1)
         target = device.framebuffer([squares])
-        device.draw("observe/held.frag", target, textures={"u_map": texture}, uniforms={})
+        device.draw("device/occupied.frag", target, textures={"u_map": texture}, uniforms={},
+                    defines={"CELL": str(CELL)})
         y, x = np.nonzero(device.read(squares)[..., 0])
         target.release()
         squares.release()
@@ -31,7 +32,7 @@ class Cells:
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
     def render(self, program: moderngl.Program, first: int, count: int) -> None:
-        """Run a program made with include/cells.vert on every pixel of some of the squares."""
+        """Run a program made with include/occupied_cells.vert on every pixel of some of the squares."""
         if self._corners is None:
             return
         if program.glo not in self._arrays:
@@ -50,7 +51,7 @@ class Cells:
 
     @property
     def uniforms(self) -> dict[str, object]:
-        """Of include/cells.vert."""
+        """Of include/occupied_cells.vert."""
         return {"u_cell": (2.0 * CELL / self.size[0], 2.0 * CELL / self.size[1])}
 
     def release(self) -> None:

@@ -15,10 +15,24 @@ from typing import Any
 import moderngl
 
 from ...core.errors import ShaderRefused
+from ...core.shading import brdf, lights, tables
 
 SHADERS = Path(__file__).resolve().parents[3] / "shaders"
 VERSION = "#version 330 core"  # the oldest that every Blender machine has; macOS stops at 4.1
 COMPUTE_VERSION = "#version 430 core"
+WORKGROUP = 8  # texels along a side of what a compute shader's group does
+# Numbers that Python and shaders both know: every program gets them as defines, no shader spells them.
+SHARED_CONSTANTS: Mapping[str, float | int] = {
+    "WORKGROUP": WORKGROUP,
+    "ROUGHNESS_MIN": brdf.ROUGHNESS_MIN, "ROUGHNESS_RANGE": 1 / brdf.ROUGHNESS_MIN,
+    "LEVEL_F0": 2 * tables.F0, "LEVEL_MIN": brdf.LEVEL_MIN,
+    "ALPHA2_MIN": brdf.ALPHA2_MIN, "COS2H_MIN": brdf.COS2H_MIN,
+    "TABLE_SIZE": tables.SIZE, "LOBE_NODES": tables.LOBE_NODES,
+    "FRESNEL_NODES": tables.FRESNEL_NODES, "FRESNEL_SLICES": tables.SLICES,
+    **{f"LIGHT_{kind}": number for number, kind in enumerate(lights.KINDS)},
+    "LIGHT_ELLIPSE_SIDES": lights.ELLIPSE_SIDES, "LIGHT_POINT_SIZE": lights.POINT_SIZE,
+    "LIGHT_QUADRATURE": lights.QUADRATURE, "GOLDEN_RATIO": lights.GOLDEN_RATIO,
+}
 SLOWER = "or choose device numpy (--device numpy): slow, small maps"  # what else can be done about a device
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _FILE = 1_000_000  # line numbers from here on: file number times this, plus the line
@@ -26,7 +40,7 @@ _UNIFORM = re.compile(r"^\s*(?:layout\([^)]*\)\s*)?(?:writeonly\s+)?uniform\s+\w
 
 
 def assemble(name: str, defines: Mapping[str, str] | None = None) -> str:
-    """The full source of ``shaders/<name>``: version, defines, every include pasted once.
+    """The full source of ``shaders/<name>``: version, defines, SHARED_CONSTANTS, every include pasted once.
 
     Raises FileNotFoundError for a missing file, ValueError for a circular include.
     """
@@ -35,7 +49,7 @@ def assemble(name: str, defines: Mapping[str, str] | None = None) -> str:
 
 def _assemble(name: str, defines: Mapping[str, str] | None, version: str = VERSION) -> tuple[str, list[str]]:
     files: list[str] = []
-    head = [version, *(f"#define {k} {v}" for k, v in (defines or {}).items())]
+    head = [version, *(f"#define {k} {v}" for k, v in {**(defines or {}), **SHARED_CONSTANTS}.items())]
     return "\n".join([*head, *_paste(name, files, ())]) + "\n", files
 
 

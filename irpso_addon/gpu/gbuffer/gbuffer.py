@@ -178,7 +178,7 @@ class MeshBuffer:
         ``footprint``: width in pixels over which a normal map is averaged.
         """
         device = self.device
-        program = device.programs.get("gbuffer/surface.vert", "gbuffer/surface.frag")
+        program = device.programs.get("gbuffer/gbuffer.vert", "gbuffer/gbuffer.frag")
         matrix = np.eye(4) if clip is None else clip
         normal_matrix = np.eye(3) if self.mesh.normal_matrix is None else self.mesh.normal_matrix
         device.programs.set(program, {
@@ -193,7 +193,7 @@ class MeshBuffer:
                 "u_normal_strength": used.strength if used else 0.0,
                 "u_unit_normal": used is not None and used.unit_normal,
             })
-            triangles.draw(device, ("gbuffer/surface.frag", clip is None, target.size), self._array(program), target,
+            triangles.draw(device, ("gbuffer/gbuffer.frag", clip is None, target.size), self._array(program), target,
                            clip)
 
     def draw_positions(
@@ -206,7 +206,7 @@ class MeshBuffer:
 
     def draw_count(self, target: moderngl.Framebuffer) -> None:
         """Add 1 to every texel under each triangle's UVs."""
-        program = self.device.programs.get("gbuffer/surface.vert", "gbuffer/count.frag")
+        program = self.device.programs.get("gbuffer/gbuffer.vert", "gbuffer/count.frag")
         self.device.programs.set(program, {"u_in_uv": True})
         with self.device.adding():
             self.triangles.draw(self.device, ("gbuffer/count.frag", target.size), self._array(program), target, None)

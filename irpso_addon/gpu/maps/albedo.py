@@ -105,7 +105,7 @@ class AlbedoSolver:
                 for group in groups:
                     views = camera.views[group]
                     tints = [view.tint for view in views]
-                    device.draw("albedo/pixel.frag", target, textures={
+                    device.draw("maps/albedo_pixel.frag", target, textures={
                         **grid, "u_before": before[0] if before else None,
                         "u_before_weight": before[1] if before else None,
                         "u_colour": tuple(view.colour for view in views), "u_specular": tuple(specular[group]),
@@ -141,7 +141,7 @@ class AlbedoSolver:
         target.clear()
         with device.adding():
             for n, lobe in enumerate(view.lobes):
-                device.draw("albedo/specular.frag", target, textures={**grid, "u_lobe": lobe},
+                device.draw("maps/albedo_specular.frag", target, textures={**grid, "u_lobe": lobe},
                             uniforms={**camera.viewpoint, "u_channel": masks[n % len(masks)]},
                             defines=self.defines, cells=camera.maps.cells)
         target.release()
@@ -183,7 +183,7 @@ class _Canvas:
                 self._seen[n] = Cells(self.device, self.next)
             with self.device.adding():
                 self._carry_back(n, residual, sum_target, self._seen[n])
-        self.device.draw("albedo/update.frag", self._target[self.next.glo], textures={
+        self.device.draw("maps/albedo_update.frag", self._target[self.next.glo], textures={
             "u_texture": self.texture, "u_update": self.update}, uniforms={"u_slack": 0.0 if first else STEP_SLACK})
         self.texture, self.next = self.next, self.texture
 
@@ -198,7 +198,7 @@ class _Canvas:
         residual = self._residual[albedo.size]
         target = self._target[residual.glo]
         target.clear()
-        self.device.draw("albedo/residual.frag", target, textures={
+        self.device.draw("maps/albedo_residual.frag", target, textures={
             "u_albedo": albedo, "u_weight": weight, "u_uv": camera.maps.uv, "u_uv_slope": camera.maps.uv_slope,
             "u_texture": filled,
         }, uniforms={"u_footprint": camera.uniforms["u_footprint"]}, cells=camera.maps.cells)
@@ -209,7 +209,7 @@ class _Canvas:
     ) -> None:
         """A camera's residuals to the texels that it shows."""
         camera = self.cameras[n][0]
-        self.device.draw("albedo/backproject.frag", target, textures={
+        self.device.draw("maps/albedo_backproject.frag", target, textures={
             "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
             "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_residual": residual,
         }, uniforms={**camera.uniforms, "u_clip": camera.clip}, cells=cells)

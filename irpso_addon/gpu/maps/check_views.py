@@ -1,6 +1,6 @@
 """What the maps say that each view should show, beside what it shows: at the camera's own pixels, one view at a time.
 
-The same prediction as the base colour's (shaders/albedo): base colour averaged over the pixel's footprint, times the
+The same prediction as the base colour's (shaders/maps): base colour averaged over the pixel's footprint, times the
 diffuse, plus the lobes.  solve_checks.py and registration.py make of it what a user should know.
 """
 
@@ -15,13 +15,12 @@ from ...core.checks.view_check_data import CheckedView, Window
 from ...core.data import F32, ViewPicture
 from ..device.context import Device
 from ..device.draw_budget import Rectangle
-from ..observe.observations import HALF_MOST, ObservedCamera, ObservedView
+from ..observe.observations import EDGE_QUALITY, HALF_MOST, ObservedCamera, ObservedView
 from .albedo import AlbedoSolver
 
 WINDOW = 1_500_000  # pixels of a view that are looked at, at most: its middle rows
 MIN_COS_V = 0.2  # of a pixel that is unlit: seen flatter, shaders/include/observed.glsl says nothing of it
 PICTURE_SIDE = 512  # pixels
-EDGE = 0.25  # of a good pixel's quality: below it lies an edge of shadow or silhouette
 
 
 def check_views(albedo: AlbedoSolver, base: moderngl.Texture) -> Iterator[CheckedView]:
@@ -74,7 +73,7 @@ def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Textur
     texture = device.texture(*maps.position.size)
     target = device.framebuffer([texture])
     target.clear()
-    device.draw("check/diffuse.frag", target, textures={
+    device.draw("maps/check_diffuse.frag", target, textures={
         **albedo.looked_up(camera), "u_uv_slope": maps.uv_slope, "u_base": base,
     }, uniforms={**camera.viewpoint, "u_footprint": camera.uniforms["u_footprint"]}, defines=albedo.defines,
         cells=maps.cells)
@@ -104,6 +103,6 @@ def _check(
         irradiance = np.where(told, radiance / observed, np.float32(0))
     return CheckedView(
         view=view.view, window=window, observed=observed, predicted=diffuse + specular, specular=specular,
-        quality=quality, edge=quality < EDGE * window.cos_v**2, radiance=radiance, irradiance=irradiance,
+        quality=quality, edge=quality < EDGE_QUALITY * window.cos_v**2, radiance=radiance, irradiance=irradiance,
         sin2h=np.minimum.reduce(away), coverage=reference[..., 3], clipped=view.clipped,
         unlit=window.covered & seen & (window.cos_v > MIN_COS_V) & (quality == 0))

@@ -36,10 +36,10 @@ class Filler:
         """
         known = [source, *(texture for texture, _ in self._coarser)]
         for finer, (_, target) in zip(known, self._coarser, strict=False):
-            self.device.draw("fill/down.frag", target, textures={"u_map": finer}, uniforms={})
+            self.device.draw("maps/fill_down.frag", target, textures={"u_map": finer}, uniforms={})
         filled = self._around or known.pop()
         for own, (texture, target) in zip(reversed(known), reversed(self._filled), strict=True):
-            self.device.draw("fill/up.frag", target, textures={"u_map": own, "u_parent": filled}, uniforms={})
+            self.device.draw("maps/fill_up.frag", target, textures={"u_map": own, "u_parent": filled}, uniforms={})
             filled = texture
         return filled
 

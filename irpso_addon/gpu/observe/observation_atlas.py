@@ -23,7 +23,7 @@ from ...core.data import F32, Bool
 from ..device.context import Device
 from ..device.occupied_cells import CELL
 from ..gbuffer.gbuffer import SurfaceMaps
-from .observations import Observations
+from .observations import EDGE_QUALITY, Observations
 
 TILE = (512, 128)  # width and height, in texels
 ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
@@ -111,7 +111,8 @@ class Atlas:
         counts = self.device.texture(-(-width // CELL), -(-height // CELL), 1)
         target = self.device.framebuffer([counts])
         self.device.draw("solve/work.frag", target, textures={"u_observations": self.texture}, uniforms=self.uniforms,
-                         defines={"LAYERS": str(len(self.layers.groups)), "LIGHTS": str(self.layers.lights)})
+                         defines={"LAYERS": str(len(self.layers.groups)), "LIGHTS": str(self.layers.lights),
+                                  "CELL": str(CELL)})
         rows = np.repeat(self.device.read(counts)[..., 0].sum(axis=1) / np.float32(CELL), CELL)[:height]
         target.release()
         counts.release()
@@ -185,7 +186,8 @@ class CameraSource:
                 place = atlas.block(block + offset)
                 self.device.draw("observe/gather_colour.frag", atlas.target, textures=textures, viewport=place,
                                  uniforms={"u_channel": wanted, "u_row": place[1],
-                                           "u_tint": tint if channels > 1 else 1.0})
+                                           "u_tint": tint if channels > 1 else 1.0},
+                                 defines={"EDGE_QUALITY": str(EDGE_QUALITY)})
         for n in range(lights):
             place = atlas.block(block + 2 + n)
             index = n * channels + channel

@@ -28,6 +28,7 @@ from .indirect_light import Smoother
 from .visibility import SHADOW_SIZE, SOFT_ANGLE, LightVisibility
 
 EDGE_WEIGHT = 0.03  # of an observation at an edge of shadow or silhouette, beside 1 for a good one
+EDGE_QUALITY = 0.25  # of a good pixel's: below it lies an edge of shadow or silhouette
 DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
 LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the spread of half vectors
 MARGIN = 6  # pixels around the object in which its outline may be looked for

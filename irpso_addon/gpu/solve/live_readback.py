@@ -31,7 +31,7 @@ def relative_error(residual: F32, observations: F32) -> F32:
 
 
 def _searched(lobes: int, device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
-    """Of solve/search.glsl.  With two lobes it does not tell how sure a texel is: confidence is 0 then."""
+    """Of solve/search.kernel.  With two lobes it does not tell how sure a texel is: confidence is 0 then."""
     support, residual = read_support(device, outputs[1]), read_residual(device, outputs[0], lobes)
     known = support.observed
     if lobes == 1:
@@ -52,14 +52,14 @@ def _noise(residual: F32, degrees: F32) -> float:
 
 
 def _polished(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
-    """Of solve/polish.glsl."""
+    """Of solve/polish.kernel."""
     found = read_solved(device.read(outputs[0]), device.read(outputs[1]))
     return _live(found.roughness, found.solved, confidence=confidence(found.sigma, found.observations),
                  error=relative_error(found.residual, found.observations))
 
 
 def _polished_two(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
-    """Of solve/polish_two.glsl."""
+    """Of solve/polish_two.kernel."""
     pairs, variances, detail = (device.read(texture) for texture in outputs)
     sigma = np.sqrt(np.minimum(variances[..., 2], 0.25))  # the larger one
     return _live(pairs[..., 0], variances[..., 3] > 0.5, confidence=confidence(sigma, detail[..., 0]),
@@ -86,5 +86,5 @@ def swarm(best: F32, more: F32) -> Live:
 
 
 LOOKS: dict[tuple[str, int], Callable[[Device, Sequence[moderngl.Texture]], Live]] = {  # by kernel and lobes
-    ("solve/search.glsl", 1): partial(_searched, 1), ("solve/search.glsl", 2): partial(_searched, 2),
-    ("solve/polish.glsl", 1): _polished, ("solve/polish_two.glsl", 2): _polished_two}
+    ("solve/search.kernel", 1): partial(_searched, 1), ("solve/search.kernel", 2): partial(_searched, 2),
+    ("solve/polish.kernel", 1): _polished, ("solve/polish_two.kernel", 2): _polished_two}

@@ -39,7 +39,7 @@ def noise_map(
         finer = noise
         noise = device.texture((finer.width + 1) // 2, (finer.height + 1) // 2)
         target = device.framebuffer([noise])
-        device.draw("fill/down.frag", target, textures={"u_map": finer}, uniforms={})
+        device.draw("maps/fill_down.frag", target, textures={"u_map": finer}, uniforms={})
         target.release()
         finer.release()
     values = device.read(noise)

@@ -1,7 +1,7 @@
 """Method `paper`: a particle swarm per texel as Nagano, Collins, Chen and Nakano published it (docs/paper.md).
 
 "GPU-Based Inverse Rendering With Multi-Objective Particle Swarm Optimization".  Each pass moves one
-particle of every texel's swarm (shaders/paper/move.glsl).  A swarm's state lies in float32 textures; a
+particle of every texel's swarm (shaders/solve/paper_move.kernel).  A swarm's state lies in float32 textures; a
 pass reads those of the moving particle and writes spare ones, which then change places with them.
 """
 
@@ -71,7 +71,7 @@ class Swarms:
         self.atlas = Atlas(device, source, tile)
         w, h = self.atlas.tile
         layers = source.layers
-        self.blocks = len(set(layers.groups)) + len(layers.groups) * (1 + layers.lights)  # of paper/prepare.glsl
+        self.blocks = len(set(layers.groups)) + len(layers.groups) * (1 + layers.lights)  # of paper_prepare.kernel
         self.facts = device.texture(w, h * self.blocks)
         self._particles = [[device.texture(w, h) for _ in range(3 + self.lobes)] for _ in range(settings.particles + 1)]
         self._bests = [[device.texture(w, h) for _ in range(2)] for _ in range(2)]
@@ -98,7 +98,7 @@ class Swarms:
         w, h = self.atlas.tile
         target = self.device.framebuffer([self.facts])
         for block in range(self.blocks):
-            self.device.kernel("paper/prepare.glsl", target, textures={
+            self.device.kernel("solve/paper_prepare.kernel", target, textures={
                 "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
             }, uniforms={
                 **self.atlas.uniforms, "u_tile": tile, "u_group_slack": 0.0, "u_block": block,
@@ -136,7 +136,7 @@ class Swarms:
                 "u_velocity_max": self.limits.velocity, "u_bounded": self.limits.bounded,
             }
         w, h = (min(a, b - c) for a, b, c in zip(self.atlas.tile, self.source.size, self.tile, strict=True))
-        self.device.kernel("paper/move.glsl", self._target(), textures=inputs, uniforms=uniforms,
+        self.device.kernel("solve/paper_move.kernel", self._target(), textures=inputs, uniforms=uniforms,
                            defines=self._defines, region=(0, 0, w, h))
         self._place[particle], self._spare = self._spare, self._place[particle]
         self._now = 1 - self._now
@@ -202,7 +202,8 @@ class PaperSwarm:
                                    partial(self._look, (best, more), tile, inner))
                 except Cancelled:
                     self.cancelled = True
-            device.kernel("paper/keep.glsl", target, textures=dict(zip(("u_best", "u_more"), swarms.best, strict=True)),
+            bests = dict(zip(("u_best", "u_more"), swarms.best, strict=True))
+            device.kernel("solve/paper_keep.kernel", target, textures=bests,
                           uniforms={"u_tile": tile}, defines={}, region=inner)
             if self.cancelled:
                 break

@@ -1,6 +1,6 @@
 """Observations -> roughness per texel: gather, search, share with neighbours, polish.
 
-The search of a texel is one draw of one fused kernel (shaders/solve/search.glsl).  Tiles bound the
+The search of a texel is one draw of one fused kernel (shaders/solve/search.kernel).  Tiles bound the
 memory of the gathered observations and the time of a draw.
 """
 
@@ -98,11 +98,11 @@ class Solver:
         roughness, detail = self._textures(2)
         if pooled:
             tables = self._textures(8)
-            yield from self._over(chosen, (0.5, 0.75), "solve/table.glsl", tables, found, floor,
+            yield from self._over(chosen, (0.5, 0.75), "solve/table.kernel", tables, found, floor,
                                   robust=self.robust)
             estimate, prior = neighbours.pyramid(device, tuple(tables), self.source.pool_gain, self.source.extent,
                                             self.before.roughness)
-            yield from self._over(chosen, (0.75, 1.0), "solve/polish.glsl", [roughness, detail],
+            yield from self._over(chosen, (0.75, 1.0), "solve/polish.kernel", [roughness, detail],
                                   {**found, "u_estimate": estimate, "u_prior": prior},
                                   {**floor, "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": POLISH_STEPS},
                                   robust=self.robust)
@@ -110,8 +110,8 @@ class Solver:
                 texture.release()
         else:
             target = device.framebuffer([roughness, detail])
-            device.kernel("solve/finish.glsl", target, textures={**found, "u_extra": extra}, uniforms=floor, defines={},
-                          region=(0, 0, *self.source.size))
+            device.kernel("solve/finish.kernel", target, textures={**found, "u_extra": extra}, uniforms=floor,
+                          defines={}, region=(0, 0, *self.source.size))
             target.release()
         for texture in searched:
             texture.release()
@@ -136,7 +136,7 @@ class Solver:
             return plain, variance
         part, found = min(clean / variance, 1.0), self._textures(3)
         for _ in range(ROBUST_SEARCHES):
-            yield from self._over(chosen, (0.4, 0.5), "solve/search.glsl", found, {"u_noise": self.noise_map}, {
+            yield from self._over(chosen, (0.4, 0.5), "solve/search.kernel", found, {"u_noise": self.noise_map}, {
                 **self._search_uniforms(1), "u_noise_share": part, **self._floor(variance)}, robust=True)
             before, part = part * variance, 1.0
             variance = self._noise(found[0], found[1], 1)
@@ -167,7 +167,7 @@ class Solver:
         for i, stride in enumerate(strides):
             fresh = self._textures(3)
             span = (0.5 + 0.5 * i / len(strides), 0.5 + 0.5 * (i + 1) / len(strides))
-            yield from self._over(chosen, span, "solve/polish_two.glsl", fresh,
+            yield from self._over(chosen, span, "solve/polish_two.kernel", fresh,
                                   {"u_pairs": pairs, "u_variance": variances, "u_noise": self.noise_map},
                                   {**floor, "u_stride": stride, "u_tau": TAU if pooled else 0.0}, lobes=2)
             for texture in (pairs, variances, detail):
@@ -176,7 +176,7 @@ class Solver:
         return self._as_roughness(pairs, variances, detail)
 
     def search(self, only: list[Tile]) -> Generator[Progress, None, tuple[moderngl.Texture, moderngl.Texture]]:
-        """One lobe, the search alone: (roughness and residual of the two best valleys, support), see search.glsl."""
+        """One lobe, the search alone: (roughness and residual of the two best valleys, support), see search.kernel."""
         valleys, support, extra = self._textures(3)
         yield from self._search(only, [valleys, support, extra], 1)
         extra.release()
@@ -186,7 +186,7 @@ class Solver:
         self, chosen: list[Tile], outputs: list[moderngl.Texture], lobes: int
     ) -> Generator[Progress, None, int]:
         self.slack = FIRST_SLACK if self.source.camera_slack else 0.0
-        return (yield from self._over(chosen, (0.0, 0.5), "solve/search.glsl", outputs, {},
+        return (yield from self._over(chosen, (0.0, 0.5), "solve/search.kernel", outputs, {},
                                       self._search_uniforms(lobes), lobes=lobes))
 
     def _search_uniforms(self, lobes: int) -> Uniforms:
@@ -200,7 +200,7 @@ class Solver:
         """Base colour of each texel from its own observations alone; ``found``: roughness, or the pairs of lobes."""
         (albedo,) = self._textures(1)
         robust = self.robust and lobes == 1
-        yield from self._over(tiles(self.atlas, self.covered), (0.0, 1.0), "solve/albedo.glsl", [albedo],
+        yield from self._over(tiles(self.atlas, self.covered), (0.0, 1.0), "solve/albedo.kernel", [albedo],
                               {"u_found": found, **({"u_noise": self.noise_map} if robust else {})},
                               self._floor(self.noise**2) if robust else {}, lobes=lobes, colour=True, robust=robust)
         return albedo
@@ -240,8 +240,10 @@ class Solver:
     def _defines(self, uniforms: Uniforms, lobes: int, colour: bool, robust: bool) -> dict[str, str]:
         defines = {**self.source.layers.defines(), "LOBES": str(lobes)}
         switches = {"COLOUR": colour, "STARTED": "u_started" in uniforms, "SPECULAR": self.level is not None,
-                    "SWARM": uniforms.get("u_moves", 0) > 0, "ROBUST": robust,
+                    "ROBUST": robust,
                     "NDF_BECKMANN": lobes == 2 and self.settings.ndf == "beckmann"}
+        if uniforms.get("u_moves", 0) > 0:
+            defines["SWARM"] = str(uniforms["u_particles"])
         return {**defines, **{name: "1" for name, on in switches.items() if on}}
 
     def _textures(self, count: int) -> list[moderngl.Texture]:

@@ -13,7 +13,7 @@ from ..device.context import Device
 
 @dataclass(frozen=True)
 class Support:
-    """What the search of a texel rests on, (h, w) each; second output of solve/search.glsl."""
+    """What the search of a texel rests on, (h, w) each; second output of solve/search.kernel."""
 
     curvature: F32  # one lobe: of the residual by roughness; two lobes: share of the observations that are good
     observations: F32  # good ones
@@ -75,7 +75,7 @@ class RoughnessMaps:
 
 
 def read_solved(roughness: F32, detail: F32, two_lobes: bool = False) -> SolvedTexels:
-    """From the two outputs of solve/polish.glsl, or those of two lobes in their form, (h, w, 4) each."""
+    """From the two outputs of solve/polish.kernel, or those of two lobes in their form, (h, w, 4) each."""
     value, sigma, determined, solved = np.moveaxis(roughness, -1, 0)
     observations, residual, lambert, base_sigma = np.moveaxis(detail, -1, 0)
     if two_lobes:  # whose polish counts what the data determined there
