@@ -1,4 +1,4 @@
-"""The .blend to SceneData: mesh, materials, lamps, cameras; what is missing; which region is to be solved.
+"""The .blend to SceneData: mesh, materials, lamps, cameras; what is missing; thumbnails.
 
 May use blender.files, blender.material and the library below blender.
 """

@@ -1,4 +1,4 @@
-"""The panels of the sidebar, one file each, and thumbnails.
+"""The panels of the sidebar, one file each.
 
 Reads state, changes none.
 """

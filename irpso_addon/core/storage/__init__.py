@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: atomic replacement, output transactions, .npz archives of records, text files.
+"""Files that appear whole or not at all: atomic replacement, output transactions, text files.
 
 May use core's records alone.
 """
