@@ -33,13 +33,14 @@ from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no insta
 VARIANTS: list[tuple[str, dict[str, float], bool]] = [
     ("all of it", {}, False),
     ("pixels taken for points (no footprint)", {}, True),
-    ("a pixel counts in full however far from the texel", {"atlas.REACH": 1e6}, False),
-    ("edges count like other pixels", {"observe.EDGE_WEIGHT": 1.0}, False),
-    ("one base colour for all cameras", {"solve.FIRST_SLACK": 0.0, "atlas.CAMERA_SLACK": 0.0}, False),
-    ("no neighbours", {"share.ROUGHNESS_SLOPE": 1e6}, False),
-    ("neighbours' errors taken for independent", {"atlas.POOL_GAIN": 1.0}, False),
-    ("base colour: no outliers expected", {"albedo.ROBUST_PASSES": 1}, False),
-    ("base colour: mean of what the cameras show", {"pipeline.ITERATIONS": 0}, False),
+    ("a pixel counts in full however far from the texel", {"observe.observation_atlas.REACH": 1e6}, False),
+    ("edges count like other pixels", {"observe.observations.EDGE_WEIGHT": 1.0}, False),
+    ("one base colour for all cameras", {"solve.solver.FIRST_SLACK": 0.0, "observe.observation_atlas.CAMERA_SLACK": 0.0},
+     False),
+    ("no neighbours", {"solve.neighbours.ROUGHNESS_SLOPE": 1e6}, False),
+    ("neighbours' errors taken for independent", {"observe.observation_atlas.POOL_GAIN": 1.0}, False),
+    ("base colour: no outliers expected", {"maps.albedo.ROBUST_PASSES": 1}, False),
+    ("base colour: mean of what the cameras show", {"maps.finish_maps.ITERATIONS": 0}, False),
 ]
 HEAD = """\
 # What each part is worth
@@ -66,9 +67,7 @@ def main() -> int:
     for name, constants, points in VARIANTS:
         with ExitStack() as stack:
             for key, value in constants.items():
-                module, constant = key.split(".")
-                target = "irpso_addon.solve.pipeline" if module == "pipeline" else f"irpso_addon.gpu.{module}"
-                stack.enter_context(patch(f"{target}.{constant}", value))
+                stack.enter_context(patch(f"irpso_addon.gpu.{key}", value))
             data = replace(scene, pixel_filter=0.01) if points else scene
             solution: Solution = thread.run(lambda data=data: pipeline.solve(data, SolveSettings(size=size)))
         solved = solution.maps.filled if solved is None else solved  # the same texels are judged for all
@@ -79,7 +78,9 @@ def main() -> int:
     page = HEAD.format(views=len(scene.views), size=size, renderer=solution.device["renderer"],
                        machine=f"{os.cpu_count()} CPU cores, {platform.system()} {platform.machine()}, "
                                f"numpy {np.__version__}")
-    (ROOT / "docs" / "ablation.md").write_text(page + "".join(rows), encoding="utf-8")
+    place = ROOT / "docs" / "ablation.md"
+    discussion = place.read_text(encoding="utf-8").rpartition("|\n")[2]  # of the table: written by hand, check it
+    place.write_text(page + "".join(rows) + discussion, encoding="utf-8")
     return 0
 
 

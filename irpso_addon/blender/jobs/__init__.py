@@ -1,4 +1,4 @@
-"""What is running: jobs and their results, the region to solve, maps shown while they are solved, a second Blender for indirect light.
+"""Running jobs and their results, the region to solve, maps shown during a solve, a second Blender for indirect light.
 
 May use solve, process, blender.scene and blender.material.
 """

@@ -1,4 +1,4 @@
-"""Large maps in blocks: the lattice of blocks, the plan that all blocks share, the work folder, archives, cached references.
+"""Large maps in blocks: the lattice of blocks, the shared plan, the work folder, archives, cached references.
 
 May use core.images and core.storage.
 """
