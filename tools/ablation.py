@@ -34,7 +34,7 @@ VARIANTS: list[tuple[str, dict[str, float], bool]] = [
     ("all of it", {}, False),
     ("pixels taken for points (no footprint)", {}, True),
     ("a pixel counts in full however far from the texel", {"observe.observation_atlas.REACH": 1e6}, False),
-    ("edges count like other pixels", {"observe.observations.EDGE_WEIGHT": 1.0}, False),
+    ("edges count like other pixels", {"observe.view_drawing.EDGE_WEIGHT": 1.0}, False),
     ("one base colour for all cameras",
      {"solve.solver.FIRST_SLACK": 0.0, "observe.observation_atlas.CAMERA_SLACK": 0.0}, False),
     ("no neighbours", {"solve.neighbours.ROUGHNESS_SLOPE": 1e6}, False),

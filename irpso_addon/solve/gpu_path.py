@@ -25,7 +25,7 @@ from ..gpu.gbuffer.gbuffer import MeshBuffer, SurfaceMaps, draw_texel_grid
 from ..gpu.maps.finish_maps import Around, Made, make_maps
 from ..gpu.maps.partial_solve import Part
 from ..gpu.observe.observation_atlas import CameraSource
-from ..gpu.observe.observations import Observations, observe
+from ..gpu.observe.observations import Limits, Observations, observe
 from ..gpu.solve.model_ladder import Found, Ladder, Last
 
 Result = TypeVar("Result")
@@ -122,7 +122,7 @@ def solve_grid(
     """Observe, solve and make maps.  Raises BadInput where no view is usable, Cancelled as ``given`` says."""
     scene, part = given.scene, given.part
     observations: Observations = yield from clock.stage("observe", observe(
-        device, scene, grid.mesh, given.read_image, given.bounced, part, level=given.level))
+        device, scene, grid.mesh, given.read_image, Limits(given.bounced, part, level=given.level)))
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
     maps = part.grid(device, grid.maps)

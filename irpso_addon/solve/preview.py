@@ -31,7 +31,7 @@ from ..gpu.maps.albedo import AlbedoSolver
 from ..gpu.maps.check_views import check_views, pictured
 from ..gpu.maps.fill import fill
 from ..gpu.observe.observation_atlas import Atlas, CameraSource, Tile
-from ..gpu.observe.observations import Observations, observe
+from ..gpu.observe.observations import Limits, Observations, observe
 from ..gpu.solve import live_readback
 from ..gpu.solve.solver import Solver
 from ..process import worker
@@ -113,7 +113,7 @@ def _refined(
     device = thread.device()
     mesh = MeshBuffer(device, scene.mesh)
     observations: Observations = yield from observe(
-        device, scene, mesh, lambda view: images[id(view)], shadow_size=SHADOW)
+        device, scene, mesh, lambda view: images[id(view)], Limits(shadow_size=SHADOW))
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
     try:

@@ -17,7 +17,7 @@ from tests.bench.problem import BUMP, LAMP_DISTANCE, PATCH_RADIUS, Estimate, lam
 from .spoil import Pictures, develop, shifted
 
 LEAST_COS_L, LEAST_COS_V = 0.08, 0.15  # shaders/include/observed.glsl: what is more grazing is no good observation
-DARK_SHARE = 0.02  # irpso_addon/gpu/observe/observations.py
+DARK_SHARE = 0.02  # irpso_addon/gpu/observe/view_drawing.py
 CAMERA_DISTANCE, CAMERA_ANGLE = 5.0, 25.0  # half widths of the patch; degrees from the patch's normal
 SUB_TEXELS, SUB_LAMPS = 4, 16  # across a texel; points on a lamp with a size
 GAUSS = (-0.5 / np.sqrt(3.0), 0.5 / np.sqrt(3.0))  # two-point rule over a texel's width

@@ -17,7 +17,8 @@ from ...core.job import Progress
 from ..device.context import Device
 from ..device.occupied_cells import Cells
 from ..gbuffer.gbuffer import SurfaceMaps
-from ..observe.observations import Observations, ObservedCamera, ObservedView, channel_masks
+from ..observe.observations import Observations, ObservedCamera, ObservedView
+from ..observe.view_drawing import channel_masks
 from ..solve.live_readback import base_color
 from .fill import Filler
 

@@ -19,18 +19,15 @@ from numpy.typing import NDArray
 from ...core.data import F32, Bool, Bounced, Camera, Light, RadianceImage, SceneData, View
 from ...core.job import Progress
 from ...core.reporting import estimates
-from ...core.shading import lights as light_model
 from ...core.shading.tables import principled_table
 from ..device.context import Device
 from ..gbuffer.gbuffer import MeshBuffer, Occluders, SurfaceMaps, clip_matrix, column_major, draw_pixel_grid
 from ..gbuffer.solve_mask import SolveMask
 from .indirect_light import Smoother
-from .visibility import SHADOW_SIZE, SOFT_ANGLE, LightVisibility
+from .view_drawing import ViewDrawer, draw_pixels
+from .visibility import SHADOW_SIZE, LightVisibility
 
-EDGE_WEIGHT = 0.03  # of an observation at an edge of shadow or silhouette, beside 1 for a good one
 EDGE_QUALITY = 0.25  # of a good pixel's: below it lies an edge of shadow or silhouette
-DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
-LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the spread of half vectors
 MARGIN = 6  # pixels around the object in which its outline may be looked for
 BLACK = np.float32(1e-6)  # of the brightest: no lit pixel is darker, so that its irradiance is radiance / f
 HALF_MOST = 60_000.0  # half floats end at 65504
@@ -104,97 +101,156 @@ def camera_uniforms(camera: Camera, height: int, footprint: float) -> dict[str, 
     }
 
 
-def observe(
-    device: Device, scene: SceneData, mesh: MeshBuffer, read_image: ReadImage,
-    bounced: Mapping[int, Bounced] | None = None, part: SolveMask | None = None, shadow_size: int = SHADOW_SIZE,
-    level: float | None = None,
-) -> Generator[Progress, None, Observations]:
-    """Draw every camera's maps, every light's shadow, and turn each reference into observations.
+@dataclass(frozen=True)
+class Limits:
+    """How a scene is observed, where that is not the usual way."""
 
-    ``bounced``: indirect light, by the view's place in the scene.  ``part``: what alone is looked at.
-    ``shadow_size``: texels of a shadow map on a side.  ``level``: typical radiance of the views, where that is known
-    from before; then no view is skipped, so that observations are laid out alike wherever one looks.
-    """
-    occluders = Occluders(device, scene.occluders)
-    table = principled_table()
-    table_texture = device.texture(table.shape[1], table.shape[0], table.shape[2], table)
-    images: dict[int, moderngl.Texture] = {}
-    references: dict[int, Reference] = {}
-    cameras: list[ObservedCamera] = []
-    covered: list[Bool] = []
-    members: list[list[int]] = []
-    levels: list[F32] = []
-    warnings: list[str] = []
-    skipped: list[tuple[str, str]] = []
-    keys: dict[tuple[str, int, int], int] = {}
-    for n, (view, image) in enumerate(zip(scene.views, _read_ahead(read_image, scene.views), strict=True)):
-        warnings += [w for w in image.warnings if w not in warnings]
-        h, w = image.rgb.shape[:2]
-        key = (view.camera.name, w, h)
-        if key not in keys:
-            keys[key] = len(cameras)
-            maps = draw_pixel_grid(device, mesh, occluders, view.camera, w, h, scene.pixel_filter)
-            maps = part.pixels(device, maps) if part else maps
-            clip = clip_matrix(view.camera, [scene.mesh.positions, scene.occluders])
-            covered.append(device.read(maps.position)[..., 3] > 0.5)
-            cameras.append(ObservedCamera(view.camera, maps, column_major(clip),
-                                          camera_uniforms(view.camera, h, scene.pixel_filter), _window(covered[-1])))
-            members.append([])
-        shown = covered[keys[key]]
-        good = shown & image.valid & (image.coverage > 0.5)
-        if not good.any() and level is None:
-            what = "object" if part is None or part.whole else "part to solve"
-            skipped.append((view.image.name, f"no usable pixel shows the {what}: check camera, mask and clipping"))
-            continue
-        if level is None:
-            levels.append(np.median(image.rgb[good].mean(axis=1))[None])
+    bounced: Mapping[int, Bounced] | None = None  # indirect light, by the view's place in the scene
+    mask: SolveMask | None = None  # what alone is looked at
+    shadow_size: int = SHADOW_SIZE  # texels of a shadow map on a side
+    # Typical radiance of the views, where it is known from before; then no view is skipped, so that observations are
+    # laid out alike wherever one looks.
+    level: float | None = None
+
+
+WHOLE = Limits()
+
+
+def observe(
+    device: Device, scene: SceneData, mesh: MeshBuffer, read_image: ReadImage, limits: Limits = WHOLE,
+) -> Generator[Progress, None, Observations]:
+    """Draw every camera's maps, every light's shadow, and turn each reference into observations."""
+    observer = _Observer(device, scene, mesh, limits)
+    yield from observer.read(read_image)
+    yield from observer.light()
+    yield from observer.divide()
+    return observer.finished()
+
+
+class _Observer:
+    """The steps of `observe`, and what passes between them; lists are by camera, dicts by the view's place."""
+
+    def __init__(self, device: Device, scene: SceneData, mesh: MeshBuffer, limits: Limits) -> None:
+        self.device, self.scene, self.mesh, self.limits = device, scene, mesh, limits
+        self.occluders = Occluders(device, scene.occluders)
+        self.cameras: list[ObservedCamera] = []
+        self.covered: list[Bool] = []  # pixels that show the object
+        self.members: list[list[int]] = []  # places of the camera's views
+        self.images: dict[int, moderngl.Texture] = {}
+        self.references: dict[int, Reference] = {}
+        self.lit: dict[tuple[str, int], moderngl.Texture] = {}  # by light and camera
+        self.levels: list[F32] = []
+        self.warnings: list[str] = []
+        self.skipped: list[tuple[str, str]] = []
+        self._numbers: dict[tuple[str, int, int], int] = {}  # of cameras, by name and size of the picture
+        self.channels = channels_needed(scene.views)
+
+    @property
+    def level(self) -> float:
+        """Typical radiance of the views."""
+        if self.limits.level is not None:
+            return self.limits.level
+        return float(np.median(np.concatenate(self.levels))) if self.levels else 1.0
+
+    def read(self, read_image: ReadImage) -> Generator[Progress, None, None]:
+        """Every view's reference onto the device, and what its camera sees."""
+        views = self.scene.views
+        for n, (view, image) in enumerate(zip(views, _read_ahead(read_image, views), strict=True)):
+            self.warnings += [w for w in image.warnings if w not in self.warnings]
+            if self._take(n, view, image):
+                yield Progress(0.5 * (n + 1) / len(views), "observe", f"reading {view.image.name}")
+
+    def _take(self, n: int, view: View, image: RadianceImage) -> bool:
+        """Upload a reference; False where no pixel of it is usable."""
+        c = self._camera(view.camera, *image.rgb.shape[1::-1])
+        opaque = self.covered[c] & (image.coverage > 0.5)
+        good = opaque & image.valid
+        if self.limits.level is None:
+            if not good.any():
+                what = "object" if self.limits.mask is None or self.limits.mask.whole else "part to solve"
+                self.skipped.append(
+                    (view.image.name, f"no usable pixel shows the {what}: check camera, mask and clipping"))
+                return False
+            self.levels.append(np.median(image.rgb[good].mean(axis=1))[None])
         quality = np.where(image.valid, np.where(image.coverage > 0.5, image.coverage, 0.0), 0.0)
-        rgb = np.maximum(image.rgb, BLACK * image.rgb.max())
-        packed = np.concatenate([rgb, quality[..., None]], axis=2)
-        images[n] = device.texture(w, h, 4, packed)
-        looked = shown & (image.coverage > 0.5)
-        clipped = float(np.mean(~image.valid[looked])) if looked.any() else 0.0
-        references[n] = _reference(packed, image.coverage, cameras[keys[key]].window, clipped)
-        members[keys[key]].append(n)
-        yield Progress(0.5 * (n + 1) / len(scene.views), "observe", f"reading {view.image.name}")
-    if level is None:
-        level = float(np.median(np.concatenate(levels))) if levels else 1.0
-    channels = channels_needed(scene.views)
-    visibility = LightVisibility(device, mesh, occluders, shadow_size)
-    lit: dict[tuple[str, int], moderngl.Texture] = {}
-    by_name = {light.name: light for view in scene.views for light in view.lights}
-    used = [[any(light.name == name for n in group for light in scene.views[n].lights) for group in members]
-            for name in by_name]
-    for i, (name, light) in enumerate(by_name.items()):
-        chosen = [c for c, wanted in enumerate(used[i]) if wanted]
-        found: list[moderngl.Texture] = []
-        for found in visibility.lit_maps(light, [cameras[c].maps for c in chosen]):  # noqa: B007  # the last is whole
-            yield Progress(0.5 + 0.3 * i / len(by_name), "observe", f"shadows of {name}")
-        lit.update({(name, c): texture for c, texture in zip(chosen, found, strict=True)})
-    visibility.release()
-    for c, group in enumerate(members):
-        rim = _rim(device, cameras[c])
+        packed = np.concatenate([np.maximum(image.rgb, BLACK * image.rgb.max()), quality[..., None]], axis=2)
+        height, width = quality.shape
+        self.images[n] = self.device.texture(width, height, 4, packed)
+        clipped = float(np.mean(~image.valid[opaque])) if opaque.any() else 0.0
+        self.references[n] = _reference(packed, image.coverage, self.cameras[c].window, clipped)
+        self.members[c].append(n)
+        return True
+
+    def _camera(self, camera: Camera, width: int, height: int) -> int:
+        """The number of a camera with pictures of this size; drawn when it is first asked for."""
+        key = camera.name, width, height
+        if key not in self._numbers:
+            self._numbers[key] = len(self.cameras)
+            footprint = self.scene.pixel_filter
+            maps = draw_pixel_grid(self.device, self.mesh, self.occluders, camera, width, height, footprint)
+            maps = self.limits.mask.pixels(self.device, maps) if self.limits.mask else maps
+            clip = clip_matrix(camera, [self.scene.mesh.positions, self.scene.occluders])
+            self.covered.append(self.device.read(maps.position)[..., 3] > 0.5)
+            self.cameras.append(ObservedCamera(
+                camera, maps, column_major(clip), camera_uniforms(camera, height, footprint),
+                _window(self.covered[-1])))
+            self.members.append([])
+        return self._numbers[key]
+
+    def light(self) -> Generator[Progress, None, None]:
+        """Which pixels each light reaches."""
+        views = self.scene.views
+        visibility = LightVisibility(self.device, self.mesh, self.occluders, self.limits.shadow_size)
+        by_name = {light.name: light for view in views for light in view.lights}
+        for i, (name, light) in enumerate(by_name.items()):
+            chosen = [c for c, group in enumerate(self.members)
+                      if any(other.name == name for n in group for other in views[n].lights)]
+            found: list[moderngl.Texture] = []
+            for maps in visibility.lit_maps(light, [self.cameras[c].maps for c in chosen]):
+                found = maps  # the last is whole
+                yield Progress(0.5 + 0.3 * i / len(by_name), "observe", f"shadows of {name}")
+            self.lit.update({(name, c): texture for c, texture in zip(chosen, found, strict=True)})
+        visibility.release()
+
+    def divide(self) -> Generator[Progress, None, None]:
+        """Radiance over irradiance, and the lobes' geometry, of every view."""
+        device, bounced, level = self.device, self.limits.bounced, self.level
         pixels = partial(camera_uniforms, footprint=0.0)
-        with Smoother(device, mesh, occluders, cameras[c].camera, cameras[c].maps, pixels) as smoother:
-            for n in group:
-                view = scene.views[n]
-                shadows = [lit[light.name, c] for light in view.lights]
-                indirect = smoother.smooth(bounced[n]) if bounced else None
-                observed = _observe_view(
-                    device, cameras[c], rim, view, images[n], references[n], shadows, level, channels, indirect)
-                cameras[c].views.append(observed)
-                for texture in (images.pop(n), *(indirect or ())):
-                    texture.release()
-                yield Progress(0.8 + 0.2 * n / len(scene.views), "observe", view.image.name)
-        rim.release()
-    for texture in lit.values():
-        texture.release()
-    for camera in cameras:
-        if not camera.views:
-            camera.release()
-    occluders.release()
-    useful = [camera for camera in cameras if camera.views]
-    return Observations(useful, channels, level, tuple(skipped), tuple(warnings), table_texture)
+        for c, group in enumerate(self.members):
+            camera = self.cameras[c]
+            rim = _rim(device, camera)
+            drawer = ViewDrawer(device, camera, rim, level, self.channels)
+            with Smoother(device, self.mesh, self.occluders, camera.camera, camera.maps, pixels) as smoother:
+                for n in group:
+                    view = self.scene.views[n]
+                    indirect = smoother.smooth(bounced[n]) if bounced else None
+                    shadows = [self.lit[light.name, c] for light in view.lights]
+                    colour, lobes = drawer.draw(view.lights, self.images[n], shadows, indirect)
+                    camera.views.append(ObservedView(view, colour, lobes, _tint(view.lights), *self.references[n]))
+                    for texture in (self.images.pop(n), *(indirect or ())):
+                        texture.release()
+                    yield Progress(0.8 + 0.2 * n / len(self.scene.views), "observe", view.image.name)
+            rim.release()
+
+    def finished(self) -> Observations:
+        """The cameras that have views; everything else is freed."""
+        for texture in self.lit.values():
+            texture.release()
+        for camera in self.cameras:
+            if not camera.views:
+                camera.release()
+        self.occluders.release()
+        table = principled_table()
+        texture = self.device.texture(table.shape[1], table.shape[0], table.shape[2], table)
+        useful = [camera for camera in self.cameras if camera.views]
+        return Observations(useful, self.channels, self.level, tuple(self.skipped), tuple(self.warnings), texture)
+
+
+def _tint(lights: Sequence[Light]) -> tuple[float, float, float]:
+    """Power of the lights per channel, mean 1."""
+    power = np.sum([light.power for light in lights], axis=0)
+    tint = power / max(float(power.mean()), 1e-20)
+    return float(tint[0]), float(tint[1]), float(tint[2])
 
 
 def _read_ahead(read_image: ReadImage, views: Sequence[View]) -> Iterator[RadianceImage]:
@@ -211,42 +267,6 @@ def _read_ahead(read_image: ReadImage, views: Sequence[View]) -> Iterator[Radian
         finally:  # a bad image, or a stop: nobody waits for the rest
             for future in waiting:
                 future.cancel()
-
-
-def _observe_view(
-    device: Device, camera: ObservedCamera, rim: moderngl.Texture, view: View, image: moderngl.Texture,
-    reference: Reference, lit: list[moderngl.Texture], level: float, channels: int,
-    indirect: tuple[moderngl.Texture, moderngl.Texture] | None = None,
-) -> ObservedView:
-    """``indirect``: irradiance and what highlights of it add to the picture."""
-    draw = partial(_draw, device, camera.maps)
-    common = {**camera.uniforms, "u_level": level, "u_edge_weight": EDGE_WEIGHT, "u_dark": DARK_SHARE}
-    colour = device.texture(*image.size)
-    if len(lit) == 1 and channels == 1 and indirect is None:
-        lobes = [device.texture(*image.size)]
-        draw("observe/view.frag", [colour, lobes[0]], {"u_image": image, "u_lit": lit[0], "u_rim": rim},
-             {**common, **_lamp(view.lights[0])}, _lamp_defines(view.lights[0]))
-    else:
-        irradiance = device.texture(*image.size)
-        with device.adding():
-            for n, (light, shadow) in enumerate(zip(view.lights, lit, strict=True)):
-                draw("observe/irradiance.frag", [irradiance], {"u_lit": shadow, "u_rim": rim},
-                     {**common, **_lamp(light)}, _lamp_defines(light), clear=n == 0)
-        bounced = {"u_bounced": indirect[0]} if indirect else {}
-        glossy = {"u_glossy": indirect[1]} if indirect else {}
-        defines = {"BOUNCED": "1"} if indirect else {}
-        lobes = []
-        for light, shadow in zip(view.lights, lit, strict=True):
-            for mask in channel_masks(channels):
-                lobes.append(device.texture(*image.size))
-                draw("observe/lobe.frag", [lobes[-1]], {"u_lit": shadow, "u_irradiance": irradiance, **bounced},
-                     {**common, **_lamp(light), "u_channel": mask}, _lamp_defines(light) | defines)
-        draw("observe/colour.frag", [colour],
-             {"u_image": image, "u_irradiance": irradiance, "u_rim": rim, **bounced, **glossy}, common, defines)
-        irradiance.release()
-    power = np.sum([light.power for light in view.lights], axis=0)
-    tint = power / max(float(power.mean()), 1e-20)
-    return ObservedView(view, colour, lobes, (float(tint[0]), float(tint[1]), float(tint[2])), *reference)
 
 
 def _window(covered: Bool) -> tuple[int, int, int, int]:
@@ -271,35 +291,8 @@ def _reference(packed: F32, coverage: F32, window: tuple[int, int, int, int], cl
 def _rim(device: Device, camera: ObservedCamera) -> moderngl.Texture:
     """What surrounds each of a camera's pixels; half floats hold its whole numbers exactly."""
     rim = device.texture(camera.maps.position.width, camera.maps.position.height, 1, dtype="f2")
-    _draw(device, camera.maps, "observe/rim.frag", [rim], {}, camera.uniforms)
+    draw_pixels(device, camera.maps, "observe/rim.frag", [rim], {}, camera.uniforms)
     return rim
-
-
-def _draw(
-    device: Device, maps: SurfaceMaps, name: str, outputs: list[moderngl.Texture],
-    textures: dict[str, moderngl.Texture], uniforms: dict[str, object], defines: dict[str, str] | None = None,
-    clear: bool = True,
-) -> None:
-    """Draw a shader over a camera's pixels into new textures (or, not cleared, into what is there)."""
-    target = device.framebuffer(outputs)
-    if clear:
-        target.clear()
-    device.draw(name, target, textures={"u_position": maps.position, "u_normal": maps.normal, **textures},
-                uniforms=uniforms, defines=defines, cells=maps.cells)
-    target.release()
-
-
-def _lamp(light: Light) -> dict[str, object]:
-    """Uniforms of one light."""
-    return {**light_model.light_uniforms(light), "u_power": tuple(light.power)}
-
-
-def _lamp_defines(light: Light) -> dict[str, str]:
-    """What the programs for this light are made for: software rasterisers compute branches that uniforms decide."""
-    sharp = light.kind != "AREA" and light.radius == 0.0
-    point = light.kind != "AREA" and light.radius <= SOFT_ANGLE * 0.1
-    return {"LIGHT_KIND": str(light_model.KINDS.index(light.kind)), **({"LIGHT_SHARP": "1"} if sharp else {}),
-            "LIGHT_POINTS": "1" if point else str(LIGHT_POINTS)}
 
 
 def bytes_per_pixel(views: Sequence[View]) -> int:
@@ -311,11 +304,6 @@ def bytes_per_pixel(views: Sequence[View]) -> int:
 def most_pixels(views: Sequence[View], memory: float) -> int:
     """Pixels of a picture up to which all views fit into ``memory`` GB together."""
     return int(memory * 1e9 / bytes_per_pixel(views))
-
-
-def channel_masks(channels: int) -> list[tuple[float, float, float]]:
-    """Which of R, G and B each channel sums."""
-    return [(1.0, 1.0, 1.0)] if channels == 1 else [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
 
 
 def channels_needed(views: Sequence[View]) -> int:

@@ -1,0 +1,112 @@
+"""What a view's pixels observe, drawn: radiance over irradiance and the geometry of each light's lobe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Protocol
+
+import moderngl
+
+from ...core.data import Light
+from ...core.shading import lights as light_model
+from ..device.context import Device
+from ..gbuffer.gbuffer import SurfaceMaps
+from .visibility import SOFT_ANGLE
+
+EDGE_WEIGHT = 0.03  # of an observation at an edge of shadow or silhouette, beside 1 for a good one
+DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
+LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the spread of half vectors
+
+
+class SeenThrough(Protocol):
+    """A camera's pixels, as `ViewDrawer` needs them."""
+
+    maps: SurfaceMaps
+    uniforms: dict[str, object]
+
+
+class ViewDrawer:
+    """Draws the views of one camera."""
+
+    def __init__(
+        self, device: Device, camera: SeenThrough, rim: moderngl.Texture, level: float, channels: int,
+    ) -> None:
+        """``rim``: what surrounds each pixel; ``level``: typical radiance; ``channels``: 1, or 3 kept apart."""
+        self.device, self.rim, self.channels = device, rim, channels
+        self._draw = partial(draw_pixels, device, camera.maps)
+        self._common = {**camera.uniforms, "u_level": level, "u_edge_weight": EDGE_WEIGHT, "u_dark": DARK_SHARE}
+
+    def draw(
+        self, lights: Sequence[Light], image: moderngl.Texture, lit: list[moderngl.Texture],
+        indirect: tuple[moderngl.Texture, moderngl.Texture] | None,
+    ) -> tuple[moderngl.Texture, list[moderngl.Texture]]:
+        """Radiance over irradiance with its quality, and a lobe for each light and channel.
+
+        ``lit``: how much of each light arrives; ``indirect``: irradiance, and what highlights of it add to the picture.
+        """
+        if len(lit) == 1 and self.channels == 1 and indirect is None:
+            colour, lobe = self.device.texture(*image.size), self.device.texture(*image.size)
+            self._draw("observe/view.frag", [colour, lobe], {"u_image": image, "u_lit": lit[0], "u_rim": self.rim},
+                       {**self._common, **_lamp(lights[0])}, _lamp_defines(lights[0]))
+            return colour, [lobe]
+        return self._several(lights, image, lit, indirect)
+
+    def _several(
+        self, lights: Sequence[Light], image: moderngl.Texture, lit: list[moderngl.Texture],
+        indirect: tuple[moderngl.Texture, moderngl.Texture] | None,
+    ) -> tuple[moderngl.Texture, list[moderngl.Texture]]:
+        """Of several lights, channels apart, or with indirect light: in passes."""
+        device, common = self.device, self._common
+        colour, irradiance = device.texture(*image.size), device.texture(*image.size)
+        with device.adding():
+            for n, (light, shadow) in enumerate(zip(lights, lit, strict=True)):
+                self._draw("observe/irradiance.frag", [irradiance], {"u_lit": shadow, "u_rim": self.rim},
+                           {**common, **_lamp(light)}, _lamp_defines(light), clear=n == 0)
+        bounced: Mapping[str, moderngl.Texture] = {"u_bounced": indirect[0]} if indirect else {}
+        glossy: Mapping[str, moderngl.Texture] = {"u_glossy": indirect[1]} if indirect else {}
+        defines = {"BOUNCED": "1"} if indirect else {}
+        lobes = []
+        for light, shadow in zip(lights, lit, strict=True):
+            for mask in channel_masks(self.channels):
+                lobes.append(device.texture(*image.size))
+                self._draw("observe/lobe.frag", [lobes[-1]],
+                           {"u_lit": shadow, "u_irradiance": irradiance, **bounced},
+                           {**common, **_lamp(light), "u_channel": mask}, _lamp_defines(light) | defines)
+        self._draw("observe/colour.frag", [colour],
+                   {"u_image": image, "u_irradiance": irradiance, "u_rim": self.rim, **bounced, **glossy}, common,
+                   defines)
+        irradiance.release()
+        return colour, lobes
+
+
+def draw_pixels(
+    device: Device, maps: SurfaceMaps, name: str, outputs: list[moderngl.Texture],
+    textures: dict[str, moderngl.Texture], uniforms: dict[str, object], defines: dict[str, str] | None = None,
+    clear: bool = True,
+) -> None:
+    """Draw a shader over a camera's pixels into new textures (or, not cleared, into what is there)."""
+    target = device.framebuffer(outputs)
+    if clear:
+        target.clear()
+    device.draw(name, target, textures={"u_position": maps.position, "u_normal": maps.normal, **textures},
+                uniforms=uniforms, defines=defines, cells=maps.cells)
+    target.release()
+
+
+def _lamp(light: Light) -> dict[str, object]:
+    """Uniforms of one light."""
+    return {**light_model.light_uniforms(light), "u_power": tuple(light.power)}
+
+
+def _lamp_defines(light: Light) -> dict[str, str]:
+    """What the programs for this light are made for: software rasterisers compute branches that uniforms decide."""
+    sharp = light.kind != "AREA" and light.radius == 0.0
+    point = light.kind != "AREA" and light.radius <= SOFT_ANGLE * 0.1
+    return {"LIGHT_KIND": str(light_model.KINDS.index(light.kind)), **({"LIGHT_SHARP": "1"} if sharp else {}),
+            "LIGHT_POINTS": "1" if point else str(LIGHT_POINTS)}
+
+
+def channel_masks(channels: int) -> list[tuple[float, float, float]]:
+    """Which of R, G and B each channel sums."""
+    return [(1.0, 1.0, 1.0)] if channels == 1 else [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
