@@ -20,6 +20,7 @@ from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.params import SolveSettings
 from ..irpso_addon.core.reporting.estimates import check_disk, size_of
 from ..irpso_addon.core.tiled import uv_blocks
+from ..irpso_addon.core.tiled.work_folder import Work
 from ..irpso_addon.solve import tiled_solve
 from .helpers.modal_job import ModalJob
 from .helpers.paths import absolute, captures_path
@@ -123,7 +124,7 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
 
     def stopped(self) -> Solution | None:
         """What was on show; of large maps nothing, they go on from what is finished."""
-        if self._folder is not None and (self._work / "plan.npz").exists():
+        if self._folder is not None and Work.has_plan(self._work):
             self.report({"INFO"}, f"Finished blocks are kept in {self._work}; Solve goes on from there")
         return None if self._live is None or self._folder is not None else self._live.solution()
 
@@ -135,8 +136,7 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         if self._folder is not None:
             files = material.files_of(self._subject, solution.maps, self._folder, self._kind, self._udims)
         session.keep(obj, solution, self._label, files)
-        resumed = any(warning.startswith(tiled_solve.RESUMED) for warning in solution.warnings)
-        if not (cancelled or self._held or resumed or self._live is None):
+        if not (cancelled or self._held or solution.resumed_blocks or self._live is None):
             solve_speed.learn(*self._asked, solution, self._live.seconds, self._udims or (uv_blocks.FIRST_UDIM,))
         messages: tuple[str, ...] = ()
         if self.write and files is not None:

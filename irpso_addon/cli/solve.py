@@ -16,7 +16,7 @@ from ..blender.jobs.indirect import Bouncer
 from ..blender.material import material, material_preflight
 from ..blender.scene.scene import read_scene
 from ..core.data import SceneData, Solution
-from ..core.errors import BadInput, Cancelled
+from ..core.errors import BadInput, Cancelled, StoppedWithWork
 from ..core.images.image_file import open_image
 from ..core.job import Progress
 from ..core.maps.export import write_maps
@@ -120,7 +120,7 @@ def solve_data(data: SceneData, settings: SolveSettings, bounce: pipeline.Bounce
             result: Solution = thread.run(
                 lambda: pipeline.solve(data, settings, bounce=bounce), on_progress=show)
         except Cancelled as stop:
-            if not isinstance(stop.partial, Solution):
+            if stop.partial is None:
                 raise
             result = stop.partial
     return result
@@ -129,7 +129,7 @@ def solve_data(data: SceneData, settings: SolveSettings, bounce: pipeline.Bounce
 def solve_in_blocks(
     data: SceneData, request: Request, folder: Path, work: Path, bounce: pipeline.Bounce,
 ) -> Solution:
-    """The maps' files in ``folder``, from blocks in ``work``.  Stopped, it raises Cancelled that says what is kept."""
+    """The maps' files in ``folder``, from blocks in ``work``.  Stopped once there are some it raises StoppedWithWork."""
     try:
         with console.progress() as show:
             result: Solution = thread.run(
@@ -137,20 +137,20 @@ def solve_in_blocks(
                 on_progress=lambda p: show(_coarse(p)))
         return result
     except BaseException as error:
-        blocks, planned = len(list(work.glob("blocks/*.npz"))), (work / "plan.npz").exists()
-        if not planned:
+        if not Work.has_plan(work):
             with suppress(BadInput), Work(work) as place:
                 place.remove()
-        if planned and isinstance(error, Cancelled | KeyboardInterrupt):
-            raise Cancelled(f"the plan and {blocks} finished blocks are kept in {work}; the same command goes on from "
-                            "there") from None
+        elif isinstance(error, Cancelled | KeyboardInterrupt):
+            raise StoppedWithWork(work, Work.count_blocks(work)) from None
         raise
 
 
 def _coarse(step: Progress) -> Progress:
     """Each block goes through all stages: of no interest to a log."""
-    block, colon, _ = step.message.partition(": ")
-    return replace(step, stage="blocks", message=block) if colon and block.startswith("block ") else step
+    if step.block is None:
+        return step
+    number, count = step.block
+    return replace(step, stage="blocks", message=f"block {number} of {count}")
 
 
 def foretell(data: SceneData, request: Request, udims: tuple[int, ...], work: Path | None) -> None:

@@ -193,3 +193,4 @@ class Solution:
     ndf: str = "ggx"  # distribution of the two-lobe model, as in core/params.py
     checks: Checks | None = None  # what the views say of the maps
     pictures: tuple[ViewPicture, ...] = ()  # of each view, reduced: reference beside prediction
+    resumed_blocks: int = 0  # of a solve in blocks: those that an earlier run had left
