@@ -69,6 +69,7 @@ def _run(
         blocks = plan.windows
         left = [window for window in blocks if not place.has_block(window.key)]
         there = len(blocks) - len(left)
+        stopped = False
         try:
             for n, window in enumerate(left):
                 yield from _one_of_many(solve_block(plan, place, window, clock), there + n, len(blocks))
@@ -77,7 +78,9 @@ def _run(
                                      tiled=plan.udims != (uv_blocks.FIRST_UDIM,)):
                 yield Progress(SOLVED + (1 - SOLVED) * share, "merge", "writing files")
         except Cancelled:
-            raise StoppedWithWork(work, Work.count_blocks(work)) from None
+            stopped = True
+        if stopped:  # raised out here it does not carry the other one along, whose frames hold the block's textures
+            raise StoppedWithWork(work, Work.count_blocks(work))
         clock.seconds["merge"] = time.perf_counter() - began
         solution = total(plan, place)
     told = (f"resumed: {there} of {len(blocks)} blocks were there",) if there else ()
