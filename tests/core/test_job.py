@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,10 @@ import pytest
 
 from irpso_addon.core.errors import Cancelled, StoppedWithWork
 from irpso_addon.core.job import Mailbox, Progress, Steps, mapped, retold
+
+
+ROOT = Path(__file__).parents[2]
+TASK = re.compile(r"""["'](\w+(?:\.\w+)*):([a-z_]\w*)["'][,)]""")
 
 
 def worker(seen: list[str], answers: bool = True) -> Steps[str]:
@@ -123,3 +128,17 @@ def test_a_stop_goes_through_a_pipe(stop: Cancelled) -> None:
     again = pickle.loads(pickle.dumps(stop))
     assert type(again) is type(stop)
     assert vars(again) == vars(stop)
+
+
+def test_tasks_that_are_named_are_there() -> None:
+    """Modules move; a name in a text does not."""
+    found = set()
+    for folder in ("irpso_addon", "operators"):
+        for path in (ROOT / folder).rglob("*.py"):
+            for line in path.read_text(encoding="utf-8").splitlines():
+                if re.search(r"\b(Remote|Task|_start|run)\(", line):
+                    found |= set(TASK.findall(line))
+    assert len(found) > 5
+    for module, function in found:
+        file = ROOT / "irpso_addon" / Path(*module.split(".")).with_suffix(".py")
+        assert re.search(rf"^def {function}\(", file.read_text(encoding="utf-8"), re.M), f"{module}:{function}"
