@@ -13,7 +13,6 @@ import pytest
 from irpso_addon.core.errors import Cancelled, StoppedWithWork
 from irpso_addon.core.job import Mailbox, Progress, Steps, mapped, retold
 
-
 ROOT = Path(__file__).parents[2]
 TASK = re.compile(r"""["'](\w+(?:\.\w+)*):([a-z_]\w*)["'][,)]""")
 
