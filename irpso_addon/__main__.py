@@ -15,7 +15,7 @@ from pathlib import Path
 
 from .cli import console, options
 from .core import log
-from .core.errors import BadInput, Cancelled
+from .core.errors import BadInput, Cancelled, StoppedWithWork
 from .core.reporting.report import peak_memory
 
 WITHOUT_BLENDER = ("tile", "merge")  # commands of a farm's workers, which have none
@@ -53,9 +53,7 @@ def _run(arguments: argparse.Namespace) -> int:
         console.warn(str(error))
         return 3
     except (Cancelled, KeyboardInterrupt) as stop:
-        kept = getattr(stop, "partial", None)  # maps, or words that say what
-        console.warn("cancelled; " + (kept if isinstance(kept, str) else "nothing was written" if kept is None else
-                                      "the maps found until then are kept"))
+        console.warn(f"cancelled; {_what_is_kept(stop)}")
         return 130
     except Exception as error:
         log.failure("bug", error)
@@ -66,6 +64,15 @@ def _run(arguments: argparse.Namespace) -> int:
         log.info("end", peak_memory_bytes=peak_memory())
         log.close()
     return 0
+
+
+def _what_is_kept(stop: Cancelled | KeyboardInterrupt) -> str:
+    if isinstance(stop, StoppedWithWork):
+        return (f"the plan and {stop.blocks} finished blocks are kept in {stop.folder}; the same command goes on from "
+                "there")
+    if isinstance(stop, Cancelled) and stop.partial is not None:
+        return "the maps found until then are kept"
+    return "nothing was written"
 
 
 def _to_file(path: Path) -> None:

@@ -58,7 +58,7 @@ class IRPSO_OT_add_folder(bpy.types.Operator):
         waiting = {_key(views[i]): i for i in reversed(range(len(views))) if _waits(views[i])}
         for entry in fresh:
             _put(scene, folder, entry, waiting)
-        kind, text = _told(fresh, len(found) - len(fresh), len(lights))
+        kind, text = _summary(fresh, len(found) - len(fresh), len(lights))
         self.report({kind}, text)
         return {"FINISHED"} if fresh else {"CANCELLED"}
 
@@ -105,7 +105,7 @@ def _put(scene: bpy.types.Scene, folder: Path, entry: Match, waiting: dict[tuple
     view.mask = stored(folder / entry.mask) if entry.mask else ""
 
 
-def _told(fresh: Sequence[Match], known: int, lights: int) -> tuple[str, str]:
+def _summary(fresh: Sequence[Match], known: int, lights: int) -> tuple[str, str]:
     """Kind and text of the report."""
     lost = [m for m in fresh if m.camera is None]
     counts = [

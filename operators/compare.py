@@ -29,7 +29,7 @@ class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
     bl_label = "Compare Methods"
     bl_options = {"REGISTER"}
 
-    _told: str | None = None  # the message that the editor shows
+    _shown_message: str | None = None  # the message that the editor shows
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -53,8 +53,8 @@ class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
     def tick(self, _obj: bpy.types.Object) -> None:
         """Which method is at work."""
         assert session.running is not None
-        if session.running.progress.message != self._told:
-            self._told = session.running.progress.message
+        if session.running.progress.message != self._shown_message:
+            self._shown_message = session.running.progress.message
             views.refresh()
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:

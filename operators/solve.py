@@ -1,6 +1,6 @@
 """Recover the selected objects' materials from the views."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -9,18 +9,16 @@ from typing import Any
 import bpy
 
 from ..irpso_addon.blender import properties
-from ..irpso_addon.blender.jobs import indirect, jobs, live_display, session, solve_region, solve_speed
+from ..irpso_addon.blender.jobs import jobs, live_display, session, solve_object, solve_region, solve_speed
 from ..irpso_addon.blender.jobs.jobs import Task
-from ..irpso_addon.blender.material import material, material_preflight
-from ..irpso_addon.blender.scene import readiness, scene
+from ..irpso_addon.blender.material import material_preflight
+from ..irpso_addon.blender.scene import readiness
 from ..irpso_addon.blender.scene.readiness import solve_objects
 from ..irpso_addon.blender.viewer import views
-from ..irpso_addon.core.data import SceneData, Solution
+from ..irpso_addon.core.data import Solution
 from ..irpso_addon.core.errors import BadInput
-from ..irpso_addon.core.params import SolveSettings
-from ..irpso_addon.core.reporting.estimates import check_disk, size_of
 from ..irpso_addon.core.tiled import uv_blocks
-from ..irpso_addon.solve import tiled_solve
+from ..irpso_addon.core.tiled.work_folder import Work
 from .helpers.modal_job import ModalJob
 from .helpers.paths import absolute, captures_path
 
@@ -37,14 +35,8 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         options={"HIDDEN", "SKIP_SAVE"})
 
     _live: live_display.LiveMaps | None = None
-    _label = ""
-    _folder: Path | None = None  # of the files of large maps; None: the maps go into the .blend
-    _work = Path()  # of large maps: what is finished of them
-    _subject = ""  # the object's name when the solve began: that of its files
-    _udims: tuple[int, ...] = ()
-    _kind = "exr"
     _held = False  # was paused: its times say nothing
-    _asked: tuple[SceneData, SolveSettings]
+    _order: solve_object.Order
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -64,50 +56,27 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
 
     def task(self, context: bpy.types.Context, obj: bpy.types.Object) -> Task:
         """Reads the scene and the panel's settings."""
-        settings = properties.settings(context.scene.irpso)
-        data = solve_region.steered(context, obj, scene.read_scene(context, obj.name, captures_path(context.scene)))
-        if self.write:
-            material_preflight.check(obj, data.mesh)
-        self._label = f"{settings.method}, {settings.model}, {settings.size}{', part' if data.region else ''}"
-        name, arguments = self._asked_for(context, data, settings)
-        if settings.indirect == "off":
-            return Task(name, arguments)
-        if not bpy.data.is_dirty:
-            bounce = indirect.Bouncer.of_open_file(Path(bpy.data.filepath))
-            return Task(name, (*arguments, bounce))
-        bounce = indirect.Bouncer.of_copy()
-        assert bounce.copy is not None
-        return Task(name, (*arguments, replace(bounce, copy=None)), bounce.copy.cleanup)
-
-    def _asked_for(
-        self, context: bpy.types.Context, data: SceneData, settings: SolveSettings,
-    ) -> tuple[str, tuple[Any, ...]]:
-        """The task and its arguments but for the last; large maps become files in the panel's folder."""
-        udims, scene_settings = uv_blocks.solved_udims(settings.udim, data.mesh.uvs), context.scene.irpso
-        self._folder, self._udims = None, ()
-        if not uv_blocks.is_large(settings.size, udims):
-            return "solve.pipeline:solve", (data, settings, None)
-        tiled_solve.check(data, settings)
-        self._udims, self._kind = udims, scene_settings.format
-        self._folder, self._subject = Path(absolute(scene_settings.out)), data.mesh.name
-        self._work = tiled_solve.work_folder(self._folder, self._subject)
-        found = solve_speed.of(context)
-        if found is not None:
-            check_disk(self._folder, found.disk_bytes, size_of(self._work))
-        return "solve.tiled_solve:solve_to", (data, settings, self._folder, self._kind)
+        panel = context.scene.irpso
+        order = solve_object.read(context, obj, captures_path(context.scene), properties.settings(panel),
+                                  solve_region.of_panel(context), self.write)
+        if order.large:
+            order = replace(order, folder=Path(absolute(panel.out)), kind=panel.format)
+        solve_object.check(order)
+        solve_object.check_room(order, solve_speed.of(context))
+        self._order = order
+        return solve_object.task(order)
 
     def start(self, task: Task, obj: bpy.types.Object) -> None:
         """The solve in one process, first looks at it in another."""
-        data, settings = self._asked = task.arguments[:2]
-        if self._folder is not None:  # its plan is what is seen
-            settings = replace(settings, size=uv_blocks.layout(settings.size, self._udims).size)
-        maps = self._live = live_display.LiveMaps(data, settings)
+        order = self._order
+        settings = replace(order.settings, size=order.shown_size)
+        maps = self._live = live_display.LiveMaps(order.data, settings)
         running = session.start(task.start(maps.take), self.bl_label, obj.session_uid)
         running.curve = maps.curve
-        if self._udims not in ((), (uv_blocks.FIRST_UDIM,)):
+        if order.udims != (uv_blocks.FIRST_UDIM,):
             return  # it looks at the 0-1 square
         with suppress(BadInput):  # looks are welcome, not needed
-            running.preview = jobs.preview((replace(data, start=None), settings), maps.take_preview)
+            running.preview = jobs.preview((replace(order.data, start=None), settings), maps.take_preview)
             maps.feed = running.preview.feed
 
     def tick(self, obj: bpy.types.Object) -> bool:
@@ -116,34 +85,29 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         assert running is not None and maps is not None
         self._held |= running.paused
         fresh, running.live = running.live is not maps.latest, maps.latest
-        fresh = maps.show(obj) if self.write and self._folder is None else fresh
+        fresh = maps.show(obj) if self.write and not self._order.large else fresh
         if fresh:
             views.refresh()
         return fresh
 
     def stopped(self) -> Solution | None:
         """What was on show; of large maps nothing, they go on from what is finished."""
-        if self._folder is not None and (self._work / "plan.npz").exists():
-            self.report({"INFO"}, f"Finished blocks are kept in {self._work}; Solve goes on from there")
-        return None if self._live is None or self._folder is not None else self._live.solution()
+        work = self._order.work
+        if work is not None and Work.has_plan(work):
+            self.report({"INFO"}, f"Finished blocks are kept in {work}; Solve goes on from there")
+        return None if self._live is None or work is not None else self._live.solution()
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
         """Keeps the solution, wires the maps, says what happened."""
         solution: Solution = value
-        name, uid = obj.name, obj.session_uid
-        files = None
-        if self._folder is not None:
-            files = material.files_of(self._subject, solution.maps, self._folder, self._kind, self._udims)
-        session.keep(obj, solution, self._label, files)
-        resumed = any(warning.startswith(tiled_solve.RESUMED) for warning in solution.warnings)
-        if not (cancelled or self._held or resumed or self._live is None):
-            solve_speed.learn(*self._asked, solution, self._live.seconds, self._udims or (uv_blocks.FIRST_UDIM,))
+        name, live = obj.name, self._live
+        solve_object.remember(obj, self._order, solution)
+        if not (cancelled or self._held or live is None):
+            solve_object.learn(self._order, solution, live.seconds)
         messages: tuple[str, ...] = ()
-        if self.write and files is not None:
-            messages = material.link_files(obj, solution, files)
-        elif self.write:
-            material.check(obj, solution)
-            messages = yield from self._written(uid, solution)
+        if self.write:
+            messages = yield from solve_object.place(
+                obj, self._order, solution, dict if live is None else live.images)
         for warning in (*solution.warnings, *messages):
             self.report({"WARNING"}, warning)
         texels = solution.texels
@@ -155,36 +119,3 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         if self._live is not None:
             self._live.drop()
         views.refresh()
-
-    def _written(self, uid: int, solution: Solution) -> Generator[None, None, tuple[str, ...]]:
-        """The maps on the object; what the user should know.  An image a step; in the last one all that is linked."""
-        layers = material.layers_of(solution.maps)
-        uids: dict[str, int] = {}
-        for role, array in layers.items():
-            obj = session.object_by_uid(uid)
-            if obj is None:
-                return ()
-            shown = {} if self._live is None else self._live.images()
-            image = shown.get(role)
-            if image is None or image.size[0] != array.shape[0]:
-                image = material.loose_image(obj, role, array.shape[0])
-            uids[role] = image.session_uid
-            material.set_pixels(image, array)
-            yield
-            image = self._image(uids[role])
-            if image is not None:
-                image.pack()
-                yield
-        obj = session.object_by_uid(uid)
-        if obj is None:
-            return ()
-        images = {role: self._image(image_uid) for role, image_uid in uids.items()}
-        for role, image in images.items():
-            if image is None:  # Undo has taken it meanwhile
-                images[role] = material.put_image(obj, role, layers[role])
-        material.adopt(obj, images)
-        return material.wire_maps(obj, solution, images)
-
-    @staticmethod
-    def _image(uid: int) -> bpy.types.Image | None:
-        return next((image for image in bpy.data.images if image.session_uid == uid), None)

@@ -10,7 +10,7 @@ root=/opt/blender-gui
 
 # The last line: what Debian's Blender needs and does not ask for; without it Blender's own add-ons do not start.
 packages=(blender libgl1-mesa-dri libegl1 libgl1 libegl-mesa0 mesa-vulkan-drivers fonts-dejavu-core
-    python3-openimageio python3-requests python3-cattr python3-zstandard)
+    python3-numpy python3-openimageio python3-requests python3-cattr python3-zstandard)
 
 fail() { echo "gui_setup: $*" >&2; exit 1; }
 say() { echo "gui_setup: $*" >&2; }

@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> None:
     truth = read_truth(arguments.truth, data.mesh.name) if arguments.truth else None
     with Staging(out) as staging:
         job = partial(measure, fit, held, truth, options.settings(arguments), arguments.passes)
-        report = thread.run(job, _told())
+        report = thread.run(job, _method_lines())
         report["versions"]["blender"] = files.blender_version()
         report["command"] = ["irpso", *sys.argv[1:]]
         write_report(staging.folder / "compare.json", report)
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> None:
     tell(report, out, drawn)
 
 
-def _told() -> Callable[[Progress], None]:
+def _method_lines() -> Callable[[Progress], None]:
     """A line for each method."""
     last = ""
 

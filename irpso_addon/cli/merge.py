@@ -10,7 +10,7 @@ from . import openjd
 
 def run(arguments: argparse.Namespace) -> None:
     """The command.  Raises BadInput."""
-    with openjd.told() as show:
+    with openjd.percent_lines() as show:
         for step in farm.merge_square(arguments.work, arguments.udim, arguments.out, arguments.format):
             show(step)
         openjd.status(f"UDIM {arguments.udim}: its maps are in {arguments.out}")

@@ -10,7 +10,7 @@ from ..core.job import Progress
 
 
 @contextmanager
-def told() -> Iterator[Callable[[Progress], None]]:
+def percent_lines() -> Iterator[Callable[[Progress], None]]:
     """Yields what tells a job's progress; a BadInput within is told as the reason of the failure, and raised."""
     percent = -1
 

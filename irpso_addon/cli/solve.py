@@ -6,29 +6,21 @@ import argparse
 import os
 import sys
 import time
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..blender import files
-from ..blender.jobs import solve_region, solve_speed
-from ..blender.jobs.indirect import Bouncer
-from ..blender.material import material, material_preflight
-from ..blender.scene.scene import read_scene
-from ..core.data import SceneData, Solution
+from ..blender.jobs import solve_object
+from ..core.data import Solution
 from ..core.errors import BadInput, Cancelled
-from ..core.images.image_file import open_image
 from ..core.job import Progress
 from ..core.maps.export import write_maps
 from ..core.params import SolveSettings
 from ..core.reporting import estimates
-from ..core.reporting.estimates import Taken, gigabytes
+from ..core.reporting.estimates import gigabytes
 from ..core.reporting.report import build_report, write_report
 from ..core.storage.output_transaction import Staging
-from ..core.tiled import uv_blocks
-from ..core.tiled.work_folder import Work
 from ..gpu.device import thread
-from ..solve import pipeline, tiled_solve
 from . import console, options
 
 
@@ -43,7 +35,7 @@ class Request:
     object_name: str | None = None
     kind: str = "exr"
     report: Path | None = None
-    part: tuple[str, str | Path | None] = ("ALL", None)  # as blender.steer.with_part
+    part: solve_object.Part = solve_object.ALL
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -59,7 +51,7 @@ def run(arguments: argparse.Namespace) -> None:
         raise Cancelled(solution)
 
 
-def _part(arguments: argparse.Namespace) -> tuple[str, str | Path | None]:
+def _part(arguments: argparse.Namespace) -> solve_object.Part:
     if arguments.vertex_group is not None:
         return "GROUP", arguments.vertex_group
     if arguments.part_image is not None:
@@ -74,31 +66,22 @@ def solve(request: Request) -> Solution:
     started = time.perf_counter()
     with console.quiet():
         files.open_blend(request.scene)
-    data = read_scene(None, request.object_name, request.captures)
-    subject = files.object_named(data.mesh.name)
-    material_preflight.check(subject, data.mesh)
-    data = solve_region.with_part(None, subject, data, request.settings.start, *request.part)
+    order = replace(
+        solve_object.read(None, request.object_name, request.captures, request.settings, request.part),
+        folder=request.out, kind=request.kind)
     read = time.perf_counter()
-    udims = uv_blocks.solved_udims(request.settings.udim, data.mesh.uvs)
-    large = uv_blocks.is_large(request.settings.size, udims)
-    work = tiled_solve.work_folder(request.out, data.mesh.name) if large else None
-    if work is not None:
-        tiled_solve.check(data, request.settings)
-    foretell(data, request, udims, work)
-    bounce = Bouncer.of_open_file(request.scene)
+    solve_object.check(order)
+    foretell(order)
     with Staging(request.out) as staging:
-        if work is None:
-            solution = solve_data(data, request.settings, bounce)
-            solved = time.perf_counter()
-            messages = material.write_maps(subject, solution)
-            write_maps(solution.maps, data.mesh.name, staging.folder, request.kind)
-        else:
-            solution = solve_in_blocks(data, request, staging.folder, work, bounce)
-            solved = time.perf_counter()
-            messages = material.link_maps(subject, solution, request.out, request.kind, udims)
+        with console.progress() as show:
+            solution = solve_object.run(order, request.scene, staging.folder, lambda step: show(_by_blocks(step)))
+        solved = time.perf_counter()
+        messages = solve_object.place_now(files.object_named(order.name), order, solution)
+        if not order.large:
+            write_maps(solution.maps, order.name, staging.folder, request.kind)
         solution = replace(solution, warnings=(*solution.warnings, *messages))
         with console.quiet():
-            files.save_copy(staging.beside(f"{data.name}_irpso.blend"))
+            files.save_copy(staging.beside(f"{order.data.name}_irpso.blend"))
         seconds = {"scene": read - started, **solution.seconds, "write": time.perf_counter() - solved}
         solution = replace(solution, seconds=seconds)
         report = build_report(solution, request.settings, ["irpso", *sys.argv[1:]], blender=files.blender_version())
@@ -106,64 +89,23 @@ def solve(request: Request) -> Solution:
         if request.report is not None:
             write_report(request.report, report)
         staging.publish()
-    if work is not None:
-        with Work(work) as place:
-            place.remove()
-    tell(data.mesh.name, solution, request.out)
+    solve_object.forget_work(order)
+    tell(order.name, solution, request.out)
     return solution
 
 
-def solve_data(data: SceneData, settings: SolveSettings, bounce: pipeline.Bounce) -> Solution:
-    """Run the pipeline with its progress shown; the partial solution when it was stopped with one."""
-    with console.progress() as show:
-        try:
-            result: Solution = thread.run(
-                lambda: pipeline.solve(data, settings, bounce=bounce), on_progress=show)
-        except Cancelled as stop:
-            if not isinstance(stop.partial, Solution):
-                raise
-            result = stop.partial
-    return result
-
-
-def solve_in_blocks(
-    data: SceneData, request: Request, folder: Path, work: Path, bounce: pipeline.Bounce,
-) -> Solution:
-    """The maps' files in ``folder``, from blocks in ``work``.  Stopped, it raises Cancelled that says what is kept."""
-    try:
-        with console.progress() as show:
-            result: Solution = thread.run(
-                lambda: tiled_solve.run(data, request.settings, folder, work, request.kind, bounce),
-                on_progress=lambda p: show(_coarse(p)))
-        return result
-    except BaseException as error:
-        blocks, planned = len(list(work.glob("blocks/*.npz"))), (work / "plan.npz").exists()
-        if not planned:
-            with suppress(BadInput), Work(work) as place:
-                place.remove()
-        if planned and isinstance(error, Cancelled | KeyboardInterrupt):
-            raise Cancelled(f"the plan and {blocks} finished blocks are kept in {work}; the same command goes on from "
-                            "there") from None
-        raise
-
-
-def _coarse(step: Progress) -> Progress:
+def _by_blocks(step: Progress) -> Progress:
     """Each block goes through all stages: of no interest to a log."""
-    block, colon, _ = step.message.partition(": ")
-    return replace(step, stage="blocks", message=block) if colon and block.startswith("block ") else step
+    if step.block is None:
+        return step
+    number, count = step.block
+    return replace(step, stage="blocks", message=f"block {number} of {count}")
 
 
-def foretell(data: SceneData, request: Request, udims: tuple[int, ...], work: Path | None) -> None:
+def foretell(order: solve_object.Order) -> None:
     """Say what the solve will need.  Raises BadInput where the disk has no room for it."""
-    taken = []
-    for view in data.views:
-        with suppress(BadInput):  # the solve says it
-            header = open_image(view.image)
-            taken.append(Taken(header.width, header.height, view.camera.name, len(view.lights)))
-    settings = request.settings
-    found = estimates.estimate(taken, settings, solve_speed.factors(), thread.settings().memory,
-                              rounds=settings.indirect == "on", udims=udims)
-    estimates.check_disk(request.out, found.disk_bytes, 0 if work is None else estimates.size_of(work))
+    found = solve_object.expected(order)
+    solve_object.check_room(order, found)
     if thread.settings().device == "numpy":  # which takes other times
         return
     unsure = "" if found.learnt else " (first guess)"

@@ -11,7 +11,7 @@ from . import openjd
 
 def run(arguments: argparse.Namespace) -> None:
     """The command.  Raises BadInput."""
-    with openjd.told() as show:
+    with openjd.percent_lines() as show:
         solved, blocks = thread.run(
             lambda: farm.solve_tile(arguments.work, arguments.udim, arguments.tile, arguments.tile_size),
             on_progress=show)

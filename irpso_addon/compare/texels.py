@@ -13,9 +13,10 @@ from ..core.evaluation.prediction import Pixels, PlaceView
 from ..core.job import Progress
 from ..gpu.device import thread
 from ..gpu.device.context import Device
-from ..gpu.gbuffer.gbuffer import MeshBuffer, draw_texel_grid
+from ..gpu.gbuffer.gbuffer import MeshBuffer
 from ..gpu.observe.observation_atlas import Atlas, CameraSource, Layers, tiles
 from ..gpu.observe.observations import ObservedCamera, observe
+from ..solve.gpu_path import draw_texels
 
 EDGE = 0.25  # of a good pixel's quality: below it lies an edge of shadow or silhouette
 Result = TypeVar("Result")
@@ -38,27 +39,23 @@ def observe_texels(
     It is given the tile's covered texels (n, n) and the scene's views there, in the order of the cameras.
     """
     device = thread.device()
-    mesh = MeshBuffer(device, scene.mesh)
-    grid = draw_texel_grid(device, mesh, size)
-    observations = yield from observe(device, scene, mesh, read_image)
-    source = CameraSource(device, grid, observations)
-    atlas = Atlas(device, source)
-    covered = device.read(grid.position)[..., 3] > 0.5
-    slots = np.where(covered, device.read(grid.normal)[..., 3].round().astype(np.int32), -1)
-    found = []
-    width, height = atlas.tile
-    for x, y in tiles(atlas, covered):
-        for _ in source.gather(atlas, (x, y), True):
-            yield Progress(1.0, "observe")
-        inside = np.zeros_like(covered)
-        inside[y:y + height, x:x + width] = covered[y:y + height, x:x + width]
-        blocks = device.read(atlas.texture).reshape(source.layers.blocks, height, width, 4)
-        part = inside[y:y + height, x:x + width]
-        here = blocks[:, :part.shape[0], :part.shape[1]][:, part]
-        found.append(digest(inside, _views(here, source.layers)))
-    for thing in (atlas, observations, grid, mesh):
-        thing.release()
-    return Grid(covered, slots), found
+    with device.scope():
+        grid = draw_texels(device, scene.mesh, size)
+        observations = yield from observe(device, scene, grid.mesh, read_image)
+        source = CameraSource(device, grid.maps, observations)
+        atlas = Atlas(device, source)
+        covered, found = grid.coverage, []
+        width, height = atlas.tile
+        for x, y in tiles(atlas, covered):
+            for _ in source.gather(atlas, (x, y), True):
+                yield Progress(1.0, "observe")
+            inside = np.zeros_like(covered)
+            inside[y:y + height, x:x + width] = covered[y:y + height, x:x + width]
+            blocks = device.read(atlas.texture).reshape(source.layers.blocks, height, width, 4)
+            part = inside[y:y + height, x:x + width]
+            here = blocks[:, :part.shape[0], :part.shape[1]][:, part]
+            found.append(digest(inside, _views(here, source.layers)))
+        return Grid(covered, grid.slots), found
 
 
 def observe_pixels(
@@ -66,12 +63,9 @@ def observe_pixels(
 ) -> Generator[Progress, None, list[tuple[Pixels, list[PlaceView]]]]:
     """Runs on the GL thread.  For each camera its pixels that show the object, and its views there."""
     device = thread.device()
-    mesh = MeshBuffer(device, scene.mesh)
-    observations = yield from observe(device, scene, mesh, read_image)
-    found = [_camera(device, camera, scene.pixel_filter) for camera in observations.cameras]
-    for thing in (observations, mesh):
-        thing.release()
-    return found
+    with device.scope():
+        observations = yield from observe(device, scene, MeshBuffer(device, scene.mesh), read_image)
+        return [_camera(device, camera, scene.pixel_filter) for camera in observations.cameras]
 
 
 def _camera(device: Device, camera: ObservedCamera, footprint: float) -> tuple[Pixels, list[PlaceView]]:

@@ -193,3 +193,15 @@ class Solution:
     ndf: str = "ggx"  # distribution of the two-lobe model, as in core/params.py
     checks: Checks | None = None  # what the views say of the maps
     pictures: tuple[ViewPicture, ...] = ()  # of each view, reduced: reference beside prediction
+    resumed_blocks: int = 0  # of a solve in blocks: those that an earlier run had left
+
+    @classmethod
+    def of_maps(
+        cls, maps: Maps, model: dict[str, str], levels: dict[str, float] | None = None, ndf: str = "ggx", why: str = "",
+    ) -> Solution:
+        """Of maps that no solve here has found: what materials show, and a search may start from; no figures.
+
+        ``why``: of each material's model.
+        """
+        return cls(maps=maps, model=model, why=dict.fromkeys(model, why), texels={}, seconds={}, residual=0.0,
+                   views_used=(), views_skipped=(), warnings=(), device={}, levels=levels or {}, ndf=ndf)

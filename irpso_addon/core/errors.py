@@ -1,5 +1,10 @@
 """The ways a job ends early that are not bugs."""
 
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
 
 def printable(text: str) -> str:
     """``text`` in one line.
@@ -42,8 +47,19 @@ class ShaderRefused(DeviceError):
 
 
 class Cancelled(Exception):
-    """The user stopped the job.  What was found until then may travel in ``partial``."""
+    """The user stopped the job.  What it answered with travels in ``partial``: a job's value, incomplete."""
 
-    def __init__(self, partial: object | None = None) -> None:
+    def __init__(self, partial: Any | None = None) -> None:
         super().__init__("cancelled")
         self.partial = partial
+
+
+class StoppedWithWork(Cancelled):
+    """A solve in blocks was stopped once there was a plan: plan and finished ``blocks`` stay in ``folder``."""
+
+    def __init__(self, folder: Path, blocks: int) -> None:
+        super().__init__()
+        self.folder, self.blocks = folder, blocks
+
+    def __reduce__(self) -> tuple[type[StoppedWithWork], tuple[Path, int]]:
+        return type(self), (self.folder, self.blocks)

@@ -1,11 +1,18 @@
-"""A long job is a generator of Progress; whoever runs it owns the loop."""
+"""A long job is a generator of Progress; whoever runs it owns the loop.
+
+Stopped, the runner throws Cancelled into it, once, where it waits: the job may answer with what it has, or let it pass.
+A job made of others hands that on to the one that works, by `mapped`.
+"""
 
 from __future__ import annotations
 
+import queue
 from collections.abc import Callable, Generator
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from .errors import Cancelled
 from .live_maps import Live
 
 Result = TypeVar("Result")
@@ -16,7 +23,8 @@ class Progress:
     """Where a job stands: ``fraction`` of the whole in 0..1, the ``stage`` word, a short ``message``.
 
     ``look`` tells what has been found so far; it may be called on the GL thread until the job's next step.  ``due``:
-    this look is not to be missed, however lately there was another.
+    this look is not to be missed, however lately there was another.  ``block`` of a solve in blocks: which one is
+    solved now, counted from 1, and of how many.
     """
 
     fraction: float
@@ -24,16 +32,57 @@ class Progress:
     message: str = ""
     look: Callable[[], Live] | None = field(default=None, compare=False, repr=False)
     due: bool = False
+    block: tuple[int, int] | None = None
 
 
-def retold(
-    steps: Generator[Progress, None, Result], tell: Callable[[Progress], Progress],
-) -> Generator[Progress, None, Result]:
-    """A job as part of another, whose progress ``tell`` makes of its own.  A stop ends it: it has nothing to keep."""
-    while True:
-        try:
-            step = next(steps)
-        except StopIteration as end:
-            result: Result = end.value
-            return result
-        yield tell(step)
+Steps = Generator[Progress, None, Result]
+
+
+def mapped(steps: Steps[Result], transform: Callable[[Progress], Progress], *, keeps: bool = True) -> Steps[Result]:
+    """A job as part of another, its progress as ``transform`` makes it.
+
+    Cancelled goes on to ``steps``, which may answer with a value.  Not ``keeps``: they would have nothing to keep, and
+    a stop ends them where they are.  Left in any other way than by their end, they are closed.
+    """
+    stop: Cancelled | None = None
+    try:
+        while True:
+            try:
+                step = next(steps) if stop is None else steps.throw(stop)
+            except StopIteration as end:
+                result: Result = end.value
+                return result
+            told, stop = transform(step), None
+            try:
+                yield told
+            except Cancelled as asked:
+                if not keeps:
+                    raise
+                stop = asked
+    finally:
+        steps.close()
+
+
+def retold(steps: Steps[Result], tell: Callable[[Progress], Progress]) -> Steps[Result]:
+    """`mapped`, of what has nothing to keep."""
+    return mapped(steps, tell, keeps=False)
+
+
+class Mailbox:
+    """What a running job is handed from outside, on any thread: the latest counts."""
+
+    def __init__(self) -> None:
+        self._things: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def put(self, thing: object) -> None:
+        """Hand something in."""
+        self._things.put(thing)
+
+    def take(self, seconds: float) -> Any | None:
+        """The latest that was handed in since the last call, waited for at most so long; None: nothing."""
+        thing = None
+        with suppress(queue.Empty):
+            thing = self._things.get(timeout=seconds)
+            while True:
+                thing = self._things.get_nowait()
+        return thing

@@ -25,6 +25,7 @@ from ..core.job import Progress
 from ..core.live_maps import Live
 from ..core.params import DeviceSettings
 from .channel import Closed, Receiver, Sender
+from .messages import Answer, Cancel, Configure, Done, Failed, Feed, Logged, Looked, Order, Pause, Reached, Run
 
 # Windows: no console, and the window goes first (elsewhere the worker is nice by itself)
 FLAGS = NO_CONSOLE | getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0)
@@ -50,23 +51,23 @@ class Worker:
                            "allow Blender to start it, or solve from the command line") from None
         assert self._process.stdin is not None and self._process.stdout is not None
         self._orders, self._answers = Sender(self._process.stdin), Receiver(self._process.stdout)
-        self._outbox: list[object] = []
+        self._outbox: list[Order | None] = []
         self._wake = threading.Condition()
         self.job: Remote | None = None
         for loop in (self._read, self._write):  # a pipe that is full must not hold up the window either
             threading.Thread(target=loop, name="irpso-worker", daemon=True).start()
         atexit.register(self.close)
-        self.order("configure", settings)
+        self.order(Configure(settings))
 
     @property
     def alive(self) -> bool:
         """Whether the process runs and can be given a job."""
         return self._process.poll() is None
 
-    def order(self, *message: object) -> None:
-        """Send a message when the pipe has room for it."""
+    def order(self, order: Order) -> None:
+        """Send it when the pipe has room for it."""
         with self._wake:
-            self._outbox.append(message)
+            self._outbox.append(order)
             self._wake.notify()
 
     def close(self) -> None:
@@ -82,36 +83,34 @@ class Worker:
             with self._wake:
                 while not self._outbox:
                     self._wake.wait()
-                message = self._outbox.pop(0)
-            if message is None:
+                order = self._outbox.pop(0)
+            if order is None:
                 break
             try:
-                self._orders.send(message)
+                self._orders.send(order)
             except Closed:
                 break
             except Exception as error:
-                if self.job is not None:
-                    self.job._hear("error", RuntimeError(f"{type(error).__name__}: {error}"))
+                self._fail(RuntimeError(f"{type(error).__name__}: {error}"))
 
     def _read(self) -> None:
         try:
             while True:
-                number, kind, thing = self._answers.receive()
-                if kind == "log":
-                    log.again(*thing)
+                answer: Answer | Logged = self._answers.receive()
+                if isinstance(answer, Logged):
+                    log.again(answer.level, answer.event, answer.fields)
                     continue
                 job = self.job
-                if job is not None and job.number == number:  # else it was cancelled
-                    job._hear(kind, thing)
+                if job is not None and job.number == answer.number:  # else it was cancelled
+                    job._hear(answer)
         except BaseException as error:
             if not isinstance(error, Closed):  # what was told cannot be taken: memory, most likely
-                if self.job is not None:
-                    self.job._hear("error", RuntimeError(f"{type(error).__name__}: {error}"))
+                self._fail(RuntimeError(f"{type(error).__name__}: {error}"))
                 self.close()
             code = self._process.wait()
             if self.job is not None:
                 log.warning("worker ended", status=code, message=self._last_words())
-                self.job._hear("error", DeviceLost(
+                self._fail(DeviceLost(
                     f"the worker process ended (status {code}): {self._last_words()}; solve again, with a smaller "
                     "Memory or Size if it happens again"))
         for stream in (self._process.stdin, self._process.stdout):
@@ -122,6 +121,12 @@ class Worker:
                 pass
         self.log.close()
         self._folder.cleanup()
+
+    def _fail(self, error: Exception) -> None:
+        """The running job, if there is one, ends so."""
+        job = self.job
+        if job is not None:
+            job._hear(Failed(job.number, error))
 
     def _last_words(self) -> str:
         self.log.seek(0)
@@ -153,7 +158,7 @@ class Remote:
         self._error: BaseException | None = None
         self.number = next(_numbers)
         self.worker.job = self
-        self.worker.order("run", self.number, task, arguments)
+        self.worker.order(Run(self.number, task, arguments))
 
     def poll(self) -> Progress | None:
         """The latest progress, None before the first."""
@@ -182,34 +187,40 @@ class Remote:
         return self._value
 
     def feed(self, thing: object) -> None:
-        """Hand something to the running job (`worker.fed`)."""
+        """Hand something to the running job, into its mailbox."""
         if not self.done:
-            self.worker.order("feed", thing)
+            self.worker.order(Feed(self.number, thing))
 
     def pause(self, on: bool) -> None:
         """Stop after the present step until told to go on."""
-        self.worker.order("pause", on)
+        self.worker.order(Pause(on))
 
     def cancel(self) -> None:
         """End it now: what it had not told is lost.  A worker of its own ends too."""
         if not self.done:
-            self._hear("error", Cancelled())
+            self._hear(Failed(self.number, Cancelled()))
             if not self._own:
-                self.worker.order("cancel")
+                self.worker.order(Cancel())
 
-    def _hear(self, kind: str, thing: Any) -> None:
+    def _hear(self, answer: Answer) -> None:
         if self._finished.is_set():
             return
-        if kind == "progress":
-            self._latest = thing
-        elif kind == "look":
-            looked = thing if self._prepare is None else self._prepare(thing)
-            with self._lock:
-                self._looks.append(looked)
-        else:
-            self._value, self._error = (thing, None) if kind == "done" else (None, thing)
-            self._finished.set()
-            if self.worker.job is self:
-                self.worker.job = None
-            if self._own:
-                self.worker.close()
+        match answer:
+            case Reached():
+                self._latest = answer.progress
+            case Looked():
+                looked = answer.live if self._prepare is None else self._prepare(answer.live)
+                with self._lock:
+                    self._looks.append(looked)
+            case Done():
+                self._end(answer.value, None)
+            case Failed():
+                self._end(None, answer.error)
+
+    def _end(self, value: Any, error: BaseException | None) -> None:
+        self._value, self._error = value, error
+        self._finished.set()
+        if self.worker.job is self:
+            self.worker.job = None
+        if self._own:
+            self.worker.close()

@@ -18,12 +18,13 @@ import shutil
 import stat
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from string import Template
 
 from ..core.data import SceneData
 from ..core.errors import BadInput
-from ..core.job import Progress
+from ..core.job import Progress, retold
 from ..core.maps import block_merge
 from ..core.params import SolveSettings
 from ..core.storage.atomic_io import PART, write_whole
@@ -212,9 +213,14 @@ def solve_tile(folder: Path, udim: int, tile: int, tile_size: int) -> Generator[
                        "take both from the job's template")
     missing = [block for block in blocks if not work.has_block(block.key)]
     for n, block in enumerate(missing):
-        for step in tiled_solve.solve_block(plan, work, block):
-            yield replace(step, fraction=(n + step.fraction) / len(missing))
+        yield from retold(tiled_solve.solve_block(plan, work, block),
+                          partial(_share, done=n, of=len(missing)))
     return len(missing), len(blocks)
+
+
+def _share(step: Progress, done: int, of: int) -> Progress:
+    """A block's progress as the tile's."""
+    return replace(step, fraction=(done + step.fraction) / of, block=(done + 1, of))
 
 
 def merge_square(folder: Path, udim: int, out: Path, kind: str) -> Generator[Progress, None, None]:

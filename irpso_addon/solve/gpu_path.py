@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core.data import F32, I32, Bool, Bounced, MeshArrays, RadianceImage, SceneData, View
 from ..core.errors import BadInput, Cancelled
-from ..core.job import Progress
+from ..core.job import Progress, mapped
 from ..core.live_maps import Live
 from ..core.params import SolveSettings
 from ..core.tiled.tiled_plan import Before
@@ -45,21 +45,16 @@ class Clock:
         """Steps whose seconds are this stage's."""
         start = time.perf_counter()
         low, high = STAGES[name]
-        stop_now: Cancelled | None = None
         reached = 0.0
+
+        def placed(step: Progress) -> Progress:
+            nonlocal reached
+            reached = max(reached, step.fraction)  # a model tried on the way starts from 0 again
+            return Progress(low + (high - low) * reached, name, step.message, step.look and partial(
+                self._covered, step.look))
+
         try:
-            while True:
-                step = steps.throw(stop_now) if stop_now else next(steps)
-                stop_now = None
-                reached = max(reached, step.fraction)  # a model tried on the way starts from 0 again
-                try:
-                    yield Progress(low + (high - low) * reached, name, step.message, step.look and partial(
-                        self._covered, step.look))
-                except Cancelled as stop:  # the stage may have something to keep
-                    stop_now = stop
-        except StopIteration as stop:
-            result: Result = stop.value
-            return result
+            return (yield from mapped(steps, placed))
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 

@@ -7,7 +7,7 @@ the number of views that they are made for is always VIEWS.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from functools import partial
@@ -18,15 +18,15 @@ import moderngl
 import numpy as np
 
 from ..core.data import F32, Bool, Camera, Light, MeshArrays, RadianceImage, SceneData, View, ViewPicture
-from ..core.errors import BadInput, Cancelled
+from ..core.errors import BadInput
 from ..core.images import decoder_pool
 from ..core.images.reference_image import read_reference
-from ..core.job import Progress
+from ..core.job import Mailbox, Progress, Steps, retold
 from ..core.live_maps import Live
 from ..core.params import SolveSettings
 from ..gpu.device import thread
 from ..gpu.device.context import Device
-from ..gpu.gbuffer.gbuffer import MeshBuffer, SurfaceMaps, draw_texel_grid
+from ..gpu.gbuffer.gbuffer import MeshBuffer, SurfaceMaps
 from ..gpu.maps.albedo import AlbedoSolver
 from ..gpu.maps.check_views import check_views, pictured
 from ..gpu.maps.fill import fill
@@ -34,7 +34,7 @@ from ..gpu.observe.observation_atlas import Atlas, CameraSource, Tile
 from ..gpu.observe.observations import Limits, Observations, observe
 from ..gpu.solve import live_readback
 from ..gpu.solve.solver import Solver
-from ..process import worker
+from .gpu_path import TexelGrid, draw_texels
 
 VIEWS = 12  # looked at, at most
 FEWEST = 3  # with which to begin, when reading is slow
@@ -45,11 +45,10 @@ ITERATIONS = 2  # of base colour
 SHADOW = 512  # texels of a shadow map
 IDLE = 0.1  # seconds between two looks for maps to judge
 Result = TypeVar("Result")
-Steps = Generator[Progress, None, Result]
 
 
-def preview(scene: SceneData, settings: SolveSettings) -> Steps[None]:
-    """Looks, coarse to fine; then the errors of whatever maps are fed (`worker.fed`), until cancelled.
+def preview(scene: SceneData, settings: SolveSettings, mailbox: Mailbox) -> Steps[None]:
+    """Looks, coarse to fine; then the errors of whatever maps come into the ``mailbox``, until cancelled.
 
     Raises BadInput when no picture can be used.
     """
@@ -58,18 +57,18 @@ def preview(scene: SceneData, settings: SolveSettings) -> Steps[None]:
         order = spread(scene.views)
         reading = {readers.submit(read_reference, view, PIXELS): view for view in order}
         _first(reading, images)
-        yield from _refined(_of(scene, order, images), settings, images, SIZES[:1], first=True)
+        yield from _refined(_of(scene, order, images), settings, images, SIZES[:1])
         wait(reading)
         _take(reading, images)
     every = _of(scene, order, images)
-    yield from _refined(every, settings, images, SIZES[1:])
+    yield from _refined(every, settings, images, SIZES[1:], mailbox)
 
 
 def warm_up() -> Steps[None]:
     """Compiles what every preview needs, on a scene of one square; and its images will not wait for decoders."""
     decoder_pool.warm_up()
     scene, images = _square()
-    yield from _refined(scene, SolveSettings(size=16), images, (16,), first=True)
+    yield from _refined(scene, SolveSettings(size=16), images, (16,))
 
 
 def spread(views: tuple[View, ...]) -> list[View]:
@@ -107,66 +106,62 @@ def _of(scene: SceneData, order: list[View], images: dict[int, RadianceImage]) -
 
 def _refined(
     scene: SceneData, settings: SolveSettings, images: dict[int, RadianceImage], sizes: tuple[int, ...],
-    first: bool = False,
+    mailbox: Mailbox | None = None,
 ) -> Steps[None]:
-    """A solve at each size from the same observations.  Not the ``first``: then judges what is fed."""
-    device = thread.device()
-    mesh = MeshBuffer(device, scene.mesh)
-    observations: Observations = yield from observe(
-        device, scene, mesh, lambda view: images[id(view)], Limits(shadow_size=SHADOW))
-    if not observations.cameras:
-        raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
-    try:
+    """A solve at each size from the same observations; then judges what comes into the mailbox.
+
+    Without one they are the first that are seen, and the last here.
+    """
+    device, first = thread.device(), mailbox is None
+    with device.scope():
+        mesh = MeshBuffer(device, scene.mesh)
+        observations: Observations = yield from observe(
+            device, scene, mesh, lambda view: images[id(view)], Limits(shadow_size=SHADOW))
+        if not observations.cameras:
+            raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
         for size in sizes:
             if size < settings.size or first:  # as fine as the solve is the solve itself
-                grid = draw_texel_grid(device, mesh, min(size, settings.size))
-                yield from _solve(device, grid, observations, settings, first)
-                grid.release()
-        if not first:
-            yield from _judge(device, observations, draw_texel_grid(device, mesh, 16))
-    finally:
-        observations.release()
-        mesh.release()
+                with device.scope():
+                    texels = draw_texels(device, mesh, min(size, settings.size))
+                    yield from _solve(device, texels, observations, settings, first)
+        if mailbox is not None:
+            yield from _judge(device, observations, draw_texels(device, mesh, 16).maps, mailbox)
 
 
 def _solve(
-    device: Device, grid: SurfaceMaps, observations: Observations, settings: SolveSettings, first: bool,
+    device: Device, texels: TexelGrid, observations: Observations, settings: SolveSettings, first: bool,
 ) -> Steps[None]:
     """One size.  ``first``: before anything else base colour as of a surface without gloss, which is there at once."""
-    coverage = device.read(grid.position)[..., 3] > 0.5
+    grid, coverage = texels.maps, texels.coverage
     if first:
         gloss = _constant(device, coverage.shape, 0.5, 0.5, 1.0), _constant(device, coverage.shape, 0.0, 0.0, 0.0)
         matte = AlbedoSolver(device, grid, observations, *gloss)
         base = yield from _silent(matte.solve(iterations=0))
-        yield _told(live_readback.base_color(device, base), coverage)
-        yield _told(Live({}, pictures=_pictures(matte, base)), coverage)
-        release(base, *gloss)
+        yield _look_due(live_readback.base_color(device, base), coverage)
+        yield _look_due(Live({}, pictures=_pictures(matte, base)), coverage)
     solver = Solver(device, _Source(device, grid, observations),
                     replace(settings, method="draft", model="one-lobe", loss="squares"))
-    found = yield from _shown(solver.solve(), coverage)
-    if solver.cancelled:
-        raise Cancelled
-    texels = found.read(device)
-    rough = texels.roughness
-    known = _texture(device, rough, rough, np.ones_like(rough), texels.solved.astype(np.float32))
+    found = yield from _with_coverage(solver.solve(), coverage)
+    fit = found.read(device)
+    rough = fit.roughness
+    known = _texture(device, rough, rough, np.ones_like(rough), fit.solved.astype(np.float32))
     lobes = fill(device, known)
     albedo = AlbedoSolver(device, grid, observations, lobes)
     base = yield from _silent(albedo.solve(ITERATIONS))
     filled = fill(device, base)
-    solved = texels.solved
-    sure = live_readback.confidence(texels.sigma, texels.observations)
-    error = live_readback.relative_error(texels.residual, texels.observations)
-    yield _told(Live({
+    solved = fit.solved
+    sure = live_readback.confidence(fit.sigma, fit.observations)
+    error = live_readback.relative_error(fit.residual, fit.observations)
+    yield _look_due(Live({
         "base_color": device.read(filled)[..., :3].copy(), "roughness": device.read(lobes)[..., 0].copy(),
         "confidence": np.where(solved, sure, np.float32(0)), "error": np.where(solved, error, np.float32(0)),
     }, pictures=_pictures(albedo, filled)), coverage)
-    release(found, known, lobes, base, filled, solver)
 
 
-def _judge(device: Device, observations: Observations, grid: SurfaceMaps) -> Steps[None]:
-    """How well maps that are fed explain the reduced pictures, until cancelled."""
+def _judge(device: Device, observations: Observations, grid: SurfaceMaps, mailbox: Mailbox) -> Steps[None]:
+    """How well maps that are handed in explain the reduced pictures, until cancelled."""
     while True:
-        maps = worker.fed(IDLE)
+        maps = mailbox.take(IDLE)
         if maps is None:
             yield Progress(1.0, "preview")
             continue
@@ -189,15 +184,10 @@ def _pictures(albedo: AlbedoSolver, base: moderngl.Texture) -> tuple[ViewPicture
     return tuple(pictures)
 
 
-def _shown(steps: Steps[Result], coverage: Bool) -> Steps[Result]:
+def _with_coverage(steps: Steps[Result], coverage: Bool) -> Steps[Result]:
     """The same, with coverage in each look."""
-    try:
-        while True:
-            step = next(steps)
-            yield Progress(step.fraction, "preview", look=step.look and partial(_covered, step.look, coverage))
-    except StopIteration as stop:
-        result: Result = stop.value
-        return result
+    return retold(steps, lambda step: Progress(
+        step.fraction, "preview", look=step.look and partial(_covered, step.look, coverage)))
 
 
 def _same(live: Live) -> Live:
@@ -210,15 +200,10 @@ def _covered(seen: Callable[[], Live], coverage: Bool) -> Live:
 
 def _silent(steps: Steps[Result]) -> Steps[Result]:
     """The same, with nothing to look at."""
-    try:
-        while True:
-            yield replace(next(steps), look=None)
-    except StopIteration as stop:
-        result: Result = stop.value
-        return result
+    return retold(steps, lambda step: replace(step, look=None))
 
 
-def _told(live: Live, coverage: Bool) -> Progress:
+def _look_due(live: Live, coverage: Bool) -> Progress:
     """What must be seen."""
     return Progress(1.0, "preview", look=partial(_same, replace(live, coverage=coverage)), due=True)
 

@@ -11,15 +11,14 @@ from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from ..core import log
 from ..core.data import F32, F64, I32, Bool, Camera, Maps, MeshArrays, RadianceImage, SceneData, Solution, View
-from ..core.errors import BadInput, Cancelled
+from ..core.errors import BadInput, Cancelled, StoppedWithWork
 from ..core.images.reference_image import read_reference
-from ..core.job import Progress, retold
+from ..core.job import Progress, Steps, retold
 from ..core.maps import block_merge
 from ..core.maps.export import layers, safe_stem
 from ..core.params import SolveSettings
@@ -39,11 +38,9 @@ from ..gpu.solve.model_ladder import Last
 from .gpu_path import Clock, Given, draw_texels, solve_grid
 from .pipeline import Bounce, Outcome, outcome
 
-Result = TypeVar("Result")
 PLANNED, SOLVED = 0.25, 0.95  # of the whole: once the plan is made, once all blocks are solved
 WORK = "irpso_work_"  # begins the name of a folder beside the maps, until they are done
 NO_INDIRECT = "several UDIMs: indirect light is not rendered and taken out; darken the surroundings"
-RESUMED = "resumed: "  # begins the warning of a solve that went on
 STATS = "stats"  # of a block: (1, 7) texels covered, observed, solved, filled; sum and count of squared residuals,
 # and whether its pictures are reduced
 
@@ -55,8 +52,8 @@ def run(
     """Files of the maps in ``folder``; what is finished lies in ``work``, where a run that was stopped goes on.
 
     Once the files are in their place the caller removes ``work`` (`Work.remove`).  ``kind``: of the files, as
-    export.py.  Returns the plan's solution, of small maps, with the figures of the whole.  Raises Cancelled, and
-    BadInput for what cannot be used.
+    export.py.  Returns the plan's solution, of small maps, with the figures of the whole.  Raises BadInput for what
+    cannot be used, and Cancelled: StoppedWithWork once there is a plan.
     """
     steps = _run(scene, settings, folder, work, kind, bounce, block, halo)
     return (yield from log.watched(scene, settings, thread.settings(), steps))
@@ -72,18 +69,22 @@ def _run(
         blocks = plan.windows
         left = [window for window in blocks if not place.has_block(window.key)]
         there = len(blocks) - len(left)
-        for n, window in enumerate(left):
-            message = f"block {there + n + 1} of {len(blocks)}"
-            low, high = (PLANNED + (SOLVED - PLANNED) * (there + k) / len(blocks) for k in (n, n + 1))
-            yield from _told(solve_block(plan, place, window, clock), low, high, f"{message}: ", looks=False)
-        began = time.perf_counter()
-        for share in block_merge.steps(place.read_block, blocks, scene.mesh.name, folder, kind, layers_of(plan),
-                                 tiled=plan.udims != (uv_blocks.FIRST_UDIM,)):
-            yield Progress(SOLVED + (1 - SOLVED) * share, "merge", "writing files")
+        stopped = False
+        try:
+            for n, window in enumerate(left):
+                yield from _one_of_many(solve_block(plan, place, window, clock), there + n, len(blocks))
+            began = time.perf_counter()
+            for share in block_merge.steps(place.read_block, blocks, scene.mesh.name, folder, kind, layers_of(plan),
+                                     tiled=plan.udims != (uv_blocks.FIRST_UDIM,)):
+                yield Progress(SOLVED + (1 - SOLVED) * share, "merge", "writing files")
+        except Cancelled:
+            stopped = True
+        if stopped:  # raised out here it does not carry the other one along, whose frames hold the block's textures
+            raise StoppedWithWork(work, Work.count_blocks(work))
         clock.seconds["merge"] = time.perf_counter() - began
         solution = total(plan, place)
-    told = (f"{RESUMED}{there} of {len(blocks)} blocks were there",) if there else ()
-    return replace(solution, seconds=clock.seconds, warnings=(*told, *solution.warnings))
+    told = (f"resumed: {there} of {len(blocks)} blocks were there",) if there else ()
+    return replace(solution, seconds=clock.seconds, warnings=(*told, *solution.warnings), resumed_blocks=there)
 
 
 def work_folder(out: Path, name: str) -> Path:
@@ -155,9 +156,8 @@ def make_plan(
     mesh = replace(scene.mesh, grid=small.grid(scene.mesh.uvs), extent=float(small.columns))
     read = partial(read_reference, max_pixels=most_pixels(scene.views, uv_blocks.PICTURES * thread.settings().memory))
     began = time.perf_counter()
-    made: Outcome = yield from _told(
-        outcome(replace(scene, mesh=mesh), replace(settings, size=small.size), read, bounce), 0.0, 0.7 * PLANNED,
-        "plan: ")
+    made: Outcome = yield from retold(
+        outcome(replace(scene, mesh=mesh), replace(settings, size=small.size), read, bounce), _of_plan)
     clock.seconds["plan"] = time.perf_counter() - began
     if made.solution.cancelled:
         raise Cancelled
@@ -184,12 +184,18 @@ def _with_every_material(
                    warnings=(*solution.warnings, *(told if settings.model == "auto" else ())))
 
 
-def _told(
-    steps: Generator[Progress, None, Result], low: float, high: float, prefix: str, looks: bool = True,
-) -> Generator[Progress, None, Result]:
-    """Steps as a part of the whole.  Looks at a block show no map."""
-    return (yield from retold(steps, lambda step: Progress(
-        low + (high - low) * step.fraction, step.stage, prefix + step.message, step.look if looks else None)))
+def _of_plan(step: Progress) -> Progress:
+    """A step of the plan's small map as one of the whole."""
+    return Progress(0.7 * PLANNED * step.fraction, step.stage, f"plan: {step.message}", step.look)
+
+
+def _one_of_many(steps: Steps[None], before: int, blocks: int) -> Steps[None]:
+    """A block's steps as part of the whole, without looks: they would show no map."""
+    def placed(step: Progress) -> Progress:
+        return Progress(PLANNED + (SOLVED - PLANNED) * (before + step.fraction) / blocks, step.stage,
+                        f"block {before + 1} of {blocks}: {step.message}", block=(before + 1, blocks))
+
+    return retold(steps, placed)
 
 
 def _developed(views: tuple[View, ...], work: Work) -> Generator[Progress, None, None]:

@@ -15,6 +15,7 @@ from irpso_addon.cli import doctor, options
 from irpso_addon.core import log
 from irpso_addon.core.errors import DeviceLost
 from irpso_addon.process import remote
+from irpso_addon.process.messages import Configure, Order
 
 ROUGH = 0.45  # of the Ball, as in tests/make_scenes.py
 PRIVATE = "secret project"  # a folder that no log may name
@@ -54,9 +55,9 @@ def test_doctor_says_what_to_do_without_opengl(irpso, environment, home):
 def test_doctor_survives_a_driver_that_crashes(monkeypatch, capsys):
     """What was found until then is printed, and the slower path is tried."""
     class Crashing(remote.Worker):
-        def order(self, *message: object) -> None:
-            super().order(*message)
-            if message[0] == "configure" and message[1].device == "opengl":
+        def order(self, order: Order) -> None:
+            super().order(order)
+            if isinstance(order, Configure) and order.settings.device == "opengl":
                 self._process.kill()
 
     monkeypatch.setattr(doctor, "Worker", Crashing)

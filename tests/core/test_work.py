@@ -356,3 +356,15 @@ def test_a_merge_that_fails_leaves_nothing(tmp_path):
     assert next(going) == 0.5
     going.close()  # as when the user stops it
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_lies_in_a_folder_is_told_without_a_lock(tmp_path):
+    folder = tmp_path / "work"
+    assert (Work.has_plan(folder), Work.count_blocks(folder)) == (False, 0)
+    with Work(folder) as place:
+        place.begin("a")
+        place.write_block("1001_0_0", {"a": np.zeros((1, 1), np.float32)})
+        (folder / "blocks" / f"{PART}00000000-1001_0_1.npz").touch()
+        assert (Work.has_plan(folder), Work.count_blocks(folder)) == (False, 1)
+        place.write_plan(solution())
+        assert Work.has_plan(folder)

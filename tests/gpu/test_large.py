@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.data import SceneData
-from irpso_addon.core.errors import BadInput, Cancelled
+from irpso_addon.core.errors import BadInput, StoppedWithWork
 from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.maps.export import layers
 from irpso_addon.core.params import SolveSettings
@@ -152,14 +152,15 @@ def test_a_stop_keeps_finished_blocks(scene: SceneData, blocks: Found, tmp_path:
     out.mkdir()
 
     def stop() -> bool:
-        return bool(seen) and seen[-1].message.startswith("block 3") and seen[-1].stage == "solve"
+        return bool(seen) and seen[-1].block == (3, 4) and seen[-1].stage == "solve"
 
-    with pytest.raises(Cancelled):
+    with pytest.raises(StoppedWithWork) as stopped:
         thread.run(lambda: tiled_solve.run(scene, settings(), out, out / "work", "exr", block=BLOCK),
                    on_progress=seen.append, should_stop=stop)
+    assert (stopped.value.folder, stopped.value.blocks) == (out / "work", 2)
     assert not list(out.glob("*.exr"))
     again = thread.run(lambda: tiled_solve.run(scene, settings(), out, out / "work", "exr", block=BLOCK))
-    assert "resumed: 2 of 4 blocks were there" in again.warnings
+    assert again.resumed_blocks == 2
     assert again.texels["solved"] == int((blocks["filled"] < 0.5).sum())
 
 

@@ -18,9 +18,36 @@ from ...process.remote import Remote, Worker
 from .. import logs
 from ..preferences import device_settings
 
-_warm: Worker | None = None
-_warm_settings: DeviceSettings | None = None
-_tried = False  # to get it ready, unasked; a solve starts it again whatever became of it
+
+class _WarmWorker:
+    """The worker for previews, kept ready."""
+
+    def __init__(self) -> None:
+        self.tried = False  # to get it ready, unasked; a solve starts it again whatever became of it
+        self._worker: Worker | None = None
+        self._settings: DeviceSettings | None = None
+
+    @property
+    def alive(self) -> bool:
+        return self._worker is not None and self._worker.alive
+
+    def get(self) -> Worker:
+        """The one that there is, if it lives and has the settings of now, else a new one.  Raises BadInput."""
+        settings = device_settings()
+        if settings != self._settings:
+            self.end()
+        if self._worker is None or not self._worker.alive:
+            self._worker, self._settings = Worker(settings), settings
+        return self._worker
+
+    def end(self) -> None:
+        """None is left."""
+        if self._worker is not None:
+            self._worker.close()
+        self._worker = None
+
+
+_warm = _WarmWorker()
 
 
 @dataclass(frozen=True)
@@ -51,41 +78,26 @@ def preview(arguments: tuple[Any, ...], prepare: Callable[[Live], Live]) -> Remo
     """The first looks at a solve, in the worker that is warm.  Raises BadInput where there are none."""
     if device_settings().device == "numpy":
         raise BadInput("device numpy: there are no looks before the end")
-    return Remote("solve.preview:preview", *arguments, worker=_worker(), prepare=prepare)
+    return Remote("solve.preview:preview", *arguments, worker=_warm.get(), prepare=prepare)
 
 
 def warm_up() -> None:
     """Get the worker for previews ready, unless it is."""
-    global _tried
-    _tried = True
-    if device_settings().device == "opengl" and (_warm is None or not _warm.alive):
+    _warm.tried = True
+    if device_settings().device == "opengl" and not _warm.alive:
         with suppress(BadInput):  # the solve will say it
-            Remote("solve.preview:warm_up", worker=_worker())
+            Remote("solve.preview:warm_up", worker=_warm.get())
 
 
 def warm_soon() -> None:
     """`warm_up`, but not now, and once: for panels, which are drawn again and again."""
-    if not _tried and not bpy.app.timers.is_registered(warm_up):
+    if not _warm.tried and not bpy.app.timers.is_registered(warm_up):
         bpy.app.timers.register(warm_up, first_interval=0.1)
 
 
 def cool_down() -> None:
     """End the worker that is warm."""
-    global _warm, _tried
-    _tried = False
+    _warm.tried = False
     if bpy.app.timers.is_registered(warm_up):
         bpy.app.timers.unregister(warm_up)
-    if _warm is not None:
-        _warm.close()
-    _warm = None
-
-
-def _worker() -> Worker:
-    global _warm, _warm_settings
-    settings = device_settings()
-    if _warm is not None and settings != _warm_settings:
-        _warm.close()
-        _warm = None
-    if _warm is None or not _warm.alive:
-        _warm, _warm_settings = Worker(settings), settings
-    return _warm
+    _warm.end()

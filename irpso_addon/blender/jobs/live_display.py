@@ -37,7 +37,7 @@ JUDGE_SECONDS = 1.5  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
 UNKNOWN_SIGMA = 0.5  # standard error of what nobody knows
 PARTIAL = "stopped early: maps as far as they had come, coarse where no tile was done"
-RESUMED = "stopped early: the last result where no tile was done"
+KEPT = "stopped early: the last result where no tile was done"
 UNCHANGED = "stopped early: the last result stays as it was"
 
 _numbers = itertools.count()
@@ -75,8 +75,7 @@ class LiveMaps:
             return None
         none = np.zeros((1, 1), np.float32)
         maps = Maps(np.zeros((1, 1, 3), np.float32), none, none, none, none > 0, none > 0, none, none)
-        return Solution(maps, self.model, why={}, texels={}, seconds={}, residual=0.0, views_used=(), views_skipped=(),
-                        warnings=(), device={}, levels=self.start.levels if self.start is not None else {})
+        return Solution.of_maps(maps, self.model, self.start.levels if self.start is not None else {})
 
     @property
     def seconds(self) -> float:
@@ -213,7 +212,7 @@ class LiveMaps:
                 model=self.model, why=dict.fromkeys(self.model, "stopped early"), seconds={}, device={},
                 texels={"covered": covered, "observed": solved, "solved": solved, "filled": covered - solved},
                 residual=float(np.sqrt(np.mean(maps["error"][known] ** 2))) if solved else 0.0,
-                views_used=self.views, views_skipped=(), warnings=(RESUMED if self.start else PARTIAL,), cancelled=True,
+                views_used=self.views, views_skipped=(), warnings=(KEPT if self.start else PARTIAL,), cancelled=True,
                 pictures=self.latest.pictures if self.latest else ())
 
 

@@ -5,6 +5,7 @@ Imports where there is no ``bpy``: a worker process starts a child too.
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from typing import BinaryIO
 from ...core import child_process
 from ...core.job import Progress
 
-ERRORS, PROGRESS = "errors", "progress"  # files in the child's folder: what it said on stderr, what it told
+ERRORS, PROGRESS = "errors", "progress.json"  # in the child's folder: what it said on stderr, how far it is
 
 
 def command() -> tuple[str, ...]:
@@ -55,10 +56,10 @@ class Child:
     def progress(self) -> Progress | None:
         """What it last told; None: nothing."""
         try:
-            fraction, stage, message = (self.folder / PROGRESS).read_text(encoding="utf-8").split("\n")
+            told = json.loads((self.folder / PROGRESS).read_text(encoding="utf-8"))
         except OSError:  # not there, or being replaced
             return None
-        return Progress(float(fraction), stage, message)
+        return Progress(told["fraction"], told["stage"], told["message"])
 
     def last_line(self) -> str:
         """What it said last, if it failed."""
@@ -70,7 +71,8 @@ class Child:
 def tell(folder: Path, progress: Progress) -> None:
     """In the child: how far it is."""
     fresh = folder / f"{PROGRESS}.new"
-    fresh.write_text(f"{progress.fraction}\n{progress.stage}\n{progress.message}", encoding="utf-8")
+    told = {"fraction": progress.fraction, "stage": progress.stage, "message": progress.message}
+    fresh.write_text(json.dumps(told), encoding="utf-8")
     with suppress(PermissionError):  # on Windows, while the window reads it; the next one will do
         os.replace(fresh, folder / PROGRESS)
 

@@ -28,11 +28,10 @@ MODES = {  # of the object, in which a part is marked; what the button says
 }
 
 
-def steered(context: Any, obj: bpy.types.Object, data: SceneData) -> SceneData:
-    """``data`` with the part and the last result that the panel asks for.  Raises BadInput."""
+def of_panel(context: Any) -> tuple[str, Any]:
+    """Kind and choice, as `with_part` takes them, of the part that the panel asks for."""
     settings = context.scene.irpso
-    chosen = {"GROUP": settings.region_group, "IMAGE": settings.region_image}.get(settings.region)
-    return with_part(context, obj, data, settings.start, settings.region, chosen)
+    return settings.region, {"GROUP": settings.region_group, "IMAGE": settings.region_image}.get(settings.region)
 
 
 def with_part(
@@ -150,12 +149,10 @@ def last_result(obj: bpy.types.Object) -> Solution | None:
     except BadInput:  # an image was deleted
         return None
     shown = {slot.material.name: _model(slot.material) for slot in obj.material_slots if slot.material is not None}
-    return Solution(
-        maps=maps, model={name: model for name, (model, _, _) in shown.items()},
-        why=dict.fromkeys(shown, "as its material has it"), texels={}, seconds={}, residual=0.0, views_used=(),
-        views_skipped=(), warnings=(), device={},
-        levels={name: level for name, (_, level, _) in shown.items() if level is not None},
-        ndf=next((ndf for _, _, ndf in shown.values() if ndf == "beckmann"), "ggx"))
+    return Solution.of_maps(
+        maps, {name: model for name, (model, _, _) in shown.items()},
+        {name: level for name, (_, level, _) in shown.items() if level is not None},
+        next((ndf for _, _, ndf in shown.values() if ndf == "beckmann"), "ggx"), why="as its material has it")
 
 
 def _by_present_names(obj: bpy.types.Object, solution: Solution) -> Solution:

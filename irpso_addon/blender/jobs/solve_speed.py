@@ -6,6 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -27,8 +28,19 @@ FILE = "irpso_speed.json"  # in the user's configuration folder
 TOLD = 1_000_000_000  # bytes of disk from which on a panel names them
 AGAIN = 3.0  # seconds until an object's UVs are looked at again
 
-_factors: dict[str, float] | None = None  # as in the file; None: not read yet
-_squares: tuple[float, int, tuple[int, ...]] | None = None  # when, of which object, UDIMs
+
+
+@dataclass
+class _Known:
+    """What was found out, and need not be again."""
+
+    factors: dict[str, float] | None = None  # as in the file; None: not read yet
+    looked: float = 0.0  # when an object's UVs were, last; ...
+    looked_at: int = 0  # ... of which object; 0: none
+    udims: tuple[int, ...] = (FIRST_UDIM,)  # ... and what they fill
+
+
+_known = _Known()
 
 
 def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -66,15 +78,14 @@ def by_numpy() -> bool:
 
 def _udims(obj: bpy.types.Object | None, settings: SolveSettings) -> tuple[int, ...]:
     """Those that a solve of ``obj`` fills, as far as its mesh without modifiers tells; renewed now and then."""
-    global _squares
     if settings.udim == "first" or obj is None or obj.type != "MESH" or obj.mode == "EDIT":
         return (FIRST_UDIM,)
     now, uid = time.monotonic(), obj.session_uid
-    if _squares is None or _squares[1] != uid or now - _squares[0] > AGAIN:
-        _squares = now, uid, (FIRST_UDIM,)
+    if _known.looked_at != uid or now - _known.looked > AGAIN:
+        _known.looked, _known.looked_at, _known.udims = now, uid, (FIRST_UDIM,)
         with contextlib.suppress(BadInput):  # too many: the solve will say it
-            _squares = now, uid, udims_of(_middles(obj.data)) or (FIRST_UDIM,)
-    return _squares[2]
+            _known.udims = udims_of(_middles(obj.data)) or (FIRST_UDIM,)
+    return _known.udims
 
 
 def _middles(mesh: bpy.types.Mesh) -> F32:
@@ -101,14 +112,13 @@ def learn(
     udims: tuple[int, ...] = (FIRST_UDIM,),
 ) -> None:
     """Remembers what a solve took, ``wall`` seconds in all; stopped ones, parts and numpy's say nothing."""
-    global _factors
     if solution.cancelled or data.region is not None or data.start is not None or by_numpy():
         return
     taken = _sizes(data)
     if len(taken) < len(data.views):  # the list has been changed meanwhile
         return
-    _factors = estimates.learnt(factors(), taken, settings, solution.seconds, wall, udims=udims)
-    saved = path(), dict(_factors)
+    _known.factors = estimates.learnt(factors(), taken, settings, solution.seconds, wall, udims=udims)
+    saved = path(), dict(_known.factors)
     threading.Thread(target=_save, args=saved, name="irpso-speed", daemon=True).start()  # disks may be slow
 
 
@@ -122,10 +132,9 @@ def _sizes(data: SceneData) -> Sequence[Taken]:
 
 def factors() -> dict[str, float]:
     """What was learnt, read once."""
-    global _factors
-    if _factors is None:
-        _factors = estimates.read_factors(path())
-    return _factors
+    if _known.factors is None:
+        _known.factors = estimates.read_factors(path())
+    return _known.factors
 
 
 def path() -> Path:
@@ -141,7 +150,6 @@ def _save(target: Path, content: dict[str, float]) -> None:
 
 def forget() -> None:
     """As if nothing had been read: for tests."""
-    global _factors
-    _factors = None
+    _known.factors = None
 
 

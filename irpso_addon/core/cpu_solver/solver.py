@@ -18,7 +18,7 @@ import numpy as np
 
 from ..data import F64, Bool, Maps, SceneData, Solution
 from ..errors import BadInput
-from ..job import Progress
+from ..job import Progress, mapped
 from ..params import DeviceSettings, SolveSettings
 from .observe import ReadImage, memory, observe
 from .rasterise import Places, places, rasterise
@@ -88,13 +88,7 @@ def _share(
     steps: Generator[Progress, None, Result], low: float, high: float,
 ) -> Generator[Progress, None, Result]:
     """A stage of the whole."""
-    try:
-        while True:
-            step = next(steps)
-            yield replace(step, fraction=low + (high - low) * step.fraction)
-    except StopIteration as stop:
-        result: Result = stop.value
-        return result
+    return (yield from mapped(steps, lambda step: replace(step, fraction=low + (high - low) * step.fraction)))
 
 
 def _possible(scene: SceneData, settings: SolveSettings) -> tuple[SolveSettings, list[str]]:

@@ -114,6 +114,16 @@ class Work:
         """Whether `read_block` would give it: whole, undamaged, and of this very solve."""
         return _are_layers(self._load(self._block(key)))
 
+    @staticmethod
+    def has_plan(folder: Path) -> bool:
+        """Whether a solve there has come to its blocks, of whatever scene and settings; locks nothing."""
+        return (Path(folder) / PLAN).is_file()
+
+    @staticmethod
+    def count_blocks(folder: Path) -> int:
+        """How many finished blocks lie there, whole or not; locks nothing."""
+        return sum(not path.name.startswith(PART) for path in (Path(folder) / BLOCKS).glob("*.npz"))
+
     def remove(self) -> None:
         """Remove all that is ours, and the folder if nothing else lies in it."""
         with contextlib.suppress(OSError):  # files that someone holds open on Windows: emptied by the next run

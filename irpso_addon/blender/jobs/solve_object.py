@@ -1,0 +1,254 @@
+"""A solve of an object, from the open scene to its materials: what the command and the panel's button have in common.
+
+    order = read(...)                      what is solved; refused where its maps could go nowhere
+    check(order), check_room(order, ...)   what else is refused before the work
+    run(order, ...) or task(order)         here and now, or as a job for a worker process
+    place(...), remember(...), learn(...)  the maps on the materials; what the session keeps of it
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...core.data import SceneData, Solution
+from ...core.errors import BadInput, Cancelled, StoppedWithWork
+from ...core.images.image_file import open_image
+from ...core.job import Progress, Steps
+from ...core.maps.map_set import MapFiles
+from ...core.params import SolveSettings
+from ...core.reporting import estimates
+from ...core.reporting.estimates import Estimate, Taken
+from ...core.tiled import uv_blocks
+from ...core.tiled.work_folder import Work
+from ...gpu.device import thread
+from ...solve import pipeline, tiled_solve
+from ..files import object_named
+from ..material import material, material_preflight
+from ..scene.scene import read_scene
+from . import session, solve_region, solve_speed
+from .indirect import Bouncer
+from .jobs import Task
+
+Part = tuple[str, Any]  # kind and choice, as solve_region.with_part has them
+ALL: Part = ("ALL", None)
+
+
+@dataclass(frozen=True)
+class Order:
+    """One solve of one object."""
+
+    data: SceneData
+    settings: SolveSettings
+    udims: tuple[int, ...]  # that are solved
+    folder: Path | None = None  # where files go; None: the maps are kept in the .blend alone
+    kind: str = "exr"  # of the files
+
+    @property
+    def name(self) -> str:
+        """The object's, when it was read: that of its files."""
+        return self.data.mesh.name
+
+    @property
+    def large(self) -> bool:
+        """Whether it is solved in blocks; its maps are files in ``folder``, and not in the .blend."""
+        return uv_blocks.is_large(self.settings.size, self.udims)
+
+    @property
+    def work(self) -> Path | None:
+        """Where what is finished of a large one waits."""
+        return tiled_solve.work_folder(self.folder, self.name) if self.large and self.folder is not None else None
+
+    @property
+    def shown_size(self) -> int:
+        """Texels across the maps that are seen while it runs: of a large one its plan's."""
+        return uv_blocks.layout(self.settings.size, self.udims).size if self.large else self.settings.size
+
+    @property
+    def label(self) -> str:
+        """What its result is called."""
+        settings = self.settings
+        return f"{settings.method}, {settings.model}, {settings.size}{', part' if self.data.region else ''}"
+
+
+def read(
+    context: bpy.types.Context | None, subject: bpy.types.Object | str | None, captures: Path | None,
+    settings: SolveSettings, part: Part = ALL, writes: bool = True,
+) -> Order:
+    """Scene, part and last result.  ``subject``: the object or its name; None: the one that can be meant.
+
+    ``writes``: the maps are to go onto its materials.  Raises BadInput, also where they could not.
+    """
+    given = isinstance(subject, bpy.types.Object)
+    data = read_scene(context, subject.name if given else subject, captures)
+    obj = subject if given else object_named(data.mesh.name)
+    if writes:
+        material_preflight.check(obj, data.mesh)
+    data = solve_region.with_part(context, obj, data, settings.start, *part)
+    return Order(data, settings, uv_blocks.solved_udims(settings.udim, data.mesh.uvs))
+
+
+def check(order: Order) -> None:
+    """Raises BadInput for what cannot be solved in blocks but would have to be."""
+    if order.large:
+        tiled_solve.check(order.data, order.settings)
+
+
+def check_room(order: Order, expected: Estimate | None) -> None:
+    """Raises BadInput where the disk has no room for the files, as far as is known."""
+    if expected is not None and order.folder is not None:
+        there = 0 if order.work is None else estimates.size_of(order.work)
+        estimates.check_disk(order.folder, expected.disk_bytes, there)
+
+
+def expected(order: Order) -> Estimate:
+    """Time and memory.  Opens all pictures: not for a window, whose panel knows (`solve_speed.of`)."""
+    taken = []
+    for view in order.data.views:
+        with suppress(BadInput):  # the solve says it
+            header = open_image(view.image)
+            taken.append(Taken(header.width, header.height, view.camera.name, len(view.lights)))
+    return estimates.estimate(taken, order.settings, solve_speed.factors(), thread.settings().memory,
+                              rounds=order.settings.indirect == "on", udims=order.udims)
+
+
+# ---- the work
+
+
+def run(order: Order, blend: Path, folder: Path, on_progress: Callable[[Progress], None]) -> Solution:
+    """Solve it now, of ``blend`` as it was opened; files of large maps go into ``folder``.
+
+    Stopped, it returns what there is of maps in one piece; of others it raises StoppedWithWork once there is something
+    to go on from.  Raises Cancelled where there is nothing, and BadInput.
+    """
+    bounce = None if order.settings.indirect == "off" else Bouncer.of_open_file(blend)
+    work = order.work
+    try:
+        solution: Solution = thread.run(lambda: _steps(order, folder, bounce), on_progress)
+        return solution
+    except BaseException as error:
+        if isinstance(error, Cancelled) and error.partial is not None:
+            stopped: Solution = error.partial
+            return stopped
+        if work is None:
+            raise
+        if not Work.has_plan(work):
+            _remove(work)
+        elif isinstance(error, KeyboardInterrupt) or type(error) is Cancelled:  # before the solve looked there
+            raise StoppedWithWork(work, Work.count_blocks(work)) from None
+        raise
+
+
+def _steps(order: Order, folder: Path, bounce: Bouncer | None) -> Steps[Solution]:
+    if order.work is None:
+        return pipeline.solve(order.data, order.settings, bounce=bounce)
+    return tiled_solve.run(order.data, order.settings, folder, order.work, order.kind, bounce)
+
+
+def task(order: Order) -> Task:
+    """It as a job for a worker process, of what is open: as it was saved, or of a copy where it was changed since.
+
+    All files of large maps appear in the order's folder together.
+    """
+    bounce: Bouncer | None = None
+    afterwards: Callable[[], None] = lambda: None  # noqa: E731
+    if order.settings.indirect != "off":
+        bounce = Bouncer.of_copy() if bpy.data.is_dirty else Bouncer.of_open_file(Path(bpy.data.filepath))
+        if bounce.copy is not None:
+            afterwards, bounce = bounce.copy.cleanup, replace(bounce, copy=None)
+    if order.work is None:
+        return Task("solve.pipeline:solve", (order.data, order.settings, None, bounce), afterwards)
+    return Task("solve.tiled_solve:solve_to", (order.data, order.settings, order.folder, order.kind, bounce),
+                afterwards)
+
+
+def forget_work(order: Order) -> None:
+    """The files are in their place: what they were made from goes."""
+    if order.work is not None:
+        _remove(order.work)
+
+
+def _remove(work: Path) -> None:
+    with suppress(BadInput), Work(work) as place:
+        place.remove()
+
+
+# ---- the result
+
+
+def place(
+    obj: bpy.types.Object, order: Order, solution: Solution,
+    shown: Callable[[], Mapping[str, bpy.types.Image]] = dict,
+) -> Generator[None, None, tuple[str, ...]]:
+    """The maps on its materials, an image a step, in the last one all that is linked; what the user should know.
+
+    Large ones are linked to their files, which need not be there yet.  ``shown``: images that were made for it before,
+    by role.  Between two steps the user may undo and delete.  Raises BadInput before anything is changed.
+    """
+    files = files_of(order, solution)
+    if files is not None:
+        return material.link_files(obj, solution, files)
+    material.check(obj, solution)
+    uid, layers = obj.session_uid, material.layers_of(solution.maps)
+    uids: dict[str, int] = {}
+    for role, array in layers.items():
+        now = session.object_by_uid(uid)
+        if now is None:
+            return ()
+        image = shown().get(role)
+        if image is None or image.size[0] != array.shape[0]:
+            image = material.loose_image(now, role, array.shape[0])
+        uids[role] = image.session_uid
+        material.set_pixels(image, array)
+        yield
+        image = _image(uids[role])
+        if image is not None:
+            image.pack()
+            yield
+    now = session.object_by_uid(uid)
+    if now is None:
+        return ()
+    images = {role: _image(image_uid) for role, image_uid in uids.items()}
+    for role, image in images.items():
+        if image is None:  # Undo has taken it meanwhile
+            images[role] = material.put_image(now, role, layers[role])
+    material.adopt(now, images)
+    return material.wire_maps(now, solution, images)
+
+
+def place_now(obj: bpy.types.Object, order: Order, solution: Solution) -> tuple[str, ...]:
+    """`place` in one go."""
+    steps = place(obj, order, solution)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            messages: tuple[str, ...] = end.value
+            return messages
+
+
+def _image(uid: int) -> bpy.types.Image | None:
+    return next((image for image in bpy.data.images if image.session_uid == uid), None)
+
+
+def files_of(order: Order, solution: Solution) -> MapFiles | None:
+    """The files of large maps; None: the maps are in one piece."""
+    if not order.large or order.folder is None:
+        return None
+    return material.files_of(order.name, solution.maps, order.folder, order.kind, order.udims)
+
+
+def remember(obj: bpy.types.Object, order: Order, solution: Solution) -> None:
+    """The session's last result of the object."""
+    session.keep(obj, solution, order.label, files_of(order, solution))
+
+
+def learn(order: Order, solution: Solution, seconds: float) -> None:
+    """What it took, ``seconds`` in all: for the next estimate.  One that went on from another's work says nothing."""
+    if not solution.resumed_blocks:
+        solve_speed.learn(order.data, order.settings, solution, seconds, order.udims)
