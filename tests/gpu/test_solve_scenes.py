@@ -180,7 +180,7 @@ def test_cameras_with_pictures_of_two_sizes():
 
 
 def test_a_single_camera():
-    check(syn.shoot(syn.PATCHES, rig(cameras=1, lamps=9)))
+    check(syn.shoot(syn.PATCHES, rig(cameras=1)))
 
 
 def test_a_pixel_is_the_mean_over_its_square():
