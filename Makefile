@@ -2,8 +2,9 @@
 VENV ?= .venv
 PYTHON ?=
 RUN = $(VENV)/bin/python
+SUITES = blender gpu core stability resilience fuzz bench
 
-.PHONY: setup demo test test-gui screenshots lint lint-systems docs site bench stability zip release clean
+.PHONY: setup demo test $(SUITES:%=test-%) test-gui screenshots lint lint-systems docs site bench stability zip release clean
 
 setup: $(VENV)/.ready
 
@@ -13,16 +14,19 @@ $(VENV)/.ready: requirements-dev.txt requirements-docs.txt tools/setup.sh
 demo: setup
 	$(RUN) -m irpso_addon demo --out build/demo
 
-# Each in a process of its own: the GPU's tests prove that no Blender is needed and must not share one with it, and
-# the benchmark's make another OpenGL context.
+# Each suite is a process of its own: the GPU's tests prove that no Blender is needed and must not share one with it, and
+# the benchmark's make another OpenGL context.  A suite keeps one core busy, so JOBS of them run side by side, the
+# longest first; each line says whose it is.  If one fails the others still run, and the target fails.
+JOBS ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
+
 test: lint
-	$(RUN) -m pytest tests/core
-	$(RUN) -m pytest tests/gpu
-	$(RUN) -m pytest tests/bench
-	$(RUN) -m pytest tests/stability
-	$(RUN) -m pytest tests/resilience
-	$(RUN) -m pytest tests/fuzz
-	$(RUN) -m pytest tests/blender
+	@$(MAKE) --no-print-directory --keep-going --jobs=$(JOBS) $(SUITES:%=test-%)
+
+# Side by side, the software rasteriser needs no threads of its own (with some, glibc before 2.41 loses a wake-up once in
+# a long while, and waits for ever).
+$(SUITES:%=test-%): test-%: setup
+	@LP_NUM_THREADS=$${LP_NUM_THREADS-0} PYTHONUNBUFFERED=1 bash -o pipefail -c \
+	'"$$1" -m pytest "tests/$$2" 2>&1 | while IFS= read -r line; do printf "%s | %s\n" "$$2" "$$line"; done' - $(RUN) $*
 
 # BLENDER=/path/to/blender picks one with a window; else Debian's is set up (as root).
 test-gui: setup

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
 import sys
 from pathlib import Path
 
@@ -11,6 +12,19 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 bpy = pytest.importorskip("bpy")
+
+
+@pytest.fixture
+def irpso_here(capfd):
+    """As ``irpso`` (tests/conftest.py), but in this process, as Blender runs it; a start of a program takes seconds."""
+    from irpso_addon.__main__ import main
+
+    def run(*arguments):
+        capfd.readouterr()
+        code = main(list(map(str, arguments)))
+        return subprocess.CompletedProcess(arguments, code, *capfd.readouterr())
+
+    return run
 
 
 @pytest.fixture

@@ -1,4 +1,8 @@
-"""The command line end to end, as a program, on real files: results, exit codes, one line for each complaint."""
+"""The command line end to end, on real files: results, exit codes, one line for each complaint.
+
+Solves that succeed, what meets the system's limits and a case of each exit code run as programs; exports and other
+complaints run in this process (``irpso_here``).
+"""
 
 from __future__ import annotations
 
@@ -136,9 +140,9 @@ for socket in ("Base Color", "Roughness"):
 
 
 @pytest.mark.parametrize("kind", ["png", "tiff"])
-def test_export_gives_the_same_maps_again(solved, irpso, tmp_path, kind):
+def test_export_gives_the_same_maps_again(solved, irpso_here, tmp_path, kind):
     out, _ = solved
-    done = irpso("export", out / "scene_irpso.blend", "--out", tmp_path, "--format", kind)
+    done = irpso_here("export", out / "scene_irpso.blend", "--out", tmp_path, "--format", kind)
     assert done.returncode == 0, done.stderr
     assert {p.name for p in tmp_path.iterdir()} == {f"Ball_{role}.{kind}" for role in ROLES}
     linear = read(out / "Ball_basecolor.exr").clip(0, 1)
@@ -156,35 +160,44 @@ def test_export_gives_the_same_maps_again(solved, irpso, tmp_path, kind):
 @pytest.mark.parametrize(("arguments", "code", "words"), [
     ((), 2, "usage"),
     (("--help",), 0, "exit codes"),
+    (("solve", "nowhere.blend"), 3, "nowhere.blend: cannot be opened"),
+])
+def test_exit_code(irpso, arguments, code, words):
+    assert_told(irpso(*arguments), code, words)
+
+
+@pytest.mark.parametrize(("arguments", "code", "words"), [
     (("solve", "--help"), 0, "--captures"),
     (("solve",), 2, "SCENE.blend"),
     (("paint", "x.blend"), 2, "invalid choice"),
     (("solve", "x.blend", "--size", "4"), 2, "want 16 to 8192"),
     (("solve", "x.blend", "--size", "many"), 2, "invalid int value"),
     (("solve", "x.blend", "--method", "guess"), 2, "refined"),
-    (("solve", "nowhere.blend"), 3, "nowhere.blend: cannot be opened"),
     (("export", "nowhere.blend"), 3, "nowhere.blend: cannot be opened"),
     (("solve", "README.md"), 3, "is not a .blend file"),
     (("solve", "."), 3, "cannot be opened"),
 ])
-def test_exit_code(irpso, arguments, code, words):
-    done = irpso(*arguments)
+def test_exit_code_in_this_process(irpso_here, arguments, code, words):
+    assert_told(irpso_here(*arguments), code, words)
+
+
+def assert_told(done: subprocess.CompletedProcess[str], code: int, words: str) -> None:
     assert done.returncode == code, done.stderr
     assert words in done.stdout + done.stderr
     if code == 3:
         assert re.fullmatch(r"irpso: [^\n]+\n", done.stderr), done.stderr
 
 
-def test_truncated_blend(scenes, irpso, tmp_path):
+def test_truncated_blend(scenes, irpso_here, tmp_path):
     broken = tmp_path / "broken.blend"
     broken.write_bytes((scenes / "good" / "scene.blend").read_bytes()[:20000])
-    assert_bad(irpso("solve", broken), "broken.blend")
+    assert_bad(irpso_here("solve", broken), "broken.blend")
 
 
-def test_export_of_an_unsolved_scene(scenes, irpso, tmp_path):
-    assert_bad(irpso("export", scenes / "good" / "scene.blend", "--out", tmp_path), "irpso solve")
-    assert_bad(irpso("export", scenes / "good" / "scene.blend", "--object", "Ball"), "'Ball'", "irpso solve")
-    assert_bad(irpso("export", scenes / "good" / "scene.blend", "--object", "Cup"), "'Cup'")
+def test_export_of_an_unsolved_scene(scenes, irpso_here, tmp_path):
+    assert_bad(irpso_here("export", scenes / "good" / "scene.blend", "--out", tmp_path), "irpso solve")
+    assert_bad(irpso_here("export", scenes / "good" / "scene.blend", "--object", "Ball"), "'Ball'", "irpso solve")
+    assert_bad(irpso_here("export", scenes / "good" / "scene.blend", "--object", "Cup"), "'Cup'")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -239,52 +252,52 @@ def change_pixels(folder: Path, value: float) -> str:
     return path.name
 
 
-def test_missing_image(irpso, capture):
+def test_missing_image(irpso_here, capture):
     change_view(capture, image="refs/lost.exr")
-    solve_bad(irpso, capture, "lost.exr")
+    solve_bad(irpso_here, capture, "lost.exr")
 
 
-def test_corrupt_image(irpso, capture):
+def test_corrupt_image(irpso_here, capture):
     path = capture / change_view(capture)["image"]
     path.write_bytes(path.read_bytes()[:3000])
-    solve_bad(irpso, capture, path.name)
+    solve_bad(irpso_here, capture, path.name)
 
 
-def test_image_that_is_text(irpso, capture):
+def test_image_that_is_text(irpso_here, capture):
     path = capture / change_view(capture)["image"]
     path.write_text("no picture")
-    solve_bad(irpso, capture, path.name)
+    solve_bad(irpso_here, capture, path.name)
 
 
-def test_image_of_another_aspect(irpso, capture):
+def test_image_of_another_aspect(irpso_here, capture):
     path = capture / change_view(capture)["image"]
     pixels = read(path)
     buffer = oiio.ImageBuf(oiio.ImageSpec(64, 32, 4, "float"))
     buffer.set_pixels(oiio.ROI(), np.ascontiguousarray(pixels[:32, :64]))
     assert buffer.write(str(path))
-    solve_bad(irpso, capture, path.name, "64 x 32", "aspect")
+    solve_bad(irpso_here, capture, path.name, "64 x 32", "aspect")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
-def test_impossible_pixels(irpso, capture, value):
-    solve_bad(irpso, capture, change_pixels(capture, value))
+def test_impossible_pixels(irpso_here, capture, value):
+    solve_bad(irpso_here, capture, change_pixels(capture, value))
 
 
-def test_unknown_camera_and_light(irpso, capture):
+def test_unknown_camera_and_light(irpso_here, capture):
     change_view(capture, camera="Tripod")
-    solve_bad(irpso, capture, "Tripod")
+    solve_bad(irpso_here, capture, "Tripod")
     change_view(capture, camera="Camera 0", lights=["Torch"])
-    solve_bad(irpso, capture, "Torch")
+    solve_bad(irpso_here, capture, "Torch")
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"views": []}', '{"views": [{"camera": "Camera 0"}]}'])
-def test_bad_capture_file(irpso, capture, text):
+def test_bad_capture_file(irpso_here, capture, text):
     (capture / "captures.json").write_text(text)
-    solve_bad(irpso, capture, "captures.json")
+    solve_bad(irpso_here, capture, "captures.json")
 
 
-def test_missing_capture_file(irpso, capture):
-    assert_bad(irpso("solve", capture / "scene.blend", "--captures", capture / "none.json"), "none.json")
+def test_missing_capture_file(irpso_here, capture):
+    assert_bad(irpso_here("solve", capture / "scene.blend", "--captures", capture / "none.json"), "none.json")
 
 
 @pytest.mark.parametrize(("name", "words"), [
@@ -292,39 +305,39 @@ def test_missing_capture_file(irpso, capture):
     ("no_views", ("captures.json",)), ("no_mesh", ("mesh",)),
     ("two_meshes", ("'Ball'", "'Second'")),
 ])
-def test_bad_scene(irpso, scenes, tmp_path, name, words):
+def test_bad_scene(irpso_here, scenes, tmp_path, name, words):
     folder = shutil.copytree(scenes / "good", tmp_path / "scene")
     shutil.copy(scenes / name / "scene.blend", folder / "scene.blend")
     if name in ("no_light", "no_camera", "no_views"):
         (folder / "captures.json").unlink()  # the views must come from the scene, then
-    solve_bad(irpso, folder, *words)
+    solve_bad(irpso_here, folder, *words)
 
 
-def test_unknown_object(irpso, capture):
+def test_unknown_object(irpso_here, capture):
     for name in ("Cup", "Camera 0"):
-        assert_bad(irpso("solve", capture / "scene.blend", "--object", name), name)
+        assert_bad(irpso_here("solve", capture / "scene.blend", "--object", name), name)
 
 
 # ---- places that cannot be written
 
 
-def test_folder_below_a_file(irpso, capture, tmp_path):
+def test_folder_below_a_file(irpso_here, capture, tmp_path):
     (tmp_path / "file").write_text("")
-    done = irpso("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out",
-                 tmp_path / "file" / "out")
+    done = irpso_here("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out",
+                      tmp_path / "file" / "out")
     assert_bad(done, "file", "choose another")
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs Linux's /proc, where not even root may write")
-def test_unwritable_folder(irpso, capture):
+def test_unwritable_folder(irpso_here, capture):
     for out in ("/proc", "/proc/irpso"):
-        done = irpso("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out", out)
+        done = irpso_here("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out", out)
         assert_bad(done, out, "choose another")
 
 
-def test_report_into_a_missing_folder(irpso, capture, tmp_path):
-    done = irpso("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out", tmp_path / "o",
-                 "--report", tmp_path / "no" / "report.json")
+def test_report_into_a_missing_folder(irpso_here, capture, tmp_path):
+    done = irpso_here("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out",
+                      tmp_path / "o", "--report", tmp_path / "no" / "report.json")
     assert_bad(done, "report.json")
     assert not (tmp_path / "o").exists()
 
@@ -352,13 +365,13 @@ def test_really_full_disk(irpso, capture, tmp_path):
         subprocess.run(["umount", str(disk)], check=True)
 
 
-def test_older_results_survive_a_failure(irpso, capture, tmp_path):
+def test_older_results_survive_a_failure(irpso_here, capture, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     for name in FILES:
         (out / name).write_text("older")
     change_pixels(capture, np.nan)
-    assert_bad(irpso("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out", out))
+    assert_bad(irpso_here("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--out", out))
     assert {p.name: p.read_text() for p in out.iterdir()} == dict.fromkeys(FILES, "older")
 
 

@@ -144,31 +144,31 @@ def test_png_truth_alone_judges(scenes, irpso, tmp_path):
     (["--object", "Nobody"], 3, "Nobody"),
     (["--method", "paper"], 2, "unrecognized arguments"),
 ])
-def test_what_cannot_be(scenes, irpso, tmp_path, more, code, words):
-    done = irpso(*command(scenes, tmp_path / "out", *more))
+def test_what_cannot_be(scenes, irpso_here, tmp_path, more, code, words):
+    done = irpso_here(*command(scenes, tmp_path / "out", *more))
     assert done.returncode == code and words in done.stderr, done.stderr
     assert code == 2 or len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
 
-def test_too_few_views(scenes, irpso, tmp_path):
+def test_too_few_views(scenes, irpso_here, tmp_path):
     shutil.copytree(scenes / "good", tmp_path / "few")
     captures = tmp_path / "few" / "captures.json"
     views = json.loads(captures.read_text())["views"][:3]
     captures.write_text(json.dumps({"views": views}))
-    done = irpso("compare", tmp_path / "few" / "scene.blend", "--captures", captures, "--out", tmp_path / "out")
+    done = irpso_here("compare", tmp_path / "few" / "scene.blend", "--captures", captures, "--out", tmp_path / "out")
     assert done.returncode == 3 and "has 3 usable views" in done.stderr
     assert not (tmp_path / "out").exists()
 
 
-def test_older_results_survive_a_failure(scenes, irpso, tmp_path):
+def test_older_results_survive_a_failure(scenes, irpso_here, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     (out / "compare.json").write_text("old")
     shutil.copytree(scenes / "good", tmp_path / "broken")
     next((tmp_path / "broken" / "refs").iterdir()).write_bytes(b"no picture")
-    done = irpso(*command(tmp_path / "broken" / "..", out)[:1], tmp_path / "broken" / "scene.blend", "--captures",
-                 tmp_path / "broken" / "captures.json", "--out", out, "--size", 48)
+    done = irpso_here(*command(tmp_path / "broken" / "..", out)[:1], tmp_path / "broken" / "scene.blend", "--captures",
+                      tmp_path / "broken" / "captures.json", "--out", out, "--size", 48)
     assert done.returncode == 3, done.stderr
     assert (out / "compare.json").read_text() == "old" and {p.name for p in out.iterdir()} == {"compare.json"}
 

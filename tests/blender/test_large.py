@@ -93,9 +93,9 @@ def test_ctrl_c_keeps_the_work_and_the_same_command_goes_on(solved, scenes, tmp_
         assert (tmp_path / name).read_bytes() == (solved[0] / name).read_bytes(), name
 
 
-def test_export_copies_the_files(solved, irpso, tmp_path: Path) -> None:
+def test_export_copies_the_files(solved, irpso_here, tmp_path: Path) -> None:
     out, _ = solved
-    done = irpso("export", out / "scene_irpso.blend", "--out", tmp_path, "--format", "png")
+    done = irpso_here("export", out / "scene_irpso.blend", "--out", tmp_path, "--format", "png")
     assert done.returncode == 0, done.stderr
     names = {name.replace(".exr", ".png") for name in MAPS}
     assert {path.name for path in tmp_path.iterdir()} == names
@@ -104,9 +104,9 @@ def test_export_copies_the_files(solved, irpso, tmp_path: Path) -> None:
                                atol=1e-5)
 
 
-def test_what_blocks_cannot_do_is_refused(scenes, irpso, tmp_path: Path) -> None:
+def test_what_blocks_cannot_do_is_refused(scenes, irpso_here, tmp_path: Path) -> None:
     for extra in (["--start", "last"], ["--selected-faces"]):
-        done = irpso(*command(scenes, tmp_path / "out"), *extra)
+        done = irpso_here(*command(scenes, tmp_path / "out"), *extra)
         assert done.returncode == 3 and len(done.stderr.strip().splitlines()) == 1, done.stderr
         assert "Ball" in done.stderr and not (tmp_path / "out").exists()
 

@@ -182,7 +182,7 @@ def test_few_views() -> None:
 def test_no_highlight() -> None:
     """Lamps all at one side, cameras above: no half vector comes near the normals."""
     aside = [syn.lamp((3.0 * np.cos(t), 3.0 * np.sin(t), 1.0), name=f"Light {i}")
-             for i, t in enumerate(np.linspace(-0.3, 0.3, 6))]
+             for i, t in enumerate(np.linspace(-0.3, 0.3, 8))]
     rig = [(camera, [light]) for camera in syn.cameras(1) for light in aside]
     matt = replace(syn.PATCHES, roughness=syn.quarters([0.2, 0.2, 0.2, 0.2]))
     solution = solve(syn.shoot(matt, rig, PIXELS, noise=0.01))

@@ -180,7 +180,7 @@ def test_cameras_with_pictures_of_two_sizes():
 
 
 def test_a_single_camera():
-    check(syn.shoot(syn.PATCHES, rig(cameras=1, lamps=9)))
+    check(syn.shoot(syn.PATCHES, rig(cameras=1)))
 
 
 def test_a_pixel_is_the_mean_over_its_square():
@@ -233,7 +233,7 @@ def test_shadows_do_not_darken_the_paint():
 
 def test_one_view_per_camera_under_many_lamps():
     """All lamps stay on and only the camera moves, as in a room: highlights wander over the surface none the less."""
-    lamps = syn.lamps(8)
+    lamps = syn.lamps(4)
     found = run(syn.shoot(syn.PATCHES, [(camera, lamps) for camera in syn.cameras(10)], (56, 56)))
     assert found.model == {"Paint": "one-lobe"}
     off = errors(found, syn.PATCHES)
