@@ -14,14 +14,14 @@ demo: setup
 	$(RUN) -m irpso_addon demo --out build/demo
 
 # Each in a process of its own: the GPU's tests prove that no Blender is needed and must not share one with it, and
-# the benchmark's make another OpenGL context.
+# those of the studies make OpenGL contexts of their own.
 test: lint
 	$(RUN) -m pytest tests/core
 	$(RUN) -m pytest tests/gpu
-	$(RUN) -m pytest tests/bench
-	$(RUN) -m pytest tests/stability
-	$(RUN) -m pytest tests/resilience
-	$(RUN) -m pytest tests/fuzz
+	$(RUN) -m pytest tests/studies/test_bench.py
+	$(RUN) -m pytest tests/studies/test_stability.py tests/studies/test_measured.py
+	$(RUN) -m pytest tests/studies/test_resilience.py
+	$(RUN) -m pytest tests/studies/test_fuzz.py
 	$(RUN) -m pytest tests/blender
 
 # BLENDER=/path/to/blender picks one with a window; else Debian's is set up (as root).
@@ -49,7 +49,7 @@ site: setup
 	$(RUN) -m mkdocs build
 
 bench: $(VENV)-bench/.ready
-	$(VENV)-bench/bin/python -m tests.bench
+	$(VENV)-bench/bin/python -m studies.bench
 
 $(VENV)-bench/.ready: requirements-bench.txt
 	"$$(bash tools/setup.sh --find 3.13)" -m venv --clear $(VENV)-bench
@@ -57,7 +57,7 @@ $(VENV)-bench/.ready: requirements-bench.txt
 	@touch $@
 
 stability: setup
-	$(RUN) -m tests.stability
+	$(RUN) -m studies.stability
 
 zip: setup
 	$(RUN) -m tools.build

@@ -16,9 +16,9 @@ from irpso_addon.core.shading.tables import principled_table
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.device.programs import assemble
-from tests.gpu import shoots
-from tests.gpu import synthetic as syn
 from tests.gpu.glsl import Recorder
+from tests.support import shoots
+from tests.support import synthetic as syn
 
 WIDTH = 64  # of the image whose pixels are the calls
 Evaluate = Callable[..., np.ndarray]

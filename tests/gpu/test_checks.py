@@ -16,8 +16,8 @@ import pytest
 from irpso_addon.core.check_records import Checks
 from irpso_addon.core.checks.warnings import warnings
 from irpso_addon.core.data import Light, Solution, View
-from tests.gpu import shoots
-from tests.gpu import synthetic as syn
+from tests.support import shoots
+from tests.support import synthetic as syn
 
 PIXELS = (96, 96)
 CAUSES = ("to the power", "pixels off", "stand", "check its power", "exposure", "no light arrives", "are clipped",

@@ -1,6 +1,6 @@
 """Large solves against the same solved in one piece, and against the truth: errors, borders of blocks, models, memory.
 
-Kills and bytes: tests/resilience; tasks of farms: test_farm.py; several UDIMs in Blender: tests/blender/test_large.py.
+Kills and bytes: studies/resilience; tasks of farms: test_farm.py; several UDIMs in Blender: tests/blender.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from irpso_addon.core.tiled.uv_blocks import Crop
 from irpso_addon.core.tiled.work_folder import Work
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline, tiled_solve
-from tests.gpu import synthetic as syn
+from tests.support import synthetic as syn
 
 SIZE, BLOCK = 128, 64  # texels
 PIXELS = 72

@@ -19,8 +19,8 @@ from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe import observation_atlas
 from irpso_addon.gpu.solve.paper_swarm import Limits, PaperMaps, PaperSwarm, Swarms, limits_for, spans
 from irpso_addon.solve import pipeline
-from tests.bench import problem as bench
-from tests.gpu import synthetic as syn
+from tests.support import synthetic as syn
+from tests.support import texel_problem as bench
 
 FREE = Limits(constriction=1.0, velocity=1e30, bounded=False)  # equation (2) as printed
 SIZE = 24

@@ -20,7 +20,7 @@ from irpso_addon.core.params import DeviceSettings, SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.process import remote
 from irpso_addon.solve import pipeline
-from tests.gpu import synthetic as syn
+from tests.support import synthetic as syn
 
 PATIENCE = 60.0  # seconds; far more than any of these jobs needs
 SETTINGS = SolveSettings(size=64, model="one-lobe")
