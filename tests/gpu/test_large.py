@@ -56,9 +56,14 @@ def solve(scene: SceneData, folder: Path, **chosen: Any) -> Found:
     work = folder / "work"
     folder.mkdir(exist_ok=True)
     solution = thread.run(lambda: tiled_solve.run(scene, settings(**chosen), folder, work, "exr", block=BLOCK))
+    return {**maps_of(work), "warnings": solution.warnings}
+
+
+def maps_of(work: Path) -> Found:
+    """The layers of a finished solve, put together from its blocks."""
     with Work(work) as place:
         plan = place.read_plan()
-        found: Found = {"plan": plan, "warnings": solution.warnings}
+        found: Found = {"plan": plan}
         for name in tiled_solve.layers_of(plan):
             first = place.read_block(plan.windows[0].key)[name]
             whole = np.zeros((plan.settings.size,) * 2 + first.shape[2:], np.float32)
@@ -161,6 +166,10 @@ def test_a_stop_keeps_finished_blocks(scene: SceneData, blocks: Found, tmp_path:
     again = thread.run(lambda: tiled_solve.run(scene, settings(), out, out / "work", "exr", block=BLOCK))
     assert "resumed: 2 of 4 blocks were there" in again.warnings
     assert again.texels["solved"] == int((blocks["filled"] < 0.5).sum())
+    found = maps_of(out / "work")
+    names = tiled_solve.layers_of(found["plan"])
+    assert names == tiled_solve.layers_of(blocks["plan"]) and "roughness" in names
+    assert [name for name in names if found[name].tobytes() != blocks[name].tobytes()] == []
 
 
 def test_a_part_or_the_last_result_is_refused(scene: SceneData, tmp_path: Path) -> None:
