@@ -79,7 +79,7 @@ def _slower(settings: DeviceSettings) -> tuple[str, str]:
     """Whether the slower path would do."""
     try:
         with _Apart(replace(settings, device="numpy")) as apart:
-            return "device numpy", f"works, self-test {apart.run('examine:test').seconds:.1f} s"
+            return "device numpy", f"works, self-test {apart.run('solve.device_test:test').seconds:.1f} s"
     except BadInput as error:
         return "device numpy", str(error)
 
