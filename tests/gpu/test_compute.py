@@ -132,7 +132,7 @@ def test_which_is_faster_is_measured_once():
 
 
 MEASURE = """
-from irpso_addon.gpu import context
+from irpso_addon.gpu.device import context
 counted = 0
 original = context.Device.kernel
 def kernel(self, name, *arguments, **more):
