@@ -2,7 +2,8 @@
 VENV ?= .venv
 PYTHON ?=
 RUN = $(VENV)/bin/python
-SUITES = blender gpu core stability resilience fuzz bench
+# tests/NAME, or tests/studies/test_NAME.py
+SUITES = blender gpu core studies-stability studies-measured studies-resilience studies-fuzz studies-bench
 
 .PHONY: setup demo test $(SUITES:%=test-%) test-gui screenshots lint lint-systems docs site bench stability zip release clean
 
@@ -15,7 +16,7 @@ demo: setup
 	$(RUN) -m irpso_addon demo --out build/demo
 
 # Each suite is a process of its own: the GPU's tests prove that no Blender is needed and must not share one with it, and
-# the benchmark's make another OpenGL context.  A suite keeps one core busy, so JOBS of them run side by side, the
+# those of the studies make OpenGL contexts of their own.  A suite keeps one core busy, so JOBS of them run side by side, the
 # longest first; each line says whose it is.  If one fails the others still run, and the target fails.
 JOBS ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 
@@ -26,7 +27,8 @@ test: lint
 # a long while, and waits for ever).
 $(SUITES:%=test-%): test-%: setup
 	@LP_NUM_THREADS=$${LP_NUM_THREADS-0} PYTHONUNBUFFERED=1 bash -o pipefail -c \
-	'"$$1" -m pytest "tests/$$2" 2>&1 | while IFS= read -r line; do printf "%s | %s\n" "$$2" "$$line"; done' - $(RUN) $*
+	'"$$1" -m pytest "$$3" 2>&1 | while IFS= read -r line; do printf "%s | %s\n" "$$2" "$$line"; done' - \
+	$(RUN) $* tests/$(patsubst studies-%,studies/test_%.py,$*)
 
 # BLENDER=/path/to/blender picks one with a window; else Debian's is set up (as root).
 test-gui: setup
@@ -53,7 +55,7 @@ site: setup
 	$(RUN) -m mkdocs build
 
 bench: $(VENV)-bench/.ready
-	$(VENV)-bench/bin/python -m tests.bench
+	$(VENV)-bench/bin/python -m studies.bench
 
 $(VENV)-bench/.ready: requirements-bench.txt
 	"$$(bash tools/setup.sh --find 3.13)" -m venv --clear $(VENV)-bench
@@ -61,7 +63,7 @@ $(VENV)-bench/.ready: requirements-bench.txt
 	@touch $@
 
 stability: setup
-	$(RUN) -m tests.stability
+	$(RUN) -m studies.stability
 
 zip: setup
 	$(RUN) -m tools.build

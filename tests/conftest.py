@@ -15,10 +15,10 @@ Irpso = Callable[..., subprocess.CompletedProcess[str]]
 
 @pytest.fixture(scope="session")
 def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder that tests/make_scenes.py fills.  Read only: copy what a test is to change."""
+    """The folder that tests/support/make_scenes.py fills.  Read only: copy what a test is to change."""
     folder = tmp_path_factory.mktemp("scenes")
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "tests" / "make_scenes.py"), str(folder)], capture_output=True, text=True)
+    program = ROOT / "tests" / "support" / "make_scenes.py"
+    done = subprocess.run([sys.executable, str(program), str(folder)], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 

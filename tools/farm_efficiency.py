@@ -31,7 +31,7 @@ sys.path.insert(0, str(ROOT))
 from irpso_addon.core.params import SolveSettings  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.solve import device_test, farm, tiled_solve  # noqa: E402  # the checkout is no installed package
-from tests.gpu.squares import write_scene  # noqa: E402
+from tests.support.squares import write_scene  # noqa: E402
 from tools.farm_page import write_page  # noqa: E402
 from tools.farm_simulation import Costs  # noqa: E402
 

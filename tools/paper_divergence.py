@@ -27,8 +27,8 @@ from irpso_addon.core.shading.tables import principled_table  # noqa: E402
 from irpso_addon.gpu.device.context import Device  # noqa: E402
 from irpso_addon.gpu.observe.observation_atlas import ArraySource  # noqa: E402
 from irpso_addon.gpu.solve.paper_swarm import Limits, Swarms  # noqa: E402
-from tests.bench.measure import machine  # noqa: E402
-from tests.bench.problem import Estimate, Problem, Spec, make  # noqa: E402
+from studies.bench.measure import machine  # noqa: E402
+from tests.support.texel_problem import Estimate, Problem, Spec, make  # noqa: E402
 
 FIGURE = ROOT / "docs" / "images" / "paper_divergence.png"
 PAGE = ROOT / "docs" / "paper.md"

@@ -24,24 +24,17 @@ import OpenImageIO as oiio
 import pytest
 
 from irpso_addon.core.params import SolveSettings
+from tests.blender.ball import BASE, ROLES, ROUGH, read
 
 ROOT = Path(__file__).resolve().parents[2]
-ROLES = ("basecolor", "roughness", "confidence", "error", "filled", "roughness_sigma", "basecolor_sigma")
 FILES = {f"Ball_{role}.exr" for role in ROLES}
 FILES |= {"report.json", "scene_irpso.blend"}
-BASE, ROUGH = (0.6, 0.3, 0.1), 0.45  # as in tests/make_scenes.py
 
 
 def fingerprint(folder: Path) -> dict[str, str]:
     """Every file below a folder, by its content."""
     return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest()
             for p in sorted(folder.rglob("*")) if p.is_file()}
-
-
-def read(path: Path) -> np.ndarray:
-    buffer = oiio.ImageBuf(str(path))
-    assert not buffer.has_error, buffer.geterror()
-    return np.asarray(buffer.get_pixels(oiio.FLOAT)).reshape(buffer.spec().height, buffer.spec().width, -1)
 
 
 @pytest.fixture(scope="session")

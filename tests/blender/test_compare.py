@@ -16,8 +16,8 @@ import OpenImageIO as oiio
 import pytest
 
 from irpso_addon.core.images.image_writer import write_image
+from tests.blender.ball import BASE, ROUGH
 
-BASE, ROUGH = (0.6, 0.3, 0.1), 0.45  # as in tests/make_scenes.py
 PASSES = (5, 60)
 METHODS = ["no solver", "draft", "refined", "swarm", *(f"paper, {n} passes" for n in PASSES)]
 FILES = {"compare.json", "compare.png", "compare.svg"}

@@ -1,4 +1,4 @@
-"""What no user means and a file may hold: refused by name, never computed with.  `python -m tests.fuzz` found these."""
+"""What no user means and a file may hold: refused by name, not computed with.  `python -m studies.fuzz` found them."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline
-from tests.gpu.texels import finish
+from tests.support.texels import finish
 
 BASE, ROUGH, PIXELS = (0.7, 0.35, 0.15), 0.4, 96
 

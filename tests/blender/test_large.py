@@ -16,8 +16,9 @@ import pytest
 
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.reporting.estimates import check_disk
-from tests.blender.test_cli import BASE, ROLES, ROOT, ROUGH, read
+from tests.blender.ball import BASE, ROLES, ROUGH, read
 
+ROOT = Path(__file__).resolve().parents[2]
 SIZE = 64
 MAPS = {f"Ball_{role}.{udim}.exr" for role in ROLES for udim in (1001, 1002)}
 

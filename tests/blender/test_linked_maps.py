@@ -13,7 +13,7 @@ from irpso_addon.blender.material.tags import maps_of
 from irpso_addon.core.images.colour import linear_to_srgb
 from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.maps.export import write_maps
-from tests.blender.test_material import make_maps, make_material, make_solution, source
+from tests.blender.materials import make_maps, make_material, make_solution, source
 
 SIZE = 8  # texels of a square = pixels of a face
 UDIMS = (1002, 1011, 1102)  # v reaches 10

@@ -10,8 +10,9 @@ import bpy
 import numpy as np
 import pytest
 
+from tests.blender.ball import BASE, ROUGH
+
 SIZE = 64
-BASE, ROUGH = (0.6, 0.3, 0.1), 0.45  # as in tests/make_scenes.py
 
 
 @pytest.fixture

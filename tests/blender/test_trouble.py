@@ -16,8 +16,8 @@ from irpso_addon.core import log
 from irpso_addon.core.errors import DeviceLost
 from irpso_addon.process import remote
 from irpso_addon.process.messages import Configure, Order
+from tests.blender.ball import ROUGH
 
-ROUGH = 0.45  # of the Ball, as in tests/make_scenes.py
 PRIVATE = "secret project"  # a folder that no log may name
 
 

@@ -15,7 +15,7 @@ from irpso_addon.blender.scene.scene_material import read_normal_maps
 from irpso_addon.core.data import Maps, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.maps.export import layers
-from tests.blender.test_material import (
+from tests.blender.materials import (
     make_maps,
     make_material,
     make_plane,

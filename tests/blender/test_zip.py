@@ -62,7 +62,8 @@ def test_zip_holds_the_extension_and_nothing_else(built):
     with zipfile.ZipFile(built) as archive:
         names = set(archive.namelist())
     assert {"blender_manifest.toml", "__init__.py", "LICENSE", "README.md", "irpso_addon/__main__.py",
-            "irpso_addon/solve/pipeline.py", "operators/solve.py", "irpso_addon/core/principled_ior15.npz"} <= names
+            "irpso_addon/solve/pipeline.py", "irpso_addon/core/shading/principled_ior15.npz",
+            "operators/solve.py"} <= names
     assert {n for n in names if n.endswith(".whl")} == {name.removeprefix("./") for name in MANIFEST["wheels"]}
     assert {n.split("/")[0] for n in names} == {
         "blender_manifest.toml", "__init__.py", "LICENSE", "README.md", "CHANGELOG.md", "irpso_addon", "operators",

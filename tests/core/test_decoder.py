@@ -19,8 +19,7 @@ from irpso_addon.core.images import decoder_pool, oiio_reader
 from irpso_addon.core.images.image_file import floats, open_image
 from irpso_addon.core.images.mask import Mask
 from irpso_addon.core.images.reference_image import read_reference
-
-from .test_image import noise, save, view
+from tests.support.picture_files import noise, save, view
 
 oiio = pytest.importorskip("OpenImageIO")
 ROOT = Path(__file__).parents[2]

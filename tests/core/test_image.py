@@ -11,41 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import Camera, View
+from irpso_addon.core.data import View
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images import image_file, oiio_reader
 from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.images.reference_image import read_reference
+from tests.support.picture_files import RNG, noise, save, view
 
 oiio = pytest.importorskip("OpenImageIO")
-RNG = np.random.default_rng(7)
-
-
-def camera(aspect: float) -> Camera:
-    return Camera("Cam", np.eye(4), np.eye(4), np.zeros(3), np.array([0.0, 0, -1]), False, aspect)
-
-
-def view(path: Path, aspect: float = 1.5, **more) -> View:
-    return View(path, camera(aspect), (), **more)
-
-
-def save(path: Path, pixels: np.ndarray, form: str = "float", names: str = "RGBA", **attributes) -> Path:
-    """Writes (h, w, c), row 0 at the top."""
-    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], form)
-    spec.channelnames = tuple(names)[:pixels.shape[2]]
-    for key, value in attributes.items():
-        if hasattr(spec, key):
-            setattr(spec, key, value)
-        else:
-            spec.attribute(key.replace("__", ":"), value)
-    file = oiio.ImageOutput.create(str(path))
-    assert file.open(str(path), spec), file.geterror()
-    assert file.write_image(np.ascontiguousarray(pixels)) and file.close(), file.geterror()
-    return path
-
-
-def noise(h: int = 20, w: int = 30, c: int = 3) -> np.ndarray:
-    return RNG.uniform(0.01, 0.9, (h, w, c)).astype(np.float32)
 
 
 def error_of(v: View, **more) -> str:

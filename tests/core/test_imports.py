@@ -4,6 +4,7 @@ In Blender the package is bl_ext.<repository>.irpso.irpso_addon, so only relativ
 """
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,6 +15,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 LIBRARY = sorted((ROOT / "irpso_addon").rglob("*.py"))
 OPERATORS = sorted((ROOT / "operators").rglob("*.py"))
+IMPORTS_TEST = re.compile(r"^\s*(?:from|import)\s.*\btest_\w+.*", re.MULTILINE)
+IMPORTS_STUDY = re.compile(r"^\s*(?:from|import)\s+studies\b.*", re.MULTILINE)
 PLAIN = ("core", "gpu", "process", "solve", "compare")
 
 
@@ -64,6 +67,17 @@ def test_operators_import_rooms_and_helpers_alone(path: Path) -> None:
         if dots:
             assert name.startswith(("irpso_addon.", "operators.helpers.")), f"line {line}: {name}"
             assert name.split(".")[1] not in ("cli", "__main__"), f"line {line}: {name}"
+
+
+def test_nobody_imports_a_test_and_only_their_tests_import_studies() -> None:
+    """What is shared lies in tests/support; code in strings, which tests run as programs, counts too."""
+    files = [path for top in ("tests", "studies", "tools") for path in (ROOT / top).rglob("*.py")]
+    assert len(files) > 150
+    own = ROOT / "tests"
+    plain = [path for path in files if own in path.parents and own / "studies" not in path.parents]
+    tests = {name_of(path): found for path in files if (found := IMPORTS_TEST.findall(path.read_text("utf-8")))}
+    studies = {name_of(path): found for path in plain if (found := IMPORTS_STUDY.findall(path.read_text("utf-8")))}
+    assert (tests, studies) == ({}, {})
 
 
 def test_plain_rooms_load_without_blender() -> None:

@@ -15,8 +15,7 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images import oiio_reader
 from irpso_addon.core.images.reference_image import read_reference
 from irpso_addon.core.tiled.reference_cache import Picture, develop
-
-from .test_image import noise, save, view
+from tests.support.picture_files import noise, save, view
 
 pytest.importorskip("OpenImageIO")
 ROOT = Path(__file__).parents[2]
@@ -119,7 +118,7 @@ import sys
 from pathlib import Path
 from irpso_addon.core.images import reference_image as image
 from irpso_addon.core.tiled import reference_cache as pictures
-from tests.core.test_image import view
+from tests.support.picture_files import view
 path, out = map(Path, sys.argv[1:3])
 image.KEEP = 0  # as if it were too large
 image.read_reference(view(path, 1.5), 600_000)

@@ -7,7 +7,7 @@ import pytest
 
 from irpso_addon.core.cpu_solver import rays as module
 from irpso_addon.core.cpu_solver.rays import Rays
-from tests.gpu import synthetic as syn
+from tests.support import synthetic as syn
 
 LOW, HIGH = (-0.7, -0.3, 0.1), (0.4, 0.9, 1.3)
 

@@ -11,7 +11,7 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.tiled import uv_blocks
 from irpso_addon.core.tiled.tiled_plan import cells_of
 from irpso_addon.core.tiled.uv_blocks import Crop, Window
-from tests.gpu import synthetic as syn
+from tests.support import synthetic as syn
 
 
 @settings(deadline=None, max_examples=30)

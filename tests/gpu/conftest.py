@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import moderngl
@@ -16,27 +17,52 @@ from irpso_addon.core.shading.tables import principled_table
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.device.programs import assemble
-from tests.gpu import shoots
-from tests.gpu import synthetic as syn
 from tests.gpu.glsl import Recorder
+from tests.support import shoots
+from tests.support import synthetic as syn
 
 WIDTH = 64  # of the image whose pixels are the calls
 Evaluate = Callable[..., np.ndarray]
 OnGL = Callable[[Callable[[Device], Any]], Any]
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """test_glsl.py comes last: it looks at what the others compiled."""
-    items.sort(key=lambda item: item.path.name == "test_glsl.py")
+left_out: list[pytest.Item] = []  # by -k, -m or --deselect
+
+
+def pytest_deselected(items: list[pytest.Item]) -> None:
+    """A run without these may leave shaders out."""
+    left_out.extend(items)
 
 
 @pytest.fixture(scope="session", autouse=True)
-def recorder() -> Iterator[Recorder]:
-    """Every program compiled in this process."""
+def recorder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorder]:
+    """Every program compiled in this process; at its end, whatever the order of the tests, what is wrong with them.
+
+    That is an error at the teardown of the test that happened to be the last.
+    """
     made = Recorder()
     with pytest.MonkeyPatch.context() as patch:
         made.patch(patch)
         yield made
+        wrong = made.faults(tmp_path_factory.mktemp("glslang"))
+        if whole(request.session):
+            version = thread.run(version_code)
+            wrong += [f"no test used {name}" for name in made.unused(version)]
+    if wrong:
+        pytest.fail("programs of this run:\n" + "\n".join(wrong), pytrace=False)
+
+
+def whole(session: pytest.Session) -> bool:
+    """Whether all of this folder ran: else shaders are missing for that reason."""
+    files = {path.name for path in Path(__file__).parent.glob("test_*.py")}
+    stopped = session.shouldstop or session.shouldfail or left_out
+    return not stopped and {item.path.name for item in session.items} >= files
+
+
+def version_code() -> Iterator[Progress]:
+    """Of the device that the tests used: 410 is OpenGL 4.1."""
+    yield Progress(0.0, "test")
+    return thread.device().ctx.version_code
 
 
 @pytest.fixture(scope="session")

@@ -22,6 +22,8 @@ import pytest
 from irpso_addon.gpu.device import programs
 
 KERNEL = "#ifdef COMPUTE"  # stands in include/kernel.glsl: that text is a compute shader too
+UNITS = 16  # GL_MAX_TEXTURE_IMAGE_UNITS at least, and on a Mac; llvmpipe has 32
+OUTPUTS = 8  # GL_MAX_DRAW_BUFFERS, and GL_MAX_IMAGE_UNITS of OpenGL 4.3
 SAMPLERS = {0x8B5D, 0x8B5E, 0x8B5F, 0x8B60, 0x8DC1, 0x8DC2, 0x8DCA, 0x8DD2}  # GL_SAMPLER_1D and so on
 _OUT = re.compile(r"^\s*(?:flat\s+)?out\s+\w+\s+\w+;", re.MULTILINE)
 _COMPLAINT = re.compile(r"^(ERROR|WARNING): |^ +(vertex|fragment) stage:")
@@ -88,6 +90,27 @@ class Recorder:
         patch.setattr(programs, "_assemble", assembled)
         patch.setattr(moderngl.Context, "program", make)
         patch.setattr(moderngl.Context, "compute_shader", make_compute)
+
+    def faults(self, folder: Path) -> list[str]:
+        """What glslang finds, and what needs more than the least OpenGL has."""
+        wrong = self.complaints(folder).splitlines() if self.made else []
+        for made in self.made:
+            names = sorted({name for _, text in made.stages for name in self.files.get(text, [])})
+            if made.units > UNITS:
+                wrong.append(f"{names}: {made.units} textures, {UNITS} are sure")
+            defined = [line for _, text in made.stages for line in text.splitlines()
+                       if line.startswith("#define OUTPUTS ")]
+            wrong += [f"{names}: {line}, {OUTPUTS} are sure" for line in defined if int(line.split()[-1]) > OUTPUTS]
+        return wrong
+
+    def unused(self, version: int) -> list[str]:
+        """Files of shaders/ that no program has; ``version`` of OpenGL: 410 is 4.1, without compute shaders."""
+        seen = {file for made in self.made for _, text in made.stages for file in self.files.get(text, [])}
+        if version < 430:
+            seen.add("device/compute_probe.kernel")  # measures whether compute shaders are faster
+        names = {path.relative_to(programs.SHADERS).as_posix() for path in programs.SHADERS.rglob("*.*")
+                 if path.suffix != ".md"}
+        return sorted(name for name in names - seen if not name.startswith("display/"))
 
     def complaints(self, folder: Path) -> str:
         """What glslang finds, by file and line; empty where all is well."""

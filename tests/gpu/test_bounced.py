@@ -14,7 +14,7 @@ from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_gr
 from irpso_addon.gpu.observe import indirect_light as smoothing
 from irpso_addon.gpu.observe.indirect_light import Smoother
 from irpso_addon.gpu.observe.observations import Limits, camera_uniforms, observe
-from tests.gpu.texels import finish
+from tests.support.texels import finish
 
 TINT = np.array([0.9, 0.5, 0.2], np.float32)  # of the indirect light
 

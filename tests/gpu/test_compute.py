@@ -17,7 +17,7 @@ from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve.paper_swarm import PaperSwarm
 from irpso_addon.gpu.solve.solver import Solver
-from tests.gpu.texels import Texels, exact, finish
+from tests.support.texels import Texels, exact, finish
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = 32
@@ -200,7 +200,7 @@ import numpy as np
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve.solver import Solver
-from tests.gpu.texels import exact, finish
+from tests.support.texels import exact, finish
 device = Device()
 problem, texels = exact()
 solver = Solver(device, texels.source(device), SolveSettings(size=32))

@@ -8,8 +8,8 @@ import pytest
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.reporting.estimates import Taken, estimate
 from irpso_addon.gpu.observe.observations import bytes_per_pixel
-from tests.gpu import synthetic as syn
-from tests.gpu.shoots import rig, run
+from tests.support import synthetic as syn
+from tests.support.shoots import rig, run
 
 BYTES = {"f1": 1, "f2": 2, "f4": 4, "i4": 4, "u4": 4}
 

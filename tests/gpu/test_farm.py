@@ -19,7 +19,7 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import farm, tiled_solve
-from tests.gpu.squares import write_scene
+from tests.support.squares import write_scene
 
 OPENJD = Path(sys.executable).with_name("openjd")
 SETTINGS = SolveSettings(size=64, udim="all", model="one-lobe")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.gpu.texels import Texels, Twin, evaluate, exact, known, random_texels, slope, with_values
+from tests.support.texels import Texels, Twin, evaluate, exact, known, random_texels, slope, with_values
 
 COLOURS = (0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5)  # camera and channel: two cameras, two views, three channels
 LAYOUTS = {

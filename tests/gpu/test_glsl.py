@@ -1,6 +1,7 @@
-"""What Mesa forgives: every program of this run through glslang, and within the limits of the least OpenGL.
+"""What Mesa forgives: programs through glslang, and within the limits of the least OpenGL; and that faults are found.
 
-These tests run last (conftest.py): in a run of the whole folder they see every program of the library.
+Every program of a run is looked at when it ends (``recorder`` in conftest.py); of the whole folder's run also whether
+some shader was in none.
 """
 
 from __future__ import annotations
@@ -12,10 +13,8 @@ import pytest
 
 from irpso_addon.gpu.device import programs
 from irpso_addon.gpu.device.context import Device
-from tests.gpu.glsl import Made, Recorder
+from tests.gpu.glsl import UNITS, Made, Recorder
 
-UNITS = 16  # GL_MAX_TEXTURE_IMAGE_UNITS at least, and on a Mac; llvmpipe has 32
-OUTPUTS = 8  # GL_MAX_DRAW_BUFFERS, and GL_MAX_IMAGE_UNITS of OpenGL 4.3
 # What blender/viewer/view_draw.py declares of them; Blender writes these lines itself.
 PLATE = {
     "plate.vert": "in vec2 position;\nin vec2 place;\nout vec2 uv;\nuniform mat4 mvp;\n",
@@ -24,35 +23,33 @@ PLATE = {
 }
 
 
-def test_glslang_has_nothing_to_say(recorder: Recorder, solved: object, tmp_path: Path) -> None:
+def test_the_window_s_programs_and_those_of_a_solve(recorder: Recorder, solved: object, tmp_path: Path) -> None:
+    """Those of every other test too, at the end of the run (conftest.py)."""
     plate = [programs.VERSION + "\n" + head + (programs.SHADERS / "display" / name).read_text(encoding="utf-8")
              for name, head in PLATE.items()]
     recorder.made.add(Made((("vert", plate[0]), ("frag", plate[1]))))
     assert len(recorder.made) > 20
-    said = recorder.complaints(tmp_path)
-    assert not said, said
+    assert recorder.faults(tmp_path) == []
 
 
-def test_every_shader_was_among_them(recorder: Recorder, request: pytest.FixtureRequest, on_gl) -> None:
-    """A folder's run that leaves one out would say nothing of it."""
-    here = Path(__file__).parent
-    if {item.path.name for item in request.session.items} != {path.name for path in here.glob("test_*.py")}:
-        pytest.skip("only where all of tests/gpu runs")
-    seen = {file for made in recorder.made for _, text in made.stages for file in recorder.files.get(text, [])}
-    missing = {path.relative_to(programs.SHADERS).as_posix() for path in programs.SHADERS.rglob("*.*")
-               if path.suffix != ".md"} - seen
-    if on_gl(lambda device: device.ctx.version_code) < 430:
-        missing -= {"device/compute_probe.kernel"}  # measures whether compute shaders are faster
-    assert {name for name in missing if not name.startswith("display/")} == set()
+def test_what_needs_more_than_a_mac_has_is_told(tmp_path: Path) -> None:
+    own, head = Recorder(), programs.VERSION + "\n"
+    text = head + "#define OUTPUTS 9\nout vec4 o;\nvoid main() { o = vec4(1.0); }\n"
+    own.files[text] = ["here.frag"]
+    own.made = {Made((("frag", text),), UNITS + 1)}
+    assert own.faults(tmp_path) == [
+        "['here.frag']: 17 textures, 16 are sure", "['here.frag']: #define OUTPUTS 9, 8 are sure"]
 
 
-def test_no_program_needs_more_than_a_mac_has(recorder: Recorder, solved: object) -> None:
-    for made in recorder.made:
-        endings = [ending for ending, _ in made.stages]
-        assert made.units <= UNITS, endings
-        for _, text in made.stages:
-            outputs = [line for line in text.splitlines() if line.startswith("#define OUTPUTS ")]
-            assert all(int(line.split()[-1]) <= OUTPUTS for line in outputs)
+def test_a_shader_that_no_program_has_is_told() -> None:
+    own = Recorder()
+    every = set(own.unused(410))
+    assert "include/brdf.glsl" in every and "device/compute_probe.kernel" not in every
+    assert set(own.unused(430)) == every | {"device/compute_probe.kernel"}
+    source, files = programs._assemble("include/screen.vert", None)
+    own.files[source] = files
+    own.made = {Made((("vert", source),))}
+    assert every - set(own.unused(410)) == set(files) & every != set()
 
 
 def test_complaints_name_file_and_line(recorder: Recorder, tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve.model_ladder import Found, Ladder
-from tests.bench import problem as bench
-from tests.gpu.texels import Texels, exact, finish, held
+from tests.support import texel_problem as bench
+from tests.support.texels import Texels, exact, finish, held
 
 PAINT = ("Paint",)
 

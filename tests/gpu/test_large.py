@@ -1,6 +1,6 @@
 """Large solves against the same solved in one piece, and against the truth: errors, borders of blocks, models, memory.
 
-Kills and bytes: tests/resilience; tasks of farms: test_farm.py; several UDIMs in Blender: tests/blender/test_large.py.
+Kills and bytes: studies/resilience; tasks of farms: test_farm.py; several UDIMs in Blender: tests/blender.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from irpso_addon.core.tiled.uv_blocks import Crop
 from irpso_addon.core.tiled.work_folder import Work
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline, tiled_solve
-from tests.gpu import synthetic as syn
+from tests.support import synthetic as syn
 
 SIZE, BLOCK = 128, 64  # texels
 PIXELS = 72
@@ -56,9 +56,14 @@ def solve(scene: SceneData, folder: Path, **chosen: Any) -> Found:
     work = folder / "work"
     folder.mkdir(exist_ok=True)
     solution = thread.run(lambda: tiled_solve.run(scene, settings(**chosen), folder, work, "exr", block=BLOCK))
+    return {**maps_of(work), "warnings": solution.warnings}
+
+
+def maps_of(work: Path) -> Found:
+    """The layers of a finished solve, put together from its blocks."""
     with Work(work) as place:
         plan = place.read_plan()
-        found: Found = {"plan": plan, "warnings": solution.warnings}
+        found: Found = {"plan": plan}
         for name in tiled_solve.layers_of(plan):
             first = place.read_block(plan.windows[0].key)[name]
             whole = np.zeros((plan.settings.size,) * 2 + first.shape[2:], np.float32)
@@ -162,6 +167,10 @@ def test_a_stop_keeps_finished_blocks(scene: SceneData, blocks: Found, tmp_path:
     again = thread.run(lambda: tiled_solve.run(scene, settings(), out, out / "work", "exr", block=BLOCK))
     assert again.resumed_blocks == 2
     assert again.texels["solved"] == int((blocks["filled"] < 0.5).sum())
+    found = maps_of(out / "work")
+    names = tiled_solve.layers_of(found["plan"])
+    assert names == tiled_solve.layers_of(blocks["plan"]) and "roughness" in names
+    assert [name for name in names if found[name].tobytes() != blocks[name].tobytes()] == []
 
 
 def test_a_part_or_the_last_result_is_refused(scene: SceneData, tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ from irpso_addon.core.live_maps import Live
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline
-from tests.gpu import shoots
-from tests.gpu import synthetic as syn
+from tests.support import shoots
+from tests.support import synthetic as syn
 
 WRONG = 0.15  # an error of roughness that a user would see
 

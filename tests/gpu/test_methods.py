@@ -11,7 +11,7 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe import observation_atlas
 from irpso_addon.gpu.solve.solver import Solver
-from tests.gpu.texels import Texels, exact, finish
+from tests.support.texels import Texels, exact, finish
 
 METHODS = ("refined", "draft", "swarm")
 

@@ -18,9 +18,9 @@ from irpso_addon.gpu.device.draw_budget import Pace, rectangles
 from irpso_addon.gpu.gbuffer import gbuffer
 from irpso_addon.gpu.observe.observation_atlas import Atlas
 from irpso_addon.solve import pipeline
-from tests.gpu import shoots
-from tests.gpu import synthetic as syn
-from tests.gpu.texels import exact
+from tests.support import shoots
+from tests.support import synthetic as syn
+from tests.support.texels import exact
 
 SIZE = 48
 

@@ -19,8 +19,8 @@ from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe import observation_atlas
 from irpso_addon.gpu.solve.paper_swarm import Limits, PaperMaps, PaperSwarm, Swarms, limits_for, spans
 from irpso_addon.solve import pipeline
-from tests.bench import problem as bench
-from tests.gpu import synthetic as syn
+from tests.support import synthetic as syn
+from tests.support import texel_problem as bench
 
 FREE = Limits(constriction=1.0, velocity=1e30, bounded=False)  # equation (2) as printed
 SIZE = 24
@@ -286,15 +286,19 @@ def test_compute_shaders_do_what_fragment_shaders_do(on_gl, monkeypatch, model):
 
 
 def test_it_converges_on_exact_observations(on_gl):
-    """A plane, 12 views, roughness 0.3 to 0.7: most texels to 1e-3.  One in ten ends in a wrong valley: so does it."""
+    """A plane, 12 views, roughness 0.3 to 0.7: most texels to 5e-4.  One in ten ends in a wrong valley: so does it.
+
+    Of seeds 0 (this one) to 3: wrong 10.4 to 12.5 %; median 3.1e-4 to 3.7e-4; albedo 0.0095 to 0.0103; residual
+    3.0e-4 to 3.1e-4.  The limits leave room for another driver's rounding, which is another draw of the same kind.
+    """
     problem, arrays = exact()
     best, more, evaluations = run(on_gl, arrays, particles=16, iterations=1600)
     found = bench.Estimate(best[..., :3], best[..., 3])
     off = problem.roughness_error(found)
-    assert np.median(off) < 1e-3
-    assert (off > bench.FAILED).mean() < 0.15
-    assert problem.score(found).albedo < 0.012
-    assert np.sqrt(np.median(more[..., 2])) < 5e-4
+    assert np.median(off) < 5e-4
+    assert (off > bench.FAILED).mean() < 0.13
+    assert problem.score(found).albedo < 0.011
+    assert np.sqrt(np.median(more[..., 2])) < 3.5e-4
     assert evaluations == SIZE * SIZE * (16 + 1600)
 
 

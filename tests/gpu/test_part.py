@@ -10,8 +10,8 @@ import pytest
 
 from irpso_addon.core.data import Region, Solution
 from irpso_addon.core.errors import BadInput
-from tests.gpu import shoots
-from tests.gpu import synthetic as syn
+from tests.support import shoots
+from tests.support import synthetic as syn
 
 SIZE = 96
 AT = (np.arange(SIZE) + 0.5) / SIZE

@@ -15,8 +15,8 @@ from irpso_addon.core.cpu_solver import solver
 from irpso_addon.core.data import Solution
 from irpso_addon.core.params import DeviceSettings, SolveSettings
 from irpso_addon.gpu.device import thread
-from tests.gpu import synthetic as syn
-from tests.gpu.shoots import errors, rig, run
+from tests.support import synthetic as syn
+from tests.support.shoots import errors, rig, run
 
 SIZE, BORDER = 32, 2.5
 BLOCK = ((-0.2, -0.3, 0.15), (0.25, 0.2, 0.5))

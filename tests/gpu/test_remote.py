@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -20,7 +21,7 @@ from irpso_addon.core.params import DeviceSettings, SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.process import remote
 from irpso_addon.solve import pipeline
-from tests.gpu import synthetic as syn
+from tests.support import synthetic as syn
 
 PATIENCE = 60.0  # seconds; far more than any of these jobs needs
 SETTINGS = SolveSettings(size=64, model="one-lobe")
@@ -90,15 +91,24 @@ def test_bad_input_arrives_as_what_it_is(filed: SceneData) -> None:
         job.result()
 
 
-def test_a_stop_is_immediate_and_takes_the_process_along(filed: SceneData) -> None:
+def test_a_stop_waits_for_nobody_and_takes_the_process_along(filed: SceneData, monkeypatch) -> None:
+    """The process stands still and cannot end: who stops the job is free all the same, and asked for its end once."""
     job = remote.Remote("solve.pipeline:solve", filed, replace(SETTINGS, size=1024))
     until(lambda: job.poll() is not None)
-    began = time.monotonic()
-    job.cancel()
-    assert job.done
-    assert time.monotonic() - began < 0.2
+    process, told = job.worker._process, []
+    os.kill(process.pid, signal.SIGSTOP)
+    monkeypatch.setattr(process, "kill", lambda: told.append(("kill", job.done)))
+    monkeypatch.setattr(process, "wait", lambda *_, **__: told.append(("wait", job.done)))
+    stop = threading.Thread(target=job.cancel, daemon=True)
+    stop.start()
+    stop.join(PATIENCE)
+    monkeypatch.undo()
+    assert not stop.is_alive()
+    assert told == [("kill", True)]
+    assert job.done and job.worker.alive
     with pytest.raises(Cancelled):
         job.result()
+    process.kill()
     until(lambda: not job.worker.alive)
 
 

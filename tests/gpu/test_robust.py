@@ -10,8 +10,8 @@ import pytest
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.solve import neighbours
 from irpso_addon.gpu.solve.solver import Solver
-from tests.bench.problem import Problem, Spec, make
-from tests.gpu.texels import Texels, Twin, evaluate, finish, of_problem
+from tests.support.texel_problem import Problem, Spec, make
+from tests.support.texels import Texels, Twin, evaluate, finish, of_problem
 
 OUTLIER = 0.0025  # as in solve/robust.glsl
 NOISE = 0.01 / np.sqrt(3)  # of a mean of three channels

@@ -10,7 +10,7 @@ import pytest
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve.solver import Solver
-from tests.gpu.texels import Texels, exact, finish
+from tests.support.texels import Texels, exact, finish
 
 NINETY = 1.6449  # standard deviations that hold 90 % of a normal distribution
 

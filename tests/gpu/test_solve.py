@@ -1,4 +1,4 @@
-"""The whole pipeline on exact synthetic pictures (tests/gpu/synthetic.py): what was put in must come out.
+"""The whole pipeline on exact synthetic pictures (tests/support/synthetic.py): what was put in must come out.
 
 Without noise the pictures obey the model to float32; a texel is matched to a pixel up to half a pixel away, so texels
 near a border between materials may take the neighbour's: errors are told by quantiles over texels away from borders.
@@ -14,8 +14,8 @@ import pytest
 from irpso_addon.core.data import Solution
 from irpso_addon.core.shading import brdf, lights
 from irpso_addon.gpu.observe import observation_atlas as gpu_atlas
-from tests.gpu import synthetic as syn
-from tests.gpu.shoots import METHODS, SIZE, errors, rig, run
+from tests.support import synthetic as syn
+from tests.support.shoots import METHODS, SIZE, errors, rig, run
 
 # ---- recovery
 

@@ -16,9 +16,9 @@ from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.observe import observation_atlas as gpu_atlas
 from irpso_addon.solve import pipeline
-from tests.gpu import synthetic as syn
-from tests.gpu.shoots import errors, rig, run
-from tests.gpu.texels import held
+from tests.support import synthetic as syn
+from tests.support.shoots import errors, rig, run
+from tests.support.texels import held
 
 SIZE = 48
 WEIGHT, RATIO = 0.6, 1.8  # of the first lobe; of the roughnesses

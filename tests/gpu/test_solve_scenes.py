@@ -11,8 +11,8 @@ import pytest
 
 from irpso_addon.core.data import Light, RadianceImage
 from irpso_addon.core.errors import BadInput
-from tests.gpu import synthetic as syn
-from tests.gpu.shoots import SIZE, check, errors, rig, run, turned_away
+from tests.support import synthetic as syn
+from tests.support.shoots import SIZE, check, errors, rig, run, turned_away
 
 # ---- what cannot be used, and what must be said
 

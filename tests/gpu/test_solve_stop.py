@@ -14,9 +14,9 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.observe import observation_atlas as gpu_atlas
 from irpso_addon.solve import pipeline
-from tests.gpu import synthetic as syn
-from tests.gpu.shoots import SIZE, errors, run, turned_away
-from tests.gpu.texels import held
+from tests.support import synthetic as syn
+from tests.support.shoots import SIZE, errors, run, turned_away
+from tests.support.texels import held
 
 
 def stopped(shoot: syn.Shoot, stage: str, monkeypatch: pytest.MonkeyPatch, after: int = 3) -> Solution:

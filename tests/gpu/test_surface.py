@@ -16,7 +16,7 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, clip_matrix, draw_pixel_grid, facets
 from irpso_addon.solve import pipeline
-from tests.gpu import synthetic as syn
+from tests.support import synthetic as syn
 
 SNAP = 1.5 / 256  # pixels
 SIZE = 57  # odd on purpose

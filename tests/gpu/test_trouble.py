@@ -27,8 +27,8 @@ from irpso_addon.core.params import DeviceSettings, SolveSettings
 from irpso_addon.gpu.device import programs, thread
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.solve import pipeline
-from tests.gpu import shoots
-from tests.gpu import synthetic as syn
+from tests.support import shoots
+from tests.support import synthetic as syn
 
 ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = SolveSettings(size=32, method="draft", model="one-lobe")
@@ -177,21 +177,27 @@ def test_arrays_that_do_not_fit(on_gl):
 LITTLE = """
 import resource, sys
 from irpso_addon.core.errors import OutOfDeviceMemory
+from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
-from tests.gpu import shoots, synthetic as syn, test_trouble as t
+from irpso_addon.solve import pipeline
+from tests.support import shoots, synthetic as syn
+
+def solve(size=32):
+    settings = SolveSettings(size=size, method="draft", model="one-lobe")
+    return thread.run(lambda: pipeline.solve(shoot.scene, settings, shoot.read_image))
 
 shoot = syn.shoot(syn.PATCHES, shoots.rig(1, 4), (40, 40))
-first = t.solve(shoot).maps.roughness.tobytes()
+first = solve().maps.roughness.tobytes()
 for more in (150, 400):  # MB beyond what is used already
     used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + (more << 20), resource.RLIM_INFINITY))
     try:
-        t.solve(shoot, size=2048)
+        solve(2048)
         print("solved")
     except OutOfDeviceMemory as error:
         print(error)
     resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY,) * 2)
-    assert t.solve(shoot).maps.roughness.tobytes() == first
+    assert solve().maps.roughness.tobytes() == first
 print("alive")
 """
 

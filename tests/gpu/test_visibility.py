@@ -13,7 +13,7 @@ import pytest
 from irpso_addon.core.data import Camera, Light, MeshArrays
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid
 from irpso_addon.gpu.observe.visibility import LightVisibility
-from tests.gpu import synthetic as syn
+from tests.support import synthetic as syn
 
 PIXELS = 96
 NOTHING = np.zeros((0, 3, 3))

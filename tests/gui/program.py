@@ -20,10 +20,10 @@ def blender() -> window.Blender:
 
 
 def ball() -> Path:
-    """The folder of tests/make_scenes.py's scene, where the window's Blender can read it."""
+    """The folder of tests/support/make_scenes.py's scene, where the window's Blender can read it."""
     made = window.WORK / "scenes"
     shutil.rmtree(made, ignore_errors=True)
-    done = subprocess.run([sys.executable, str(window.ROOT / "tests" / "make_scenes.py"), str(made)],
+    done = subprocess.run([sys.executable, str(window.ROOT / "tests" / "support" / "make_scenes.py"), str(made)],
                           capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return made / "good"

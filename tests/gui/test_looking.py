@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-PAINT = (0.6, 0.3, 0.1)  # of the ball, as in tests/make_scenes.py
+PAINT = (0.6, 0.3, 0.1)  # of the ball, as in tests/support/make_scenes.py
 
 
 def srgb(linear: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-ROUGH = 0.45  # of the ball, as in tests/make_scenes.py
+ROUGH = 0.45  # of the ball, as in tests/support/make_scenes.py
 
 
 def test_a_part(blender, ball, folder):

@@ -1,6 +1,6 @@
 """Can the maps be trusted?  Figures from the views and the maps, and the lines that warn of what they show.
 
-Pure functions of arrays: the pipeline asks them about pictures, tests/stability about problems without a scene.
+Pure functions of arrays: the pipeline asks them about pictures, studies/stability about problems without a scene.
 """
 
 from __future__ import annotations

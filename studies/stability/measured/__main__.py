@@ -1,0 +1,40 @@
+"""``python -m studies.stability.measured --data DIR``: makes docs/stability/measured.md with its chart and picture."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from irpso_addon.gpu.device.context import Device
+
+from . import merl, page, picture
+from .run import run
+
+OUT = Path(__file__).resolve().parents[3] / "docs" / "stability"
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m studies.stability.measured", description=__doc__)
+    parser.add_argument("--data", type=Path, required=True, metavar="DIR",
+                        help=f"folder with {merl.NETWORKS} and {', '.join(merl.FITS.values())}")
+    parser.add_argument("--cow", type=Path, metavar="OBJ", help="a mesh with UVs: solved beside the sphere")
+    parser.add_argument("--only", default="", metavar="TEXT", help="materials with this in their names")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder for measured.md, .png and -spheres.jpg")
+    options = parser.parse_args()
+    start, device, materials = time.perf_counter(), Device(), []
+    for material in run(device, options.data, options.cow, lambda name: options.only in name):
+        materials.append(material)
+        print(f"{len(materials):3d} {material.name:28s} {time.perf_counter() - start:6.1f} s", file=sys.stderr)
+    options.out.mkdir(parents=True, exist_ok=True)
+    picture.chart(materials, options.out / "measured.png")
+    picture.spheres(materials, options.out / "measured-spheres.jpg")
+    text = page.page(materials, device.describe()["renderer"], time.process_time())
+    (options.out / "measured.md").write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

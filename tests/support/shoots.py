@@ -1,0 +1,69 @@
+"""Runs of the whole pipeline on synthetic pictures (synthetic.py), and how far their maps are from the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from irpso_addon.core.data import Light, Solution
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
+from tests.support import synthetic as syn
+
+SIZE = 64
+METHODS = ("refined", "swarm")
+
+
+def run(shoot: syn.Shoot, **settings: Any) -> Solution:
+    chosen = SolveSettings(**{"size": SIZE, **settings})
+    return thread.run(lambda: pipeline.solve(shoot.scene, chosen, shoot.read_image))
+
+
+def rig(cameras: int = 2, lamps: int = 8, **settings: Any) -> list[tuple[Any, list[Light]]]:
+    """Each camera with each lamp."""
+    return [(camera, [light]) for camera in syn.cameras(cameras) for light in syn.lamps(lamps, **settings)]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Absolute errors over solved texels away from the borders between quarters."""
+
+    rough: np.ndarray
+    base: np.ndarray
+    share: float  # solved texels of the covered ones
+
+
+def errors(solution: Solution, truth: syn.Truth, border: float = 2.5) -> Errors:
+    maps = solution.maps
+    size = maps.roughness.shape[0]
+    at = (np.arange(size) + 0.5) / size
+    u, v = np.meshgrid(at, at)
+    away = (np.abs(u - 0.5) > border / size) & (np.abs(v - 0.5) > border / size)
+    solved = maps.coverage & ~maps.filled
+    ok = solved & away
+    return Errors(np.abs(maps.roughness - truth.roughness(u, v))[ok],
+                  np.abs(maps.base_color - truth.base(u, v)).max(-1)[ok], float(solved.sum() / maps.coverage.sum()))
+
+
+def check(shoot: syn.Shoot, rough: float = 1e-5, base: float = 1e-4, tail: float = 0.005, **settings: Any) -> Solution:
+    found = run(shoot, **settings)
+    off = errors(found, shoot.truth)
+    assert off.share > 0.98
+    assert found.model == {"Paint": "one-lobe"}
+    assert np.median(off.rough) < rough
+    assert np.quantile(off.rough, 0.9) < tail
+    assert np.median(off.base) < base
+    return found
+
+
+def turned_away(shoot: syn.Shoot, count: int) -> syn.Shoot:
+    """The last ``count`` views look at the sky."""
+    views = list(shoot.scene.views)
+    for i in range(len(views) - count, len(views)):
+        camera = views[i].camera
+        away = syn.camera(camera.position, 2 * camera.position, name="away")
+        views[i] = replace(views[i], camera=away)
+    return replace(shoot, scene=replace(shoot.scene, views=tuple(views)))

@@ -1,0 +1,243 @@
+"""Texels without a scene: observations as arrays, kernels run on them, and the fit of the solver in float64."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from irpso_addon.core.shading import brdf
+from irpso_addon.core.shading.tables import principled_table
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.observe.observation_atlas import ArraySource, Atlas
+from tests.support import texel_problem as bench
+
+HERE = Path(__file__).parent
+
+
+def finish(steps: Generator[Any, Any, Any]) -> Any:
+    """What a generator returns."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+KINDS = (moderngl.Texture, moderngl.Framebuffer, moderngl.Buffer, moderngl.VertexArray, moderngl.Program)
+
+
+def held(device: Device) -> int:
+    """Objects that Python still holds and that were not released, and those it dropped without release.
+
+    Programs are kept for good, each with a vertex array: draw everything once before counting.
+    """
+    gc.collect()
+    alive = [thing.mglo for thing in gc.get_objects() if isinstance(thing, KINDS) and thing.ctx is device.ctx]
+    return sum(not isinstance(mglo, moderngl.InvalidObject) for mglo in [*alive, *device.ctx.objects])
+
+
+@dataclass(frozen=True)
+class Texels:
+    """Observations of h x w texels, as ArraySource takes them; ``edge``: where they are a shadow's or silhouette's."""
+
+    rgb: np.ndarray  # (h, w, K, 3); layer k observes channel ``groups[k] % channels`` where channels is 3
+    quality: np.ndarray
+    cos_v: np.ndarray
+    lobes: np.ndarray
+    groups: tuple[int, ...]
+    edge: np.ndarray | None = None
+    channels: int = 1
+
+    def source(self, device: Device) -> ArraySource:
+        """The same for the solver."""
+        source = ArraySource(device, rgb=self.rgb, quality=self.quality, cos_v=self.cos_v, lobes=self.lobes,
+                             groups=self.groups, table=principled_table())
+        h, w, count = self.quality.shape
+        first = source.blocks.reshape(count, -1, h, w, 4)[:, 0]
+        first[..., 0] = np.moveaxis(self.observed(), -1, 0)
+        if self.edge is not None:
+            first[..., 3] += np.moveaxis(self.edge, -1, 0)
+        source.layers = replace(source.layers, channels=self.channels)
+        return source
+
+    def observed(self) -> np.ndarray:
+        """What each layer observes, (h, w, K)."""
+        if self.channels == 1:
+            return self.rgb.mean(-1)
+        return np.stack([self.rgb[:, :, k, group % 3] for k, group in enumerate(self.groups)], -1)
+
+
+def of_problem(problem: bench.Problem) -> Texels:
+    """The observations of a benchmark's problem."""
+    return Texels(problem.rgb, problem.quality, problem.cos_v, problem.lobes, problem.groups)
+
+
+def exact(**spec: Any) -> tuple[bench.Problem, Texels]:
+    """A problem of the benchmark (a bumpy patch, 32 x 32 unless told), and its observations."""
+    problem = bench.make(bench.Spec(**{"views": 12, "size": 32, **spec}))
+    return problem, of_problem(problem)
+
+
+def evaluate(device: Device, texels: Texels, kernel: str, at: np.ndarray, outputs: int, slack: float = 0.0,
+             level: float | None = None, **defines: str) -> list[np.ndarray]:
+    """Outputs (h, w, 4) of a kernel beside this file at given numbers ``at`` (h, w, up to 4) of each texel."""
+    source = texels.source(device)
+    atlas = Atlas(device, source)
+    for _ in source.gather(atlas, (0, 0), False):
+        pass
+    h, w = texels.quality.shape[:2]
+    padded = np.zeros((h, w, 4), np.float32)
+    padded[..., :at.shape[-1]] = at
+    given = {"u_at": device.texture(w, h, 4, padded)}
+    if level is not None:
+        given["u_level"] = device.texture(w, h, 1, np.full((h, w), level, np.float32))
+        defines["SPECULAR"] = "1"
+    made = [device.texture(w, h) for _ in range(outputs)]
+    target = device.framebuffer(made)
+    device.kernel(str(HERE / kernel), target, textures={
+        "u_texel_position": source.position, "u_observations": atlas.texture,
+        "u_principled_table": source.principled_table, **given,
+    }, uniforms={**atlas.uniforms, "u_group_slack": slack, "u_tile": (0, 0)},
+        defines={**source.layers.defines(), "LOBES": "1", **defines}, region=(0, 0, w, h))
+    result = [device.read(texture).astype(np.float64) for texture in made]
+    for thing in (target, atlas, source, *made, *given.values()):
+        thing.release()
+    return result
+
+
+class Twin:
+    """The fit of solve/fit.glsl and solve/fit_two.glsl from their definition, float64; arrays are (texels, ...)."""
+
+    def __init__(self, texels: Texels, slack: float, ndf: str = "ggx", level: float | None = None) -> None:
+        self.slack, self.ndf, self.level = slack, ndf, level
+        count = len(texels.groups)
+        self.f = texels.observed().reshape(-1, count).astype(np.float64)
+        self.cos_v = texels.cos_v.reshape(-1, count).astype(np.float64)
+        self.lobes = texels.lobes.reshape(-1, count, *texels.lobes.shape[3:]).astype(np.float64)
+        quality = texels.quality.reshape(-1, count).astype(np.float64)
+        edge = np.zeros(quality.shape, bool) if texels.edge is None else texels.edge.reshape(-1, count) > 0
+        self.good = ((quality > 0) & ~edge).sum(-1)
+        self.whole = self._weights(quality, edge)
+        names = list(dict.fromkeys(texels.groups))
+        self.members = [np.array([n for n in range(count) if texels.groups[n] == name]) for name in names]
+        self.channel = np.array([name % texels.channels for name in names])
+        self.weight = self._dropped(self.whole)
+
+    def _weights(self, quality: np.ndarray, edge: np.ndarray) -> np.ndarray:
+        """Relative to the observation where it is a highlight, else to the texel's typical one (docs/method.md)."""
+        f = np.maximum(self.f, 0)
+        typical = np.full(len(f), np.inf)
+        for number in range(4):
+            w = quality / (1.0 if number == 0 else np.maximum(f, typical[:, None]))
+            typical = np.maximum((w * f).sum(-1) / np.maximum(w.sum(-1), 1e-12), 1e-4)
+        w = quality / np.maximum(f, typical[:, None]) ** 2
+        return w * np.where(edge, 2.0 ** (-6.0 * np.minimum(self.good, 6))[:, None], 1.0)
+
+    def _dropped(self, weight: np.ndarray) -> np.ndarray:
+        """Without those first of a group that weigh less than NEGLIGIBLE of what comes next: sums start there."""
+        weight = weight.copy()
+        for members in self.members:
+            for i, n in enumerate(members):
+                before = weight[:, members[:i]]
+                weight[:, members[:i]] = np.where((before.sum(-1) < 1e-5 * weight[:, n])[:, None], 0, before)
+        return weight
+
+    def parts(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(a, s) of f = rho a + s at roughness r (texels)."""
+        r, cos_v = r[:, None], self.cos_v
+        sin2h, spread, cos_l, factor = np.moveaxis(self.lobes, -1, 0)
+        alpha2 = r[..., None] ** 4
+        slopes, root = {"ggx": (brdf.D_ggx_spread, brdf.lambda_root),
+                        "beckmann": (brdf.D_beckmann_spread, brdf.lambda_root_beckmann)}[self.ndf]
+        roots = root(alpha2, 1 / cos_l**2 - 1) + root(alpha2, 1 / cos_v[..., None] ** 2 - 1)
+        s = factor * slopes(alpha2, sin2h, spread) / roots
+        if self.ndf == "beckmann":
+            return np.full(cos_v.shape, 1 / np.pi), s.sum(-1)
+        if self.level is None:
+            energy = brdf.principled_energy(r, cos_v)
+        else:
+            energy = brdf.principled_energy_level(r, cos_v, self.level)
+            cos_vh = np.minimum((cos_l + cos_v[..., None]) / (2 * np.sqrt(1 - sin2h)), 1)
+            s = s * brdf.F_level_ratio(cos_vh, self.level)
+        return (1 - energy[..., 1]) / np.pi, s.sum(-1) * energy[..., 0]
+
+    def mixed(self, r1: np.ndarray, r2: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of two lobes."""
+        (a1, s1), (a2, s2) = self.parts(r1), self.parts(r2)
+        return w[:, None] * a1 + (1 - w[:, None]) * a2, w[:, None] * s1 + (1 - w[:, None]) * s2
+
+    def groups(self, a: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Errors within groups (texels, K), whitened; albedo of each group (texels, G) and its information.
+
+        rho_group = rho + delta, delta normal with a variance of slack rho_group^2 in units of the noise's.
+        """
+        within, rho, information = np.zeros_like(self.f), [], []
+        for members in self.members:
+            w, d = self.weight[:, members], (self.f - s)[:, members]
+            total = w.sum(-1)
+            mean = (w * d).sum(-1) / np.where(total > 0, total, 1)
+            within[:, members] = np.sqrt(w) * (d - mean[:, None])
+            rho.append(mean / a[:, members[0]])
+            of_mean = np.where(total > 0, 1 / np.where(total > 0, total, 1), np.inf)
+            information.append(a[:, members[0]] ** 2 / (of_mean + self.slack * mean**2))
+        return within, np.stack(rho, -1), np.stack(information, -1)
+
+    def between(self, rho: np.ndarray, information: np.ndarray, bounded: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Errors of groups about the one albedo of their channel (texels, G), whitened; those albedos (texels, C)."""
+        off, best = np.zeros_like(rho), []
+        for channel in np.unique(self.channel):
+            mine = self.channel == channel
+            w = information[:, mine]
+            mean = (w * rho[:, mine]).sum(-1) / np.maximum(w.sum(-1), 1e-300)
+            mean = np.clip(mean, 0, 1) if bounded else mean
+            off[:, mine] = np.sqrt(w) * (rho[:, mine] - mean[:, None])
+            best.append(mean)
+        return off, np.stack(best, -1)
+
+    def errors(self, a: np.ndarray, s: np.ndarray, information: np.ndarray | None = None,
+               bounded: bool = True) -> np.ndarray:
+        """All whitened errors (texels, K + G); ``information`` frozen (Kaufman 1975) where given."""
+        within, rho, own = self.groups(a, s)
+        return np.concatenate([within, self.between(rho, own if information is None else information, bounded)[0]], -1)
+
+
+def slope(function: Any, at: np.ndarray, step: float = 1e-6) -> np.ndarray:
+    """Central difference."""
+    return np.asarray((function(at + step) - function(at - step)) / (2 * step))
+
+
+def random_texels(groups: tuple[int, ...], channels: int = 1, lights: int = 2, spread: float = 0.05, size: int = 16,
+                  seed: int = 3) -> Texels:
+    """Observations that no material explains; some are not made, some are edges, one corner has none."""
+    rng = np.random.default_rng(seed)
+    shape = (size, size, len(groups))
+    quality = rng.choice([0.0, 0.3, 1.0], shape, p=[0.2, 0.3, 0.5])
+    quality[:3, :4] = 0.0
+    quality[4, :, :2] = 0.0
+    lobes = np.stack([rng.uniform(0.02, 0.4, (*shape, lights)), rng.uniform(0, spread, (*shape, lights)),
+                      rng.uniform(0.2, 1, (*shape, lights)), rng.uniform(0.01, 0.2, (*shape, lights))], axis=-1)
+    camera = np.array(groups) // channels
+    cos_v = rng.uniform(0.2, 1.0, (size, size, camera.max() + 1))[:, :, camera]
+    edge = (rng.random(shape) < 0.2).astype(np.float32)
+    edge[..., (camera == 0) & (channels == 3)] = 0  # sums over groups refer to a channel's first
+    return Texels(rng.uniform(0.02, 0.5, (*shape, 3)).astype(np.float32), quality.astype(np.float32),
+                  cos_v.astype(np.float32), lobes.astype(np.float32), groups, edge, channels)
+
+
+def known(texels: Texels) -> np.ndarray:
+    """Texels with an observation, flat."""
+    return np.asarray((texels.quality > 0).any(-1).ravel())
+
+
+def with_values(texels: Texels, f: np.ndarray) -> Texels:
+    """The same geometry with other observations, (texels, K), the same in R, G and B."""
+    shape = texels.quality.shape
+    rgb = np.repeat(f.reshape(*shape, 1), 3, -1).astype(np.float32)
+    return replace(texels, rgb=rgb)
+
