@@ -18,7 +18,7 @@ from ..irpso_addon.blender.viewer import views
 from ..irpso_addon.core.data import Solution
 from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.tiled import uv_blocks
-from ..irpso_addon.core.tiled.work_folder import Work
+from ..irpso_addon.core.tiled.work_folder import WorkFolder
 from .helpers.modal_job import ModalJob
 from .helpers.paths import absolute, captures_path
 
@@ -93,7 +93,7 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
     def stopped(self) -> Solution | None:
         """What was on show; of large maps nothing, they go on from what is finished."""
         work = self._order.work
-        if work is not None and Work.has_plan(work):
+        if work is not None and WorkFolder.has_plan(work):
             self.report({"INFO"}, f"Finished blocks are kept in {work}; Solve goes on from there")
         return None if self._live is None or work is not None else self._live.solution()
 

@@ -30,7 +30,7 @@ class IRPSO_OT_test_device(bpy.types.Operator):
             return {"FINISHED"}
         thread.configure(preferences.device_settings())
         try:
-            tested: device_test.Tested = thread.run(device_test.test)
+            tested: device_test.DeviceTest = thread.run(device_test.test)
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

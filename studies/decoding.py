@@ -62,7 +62,7 @@ elif sys.argv[3] == "reduced":
     found = image.read_reference(shown, 1_000_000)
     size = sum(a.nbytes for a in (found.rgb, found.coverage, found.valid)) / 1e6
 else:
-    pictures.develop(shown, path.with_suffix(".developed"))
+    pictures.cache_reference(shown, path.with_suffix(".developed"))
     size = 0.0
 print(seconds() - start, time.perf_counter() - clock, peak("self") - before - size,
       max((peak(p.number) for p in decoder._pool.idle), default=0))

@@ -24,9 +24,9 @@ from irpso_addon.core.data import SceneData
 from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.tiled.uv_blocks import HALO
-from irpso_addon.core.tiled.work_folder import Work
+from irpso_addon.core.tiled.work_folder import WorkFolder
 from irpso_addon.gpu.device import thread
-from irpso_addon.gpu.device.draw_budget import Pace
+from irpso_addon.gpu.device.draw_budget import DrawBudget
 from irpso_addon.solve import pipeline, tiled_solve
 
 MOST = 100.0  # ms; what no pass may take
@@ -47,10 +47,10 @@ class Passes:
         return 1000 * max(self.seconds, default=0.0)
 
 
-class Measured(Pace):
+class Measured(DrawBudget):
     """Keeps the times of all pieces."""
 
-    def __init__(self, pace: Pace) -> None:
+    def __init__(self, pace: DrawBudget) -> None:
         super().__init__(pace._finish, 1000 * pace.slice)
         self.passes: dict[str, Passes] = {}
         self._known: set[Hashable] = set()
@@ -78,12 +78,12 @@ def measured(steps: Steps) -> dict[str, Passes]:
     def job() -> Generator[Progress, None, dict[str, Passes]]:
         device = thread.device()
         assert device.prefers_compute in (True, False)  # measured before
-        before, device.pace = device.pace, Measured(device.pace)
+        before, device.budget = device.budget, Measured(device.budget)
         try:
             yield from steps()
-            return device.pace.passes
+            return device.budget.passes
         finally:
-            device.pace = before
+            device.budget = before
 
     passes: dict[str, Passes] = thread.run(job)
     return passes
@@ -103,18 +103,18 @@ def overhead(steps: Steps, repeats: int) -> tuple[float, float]:
 def _timed(steps: Steps, slice_ms: float) -> tuple[float, float]:
     def job() -> Generator[Progress, None, None]:
         device = thread.device()
-        device.pace.choose(slice_ms)
+        device.budget.choose(slice_ms)
         try:
             yield from steps()
         finally:
-            device.pace.choose(device.settings.slice)
+            device.budget.choose(device.settings.slice)
 
     wall, cpu = time.perf_counter(), time.process_time()
     thread.run(job)
     return time.perf_counter() - wall, time.process_time() - cpu
 
 
-def a_block(scene: SceneData, settings: SolveSettings, work: Work) -> tuple[Steps, Steps]:
+def a_block(scene: SceneData, settings: SolveSettings, work: WorkFolder) -> tuple[Steps, Steps]:
     """(what makes the plan of a large solve, what solves its middle block then)."""
     plans: list[Any] = []
 
@@ -165,7 +165,7 @@ def main() -> None:
         else:
             print(table(title, measured(steps)), flush=True)
     if arguments.block:
-        with tempfile.TemporaryDirectory() as folder, Work(Path(folder) / "work") as work:
+        with tempfile.TemporaryDirectory() as folder, WorkFolder(Path(folder) / "work") as work:
             work.begin("passes")
             plan, block = a_block(scene, SolveSettings(size=arguments.block), work)
             thread.run(plan)

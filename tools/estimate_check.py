@@ -23,7 +23,7 @@ from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.cli.demo import make  # noqa: E402
 from irpso_addon.core.data import SceneData, Solution  # noqa: E402
 from irpso_addon.core.params import DeviceSettings, SolveSettings  # noqa: E402
-from irpso_addon.core.reporting.estimates import Taken, estimate, learnt  # noqa: E402
+from irpso_addon.core.reporting.estimates import ViewSize, estimate, learnt  # noqa: E402
 from irpso_addon.process.remote import Remote  # noqa: E402
 
 PAGE = """\
@@ -66,7 +66,7 @@ def main() -> None:
         for count, size, model, method in CASES:
             part = replace(data, views=data.views[::max(1, len(data.views) // count)][:count])
             settings = SolveSettings(size=size, model=model, method=method, indirect="off")
-            taken = [Taken(demo.PIXELS, demo.PIXELS, v.camera.name, len(v.lights)) for v in part.views]
+            taken = [ViewSize(demo.PIXELS, demo.PIXELS, v.camera.name, len(v.lights)) for v in part.views]
             solution, wall = solve(part, settings)
             first = estimate(taken, settings, {}, DeviceSettings().memory).seconds
             later = estimate(taken, settings, factors or {}, DeviceSettings().memory).seconds

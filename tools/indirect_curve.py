@@ -24,7 +24,7 @@ sys.path.insert(0, str(ROOT))
 
 from irpso_addon.blender.files import open_blend  # noqa: E402
 from irpso_addon.blender.jobs import indirect  # noqa: E402
-from irpso_addon.blender.jobs.indirect import Bouncer  # noqa: E402
+from irpso_addon.blender.jobs.indirect import IndirectRenderer  # noqa: E402
 from irpso_addon.blender.oiio import ensure_openimageio  # noqa: E402
 from irpso_addon.blender.sample import contact_sheet, demo  # noqa: E402
 from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
@@ -97,7 +97,7 @@ def main() -> int:
             shot = demo.read_render(scene.views[0].image)
             step = (np.arange(size) * PIXELS) // size
             view = encoded(2 * shot[step][:, step, :3])
-            bounce = Bouncer.of_open_file(made.scene)
+            bounce = IndirectRenderer.of_open_file(made.scene)
             off, auto = (
                 thread.run(partial(pipeline.solve, scene, SolveSettings(size=size, indirect=mode), bounce=bounce))
                 for mode in ("off", "auto"))

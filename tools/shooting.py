@@ -164,7 +164,7 @@ def take(shoot: Shoot) -> Outcome:
         pictures = render(shoot, folder, base, rough)
         open_blend(folder / "scene.blend")
         scene = read_scene(None, demo.NAME, folder / "captures.json")
-        bounce = indirect.Bouncer.of_open_file(folder / "scene.blend")
+        bounce = indirect.IndirectRenderer.of_open_file(folder / "scene.blend")
         solution = thread.run(lambda: pipeline.solve(scene, SolveSettings(size=TEXELS), bounce=bounce))
         view = demo.read_render(pictures[shoot.shown])[..., :3]
     maps = solution.maps

@@ -11,7 +11,7 @@ from bpy.types import AddonPreferences
 from ..core.errors import BadInput, Cancelled
 from ..core.params import DeviceSettings
 from ..process.remote import Remote
-from ..solve.device_test import Detected, Tested
+from ..solve.device_test import DetectedDevice, DeviceTest
 from . import logs
 from .panel_common import split, wrapped
 from .properties import rna
@@ -22,7 +22,7 @@ KERNELS = {"compute": "Compute Shaders", "fragment": "Fragment Shaders", "numpy"
 
 _job: Remote | None = None
 _asked: tuple[str, str] | None = None  # for which device and kernels it was looked at
-_found: Detected | Tested | str | None = None  # or why it cannot be used
+_found: DetectedDevice | DeviceTest | str | None = None  # or why it cannot be used
 
 
 class IRPSO_AP_preferences(AddonPreferences):
@@ -141,11 +141,11 @@ def _draw_device(box: bpy.types.UILayout) -> None:
     elif isinstance(_found, str):
         wrapped(box.column(align=True), _found, 90)
     else:
-        device = _found.device if isinstance(_found, Tested) else _found
+        device = _found.device if isinstance(_found, DeviceTest) else _found
         rows = [("Renderer", device.renderer), ("OpenGL", device.version),
                 ("Kernels", KERNELS[device.kernels])]
         rows += [(name.title().replace(" A ", " a "), f"{limit:,}") for name, limit in device.limits.items()]
-        if isinstance(_found, Tested):
+        if isinstance(_found, DeviceTest):
             rows.append(("Test", f"Passed in {_found.seconds:.1f} s"))
         column = box.column(align=True)
         for name, value in rows:

@@ -16,7 +16,7 @@ from ..core.evaluation.chart_data import Chart
 from ..core.evaluation.ground_truth import read_truth
 from ..core.job import Progress
 from ..core.reporting.report import write_report
-from ..core.storage.output_transaction import Staging
+from ..core.storage.output_transaction import OutputTransaction
 from ..gpu.device import thread
 from . import chart, console, options
 
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> None:
     data = read_scene(None, arguments.object, arguments.captures)
     fit, held = hold_out(data, arguments.hold_out, arguments.truth is not None)
     truth = read_truth(arguments.truth, data.mesh.name) if arguments.truth else None
-    with Staging(out) as staging:
+    with OutputTransaction(out) as staging:
         job = partial(measure, fit, held, truth, options.settings(arguments), arguments.passes)
         report = thread.run(job, _method_lines())
         report["versions"]["blender"] = files.blender_version()

@@ -15,7 +15,7 @@ from ..core.data import F32, Bool, Maps, Solution
 from ..core.images.image_writer import write_image
 from ..core.job import Progress
 from ..core.params import SolveSettings
-from ..core.storage.output_transaction import Staging
+from ..core.storage.output_transaction import OutputTransaction
 from . import console
 from .solve import Request, solve
 
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> None:
     """The command.  Raises BadInput."""
     started = time.perf_counter()
     out: Path = arguments.out
-    with Staging(out) as staging:  # proves that the folder can be written
+    with OutputTransaction(out) as staging:  # proves that the folder can be written
         staging.publish()
     made = make(out)
     write_truth(out / "truth", made)

@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> None:
             detected = _detected(apart.run("solve.device_test:detect"))
             console.say("")
             console.table(("device", "here"), detected)
-            tested: device_test.Tested = apart.run("solve.device_test:test")
+            tested: device_test.DeviceTest = apart.run("solve.device_test:test")
     except BadInput:
         if settings.device == "opengl":
             console.say("")
@@ -70,7 +70,7 @@ class _Apart:
         return job.result()
 
 
-def _detected(device: device_test.Detected) -> Rows:
+def _detected(device: device_test.DetectedDevice) -> Rows:
     rows = [(name, str(getattr(device, name))) for name in ("renderer", "vendor", "version", "kernels")]
     return rows + [(label, str(limit)) for label, limit in device.limits.items()]
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from ..blender import files
-from ..blender.jobs.indirect import Bouncer
+from ..blender.jobs.indirect import IndirectRenderer
 from ..blender.material import material, material_preflight
 from ..blender.scene.scene import read_scene
 from ..core.tiled.tiled_plan import Plan
@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> None:
     material_preflight.check(subject, data.mesh)
     with console.progress() as show:
         plan: Plan = thread.run(lambda: farm.plan_job(
-            data, options.settings(arguments), folder, Bouncer.of_open_file(scene)), on_progress=show)
+            data, options.settings(arguments), folder, IndirectRenderer.of_open_file(scene)), on_progress=show)
     maps = folder / farm.MAPS
     for message in (*plan.solution.warnings, *material.link_maps(subject, plan.solution, maps, arguments.format,
                                                                  plan.udims)):

@@ -19,7 +19,7 @@ from ..core.params import SolveSettings
 from ..core.reporting import estimates
 from ..core.reporting.estimates import gigabytes
 from ..core.reporting.report import build_report, write_report
-from ..core.storage.output_transaction import Staging
+from ..core.storage.output_transaction import OutputTransaction
 from ..gpu.device import thread
 from . import console, options
 
@@ -72,7 +72,7 @@ def solve(request: Request) -> Solution:
     read = time.perf_counter()
     solve_object.check(order)
     foretell(order)
-    with Staging(request.out) as staging:
+    with OutputTransaction(request.out) as staging:
         with console.progress() as show:
             solution = solve_object.run(order, request.scene, staging.folder, lambda step: show(_by_blocks(step)))
         solved = time.perf_counter()

@@ -14,7 +14,7 @@ from ..core.job import Progress
 from ..gpu.device import thread
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import MeshBuffer
-from ..gpu.observe.observation_atlas import Atlas, CameraSource, Layers, tiles
+from ..gpu.observe.observation_atlas import CameraSource, Layers, ObservationAtlas, tiles
 from ..gpu.observe.observations import ObservedCamera, observe
 from ..solve.gpu_path import draw_texels
 
@@ -43,7 +43,7 @@ def observe_texels(
         grid = draw_texels(device, scene.mesh, size)
         observations = yield from observe(device, scene, grid.mesh, read_image)
         source = CameraSource(device, grid.maps, observations)
-        atlas = Atlas(device, source)
+        atlas = ObservationAtlas(device, source)
         covered, found = grid.coverage, []
         width, height = atlas.tile
         for x, y in tiles(atlas, covered):

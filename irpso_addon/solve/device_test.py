@@ -32,7 +32,7 @@ NUMPY_TEXELS = 16  # of the self-test where numpy solves it, so that this takes 
 
 
 @dataclass(frozen=True)
-class Detected:
+class DetectedDevice:
     """The device as its driver names it."""
 
     renderer: str
@@ -43,30 +43,30 @@ class Detected:
 
 
 @dataclass(frozen=True)
-class Tested:
+class DeviceTest:
     """A detected device that has solved for known maps."""
 
-    device: Detected
+    device: DetectedDevice
     seconds: float
     base_error: float  # median over the self-test's square
     rough_error: float
 
 
-def detect() -> Generator[Progress, None, Detected]:
+def detect() -> Generator[Progress, None, DetectedDevice]:
     """The device.  Raises BadInput where there is none, or it cannot do what the settings ask."""
     yield Progress(0.0, "device")
     if thread.settings().device == "numpy":
         largest = {LIMITS["GL_MAX_TEXTURE_SIZE"]: solver.MOST_SIZE}
-        return Detected(**solver.device(), kernels="numpy", limits=largest)
+        return DetectedDevice(**solver.device(), kernels="numpy", limits=largest)
     device = thread.device()
     info = device.describe()
-    return Detected(
+    return DetectedDevice(
         renderer=info["renderer"], vendor=info["vendor"], version=info["version"],
         kernels="compute" if device.prefers_compute else "fragment",
         limits={label: int(device.ctx.info[name]) for name, label in LIMITS.items()})
 
 
-def test() -> Generator[Progress, None, Tested]:
+def test() -> Generator[Progress, None, DeviceTest]:
     """The device, tested.  Raises BadInput as `detect` does, and where it computes wrongly."""
     device = yield from detect()
     started = time.perf_counter()
@@ -78,4 +78,4 @@ def test() -> Generator[Progress, None, Tested]:
     if not max(base_error, rough_error) < TOLERANCE:
         raise BadInput(f"{device.renderer}: the self-test is off by {max(base_error, rough_error):.4f}, more than "
                        f"{TOLERANCE}; update the graphics driver, {SLOWER}")
-    return Tested(device, time.perf_counter() - started, base_error, rough_error)
+    return DeviceTest(device, time.perf_counter() - started, base_error, rough_error)

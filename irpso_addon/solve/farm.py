@@ -29,8 +29,8 @@ from ..core.maps import block_merge
 from ..core.params import SolveSettings
 from ..core.storage.atomic_io import PART, write_whole
 from ..core.tiled.tiled_plan import Plan
-from ..core.tiled.uv_blocks import BLOCK, FIRST_UDIM, HALO, Window
-from ..core.tiled.work_folder import Work
+from ..core.tiled.uv_blocks import BLOCK, FIRST_UDIM, HALO, UvBlock
+from ..core.tiled.work_folder import WorkFolder
 from . import tiled_solve
 from .pipeline import Bounce
 
@@ -148,7 +148,7 @@ def plan_job(
         (folder / TEMPLATE).unlink(missing_ok=True)  # whoever finds one finds all that it needs
     except OSError as error:
         raise _unwritable(folder, error) from None
-    with Work(folder / WORK) as work:
+    with WorkFolder(folder / WORK) as work:
         return (yield from tiled_solve.prepare(scene, settings, work, bounce, block, halo))
 
 
@@ -207,7 +207,7 @@ def solve_tile(folder: Path, udim: int, tile: int, tile_size: int) -> Generator[
     Raises BadInput.
     """
     work, plan = _planned(folder)
-    blocks = blocks_of(plan.windows, udim, tile, tile_size)
+    blocks = blocks_of(plan.blocks, udim, tile, tile_size)
     if not blocks:
         raise BadInput(f"{folder}: its plan has no tile {tile} of {tile_size} texels in UDIM {udim}; "
                        "take both from the job's template")
@@ -226,7 +226,7 @@ def _share(step: Progress, done: int, of: int) -> Progress:
 def merge_square(folder: Path, udim: int, out: Path, kind: str) -> Generator[Progress, None, None]:
     """Write the maps of a UDIM square whose blocks are all there.  Uses no OpenGL.  Raises BadInput."""
     work, plan = _planned(folder)
-    blocks = [block for block in plan.windows if block.udim == udim]
+    blocks = [block for block in plan.blocks if block.udim == udim]
     if not blocks:
         raise BadInput(f"{folder}: its plan has no UDIM {udim}, but {', '.join(map(str, plan.udims))}")
     try:
@@ -238,9 +238,9 @@ def merge_square(folder: Path, udim: int, out: Path, kind: str) -> Generator[Pro
         yield Progress(share, "merge")
 
 
-def _planned(folder: Path) -> tuple[Work, Plan]:
+def _planned(folder: Path) -> tuple[WorkFolder, Plan]:
     """A job's work folder, unlocked: its tasks run side by side; and its plan.  Raises BadInput."""
-    work = Work(folder)
+    work = WorkFolder(folder)
     plan = work.read_plan()
     if not isinstance(plan, Plan):
         raise BadInput(f"{folder}: is not the work folder of a job; make one with 'irpso job'")
@@ -257,7 +257,7 @@ def template(job: Job) -> str:
         requirements=requirements, tile_size=job.tile)
 
 
-def blocks_of(windows: Iterable[Window], udim: int, tile: int, tile_size: int) -> list[Window]:
+def blocks_of(windows: Iterable[UvBlock], udim: int, tile: int, tile_size: int) -> list[UvBlock]:
     """The blocks of one task: those that begin in tile number ``tile``, counted by rows from the bottom left."""
     return [w for w in windows if w.udim == udim
             and w.y // tile_size * -(-w.size // tile_size) + w.x // tile_size == tile]

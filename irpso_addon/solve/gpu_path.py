@@ -19,14 +19,14 @@ from ..core.errors import BadInput, Cancelled
 from ..core.job import Progress, mapped
 from ..core.live_maps import Live
 from ..core.params import SolveSettings
-from ..core.tiled.tiled_plan import Before
+from ..core.tiled.tiled_plan import PriorKnowledge
 from ..gpu.device.context import Device
-from ..gpu.gbuffer.gbuffer import MeshBuffer, SurfaceMaps, draw_texel_grid
-from ..gpu.maps.finish_maps import Around, Made, make_maps
-from ..gpu.maps.partial_solve import Part
+from ..gpu.gbuffer.gbuffer import GBufferMaps, MeshBuffer, draw_texel_grid
+from ..gpu.maps.finish_maps import CoarseSurroundings, FinishedMaps, make_maps
+from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.observation_atlas import CameraSource
-from ..gpu.observe.observations import Limits, Observations, observe
-from ..gpu.solve.model_ladder import Found, Ladder, Last
+from ..gpu.observe.observations import Observations, ObserveOptions, observe
+from ..gpu.solve.model_ladder import EarlierResult, Ladder, LadderResult
 
 Result = TypeVar("Result")
 ReadImage = Callable[[View], RadianceImage]
@@ -67,7 +67,7 @@ class TexelGrid:
     """A mesh on the device and its G-buffer over the texel grid, drawn once and read once."""
 
     mesh: MeshBuffer
-    maps: SurfaceMaps
+    maps: GBufferMaps
     position: F32  # (n, n, 3) world, metres; zero where not covered
     normal: F32  # (n, n, 3) world, unit, normal map included
     coverage: Bool  # (n, n)
@@ -91,13 +91,13 @@ class Given:
     scene: SceneData
     settings: SolveSettings
     read_image: ReadImage
-    part: Part
-    last: Last | None = None  # what is taken over from an earlier result
+    part: PartialSolve
+    last: EarlierResult | None = None  # what is taken over from an earlier result
     bounced: Mapping[int, Bounced] | None = None  # indirect light by the view's place in the scene
     # Of a block, from the plan of the whole:
     level: float | None = None  # typical radiance of the views
-    before: Before | None = None
-    around: Around | None = None
+    before: PriorKnowledge | None = None
+    around: CoarseSurroundings | None = None
     model: Mapping[str, str] | None = None  # by material, whatever the block would choose
     keeps_partial: bool = True  # a stopped solve gives maps of what it has found; else it raises Cancelled
 
@@ -107,8 +107,8 @@ class Solved:
     """What a grid's solve has given."""
 
     observations: Observations
-    found: Found  # before it was joined to what a partial solve keeps
-    made: Made
+    found: LadderResult  # before it was joined to what a partial solve keeps
+    made: FinishedMaps
 
 
 def solve_grid(
@@ -117,18 +117,18 @@ def solve_grid(
     """Observe, solve and make maps.  Raises BadInput where no view is usable, Cancelled as ``given`` says."""
     scene, part = given.scene, given.part
     observations: Observations = yield from clock.stage("observe", observe(
-        device, scene, grid.mesh, given.read_image, Limits(given.bounced, part, level=given.level)))
+        device, scene, grid.mesh, given.read_image, ObserveOptions(given.bounced, part, level=given.level)))
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
     maps = part.grid(device, grid.maps)
     ladder = Ladder(device, CameraSource(device, maps, observations, scene.mesh.extent), given.settings,
                     np.where(part.solved, grid.slots, -1), scene.mesh.slot_names, given.last, given.before)
-    found: Found = yield from clock.stage("solve", ladder.solve())
+    found: LadderResult = yield from clock.stage("solve", ladder.solve())
     if found.cancelled and not given.keeps_partial:
         raise Cancelled
     if given.model is not None:
         found.model = dict(given.model)
-    made: Made = yield from clock.stage("maps", make_maps(
+    made: FinishedMaps = yield from clock.stage("maps", make_maps(
         device, scene, given.settings.ndf, grid.coverage, maps, observations, found, grid.slots, part, given.around))
     if made.albedo.cancelled and not given.keeps_partial:
         raise Cancelled

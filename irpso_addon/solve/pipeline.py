@@ -27,9 +27,9 @@ from ..core.tiled.tiled_plan import Noise
 from ..gpu.device import thread
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import overlap_counts
-from ..gpu.maps.check_views import check_views, pictured
-from ..gpu.maps.finish_maps import Made
-from ..gpu.maps.partial_solve import Part, last_of, part_of
+from ..gpu.maps.check_views import check_views, with_view_pictures
+from ..gpu.maps.finish_maps import FinishedMaps
+from ..gpu.maps.partial_solve import PartialSolve, earlier_result_of, partial_solve_of
 from ..gpu.observe.observations import most_pixels
 from .gpu_path import Clock, Given, ReadImage, Solved, TexelGrid, draw_texels, solve_grid
 
@@ -178,8 +178,8 @@ def _round(
         drawn = yield from clock.stage("gbuffer", _drawn(device, scene, settings.size))
         grid, gbuffer = drawn
         clock.coverage = grid.coverage
-        part = part_of(device, scene, settings.size, grid.position, grid.slots)
-        last = last_of(part, scene, settings, grid.slots)
+        part = partial_solve_of(device, scene, settings.size, grid.position, grid.slots)
+        last = earlier_result_of(part, scene, settings, grid.slots)
         solved = yield from solve_grid(
             device, grid, Given(scene, settings, read_image, part, last, bounced), clock)
         checks, pictures = yield from clock.stage("maps", _checks(scene, settings, solved.made, grid.slots))
@@ -200,7 +200,9 @@ def _drawn(device: Device, scene: SceneData, size: int) -> Generator[Progress, N
     return grid, gbuffer
 
 
-def _solution(scene: SceneData, settings: SolveSettings, gbuffer: GBuffer, solved: Solved, part: Part) -> Solution:
+def _solution(
+    scene: SceneData, settings: SolveSettings, gbuffer: GBuffer, solved: Solved, part: PartialSolve,
+) -> Solution:
     """The maps with their figures; checks, and the warnings that follow from these, are not in it yet."""
     made, observations = solved.made, solved.observations
     found, maps = made.found, made.maps
@@ -218,11 +220,11 @@ def _solution(scene: SceneData, settings: SolveSettings, gbuffer: GBuffer, solve
 
 
 def _checks(
-    scene: SceneData, settings: SolveSettings, made: Made, slots: I32,
+    scene: SceneData, settings: SolveSettings, made: FinishedMaps, slots: I32,
 ) -> Generator[Progress, None, tuple[Checks, tuple[ViewPicture, ...]]]:
     """What the views say of the maps, and how they look beside what those predict."""
     pictures: list[ViewPicture] = []
-    views = pictured(check_views(made.albedo, made.base), pictures)
+    views = with_view_pictures(check_views(made.albedo, made.base), pictures)
     texels = TexelFit(scene.mesh.name, made.found.model, slots, scene.mesh.slot_names, made.good,
                       made.found.texels.observations, made.maps.roughness, made.maps.roughness_sigma,
                       sure=settings.method != "paper", chosen=settings.model == "auto")

@@ -26,12 +26,12 @@ from ..core.live_maps import Live
 from ..core.params import SolveSettings
 from ..gpu.device import thread
 from ..gpu.device.context import Device
-from ..gpu.gbuffer.gbuffer import MeshBuffer, SurfaceMaps
+from ..gpu.gbuffer.gbuffer import GBufferMaps, MeshBuffer
 from ..gpu.maps.albedo import AlbedoSolver
-from ..gpu.maps.check_views import check_views, pictured
+from ..gpu.maps.check_views import check_views, with_view_pictures
 from ..gpu.maps.fill import fill
-from ..gpu.observe.observation_atlas import Atlas, CameraSource, Tile
-from ..gpu.observe.observations import Limits, Observations, observe
+from ..gpu.observe.observation_atlas import CameraSource, ObservationAtlas, Tile
+from ..gpu.observe.observations import Observations, ObserveOptions, observe
 from ..gpu.solve import live_readback
 from ..gpu.solve.solver import Solver
 from .gpu_path import TexelGrid, draw_texels
@@ -116,7 +116,7 @@ def _refined(
     with device.scope():
         mesh = MeshBuffer(device, scene.mesh)
         observations: Observations = yield from observe(
-            device, scene, mesh, lambda view: images[id(view)], Limits(shadow_size=SHADOW))
+            device, scene, mesh, lambda view: images[id(view)], ObserveOptions(shadow_size=SHADOW))
         if not observations.cameras:
             raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
         for size in sizes:
@@ -158,7 +158,7 @@ def _solve(
     }, pictures=_pictures(albedo, filled)), coverage)
 
 
-def _judge(device: Device, observations: Observations, grid: SurfaceMaps, mailbox: Mailbox) -> Steps[None]:
+def _judge(device: Device, observations: Observations, grid: GBufferMaps, mailbox: Mailbox) -> Steps[None]:
     """How well maps that are handed in explain the reduced pictures, until cancelled."""
     while True:
         maps = mailbox.take(IDLE)
@@ -179,7 +179,7 @@ def _judge(device: Device, observations: Observations, grid: SurfaceMaps, mailbo
 def _pictures(albedo: AlbedoSolver, base: moderngl.Texture) -> tuple[ViewPicture, ...]:
     """The views beside what the maps predict."""
     pictures: list[ViewPicture] = []
-    for _ in pictured(check_views(albedo, base), pictures):
+    for _ in with_view_pictures(check_views(albedo, base), pictures):
         pass
     return tuple(pictures)
 
@@ -221,13 +221,13 @@ def _texture(device: Device, *channels: F32) -> moderngl.Texture:
 class _Source(CameraSource):
     """VIEWS layers, each a camera of its own, whether there are so many views or not."""
 
-    def __init__(self, device: Device, grid: SurfaceMaps, observations: Observations) -> None:
+    def __init__(self, device: Device, grid: GBufferMaps, observations: Observations) -> None:
         super().__init__(device, grid, observations)
         self._used = len(self.layers.groups)
         if self.layers.channels == 1:
             self.layers = replace(self.layers, groups=tuple(range(VIEWS)))
 
-    def gather(self, atlas: Atlas, tile: Tile, colour: bool) -> Iterator[None]:
+    def gather(self, atlas: ObservationAtlas, tile: Tile, colour: bool) -> Iterator[None]:
         """And nothing in the layers that are left over."""
         yield from super().gather(atlas, tile, colour)
         each = 2 + self.layers.lights

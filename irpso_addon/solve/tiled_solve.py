@@ -23,18 +23,18 @@ from ..core.maps import block_merge
 from ..core.maps.export import layers, safe_stem
 from ..core.params import SolveSettings
 from ..core.reporting.estimates import bytes_per_pixel
-from ..core.storage.output_transaction import Staging
+from ..core.storage.output_transaction import OutputTransaction
 from ..core.tiled import npz_archive, uv_blocks
-from ..core.tiled.reference_cache import Picture, develop
+from ..core.tiled.reference_cache import CachedReference, cache_reference
 from ..core.tiled.tiled_plan import Plan
-from ..core.tiled.uv_blocks import BLOCK, HALO, Crop, Window
-from ..core.tiled.work_folder import Work
+from ..core.tiled.uv_blocks import BLOCK, HALO, Crop, UvBlock
+from ..core.tiled.work_folder import WorkFolder
 from ..gpu.device import thread
 from ..gpu.device.context import Device
-from ..gpu.maps.finish_maps import Around, filled
-from ..gpu.maps.partial_solve import Part
+from ..gpu.maps.finish_maps import CoarseSurroundings, filled
+from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.observations import channels_needed, most_pixels
-from ..gpu.solve.model_ladder import Last
+from ..gpu.solve.model_ladder import EarlierResult
 from .gpu_path import Clock, Given, draw_texels, solve_grid
 from .pipeline import Bounce, Outcome, outcome
 
@@ -51,7 +51,7 @@ def run(
 ) -> Generator[Progress, None, Solution]:
     """Files of the maps in ``folder``; what is finished lies in ``work``, where a run that was stopped goes on.
 
-    Once the files are in their place the caller removes ``work`` (`Work.remove`).  ``kind``: of the files, as
+    Once the files are in their place the caller removes ``work`` (`WorkFolder.remove`).  ``kind``: of the files, as
     export.py.  Returns the plan's solution, of small maps, with the figures of the whole.  Raises BadInput for what
     cannot be used, and Cancelled: StoppedWithWork once there is a plan.
     """
@@ -64,9 +64,9 @@ def _run(
     halo: int,
 ) -> Generator[Progress, None, Solution]:
     clock = Clock()
-    with Work(work) as place:
+    with WorkFolder(work) as place:
         plan = yield from prepare(scene, settings, place, bounce, block, halo, clock)
-        blocks = plan.windows
+        blocks = plan.blocks
         left = [window for window in blocks if not place.has_block(window.key)]
         there = len(blocks) - len(left)
         stopped = False
@@ -80,7 +80,7 @@ def _run(
         except Cancelled:
             stopped = True
         if stopped:  # raised out here it does not carry the other one along, whose frames hold the block's textures
-            raise StoppedWithWork(work, Work.count_blocks(work))
+            raise StoppedWithWork(work, WorkFolder.count_blocks(work))
         clock.seconds["merge"] = time.perf_counter() - began
         solution = total(plan, place)
     told = (f"resumed: {there} of {len(blocks)} blocks were there",) if there else ()
@@ -97,16 +97,16 @@ def solve_to(
 ) -> Generator[Progress, None, Solution]:
     """As `run`: all files appear in ``out`` together; until then what is finished waits in `work_folder`."""
     work = work_folder(out, scene.mesh.name)
-    with Staging(out) as staging:
+    with OutputTransaction(out) as staging:
         solution = yield from run(scene, settings, staging.folder, work, kind, bounce)
         staging.publish()
-    with Work(work) as place:
+    with WorkFolder(work) as place:
         place.remove()
     return solution
 
 
 def prepare(
-    scene: SceneData, settings: SolveSettings, work: Work, bounce: Bounce | None = None, block: int = BLOCK,
+    scene: SceneData, settings: SolveSettings, work: WorkFolder, bounce: Bounce | None = None, block: int = BLOCK,
     halo: int = HALO, clock: Clock | None = None,
 ) -> Generator[Progress, None, Plan]:
     """The plan in the work folder, which the caller has entered: the one that is there if it is of the same solve."""
@@ -143,7 +143,8 @@ def check(scene: SceneData, settings: SolveSettings) -> None:
 
 
 def make_plan(
-    scene: SceneData, settings: SolveSettings, work: Work, bounce: Bounce | None, block: int, halo: int, clock: Clock,
+    scene: SceneData, settings: SolveSettings, work: WorkFolder, bounce: Bounce | None, block: int, halo: int,
+    clock: Clock,
 ) -> Generator[Progress, None, Plan]:
     """Solve a small map, and develop the pictures."""
     udims = uv_blocks.solved_udims(settings.udim, scene.mesh.uvs)
@@ -198,14 +199,14 @@ def _one_of_many(steps: Steps[None], before: int, blocks: int) -> Steps[None]:
     return retold(steps, placed)
 
 
-def _developed(views: tuple[View, ...], work: Work) -> Generator[Progress, None, None]:
+def _developed(views: tuple[View, ...], work: WorkFolder) -> Generator[Progress, None, None]:
     for n, view in enumerate(views):
-        develop(view, _picture(work, n))
+        cache_reference(view, _picture(work, n))
         share = 0.7 + 0.3 * (n + 1) / len(views)
         yield Progress(PLANNED * share, "pictures", f"developing {view.image.name}")
 
 
-def _picture(work: Work, n: int) -> Path:
+def _picture(work: WorkFolder, n: int) -> Path:
     return work.pictures / f"{n:04}.irp"
 
 
@@ -218,7 +219,7 @@ def _scale(view: View) -> float:
 
 
 def solve_block(
-    plan: Plan, work: Work, window: Window, clock: Clock | None = None,
+    plan: Plan, work: WorkFolder, window: UvBlock, clock: Clock | None = None,
 ) -> Generator[Progress, None, None]:
     """Solve a block and keep it in the work folder, whole or not at all.  Raises Cancelled when stopped."""
     thread.configure(replace(thread.settings(), kernels=plan.kernels))
@@ -233,9 +234,9 @@ def layers_of(plan: Plan) -> list[str]:
     return list(layers(plan.solution.maps))
 
 
-def total(plan: Plan, work: Work) -> Solution:
+def total(plan: Plan, work: WorkFolder) -> Solution:
     """The plan's solution with the figures of all blocks."""
-    every = np.concatenate([work.read_block(window.key)[STATS] for window in plan.windows])
+    every = np.concatenate([work.read_block(window.key)[STATS] for window in plan.blocks])
     stats = every.sum(axis=0, dtype=np.float64)
     texels = dict(zip(("covered", "observed", "solved", "filled"), (int(n) for n in stats[:4]), strict=True))
     told = (f"{int(stats[6])} of {len(every)} blocks see their pictures reduced, to fit into {plan.memory:g} GB; "
@@ -245,7 +246,7 @@ def total(plan: Plan, work: Work) -> Solution:
 
 
 def _solved(
-    plan: Plan, work: Work, window: Window, clock: Clock,
+    plan: Plan, work: WorkFolder, window: UvBlock, clock: Clock,
 ) -> Generator[Progress, None, tuple[Maps, F64]]:
     """The maps of a block with its halo, and figures of it."""
     device = thread.device()
@@ -254,7 +255,7 @@ def _solved(
 
 
 def _block(
-    device: Device, plan: Plan, work: Work, window: Window, clock: Clock,
+    device: Device, plan: Plan, work: WorkFolder, window: UvBlock, clock: Clock,
 ) -> Generator[Progress, None, tuple[Maps, F64]]:
     side = window.side
     mesh = replace(plan.scene.mesh, grid=window.grid(plan.scene.mesh.uvs), extent=side / window.size)
@@ -264,7 +265,7 @@ def _block(
     settings = replace(plan.settings, size=side, loss="robust" if plan.robust else "squares",
                        seed=(plan.settings.seed + zlib.crc32(window.key.encode())) % 2**31)
     views, pictures, reduced = _views(plan, work, grid.position, grid.normal, grid.coverage)
-    part = Part(grid.coverage.astype(np.float32), False, np.zeros_like(grid.coverage))
+    part = PartialSolve(grid.coverage.astype(np.float32), False, np.zeros_like(grid.coverage))
     solved = yield from solve_grid(device, grid, Given(
         replace(plan.scene, mesh=mesh, views=views, warnings=(), skipped=()), settings,
         lambda view: pictures[id(view)](), part, _last(plan, window, grid.slots), plan.bounced, level=plan.level,
@@ -277,19 +278,19 @@ def _block(
                                  float(inside.sum()), float(reduced)]])
 
 
-def _last(plan: Plan, window: Window, slots: I32) -> Last:
+def _last(plan: Plan, window: UvBlock, slots: I32) -> EarlierResult:
     """Models and levels as the plan has them."""
     solution = plan.solution
     chosen = solution.model if plan.settings.model == "auto" else {}
-    return Last(chosen, solution.levels, frozenset(solution.model), plan.level_map(window, slots))
+    return EarlierResult(chosen, solution.levels, frozenset(solution.model), plan.level_map(window, slots))
 
 
 def _views(
-    plan: Plan, work: Work, position: F32, normal: F32, covered: Bool,
+    plan: Plan, work: WorkFolder, position: F32, normal: F32, covered: Bool,
 ) -> tuple[tuple[View, ...], dict[int, Callable[[], RadianceImage]], bool]:
     """The views as far as they show the block, what reads their pictures, by the view's id, and if it reduces them."""
     whole = plan.scene.views
-    files = [Picture(_picture(work, n)) for n in range(len(whole))]
+    files = [CachedReference(_picture(work, n)) for n in range(len(whole))]
     keys = [(view.camera.name, file.width, file.height) for view, file in zip(whole, files, strict=True)]
     cameras = {key: view.camera for key, view in zip(keys, whole, strict=True)}
     crops = {key: uv_blocks.crop_of(camera, *key[1:], position, normal, covered) for key, camera in cameras.items()}
@@ -312,12 +313,12 @@ def _shrink(plan: Plan, keys: list[tuple[str, int, int]], crops: Mapping[tuple[s
     return max(1, int(np.ceil(np.sqrt(needed / (uv_blocks.PICTURES * plan.memory * 1e9)))))
 
 
-def _window(picture: Picture, crop: Crop, scale: float) -> RadianceImage:
+def _window(picture: CachedReference, crop: Crop, scale: float) -> RadianceImage:
     image = picture.window(crop.x, crop.y, crop.width, crop.height, crop.shrink)
     return image if scale == 1.0 else replace(image, rgb=image.rgb * np.float32(scale))
 
 
-def _around(plan: Plan, window: Window) -> Around:
+def _around(plan: Plan, window: UvBlock) -> CoarseSurroundings:
     maps = plan.around(window)
     lobes = maps.lobes
     if lobes is None:
@@ -326,10 +327,10 @@ def _around(plan: Plan, window: Window) -> Around:
     if level is None:
         matte = set(plan.solution.model.values()) <= {"lambert"}
         level = np.full_like(maps.roughness, 0.0 if matte else 0.5)
-    return Around(maps.base_color, lobes, np.repeat(level[..., None], 3, axis=2))
+    return CoarseSurroundings(maps.base_color, lobes, np.repeat(level[..., None], 3, axis=2))
 
 
-def _unseen(plan: Plan, side: int, around: Around) -> Maps:
+def _unseen(plan: Plan, side: int, around: CoarseSurroundings) -> Maps:
     """A block without texels: what lies around it, as far as the plan knows."""
     device = thread.device()
     textures = [filled(device, np.zeros((side, side, 4), np.float32), cells)
@@ -353,5 +354,5 @@ def _complete(plan: Plan, maps: Maps) -> Maps:
                    specular=None if known.specular is None else specular)
 
 
-def _core(found: Mapping[str, F32], window: Window) -> dict[str, F32]:
+def _core(found: Mapping[str, F32], window: UvBlock) -> dict[str, F32]:
     return {name: np.ascontiguousarray(array[window.core]) for name, array in found.items()}

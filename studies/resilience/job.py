@@ -21,9 +21,9 @@ from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.reporting.report import write_report
 from irpso_addon.core.storage.atomic_io import PART
-from irpso_addon.core.storage.output_transaction import SET, Staging
+from irpso_addon.core.storage.output_transaction import SET, OutputTransaction
 from irpso_addon.core.tiled import npz_archive
-from irpso_addon.core.tiled.work_folder import Work
+from irpso_addon.core.tiled.work_folder import WorkFolder
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import tiled_solve
 
@@ -52,12 +52,12 @@ def solve(scene: Path, out: Path) -> None:
     """As the command line does it, without the .blend."""
     data = npz_archive.load(scene)
     settings = SolveSettings(size=SIZE, model="one-lobe", registration="given")
-    with Staging(out) as staging:
+    with OutputTransaction(out) as staging:
         solution = thread.run(lambda: tiled_solve.run(
             data, settings, staging.folder, out / WORK, "exr", block=BLOCK))
         write_report(staging.folder / "report.json", {"texels": solution.texels, "residual": solution.residual})
         staging.publish()
-    with Work(out / WORK) as work:
+    with WorkFolder(out / WORK) as work:
         work.remove()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from irpso_addon.core.check_records import Checks
 from irpso_addon.core.checks.solve_checks import TexelFit, measure
-from irpso_addon.core.checks.view_check_data import CheckedView, Window
+from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
 from irpso_addon.core.checks.warnings import warnings
 from irpso_addon.core.data import Camera, Light, View
 
@@ -51,12 +51,12 @@ def checked_views(problem: Problem, answer: Answer, views: Sequence[View]) -> It
     h, w = problem.quality.shape[:2]
     believed = problem.believed
     at = (np.stack(np.meshgrid(np.arange(w), np.arange(h)), -1) + 0.5) / (w, h)
-    windows: dict[str, Window] = {}
+    windows: dict[str, PixelWindow] = {}
     for k, seen in enumerate(views):
         camera = seen.camera.name
         cos_v = problem.cos_v[..., k]
         if camera not in windows:
-            windows[camera] = Window((0, 0), (w, h), np.ones((h, w), bool), believed.place.astype(np.float32),
+            windows[camera] = PixelWindow((0, 0), (w, h), np.ones((h, w), bool), believed.place.astype(np.float32),
                                      believed.normal.astype(np.float32), at.astype(np.float32),
                                      np.zeros((h, w), np.float32), cos_v)
         specular, white = predicted(problem, answer, k)

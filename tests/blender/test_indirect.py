@@ -135,7 +135,7 @@ def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level
     captures.write_text('{"views": [{"image": "4.exr", "camera": "Camera 0", "lights": ["Lamp 0"]}]}')
     file = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
-    found = finish(indirect.Bouncer.of_open_file(file)(
+    found = finish(indirect.IndirectRenderer.of_open_file(file)(
         read_scene(None, "Ball", captures), solution_of((base,) * 3, ROUGH, model)))
     assert list(found) == [0]
     drawn = base / math.pi * found[0].irradiance if base else found[0].glossy
@@ -147,7 +147,7 @@ def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level
 
 def test_albedo_is_recovered_where_direct_light_alone_fails(scene: SceneData, bounced: Path) -> None:
     before = digest(bounced / "scene.blend")
-    bouncer = indirect.Bouncer.of_open_file(bounced / "scene.blend")
+    bouncer = indirect.IndirectRenderer.of_open_file(bounced / "scene.blend")
     errors, rough = {}, {}
     for mode in ("off", "auto"):
         settings = SolveSettings(size=64, indirect=mode)
@@ -195,7 +195,7 @@ class Kept(subprocess.Popen):
 def test_stopping_ends_the_child(scene: SceneData, bounced: Path, monkeypatch) -> None:
     monkeypatch.setattr(indirect, "SAMPLES", 1_000_000)
     monkeypatch.setattr(subprocess, "Popen", Kept)
-    steps = indirect.Bouncer.of_open_file(bounced / "scene.blend")(scene, solution_of(BASE, ROUGH, "one-lobe"))
+    steps = indirect.IndirectRenderer.of_open_file(bounced / "scene.blend")(scene, solution_of(BASE, ROUGH, "one-lobe"))
     next(steps)
     child = Kept.made.pop()
     assert child.poll() is None and child.folder.is_dir()
@@ -208,7 +208,7 @@ def test_a_child_that_fails_costs_a_warning(scene: SceneData, tmp_path: Path) ->
     """One line that says why; the direct result stays."""
     bad = tmp_path / "bad.blend"
     bad.write_bytes(b"BLENDER is not what this is")
-    bouncer = indirect.Bouncer.of_open_file(bad)
+    bouncer = indirect.IndirectRenderer.of_open_file(bad)
     with pytest.raises(BadInput, match=r"bad\.blend: indirect light cannot be rendered") as caught:
         finish(bouncer(scene, solution_of(BASE, ROUGH, "one-lobe")))
     assert "\n" not in str(caught.value)
@@ -219,7 +219,7 @@ def test_a_child_that_fails_costs_a_warning(scene: SceneData, tmp_path: Path) ->
 def test_a_copy_holds_what_was_not_saved(scene: SceneData) -> None:
     """And goes when the job is done."""
     bpy.data.objects["Ball"]["mark"] = 1
-    bouncer = indirect.Bouncer.of_copy()
+    bouncer = indirect.IndirectRenderer.of_copy()
     path = bpy.data.filepath
     with bpy.data.libraries.load(str(bouncer.blend)) as (there, here):
         here.objects = ["Ball"] if "Ball" in there.objects else []
@@ -248,7 +248,7 @@ def test_world_light_is_indirect_too(scene: SceneData, tmp_path: Path, bounced: 
     bpy.context.scene.cycles.max_bounces = 1
     file = tmp_path / "world.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True)
-    found: Bounced = finish(indirect.Bouncer.of_open_file(file)(
+    found: Bounced = finish(indirect.IndirectRenderer.of_open_file(file)(
         replace(scene, views=scene.views[:1]), solution_of(BASE, ROUGH, "lambert")))[0]
     middle = slice(21, 27)
     column = found.irradiance[:, middle].mean((1, 2))

@@ -88,8 +88,8 @@ def test_no_decoder_in_this_process(tmp_path):
             "camera = Camera('c', np.eye(4), np.eye(4), np.zeros(3), np.zeros(3), False, 1.0); "
             f"path = Path({str(path)!r}); view = View(path, camera, (), mask=path); "
             "reference_image.read_reference(view); reference_image.read_reference(view, 100); "
-            "reference_cache.develop(view, path.with_name('p')); "
-            "assert not file_preview.glance(path).problem; ground_truth.read_truth(path.parent, 'ball'); "
+            "reference_cache.cache_reference(view, path.with_name('p')); "
+            "assert not file_preview.preview_image(path).problem; ground_truth.read_truth(path.parent, 'ball'); "
             "assert 'OpenImageIO' not in sys.modules")
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 

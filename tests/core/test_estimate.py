@@ -10,7 +10,7 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.reporting.estimates import (
     FURTHEST,
-    Taken,
+    ViewSize,
     bytes_per_pixel,
     estimate,
     in_words,
@@ -24,8 +24,8 @@ CHOICES = {name: [key for key, _ in SolveSettings.__dataclass_fields__[name].met
            for name in ("model", "method")}
 
 
-def views(count: int = 10, pixels: int = 300, lights: int = 1) -> list[Taken]:
-    return [Taken(pixels, pixels, f"Camera {i % 3}", lights) for i in range(count)]
+def views(count: int = 10, pixels: int = 300, lights: int = 1) -> list[ViewSize]:
+    return [ViewSize(pixels, pixels, f"Camera {i % 3}", lights) for i in range(count)]
 
 
 def test_every_model_and_method_has_a_figure_that_grows_with_the_work() -> None:

@@ -21,7 +21,7 @@ from openjd.model import (
 from irpso_addon.core.data import SceneData
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.tiled.uv_blocks import windows
+from irpso_addon.core.tiled.uv_blocks import all_blocks
 from irpso_addon.core.versions import version
 from irpso_addon.solve import farm
 from tools.farm_simulation import Costs, Work, alone, simulate
@@ -73,7 +73,7 @@ def test_only_gpu_jobs_ask_for_one() -> None:
 @pytest.mark.parametrize("tile", [512, 2048, 8192])
 def test_tasks_cover_each_block_once(size: int, tile: int) -> None:
     job = farm.Job("Vase", (1001, 1012), size, tile, "exr", None)
-    whole = windows(size, job.udims)
+    whole = all_blocks(size, job.udims)
     found = Counter(w.key for udim in job.udims for n in range(job.tiles)
                     for w in farm.blocks_of(whole, udim, n, tile))
     assert found == Counter(w.key for w in whole)

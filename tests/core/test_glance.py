@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.capture import file_preview as glances
-from irpso_addon.core.capture.file_preview import Glance, Watcher, captures_look, glance
+from irpso_addon.core.capture.file_preview import ImagePreview, Watcher, preview_captures, preview_image
 from irpso_addon.core.images import oiio_reader
 from irpso_addon.core.images.image_writer import write_image
 
@@ -30,7 +30,7 @@ def test_a_thumbnail_is_the_picture_made_small(tmp_path: Path) -> None:
     picture = np.stack([across, up, np.full((256, 512), 0.25, "f4")], 2)
     for kind, bits, integer in (("exr", 32, False), ("png", 16, True)):
         write_image(tmp_path / f"p.{kind}", picture, kind=kind, color=False)
-        found = glance(tmp_path / f"p.{kind}")
+        found = preview_image(tmp_path / f"p.{kind}")
         assert (found.problem, found.width, found.height, found.bits, found.integer) == ("", 512, 256, bits, integer)
         assert found.thumbnail.shape == (32, 64, 4)
         exact = picture.reshape(32, 8, 64, 8, 3).mean((1, 3))
@@ -41,9 +41,9 @@ def test_a_thumbnail_is_the_picture_made_small(tmp_path: Path) -> None:
 def test_a_large_picture_is_read_in_strips(tmp_path: Path, monkeypatch) -> None:
     picture = np.random.default_rng(1).random((300, 200, 3), np.float32)
     write_image(tmp_path / "p.exr", picture, kind="exr", color=False)
-    whole = glance(tmp_path / "p.exr").thumbnail
+    whole = preview_image(tmp_path / "p.exr").thumbnail
     monkeypatch.setattr(oiio_reader, "BAND", 200 * 7)
-    np.testing.assert_array_equal(glance(tmp_path / "p.exr").thumbnail, whole)
+    np.testing.assert_array_equal(preview_image(tmp_path / "p.exr").thumbnail, whole)
 
 
 @pytest.mark.parametrize(("name", "content", "words"), [
@@ -59,7 +59,7 @@ def test_what_is_wrong_is_short(tmp_path: Path, name, content, words) -> None:
         path.write_bytes(path.read_bytes()[:9000])
     elif content is not None:
         path.write_bytes(content)
-    problem = glance(path).problem
+    problem = preview_image(path).problem
     assert words in problem and str(tmp_path) not in problem and len(problem) < 60 and problem[0].isupper()
 
 
@@ -67,8 +67,8 @@ def test_capture_files(tmp_path: Path) -> None:
     good, bad = tmp_path / "good.json", tmp_path / "bad.json"
     good.write_text('{"views": [{"image": "a.exr", "camera": "C", "lights": ["L"]}]}')
     bad.write_text("{")
-    assert [view.camera for view in captures_look(good).views] == ["C"]
-    assert captures_look(bad).problem == "Is not JSON"
+    assert [view.camera for view in preview_captures(good).views] == ["C"]
+    assert preview_captures(bad).problem == "Is not JSON"
 
 
 def test_the_watcher_never_waits_and_sees_changes(tmp_path: Path, monkeypatch) -> None:
@@ -76,13 +76,13 @@ def test_the_watcher_never_waits_and_sees_changes(tmp_path: Path, monkeypatch) -
     monkeypatch.setattr(glances, "AGAIN", 0.05)
     held, gate, read = threading.Event(), threading.Event(), []
 
-    def look(path: Path) -> Glance:
+    def look(path: Path) -> ImagePreview:
         held.set()
         assert gate.wait(60)  # who asks and waits for it waits in vain
         read.append(path.name)
-        return Glance(width=len(path.read_bytes()))
+        return ImagePreview(width=len(path.read_bytes()))
 
-    watcher: Watcher[Glance] = Watcher(look, Glance(problem="gone"))
+    watcher: Watcher[ImagePreview] = Watcher(look, ImagePreview(problem="gone"))
     path = tmp_path / "file"
     path.write_bytes(b"1234")
     assert watcher.of(str(path)) is None and held.wait(60)
@@ -100,4 +100,4 @@ def test_the_watcher_never_waits_and_sees_changes(tmp_path: Path, monkeypatch) -
     path.unlink()
     until(lambda: watcher.of(str(path)).problem == "gone")
     watcher.stop()
-    assert not watcher.busy and "irpso-glance" not in [thread.name for thread in threading.enumerate()]
+    assert not watcher.busy and "irpso-file-preview" not in [thread.name for thread in threading.enumerate()]

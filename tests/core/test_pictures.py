@@ -14,7 +14,7 @@ import pytest
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images import oiio_reader
 from irpso_addon.core.images.reference_image import read_reference
-from irpso_addon.core.tiled.reference_cache import Picture, develop
+from irpso_addon.core.tiled.reference_cache import CachedReference, cache_reference
 from tests.support.picture_files import noise, save, view
 
 pytest.importorskip("OpenImageIO")
@@ -30,7 +30,7 @@ def sample(tmp_path, monkeypatch):
     path = save(tmp_path / "a.exr", pixels, "half")
     mask = save(tmp_path / "m.png", (noise(45, 60, 1) * 255).astype(np.uint8), "uint8", "Y")
     shown = view(path, 120 / 90, mask=mask, exposure=0.5, colorspace="ACEScg")
-    develop(shown, tmp_path / "a.picture")
+    cache_reference(shown, tmp_path / "a.picture")
     return shown, tmp_path / "a.picture"
 
 
@@ -41,7 +41,7 @@ def assert_same(a, b):
 
 def test_the_whole_is_bit_for_bit_what_is_read_at_once(sample):
     shown, path = sample
-    whole, picture = read_reference(shown), Picture(path)
+    whole, picture = read_reference(shown), CachedReference(path)
     assert_same(picture.window(0, 0, picture.width, picture.height), whole)
     assert picture.warnings == whole.warnings and picture.clipped_share == whole.clipped_share > 0
     assert not whole.valid.all() and (0 < whole.coverage).any() and (whole.coverage < 1).any()
@@ -50,7 +50,7 @@ def test_the_whole_is_bit_for_bit_what_is_read_at_once(sample):
 
 def test_windows_lie_where_they_belong(sample):
     shown, path = sample
-    whole, picture = read_reference(shown), Picture(path)
+    whole, picture = read_reference(shown), CachedReference(path)
     part = picture.window(45, 50, 20, 15)
     np.testing.assert_array_equal(part.rgb, whole.rgb[50:65, 45:65])
     np.testing.assert_array_equal(part.coverage, whole.coverage[50:65, 45:65])
@@ -59,7 +59,7 @@ def test_windows_lie_where_they_belong(sample):
 
 def test_outside_the_picture_nothing_is_covered(sample):
     shown, path = sample
-    whole, picture = read_reference(shown), Picture(path)
+    whole, picture = read_reference(shown), CachedReference(path)
     part = picture.window(-7, -3, 140, 100)
     np.testing.assert_array_equal(part.rgb[3:93, 7:127], whole.rgb)
     outside = np.ones((100, 140), bool)
@@ -71,7 +71,7 @@ def test_outside_the_picture_nothing_is_covered(sample):
 
 def test_a_reduced_window_holds_means_by_coverage(sample):
     shown, path = sample
-    whole, picture = read_reference(shown), Picture(path)
+    whole, picture = read_reference(shown), CachedReference(path)
     small = picture.window(6, 9, 96, 60, shrink=3)
     cells = (slice(9, 69), slice(6, 102))
     weight = whole.coverage[cells].astype(np.float64).reshape(20, 3, 32, 3)
@@ -88,10 +88,11 @@ def test_a_reduced_window_holds_means_by_coverage(sample):
 def test_what_is_wrong_with_the_reference_is_said_and_leaves_nothing(tmp_path):
     clipped = view(save(tmp_path / "a.png", np.full((20, 30, 3), 255, np.uint8), "uint8"))
     with pytest.raises(BadInput, match=r"a\.png: every pixel is clipped"):
-        develop(clipped, tmp_path / "out" / "a.picture" if (tmp_path / "out").mkdir() else tmp_path / "out" / "a")
+        (tmp_path / "out").mkdir()
+        cache_reference(clipped, tmp_path / "out" / "a")
     assert not list((tmp_path / "out").iterdir())
     with pytest.raises(BadInput, match="cannot be written"):
-        develop(view(save(tmp_path / "b.exr", noise())), tmp_path / "nowhere" / "b.picture")
+        cache_reference(view(save(tmp_path / "b.exr", noise())), tmp_path / "nowhere" / "b.picture")
 
 
 @pytest.mark.parametrize("spoil", [
@@ -102,7 +103,7 @@ def test_a_file_that_is_not_whole_is_refused(sample, spoil):
     path = sample[1]
     path.write_bytes(spoil(path.read_bytes()))
     with pytest.raises(BadInput, match="no developed picture") as caught:
-        Picture(path)
+        CachedReference(path)
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
 
 
@@ -110,7 +111,7 @@ def test_a_file_that_is_not_whole_is_refused(sample, spoil):
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(BadInput, match="pipe: is not a file"):
-        Picture(tmp_path / "pipe")
+        CachedReference(tmp_path / "pipe")
 
 
 MEASURE = """
@@ -122,8 +123,8 @@ from tests.support.picture_files import view
 path, out = map(Path, sys.argv[1:3])
 image.KEEP = 0  # as if it were too large
 image.read_reference(view(path, 1.5), 600_000)
-pictures.develop(view(path, 1.5), out)
-picture = pictures.Picture(out)
+pictures.cache_reference(view(path, 1.5), out)
+picture = pictures.CachedReference(out)
 for x in range(0, picture.width - 512, 512):
     picture.window(x, 100, 512, 512)
 picture.window(0, 0, picture.width, picture.height, shrink=20)

@@ -12,7 +12,7 @@ import pytest
 from irpso_addon.core.check_records import Misfit
 from irpso_addon.core.checks.registration import Registration, corrected
 from irpso_addon.core.checks.registration_fit import fit_views, gain_of_cameras, silhouette
-from irpso_addon.core.checks.view_check_data import CheckedView, Window
+from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
 from irpso_addon.core.data import Camera, MeshArrays, SceneData, View
 
 WIDTH, HEIGHT, RADIUS = 150, 120, 48.0
@@ -59,7 +59,7 @@ def views(shifts, gains=None, alpha=True, noise=0.0, name="Cam", seed=5):
     believed = 0.7 * paint(still, seed) + 0.3 * paint(still, 9)
     covered = np.isfinite(still[2])
     y, x = np.mgrid[:HEIGHT, :WIDTH]
-    window = Window((0, 0), (WIDTH, HEIGHT), covered, np.zeros((HEIGHT, WIDTH, 3), np.float32),
+    window = PixelWindow((0, 0), (WIDTH, HEIGHT), covered, np.zeros((HEIGHT, WIDTH, 3), np.float32),
                     still.transpose(1, 2, 0).astype(np.float32),
                     np.stack([x / WIDTH, y / HEIGHT], -1).astype(np.float32), np.zeros((HEIGHT, WIDTH), np.float32),
                     np.nan_to_num(still[2]).astype(np.float32))

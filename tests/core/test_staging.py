@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.storage.output_transaction import SET, Staging
+from irpso_addon.core.storage.output_transaction import SET, OutputTransaction
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_publish_moves_everything(tmp_path):
     (tmp_path / "a.txt").write_text("old")
-    with Staging(tmp_path) as staging:
+    with OutputTransaction(tmp_path) as staging:
         (staging.folder / "a.txt").write_text("new")
         staging.beside("b.blend").write_text("beside")
         assert (tmp_path / "a.txt").read_text() == "old"
@@ -30,7 +30,7 @@ def test_publish_moves_everything(tmp_path):
 @pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), BadInput("x")])
 def test_failure_leaves_nothing(tmp_path, error):
     out = tmp_path / "deep" / "er"
-    with pytest.raises(type(error)), Staging(out) as staging:
+    with pytest.raises(type(error)), OutputTransaction(out) as staging:
         (staging.folder / "a.txt").write_text("new")
         staging.beside("b.blend").write_text("beside")
         raise error
@@ -39,23 +39,23 @@ def test_failure_leaves_nothing(tmp_path, error):
 
 def test_failure_leaves_what_was_there(tmp_path):
     (tmp_path / "a.txt").write_text("old")
-    with pytest.raises(ValueError), Staging(tmp_path) as staging:
+    with pytest.raises(ValueError), OutputTransaction(tmp_path) as staging:
         (staging.folder / "a.txt").write_text("new")
         raise ValueError
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"a.txt": "old"}
 
 
 def test_messages_name_the_users_folder(tmp_path):
-    with pytest.raises(BadInput) as caught, Staging(tmp_path) as staging:
+    with pytest.raises(BadInput) as caught, OutputTransaction(tmp_path) as staging:
         raise BadInput(f"{staging.folder}/a.exr: disk is full")
     assert str(caught.value) == f"{tmp_path}/a.exr: disk is full"
-    with pytest.raises(BadInput, match="No space left"), Staging(tmp_path):
+    with pytest.raises(BadInput, match="No space left"), OutputTransaction(tmp_path):
         raise OSError(28, "No space left on device")
 
 
 def test_a_folder_in_the_way(tmp_path):
     (tmp_path / "a.txt").mkdir()
-    with pytest.raises(BadInput, match=r"a\.txt: is a folder"), Staging(tmp_path) as staging:
+    with pytest.raises(BadInput, match=r"a\.txt: is a folder"), OutputTransaction(tmp_path) as staging:
         (staging.folder / "b.txt").write_text("new")
         (staging.folder / "a.txt").write_text("new")
         staging.publish()
@@ -65,7 +65,7 @@ def test_a_folder_in_the_way(tmp_path):
 def test_cannot_enter(tmp_path):
     (tmp_path / "file").write_text("")
     for out in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/irpso")):
-        with pytest.raises(BadInput, match="choose another folder"), Staging(out):
+        with pytest.raises(BadInput, match="choose another folder"), OutputTransaction(out):
             raise AssertionError("entered")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
@@ -88,7 +88,7 @@ def killed(*arguments, **named):
     if len(calls) == int(sys.argv[3]):
         os.kill(os.getpid(), signal.SIGKILL)
     return real(*arguments, **named)
-with staging.Staging(Path(sys.argv[1])) as s:
+with staging.OutputTransaction(Path(sys.argv[1])) as s:
     (s.folder / "a.txt").write_text("new")
     (s.folder / "b.txt").write_text("new")
     s.beside("c.blend").write_text("new")
@@ -106,7 +106,7 @@ with staging.Staging(Path(sys.argv[1])) as s:
 def test_the_next_run_ends_what_a_killed_one_began(tmp_path, at, published):
     (tmp_path / "a.txt").write_text("old")
     left_by_a_kill(tmp_path, at)
-    with Staging(tmp_path) as staging:
+    with OutputTransaction(tmp_path) as staging:
         (staging.folder / "d.txt").write_text("mine")
         staging.publish()
     new = {"a.txt": "new", "b.txt": "new", "c.blend": "new"} if published else {"a.txt": "old"}
@@ -114,10 +114,10 @@ def test_the_next_run_ends_what_a_killed_one_began(tmp_path, at, published):
 
 
 def test_a_second_run_is_told_who_is_there(tmp_path):
-    with Staging(tmp_path) as staging:
+    with OutputTransaction(tmp_path) as staging:
         (staging.folder / "a.txt").write_text("first")
         with pytest.raises(BadInput, match=rf"another irpso \(process {os.getpid()} on .*\) is working there"):
-            Staging(tmp_path).__enter__()
+            OutputTransaction(tmp_path).__enter__()
         staging.publish()
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
 
@@ -133,11 +133,11 @@ def test_a_set_that_cannot_be_published_to_its_end_is_kept(tmp_path, monkeypatch
     with monkeypatch.context() as patched:
         patched.setattr(os, "replace", held)
         with pytest.raises(BadInput, match=r"b\.txt: cannot be written \(Permission denied\); close or move it"), \
-                Staging(tmp_path) as staging:
+                OutputTransaction(tmp_path) as staging:
             for name in "abc":
                 (staging.folder / f"{name}.txt").write_text(name)
             staging.publish()
-    with Staging(tmp_path):
+    with OutputTransaction(tmp_path):
         pass
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {f"{n}.txt": n for n in "abc"}
 
@@ -148,8 +148,8 @@ def test_the_folder_is_made_as_any_other(tmp_path, monkeypatch):
     (tmp_path / f"{SET}{'0' * 8}").write_text("taken")
     drawn = iter(["0" * 8, "1" * 8])
     monkeypatch.setattr(secrets, "token_hex", lambda _: next(drawn))
-    monkeypatch.setattr(Staging, "_finish_others", lambda _: None)  # a share without locks
-    with Staging(tmp_path) as staging:
+    monkeypatch.setattr(OutputTransaction, "_finish_others", lambda _: None)  # a share without locks
+    with OutputTransaction(tmp_path) as staging:
         assert staging.folder.name == f"{SET}{'1' * 8}"
         assert staging.folder.stat().st_mode == (tmp_path / "plain").stat().st_mode
 
@@ -159,6 +159,6 @@ def test_links_and_things_of_others_stay(tmp_path):
     (tmp_path / "elsewhere" / "mine").write_text("x")
     (tmp_path / ".irpso-set-abcdefgh").symlink_to(tmp_path / "elsewhere")
     (tmp_path / ".irpso-notes").write_text("x")
-    with Staging(tmp_path):
+    with OutputTransaction(tmp_path):
         pass
     assert (tmp_path / "elsewhere" / "mine").exists() and (tmp_path / ".irpso-notes").exists()

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.tiled import uv_blocks
 from irpso_addon.core.tiled.tiled_plan import cells_of
-from irpso_addon.core.tiled.uv_blocks import Crop, Window
+from irpso_addon.core.tiled.uv_blocks import Crop, UvBlock
 from tests.support import synthetic as syn
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.integers(16, 2100), st.sampled_from([64, 512]), st.sampled_from([(1001,), (1001, 1012, 1999)]))
 def test_blocks_cover_each_texel_once(size, block, udims):
-    found = uv_blocks.windows(size, udims, block)
+    found = uv_blocks.all_blocks(size, udims, block)
     area = sum(height * width for height, width in (window.shape for window in found))
     assert area == len(udims) * size**2
     assert len({window.key for window in found}) == len(found)
@@ -25,7 +25,7 @@ def test_blocks_cover_each_texel_once(size, block, udims):
 
 
 def test_a_texel_of_a_block_is_a_texel_of_the_map():
-    window = Window(1012, 1024, 512, 4096)
+    window = UvBlock(1012, 1024, 512, 4096)
     column, row = 700, 1300  # of the map
     uv = np.array([1 + (column + 0.5) / 4096, 1 + (row + 0.5) / 4096])
     at = window.grid(uv.astype(np.float64)) * window.side
@@ -62,12 +62,12 @@ def test_the_plan_is_sampled_where_the_cells_lie():
     layout = uv_blocks.layout(4096, (1001, 1002))
     row, column = np.mgrid[:layout.size, :layout.size] + 0.5
     values = np.stack([column, row], -1).astype(np.float32)
-    window = Window(1002, 1024, 2048, 4096)
+    window = UvBlock(1002, 1024, 2048, 4096)
     at = layout.sampled(values, window, window.side // uv_blocks.CELL)
     texel = np.arange(window.side // uv_blocks.CELL) * uv_blocks.CELL + 16 - 32
     np.testing.assert_allclose(at[0, :, 0], 512 + (2048 + texel) / 8, rtol=1e-6)
     np.testing.assert_allclose(at[:, 0, 1], (1024 + texel) / 8, rtol=1e-6)
-    edge = layout.sampled(values, Window(1001, 0, 3584, 4096), 18)
+    edge = layout.sampled(values, UvBlock(1001, 0, 3584, 4096), 18)
     assert edge[..., 0].max() <= 511.5  # never of the square beside it
 
 
@@ -127,7 +127,7 @@ def test_neighbouring_blocks_hear_the_same_of_their_border():
     """Coarse cells are whole levels of both pyramids, and lie alike in blocks beside each other."""
     layout, rng = uv_blocks.layout(4096, (1001,)), np.random.default_rng(2)
     values = rng.uniform(size=(layout.size, layout.size)).astype(np.float32)
-    left, right = Window(1001, 512, 512, 4096), Window(1001, 512, 1024, 4096)
+    left, right = UvBlock(1001, 512, 512, 4096), UvBlock(1001, 512, 1024, 4096)
     count, width = cells_of(left), left.side
     while width > count:
         width = (width + 1) // 2

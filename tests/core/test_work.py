@@ -21,8 +21,8 @@ from irpso_addon.core.maps.export import layers, write_maps
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.storage.atomic_io import _FAR, LOCK, PART, FolderLock, remove_leftovers, replacing
 from irpso_addon.core.tiled import npz_archive
-from irpso_addon.core.tiled.uv_blocks import windows
-from irpso_addon.core.tiled.work_folder import Work
+from irpso_addon.core.tiled.uv_blocks import all_blocks
+from irpso_addon.core.tiled.work_folder import WorkFolder
 
 ROOT = Path(__file__).parents[2]
 
@@ -155,15 +155,15 @@ BLOCK = {"roughness": np.ones((4, 4), np.float32)}
 
 
 def test_work_keeps_what_is_of_the_same_solve(tmp_path):
-    with Work(tmp_path / "w") as work:
+    with WorkFolder(tmp_path / "w") as work:
         work.begin("one")
         assert work.read_plan() is None and not work.has_block("1001_y0_x0")
         work.write_plan(scene())
         work.write_block("1001_y0_x0", BLOCK)
         (work.pictures / "a").write_text("x")
-    late = Work(tmp_path / "w")  # a farm's task: no lock
+    late = WorkFolder(tmp_path / "w")  # a farm's task: no lock
     assert same(late.read_plan(), scene()) and same(late.read_block("1001_y0_x0"), BLOCK)
-    with Work(tmp_path / "w") as work:
+    with WorkFolder(tmp_path / "w") as work:
         work.begin("one")
         assert work.has_block("1001_y0_x0") and (work.pictures / "a").exists()
         work.begin("two")
@@ -182,7 +182,7 @@ def test_work_keeps_what_is_of_the_same_solve(tmp_path):
 
 
 def test_damaged_blocks_are_as_if_not_there(tmp_path):
-    with Work(tmp_path) as work:
+    with WorkFolder(tmp_path) as work:
         work.begin("x")
         work.write_block("k", {"roughness": np.random.default_rng(0).random((64, 64)).astype(np.float32)})
         file, = (tmp_path / "blocks").iterdir()
@@ -193,16 +193,16 @@ def test_damaged_blocks_are_as_if_not_there(tmp_path):
 
 
 def test_two_at_once(tmp_path):
-    code = ("import sys; from pathlib import Path; from irpso_addon.core.tiled.work_folder import Work\n"
-            "with Work(Path(sys.argv[1])): print('in', flush=True); sys.stdin.read()")
+    code = ("import sys; from pathlib import Path; from irpso_addon.core.tiled.work_folder import WorkFolder\n"
+            "with WorkFolder(Path(sys.argv[1])): print('in', flush=True); sys.stdin.read()")
     other = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, stdin=subprocess.PIPE,
                              stdout=subprocess.PIPE, text=True)
     assert other.stdout is not None and other.stdout.readline() == "in\n"
     with pytest.raises(BadInput, match=rf"another irpso \(process {other.pid} on [\w.-]+\) is working there; wait or"):
-        Work(tmp_path).__enter__()
+        WorkFolder(tmp_path).__enter__()
     other.kill()
     other.communicate()
-    with Work(tmp_path) as work:  # whom the lock's file still names is dead
+    with WorkFolder(tmp_path) as work:  # whom the lock's file still names is dead
         work.begin("x")
 
 
@@ -235,10 +235,10 @@ def test_only_one_holds_a_lock_whoever_removes_it(tmp_path):
 def test_somebodys_own_folder_is_refused(tmp_path):
     (tmp_path / "novel.txt").write_text("text")
     with pytest.raises(BadInput, match=r"holds 'novel\.txt' and is no work folder"):
-        Work(tmp_path).__enter__()
+        WorkFolder(tmp_path).__enter__()
     assert [p.name for p in tmp_path.iterdir()] == ["novel.txt"]
     with pytest.raises(BadInput, match="is no work folder"):
-        Work(tmp_path).write_block("k", BLOCK)
+        WorkFolder(tmp_path).write_block("k", BLOCK)
 
 
 def test_litter_of_systems_makes_a_folder_nobodys_own(tmp_path):
@@ -246,7 +246,7 @@ def test_litter_of_systems_makes_a_folder_nobodys_own(tmp_path):
         (tmp_path / name).write_text("x")
     (tmp_path / "@eaDir").mkdir()
     before = sorted(os.listdir(tmp_path))
-    with Work(tmp_path) as work:
+    with WorkFolder(tmp_path) as work:
         work.begin("x")
         work.write_block("k", BLOCK)
         work.remove()
@@ -256,7 +256,7 @@ def test_litter_of_systems_makes_a_folder_nobodys_own(tmp_path):
 def test_links_are_not_followed(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "a").write_text("x")
-    with Work(tmp_path / "w") as work:
+    with WorkFolder(tmp_path / "w") as work:
         work.begin("a")
         (work.folder / "pictures").rmdir()
         (work.folder / "pictures").symlink_to(tmp_path / "mine")
@@ -270,7 +270,7 @@ def test_links_are_not_followed(tmp_path):
         work.write_block("k", BLOCK)
     (tmp_path / "w" / LOCK).symlink_to(tmp_path / "mine" / "a")
     with pytest.raises(BadInput, match="cannot be written"):
-        Work(tmp_path / "w").__enter__()
+        WorkFolder(tmp_path / "w").__enter__()
     assert [(p.name, p.read_text()) for p in (tmp_path / "mine").iterdir()] == [("a", "x")]
 
 
@@ -281,7 +281,7 @@ def test_pipes_are_not_waited_for(tmp_path):
         npz_archive.load(tmp_path / "irpso-work")
     with pytest.raises(BadInput, match="is not a file"):
         npz_archive.fingerprint(files=[tmp_path / "irpso-work"])
-    assert Work(tmp_path).fingerprint() is None
+    assert WorkFolder(tmp_path).fingerprint() is None
 
 
 def test_leftovers_of_the_dead_alone_are_removed(tmp_path):
@@ -327,15 +327,16 @@ def test_merged_maps_have_the_bytes_of_whole_ones(tmp_path, kind, size, two):
     whole = maps(size, two)
     cut = layers(whole)
     blocks = {w.key: {name: a[w.y:w.y + w.shape[0], w.x:w.x + w.shape[1]] for name, a in cut.items()}
-              for w in windows(size, [1001, 1002], block=64)}
+              for w in all_blocks(size, [1001, 1002], block=64)}
     (tmp_path / "b").mkdir()
     expected = write_maps(whole, "a/b", tmp_path / "a", kind)
-    found = merge(blocks.__getitem__, windows(size, [1001], block=64), "a/b", tmp_path / "b", kind, list(cut))
+    found = merge(blocks.__getitem__, all_blocks(size, [1001], block=64), "a/b", tmp_path / "b", kind, list(cut))
     assert [p.name for p in found] == [p.name for p in expected] == sorted(os.listdir(tmp_path / "b"), key=[
         p.name for p in expected].index)
     for a, b in zip(expected, found, strict=True):
         assert hashlib.sha256(a.read_bytes()).digest() == hashlib.sha256(b.read_bytes()).digest(), a.name
-    udims = merge(blocks.__getitem__, windows(size, [1001, 1002], block=64), "o", tmp_path / "b", kind, ["roughness"],
+    pair = all_blocks(size, [1001, 1002], block=64)
+    udims = merge(blocks.__getitem__, pair, "o", tmp_path / "b", kind, ["roughness"],
                   tiled=True)
     assert [p.name for p in udims] == [f"o_roughness.1001.{kind}", f"o_roughness.1002.{kind}"]
     assert udims[1].read_bytes() == expected[1].read_bytes()
@@ -348,10 +349,10 @@ def test_a_merge_that_fails_leaves_nothing(tmp_path):
         return {"roughness": np.zeros((64, 64), np.float32)}
 
     with pytest.raises(BadInput, match="block: gone"):
-        merge(read, windows(128, [1001], block=64), "o", tmp_path, "exr", ["roughness"])
+        merge(read, all_blocks(128, [1001], block=64), "o", tmp_path, "exr", ["roughness"])
     with pytest.raises(BadInput, match="does not hold 'error'"):
-        merge(read, windows(128, [1001], block=64), "o", tmp_path, "exr", ["error"])
-    going = steps(lambda key: {"roughness": np.zeros((64, 64), np.float32)}, windows(128, [1001], block=64), "o",
+        merge(read, all_blocks(128, [1001], block=64), "o", tmp_path, "exr", ["error"])
+    going = steps(lambda key: {"roughness": np.zeros((64, 64), np.float32)}, all_blocks(128, [1001], block=64), "o",
                   tmp_path, "exr", ["roughness"])
     assert next(going) == 0.5
     going.close()  # as when the user stops it
@@ -360,11 +361,11 @@ def test_a_merge_that_fails_leaves_nothing(tmp_path):
 
 def test_what_lies_in_a_folder_is_told_without_a_lock(tmp_path):
     folder = tmp_path / "work"
-    assert (Work.has_plan(folder), Work.count_blocks(folder)) == (False, 0)
-    with Work(folder) as place:
+    assert (WorkFolder.has_plan(folder), WorkFolder.count_blocks(folder)) == (False, 0)
+    with WorkFolder(folder) as place:
         place.begin("a")
         place.write_block("1001_0_0", {"a": np.zeros((1, 1), np.float32)})
         (folder / "blocks" / f"{PART}00000000-1001_0_1.npz").touch()
-        assert (Work.has_plan(folder), Work.count_blocks(folder)) == (False, 1)
+        assert (WorkFolder.has_plan(folder), WorkFolder.count_blocks(folder)) == (False, 1)
         place.write_plan(solution())
-        assert Work.has_plan(folder)
+        assert WorkFolder.has_plan(folder)

@@ -13,7 +13,7 @@ from irpso_addon.core.tiled.uv_blocks import Crop, cropped
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid
 from irpso_addon.gpu.observe import indirect_light as smoothing
 from irpso_addon.gpu.observe.indirect_light import Smoother
-from irpso_addon.gpu.observe.observations import Limits, camera_uniforms, observe
+from irpso_addon.gpu.observe.observations import ObserveOptions, camera_uniforms, observe
 from tests.support.texels import finish
 
 TINT = np.array([0.9, 0.5, 0.2], np.float32)  # of the indirect light
@@ -23,7 +23,7 @@ def observed(on_gl, scene, read_image, bounced):
     """Per view (colour, lobe factor), (h, w, 4) and (h, w)."""
     def work(device):
         mesh = MeshBuffer(device, scene.mesh)
-        found = finish(observe(device, scene, mesh, read_image, Limits(bounced)))
+        found = finish(observe(device, scene, mesh, read_image, ObserveOptions(bounced)))
         result = [(device.read(view.colour).copy(), device.read(view.lobes[0])[..., 3].copy())
                   for view in found.cameras[0].views]
         found.release()

@@ -6,7 +6,7 @@ import moderngl
 import pytest
 
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.reporting.estimates import Taken, estimate
+from irpso_addon.core.reporting.estimates import ViewSize, estimate
 from irpso_addon.gpu.observe.observations import bytes_per_pixel
 from tests.support import synthetic as syn
 from tests.support.shoots import rig, run
@@ -14,9 +14,9 @@ from tests.support.shoots import rig, run
 BYTES = {"f1": 1, "f2": 2, "f4": 4, "i4": 4, "u4": 4}
 
 
-def taken(shoot: syn.Shoot) -> list[Taken]:
+def taken(shoot: syn.Shoot) -> list[ViewSize]:
     shapes = [image.rgb.shape for image in shoot.images.values()]
-    return [Taken(shape[1], shape[0], view.camera.name, len(view.lights))
+    return [ViewSize(shape[1], shape[0], view.camera.name, len(view.lights))
             for view, shape in zip(shoot.scene.views, shapes, strict=True)]
 
 

@@ -13,7 +13,7 @@ from irpso_addon.core.errors import Cancelled
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
-from irpso_addon.gpu.solve.model_ladder import Found, Ladder
+from irpso_addon.gpu.solve.model_ladder import Ladder, LadderResult
 from tests.support import texel_problem as bench
 from tests.support.texels import Texels, exact, finish, held
 
@@ -25,11 +25,11 @@ def settings(texels: Texels, **chosen: Any) -> SolveSettings:
 
 
 def climb(on_gl: Any, texels: Texels, slots: np.ndarray | None = None, names: tuple[str, ...] = PAINT,
-          **chosen: Any) -> Found:
+          **chosen: Any) -> LadderResult:
     """What the ladder finds; one material unless told."""
     where = np.zeros(texels.quality.shape[:2], np.int32) if slots is None else slots
 
-    def job(device: Device) -> Found:
+    def job(device: Device) -> LadderResult:
         source = texels.source(device)
         ladder = Ladder(device, source, settings(texels, **chosen), where, names)
         found = finish(ladder.solve())
@@ -278,8 +278,8 @@ def coat() -> Texels:
 def test_a_stop_at_any_step_gives_what_there_is_and_leaves_nothing(on_gl, coat, phase):
     """Stopped at its first, last and steps between; or dropped without a word, as when a window is closed."""
 
-    def job(device: Device) -> list[tuple[int, bool, Found | None]]:
-        def run(stop: int | None, drop: bool = False) -> tuple[int, bool, Found | None]:
+    def job(device: Device) -> list[tuple[int, bool, LadderResult | None]]:
+        def run(stop: int | None, drop: bool = False) -> tuple[int, bool, LadderResult | None]:
             source = coat.source(device)
             ladder = Ladder(device, source, settings(coat, **PHASES[phase]), np.zeros((32, 32), np.int32), PAINT)
             steps, count, told, found = ladder.solve(), 0, False, None

@@ -19,7 +19,7 @@ from irpso_addon.core.maps.export import layers
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.tiled import uv_blocks
 from irpso_addon.core.tiled.uv_blocks import Crop
-from irpso_addon.core.tiled.work_folder import Work
+from irpso_addon.core.tiled.work_folder import WorkFolder
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline, tiled_solve
 from tests.support import synthetic as syn
@@ -61,13 +61,13 @@ def solve(scene: SceneData, folder: Path, **chosen: Any) -> Found:
 
 def maps_of(work: Path) -> Found:
     """The layers of a finished solve, put together from its blocks."""
-    with Work(work) as place:
+    with WorkFolder(work) as place:
         plan = place.read_plan()
         found: Found = {"plan": plan}
         for name in tiled_solve.layers_of(plan):
-            first = place.read_block(plan.windows[0].key)[name]
+            first = place.read_block(plan.blocks[0].key)[name]
             whole = np.zeros((plan.settings.size,) * 2 + first.shape[2:], np.float32)
-            for window in plan.windows:
+            for window in plan.blocks:
                 height, width = window.shape
                 whole[window.y:window.y + height, window.x:window.x + width] = place.read_block(window.key)[name]
             found[name] = whole

@@ -9,7 +9,7 @@ import pytest
 
 from irpso_addon.core.data import Light, SceneData
 from irpso_addon.core.samples import selftest
-from irpso_addon.gpu.device.occupied_cells import CELL, Cells
+from irpso_addon.gpu.device.occupied_cells import CELL, OccupiedCells
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
 from irpso_addon.gpu.observe.observations import observe
 
@@ -112,7 +112,7 @@ def test_cells_are_the_squares_that_hold_something(on_gl, size):
         texture = device.texture(width, height)
         target = device.framebuffer([texture])
         texture.write(np.repeat(covered[..., None], 4, axis=2).astype(np.float32).tobytes())
-        cells = Cells(device, texture)
+        cells = OccupiedCells(device, texture)
         target.clear()
         with device.adding():  # what is drawn twice would show
             device.draw("maps/fill_up.frag", target, textures={"u_map": ones, "u_parent": ones}, uniforms={},
@@ -130,7 +130,7 @@ def test_cells_of_nothing_draw_nothing(on_gl):
         texture = device.texture(16, 16, 4, np.full((16, 16, 4), 7, np.float32))
         target = device.framebuffer([texture])
         nothing = device.texture(16, 16, 4, np.zeros((16, 16, 4), np.float32))
-        cells = Cells(device, nothing)
+        cells = OccupiedCells(device, nothing)
         device.draw("maps/fill_up.frag", target, textures={"u_map": texture, "u_parent": texture}, uniforms={},
                     cells=cells)
         result = device.read(texture).copy()

@@ -14,9 +14,9 @@ from irpso_addon.core.data import Solution
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import draw_budget, thread
 from irpso_addon.gpu.device.context import Device
-from irpso_addon.gpu.device.draw_budget import Pace, rectangles
+from irpso_addon.gpu.device.draw_budget import DrawBudget, rectangles
 from irpso_addon.gpu.gbuffer import gbuffer
-from irpso_addon.gpu.observe.observation_atlas import Atlas
+from irpso_addon.gpu.observe.observation_atlas import ObservationAtlas
 from irpso_addon.solve import pipeline
 from tests.support import shoots
 from tests.support import synthetic as syn
@@ -32,7 +32,7 @@ class Machine:
         self.now = self.queued = self.waited = 0.0
         self.longest = 0.0  # seconds that went by between two waits
         monkeypatch.setattr(draw_budget.time, "perf_counter", lambda: self.now)
-        self.pace = Pace(self.wait, slice_ms)
+        self.budget = DrawBudget(self.wait, slice_ms)
 
     def wait(self) -> None:
         self.longest = max(self.longest, self.queued)
@@ -43,8 +43,8 @@ class Machine:
     def draw(self, work: np.ndarray, seconds: float, key: str = "draw") -> None:
         """Rows of ``work``, each unit of which takes so many seconds."""
         region = (0, 0, 64, len(work))
-        for (_, y, width, rows), units in rectangles(region, lambda: self.pace.most(key), work):
-            with self.pace.piece(key, units):
+        for (_, y, width, rows), units in rectangles(region, lambda: self.budget.most(key), work):
+            with self.budget.piece(key, units):
                 self.queued += float(work[y:y + rows].sum()) * width / 64 * seconds
 
 
@@ -110,7 +110,7 @@ def test_rectangles_cover_a_region_once(most, work):
     assert units == pytest.approx(77 if work is None else work.sum())
 
 
-class Counted(Pace):
+class Counted(DrawBudget):
     """Divides nothing."""
 
     pieces = 0
@@ -142,9 +142,9 @@ def divided(on_gl: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[
         results, drawn = [], []
         for kind, bundle in ((Counted, 10**9), (Cut, 300)):
             monkeypatch.setattr(gbuffer, "BUNDLE", bundle)
-            monkeypatch.setattr(device, "pace", kind(device._finish, math.inf))
+            monkeypatch.setattr(device, "budget", kind(device._finish, math.inf))
             results.append(solve())
-            drawn.append(device.pace.pieces)  # type: ignore[attr-defined]
+            drawn.append(device.budget.pieces)  # type: ignore[attr-defined]
         assert drawn[1] > 5 * drawn[0]  # else it would compare a path with itself
         return results
 
@@ -174,7 +174,7 @@ def test_work_counts_the_observations_of_rows(on_gl):
 
     def job(device: Device) -> np.ndarray:
         source = texels.source(device)
-        atlas = Atlas(device, source)
+        atlas = ObservationAtlas(device, source)
         for _ in source.gather(atlas, (0, 0), False):
             pass
         work = atlas.work()

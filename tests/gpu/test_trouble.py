@@ -119,7 +119,7 @@ def test_a_probe_that_fails_decides_nothing(on_gl, monkeypatch):
         monkeypatch.setattr(device, "settings", replace(device.settings, kernels="auto"))
         known = device.__dict__.pop("prefers_compute", None)
         slices = []
-        monkeypatch.setattr(device.pace, "choose", slices.append)
+        monkeypatch.setattr(device.budget, "choose", slices.append)
 
         def lost(*_: Any) -> float:
             raise DeviceLost("played")

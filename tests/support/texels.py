@@ -14,7 +14,7 @@ import numpy as np
 from irpso_addon.core.shading import brdf
 from irpso_addon.core.shading.tables import principled_table
 from irpso_addon.gpu.device.context import Device
-from irpso_addon.gpu.observe.observation_atlas import ArraySource, Atlas
+from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservationAtlas
 from tests.support import texel_problem as bench
 
 HERE = Path(__file__).parent
@@ -88,7 +88,7 @@ def evaluate(device: Device, texels: Texels, kernel: str, at: np.ndarray, output
              level: float | None = None, **defines: str) -> list[np.ndarray]:
     """Outputs (h, w, 4) of a kernel beside this file at given numbers ``at`` (h, w, up to 4) of each texel."""
     source = texels.source(device)
-    atlas = Atlas(device, source)
+    atlas = ObservationAtlas(device, source)
     for _ in source.gather(atlas, (0, 0), False):
         pass
     h, w = texels.quality.shape[:2]

@@ -34,7 +34,7 @@ Picture = tuple[str, tuple[str, ...]]  # a camera and the lamps that shine; none
 
 
 @dataclass(frozen=True)
-class Bouncer:
+class IndirectRenderer:
     """Renders the indirect light of a scene's views.  Made on the main thread; called on any, without ``bpy``."""
 
     blend: Path  # nobody changes it while a job runs
@@ -44,7 +44,7 @@ class Bouncer:
     copy: tempfile.TemporaryDirectory[str] | None = None  # where ``blend`` lies that we saved ourselves
 
     @classmethod
-    def of_copy(cls) -> Bouncer:
+    def of_copy(cls) -> IndirectRenderer:
         """For a copy of what is open, with all that was changed since it was saved; the copy goes with `around`."""
         import bpy
 
@@ -54,7 +54,7 @@ class Bouncer:
         return replace(cls.of_open_file(blend), copy=folder)
 
     @classmethod
-    def of_open_file(cls, blend: Path) -> Bouncer:
+    def of_open_file(cls, blend: Path) -> IndirectRenderer:
         """For ``blend``, which is what is open, as it was saved."""
         import bpy
 

@@ -23,16 +23,16 @@ from ...core.job import Progress, Steps
 from ...core.maps.map_set import MapFiles
 from ...core.params import SolveSettings
 from ...core.reporting import estimates
-from ...core.reporting.estimates import Estimate, Taken
+from ...core.reporting.estimates import Estimate, ViewSize
 from ...core.tiled import uv_blocks
-from ...core.tiled.work_folder import Work
+from ...core.tiled.work_folder import WorkFolder
 from ...gpu.device import thread
 from ...solve import pipeline, tiled_solve
 from ..files import object_named
 from ..material import material, material_preflight
 from ..scene.scene import read_scene
 from . import session, solve_region, solve_speed
-from .indirect import Bouncer
+from .indirect import IndirectRenderer
 from .jobs import Task
 
 Part = tuple[str, Any]  # kind and choice, as solve_region.with_part has them
@@ -112,7 +112,7 @@ def expected(order: Order) -> Estimate:
     for view in order.data.views:
         with suppress(BadInput):  # the solve says it
             header = open_image(view.image)
-            taken.append(Taken(header.width, header.height, view.camera.name, len(view.lights)))
+            taken.append(ViewSize(header.width, header.height, view.camera.name, len(view.lights)))
     return estimates.estimate(taken, order.settings, solve_speed.factors(), thread.settings().memory,
                               rounds=order.settings.indirect == "on", udims=order.udims)
 
@@ -126,7 +126,7 @@ def run(order: Order, blend: Path, folder: Path, on_progress: Callable[[Progress
     Stopped, it returns what there is of maps in one piece; of others it raises StoppedWithWork once there is something
     to go on from.  Raises Cancelled where there is nothing, and BadInput.
     """
-    bounce = None if order.settings.indirect == "off" else Bouncer.of_open_file(blend)
+    bounce = None if order.settings.indirect == "off" else IndirectRenderer.of_open_file(blend)
     work = order.work
     try:
         solution: Solution = thread.run(lambda: _steps(order, folder, bounce), on_progress)
@@ -137,14 +137,14 @@ def run(order: Order, blend: Path, folder: Path, on_progress: Callable[[Progress
             return stopped
         if work is None:
             raise
-        if not Work.has_plan(work):
+        if not WorkFolder.has_plan(work):
             _remove(work)
         elif isinstance(error, KeyboardInterrupt) or type(error) is Cancelled:  # before the solve looked there
-            raise StoppedWithWork(work, Work.count_blocks(work)) from None
+            raise StoppedWithWork(work, WorkFolder.count_blocks(work)) from None
         raise
 
 
-def _steps(order: Order, folder: Path, bounce: Bouncer | None) -> Steps[Solution]:
+def _steps(order: Order, folder: Path, bounce: IndirectRenderer | None) -> Steps[Solution]:
     if order.work is None:
         return pipeline.solve(order.data, order.settings, bounce=bounce)
     return tiled_solve.run(order.data, order.settings, folder, order.work, order.kind, bounce)
@@ -155,10 +155,11 @@ def task(order: Order) -> Task:
 
     All files of large maps appear in the order's folder together.
     """
-    bounce: Bouncer | None = None
+    bounce: IndirectRenderer | None = None
     afterwards: Callable[[], None] = lambda: None  # noqa: E731
     if order.settings.indirect != "off":
-        bounce = Bouncer.of_copy() if bpy.data.is_dirty else Bouncer.of_open_file(Path(bpy.data.filepath))
+        dirty = bpy.data.is_dirty
+        bounce = IndirectRenderer.of_copy() if dirty else IndirectRenderer.of_open_file(Path(bpy.data.filepath))
         if bounce.copy is not None:
             afterwards, bounce = bounce.copy.cleanup, replace(bounce, copy=None)
     if order.work is None:
@@ -174,7 +175,7 @@ def forget_work(order: Order) -> None:
 
 
 def _remove(work: Path) -> None:
-    with suppress(BadInput), Work(work) as place:
+    with suppress(BadInput), WorkFolder(work) as place:
         place.remove()
 
 

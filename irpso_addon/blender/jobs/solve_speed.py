@@ -17,7 +17,7 @@ from ...core.data import F32, SceneData, Solution
 from ...core.errors import BadInput
 from ...core.params import SolveSettings
 from ...core.reporting import estimates
-from ...core.reporting.estimates import Estimate, Taken, gigabytes
+from ...core.reporting.estimates import Estimate, ViewSize, gigabytes
 from ...core.tiled.uv_blocks import FIRST_UDIM, udims_of
 from .. import preferences, properties
 from ..scene import readiness
@@ -62,7 +62,7 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 def of(context: bpy.types.Context) -> Estimate | None:
     """The next solve of the active object; None: not known (pictures whose sizes are not, or numpy solves)."""
-    taken = [Taken(v.file.width, v.file.height, v.camera, v.lights) for v in readiness.recent(context).views
+    taken = [ViewSize(v.file.width, v.file.height, v.camera, v.lights) for v in readiness.recent(context).views
              if v.used and v.file is not None and v.file.width]
     if not taken or by_numpy():
         return None
@@ -122,11 +122,11 @@ def learn(
     threading.Thread(target=_save, args=saved, name="irpso-speed", daemon=True).start()  # disks may be slow
 
 
-def _sizes(data: SceneData) -> Sequence[Taken]:
+def _sizes(data: SceneData) -> Sequence[ViewSize]:
     """The views as they were solved; sizes as the panels know them."""
     states = readiness.recent(bpy.context).views
     known = {same_file(state.image): state.file for state in states if state.file is not None}
-    return [Taken(file.width, file.height, view.camera.name, len(view.lights)) for view in data.views
+    return [ViewSize(file.width, file.height, view.camera.name, len(view.lights)) for view in data.views
             if (file := known.get(same_file(str(view.image)))) is not None]
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import bpy
 
-from ...core.capture.file_preview import Glance, same_file
+from ...core.capture.file_preview import ImagePreview, same_file
 from ...core.images.colour import known_space
 from ..panel_common import letters, wrapped
 from . import thumbnails
@@ -37,7 +37,7 @@ class ViewState:
     lights: int = 0  # how many
     light: str = ""  # the one, or how many, in words
     used: bool = True  # not switched off
-    file: Glance | None = None
+    file: ImagePreview | None = None
     faults: Faults = field(default_factory=list)  # with these it cannot be used
     notes: Faults = field(default_factory=list)  # with these it can
 

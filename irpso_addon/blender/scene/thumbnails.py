@@ -11,11 +11,11 @@ import numpy as np
 from ...core.capture.file_preview import (
     MISSING,
     SIDE,
-    CapturesLook,
-    Glance,
+    CapturesPreview,
+    ImagePreview,
     Watcher,
-    captures_look,
-    glance,
+    preview_captures,
+    preview_image,
     same_file,
 )
 from ...core.data import F32
@@ -25,20 +25,20 @@ from ..panel_common import redraw_sidebars
 POLL = 0.2  # seconds between two looks whether the thread has found something
 MOST = 2000  # previews kept at a time
 
-_images = Watcher(glance, Glance(problem=MISSING))
-_captures = Watcher(captures_look, CapturesLook(problem=MISSING))
+_images = Watcher(preview_image, ImagePreview(problem=MISSING))
+_captures = Watcher(preview_captures, CapturesPreview(problem=MISSING))
 _previews: Any = None
 Known = TypeVar("Known")
 _drawn: dict[str, Any] = {}  # key of a preview -> stamp of the file that it shows
 _shown = 0  # changes of the watchers that the sidebars show
 
 
-def image(path: str) -> Glance | None:
+def image(path: str) -> ImagePreview | None:
     """What is known of the image at an absolute path; None: nothing yet, and a redraw follows when there is."""
     return _asked(_images.of(same_file(path)))
 
 
-def captures(path: str) -> CapturesLook | None:
+def captures(path: str) -> CapturesPreview | None:
     """What is known of the capture file at an absolute path, likewise."""
     return _asked(_captures.of(same_file(path)))
 

@@ -25,7 +25,7 @@ Curve = list[tuple[float, float]]  # seconds, error
 
 
 @dataclass(frozen=True)
-class Look:
+class ObjectState:
     """What is known of one object now."""
 
     name: str
@@ -225,7 +225,7 @@ def subject(context: bpy.types.Context) -> bpy.types.Object | None:
     return getattr(context, "active_object", None) or context.view_layer.objects.active
 
 
-def look(context: bpy.types.Context) -> Look | None:
+def look(context: bpy.types.Context) -> ObjectState | None:
     """What is known of the subject: of its running solve, else of its last one."""
     obj = subject(context)
     if obj is None:
@@ -235,13 +235,13 @@ def look(context: bpy.types.Context) -> Look | None:
         pictures = running.live.pictures
         if not pictures and _memory.pictures is not None and _memory.pictures[0] is running:
             pictures = _memory.pictures[1]
-        return Look(obj.name, running.live.maps, pictures, True)
+        return ObjectState(obj.name, running.live.maps, pictures, True)
     if solution is None:
         return None
     maps = solution.maps
     roles = {"base_color": maps.base_color, "roughness": maps.roughness, "confidence": maps.confidence,
              "error": maps.error}
-    return Look(obj.name, roles, solution.pictures, False)
+    return ObjectState(obj.name, roles, solution.pictures, False)
 
 
 def curve(context: bpy.types.Context) -> Curve:

@@ -33,7 +33,7 @@ Stamp = tuple[int, int]  # time of change, bytes
 
 
 @dataclass(frozen=True)
-class Look:
+class FilePreview:
     """A file as it was when it was last looked at."""
 
     stamp: Stamp | None = None  # None: there is no such file
@@ -41,14 +41,14 @@ class Look:
 
 
 @dataclass(frozen=True)
-class CapturesLook(Look):
+class CapturesPreview(FilePreview):
     """A capture file."""
 
     views: tuple[CaptureView, ...] = ()
 
 
 @dataclass(frozen=True)
-class Glance(Look):
+class ImagePreview(FilePreview):
     """An image."""
 
     width: int = 0  # pixels
@@ -59,27 +59,27 @@ class Glance(Look):
     thumbnail: F32 | None = None  # (h, w, 4) stored values, premultiplied; row 0 at the bottom
 
 
-def glance(path: Path) -> Glance:
+def preview_image(path: Path) -> ImagePreview:
     """One look at an image; whatever is wrong is in the answer."""
     if os.path.isdir(path):  # (unlike pathlib, it takes any name)
-        return Glance(problem="Is a folder, not an image")
+        return ImagePreview(problem="Is a folder, not an image")
     try:
         file = open_image(path)
         thumbnail = _thumbnail(file)
     except BadInput as error:
-        return Glance(problem=_short(str(error), path))
+        return ImagePreview(problem=_short(str(error), path))
     except (OSError, MemoryError) as error:
-        return Glance(problem=f"Cannot be read ({type(error).__name__})")
+        return ImagePreview(problem=f"Cannot be read ({type(error).__name__})")
     space = known_space(file.colorspace) if file.colorspace else None
-    return Glance(None, "", file.width, file.height, file.bits, file.integer, space, thumbnail)
+    return ImagePreview(None, "", file.width, file.height, file.bits, file.integer, space, thumbnail)
 
 
-def captures_look(path: Path) -> CapturesLook:
+def preview_captures(path: Path) -> CapturesPreview:
     """One look at a capture file."""
     try:
-        return CapturesLook(views=tuple(read_captures(path)))
+        return CapturesPreview(views=tuple(read_captures(path)))
     except BadInput as error:
-        return CapturesLook(problem=_short(str(error), path))
+        return CapturesPreview(problem=_short(str(error), path))
 
 
 def _stamp(path: Path) -> Stamp | None:
@@ -117,7 +117,7 @@ def _thumbnail(file: ImageFile) -> F32:
     return np.ascontiguousarray(small[::-1])
 
 
-Kind = TypeVar("Kind", bound=Look)
+Kind = TypeVar("Kind", bound=FilePreview)
 
 
 class Watcher(Generic[Kind]):
@@ -142,7 +142,7 @@ class Watcher(Generic[Kind]):
             self._wanted.put(path)
             if self._thread is None:
                 self._thread = threading.Thread(
-                    target=self._work, args=(self._wanted,), name="irpso-glance", daemon=True)
+                    target=self._work, args=(self._wanted,), name="irpso-file-preview", daemon=True)
                 self._thread.start()
         return self._known.get(path)
 

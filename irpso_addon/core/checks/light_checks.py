@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ..check_records import LightResidual, Slope
 from ..data import F64, Bool, Light, View
 from ..shading.lights import light_irradiance
-from .residuals import DIFFUSE, Look, scale_of
-from .view_check_data import Window
+from .residuals import DIFFUSE, SampledView, scale_of
+from .view_check_data import PixelWindow
 
 PLACES = 5000  # pixels of a camera that the regressions look at
 FEWEST = 50  # of them that a regression needs
@@ -49,14 +49,14 @@ class Places:
         self._some = slice(None)
         self.count = 0
 
-    def camera(self, window: Window, at: NDArray[np.int64]) -> None:
+    def camera(self, window: PixelWindow, at: NDArray[np.int64]) -> None:
         """Views of another camera follow, at these pixels (B, 16)."""
         self._some = slice(None, None, max(1, -(-at.size // PLACES)))
         position, normal = (values.reshape(-1, 3)[at.ravel()[self._some]].astype(np.float64)
                             for values in (window.position, window.normal))
         self._groups.append(_Group(position, normal))
 
-    def add(self, view: View, seen: Look, gain: float) -> None:
+    def add(self, view: View, seen: SampledView, gain: float) -> None:
         """A view, its residuals at its camera's pixels, and its gain."""
         y, share, light = (values.ravel()[self._some] for values in (seen.y, seen.share, seen.light))
         good = seen.good.ravel()[self._some]

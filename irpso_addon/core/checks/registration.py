@@ -20,8 +20,8 @@ import numpy as np
 
 from ..check_records import SIGMAS, Misfit
 from ..data import F32, F64, Bool, Camera, SceneData, View
-from .registration_fit import Fit, Found, blurred, eroded, fit_views, gain_of_cameras, silhouette, tiles_of
-from .view_check_data import CheckedView, Window
+from .registration_fit import Fit, ViewFit, blurred, eroded, fit_views, gain_of_cameras, silhouette, tiles_of
+from .view_check_data import CheckedView, PixelWindow
 
 MEAN = np.full(3, 1 / 3, np.float32)  # of the channels
 SAMPLES = 12_000  # pixels of a camera, at most, that are looked at
@@ -40,7 +40,7 @@ class Registration:
     """Takes the checked views one by one, those of a camera together, and keeps little of each."""
 
     def __init__(self) -> None:
-        self._window: Window | None = None
+        self._window: PixelWindow | None = None
         self._camera: _Collected | None = None
         self._done: list[_Estimate] = []
 
@@ -69,7 +69,7 @@ class Registration:
 class _Collected:
     """One camera's views at a sample of its pixels."""
 
-    def __init__(self, window: Window) -> None:
+    def __init__(self, window: PixelWindow) -> None:
         self.window = window
         self.views: list[View] = []
         inside = eroded(window.covered, RIM)
@@ -77,9 +77,9 @@ class _Collected:
         at = np.flatnonzero(inside)
         self.at = at[:: max(1, -(-len(at) // SAMPLES))]
         self.seen: list[F32] = []  # (4, N): predicted radiance, its slopes, observed; NaN where it tells nothing
-        self.outlines: list[Found | None] = []
+        self.outlines: list[ViewFit | None] = []
         self._coverage: F32 | None = None
-        self._outline: Found | None = None
+        self._outline: ViewFit | None = None
         self._product = np.zeros(window.covered.shape, np.float32)
         self._square = np.zeros(window.covered.shape, np.float32)
 
@@ -138,7 +138,7 @@ class _Estimate:
                 self.views, self.shift, self.shift_error, log_gain, errors, self.alone, strict=True)]
 
 
-def _settled(fit: Fit, outlines: list[Found | None]) -> tuple[F64, F64, Bool]:
+def _settled(fit: Fit, outlines: list[ViewFit | None]) -> tuple[F64, F64, Bool]:
     """Pixels and silhouettes together: (V, 2) shifts, (V,) their standard errors, (V,) departs from its camera."""
     views = range(len(outlines))
     floor = SHIFT_FLOOR**2 * np.eye(2)
@@ -163,7 +163,7 @@ def _settled(fit: Fit, outlines: list[Found | None]) -> tuple[F64, F64, Bool]:
     return shift, error, alone
 
 
-def _joined(pixels: Found, outline: Found | None) -> Found:
+def _joined(pixels: ViewFit, outline: ViewFit | None) -> ViewFit:
     """Two estimates' mean by their covariances."""
     if outline is None:
         return pixels

@@ -20,7 +20,7 @@ RIDGE = 1e-9  # of the largest: what the normal matrix's diagonal has at least
 WIDEST = 10.0  # pixels: prior of shifts, so that nothing to see gives a large error instead of nonsense
 BINS = 64  # by BINS, over the UV square: what two cameras show of it is compared
 Image = TypeVar("Image", F32, Bool)
-Found = tuple[F64, F64]  # shift (2,) and its covariance (2, 2), pixels
+ViewFit = tuple[F64, F64]  # shift (2,) and its covariance (2, 2), pixels
 ALIKE = 0.9  # least cosine between what a silhouette's slope is and what it should be
 BAND = 3  # pixels around a silhouette in which the image's must lie
 
@@ -117,7 +117,7 @@ def tiles_of(rows: I32, columns: I32) -> I32:
     return np.asarray(np.unique(rows // TILE * 65536 + columns // TILE, return_inverse=True)[1], np.int32)
 
 
-def silhouette(covered: Bool, coverage: F32) -> Found | None:
+def silhouette(covered: Bool, coverage: F32) -> ViewFit | None:
     """Shift (2,) of the object's outline in an image and its covariance (2, 2), pixels; None where none can be seen.
 
     ``covered`` (h, w): what a camera's pixel centres see of the object; ``coverage`` (h, w) 0..1: the image's alpha or

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..check_records import Residual
 from ..data import F32, F64, Bool
-from .view_check_data import CheckedView, Window
+from .view_check_data import CheckedView, PixelWindow
 
 BLOCK, SMALL = 4, 2  # pixels: errors that reach so far are no noise; in highlights, which are small
 BLOCKS = 1500  # of a camera, at most
@@ -37,7 +37,7 @@ def scale_of(values: F64 | F32) -> float:
     return float(MAD * np.median(np.abs(some - np.median(some)))) if len(some) else 0.0
 
 
-def sample(window: Window) -> NDArray[np.int64]:
+def sample(window: PixelWindow) -> NDArray[np.int64]:
     """(B, 16) flat indices of the pixels of some blocks that the object covers."""
     h, w = (n // BLOCK * BLOCK for n in window.covered.shape)
     blocks = window.covered[:h, :w].reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK)
@@ -49,7 +49,7 @@ def sample(window: Window) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
-class Look:
+class SampledView:
     """One view at its camera's sample, (B, 16)."""
 
     y: F32  # 0 where not good
@@ -60,7 +60,7 @@ class Look:
     unlit: Bool
 
 
-def look(view: CheckedView, at: NDArray[np.int64]) -> Look:
+def sample_view(view: CheckedView, at: NDArray[np.int64]) -> SampledView:
     """A view's residuals at ``sample`` of its window; channels count by the light in them."""
     light, observed, predicted, specular, radiance = (
         values.reshape(-1, 3)[at] for values in
@@ -73,7 +73,7 @@ def look(view: CheckedView, at: NDArray[np.int64]) -> Look:
     y = np.asarray(np.log(np.where(good, seen, np.float32(1)) / safe).clip(-LOG_MOST, LOG_MOST), np.float32)
     share = np.where(good, lobes / safe, np.float32(0))
     means = [np.asarray(np.maximum(_sum(values), 0) / 3, np.float32) for values in (light, radiance)]
-    return Look(y, share, means[0], good, means[1], unlit)
+    return SampledView(y, share, means[0], good, means[1], unlit)
 
 
 def _sum(values: F32) -> F32:
@@ -82,7 +82,7 @@ def _sum(values: F32) -> F32:
 
 
 @dataclass(frozen=True)
-class Shared:
+class BlockErrors:
     """Errors of blocks: their means, and what some of their pixels depart from them."""
 
     means: F32
@@ -90,20 +90,20 @@ class Shared:
     pixels: int  # of a block
 
 
-def residual(seen: Look) -> tuple[Residual, Shared, Shared]:
+def residual(seen: SampledView) -> tuple[Residual, BlockErrors, BlockErrors]:
     """A view's figures; the errors of its highlights, relative to what the lobes add there; and as large, elsewhere."""
     diffuse = seen.good & (seen.share < DIFFUSE)
     judged = diffuse if diffuse.sum() >= LEAST else seen.good
     values = seen.y[judged]
     if len(values) < LEAST:
-        nothing = Shared(values[:0], values[:0], SMALL**2)
+        nothing = BlockErrors(values[:0], values[:0], SMALL**2)
         return Residual(len(values), 1.0, np.inf, 0.0, 0.0, 0.0, *_unlit(seen, 0.0)), nothing, nothing
     middle, spread = np.float32(np.median(values)), scale_of(values)
     y, rows = seen.y - middle, (-1, BLOCK, BLOCK)
     clear = judged.reshape(rows)[..., 1:] & judged.reshape(rows)[..., :-1]
     noise = scale_of(np.diff(y.reshape(rows))[clear]) / 2**0.5
     errors = block_errors(y, judged, spread)
-    structure = shared(errors)
+    structure = shared_error(errors)
     error = 1.2533 * float(np.hypot(structure, spread / BLOCK)) / max(len(errors.means), 1) ** 0.5
     figures = Residual(len(values), float(np.exp(middle)), error, spread, noise, structure, *_unlit(seen, noise))
     shiny = seen.good & (seen.share > HIGHLIGHT)
@@ -118,7 +118,7 @@ def _small(values: Any) -> Any:
     return values.reshape(corners).swapaxes(2, 3).reshape(-1, SMALL**2)
 
 
-def block_errors(values: F32, good: Bool, spread: float | np.float32) -> Shared:
+def block_errors(values: F32, good: Bool, spread: float | np.float32) -> BlockErrors:
     """Of blocks (B, n) most pixels of which are good."""
     limit = np.float32(OUTLIER * spread)
     known = np.where(good, np.clip(values, -limit, limit), np.float32(0))
@@ -126,10 +126,10 @@ def block_errors(values: F32, good: Bool, spread: float | np.float32) -> Shared:
     full = count >= 0.7 * values.shape[1]
     means = known[full].sum(1) / count[full]
     left = (known[full] - means[:, None])[good[full]]
-    return Shared(means, left[::max(1, len(left) // SAMPLE)], values.shape[1])
+    return BlockErrors(means, left[::max(1, len(left) // SAMPLE)], values.shape[1])
 
 
-def shared(errors: Shared) -> float:
+def shared_error(errors: BlockErrors) -> float:
     """Robust standard deviation of what the pixels of a block have in common; 0 where there are too few to tell.
 
     The mean of n pixels of independent noise s has s / sqrt(n), and they depart from it by s sqrt(1 - 1 / n).
@@ -141,7 +141,7 @@ def shared(errors: Shared) -> float:
     return float(np.sqrt(max((MAD * float(np.median(np.abs(errors.means)))) ** 2 - noise**2, 0.0)))
 
 
-def _unlit(seen: Look, noise: float) -> tuple[float | None, int]:
+def _unlit(seen: SampledView, noise: float) -> tuple[float | None, int]:
     """Mean radiance where no light arrives over the lit pixels' median (bright sparks cut); of how many pixels.
 
     Read noise cannot go below black, so its mean is not 0: 0.65 of the usual difference of two pixels is taken off, but

@@ -15,7 +15,7 @@ from ..data import F32, F64, I32, Bool, View
 from ..shading.brdf import ROUGHNESS_MIN
 from .light_checks import Places
 from .registration import Registration
-from .residuals import BLOCK, SMALL, Shared, look, residual, sample, shared
+from .residuals import BLOCK, SMALL, BlockErrors, residual, sample, sample_view, shared_error
 from .view_check_data import CheckedView
 
 WRONG = 0.15  # an error of roughness that a user would see
@@ -46,8 +46,8 @@ def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
     """Consumes one view at a time; those of a camera follow one another."""
     places, registration, window = Places(), Registration(), None
     found: list[tuple[View, float, Residual]] = []
-    lobes: list[Shared] = []
-    others: list[Shared] = []
+    lobes: list[BlockErrors] = []
+    others: list[BlockErrors] = []
     areas: list[F32] = []  # texels that a pixel shows, at the cameras' blocks
     nearest = np.full(CELLS * CELLS, np.inf, np.float32)
     for view in views:
@@ -61,7 +61,7 @@ def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
             cells = y * CELLS + x
             right, up = uv[:, 1] - uv[:, 0], uv[:, BLOCK] - uv[:, 0]
             areas.append(np.abs(right[:, 0] * up[:, 1] - right[:, 1] * up[:, 0]) * texels.solved.size)
-        seen = look(view, at)
+        seen = sample_view(view, at)
         figures, shiny, other = residual(seen)
         places.add(view.view, seen, figures.gain)
         sines = np.minimum(view.sin2h.ravel()[at[seen.good]], np.float32(1 - 1e-6))
@@ -81,7 +81,7 @@ def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
         lights=tuple(places.lights([r.gain for r in residuals])), noise=noise,
         materials=tuple(_materials(texels, noise)),
         structure=_median([r.structure for r in residuals]), slope=overall,
-        highlight=max(shared(_together(lobes)) ** 2 - shared(_together(others)) ** 2, 0.0) ** 0.5,
+        highlight=max(shared_error(_together(lobes)) ** 2 - shared_error(_together(others)) ** 2, 0.0) ** 0.5,
         unlit_share=float(np.average(dark[:, 0], weights=dark[:, 1])) if len(dark) else float("nan"),
         clipped=float(np.mean([clipped for _, clipped, _ in found])) if found else 0.0,
         no_highlight=float(np.mean(least[solved] > NO_HIGHLIGHT)) if solved.any() else 0.0,
@@ -112,10 +112,11 @@ def _median(values: list[float]) -> float:
     return float(np.median(values)) if values else 0.0
 
 
-def _together(parts: list[Shared]) -> Shared:
+def _together(parts: list[BlockErrors]) -> BlockErrors:
     """Those of all views."""
     none = np.zeros(0, np.float32)
-    return Shared(np.concatenate([none, *(x.means for x in parts)]), np.concatenate([none, *(x.within for x in parts)]),
+    return BlockErrors(np.concatenate([none, *(x.means for x in parts)]),
+                       np.concatenate([none, *(x.within for x in parts)]),
                   SMALL**2)
 
 

@@ -8,7 +8,7 @@ from ..data import F32, Bool, View
 
 
 @dataclass(frozen=True)
-class Window:
+class PixelWindow:
     """The part of a camera's pixels that is looked at, (h, w); row 0 at the bottom.  Its views share it."""
 
     corner: tuple[int, int]  # x, y of its first pixel in the camera's image
@@ -26,7 +26,7 @@ class CheckedView:
     """One view: what its pixels show, and what the maps say that they should."""
 
     view: View
-    window: Window
+    window: PixelWindow
     observed: F32  # (h, w, 3) radiance / irradiance, 1/sr; 0 where quality is 0, below 0 in a channel without light
     predicted: F32  # (h, w, 3) the same by the maps; 0 where not covered
     specular: F32  # (h, w, 3) the lobes' part of it

@@ -15,7 +15,7 @@ from ..data import F32, F64, Bool, Camera, Light, RadianceImage, SceneData, View
 from ..job import Progress
 from ..shading import brdf
 from ..shading.lights import light_irradiance, light_sample
-from .rasterise import Places, places
+from .rasterise import SurfacePoints, places
 from .rays import Index, Rays
 
 EMITTER_POINTS = 16  # on a lamp that is not as good as a point
@@ -48,13 +48,13 @@ class Shown:
 
     pixel: Index  # (S, 2) x, y
     seen: Bool  # (S,)
-    at: Places  # (S, ...) where the pixel's ray meets the mesh
+    at: SurfacePoints  # (S, ...) where the pixel's ray meets the mesh
     towards: F64  # (S, 3) unit, to the camera
     cos_v: F64  # (S,)
 
 
 def observe(
-    scene: SceneData, points: Places, neighbours: Index, read_image: ReadImage,
+    scene: SceneData, points: SurfacePoints, neighbours: Index, read_image: ReadImage,
 ) -> Generator[Progress, None, tuple[list[Seen], list[View], list[tuple[str, str]], list[str]]]:
     """What each view says, the views that do, those left out and why, and warnings.
 
@@ -91,7 +91,7 @@ def observe(
     return found, used, skipped, warnings
 
 
-def _shown(scene: SceneData, rays: Rays, points: Places, camera: Camera, width: int, height: int) -> Shown:
+def _shown(scene: SceneData, rays: Rays, points: SurfacePoints, camera: Camera, width: int, height: int) -> Shown:
     """The pixels that show points, and what their rays meet."""
     p, rotation = camera.projection, camera.world_to_camera[:3, :3]
     local = points.position @ rotation.T + camera.world_to_camera[:3, 3]
@@ -119,7 +119,7 @@ def _shown(scene: SceneData, rays: Rays, points: Places, camera: Camera, width: 
     near = np.linalg.norm(met.position[back] - points.position, axis=-1) < 2 * metres / np.maximum(cos_v[back], 0.15)
     same = (met.normal[back] * points.normal).sum(-1) > 0.5
     seen = inside & mine[back] & near & same & (cos_v[back] > MIN_COS_V)
-    at_points = Places(met.position[back], met.normal[back], met.lifted[back])
+    at_points = SurfacePoints(met.position[back], met.normal[back], met.lifted[back])
     return Shown(pixel, seen, at_points, towards[back], np.where(seen, cos_v[back], 1.0))
 
 

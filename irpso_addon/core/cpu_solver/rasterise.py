@@ -13,7 +13,7 @@ PAIRS_AT_ONCE = 1 << 21  # of a triangle and a texel in its box
 
 
 @dataclass(frozen=True)
-class Places:
+class SurfacePoints:
     """P points of the mesh."""
 
     position: F64  # (P, 3) world, metres
@@ -58,13 +58,13 @@ def _barycentric(corners: F64, points: Index) -> F64:
     return np.where(area == 0, -1.0, parts / np.where(area == 0, 1.0, area))
 
 
-def places(mesh: MeshArrays, triangle: Index, weights: F64) -> Places:
+def places(mesh: MeshArrays, triangle: Index, weights: F64) -> SurfacePoints:
     """The surface at points given by triangle (P,) and barycentric weights (P, 3)."""
     corners = mesh.positions[triangle].astype(np.float64)
     corner_normals = mesh.normals[triangle].astype(np.float64)
     position = _mix(corners, weights)
     smooth = _unit(_mix(corner_normals, weights))
-    return Places(position, _mapped(mesh, triangle, weights, smooth),
+    return SurfacePoints(position, _mapped(mesh, triangle, weights, smooth),
                   _lifted(corners, corner_normals, position, weights, smooth))
 
 

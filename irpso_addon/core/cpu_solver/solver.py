@@ -21,7 +21,7 @@ from ..errors import BadInput
 from ..job import Progress, mapped
 from ..params import DeviceSettings, SolveSettings
 from .observe import ReadImage, memory, observe
-from .rasterise import Places, places, rasterise
+from .rasterise import SurfacePoints, places, rasterise
 from .rays import Index
 from .texel_fit import Fit, fit_texels
 
@@ -110,7 +110,7 @@ def _possible(scene: SceneData, settings: SolveSettings) -> tuple[SolveSettings,
     return settings, told
 
 
-def _points(scene: SceneData, size: int) -> tuple[Places, Bool, Index]:
+def _points(scene: SceneData, size: int) -> tuple[SurfacePoints, Bool, Index]:
     """The covered points of the texels, which of the finer grid those are, and the 8 neighbours of each among them."""
     owner, weights = rasterise(scene.mesh.uvs, size * SIDE)
     at = owner >= 0

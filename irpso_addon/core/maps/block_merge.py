@@ -13,19 +13,19 @@ from ..data import F32
 from ..errors import BadInput
 from ..images.image_writer import ImageWriter
 from ..storage.atomic_io import remove_leftovers
-from ..tiled.uv_blocks import Window
+from ..tiled.uv_blocks import UvBlock
 from .export import as_stored, check_kind, file_name
 
 ReadBlock = Callable[[str], dict[str, F32]]
 
 
 def merge(
-    read_block: ReadBlock, windows: Sequence[Window], stem: str, folder: Path, kind: str, layers: Sequence[str], *,
+    read_block: ReadBlock, windows: Sequence[UvBlock], stem: str, folder: Path, kind: str, layers: Sequence[str], *,
     tiled: bool = False,
 ) -> list[Path]:
     """Write the maps that ``windows`` make up, those of one UDIM or more; the files' paths.
 
-    ``read_block`` gives a block's layers by `Window.key`; ``layers`` says which are written; ``tiled``: names hold the
+    ``read_block`` gives a block's layers by `UvBlock.key`; ``layers`` says which are written; ``tiled``: names hold the
     UDIM, ``<object>_<layer>.1001.exr``.  The bytes are those of `export.write_maps`.  Each file appears whole or not at
     all, under a name of its writer's own until then: several may merge into a folder, even the same maps.
     Raises BadInput for what cannot be written.
@@ -35,7 +35,7 @@ def merge(
     return [Path(folder) / name for name in names(windows, stem, kind, layers, tiled=tiled)]
 
 
-def names(windows: Sequence[Window], stem: str, kind: str, layers: Sequence[str], *, tiled: bool = False) -> list[str]:
+def names(windows: Sequence[UvBlock], stem: str, kind: str, layers: Sequence[str], *, tiled: bool = False) -> list[str]:
     """The files that `merge` writes."""
     udims = sorted({window.udim for window in windows})
     assert tiled or len(udims) == 1, "maps of several UDIMs need several names"
@@ -43,7 +43,7 @@ def names(windows: Sequence[Window], stem: str, kind: str, layers: Sequence[str]
 
 
 def steps(
-    read_block: ReadBlock, windows: Sequence[Window], stem: str, folder: Path, kind: str, layers: Sequence[str], *,
+    read_block: ReadBlock, windows: Sequence[UvBlock], stem: str, folder: Path, kind: str, layers: Sequence[str], *,
     tiled: bool = False,
 ) -> Iterator[float]:
     """`merge` in steps of a row of blocks; gives the share that is done."""
@@ -72,7 +72,7 @@ def steps(
                 writer.finish()
 
 
-def _band(read_block: ReadBlock, blocks: Sequence[Window], layers: Sequence[str]) -> dict[str, F32]:
+def _band(read_block: ReadBlock, blocks: Sequence[UvBlock], layers: Sequence[str]) -> dict[str, F32]:
     """A row of blocks as (rows, size, channels) for each layer."""
     size, rows = blocks[0].size, blocks[0].shape[0]
     bands: dict[str, F32] = {}

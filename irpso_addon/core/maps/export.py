@@ -16,7 +16,7 @@ import numpy as np
 from ..data import F32, Maps
 from ..errors import BadInput
 from ..images.image_writer import write_image
-from ..storage.output_transaction import Staging
+from ..storage.output_transaction import OutputTransaction
 
 KINDS = ("exr", "png", "tiff")
 STEM_BYTES = 200  # file systems allow 255 bytes a name; the longest suffix is "_basecolor_sigma.tiff"
@@ -44,7 +44,7 @@ def write_maps(maps: Maps, stem: str, out: Path, kind: str) -> list[Path]:
     written; nothing is left behind then and older files keep their contents.
     """
     check_kind(kind)
-    with Staging(Path(out)) as staging:
+    with OutputTransaction(Path(out)) as staging:
         names = _write_all(maps, stem, staging.folder, kind)
         staging.publish()
         return [staging.out / name for name in names]

@@ -13,9 +13,9 @@ from ..data import F32
 from ..errors import BadInput
 from ..images.colour import srgb_to_linear
 from ..images.image_file import ImageFile, open_image
-from ..storage.output_transaction import Staging
+from ..storage.output_transaction import OutputTransaction
 from ..tiled import uv_blocks
-from ..tiled.uv_blocks import FIRST_UDIM, Window
+from ..tiled.uv_blocks import FIRST_UDIM, UvBlock
 from . import block_merge
 from .export import check_kind
 
@@ -59,10 +59,10 @@ def export(files: MapFiles, stem: str, out: Path, kind: str) -> list[Path]:
     if sizes != {(size, size)}:
         raise BadInput(f"{files.of(layers[0], udims[0])}: this map and the others are not squares of one size; "
                        "solve again")
-    windows = uv_blocks.windows(size, udims)
+    windows = uv_blocks.all_blocks(size, udims)
     bands = _Bands(opened, layers, {window.key: window for window in windows})
 
-    with Staging(Path(out)) as staging:
+    with OutputTransaction(Path(out)) as staging:
         if files.kind == kind:
             names = block_merge.names(windows, stem, kind, layers, tiled=files.tiled)
             for name, source in zip(names, (opened[layer, udim] for udim in udims for layer in layers), strict=True):
@@ -78,7 +78,7 @@ class _Bands:
     """Blocks of maps' files; `merge.merge` asks for those of a row together, so that each file is read once."""
 
     def __init__(
-        self, files: Mapping[tuple[str, int], ImageFile], layers: list[str], windows: Mapping[str, Window],
+        self, files: Mapping[tuple[str, int], ImageFile], layers: list[str], windows: Mapping[str, UvBlock],
     ) -> None:
         self._files, self._layers, self._windows = files, layers, windows
         self._row: tuple[int, int] | None = None  # UDIM, first texel
@@ -95,7 +95,7 @@ class _Bands:
         return {layer: band[:, columns] for layer, band in self._bands.items()}
 
 
-def _band(file: ImageFile, window: Window, layer: str) -> F32:
+def _band(file: ImageFile, window: UvBlock, layer: str) -> F32:
     """(h, size) or (h, size, 3): the rows that a block has, of the whole map."""
     stored = file.read(file.height - window.y - window.shape[0], file.height - window.y)[::-1, :, :3]
     if layer == "basecolor" and file.integer:

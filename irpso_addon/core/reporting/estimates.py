@@ -17,7 +17,7 @@ from pathlib import Path
 from ..errors import BadInput
 from ..params import SolveSettings
 from ..storage.text_file import read_text
-from ..tiled.uv_blocks import BLOCK, FIRST_UDIM, HALO, PICTURES, is_large, layout, windows
+from ..tiled.uv_blocks import BLOCK, FIRST_UDIM, HALO, PICTURES, all_blocks, is_large, layout
 from .report import write_report
 
 COVERED = 0.8  # of a map's texels lie in UV islands ...
@@ -56,7 +56,7 @@ Factors = Mapping[str, float]  # seconds on this machine / on the small one, by 
 
 
 @dataclass(frozen=True)
-class Taken:
+class ViewSize:
     """A view as far as it makes work."""
 
     width: int
@@ -83,7 +83,7 @@ def bytes_per_pixel(views: int, lobes: int, cameras: int) -> int:
 
 
 def estimate(
-    views: Sequence[Taken], settings: SolveSettings, factors: Factors, memory: float, *, rounds: bool = False,
+    views: Sequence[ViewSize], settings: SolveSettings, factors: Factors, memory: float, *, rounds: bool = False,
     udims: tuple[int, ...] = (FIRST_UDIM,),
 ) -> Estimate:
     """``memory``: GB that pictures may take.  ``rounds``: indirect light is likely to be rendered, and solved again.
@@ -132,7 +132,7 @@ def size_of(folder: Path) -> int:
 
 
 def predicted(
-    views: Sequence[Taken], settings: SolveSettings, known: Collection[str], reduced: float = 1.0,
+    views: Sequence[ViewSize], settings: SolveSettings, known: Collection[str], reduced: float = 1.0,
     rounds: bool = False, udims: tuple[int, ...] = (FIRST_UDIM,),
 ) -> dict[str, float]:
     """Seconds of each stage on the small machine; ``known``: keys of the factors that were learnt."""
@@ -140,7 +140,7 @@ def predicted(
         plan = predicted(views, replace(settings, size=layout(settings.size, udims).size), known, reduced, rounds)
         start, squares, pixels = plan.pop("start"), len(udims), sum(v.width * v.height for v in views)
         each = _once(views, settings, SEEN)  # of one square
-        fixed = BLOCK_SECONDS * len(windows(settings.size, udims))
+        fixed = BLOCK_SECONDS * len(all_blocks(settings.size, udims))
         return {"start": start, "plan": sum(plan.values()), "pictures": 0.3e-6 * pixels,
                 "observe": each["observe"] + fixed, "solve": GROWN * squares * each["solve"],
                 "maps": GROWN * squares * each["maps"], "merge": 0.5e-6 * squares * settings.size**2}
@@ -157,7 +157,7 @@ def predicted(
     return result
 
 
-def _once(views: Sequence[Taken], settings: SolveSettings, reduced: float) -> dict[str, float]:
+def _once(views: Sequence[ViewSize], settings: SolveSettings, reduced: float) -> dict[str, float]:
     """Seconds of one round's stages that grow with texels and pixels, of which ``reduced`` times as many are read."""
     texels, count = COVERED * settings.size**2, len(views)
     pixels = reduced * sum(v.width * v.height for v in views)
@@ -174,7 +174,7 @@ def _once(views: Sequence[Taken], settings: SolveSettings, reduced: float) -> di
 
 
 def learnt(
-    factors: Factors, views: Sequence[Taken], settings: SolveSettings, seconds: Mapping[str, float], wall: float,
+    factors: Factors, views: Sequence[ViewSize], settings: SolveSettings, seconds: Mapping[str, float], wall: float,
     reduced: float = 1.0, udims: tuple[int, ...] = (FIRST_UDIM,),
 ) -> dict[str, float]:
     """The factors after a solve: ``seconds`` of its stages, ``wall`` of it all.
@@ -228,7 +228,7 @@ def _key(stage: str, settings: SolveSettings) -> str:
     return f"{stage} {settings.method} {settings.model}" if stage == "solve" else stage
 
 
-def _to_compile(stage: str, views: Sequence[Taken], settings: SolveSettings, known: Collection[str]) -> list[str]:
+def _to_compile(stage: str, views: Sequence[ViewSize], settings: SolveSettings, known: Collection[str]) -> list[str]:
     """Keys of the programs that a stage has to compile."""
     if stage not in COMPILING:
         return []

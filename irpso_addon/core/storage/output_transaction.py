@@ -18,7 +18,7 @@ READY = ".irpso-ready"  # in that folder: the set is whole and on the disk, and 
 _NAME = re.compile(rf"({re.escape(SET)}[a-z0-9_]{{8}})(.*)", re.DOTALL)
 
 
-class Staging:
+class OutputTransaction:
     """A temporary folder inside ``out``; `publish` moves what was written there to its names in ``out``.
 
     Entering makes ``out``, proves that it can be written, and keeps other runs out of it, so a long job fails before
@@ -33,7 +33,7 @@ class Staging:
         self._published = False
         self._unfinished = False  # publishing stopped half-way: what is left of the set is to be kept
 
-    def __enter__(self) -> Staging:
+    def __enter__(self) -> OutputTransaction:
         missing = self.out
         while not os.path.exists(missing) and missing != missing.parent:
             self._made.append(missing)

@@ -1,7 +1,7 @@
 """Developed references as files that are read by windows: pictures too large, or too many, to be held in memory.
 
 A line of JSON, then rows from the top down, each pixel four floats: radiance (W/(m^2 sr); NaN where it is not valid)
-and coverage, exactly as `image.read_reference` gives them.
+and coverage, exactly as `reference_image.read_reference` gives them.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ PIXEL = 16  # bytes
 AT_ONCE = 1 << 18  # pixels that are reduced together
 
 
-def develop(view: View, path: Path) -> None:
+def cache_reference(view: View, path: Path) -> None:
     """Develops ``view.image`` into the file ``path``, whole or not at all, in constant memory.
 
-    Raises BadInput as `image.read_reference`, and when ``path`` cannot be written.
+    Raises BadInput as `reference_image.read_reference`, and when ``path`` cannot be written.
     """
     reference = Reference(view)
     try:
@@ -57,8 +57,8 @@ def _write(file: IO[bytes], bands: Iterator[Pixels]) -> bool:
     return usable
 
 
-class Picture:
-    """A file that `develop` has written.  Holds no pixels and no open file: any thread may read windows of it."""
+class CachedReference:
+    """A file of `cache_reference`.  Holds no pixels and no open file: any thread may read windows of it."""
 
     def __init__(self, path: Path) -> None:
         """Raises BadInput when ``path`` is no such file, or not whole."""

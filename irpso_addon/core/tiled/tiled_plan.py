@@ -14,7 +14,7 @@ from . import uv_blocks
 LEAST_SIGMA = 0.01  # standard error of roughness that the small map is believed to have, at the least
 
 
-def cells_of(window: uv_blocks.Window) -> int:
+def cells_of(window: uv_blocks.UvBlock) -> int:
     """Coarse cells on a side of what is solved of a block."""
     return -(-window.side // uv_blocks.CELL)
 
@@ -28,7 +28,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Before:
+class PriorKnowledge:
     """What is known of a part of a map before it is searched."""
 
     noise: Mapping[int, Noise] = field(default_factory=dict)  # of the whole, by the number of lobes
@@ -56,16 +56,16 @@ class Plan:
     blend: str = ""  # fingerprint of the .blend in which that was rendered
 
     @property
-    def windows(self) -> list[uv_blocks.Window]:
+    def blocks(self) -> list[uv_blocks.UvBlock]:
         """All blocks."""
-        return uv_blocks.windows(self.settings.size, self.udims, self.block, self.halo)
+        return uv_blocks.all_blocks(self.settings.size, self.udims, self.block, self.halo)
 
     @property
     def layout(self) -> uv_blocks.Layout:
         """Where the small map holds each square."""
         return uv_blocks.layout(self.settings.size, self.udims)
 
-    def around(self, window: uv_blocks.Window) -> Maps:
+    def around(self, window: uv_blocks.UvBlock) -> Maps:
         """The small maps at a block's cells of `tiling.CELL` texels; arrays of flags are left as they are."""
         maps, count = self.solution.maps, cells_of(window)
 
@@ -76,14 +76,14 @@ class Plan:
                     maps.roughness_sigma, maps.base_sigma, None if maps.lobes is None else at(maps.lobes),
                     None if maps.specular is None else at(maps.specular))
 
-    def before(self, window: uv_blocks.Window) -> Before:
+    def before(self, window: uv_blocks.UvBlock) -> PriorKnowledge:
         """What the search of a block knows of it."""
         maps = self.solution.maps
         known = (~maps.filled).astype(np.float32)
         values = np.stack([maps.roughness, np.maximum(maps.roughness_sigma**2, LEAST_SIGMA**2), known, known], -1)
-        return Before(self.noise, self.layout.sampled(values, window, cells_of(window)))
+        return PriorKnowledge(self.noise, self.layout.sampled(values, window, cells_of(window)))
 
-    def level_map(self, window: uv_blocks.Window, slots: np.ndarray) -> F32 | None:
+    def level_map(self, window: uv_blocks.UvBlock, slots: np.ndarray) -> F32 | None:
         """(side, side) Specular IOR Level of a block's texels; None: 0.5.  slots: material of each, -1: none."""
         specular = self.solution.maps.specular
         if specular is None:

@@ -26,7 +26,7 @@ FACING = -0.3  # cosine: texels that face away by more are seen by no pixel
 
 
 @dataclass(frozen=True, order=True)
-class Window:
+class UvBlock:
     """A block of a map."""
 
     udim: int  # 1001 is the UV square from 0 to 1
@@ -92,10 +92,10 @@ def is_large(size: int, udims: tuple[int, ...]) -> bool:
     return size > ONE_PIECE or udims != (FIRST_UDIM,)
 
 
-def windows(size: int, udims: Iterable[int], block: int = BLOCK, halo: int = HALO) -> list[Window]:
+def all_blocks(size: int, udims: Iterable[int], block: int = BLOCK, halo: int = HALO) -> list[UvBlock]:
     """All blocks of maps of ``size``, by UDIM, from the bottom row by row."""
     block = min(block, -(-size // CELL) * CELL)
-    return [Window(udim, y, x, size, block, halo)
+    return [UvBlock(udim, y, x, size, block, halo)
             for udim in udims for y in range(0, size, block) for x in range(0, size, block)]
 
 
@@ -128,7 +128,7 @@ class Layout:
         moved = (uvs - _squares(uvs)[:, None] + at[:, None]) / self.columns
         return np.where(known[:, None, None], moved, -2.0).astype(np.float32)
 
-    def sampled(self, values: F32, window: Window, count: int) -> F32:
+    def sampled(self, values: F32, window: UvBlock, count: int) -> F32:
         """(count, count, ...) of a map of the plan at the middles of ``count`` x ``count`` cells of a window."""
         place = self.udims.index(window.udim)
         first = self.square * np.array([place % self.columns, place // self.columns])

@@ -1,6 +1,6 @@
 """The folder of a large solve: its plan, its pictures and its finished blocks, for whoever goes on with them.
 
-    irpso-work     what the folder was begun for: `Work.begin`'s fingerprint
+    irpso-work     what the folder was begun for: `WorkFolder.begin`'s fingerprint
     plan.npz       the plan                     pictures/      the references, developed
     blocks/        one bundle for each block    .irpso-lock    who works here
 
@@ -30,7 +30,7 @@ PICTURES = "pictures"
 _LITTER = {".ds_store", "thumbs.db", "desktop.ini", "@eadir"}  # what file managers and servers put anywhere
 
 
-class Work:
+class WorkFolder:
     """A work folder.  Entered, it keeps other runs out; farm tasks read and write blocks without entering it.
 
     Raises BadInput for a folder that is not one, is in use, or cannot be written.
@@ -43,7 +43,7 @@ class Work:
         self._lock: FolderLock | None = None
         self._begun: str | None = None
 
-    def __enter__(self) -> Work:
+    def __enter__(self) -> WorkFolder:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             self._check_ours()

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from ...core.data import F32
 from ...core.errors import BadInput, DeviceError, DeviceLost, NoDevice, OutOfDeviceMemory, ShaderRefused
 from ...core.params import DeviceSettings
-from .context_check import Canary
-from .draw_budget import Pace, Rectangle, rectangles
+from .context_check import ContextCheck
+from .draw_budget import DrawBudget, Rectangle, rectangles
 from .programs import SLOWER, WORKGROUP, Programs, first_line
 
 COMPUTE_GAIN = 1.5  # how many times faster compute shaders must be to be taken
@@ -75,12 +75,12 @@ class Device:
         self.info: dict[str, Any] = self.ctx.info
         self.name: str = self.info["GL_RENDERER"]
         self.lost = False  # whether it is of no more use
-        self._canary: Canary | None = None
+        self._context_check: ContextCheck | None = None
         self.programs = Programs(self.ctx, self.check_alive)
-        self.pace = Pace(self._finish, self.settings.slice)
+        self.budget = DrawBudget(self._finish, self.settings.slice)
         self._quads: dict[int, moderngl.VertexArray] = {}
         self._scopes: list[weakref.WeakSet[Any]] = []
-        self._canary = Canary(self.ctx, self.programs)
+        self._context_check = ContextCheck(self.ctx, self.programs)
 
     def configure(self, settings: DeviceSettings) -> None:
         """How the device is used from now on.  Raises BadInput where it cannot do that."""
@@ -90,7 +90,7 @@ class Device:
         if settings.kernels != self.settings.kernels:
             self.__dict__.pop("prefers_compute", None)
         self.settings = settings
-        self.pace.choose(settings.slice)
+        self.budget.choose(settings.slice)
 
     def describe(self) -> dict[str, Any]:
         """Renderer, vendor and version as the driver names them."""
@@ -102,7 +102,7 @@ class Device:
 
     def check_alive(self) -> None:
         """Raises DeviceLost where the context no longer does what it is told."""
-        if self.lost or (self._canary is not None and not self._canary.sings()):
+        if self.lost or (self._context_check is not None and not self._context_check.passes()):
             self.lost = True
             raise DeviceLost(f"{self.name}: the graphics driver was reset, or gave up its context; solve again, with a "
                              f"shorter Slice if it happens again, {SLOWER}")
@@ -234,13 +234,13 @@ class Device:
             self.programs.set(program, cells.uniforms)
             first = 0
             while first < cells.count:
-                count = int(min(max(self.pace.most(key) / cells.pixels_each, 1), cells.count - first))
-                with self.pace.piece(key, count * cells.pixels_each):
+                count = int(min(max(self.budget.most(key) / cells.pixels_each, 1), cells.count - first))
+                with self.budget.piece(key, count * cells.pixels_each):
                     cells.render(program, first, count)
                 first += count
             return
-        for part, pixels in rectangles(whole, lambda: self.pace.most(key)):
-            with self.pace.piece(key, pixels):
+        for part, pixels in rectangles(whole, lambda: self.budget.most(key)):
+            with self.budget.piece(key, pixels):
                 self._fill(program, part)
 
     def _fill(self, program: moderngl.Program, viewport: Rectangle) -> None:
@@ -272,11 +272,11 @@ class Device:
         outputs = target.color_attachments
         program = self._kernel_program(name, {**defines, "OUTPUTS": str(len(outputs))})
         key = name, program.glo, target.size
-        for part, units in rectangles(region, lambda: self.pace.most(key), work):
+        for part, units in rectangles(region, lambda: self.budget.most(key), work):
             self.bind(program, textures)
             self.programs.set(program, uniforms)
             target.use()
-            with self.pace.piece(key, units):
+            with self.budget.piece(key, units):
                 if isinstance(program, moderngl.Program):
                     self._fill(program, part)
                 else:
@@ -310,14 +310,14 @@ class Device:
         size = 512
         target = self.framebuffer([self.texture(size, size)])
         seconds = []
-        self.pace.choose(math.inf)
+        self.budget.choose(math.inf)
         try:
             for compute in (False, True):
                 self.__dict__["prefers_compute"] = compute
                 seconds.append(self._probe(target, size))
         finally:
             self.__dict__.pop("prefers_compute", None)  # not known until this returns
-            self.pace.choose(self.settings.slice)
+            self.budget.choose(self.settings.slice)
             target.color_attachments[0].release()
             target.release()
         return seconds[1] * COMPUTE_GAIN < seconds[0]
@@ -329,7 +329,7 @@ class Device:
             start = time.perf_counter()
             self.kernel("device/compute_probe.kernel", target, textures={}, uniforms={"u_steps": 64}, defines={},
                         region=(0, 0, size, size))
-            self.pace.finish()
+            self.budget.finish()
             taken.append(time.perf_counter() - start)
         return min(taken[1:])
 

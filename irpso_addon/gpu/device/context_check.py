@@ -11,22 +11,22 @@ import numpy as np
 
 from .programs import Programs
 
-SONG = np.array([3.0, 1.0, 4.0, 15.0], np.float32)
+PATTERN = np.array([3.0, 1.0, 4.0, 15.0], np.float32)
 
 
-class Canary:
+class ContextCheck:
     """A texel that was written once, and is drawn with a new number whenever somebody asks."""
 
     def __init__(self, ctx: moderngl.Context, programs: Programs) -> None:
         self._ctx, self._programs = ctx, programs
         self._program = programs.get("include/screen.vert", "device/context_check.frag")
-        self._kept = ctx.texture((1, 1), 4, SONG.tobytes(), dtype="f4")
+        self._kept = ctx.texture((1, 1), 4, PATTERN.tobytes(), dtype="f4")
         self._drawn = ctx.texture((1, 1), 4, dtype="f4")
         self._target = ctx.framebuffer([self._drawn])
         self._array = ctx.vertex_array(self._program, [])
         self._number = 0
 
-    def sings(self) -> bool:
+    def passes(self) -> bool:
         """Whether it lives.  Leaves its own framebuffer bound, blending and depth test off."""
         self._number += 1
         try:
@@ -38,4 +38,4 @@ class Canary:
             heard = np.frombuffer(self._drawn.read(), np.float32)
         except moderngl.Error:
             return False
-        return bool((heard == SONG * np.float32(self._number)).all())
+        return bool((heard == PATTERN * np.float32(self._number)).all())

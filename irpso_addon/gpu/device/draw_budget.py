@@ -23,7 +23,7 @@ WORTH = 0.25  # of a slice; shorter pieces are not waited for one by one, and sa
 LONGEST = 50.0  # ms; the most that is aimed at, whatever slice is asked for: half of what a piece may take
 
 
-class Pace:
+class DrawBudget:
     """Knows how fast each kind of draw is here.
 
     Units are what the caller likes, and alike in cost: pixels, or observations.  ``finish`` waits for the device.

@@ -14,7 +14,7 @@ from .context import Device
 CELL = 8  # pixels: width of a square
 
 
-class Cells:
+class OccupiedCells:
     """The squares of CELL x CELL pixels of a texture that hold a pixel whose alpha is not 0."""
 
     def __init__(self, device: Device, texture: moderngl.Texture) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core.data import F32, F64, Camera, MeshArrays
 from ..device.context import Device
 from ..device.draw_budget import Rectangle, rectangles
-from ..device.occupied_cells import Cells
+from ..device.occupied_cells import OccupiedCells
 
 BUNDLE = 1024  # triangles that are drawn together
 TRIANGLE = 64  # pixels that take as long as a triangle
@@ -24,7 +24,7 @@ _NAMES = ("in_position", "in_normal", "in_uv", "in_grid", "in_facet", "in_object
 
 
 @dataclass(frozen=True)
-class SurfaceMaps:
+class GBufferMaps:
     """G-buffer of a grid: texels (UV square) or a camera's pixels.  Released with ``release``."""
 
     position: moderngl.Texture  # RGBA32F: world xyz, coverage
@@ -32,7 +32,7 @@ class SurfaceMaps:
     facet: moderngl.Texture  # RGBA32F: facet normal on the shading side, lift (metres)
     uv: moderngl.Texture | None = None  # RG32F, cameras only: place on the texel grid
     uv_slope: moderngl.Texture | None = None  # RGBA32F, cameras only: d(uv)/dx, d(uv)/dy
-    cells: Cells | None = None  # the squares of it that show the mesh
+    cells: OccupiedCells | None = None  # the squares of it that show the mesh
 
     def release(self) -> None:
         """Free the textures."""
@@ -95,20 +95,20 @@ class Triangles:
             if not shown[i]:
                 i += 1
                 continue
-            allowed = device.pace.most(kind, FIRST_PIXELS)
+            allowed = device.budget.most(kind, FIRST_PIXELS)
             end = i + int(np.argmin(shown[i:]))
             end = i + int(np.searchsorted(np.cumsum(cost[i:end]), allowed, side="right"))
             first, last = self._ends[i], self._ends[max(end, i + 1)]
             bands: Iterable[tuple[Rectangle | None, float]] = [(None, float(cost[i:end].sum()))]
             if end == i:  # even one is too much
                 size = high[i] - low[i]
-                bands = rectangles((*low[i].tolist(), *size.tolist()), lambda: device.pace.most(kind, FIRST_PIXELS),
+                bands = rectangles((*low[i].tolist(), *size.tolist()), lambda: device.budget.most(kind, FIRST_PIXELS),
                                    np.full(size[1], cost[i] / size[1], np.float32))
             for part, units in bands:
                 if part is not None:
                     target.scissor = part
                     target.use()
-                with device.pace.piece(kind, units):
+                with device.budget.piece(kind, units):
                     array.render(moderngl.TRIANGLES, vertices=3 * int(last - first), first=3 * int(first))
             if end == i:
                 target.scissor = None  # type: ignore[assignment]  # the stub does not know how to take it back
@@ -257,7 +257,7 @@ def column_major(matrix: F32 | F64) -> bytes:
     return np.ascontiguousarray(np.asarray(matrix).T, dtype=np.float32).tobytes()
 
 
-def draw_texel_grid(device: Device, mesh: MeshBuffer, size: int) -> SurfaceMaps:
+def draw_texel_grid(device: Device, mesh: MeshBuffer, size: int) -> GBufferMaps:
     """The G-buffer of the UV square, ``size`` texels on a side; uncovered texels are all zero."""
     textures = [device.texture(size, size) for _ in range(3)]
     target = device.framebuffer(textures)
@@ -265,7 +265,7 @@ def draw_texel_grid(device: Device, mesh: MeshBuffer, size: int) -> SurfaceMaps:
     mesh.draw(target, None)
     target.release()
     position, normal, facet = textures
-    return SurfaceMaps(position, normal, facet, cells=Cells(device, position))
+    return GBufferMaps(position, normal, facet, cells=OccupiedCells(device, position))
 
 
 def overlap_counts(device: Device, mesh: MeshBuffer, size: int) -> F32:
@@ -282,7 +282,7 @@ def overlap_counts(device: Device, mesh: MeshBuffer, size: int) -> F32:
 
 def draw_pixel_grid(
     device: Device, mesh: MeshBuffer, occluders: Occluders, camera: Camera, width: int, height: int, footprint: float
-) -> SurfaceMaps:
+) -> GBufferMaps:
     """What a camera's pixel centres see of the mesh; other objects in front leave zeros.
 
     ``footprint``: width in pixels over which a normal map is averaged.
@@ -300,7 +300,7 @@ def draw_pixel_grid(
     target.release()
     depth.release()
     position, normal, facet, uv, slope = textures
-    return SurfaceMaps(position, normal, facet, uv, slope, Cells(device, position))
+    return GBufferMaps(position, normal, facet, uv, slope, OccupiedCells(device, position))
 
 
 def clip_matrix(camera: Camera, triangles: list[F32]) -> F64:

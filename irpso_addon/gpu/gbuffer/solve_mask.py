@@ -8,8 +8,8 @@ import numpy as np
 
 from ...core.data import F32, Bool
 from ..device.context import Device
-from ..device.occupied_cells import Cells
-from .gbuffer import SurfaceMaps
+from ..device.occupied_cells import OccupiedCells
+from .gbuffer import GBufferMaps
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class SolveMask:
         """(n, n) texels to solve."""
         return np.asarray(self.weight > 0)
 
-    def grid(self, device: Device, whole: SurfaceMaps) -> SurfaceMaps:
+    def grid(self, device: Device, whole: GBufferMaps) -> GBufferMaps:
         """The texel grid as if nothing but the part were covered.  Takes the place of ``whole``, which it releases."""
         if self.whole:
             return whole
@@ -33,9 +33,9 @@ class SolveMask:
             if thing is not None:
                 thing.release()
         texture = device.texture(position.shape[1], position.shape[0], data=position)
-        return replace(whole, position=texture, cells=Cells(device, texture))
+        return replace(whole, position=texture, cells=OccupiedCells(device, texture))
 
-    def pixels(self, device: Device, maps: SurfaceMaps) -> SurfaceMaps:
+    def pixels(self, device: Device, maps: GBufferMaps) -> GBufferMaps:
         """A camera's pixel grid as if it showed nothing but the part; takes the place of ``maps``."""
         if self.whole:
             return maps
@@ -49,4 +49,4 @@ class SolveMask:
         for thing in (target, weight, maps.position, maps.cells):
             if thing is not None:
                 thing.release()
-        return replace(maps, position=position, cells=Cells(device, position))
+        return replace(maps, position=position, cells=OccupiedCells(device, position))

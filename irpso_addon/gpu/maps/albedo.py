@@ -15,8 +15,8 @@ from ...core.data import F32
 from ...core.errors import Cancelled
 from ...core.job import Progress
 from ..device.context import Device
-from ..device.occupied_cells import Cells
-from ..gbuffer.gbuffer import SurfaceMaps
+from ..device.occupied_cells import OccupiedCells
+from ..gbuffer.gbuffer import GBufferMaps
 from ..observe.observations import Observations, ObservedCamera, ObservedView
 from ..observe.view_drawing import channel_masks
 from ..solve.live_readback import base_color
@@ -40,7 +40,7 @@ class AlbedoSolver:
     """Base colour on the texel grid."""
 
     def __init__(
-        self, device: Device, grid: SurfaceMaps, observations: Observations, lobes: moderngl.Texture,
+        self, device: Device, grid: GBufferMaps, observations: Observations, lobes: moderngl.Texture,
         level: moderngl.Texture | None = None, beckmann: bool = False, around: F32 | None = None,
     ) -> None:
         """On the texel grid, holes filled: ``lobes`` roughness1, roughness2, weight; ``level`` Specular IOR Level.
@@ -78,7 +78,7 @@ class AlbedoSolver:
         while i <= iterations:
             # The first step starts from black: it is the weighted mean of what the cameras show.
             canvas.step([c for c in range(len(cameras)) if i == 0 or c % subsets == i % subsets], first=i == 0)
-            device.pace.finish()
+            device.budget.finish()
             if i == 0 and canvas.pixels_per_texel() > COARSE:
                 iterations = min(iterations, COARSE_ITERATIONS)
             i += 1
@@ -153,7 +153,7 @@ class _Canvas:
     """The texture while back-projections change it, and what they need besides."""
 
     def __init__(
-        self, device: Device, grid: SurfaceMaps, cameras: list[Source], around: F32 | None = None,
+        self, device: Device, grid: GBufferMaps, cameras: list[Source], around: F32 | None = None,
     ) -> None:
         self.device, self.grid, self.cameras = device, grid, cameras
         size = grid.position.size
@@ -167,7 +167,7 @@ class _Canvas:
             if pixels not in self._residual:
                 self._residual[pixels] = device.texture(*pixels)
                 self._target[self._residual[pixels].glo] = device.framebuffer([self._residual[pixels]])
-        self._seen: dict[int, Cells] = {}  # by camera: the texels that it shows
+        self._seen: dict[int, OccupiedCells] = {}  # by camera: the texels that it shows
 
     def step(self, chosen: list[int], *, first: bool) -> None:
         """One back-projection from some cameras."""
@@ -181,7 +181,7 @@ class _Canvas:
                 target = self._target[self.next.glo]
                 target.clear()
                 self._carry_back(n, residual, target, self.grid.cells)
-                self._seen[n] = Cells(self.device, self.next)
+                self._seen[n] = OccupiedCells(self.device, self.next)
             with self.device.adding():
                 self._carry_back(n, residual, sum_target, self._seen[n])
         self.device.draw("maps/albedo_update.frag", self._target[self.next.glo], textures={
@@ -206,7 +206,7 @@ class _Canvas:
         return residual
 
     def _carry_back(
-        self, n: int, residual: moderngl.Texture, target: moderngl.Framebuffer, cells: Cells | None,
+        self, n: int, residual: moderngl.Texture, target: moderngl.Framebuffer, cells: OccupiedCells | None,
     ) -> None:
         """A camera's residuals to the texels that it shows."""
         camera = self.cameras[n][0]

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import moderngl
 import numpy as np
 
-from ...core.checks.view_check_data import CheckedView, Window
+from ...core.checks.view_check_data import CheckedView, PixelWindow
 from ...core.data import F32, ViewPicture
 from ..device.context import Device
 from ..device.draw_budget import Rectangle
@@ -38,7 +38,7 @@ def check_views(albedo: AlbedoSolver, base: moderngl.Texture) -> Iterator[Checke
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
 
-def pictured(views: Iterator[CheckedView], pictures: list[ViewPicture]) -> Iterator[CheckedView]:
+def with_view_pictures(views: Iterator[CheckedView], pictures: list[ViewPicture]) -> Iterator[CheckedView]:
     """The views, and of each, as it passes, a picture of at most PICTURE_SIDE pixels on a side."""
     for seen in views:
         step = -(-max(seen.window.covered.shape) // PICTURE_SIDE)
@@ -59,11 +59,12 @@ def _viewport(camera: ObservedCamera) -> Rectangle:
     return x, y + (h - rows) // 2, w, rows
 
 
-def _window(device: Device, camera: ObservedCamera, part: Rectangle, cos_v: F32) -> Window:
+def _window(device: Device, camera: ObservedCamera, part: Rectangle, cos_v: F32) -> PixelWindow:
     maps = camera.maps
     assert maps.uv is not None
     position, normal = device.read(maps.position, part), device.read(maps.normal, part)
-    return Window(corner=part[:2], image=maps.position.size, covered=position[..., 3] > 0.5, position=position[..., :3],
+    return PixelWindow(corner=part[:2], image=maps.position.size, covered=position[..., 3] > 0.5,
+                       position=position[..., :3],
                   normal=normal[..., :3], uv=device.read(maps.uv, part), slot=normal[..., 3], cos_v=cos_v)
 
 
@@ -84,7 +85,8 @@ def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Textur
 
 
 def _check(
-    albedo: AlbedoSolver, camera: ObservedCamera, view: ObservedView, window: Window, part: Rectangle, diffuse: F32,
+    albedo: AlbedoSolver, camera: ObservedCamera, view: ObservedView, window: PixelWindow, part: Rectangle,
+    diffuse: F32,
 ) -> CheckedView:
     device = albedo.device
     texture = albedo.specular(camera, view)

@@ -11,17 +11,17 @@ import numpy as np
 from ...core.data import F32, I32, Bool, Maps, SceneData
 from ...core.job import Progress
 from ..device.context import Device
-from ..gbuffer.gbuffer import SurfaceMaps
+from ..gbuffer.gbuffer import GBufferMaps
 from ..observe.observations import Observations
 from ..solve import live_readback
-from ..solve.model_ladder import Found
+from ..solve.model_ladder import LadderResult
 from .albedo import ITERATIONS, AlbedoSolver
 from .fill import fill
-from .partial_solve import Part
+from .partial_solve import PartialSolve
 
 
 @dataclass(frozen=True)
-class Around:
+class CoarseSurroundings:
     """What is known of a block's coarse cells from before, (h, w, 3) each: its larger holes are filled from it."""
 
     base: F32
@@ -30,11 +30,11 @@ class Around:
 
 
 @dataclass(frozen=True)
-class Made:
+class FinishedMaps:
     """The maps, and what they were made from; the textures go with `release`."""
 
     maps: Maps
-    found: Found  # joined to what was kept
+    found: LadderResult  # joined to what was kept
     good: Bool  # texels solved, whose base colour some camera shows
     solved: Bool
     shown: Bool  # texels whose base colour some camera shows
@@ -50,9 +50,9 @@ class Made:
 
 
 def make_maps(
-    device: Device, scene: SceneData, ndf: str, coverage: Bool, grid: SurfaceMaps, observations: Observations,
-    found: Found, slots: I32, part: Part, around: Around | None = None,
-) -> Generator[Progress, None, Made]:
+    device: Device, scene: SceneData, ndf: str, coverage: Bool, grid: GBufferMaps, observations: Observations,
+    found: LadderResult, slots: I32, part: PartialSolve, around: CoarseSurroundings | None = None,
+) -> Generator[Progress, None, FinishedMaps]:
     """Solve base colour, fill holes and pad seams.  ``slots``: (h, w) material of each covered texel, -1 elsewhere."""
     solved, observed = found.texels.solved, found.texels.observations
     lambert = _lambert(scene, found, slots)
@@ -90,17 +90,17 @@ def make_maps(
     )
     maps = part.join_maps(maps, part.share(good))
     textures = [texture for texture in (base, filled_base, lobes, level) if texture is not None]
-    return Made(maps, found, good, solved, shown, relative, albedo, filled_base, textures)
+    return FinishedMaps(maps, found, good, solved, shown, relative, albedo, filled_base, textures)
 
 
-def _lambert(scene: SceneData, found: Found, slots: I32) -> Bool:
+def _lambert(scene: SceneData, found: LadderResult, slots: I32) -> Bool:
     """(h, w) texels of materials without a lobe."""
     names = enumerate(scene.mesh.slot_names)
     return np.isin(slots, [slot for slot, name in names if found.model.get(name) == "lambert"])
 
 
 def _filled_lobes(
-    device: Device, found: Found, lambert: Bool, around: Around | None,
+    device: Device, found: LadderResult, lambert: Bool, around: CoarseSurroundings | None,
 ) -> tuple[moderngl.Texture, moderngl.Texture | None]:
     """(roughness1, roughness2, weight) and, where some material's is not 0.5, Specular IOR Level; holes filled."""
     r, known = found.texels.roughness, found.texels.solved.astype(np.float32)

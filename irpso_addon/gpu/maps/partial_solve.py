@@ -14,11 +14,11 @@ from ...core.params import SolveSettings
 from ..device.context import Device
 from ..gbuffer.gbuffer import Triangles
 from ..gbuffer.solve_mask import SolveMask
-from ..solve.model_ladder import Found, Last
+from ..solve.model_ladder import EarlierResult, LadderResult
 
 
 @dataclass(frozen=True)
-class Part(SolveMask):
+class PartialSolve(SolveMask):
     """What a solve changes, and what it keeps of the last result."""
 
     known: Bool  # (n, n) the last result has a value of its own, which is kept where the new one has none
@@ -37,7 +37,7 @@ class Part(SolveMask):
         return np.where(weight == 0, old, np.where(weight == 1, new, weight * new + (1 - weight) * old)).astype(
             np.float32)
 
-    def join_found(self, found: Found, last: Solution | None) -> Found:
+    def join_found(self, found: LadderResult, last: Solution | None) -> LadderResult:
         """The new roughnesses and levels among the last ones."""
         if self.kept is None or last is None:
             return found
@@ -75,23 +75,23 @@ def _lobes(roughness: F32, lobes: F32 | None) -> F32:
     return np.stack([roughness, roughness, np.ones_like(roughness)], -1) if lobes is None else lobes
 
 
-def part_of(device: Device, scene: SceneData, size: int, position: F32, slots: I32) -> Part:
+def partial_solve_of(device: Device, scene: SceneData, size: int, position: F32, slots: I32) -> PartialSolve:
     """What is to be solved.  Raises BadInput when no texel is in the region.
 
     ``position``: (n, n, 3) metres.  ``slots``: (n, n) material slot of each covered texel, -1 elsewhere.
     """
     covered = slots >= 0
     if scene.region is None:
-        return Part(covered.astype(np.float32), True, np.zeros_like(covered))
+        return PartialSolve(covered.astype(np.float32), True, np.zeros_like(covered))
     inside = covered & _inside(device, scene, scene.region, size)
     if not inside.any():
         raise BadInput(f"{scene.mesh.name}: the part to solve covers no texel at {size} x {size}; "
                        "choose a larger part, or a larger size")
     if scene.start is None:
-        return Part(inside.astype(np.float32), False, np.zeros_like(covered))
+        return PartialSolve(inside.astype(np.float32), False, np.zeros_like(covered))
     kept = region.resized(scene.start.maps, size)
     within = np.isin(slots, np.unique(slots[inside]))  # where one material ends there is a seam already
-    return Part(region.fade(position, within, inside), False, covered & ~kept.filled, kept)
+    return PartialSolve(region.fade(position, within, inside), False, covered & ~kept.filled, kept)
 
 
 def _inside(device: Device, scene: SceneData, chosen: Region, size: int) -> Bool:
@@ -113,7 +113,9 @@ def _inside(device: Device, scene: SceneData, chosen: Region, size: int) -> Bool
     return inside
 
 
-def last_of(part: Part, scene: SceneData, settings: SolveSettings, slots: I32) -> Last | None:
+def earlier_result_of(
+    part: PartialSolve, scene: SceneData, settings: SolveSettings, slots: I32,
+) -> EarlierResult | None:
     """What the ladder takes over from the last result.
 
     Materials of which a part is kept keep their model.  ``slots``: (n, n) of each covered texel, -1 elsewhere.
@@ -129,7 +131,7 @@ def last_of(part: Part, scene: SceneData, settings: SolveSettings, slots: I32) -
         _check_model(name, start, settings)
     again = settings.start == "last"
     taken = list(start.model) if again else shared
-    return Last(
+    return EarlierResult(
         model={name: start.model[name] for name in taken} if settings.model == "auto" else {},
         levels={name: level for name, level in start.levels.items() if name in taken}, fixed=frozenset(shared),
         level=None if part.kept is None else part.kept.specular,

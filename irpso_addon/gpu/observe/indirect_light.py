@@ -10,7 +10,7 @@ import moderngl
 
 from ...core.data import F32, Bounced, Camera
 from ..device.context import Device
-from ..gbuffer.gbuffer import MeshBuffer, Occluders, SurfaceMaps, draw_pixel_grid
+from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, draw_pixel_grid
 
 MEAN, SHARE = (5, 2.0), (1, 0.6)  # reach and width, in small pixels: over noise, and to the camera's pixels
 Pair = tuple[moderngl.Texture, moderngl.Texture]  # irradiance and glossy radiance, RGB
@@ -20,7 +20,7 @@ class Smoother:
     """For one camera; what its small pictures see of the surface is drawn once.  A context manager."""
 
     def __init__(
-        self, device: Device, mesh: MeshBuffer, occluders: Occluders, camera: Camera, maps: SurfaceMaps,
+        self, device: Device, mesh: MeshBuffer, occluders: Occluders, camera: Camera, maps: GBufferMaps,
         uniforms: Callable[[Camera, int], dict[str, object]],
     ) -> None:
         """``maps``: the camera's pixels; ``uniforms``: of include/pixel.glsl for a picture so many pixels high.
@@ -29,7 +29,7 @@ class Smoother:
         """
         self.device, self.maps, self.uniforms, self.camera = device, maps, uniforms, camera
         self._draw_grid = partial(draw_pixel_grid, device, mesh, occluders, camera.whole or camera, footprint=0.0)
-        self._grids: dict[tuple[int, int], SurfaceMaps] = {}
+        self._grids: dict[tuple[int, int], GBufferMaps] = {}
 
     def __enter__(self) -> Smoother:
         return self
@@ -54,7 +54,7 @@ class Smoother:
         return found
 
     def _mean(
-        self, light: Pair, grid: SurfaceMaps, maps: SurfaceMaps, camera: Camera, width: tuple[int, float],
+        self, light: Pair, grid: GBufferMaps, maps: GBufferMaps, camera: Camera, width: tuple[int, float],
     ) -> Pair:
         """The light of the pixels of ``grid`` at those of ``maps``, which ``camera`` sees."""
         device = self.device

@@ -22,7 +22,7 @@ import numpy as np
 from ...core.data import F32, Bool
 from ..device.context import Device
 from ..device.occupied_cells import CELL
-from ..gbuffer.gbuffer import SurfaceMaps
+from ..gbuffer.gbuffer import GBufferMaps
 from .observations import EDGE_QUALITY, Observations
 
 TILE = (512, 128)  # width and height, in texels
@@ -81,12 +81,12 @@ class Source(Protocol):
     position: moderngl.Texture  # of the texels: world xyz, coverage
     principled_table: moderngl.Texture
 
-    def gather(self, atlas: Atlas, tile: Tile, colour: bool) -> Iterator[None]:
+    def gather(self, atlas: ObservationAtlas, tile: Tile, colour: bool) -> Iterator[None]:
         """Fill the atlas with a tile's observations; ``colour``: with those of R, G and B."""
         ...
 
 
-class Atlas:
+class ObservationAtlas:
     """The texture that holds the observations of one tile."""
 
     def __init__(self, device: Device, source: Source, tile: tuple[int, int] | None = None) -> None:
@@ -124,7 +124,7 @@ class Atlas:
         self.texture.release()
 
 
-def tiles(atlas: Atlas, covered: Bool) -> list[Tile]:
+def tiles(atlas: ObservationAtlas, covered: Bool) -> list[Tile]:
     """First texel of each tile that has covered texels."""
     (w, h), (height, width) = atlas.tile, covered.shape
     return [(x, y) for y in range(0, height, h) for x in range(0, width, w) if covered[y:y + h, x:x + w].any()]
@@ -133,7 +133,7 @@ def tiles(atlas: Atlas, covered: Bool) -> list[Tile]:
 class CameraSource:
     """Texels matched to the pixels of the cameras that see them."""
 
-    def __init__(self, device: Device, grid: SurfaceMaps, observations: Observations, extent: float = 1.0) -> None:
+    def __init__(self, device: Device, grid: GBufferMaps, observations: Observations, extent: float = 1.0) -> None:
         self.device, self.grid, self.observations = device, grid, observations
         channels = observations.channels
         groups = tuple(i * channels + channel for i, camera in enumerate(observations.cameras)
@@ -149,7 +149,7 @@ class CameraSource:
         self.position = grid.position
         self.principled_table = observations.principled_table
 
-    def gather(self, atlas: Atlas, tile: Tile, colour: bool) -> Iterator[None]:
+    def gather(self, atlas: ObservationAtlas, tile: Tile, colour: bool) -> Iterator[None]:
         """Match the tile's texels to each camera's pixels and copy what those observe."""
         device = self.device
         match = device.texture(*atlas.tile)
@@ -166,14 +166,15 @@ class CameraSource:
                         self._copy(atlas, match, layer, (camera.views[view].colour, camera.views[view].lobes),
                                    channel, camera.views[view].tint[channel], colour)
                         layer += 1
-                device.pace.finish()
+                device.budget.finish()
                 yield
         finally:
             match_target.release()
             match.release()
 
     def _copy(
-        self, atlas: Atlas, match: moderngl.Texture, layer: int, view: tuple[moderngl.Texture, list[moderngl.Texture]],
+        self, atlas: ObservationAtlas, match: moderngl.Texture, layer: int,
+        view: tuple[moderngl.Texture, list[moderngl.Texture]],
         channel: int, tint: float, colour: bool,
     ) -> None:
         """One layer: what the matched pixels of one view observe."""
@@ -227,7 +228,7 @@ class ArraySource:
         self.blocks = np.ascontiguousarray(np.moveaxis(blocks, (2, 3), (0, 1)), np.float32).reshape(-1, h, w, 4)
         self._filled: tuple[int, Tile] | None = None
 
-    def gather(self, atlas: Atlas, tile: Tile, colour: bool) -> Iterator[None]:
+    def gather(self, atlas: ObservationAtlas, tile: Tile, colour: bool) -> Iterator[None]:
         """Upload a tile; nothing to do where the atlas holds it already."""
         if self._filled == (atlas.texture.glo, tile):
             return

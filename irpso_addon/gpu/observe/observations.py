@@ -21,7 +21,7 @@ from ...core.job import Progress
 from ...core.reporting import estimates
 from ...core.shading.tables import principled_table
 from ..device.context import Device
-from ..gbuffer.gbuffer import MeshBuffer, Occluders, SurfaceMaps, clip_matrix, column_major, draw_pixel_grid
+from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, clip_matrix, column_major, draw_pixel_grid
 from ..gbuffer.solve_mask import SolveMask
 from .indirect_light import Smoother
 from .view_drawing import ViewDrawer, draw_pixels
@@ -55,7 +55,7 @@ class ObservedCamera:
     """A camera's pixel grid with the views taken through it."""
 
     camera: Camera
-    maps: SurfaceMaps
+    maps: GBufferMaps
     clip: bytes  # world to clip space
     uniforms: dict[str, object]
     window: tuple[int, int, int, int]  # x, y, width, height of the pixels that show the object, and MARGIN
@@ -102,7 +102,7 @@ def camera_uniforms(camera: Camera, height: int, footprint: float) -> dict[str, 
 
 
 @dataclass(frozen=True)
-class Limits:
+class ObserveOptions:
     """How a scene is observed, where that is not the usual way."""
 
     bounced: Mapping[int, Bounced] | None = None  # indirect light, by the view's place in the scene
@@ -113,11 +113,11 @@ class Limits:
     level: float | None = None
 
 
-WHOLE = Limits()
+WHOLE = ObserveOptions()
 
 
 def observe(
-    device: Device, scene: SceneData, mesh: MeshBuffer, read_image: ReadImage, limits: Limits = WHOLE,
+    device: Device, scene: SceneData, mesh: MeshBuffer, read_image: ReadImage, limits: ObserveOptions = WHOLE,
 ) -> Generator[Progress, None, Observations]:
     """Draw every camera's maps, every light's shadow, and turn each reference into observations."""
     observer = _Observer(device, scene, mesh, limits)
@@ -130,7 +130,7 @@ def observe(
 class _Observer:
     """The steps of `observe`, and what passes between them; lists are by camera, dicts by the view's place."""
 
-    def __init__(self, device: Device, scene: SceneData, mesh: MeshBuffer, limits: Limits) -> None:
+    def __init__(self, device: Device, scene: SceneData, mesh: MeshBuffer, limits: ObserveOptions) -> None:
         self.device, self.scene, self.mesh, self.limits = device, scene, mesh, limits
         self.occluders = Occluders(device, scene.occluders)
         self.cameras: list[ObservedCamera] = []

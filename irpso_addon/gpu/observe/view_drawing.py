@@ -11,7 +11,7 @@ import moderngl
 from ...core.data import Light
 from ...core.shading import lights as light_model
 from ..device.context import Device
-from ..gbuffer.gbuffer import SurfaceMaps
+from ..gbuffer.gbuffer import GBufferMaps
 from .visibility import SOFT_ANGLE
 
 EDGE_WEIGHT = 0.03  # of an observation at an edge of shadow or silhouette, beside 1 for a good one
@@ -22,7 +22,7 @@ LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the sp
 class SeenThrough(Protocol):
     """A camera's pixels, as `ViewDrawer` needs them."""
 
-    maps: SurfaceMaps
+    maps: GBufferMaps
     uniforms: dict[str, object]
 
 
@@ -81,7 +81,7 @@ class ViewDrawer:
 
 
 def draw_pixels(
-    device: Device, maps: SurfaceMaps, name: str, outputs: list[moderngl.Texture],
+    device: Device, maps: GBufferMaps, name: str, outputs: list[moderngl.Texture],
     textures: dict[str, moderngl.Texture], uniforms: dict[str, object], defines: dict[str, str] | None = None,
     clear: bool = True,
 ) -> None:

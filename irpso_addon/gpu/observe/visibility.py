@@ -11,7 +11,7 @@ import numpy as np
 from ...core.data import F64, Light
 from ...core.shading import lights as light_model
 from ..device.context import Device
-from ..gbuffer.gbuffer import MeshBuffer, Occluders, SurfaceMaps, column_major, facets
+from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, column_major, facets
 
 SHADOW_SIZE = 2048  # texels on a side; 0.1 % of lit texels change against 4096
 SOFT_POINTS = 16  # sample points on an emitter that casts a visible penumbra
@@ -115,7 +115,7 @@ class LightVisibility:
         self._map = device.texture(size, size, 1)
         self._target = device.framebuffer([self._map])
 
-    def lit_maps(self, light: Light, cameras: list[SurfaceMaps]) -> Iterator[list[moderngl.Texture]]:
+    def lit_maps(self, light: Light, cameras: list[GBufferMaps]) -> Iterator[list[moderngl.Texture]]:
         """For each camera's pixel grid, a R16F map: the share of the light that arrives, 0..1.
 
         A generator so that the caller may yield between shadow maps; its last item is complete.
@@ -143,7 +143,7 @@ class LightVisibility:
             self.mesh.draw_positions(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
             self.occluders.draw(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
 
-    def _look_up(self, frustum: Frustum, camera: SurfaceMaps, lit: moderngl.Texture, share: float) -> None:
+    def _look_up(self, frustum: Frustum, camera: GBufferMaps, lit: moderngl.Texture, share: float) -> None:
         target = self.device.framebuffer([lit])
         with self.device.adding():
             self.device.draw("observe/lit.frag", target, textures={

@@ -12,7 +12,7 @@ from ...core.data import F32, F64, I32, Bool
 from ...core.job import Progress
 from ...core.models import CELL, Fit, choose
 from ...core.params import SolveSettings
-from ...core.tiled.tiled_plan import Before, Noise
+from ...core.tiled.tiled_plan import Noise, PriorKnowledge
 from ..device.context import Device
 from ..observe.observation_atlas import Source, Tile, tiles
 from .paper_swarm import PaperSwarm
@@ -30,7 +30,7 @@ LEVEL_SAME = 0.05  # a level so near to 0.5 is 0.5
 
 
 @dataclass(frozen=True)
-class Last:
+class EarlierResult:
     """What is taken over from an earlier result, by material."""
 
     model: Mapping[str, str] = field(default_factory=dict)  # instead of choosing
@@ -41,7 +41,7 @@ class Last:
 
 
 @dataclass
-class Found:
+class LadderResult:
     """What the solve stage gives; arrays on the texel grid."""
 
     texels: SolvedTexels
@@ -61,13 +61,13 @@ class Ladder:
 
     def __init__(
         self, device: Device, source: Source, settings: SolveSettings, slots: I32, names: tuple[str, ...],
-        last: Last | None = None, before: Before | None = None,
+        last: EarlierResult | None = None, before: PriorKnowledge | None = None,
     ) -> None:
         """``slots``: (h, w) material slot of each texel, -1 where there is none; ``names``: of the slots' materials.
 
         ``before``: as of `Solver`.
         """
-        self.device, self.source, self.settings, self.last = device, source, settings, last or Last()
+        self.device, self.source, self.settings, self.last = device, source, settings, last or EarlierResult()
         lobes = self.last.lobes
         self.start = None if lobes is None else device.texture(lobes.shape[1], lobes.shape[0], data=lobes)
         self.solver = Solver(device, source, settings, start=self.start, before=before)
@@ -76,7 +76,7 @@ class Ladder:
             name: np.isin(slots, [slot for slot, other in enumerate(names) if other == name])
             for name in dict.fromkeys(names)}
 
-    def solve(self) -> Generator[Progress, None, Found]:
+    def solve(self) -> Generator[Progress, None, LadderResult]:
         """Climb as far as the settings say, or the data pay for."""
         model = self.settings.model
         if self.settings.method == "paper":
@@ -96,12 +96,12 @@ class Ladder:
         found.noise, found.robust = self.solver.found, self.solver.robust
         return found
 
-    def _read(self, maps: RoughnessMaps) -> Found:
-        found = Found(maps.read(self.device), lobes=maps.read_pairs(self.device))
+    def _read(self, maps: RoughnessMaps) -> LadderResult:
+        found = LadderResult(maps.read(self.device), lobes=maps.read_pairs(self.device))
         maps.release()
         return found
 
-    def _paper(self) -> Generator[Progress, None, Found]:
+    def _paper(self) -> Generator[Progress, None, LadderResult]:
         """The swarm as published: every number searched, nothing shared but its equation (4)."""
         model = "one-lobe" if self.settings.model == "auto" else self.settings.model
         swarm = PaperSwarm(self.device, self.source, self.settings, model)
@@ -113,7 +113,7 @@ class Ladder:
         unknown = np.full(seen.shape, 0.5, np.float32)  # the method gives no standard errors
         texels = SolvedTexels(best[..., 3], unknown, unknown, seen, observations=seen.astype(np.float32),
                               residual=more[..., 2], lambert_residual=unknown, base_sigma=unknown)
-        found = Found(texels, base=best[..., :3])
+        found = LadderResult(texels, base=best[..., :3])
         if model == "two-lobe":
             found.lobes = np.stack([best[..., 3], more[..., 0], more[..., 1]], -1)
         found.model = dict.fromkeys(self.masks, model)
@@ -123,7 +123,7 @@ class Ladder:
 
     # ---- evidence
 
-    def _climb(self, found: Found) -> Generator[Progress, None, None]:
+    def _climb(self, found: LadderResult) -> Generator[Progress, None, None]:
         """From one lobe down to none, or up, by each material's evidence; changes ``found``."""
         larger: dict[str, list[str]] = {}
         for name, mask in self.masks.items():
@@ -158,7 +158,7 @@ class Ladder:
         return choose(observations[texels], chosen, cells[texels], self.source.model_error,
                       self.source.least_gain)
 
-    def _try_larger(self, name: str, texels: Bool, found: Found) -> Generator[Progress, None, tuple[str, str]]:
+    def _try_larger(self, name: str, texels: Bool, found: LadderResult) -> Generator[Progress, None, tuple[str, str]]:
         """Two lobes, and another specular level, on the squares where a material is seen best.
 
         All by squares: what one lobe does not explain would else be disbelieved as outliers, and speak for no other.
@@ -206,7 +206,7 @@ class Ladder:
         wanted = np.logical_or.reduce([self.masks[name] for name in names])
         return tiles(solver.atlas, wanted)
 
-    def _put(self, found: Found, part: Found, names: list[str]) -> None:
+    def _put(self, found: LadderResult, part: LadderResult, names: list[str]) -> None:
         """Take over what another model found for some materials."""
         inside = np.logical_or.reduce([self.masks[name] for name in names]) & part.texels.solved
         if part.lobes is not None:
@@ -220,7 +220,7 @@ class Ladder:
 
     # ---- Specular IOR Level
 
-    def _specular(self, names: list[str]) -> Generator[Progress, None, Found]:
+    def _specular(self, names: list[str]) -> Generator[Progress, None, LadderResult]:
         """One lobe with the level that fits, one for each material or by texel."""
         by_texel = self.settings.specular == "texel"
         names = [name for name in names if self.masks[name].any()] or names

@@ -24,7 +24,7 @@ from ...core.job import Progress
 from ...core.live_maps import Live
 from ...core.params import SolveSettings
 from ..device.context import Device
-from ..observe.observation_atlas import TILE, Atlas, Source, Tile
+from ..observe.observation_atlas import TILE, ObservationAtlas, Source, Tile
 from . import live_readback
 
 LOBES = {"one-lobe": 1, "two-lobe": 2}
@@ -68,7 +68,7 @@ class Swarms:
             raise BadInput(f"window: {settings.window} has no middle; give an odd number of texels")
         self.device, self.source, self.settings, self.lobes = device, source, settings, LOBES[model]
         self.limits = limits or limits_for(settings.c1, settings.c2)
-        self.atlas = Atlas(device, source, tile)
+        self.atlas = ObservationAtlas(device, source, tile)
         w, h = self.atlas.tile
         layers = source.layers
         self.blocks = len(set(layers.groups)) + len(layers.groups) * (1 + layers.lights)  # of paper_prepare.kernel
@@ -111,7 +111,7 @@ class Swarms:
             target.release()
         for particle in range(self.settings.particles):
             self._move(particle, 0)
-        self.device.pace.finish()
+        self.device.budget.finish()
         yield
 
     def step(self) -> None:
@@ -231,7 +231,7 @@ class PaperSwarm:
             start = time.perf_counter()
             for _ in range(min(slice_passes, count - swarms.passes)):
                 swarms.step()
-            self.device.pace.finish()
+            self.device.budget.finish()
             pace = self.device.settings.slice / 1000 / max(time.perf_counter() - start, 1e-6)
             slice_passes = max(int(slice_passes * min(max(pace, 0.25), 4.0)), 1)
             yield swarms.passes / count

@@ -16,9 +16,9 @@ from ...core.data import F32
 from ...core.errors import Cancelled
 from ...core.job import Progress
 from ...core.params import SolveSettings
-from ...core.tiled.tiled_plan import Before, Noise
+from ...core.tiled.tiled_plan import Noise, PriorKnowledge
 from ..device.context import Device
-from ..observe.observation_atlas import Atlas, Source, Tile, tiles
+from ..observe.observation_atlas import ObservationAtlas, Source, Tile, tiles
 from . import neighbours
 from .live_readback import LOOKS
 from .texel_records import RoughnessMaps, read_residual, read_support
@@ -55,13 +55,13 @@ class Solver:
 
     def __init__(
         self, device: Device, source: Source, settings: SolveSettings, tile: tuple[int, int] | None = None,
-        start: moderngl.Texture | None = None, before: Before | None = None,
+        start: moderngl.Texture | None = None, before: PriorKnowledge | None = None,
     ) -> None:
         """``start``: where each texel's search begins, as Last.lobes; it is the caller's.
 
         ``before``: what is known already, and not to be taken from this part of a map.
         """
-        self.device, self.source, self.settings, self.before = device, source, settings, before or Before()
+        self.device, self.source, self.settings, self.before = device, source, settings, before or PriorKnowledge()
         self.cancelled = False
         self.shown = True  # whether what kernels find may be looked at; not where something is only tried
         self.robust = False  # whether the last solve of one lobe disbelieved outliers
@@ -69,7 +69,7 @@ class Solver:
         self.noise = 0.0  # relative, as the last solve found it (median)
         self.noise_map: moderngl.Texture | None = None  # log variance of it, see share.noise_map
         self._work: dict[Tile, F32] = {}  # of each row of a tile, see Atlas.work
-        self.atlas = Atlas(device, source, tile)
+        self.atlas = ObservationAtlas(device, source, tile)
         self.covered = device.read(source.position)[..., 3] > 0.5
         self.slack = FIRST_SLACK
         self.level: moderngl.Texture | None = None  # Specular IOR Level of each texel; None: 0.5

@@ -10,10 +10,10 @@ from random import Random
 
 import numpy as np
 
-from irpso_addon.core.capture.file_preview import glance
+from irpso_addon.core.capture.file_preview import preview_image
 from irpso_addon.core.data import Camera, RadianceImage, View
 from irpso_addon.core.images.reference_image import read_reference
-from irpso_addon.core.tiled.reference_cache import Picture, develop
+from irpso_addon.core.tiled.reference_cache import CachedReference, cache_reference
 
 from .. import pictures, spoil
 from ..case import MEMORY, Box
@@ -97,7 +97,7 @@ class Reading:
     def __call__(self) -> None:
         """Raises BadInput."""
         if self.looked_at:
-            found = glance(self.view.image)
+            found = preview_image(self.view.image)
             assert len(found.problem.splitlines()) < 2
             if found.thumbnail is not None:
                 assert max(found.thumbnail.shape[:2]) <= 64 and np.isfinite(found.thumbnail).all()
@@ -108,8 +108,8 @@ class Reading:
 
     def _developed(self) -> None:
         place = self.box.out / "picture"
-        develop(self.view, place)
-        picture = Picture(place)
+        cache_reference(self.view, place)
+        picture = CachedReference(place)
         _check(picture.window(-1, -1, min(picture.width, 40), min(picture.height, 40)), None)
 
 

@@ -23,7 +23,7 @@ from irpso_addon.core.reporting.report import write_report
 from .. import spoil
 from ..case import Box
 
-VIEWS = [estimates.Taken(1000, 600, "Cam", 2), estimates.Taken(36, 24, "Cam 2", 1)]
+VIEWS = [estimates.ViewSize(1000, 600, "Cam", 2), estimates.ViewSize(36, 24, "Cam 2", 1)]
 
 
 def prepare(_folder: Path) -> Maps:

@@ -17,16 +17,16 @@ import numpy as np
 from irpso_addon.core.data import Camera, Light, MeshArrays, SceneData, View
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.maps import block_merge
-from irpso_addon.core.storage.output_transaction import READY, SET, Staging
+from irpso_addon.core.storage.output_transaction import READY, SET, OutputTransaction
 from irpso_addon.core.tiled import npz_archive, uv_blocks
-from irpso_addon.core.tiled.reference_cache import Picture, develop
-from irpso_addon.core.tiled.work_folder import Work
+from irpso_addon.core.tiled.reference_cache import CachedReference, cache_reference
+from irpso_addon.core.tiled.work_folder import WorkFolder
 
 from .. import pictures, spoil
 from ..case import Box
 
 BLOCK = 8
-WINDOWS = uv_blocks.windows(2 * BLOCK, (1001,), BLOCK, 2)
+WINDOWS = uv_blocks.all_blocks(2 * BLOCK, (1001,), BLOCK, 2)
 LAYERS = ("basecolor", "roughness")
 
 
@@ -36,14 +36,14 @@ def prepare(folder: Path) -> dict[str, bytes]:
     picture = folder / "picture.exr"
     pictures.write(picture, np.full((24, 36, 3), 0.5, np.float32), "float", {})
     view = _view(picture)
-    with Work(place) as work:
+    with WorkFolder(place) as work:
         work.begin("f" * 64)
         work.write_plan(_scene(view))
         for window in WINDOWS:
             work.write_block(window.key, {
                 "basecolor": np.full((BLOCK, BLOCK, 3), 0.5, np.float32),
                 "roughness": np.ones((BLOCK, BLOCK), np.float32)})
-        develop(view, work.pictures / "0")
+        cache_reference(view, work.pictures / "0")
     good = {str(path.relative_to(place)): path.read_bytes() for path in place.rglob("*") if path.is_file()}
     shutil.rmtree(place)
     return good
@@ -168,7 +168,7 @@ def use(folder: Path, maps: Path, rng: Random) -> None:
 
 
 def _read(folder: Path, _maps: Path, _rng: Random) -> None:
-    work = Work(folder)
+    work = WorkFolder(folder)
     try:
         work.read_plan()
         for window in WINDOWS:
@@ -178,12 +178,12 @@ def _read(folder: Path, _maps: Path, _rng: Random) -> None:
         for path in sorted(folder.glob("*.npz")):
             npz_archive.load(path)
     for path in sorted(work.pictures.iterdir()) if work.pictures.is_dir() else ():
-        image = Picture(path).window(0, 0, 8, 8, 2)
+        image = CachedReference(path).window(0, 0, 8, 8, 2)
         assert image.rgb.shape == (4, 4, 3)
 
 
 def _staging(folder: Path, _maps: Path, _rng: Random) -> None:
-    with Staging(folder) as staging:
+    with OutputTransaction(folder) as staging:
         (staging.folder / "new").write_bytes(b"new")
         staging.publish()
     assert (folder / "new").read_bytes() == b"new"
@@ -191,7 +191,7 @@ def _staging(folder: Path, _maps: Path, _rng: Random) -> None:
 
 
 def _enter(folder: Path, _maps: Path, rng: Random) -> None:
-    with Work(folder) as work:
+    with WorkFolder(folder) as work:
         work.begin(rng.choice(("f" * 64, "e" * 64)))
         work.read_plan()
         for window in WINDOWS:
@@ -205,4 +205,4 @@ def _enter(folder: Path, _maps: Path, rng: Random) -> None:
 
 def _merge(folder: Path, maps: Path, _rng: Random) -> None:
     maps.mkdir(exist_ok=True)
-    block_merge.merge(Work(folder).read_block, WINDOWS, "Subject", maps, "exr", LAYERS)
+    block_merge.merge(WorkFolder(folder).read_block, WINDOWS, "Subject", maps, "exr", LAYERS)

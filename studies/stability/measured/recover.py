@@ -13,7 +13,7 @@ from irpso_addon.core.shading import brdf
 from irpso_addon.core.shading.tables import principled_table
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe.observation_atlas import LEAST_GAIN, MODEL_ERROR, ArraySource
-from irpso_addon.gpu.solve.model_ladder import Found, Ladder
+from irpso_addon.gpu.solve.model_ladder import Ladder, LadderResult
 from studies.bench.opengl import result
 
 from .rig import NORMAL, Geometry
@@ -73,7 +73,7 @@ def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: An
     h, w = seen.quality.shape[:2]
     slots = np.where((seen.quality > 0).any(-1), 0, -1).astype(np.int32)
     ladder = Ladder(device, source, SolveSettings(size=max(h, w, 16), model=model, **settings), slots, (NAME,))
-    found: Found = result(ladder.solve())
+    found: LadderResult = result(ladder.solve())
     chosen = found.model[NAME]
     level = np.full((h, w), 0.5, np.float32) if found.level is None else found.level
     if chosen == "lambert":
@@ -89,7 +89,7 @@ def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: An
     return Recovered(maps, found.texels.solved, nearest)
 
 
-def _base(device: Device, ladder: Ladder, found: Found, level: F32) -> F64:
+def _base(device: Device, ladder: Ladder, found: LadderResult, level: F32) -> F64:
     """Base colour of each texel from its own observations."""
     h, w = level.shape
     solver = ladder.solver
