@@ -24,10 +24,10 @@ from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.compare.judge import GLOSS, Judge, make_judge  # noqa: E402
 from irpso_addon.core.data import F32, Bool, Maps, SceneData, Solution  # noqa: E402
 from irpso_addon.core.errors import BadInput  # noqa: E402
-from irpso_addon.core.evaluation.metrics import at_size  # noqa: E402
 from irpso_addon.core.images.reference_image import read_reference  # noqa: E402
 from irpso_addon.core.job import Progress  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
+from irpso_addon.core.resampling import at_size  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer  # noqa: E402
 from irpso_addon.gpu.maps.fill import fill  # noqa: E402

@@ -34,8 +34,9 @@ from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.cli.demo import make  # noqa: E402
 from irpso_addon.core.checks.registration import moved  # noqa: E402
 from irpso_addon.core.data import F32, Bool, SceneData, Solution  # noqa: E402
-from irpso_addon.core.evaluation.metrics import at_size, map_errors, psnr  # noqa: E402
+from irpso_addon.core.evaluation.metrics import map_errors, psnr  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
+from irpso_addon.core.resampling import at_size  # noqa: E402
 from irpso_addon.core.samples import vase  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package

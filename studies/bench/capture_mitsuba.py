@@ -43,7 +43,8 @@ find_llvm()
 mi.set_variant("llvm_ad_rgb")
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-from irpso_addon.core.evaluation.metrics import at_size, map_errors  # noqa: E402
+from irpso_addon.core.evaluation.metrics import map_errors  # noqa: E402
+from irpso_addon.core.resampling import at_size  # noqa: E402
 from irpso_addon.core.shading.brdf import principled_energy  # noqa: E402
 from irpso_addon.core.shading.tables import IOR  # noqa: E402
 

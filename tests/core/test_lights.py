@@ -93,7 +93,8 @@ def test_a_tiny_area_is_a_point_and_the_change_over_is_smooth():
     change = 2 * lights.POINT_SIZE * np.linalg.norm(P - MATRIX[:3, 3])
     below, above = (lights.light_irradiance(replace(lamp, shape="SQUARE", size=(s, s)), P, N)
                     for s in (change * 0.999, change * 1.001))
-    assert below == lights.light_sample(lamp, P, 0, 1)[1] * 2.0 / np.linalg.norm([0.6, 0.4, 2.0])
+    point = lights.light_sample(lamp, P, 0, 1)[1] * 2.0 / np.linalg.norm([0.6, 0.4, 2.0])
+    assert below == pytest.approx(point, rel=1e-12)
     assert below != above and below == pytest.approx(above, rel=5e-5)
     assert lights.light_irradiance(replace(lamp, size=(0.0, 0.0)), P, N) == pytest.approx(below, rel=1e-12)
 

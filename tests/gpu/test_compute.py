@@ -33,7 +33,7 @@ def both(on_gl: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     def call(job: Any) -> list[list[np.ndarray]]:
         made = []
         for compute in (False, True):
-            monkeypatch.setitem(device.__dict__, "prefers_compute", compute)
+            monkeypatch.setattr(device, "compute_faster", compute)
             kernels = on_gl(lambda device: len(device.programs._kernels))
             made.append(on_gl(job))
             built = on_gl(lambda device: len(device.programs._kernels)) - kernels

@@ -275,7 +275,7 @@ def test_compute_shaders_do_what_fragment_shaders_do(on_gl, monkeypatch, model):
     device = on_gl(lambda device: device)
     found = []
     for compute in (False, True):
-        monkeypatch.setitem(device.__dict__, "prefers_compute", compute)
+        monkeypatch.setattr(device, "compute_faster", compute)
         found.append(walk(on_gl, arrays, 2, model))
     for drawn, computed in zip(*found, strict=True):
         np.testing.assert_allclose(computed[0], drawn[0], atol=1e-5)

@@ -117,7 +117,7 @@ def test_a_stage_that_fails_leaves_the_context_as_it_was(on_gl):
 def test_a_probe_that_fails_decides_nothing(on_gl, monkeypatch):
     def job(device: Device) -> None:
         monkeypatch.setattr(device, "settings", replace(device.settings, kernels="auto"))
-        known = device.__dict__.pop("prefers_compute", None)
+        monkeypatch.setattr(device, "compute_faster", None)
         slices = []
         monkeypatch.setattr(device.budget, "choose", slices.append)
 
@@ -128,10 +128,8 @@ def test_a_probe_that_fails_decides_nothing(on_gl, monkeypatch):
             patch.setattr(Device, "_probe", lost)
             with pytest.raises(DeviceLost):
                 assert device.prefers_compute is None
-        assert "prefers_compute" not in device.__dict__
+        assert device.compute_faster is None
         assert slices[-1] == device.settings.slice
-        if known is not None:
-            device.__dict__["prefers_compute"] = known
 
     if on_gl(lambda device: device.ctx.version_code) < 430:
         pytest.skip("no compute shaders here: nothing is measured")
@@ -248,15 +246,15 @@ NO_COMPUTE = "\n#ifdef COMPUTE\n#error not on this machine\n#endif\n"
 def test_kernels_that_compute_shaders_cannot_do_run_as_fragment_shaders(broken, shoot, monkeypatch, on_gl):
     if on_gl(lambda device: device.ctx.version_code) < 430:
         pytest.skip("no compute shaders here")
-    monkeypatch.setitem(on_gl(lambda device: device).__dict__, "prefers_compute", False)
+    monkeypatch.setattr(on_gl(lambda device: device), "compute_faster", False)
     expected = solve(shoot)
     device = broken("solve/search.kernel", NO_COMPUTE)
-    monkeypatch.setitem(device.__dict__, "prefers_compute", True)
+    monkeypatch.setattr(device, "compute_faster", True)
     assert solve(shoot).maps.roughness.tobytes() == expected.maps.roughness.tobytes()
     assert device.prefers_compute is False
     monkeypatch.setattr(device, "settings", replace(device.settings, kernels="compute"))
     monkeypatch.setattr(thread, "_settings", DeviceSettings(kernels="compute"))
-    monkeypatch.setitem(device.__dict__, "prefers_compute", True)
+    monkeypatch.setattr(device, "compute_faster", True)
     with pytest.raises(ShaderRefused, match="not on this machine"):
         solve(shoot)
 

@@ -12,7 +12,6 @@ import time
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cached_property
 from typing import Any, Protocol, TypeVar
 
 import moderngl
@@ -75,6 +74,7 @@ class Device:
         self.info: dict[str, Any] = self.ctx.info
         self.name: str = self.info["GL_RENDERER"]
         self.lost = False  # whether it is of no more use
+        self.compute_faster: bool | None = None  # compute shaders than fragment shaders; None until measured
         self._context_check: ContextCheck | None = None
         self.programs = Programs(self.ctx, self.check_alive)
         self.budget = DrawBudget(self._finish, self.settings.slice)
@@ -87,8 +87,6 @@ class Device:
         if settings.kernels == "compute" and self.ctx.version_code < 430:
             raise BadInput(f"kernels compute: {self.name} has OpenGL {self.ctx.version_code / 100}, "
                            "compute shaders need 4.3; choose auto or fragment")
-        if settings.kernels != self.settings.kernels:
-            self.__dict__.pop("prefers_compute", None)
         self.settings = settings
         self.budget.choose(settings.slice)
 
@@ -295,10 +293,10 @@ class Device:
             except ShaderRefused:
                 if self.settings.kernels == "compute":
                     raise
-                self.__dict__["prefers_compute"] = False
+                self.compute_faster = False
         return self.programs.get("include/screen.vert", name, defines)
 
-    @cached_property
+    @property
     def prefers_compute(self) -> bool:
         """Whether kernels run as compute shaders: as the settings say, or where that is clearly faster.
 
@@ -307,19 +305,23 @@ class Device:
         """
         if self.settings.kernels != "auto" or self.ctx.version_code < 430:
             return self.settings.kernels == "compute"
+        if self.compute_faster is None:
+            self.compute_faster = self._measure_compute()
+        return self.compute_faster
+
+    def _measure_compute(self) -> bool:
         size = 512
-        target = self.framebuffer([self.texture(size, size)])
         seconds = []
         self.budget.choose(math.inf)
         try:
-            for compute in (False, True):
-                self.__dict__["prefers_compute"] = compute
-                seconds.append(self._probe(target, size))
+            with self.scope():
+                target = self.framebuffer([self.texture(size, size)])
+                for compute in (False, True):
+                    self.compute_faster = compute
+                    seconds.append(self._probe(target, size))
         finally:
-            self.__dict__.pop("prefers_compute", None)  # not known until this returns
+            self.compute_faster = None  # not known until this returns
             self.budget.choose(self.settings.slice)
-            target.color_attachments[0].release()
-            target.release()
         return seconds[1] * COMPUTE_GAIN < seconds[0]
 
     def _probe(self, target: moderngl.Framebuffer, size: int) -> float:
