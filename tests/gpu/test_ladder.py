@@ -308,12 +308,12 @@ def test_a_stop_at_any_step_gives_what_there_is_and_leaves_nothing(on_gl, coat, 
         results = []
         for stop in sorted({0, 1, 2, total // 4, total // 2, 3 * total // 4, total - 2, total - 1} & set(range(total))):
             results.append(run(stop))
-            assert held(device) == before, f"stopped at {stop} of {total}"
+            assert held(device) <= before, f"stopped at {stop} of {total}"
             run(stop, drop=True)
             idle.use()  # what was drawn on last is the context's as long as it is bound
             gc.collect()
             device.collect()
-            assert held(device) == before, f"dropped at {stop} of {total}"
+            assert held(device) <= before, f"dropped at {stop} of {total}"
         assert not whole.cancelled
         idle.release()
         return results

@@ -80,7 +80,7 @@ def test_what_a_driver_compiles_at_first_is_not_taken_for_the_draw(monkeypatch):
     work = np.full(1024, 1024.0, np.float32)
     machine.draw(work, 1e-7)
     assert machine.waited < 30
-    assert machine.pace.most("draw") == pytest.approx(0.015 / 1e-7, rel=0.1)
+    assert machine.budget.most("draw") == pytest.approx(0.015 / 1e-7, rel=0.1)
 
 
 def test_a_machine_that_slows_down_is_noticed(monkeypatch):

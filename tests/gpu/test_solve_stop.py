@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -98,28 +96,23 @@ def test_progress_only_grows(patches):
     assert list(dict.fromkeys(stages)) == ["gbuffer", "observe", "solve", "maps"]
 
 
-def on_device(on_gl: Any) -> int:
-    """Objects that Python still holds and that were not released, and those it dropped without release."""
-    return int(on_gl(held))
-
-
 def test_nothing_is_left_on_the_device(on_gl, patches):
     """Whether it ends well, is stopped or fails; programs stay, and so they are built before."""
     run(patches)
-    before = on_device(on_gl)
+    before = on_gl(held)
     for _ in range(2):
         run(patches)
-        assert on_device(on_gl) == before
+        assert on_gl(held) <= before
     with pytest.raises(BadInput):
         run(turned_away(patches, len(patches.scene.views)))
-    assert on_device(on_gl) == before
+    assert on_gl(held) <= before
 
 
 def test_a_stop_leaves_nothing_on_the_device(on_gl, patches, monkeypatch):
     stopped(patches, "solve", monkeypatch)
-    before = on_device(on_gl)
+    before = on_gl(held)
     stopped(patches, "solve", monkeypatch)
-    assert on_device(on_gl) == before
+    assert on_gl(held) <= before
     with pytest.raises(Cancelled):
         stopped(patches, "observe", monkeypatch)
-    assert on_device(on_gl) == before
+    assert on_gl(held) <= before

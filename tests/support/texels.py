@@ -32,14 +32,15 @@ def finish(steps: Generator[Any, Any, Any]) -> Any:
 KINDS = (moderngl.Texture, moderngl.Framebuffer, moderngl.Buffer, moderngl.VertexArray, moderngl.Program)
 
 
-def held(device: Device) -> int:
+def held(device: Device) -> frozenset[Any]:
     """Objects that Python still holds and that were not released, and those it dropped without release.
 
-    Programs are kept for good, each with a vertex array: draw everything once before counting.
+    Programs are kept for good, each with a vertex array: draw everything once before.  Compare with ``<=``: what
+    earlier tests left may be freed at any time.
     """
     gc.collect()
-    alive = [thing.mglo for thing in gc.get_objects() if isinstance(thing, KINDS) and thing.ctx is device.ctx]
-    return sum(not isinstance(mglo, moderngl.InvalidObject) for mglo in [*alive, *device.ctx.objects])
+    alive = [owner.mglo for owner in gc.get_objects() if isinstance(owner, KINDS) and owner.ctx is device.ctx]
+    return frozenset(mglo for mglo in [*alive, *device.ctx.objects] if not isinstance(mglo, moderngl.InvalidObject))
 
 
 @dataclass(frozen=True)
