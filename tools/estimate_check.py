@@ -30,16 +30,16 @@ PAGE = """\
 # The estimate before a solve
 
 The Solve panel estimates how long a solve will take and how much memory. The seconds are a sum over the work of each
-stage, times factors that the last solves on this machine have shown. The factors are stored in the user's configuration
-folder (`irpso_speed.json`; delete the file to reset them). A solve that was stopped or paused, a solve of a part, and a
-solve from the last result do not change them. The estimate includes indirect light where the user asks for it, or where
-the last solve rendered it. It includes compilation where the search's programs were not used before with as many views and
-cameras; half the time of a stage that compiled and was slow counts as compilation.
+stage, times factors that the last solves on this machine have shown. The factors are stored in the user's
+configuration folder (`irpso_speed.json`; delete the file to reset them). A solve that was stopped or paused, a solve
+of a part, and a solve from the last result do not change them. The estimate includes indirect light where the user
+asks for it, or where the last solve rendered it. It includes compilation where the search's programs were not used
+before with as many views and cameras; half the time of a stage that compiled and was slow counts as compilation.
 
 Made by `python tools/estimate_check.py`: the demo's vase, pictures of {pixels} x {pixels} pixels, each solve in a new
-process, seconds from its start to its result. The first solve that needs a program compiles it. *First* is the estimate on
-a machine that has solved nothing yet. *Learnt* is the estimate after the first line's solve alone, from which other models
-and methods take the machine's speed.
+process, seconds from its start to its result. The first solve that needs a program compiles it. *First* is the
+estimate on a machine that has solved nothing yet. *Learnt* is the estimate after the first line's solve alone, from
+which other models and methods take the machine's speed.
 
 | views | size | model | method | measured | first | learnt | learnt / measured |
 |---|---|---|---|---|---|---|---|

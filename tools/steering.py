@@ -35,16 +35,16 @@ from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no insta
 PAGE = """\
 # Solving a part, and starting from the last result
 
-**Part** (Solve panel) solves only a region of an object: where a vertex group weighs more than 0.5, where an image over the
-UV map is white, or the faces selected in Edit Mode. The button below it enters the mode in which you mark the region.
-Elsewhere the object keeps the last result since the file was opened, or else the maps that the materials carry. At the
-border the new result fades into the old one over {seam} texels (at most 1/32 of the map). The distance is measured on the
-surface, so the fade crosses seams of the UV map, but it does not enter other materials. A material of which only a part is
-solved keeps its model and its Specular IOR Level.
+**Part** (Solve panel) solves only a region of an object: where a vertex group weighs more than 0.5, where an image
+over the UV map is white, or the faces selected in Edit Mode. The button below it enters the mode in which you mark
+the region. Elsewhere the object keeps the last result since the file was opened, or else the maps that the materials
+carry. At the border the new result fades into the old one over {seam} texels (at most 1/32 of the map). The distance
+is measured on the surface, so the fade crosses seams of the UV map, but it does not enter other materials. A material
+of which only a part is solved keeps its model and its Specular IOR Level.
 
-**Start: Last** begins the search of each texel at the last result. It uses half the particles: the first starts at the last
-result, the others start elsewhere in case that was wrong. With model Auto the materials keep their models. Method `paper`
-has no such start.
+**Start: Last** begins the search of each texel at the last result. It uses half the particles: the first starts at
+the last result, the others start elsewhere in case that was wrong. With model Auto the materials keep their models.
+Method `paper` has no such start.
 
 On the command line: `irpso solve SCENE_irpso.blend --vertex-group NAME`, `--part-image FILE` or `--selected-faces`,
 and `--start last`.
