@@ -1,4 +1,7 @@
-"""Blender operators, one a file, thin: poll, read, call, report."""
+"""Blender operators, one per file, thin: poll, read, call, report.
+
+May use irpso_addon.blender and the rooms below it; never cli.
+"""
 
 from .add_folder import IRPSO_OT_add_folder
 from .add_rig import IRPSO_OT_add_rig

@@ -29,17 +29,17 @@ from irpso_addon.process.remote import Remote  # noqa: E402
 PAGE = """\
 # The estimate before a solve
 
-The Solve panel says how long a solve will take and how much memory. The seconds are a sum over what each stage has to
-do, measured once, times factors that the last solves on this machine have shown; they are kept in the user's
-configuration folder (`irpso_speed.json`; delete it to forget them). A solve that was stopped or paused, of a part or
-from the last result teaches nothing. Indirect light counts where it is asked for, or was rendered in the last solve.
-Compiling counts where the search's programs were not used before with as many views and cameras; of a stage that
-compiled and was slow, half is put down to compiling.
+The Solve panel estimates how long a solve will take and how much memory. The seconds are a sum over the work of each
+stage, times factors that the last solves on this machine have shown. The factors are stored in the user's
+configuration folder (`irpso_speed.json`; delete the file to reset them). A solve that was stopped or paused, a solve
+of a part, and a solve from the last result do not change them. The estimate includes indirect light where the user
+asks for it, or where the last solve rendered it. It includes compilation where the search's programs were not used
+before with as many views and cameras; half the time of a stage that compiled and was slow counts as compilation.
 
 Made by `python tools/estimate_check.py`: the demo's vase, pictures of {pixels} x {pixels} pixels, each solve in a new
-process, seconds from its start to its result; programs are compiled by the first solve that needs them. *First* is what
-is said on a machine that has solved nothing yet, *learnt* what is said after the first line's solve alone: other models
-and methods take the machine's speed from it.
+process, seconds from its start to its result. The first solve that needs a program compiles it. *First* is the
+estimate on a machine that has solved nothing yet. *Learnt* is the estimate after the first line's solve alone, from
+which other models and methods take the machine's speed.
 
 | views | size | model | method | measured | first | learnt | learnt / measured |
 |---|---|---|---|---|---|---|---|

@@ -3,12 +3,14 @@
     python tools/make_docs.py            writes them
     python tools/make_docs.py --check    exit 1 when one is not what the code says
 
-docs/parameters.md is the table in irpso_addon/core/params.py.  docs/reference.md is what Blender itself knows of the
-panels, operators, properties and preferences once the checkout is registered as an extension.
+docs/parameters.md is the table in irpso_addon/core/params.py, with the commands whose parsers have the flag.
+docs/reference.md is what Blender itself knows of the panels, operators, properties and preferences once the checkout is
+registered as an extension.
 """
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import math
 import sys
@@ -22,7 +24,8 @@ import bpy
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon.core.params import DeviceSettings, SolveSettings  # noqa: E402  # the checkout is no installed package
+from irpso_addon.cli import options  # noqa: E402  # the checkout is no installed package
+from irpso_addon.core.params import DeviceSettings, SolveSettings  # noqa: E402
 
 EXTENSION = "irpso_docs"  # the checkout's name as an extension
 HIDDEN = {"HIDDEN"}
@@ -31,17 +34,18 @@ EDITORS = {"VIEW_3D": "3D Viewport", "IMAGE_EDITOR": "Image Editor"}
 PARAMETERS = """\
 # Parameters
 
-Made by `make docs` from `irpso_addon/core/params.py`; do not edit. Each row is one flag of `irpso solve`, one
-property of the panel (`scene.irpso`), and one key of `report.json`, by the same name.
+Made by `make docs` from `irpso_addon/core/params.py` and `irpso_addon/cli/options.py`; do not edit. Each row is one
+property of the panel (`scene.irpso`), one key of `report.json` by the same name, and one flag of the commands that the
+row names.
 
 """
 DEVICE = """
 ## The graphics device
 
-Preferences of the add-on, and flags of `irpso solve`, `irpso compare` and `irpso doctor`.
+Each row is one preference of the add-on, and one flag of the commands that the row names.
 
 """
-PARAMETER_HEAD = "| name | flag | default | range or choices | what it does |\n|---|---|---|---|---|\n"
+PARAMETER_HEAD = "| name | flag | of `irpso` | default | range or choices | what it does |\n|---|---|---|---|---|---|\n"
 
 REFERENCE = """\
 # Panels, operators, preferences
@@ -57,21 +61,35 @@ panels are used: [the guide](guide.md).
 
 def parameters() -> str:
     """The whole page."""
-    solve, device = ("".join(map(parameter_row, fields(table))) for table in (SolveSettings, DeviceSettings))
+    commands = settings_of_commands()
+    solve, device = ("".join(parameter_row(field, commands) for field in fields(table))
+                     for table in (SolveSettings, DeviceSettings))
     return PARAMETERS + PARAMETER_HEAD + solve + DEVICE + PARAMETER_HEAD + device
 
 
-def parameter_row(field: Field[Any]) -> str:
+def settings_of_commands() -> dict[str, dict[str, Any]]:
+    """For each command the settings that its parser has flags for, with their defaults."""
+    (commands,) = (action for action in options.parser()._actions if isinstance(action, argparse._SubParsersAction))
+    # A required flag is no setting: the number of a UDIM square that `tile` and `merge` ask for.
+    return {name: {action.dest: action.default for action in command._actions if not action.required}
+            for name, command in commands.choices.items()}
+
+
+def parameter_row(field: Field[Any], commands: dict[str, dict[str, Any]]) -> str:
     """One line of the table."""
     meta = field.metadata
     unit = f" {meta['unit']}" if meta["unit"] else ""
     limits, what = "", meta["doc"]
     if meta["choices"]:
         limits = ", ".join(f"`{key}`" for key, _ in meta["choices"])
-        what += ": " + "; ".join(f"`{key}`: {doc[0].lower()}{doc[1:]}" for key, doc in meta["choices"])
+        what += ": " + "; ".join(f"`{key}`: {doc}" for key, doc in meta["choices"])
     elif meta["low"] is not None:
         limits = f"{meta['low']} to {meta['high']}{unit}"
-    return f"| {meta['label']} | `--{field.name.replace('_', '-')}` | {field.default}{unit} | {limits} | {what} |\n"
+    defaults = {name: known[field.name] for name, known in commands.items() if field.name in known}
+    default = f"{field.default}{unit}" + "".join(
+        f"; `{name}`: {value}{unit}" for name, value in defaults.items() if value != field.default)
+    having = ", ".join(f"`{name}`" for name in defaults)
+    return f"| {meta['label']} | `--{field.name.replace('_', '-')}` | {having} | {default} | {limits} | {what} |\n"
 
 
 # ---- docs/reference.md

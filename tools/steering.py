@@ -33,18 +33,18 @@ from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
 
 PAGE = """\
-# A part, and a new start
+# Solving a part, and starting from the last result
 
-**Part** (Solve panel) solves some of an object: where a vertex group weighs more than 0.5, where an image over the UV
-map is white, or the faces selected in Edit Mode; the button below it goes into the mode in which the part is marked.
-Elsewhere the last result since the file was opened is kept, or else the maps that the materials carry. Around it the
-new result fades into the kept one over {seam} texels (at most 1/32 of the map), measured on the surface, so across
-seams of the UV map too, but not into other materials. A material of which a part is kept keeps its model, and its
-Specular IOR Level.
+**Part** (Solve panel) solves only a region of an object: where a vertex group weighs more than 0.5, where an image
+over the UV map is white, or the faces selected in Edit Mode. The button below it enters the mode in which you mark
+the region. Elsewhere the object keeps the last result since the file was opened, or else the maps that the materials
+carry. At the border the new result fades into the old one over {seam} texels (at most 1/32 of the map). The distance
+is measured on the surface, so the fade crosses seams of the UV map, but it does not enter other materials. A material
+of which only a part is solved keeps its model and its Specular IOR Level.
 
-**Start: Last** begins the search of each texel at the last result: half the particles, the first of them there, the
-others elsewhere in case it was wrong. With model Auto the materials keep their models. Method `paper` knows no such
-start.
+**Start: Last** begins the search of each texel at the last result. It uses half the particles: the first starts at
+the last result, the others start elsewhere in case that was wrong. With model Auto the materials keep their models.
+Method `paper` has no such start.
 
 On the command line: `irpso solve SCENE_irpso.blend --vertex-group NAME`, `--part-image FILE` or `--selected-faces`,
 and `--start last`.
@@ -58,7 +58,7 @@ its shaders. Errors against the truth over the texels that the solve anew has so
 |---|---|---|---|---|---|
 {rows}
 
-Without noise, texels of the part are the whole solve's to 0.001 and texels beyond the seam keep their values
+Without noise, the texels of the part agree with the whole solve to 0.001, and texels beyond the seam keep their values
 (`tests/gpu/test_part.py`).
 """
 

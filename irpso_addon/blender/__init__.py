@@ -1,4 +1,4 @@
 """The only room of the library that imports bpy: registration, settings, files, logs.
 
-May use everything but cli and operators.
+May use every room but cli and operators.
 """

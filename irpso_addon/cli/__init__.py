@@ -1,1 +1,4 @@
-"""The command line, one command per file.  Blender is reached through irpso_addon/blender alone."""
+"""The command line, one command per file.
+
+May use every other room; it reaches Blender through irpso_addon/blender alone.
+"""

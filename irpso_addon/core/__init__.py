@@ -1,4 +1,5 @@
-"""Records, parameters and rules without OpenGL or Blender: data, params, errors, job, log, live_maps, models.
+"""Records, parameters and rules without OpenGL or Blender.
 
-May use numpy and OpenImageIO; its rooms may not import gpu or anything above it.
+Its files: records (data, check_records, live_maps), params, errors, job, log, models, and helpers of several rooms
+(child_process, resampling, versions).  May use numpy and OpenImageIO; nothing here imports gpu or anything above it.
 """

@@ -72,8 +72,8 @@ def page(told: Mapping[str, Any], out: Path) -> str:
 
 def bars(found: Mapping[str, Summaries]) -> str:
     """The table of what every axis must hold."""
-    lines = ["| axis | failing texels | in the less trusted half | or told unsure | not a number | maps off by more "
-             "than 0.15 on > 10 % | of these unwarned | warned of |\n|---|---|---|---|---|---|---|---|\n"]
+    lines = ["| axis | failing texels | in the less trusted half | or confidence below 0.5 | not a number | maps off "
+             "by more than 0.15 on > 10 % | of these unwarned | warned of |\n|---|---|---|---|---|---|---|---|\n"]
     titles = {axis.key: axis.title for axis in (*AXES, ROW)}
     total = {"halved": 0, "halved_low": 0, "failed": 0, "failed_told": 0, "gross_maps": 0, "unwarned": 0}
     for key, points in found.items():

@@ -16,6 +16,11 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.reporting.report import build_report
 
 ROOT = Path(__file__).resolve().parents[2]
+PAGES = [*ROOT.glob("docs/**/*.md"), *ROOT.glob("shaders/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+# Paths start at the root or, for the library's rooms, at irpso_addon/ (docs/architecture.md).
+TOPS = ("docs", "irpso_addon", "operators", "presets", "shaders", "studies", "tests", "tools")
+ROOMS = ("blender", "cli", "compare", "core", "gpu", "process", "solve")
+SOURCES = (".py", ".glsl", ".frag", ".vert", ".kernel")
 MANIFEST = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
 
 
@@ -68,3 +73,27 @@ def test_no_link_beside_the_docs_is_broken():
     for page in ROOT.glob("*.md"):
         for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text()):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_every_path_in_the_docs_exists():
+    for page in PAGES:
+        for quoted in re.findall(r"`([^`\n]+)`", page.read_text()):
+            for path in re.findall(r"(?<![\w./-])[\w*-][\w./*-]*", quoted):
+                assert _is_there(path.rstrip(".")), f"{page.relative_to(ROOT)}: {path}"
+
+
+def _is_there(path: str) -> bool:
+    """Also where it is no path of ours, but a command, an identifier or a file of the user's."""
+    top, *rest = path.split("/")
+    if rest and top in (*TOPS, *ROOMS):
+        return any(any(base.glob(path)) for base in (ROOT, ROOT / "irpso_addon"))
+    if path.endswith(SOURCES) and path != "blender_ext.py":  # Blender's
+        return not rest and any(any((ROOT / folder).rglob(path)) for folder in TOPS)
+    return True
+
+
+def test_every_module_that_the_docs_run_exists():
+    for page in PAGES:
+        for module in re.findall(r"-m ((?:irpso_addon|studies|tests|tools)[\w.]*)", page.read_text()):
+            path = ROOT / module.rstrip(".").replace(".", "/")
+            assert path.with_suffix(".py").exists() or (path / "__main__.py").exists(), f"{page.name}: {module}"

@@ -1,4 +1,4 @@
 """Scenes made and rendered here: the sample scene, the demo, camera and lamp rigs, contact sheets.
 
-May use blender.scene and below.
+May use blender.jobs, blender.viewer, and the library below blender.
 """

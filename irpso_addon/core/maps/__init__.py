@@ -1,4 +1,4 @@
 """The maps as a set: files and their names, export, merging of blocks, the region that a partial solve changes.
 
-May use core.images, core.storage, core.tiled and core.evaluation.
+May use core.images, core.storage and core.tiled.
 """

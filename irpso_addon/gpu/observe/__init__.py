@@ -1,4 +1,4 @@
 """Views to observations: light visibility, indirect light, radiance over irradiance per pixel, the observation atlas.
 
-May use gpu.gbuffer and gpu.device.
+May use gpu.gbuffer, gpu.device and core.
 """

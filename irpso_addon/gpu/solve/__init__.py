@@ -1,4 +1,4 @@
 """Observations to roughness: the model ladder, the search, neighbours, the paper's swarm, live read-back.
 
-May use gpu.observe and below.
+May use gpu.observe and the rooms below it.
 """

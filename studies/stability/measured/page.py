@@ -272,7 +272,7 @@ do worst (bottom right); display errors below.
 
 METHODS = """How many materials are relit no worse than by each published fit (Ngan published 86 of them), and by the
 best of them for that material; "refitted" is Low's model fitted to our data by our loss (8 numbers, colour in the
-highlight). The sphere's first rows are the rungs of the ladder; `auto` is what a user gets unasked.
+highlight). The sphere's first rows are the models of the model ladder; `auto` is the default.
 """
 
 LOSSES = """The same observations, one value, by the loss that is minimised. relative: the product's, squares over the
