@@ -14,13 +14,13 @@ from .oiio import ensure_openimageio
 from .sample import sample
 from .scene import thumbnails
 from .ui import panels
-from .viewer import view_draw, view_properties, views
+from .viewer import editors, view_draw, view_properties, views
 
 COMMAND = "irpso"
 
 _command_handle: Any = None
 _operators: Sequence[type] = ()
-_PARTS = (view_properties, views, view_draw, sample, presets)  # that register more than classes
+_PARTS = (view_properties, views, editors, view_draw, sample, presets)  # that register more than classes
 
 
 def register(operators: Sequence[type], command: Callable[[list[str]], int]) -> None:

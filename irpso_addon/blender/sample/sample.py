@@ -21,7 +21,7 @@ from ..jobs import session
 from ..jobs.second_blender import Child, command
 from ..panel_common import letters, redraw_sidebars, wrapped
 from ..preferences import EXTENSION
-from ..viewer import views
+from ..viewer import editors
 from .sample_child import SCENE
 
 POLL, REDRAW = 0.3, 0.05  # seconds
@@ -189,7 +189,7 @@ def _add_image_editor(window: bpy.types.Window, _area: bpy.types.Area) -> bool:
     """The right one of the two viewports; only now do they know where they are."""
     right = max((a for a in window.screen.areas if a.type == "VIEW_3D"), key=lambda a: a.x)
     right.type = "IMAGE_EDITOR"
-    views.show_in(right)
+    editors.show_in(right)
     return False
 
 

@@ -15,7 +15,7 @@ from gpu_extras.batch import batch_for_shader
 from ...core.data import F16, F32
 from ...core.evaluation.display import reduced
 from ..jobs import session
-from . import plot, views
+from . import editors, plot, views
 from .plot import Box, Theme
 
 SHADERS = Path(__file__).resolve().parents[3] / "shaders" / "display"
@@ -31,7 +31,7 @@ _handler: object = None
 def draw() -> None:
     """The draw handler."""
     context = bpy.context
-    if not views.is_ours(context.space_data.image):
+    if not editors.is_ours(context.space_data.image):
         return
     theme, region = Theme.of(context), context.region
     chosen = context.window_manager.irpso_views
