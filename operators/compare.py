@@ -8,8 +8,8 @@ from typing import Any
 import bpy
 
 from ..irpso_addon.blender import files, properties
-from ..irpso_addon.blender.jobs import session
 from ..irpso_addon.blender.jobs.jobs import Task
+from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.blender.scene import readiness, scene
 from ..irpso_addon.blender.viewer import editors, views
 from ..irpso_addon.compare.measure import figure, hold_out

@@ -5,7 +5,7 @@ from pathlib import Path
 import bpy
 
 from ..irpso_addon.blender import properties
-from ..irpso_addon.blender.jobs import session
+from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.maps import map_set
 from ..irpso_addon.core.maps.export import write_maps

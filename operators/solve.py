@@ -9,8 +9,9 @@ from typing import Any
 import bpy
 
 from ..irpso_addon.blender import properties
-from ..irpso_addon.blender.jobs import jobs, live_display, session, solve_object, solve_region, solve_speed
+from ..irpso_addon.blender.jobs import jobs, live_display, solve_object, solve_region, solve_speed
 from ..irpso_addon.blender.jobs.jobs import Task
+from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.blender.material import material_preflight
 from ..irpso_addon.blender.scene import readiness
 from ..irpso_addon.blender.scene.readiness import solve_objects

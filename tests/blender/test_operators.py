@@ -88,7 +88,7 @@ def test_the_whole_job(scene, module, tmp_path: Path) -> None:
     bpy.ops.wm.read_factory_settings(use_empty=False)
     bpy.context.view_layer.objects.active = next(o for o in bpy.data.objects if o.type == "MESH")
     assert not bpy.ops.irpso.write_maps.poll()
-    assert module("blender.jobs.session").running is None
+    assert module("blender.jobs.session").session.running is None
 
 
 def test_solve_without_writing_then_write_undo_redo(scene) -> None:
@@ -201,7 +201,7 @@ def test_solving_again_decides_the_model_anew(scene, module) -> None:
     scene.irpso.model = "one-lobe"
     bpy.ops.irpso.solve()
     assert specular.default_value == 0.5
-    warnings = module("blender.jobs.session").solution_of(bpy.data.objects["Ball"]).warnings
+    warnings = module("blender.jobs.session").session.solution_of(bpy.data.objects["Ball"]).warnings
     assert not any("Specular" in warning for warning in warnings)
 
 

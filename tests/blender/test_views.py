@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon.blender.jobs import session
+from irpso_addon.blender.jobs.session import session
 from irpso_addon.blender.viewer import editors, view_draw, view_properties, views
 from irpso_addon.blender.viewer.plot import Box
 from irpso_addon.core.data import Maps, Solution, ViewPicture
@@ -25,7 +25,7 @@ def chosen(empty):
     editors.register()
     bpy.ops.mesh.primitive_plane_add()
     yield bpy.context.window_manager.irpso_views
-    session.running = None
+    session.end(session.running)
     session.forget()
     editors.unregister()
     views.unregister()
@@ -71,7 +71,7 @@ def test_the_last_solution_then_the_running_one(chosen):
     assert views.picture(bpy.context).view == "live", "pictures stay until there are newer ones"
     chosen.show, chosen.map = "MAPS", "base_color"
     assert views.plate(bpy.context) is None, "not known yet"
-    session.running = None
+    session.end(session.running)
     assert views.curve(bpy.context) == [(1.0, 0.2)], "the curve outlives the job"
     session.forget()
     views._forget()

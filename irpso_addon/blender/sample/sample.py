@@ -17,8 +17,8 @@ from mathutils import Euler
 from ...core.errors import BadInput
 from ...core.job import Progress
 from ...core.versions import versions
-from ..jobs import session
 from ..jobs.second_blender import Child, command
+from ..jobs.session import session
 from ..panel_common import letters, redraw_sidebars, wrapped
 from ..preferences import EXTENSION
 from ..viewer import editors

@@ -9,7 +9,7 @@ from bpy.types import Menu, Panel
 
 from ...core.data import ViewPicture
 from ...core.evaluation import chart_data
-from ..jobs import session
+from ..jobs.session import session
 from ..panel_common import letters, split, wrapped
 from ..viewer import editors, views
 

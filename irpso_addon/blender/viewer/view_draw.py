@@ -14,7 +14,7 @@ from gpu_extras.batch import batch_for_shader
 
 from ...core.data import F16, F32
 from ...core.evaluation.display import reduced
-from ..jobs import session
+from ..jobs.session import session
 from . import editors, plot, views
 from .plot import Box, Theme
 

@@ -12,7 +12,7 @@ from ...core.data import F16, F32, Maps, ViewPicture
 from ...core.evaluation.chart_data import Chart
 from ...core.evaluation.display import Difference, apart, white
 from ...core.live_maps import difference
-from ..jobs import session
+from ..jobs.session import Result, Running, object_by_uid, session
 
 Curve = list[tuple[float, float]]  # seconds, error
 
@@ -48,7 +48,7 @@ class _Memory:
     """What outlives a running job until a file is loaded."""
 
     curves: dict[int, Curve] = field(default_factory=dict)  # by object
-    pictures: tuple[session.Running, tuple[ViewPicture, ...]] | None = None  # a running job's latest
+    pictures: tuple[Running, tuple[ViewPicture, ...]] | None = None  # a running job's latest
     charts: dict[int, Chart] = field(default_factory=dict)  # by object
     apart: tuple[Maps, Maps, Difference] | None = None  # the last pair of results and its figures
     whites: list[tuple[F16, float]] = field(default_factory=list)
@@ -79,7 +79,7 @@ def _forget(*_: object) -> None:
 def subject(context: bpy.types.Context) -> bpy.types.Object | None:
     """The object that is looked at: the one being solved, else the active one."""
     if session.running is not None and session.running.object_uid:
-        return session.object_by_uid(session.running.object_uid)
+        return object_by_uid(session.running.object_uid)
     return getattr(context, "active_object", None) or context.view_layer.objects.active
 
 
@@ -137,7 +137,7 @@ def error(shown: ViewPicture) -> float:
     return _memory.error[1]
 
 
-def pair(context: bpy.types.Context) -> tuple[session.Result, session.Result] | None:
+def pair(context: bpy.types.Context) -> tuple[Result, Result] | None:
     """The two results that are compared; the oldest where a choice is beyond."""
     results = session.results_of(subject(context))[::-1]
     if len(results) < 2:
@@ -179,7 +179,7 @@ def _view_plate(shown: ViewPicture, what: str) -> Plate:
     return Plate("color", shown.predicted if what == "PREDICTED" else shown.reference, gain=gain)
 
 
-def _pair_plate(first: session.Result, second: session.Result, chosen: bpy.types.PropertyGroup) -> Plate:
+def _pair_plate(first: Result, second: Result, chosen: bpy.types.PropertyGroup) -> Plate:
     a, b = (getattr(result.solution.maps, chosen.compared) for result in (first, second))
     if chosen.contrast == "DIFFERENCE":
         return Plate("difference", a, b)
