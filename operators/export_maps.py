@@ -12,12 +12,19 @@ from ..irpso_addon.core.maps.export import write_maps
 from .helpers.needs_solution import NeedsSolution
 from .helpers.paths import absolute
 
+MAPS = {  # as export.layers has them
+    "basecolor": "base colour", "roughness": "roughness", "confidence": "confidence", "error": "error",
+    "filled": "filled texels", "roughness_sigma": "standard error of roughness",
+    "basecolor_sigma": "standard error of base colour", "specular": "Specular IOR Level if it was solved for",
+}
+
 
 class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
-    """Save base colour, roughness, confidence, error and the filled texels as image files"""
+    """Saves the last solution's maps."""
 
     bl_idname = "irpso.export_maps"
     bl_label = "Export Maps"
+    bl_description = f"Save the maps as image files: {', '.join(MAPS.values())}"
     bl_options = {"REGISTER"}
 
     directory: bpy.props.StringProperty(
