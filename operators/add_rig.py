@@ -5,7 +5,7 @@ import math
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty
 
-from ..irpso_addon.blender.jobs import session
+from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.blender.sample import rigs
 from ..irpso_addon.core.errors import BadInput
 

@@ -8,10 +8,10 @@ from typing import Any
 import bpy
 
 from ..irpso_addon.blender import files, properties
-from ..irpso_addon.blender.jobs import session
 from ..irpso_addon.blender.jobs.jobs import Task
+from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.blender.scene import readiness, scene
-from ..irpso_addon.blender.viewer import views
+from ..irpso_addon.blender.viewer import editors, views
 from ..irpso_addon.compare.measure import figure, hold_out
 from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.reporting.report import write_report
@@ -55,14 +55,14 @@ class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
         assert session.running is not None
         if session.running.progress.message != self._shown_message:
             self._shown_message = session.running.progress.message
-            views.refresh()
+            editors.refresh()
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
         """Shows the chart, saves the report."""
         value["versions"]["blender"] = files.blender_version()
         views.keep_chart(obj, figure(value))
         if not bpy.app.background:
-            views.show(bpy.context)
+            editors.show(bpy.context)
         yield
         if bpy.context.window_manager.irpso_views.compare_save:
             folder = Path(absolute(bpy.context.scene.irpso.out))
@@ -72,4 +72,4 @@ class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
                 raise BadInput(f"{folder}: cannot write there ({error.strerror}); choose another folder") from None
             write_report(folder / "compare.json", {**value, "command": [self.bl_idname]})
             self.report({"INFO"}, f"{folder / 'compare.json'}: written")
-        views.refresh()
+        editors.refresh()

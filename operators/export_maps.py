@@ -5,19 +5,26 @@ from pathlib import Path
 import bpy
 
 from ..irpso_addon.blender import properties
-from ..irpso_addon.blender.jobs import session
+from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.maps import map_set
 from ..irpso_addon.core.maps.export import write_maps
 from .helpers.needs_solution import NeedsSolution
 from .helpers.paths import absolute
 
+MAPS = {  # as export.layers has them
+    "basecolor": "base colour", "roughness": "roughness", "confidence": "confidence", "error": "error",
+    "filled": "filled texels", "roughness_sigma": "standard error of roughness",
+    "basecolor_sigma": "standard error of base colour", "specular": "Specular IOR Level if it was solved for",
+}
+
 
 class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
-    """Save base colour, roughness, confidence, error and the filled texels as image files"""
+    """Saves the last solution's maps."""
 
     bl_idname = "irpso.export_maps"
     bl_label = "Export Maps"
+    bl_description = f"Save the maps as image files: {', '.join(MAPS.values())}"
     bl_options = {"REGISTER"}
 
     directory: bpy.props.StringProperty(

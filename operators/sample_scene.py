@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..irpso_addon.blender.jobs import session
+from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.blender.sample import sample
 
 
@@ -19,7 +19,7 @@ class IRPSO_OT_sample_scene(bpy.types.Operator):
         """Nothing is running that opening a file would end."""
         if session.running is not None:
             cls.poll_message_set("A job is running: wait, or stop it first")
-        elif sample.making is not None:
+        elif sample.state.making is not None:
             cls.poll_message_set("The sample scene is being made")
         else:
             return True
@@ -28,8 +28,8 @@ class IRPSO_OT_sample_scene(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Returns at once; the scene opens when it is there."""
         sample.start()
-        if sample.error:  # in the window it is told later, in the panel
-            self.report({"ERROR"}, sample.error)
+        if sample.state.error:  # in the window it is told later, in the panel
+            self.report({"ERROR"}, sample.state.error)
             return {"CANCELLED"}
         return {"FINISHED"}
 
@@ -44,7 +44,7 @@ class IRPSO_OT_stop_sample(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """It is being made."""
-        return sample.making is not None
+        return sample.state.making is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Ends the second Blender."""

@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..irpso_addon.blender.viewer import views
+from ..irpso_addon.blender.viewer import editors
 
 
 class IRPSO_OT_show_views(bpy.types.Operator):
@@ -20,7 +20,7 @@ class IRPSO_OT_show_views(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Nothing of the file is changed."""
         if context.area is not None and context.area.type == "IMAGE_EDITOR":
-            views.show_in(context.area)
+            editors.show_in(context.area)
         else:
-            views.show(context)
+            editors.show(context)
         return {"FINISHED"}

@@ -9,12 +9,13 @@ from typing import Any
 import bpy
 
 from ..irpso_addon.blender import properties
-from ..irpso_addon.blender.jobs import jobs, live_display, session, solve_object, solve_region, solve_speed
+from ..irpso_addon.blender.jobs import jobs, live_display, solve_object, solve_region, solve_speed
 from ..irpso_addon.blender.jobs.jobs import Task
+from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.blender.material import material_preflight
 from ..irpso_addon.blender.scene import readiness
 from ..irpso_addon.blender.scene.readiness import solve_objects
-from ..irpso_addon.blender.viewer import views
+from ..irpso_addon.blender.viewer import editors
 from ..irpso_addon.core.data import Solution
 from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.tiled import uv_blocks
@@ -87,7 +88,7 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         fresh, running.live = running.live is not maps.latest, maps.latest
         fresh = maps.show(obj) if self.write and not self._order.large else fresh
         if fresh:
-            views.refresh()
+            editors.refresh()
         return fresh
 
     def stopped(self) -> Solution | None:
@@ -118,4 +119,4 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         """The views show the result instead of the running job."""
         if self._live is not None:
             self._live.drop()
-        views.refresh()
+        editors.refresh()

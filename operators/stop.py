@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..irpso_addon.blender.jobs import session
+from ..irpso_addon.blender.jobs.session import session
 
 
 class _WhileRunning:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import bpy
 
-from ..irpso_addon.blender.jobs import session
+from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.blender.material import material
 from ..irpso_addon.core.errors import BadInput
 from .helpers.needs_solution import NeedsSolution

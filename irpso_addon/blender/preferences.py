@@ -3,7 +3,7 @@
 The device is looked at in a process of its own, as everything that touches OpenGL while there is a window.
 """
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 
 import bpy
 from bpy.types import AddonPreferences
@@ -20,9 +20,17 @@ EXTENSION = (__package__ or "").rsplit(".", 2)[0]  # bl_ext.<repository>.irpso, 
 POLL = 0.1  # seconds
 KERNELS = {"compute": "Compute Shaders", "fragment": "Fragment Shaders", "numpy": "None"}
 
-_job: Remote | None = None
-_asked: tuple[str, str] | None = None  # for which device and kernels it was looked at
-_found: DetectedDevice | DeviceTest | str | None = None  # or why it cannot be used
+
+@dataclass
+class _Look:
+    """The look at the device."""
+
+    job: Remote | None = None  # under way
+    asked: tuple[str, str] | None = None  # for which device and kernels
+    answer: DetectedDevice | DeviceTest | str | None = None  # or why it cannot be used
+
+
+_look = _Look()
 
 
 class IRPSO_AP_preferences(AddonPreferences):
@@ -32,7 +40,7 @@ class IRPSO_AP_preferences(AddonPreferences):
 
     def draw(self, _context: bpy.types.Context) -> None:
         """The settings; beside them, what was detected."""
-        if _asked != (self.device, self.kernels) and not bpy.app.timers.is_registered(detect):
+        if _look.asked != (self.device, self.kernels) and not bpy.app.timers.is_registered(detect):
             bpy.app.timers.register(detect)  # it may not be started while drawing
         column = split(self.layout).column()
         for field in fields(DeviceSettings):
@@ -85,44 +93,41 @@ def test() -> None:
 
 def testing() -> bool:
     """Whether one of the two is under way."""
-    return _job is not None
+    return _look.job is not None
 
 
 def forget() -> None:
     """Ends what is under way."""
-    global _job
     for timer in (detect, _wait):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
-    if _job is not None:
-        _job.cancel()
-        _job = None
+    if _look.job is not None:
+        _look.job.cancel()
+        _look.job = None
 
 
 def _start(task: str) -> None:
-    global _job, _asked, _found
     forget()
     settings = device_settings()
-    _asked = settings.device, settings.kernels
+    _look.asked = settings.device, settings.kernels
     try:
-        _job = Remote(task, settings=settings)
+        _look.job = Remote(task, settings=settings)
     except BadInput as error:
-        _found = str(error)
+        _look.answer = str(error)
         return
     bpy.app.timers.register(_wait, first_interval=POLL, persistent=True)
 
 
 def _wait() -> float | None:
     """Takes the answer when it is there."""
-    global _job, _found
-    assert _job is not None
-    if not _job.done:
+    assert _look.job is not None
+    if not _look.job.done:
         return POLL
     try:
-        _found = _job.result()
+        _look.answer = _look.job.result()
     except (BadInput, Cancelled, RuntimeError) as error:  # RuntimeError: the driver took the process down
-        _found = str(error)
-    _job = None
+        _look.answer = str(error)
+    _look.job = None
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "PREFERENCES":
@@ -131,22 +136,22 @@ def _wait() -> float | None:
 
 
 def _draw_device(box: bpy.types.UILayout) -> None:
-    row = box.row()
+    answer, row = _look.answer, box.row()
     row.label(text="Graphics Device")
     right = row.row()
     right.alignment = "RIGHT"
     right.operator("irpso.test_device", icon="PLAY")
-    if testing() or _found is None:
+    if testing() or answer is None:
         box.label(text="Looking at the graphics device ...", icon="SORTTIME")
-    elif isinstance(_found, str):
-        wrapped(box.column(align=True), _found, 90)
+    elif isinstance(answer, str):
+        wrapped(box.column(align=True), answer, 90)
     else:
-        device = _found.device if isinstance(_found, DeviceTest) else _found
+        device = answer.device if isinstance(answer, DeviceTest) else answer
         rows = [("Renderer", device.renderer), ("OpenGL", device.version),
                 ("Kernels", KERNELS[device.kernels])]
         rows += [(name.title().replace(" A ", " a "), f"{limit:,}") for name, limit in device.limits.items()]
-        if isinstance(_found, DeviceTest):
-            rows.append(("Test", f"Passed in {_found.seconds:.1f} s"))
+        if isinstance(answer, DeviceTest):
+            rows.append(("Test", f"Passed in {answer.seconds:.1f} s"))
         column = box.column(align=True)
         for name, value in rows:
             line = column.split(factor=0.4)

@@ -9,18 +9,19 @@ from typing import Any
 import bpy
 
 from . import preferences, presets, properties
-from .jobs import jobs, live_display, session
+from .jobs import jobs, live_display
+from .jobs.session import on_load, session
 from .oiio import ensure_openimageio
 from .sample import sample
 from .scene import thumbnails
 from .ui import panels
-from .viewer import view_draw, view_properties, views
+from .viewer import editors, view_draw, view_properties, views
 
 COMMAND = "irpso"
 
 _command_handle: Any = None
 _operators: Sequence[type] = ()
-_PARTS = (view_properties, views, view_draw, sample, presets)  # that register more than classes
+_PARTS = (view_properties, views, editors, view_draw, sample, presets)  # that register more than classes
 
 
 def register(operators: Sequence[type], command: Callable[[list[str]], int]) -> None:
@@ -36,7 +37,7 @@ def register(operators: Sequence[type], command: Callable[[list[str]], int]) -> 
         bpy.utils.register_class(cls)
     for part in _PARTS:
         part.register()
-    bpy.app.handlers.load_pre.append(session.forget)
+    bpy.app.handlers.load_pre.append(on_load)
     bpy.app.handlers.save_pre.append(live_display.on_save)
     bpy.app.handlers.undo_post.append(live_display.on_undo)
     bpy.app.handlers.redo_post.append(live_display.on_redo)
@@ -55,7 +56,7 @@ def unregister() -> None:
     jobs.cool_down()
     preferences.forget()
     thumbnails.release()
-    bpy.app.handlers.load_pre.remove(session.forget)
+    bpy.app.handlers.load_pre.remove(on_load)
     bpy.app.handlers.save_pre.remove(live_display.on_save)
     bpy.app.handlers.undo_post.remove(live_display.on_undo)
     bpy.app.handlers.redo_post.remove(live_display.on_redo)

@@ -12,11 +12,11 @@ from typing import Any
 
 import bpy
 
-from ...irpso_addon.blender.jobs import session
 from ...irpso_addon.blender.jobs.jobs import Task
+from ...irpso_addon.blender.jobs.session import Running, object_by_uid, session
 from ...irpso_addon.blender.panel_common import redraw_sidebars
 from ...irpso_addon.core import log
-from ...irpso_addon.core.errors import BadInput, Cancelled, DeviceError
+from ...irpso_addon.core.errors import BadInput, Cancelled
 from ...irpso_addon.core.job import Progress
 
 TIMER_PERIOD = 0.05  # seconds
@@ -31,7 +31,7 @@ class ModalJob:
     """
 
     _flow: Iterator[None] | None = None
-    _running: session.Running | None = None
+    _running: Running | None = None
     _timer: bpy.types.Timer | None = None
     _drawn = 0.0
     _fresh = False  # the window is drawn anew: the progress goes along
@@ -149,7 +149,7 @@ class ModalJob:
     def _through(self, uids: list[int]) -> Iterator[None]:
         """The whole job; a step for each tick."""
         for uid in uids:
-            obj = session.object_by_uid(uid)
+            obj = object_by_uid(uid)
             if obj is None:
                 continue
             task = self.task(bpy.context, obj)
@@ -160,7 +160,7 @@ class ModalJob:
                 running.leave = lambda: self._leave(bpy.context)
                 yield
                 while not running.job.done:
-                    obj = session.object_by_uid(uid)
+                    obj = object_by_uid(uid)
                     if obj is None:
                         running.job.cancel()
                         self.report({"WARNING"}, f"{self.bl_label}: the object was deleted; its result is dropped")
@@ -180,7 +180,7 @@ class ModalJob:
             if running.stopping:
                 return
 
-    def _delivered(self, running: session.Running) -> tuple[Any, bool]:
+    def _delivered(self, running: Running) -> tuple[Any, bool]:
         """The job's value, or what there is of it, and whether it was stopped."""
         try:
             value, cancelled = _outcome(running.job.result)
@@ -191,11 +191,11 @@ class ModalJob:
 
     def _refuse(self, error: Exception) -> None:
         log.failure(self.bl_idname, error)
-        session.device_trouble = isinstance(error, DeviceError)
+        session.fail(error)
         self.report({"ERROR"}, str(error))
 
     def _finished(self, uid: int, value: Any, cancelled: bool) -> Iterator[None]:
-        obj = session.object_by_uid(uid)
+        obj = object_by_uid(uid)
         if obj is None:
             return
         if value is None:
@@ -214,7 +214,7 @@ class ModalJob:
         context.window_manager.progress_update(100 * progress.fraction)
         if context.workspace is not None:
             context.workspace.status_text_set(
-                f"IRPSO {self.bl_label}: {session.words(running)}  {progress.message}  Esc: stop")
+                f"IRPSO {self.bl_label}: {running.words()}  {progress.message}  Esc: stop")
         redraw_sidebars()
 
     def _leave(self, context: bpy.types.Context) -> None:

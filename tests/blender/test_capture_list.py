@@ -184,6 +184,11 @@ def odd_space(scene) -> str:
     return "color space 'Filmic' is not known"
 
 
+def odd_exposure(scene) -> str:
+    scene.irpso.views[0].exposure = 100.0
+    return "exposure 100 is out of range"
+
+
 def lost_mask(scene) -> str:
     scene.irpso.views[0].mask = "//nosuch.png"
     return "mask: file missing"
@@ -229,7 +234,8 @@ def captures_of_others(scene) -> str:
 
 
 FAULTS = [lost_file, no_image, broken_file, no_camera, deleted_camera, panorama, deleted_light, unlinked_light, dark,
-          odd_space, lost_mask, other_aspect, no_uvs, no_faces, all_off, no_views, lost_captures, captures_of_others]
+          odd_space, odd_exposure, lost_mask, other_aspect, no_uvs, no_faces, all_off, no_views, lost_captures,
+          captures_of_others]
 
 
 @pytest.mark.parametrize("spoil", FAULTS)

@@ -36,7 +36,7 @@ def test_maps_become_files_beside_the_scene(opened, module, tmp_path: Path) -> N
     assert images["base_color"].filepath == "//irpso/Ball_basecolor.<UDIM>.exr"
     assert [tile.number for tile in images["roughness"].tiles] == [1001, 1002]
     assert tuple(images["roughness"].size) == (SIZE, SIZE) and images["roughness"].packed_file is None
-    solution = module("blender.jobs.session").solution_of(ball)
+    solution = module("blender.jobs.session").session.solution_of(ball)
     assert len(solution.maps.roughness) == 2 * SIZE  # the plan's: squares side by side
 
     # The files again, not the plan's maps, whatever the object is called by now.

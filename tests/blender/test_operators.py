@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from pathlib import Path
 
 import bpy
@@ -88,7 +89,18 @@ def test_the_whole_job(scene, module, tmp_path: Path) -> None:
     bpy.ops.wm.read_factory_settings(use_empty=False)
     bpy.context.view_layer.objects.active = next(o for o in bpy.data.objects if o.type == "MESH")
     assert not bpy.ops.irpso.write_maps.poll()
-    assert module("blender.jobs.session").running is None
+    assert module("blender.jobs.session").session.running is None
+
+
+def test_the_tooltip_names_every_map_that_is_exported(module) -> None:
+    flat, colour = np.zeros((2, 2), np.float32), np.zeros((2, 2, 3), np.float32)
+    everything = module("core.data").Maps(
+        base_color=colour, roughness=flat, confidence=flat, error=flat, filled=flat > 0, coverage=flat < 1,
+        roughness_sigma=flat, base_sigma=flat, specular=flat)
+    named = sys.modules["irpso_ext.operators.export_maps"].MAPS
+    assert list(named) == list(module("core.maps.export").layers(everything))
+    tooltip = bpy.ops.irpso.export_maps.get_rna_type().description
+    assert all(words in tooltip for words in named.values())
 
 
 def test_solve_without_writing_then_write_undo_redo(scene) -> None:
@@ -201,7 +213,7 @@ def test_solving_again_decides_the_model_anew(scene, module) -> None:
     scene.irpso.model = "one-lobe"
     bpy.ops.irpso.solve()
     assert specular.default_value == 0.5
-    warnings = module("blender.jobs.session").solution_of(bpy.data.objects["Ball"]).warnings
+    warnings = module("blender.jobs.session").session.solution_of(bpy.data.objects["Ball"]).warnings
     assert not any("Specular" in warning for warning in warnings)
 
 

@@ -123,7 +123,7 @@ def spoil(name: str, value: float) -> None:
 def test_a_part_is_solved_and_the_rest_kept(scene):
     whole, known = pixels("Ball_roughness")[..., 0], pixels("Ball_confidence")[..., 0] > 0
     for module in [m for n, m in sys.modules.items() if n == "irpso_ext.irpso_addon.blender.jobs.session"]:
-        module.forget()  # as after opening the saved file: the maps on the material are what is kept
+        module.session.forget()  # as after opening the saved file: the maps on the material are what is kept
     spoil("Ball_roughness", 0.9)
     ball = bpy.data.objects["Ball"]
     ball.data.polygons.foreach_set("select", [polygon.center.x > 0 for polygon in ball.data.polygons])
@@ -187,7 +187,7 @@ def test_what_is_stopped_keeps_the_last_result(scene, extension):
                            for name in ("blender.jobs.live_display", "core.data", "blender.jobs.session"))
     glimpse = sys.modules["irpso_ext.irpso_addon.core.live_maps"].Live
     settings = sys.modules["irpso_ext.irpso_addon.blender.properties"].settings(scene.irpso)
-    start = session.solution_of(bpy.data.objects["Ball"])
+    start = session.session.solution_of(bpy.data.objects["Ball"])
     mesh = data.MeshArrays("Ball", *np.zeros((3, 0, 3, 3), "f4"), np.zeros(0, "i4"), ("Paint",))
     image = np.zeros((2, 2), np.float32)
     maps = live.LiveMaps(data.SceneData("good", mesh, np.zeros((0, 3, 3), "f4"), (), region=data.Region(image=image),

@@ -8,8 +8,8 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon.blender.jobs import session
-from irpso_addon.blender.viewer import view_draw, view_properties, views
+from irpso_addon.blender.jobs.session import session
+from irpso_addon.blender.viewer import editors, view_draw, view_properties, views
 from irpso_addon.blender.viewer.plot import Box
 from irpso_addon.core.data import Maps, Solution, ViewPicture
 from irpso_addon.core.live_maps import Live
@@ -22,10 +22,12 @@ def chosen(empty):
     """The choices, with a mesh active."""
     view_properties.register()
     views.register()
+    editors.register()
     bpy.ops.mesh.primitive_plane_add()
     yield bpy.context.window_manager.irpso_views
-    session.running = None
+    session.end(session.running)
     session.forget()
+    editors.unregister()
     views.unregister()
     view_properties.unregister()
 
@@ -62,14 +64,14 @@ def test_the_last_solution_then_the_running_one(chosen):
     assert views.plate(bpy.context).first[0, 0] == 0.25, "before the first look"
     running.live = Live(maps={"roughness": np.full((4, 4), 0.75, np.float32)}, pictures=(picture("live", 0.3),))
     running.curve.append((1.0, 0.2))
-    views.refresh()
+    editors.refresh()
     assert views.plate(bpy.context).first[0, 0] == 0.75
     running.live = Live(maps={"roughness": np.full((4, 4), 0.5, np.float32)})
     chosen.show = "VIEWS"
     assert views.picture(bpy.context).view == "live", "pictures stay until there are newer ones"
     chosen.show, chosen.map = "MAPS", "base_color"
     assert views.plate(bpy.context) is None, "not known yet"
-    session.running = None
+    session.end(session.running)
     assert views.curve(bpy.context) == [(1.0, 0.2)], "the curve outlives the job"
     session.forget()
     views._forget()
@@ -99,18 +101,18 @@ def test_views_and_results_are_chosen_by_number(chosen):
 
 def test_the_image_is_not_the_files(chosen, tmp_path):
     """Neither saved nor unsaved, gone with the file; and Undo leaves it."""
-    image = views._image()
-    assert views.is_ours(image) and not image.is_dirty
+    image = editors._image()
+    assert editors.is_ours(image) and not image.is_dirty
     image.generated_width = 300
     assert not image.is_dirty
-    stranger = bpy.data.images.new(views.NAME, 4, 4)
-    assert not views.is_ours(stranger)
+    stranger = bpy.data.images.new(editors.NAME, 4, 4)
+    assert not editors.is_ours(stranger)
     path = str(tmp_path / "a.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
     with bpy.data.libraries.load(path) as (source, _):
-        assert not any(name.startswith(views.NAME) and name != stranger.name for name in source.images)
+        assert not any(name.startswith(editors.NAME) and name != stranger.name for name in source.images)
     bpy.ops.wm.open_mainfile(filepath=path)
-    assert not any(map(views.is_ours, bpy.data.images))
+    assert not any(map(editors.is_ours, bpy.data.images))
 
 
 # ---- pixels: the shader beside sums in numpy

@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import bpy
 import numpy as np
@@ -41,8 +41,6 @@ KEPT = "stopped early: the last result where no tile was done"
 UNCHANGED = "stopped early: the last result stays as it was"
 
 _numbers = itertools.count()
-_over: set[str] = set()  # tokens of solves whose result is there
-_shown: LiveMaps | None = None  # what is on an object while its solve runs
 
 
 class LiveMaps:
@@ -157,11 +155,10 @@ class LiveMaps:
         With an undo step of its own: without one Blender would keep an object that it takes for unchanged, and free the
         images that it points to.  `on_undo` steps over it once the result is there.
         """
-        global _shown
         self._linked = True
         if self.outline is None:
             return
-        _shown = self
+        _display.maps = self
         with suppress(BadInput):  # is reported when the result is there; the Image Editor shows the maps until then
             material.check(obj, self.outline)
             material.adopt(obj, images)
@@ -178,9 +175,8 @@ class LiveMaps:
 
     def drop(self) -> None:
         """The solve is over: take away what nothing points to."""
-        global _shown
-        _shown = None
-        _over.add(self.token)
+        _display.maps = None
+        _display.over.add(self.token)
         for image in self.images().values():
             if image.users == 0:
                 bpy.data.images.remove(image)
@@ -216,13 +212,24 @@ class LiveMaps:
                 pictures=self.latest.pictures if self.latest else ())
 
 
+@dataclass
+class _Display:
+    """What the handlers of Undo, Redo and saving go by."""
+
+    maps: LiveMaps | None = None  # what is on an object while its solve runs
+    over: set[str] = field(default_factory=set)  # tokens of solves whose result is there
+
+
+_display = _Display()
+
+
 @persistent
 def on_undo(*_: object) -> None:
     """undo_post handler: a step at which maps were so far is none that a user has made; one more goes to theirs."""
     if _landed():
         _soon(bpy.ops.ed.undo)
-    elif _shown is not None and not _shown.undone and not _shown.on_object:
-        _shown.undone = True
+    elif (maps := _display.maps) is not None and not maps.undone and not maps.on_object:
+        maps.undone = True
         _soon(bpy.ops.ed.undo)
 
 
@@ -231,8 +238,8 @@ def on_redo(*_: object) -> None:
     """redo_post handler: as `on_undo`."""
     if _landed():
         _soon(bpy.ops.ed.redo)
-    elif _shown is not None and _shown.on_object:
-        _shown.undone = False
+    elif (maps := _display.maps) is not None and maps.on_object:
+        maps.undone = False
 
 
 def _landed() -> bool:
@@ -242,7 +249,7 @@ def _landed() -> bool:
     for obj in marked:
         if obj.is_editable:
             del obj[SO_FAR]
-    return bool(tokens & _over)
+    return bool(tokens & _display.over)
 
 
 def _soon(operator: Callable[[], object]) -> None:
@@ -258,7 +265,7 @@ def _soon(operator: Callable[[], object]) -> None:
 @persistent
 def on_save(*_: object) -> None:
     """save_pre handler: maps that are still on their way go into the file as they are; unpacked they would be lost."""
-    for image in _shown.images().values() if _shown is not None else ():
+    for image in _display.maps.images().values() if _display.maps is not None else ():
         if image.is_dirty:
             image.pack()
 

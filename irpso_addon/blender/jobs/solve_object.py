@@ -31,9 +31,10 @@ from ...solve import pipeline, tiled_solve
 from ..files import object_named
 from ..material import material, material_preflight
 from ..scene.scene import read_scene
-from . import session, solve_region, solve_speed
+from . import solve_region, solve_speed
 from .indirect import IndirectRenderer
 from .jobs import Task
+from .session import object_by_uid, session
 
 Part = tuple[str, Any]  # kind and choice, as solve_region.with_part has them
 ALL: Part = ("ALL", None)
@@ -198,7 +199,7 @@ def place(
     uid, layers = obj.session_uid, material.layers_of(solution.maps)
     uids: dict[str, int] = {}
     for role, array in layers.items():
-        now = session.object_by_uid(uid)
+        now = object_by_uid(uid)
         if now is None:
             return ()
         image = shown().get(role)
@@ -211,7 +212,7 @@ def place(
         if image is not None:
             image.pack()
             yield
-    now = session.object_by_uid(uid)
+    now = object_by_uid(uid)
     if now is None:
         return ()
     images = {role: _image(image_uid) for role, image_uid in uids.items()}

@@ -19,7 +19,7 @@ from ..material.tags import SPECULAR_TAG, TAG, maps_of
 from ..material.two_lobe import is_two_lobe, parked
 from ..scene.scene_mesh import evaluated_mesh, integers, triangles
 from ..scene.scene_objects import world_matrix
-from . import session
+from .session import session
 
 MODES = {  # of the object, in which a part is marked; what the button says
     "GROUP": ("WEIGHT_PAINT", "Paint Weights", "WPAINT_HLT"),

@@ -21,7 +21,7 @@ from ...core.reporting.estimates import Estimate, ViewSize, gigabytes
 from ...core.tiled.uv_blocks import FIRST_UDIM, udims_of
 from .. import preferences, properties
 from ..scene import readiness
-from . import session
+from .session import session
 
 FILE = "irpso_speed.json"  # in the user's configuration folder
 

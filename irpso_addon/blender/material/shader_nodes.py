@@ -32,36 +32,41 @@ def wire(
     tree = material.node_tree
     shader, principled = _principled(tree)
     textures = _Textures(tree, shader, images)
-    level_source = level
+    level_source: bpy.types.NodeSocket | float | None = None
     if model == "lambert":
         level_source = 0.0
-    elif model == "one-lobe-specular" and level is None and "specular" in images:
-        level_source = textures.add("specular", LEVEL, 2).outputs["Color"]
-    elif model != "one-lobe-specular":
-        level_source = None
+    elif model == "one-lobe-specular":
+        solved = level is None and "specular" in images
+        level_source = textures.add("specular", LEVEL, 2).outputs["Color"] if solved else level
     messages = _set_specular(tree, principled, level_source)
     if not isinstance(level_source, bpy.types.NodeSocket):
         _remove(tree, "specular")
-    roughness = textures.add("roughness", "Roughness", 1)
-    channels = textures.separate(roughness).outputs if lobes else []
-    if not lobes:
-        _remove(tree, "separate")
-    if model == "two-lobe":
-        shader = _stand_in(tree, principled, ndf)
-        for name, channel in zip(two_lobe.LOBES, channels, strict=True):
-            tree.links.new(channel, shader.inputs[name])
-        if tree.animation_data is not None:
-            messages.append("its nodes are animated; the two-lobe group holds their present values")
-    else:
-        shader = principled
-        two_lobe.unpark(principled)
-        _remove(tree, two_lobe.ROLE)
-        tree.links.new(channels[0] if lobes else roughness.outputs["Color"], shader.inputs["Roughness"])
+    shader, more = _wire_roughness(tree, principled, textures, model, lobes, ndf)
     base = textures.add("base_color", "Base Color", 0)
     tree.links.new(base.outputs["Color"], shader.inputs["Base Color"])
     if tree.nodes.active is None or tree.nodes.active.bl_idname != base.bl_idname:
         tree.nodes.active = base  # what Solid view with textures shows, and what is painted on
-    return messages
+    return messages + more
+
+
+def _wire_roughness(
+    tree: bpy.types.ShaderNodeTree, principled: bpy.types.Node, textures: _Textures, model: str, lobes: bool, ndf: str,
+) -> tuple[bpy.types.Node, list[str]]:
+    """The roughness of one lobe or of two; the shader that shows it, and what the user should know."""
+    roughness = textures.add("roughness", "Roughness", 1)
+    channels = textures.separate(roughness).outputs if lobes else []
+    if not lobes:
+        _remove(tree, "separate")
+    if model != "two-lobe":
+        two_lobe.unpark(principled)
+        _remove(tree, two_lobe.ROLE)
+        tree.links.new(channels[0] if lobes else roughness.outputs["Color"], principled.inputs["Roughness"])
+        return principled, []
+    shader = _stand_in(tree, principled, ndf)
+    for name, channel in zip(two_lobe.LOBES, channels, strict=True):
+        tree.links.new(channel, shader.inputs[name])
+    animated = tree.animation_data is not None
+    return shader, ["its nodes are animated; the two-lobe group holds their present values"] if animated else []
 
 
 def has_nodes(material: bpy.types.Material) -> bool:

@@ -6,6 +6,7 @@ import math
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,11 @@ from mathutils import Euler
 from ...core.errors import BadInput
 from ...core.job import Progress
 from ...core.versions import versions
-from ..jobs import session
 from ..jobs.second_blender import Child, command
+from ..jobs.session import session
 from ..panel_common import letters, redraw_sidebars, wrapped
 from ..preferences import EXTENSION
-from ..viewer import views
+from ..viewer import editors
 from .sample_child import SCENE
 
 POLL, REDRAW = 0.3, 0.05  # seconds
@@ -29,10 +30,6 @@ PATIENCE = 40  # redraws until the sidebar must be there
 LOOK = Euler((math.radians(78), 0.0, math.radians(20))).to_quaternion()  # past the cameras, a little from above
 AIM, DISTANCE = (0.3, 0.0, 0.0), 4.2  # metres
 LEFT = 0.55  # share of the viewport that stays one, the Image Editor gets the rest
-
-making: Making | None = None
-error = ""  # why it could not be made
-
 
 class Making:
     """The scene being made."""
@@ -62,6 +59,17 @@ class Making:
         self.folder.cleanup()
 
 
+@dataclass
+class State:
+    """What is known of it now; there is one, `state`."""
+
+    making: Making | None = None
+    error: str = ""  # why it could not be made
+
+
+state = State()
+
+
 def path() -> Path:
     """Where the scene of this IRPSO and this Blender is kept."""
     if EXTENSION.startswith("bl_ext."):
@@ -73,12 +81,11 @@ def path() -> Path:
 
 def start() -> None:
     """Opens the scene; if it is not there yet, makes it first while the window lives on."""
-    global making, error
-    error = ""
+    state.error = ""
     if path().exists():
         _open()
         return
-    making = Making(path().parent)
+    state.making = Making(path().parent)
     if bpy.app.background:
         while _watch() is not None:
             time.sleep(POLL)
@@ -88,13 +95,12 @@ def start() -> None:
 
 def stop() -> None:
     """Ends the making."""
-    global making
     for timer in (_watch, _lay_out):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
-    if making is not None:
-        making.end()
-    making = None
+    if state.making is not None:
+        state.making.end()
+    state.making = None
 
 
 def register() -> None:
@@ -112,14 +118,14 @@ def unregister() -> None:
 
 def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """The button, or how far the making is."""
-    if making is not None:
-        progress, row = making.poll(), layout.row(align=True)
+    if state.making is not None:
+        progress, row = state.making.poll(), layout.row(align=True)
         row.progress(factor=progress.fraction, text=f"Making the Sample Scene: {progress.fraction:.0%}")
         row.operator("irpso.stop_sample", text="", icon="X")
     else:
         layout.operator("irpso.sample_scene", icon="SCENE_DATA")
-    if error:
-        wrapped(layout, error, letters(context))
+    if state.error:
+        wrapped(layout, state.error, letters(context))
 
 
 def draw_menu(self: Any, _context: bpy.types.Context) -> None:
@@ -130,16 +136,15 @@ def draw_menu(self: Any, _context: bpy.types.Context) -> None:
 
 def _watch() -> float | None:
     """While it is made: shows how far; then opens it."""
-    global error
-    assert making is not None
+    assert state.making is not None
     redraw_sidebars()
     try:
-        if not making.done():
+        if not state.making.done():
             return POLL
-    except BadInput as told:
-        error = str(told)
+    except BadInput as error:
+        state.error = str(error)
     stop()
-    if not error and session.running is None:  # else it is opened by the next press
+    if not state.error and session.running is None:  # else it is opened by the next press
         _open()
     return None
 
@@ -189,7 +194,7 @@ def _add_image_editor(window: bpy.types.Window, _area: bpy.types.Area) -> bool:
     """The right one of the two viewports; only now do they know where they are."""
     right = max((a for a in window.screen.areas if a.type == "VIEW_3D"), key=lambda a: a.x)
     right.type = "IMAGE_EDITOR"
-    views.show_in(right)
+    editors.show_in(right)
     return False
 
 

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import bpy
 
@@ -19,7 +18,7 @@ from ...core.capture.file_preview import ImagePreview, same_file
 from ...core.images.colour import known_space
 from ..panel_common import letters, wrapped
 from . import thumbnails
-from .scene_objects import rendered_objects
+from .scene_views import NamedView, SceneViews
 
 FRESH = 0.05  # seconds: panels that are drawn together share one survey
 SHOWN = 3  # lines beside the button
@@ -113,10 +112,7 @@ def solve_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 def survey(context: bpy.types.Context) -> Survey:
     """Everything about the scene that a solve of the active object needs."""
-    scene = context.scene
-    objects = {obj.name: obj for obj in scene.objects}
-    reader = _Reader(context, objects)
-    views, faults = reader.views(scene.irpso)
+    views, faults = _views(context)
     if not bpy.data.filepath:
         faults.insert(0, "The file was never saved; save it first")
     meshes = solve_objects(context)
@@ -132,108 +128,55 @@ def _mesh_faults(obj: bpy.types.Object) -> Faults:
     return [] if len(obj.data.uv_layers) else [f"{obj.name}: has no UV map; unwrap it"]
 
 
-class _Reader:
-    """Views of the scene, wherever they are named."""
-
-    def __init__(self, context: bpy.types.Context, objects: dict[str, bpy.types.Object]) -> None:
-        self.context, self.objects = context, objects
-        render = context.scene.render
-        self.aspect = (render.resolution_x / render.resolution_y) if render.resolution_y else 1.0
-        self._all_lights: int | None = None
-
-    def views(self, settings: Any) -> tuple[list[ViewState], Faults]:
-        """From the capture file, the list, or the cameras' background images; and what is wrong with the source."""
-        if settings.captures:
-            return self._from_file(bpy.path.abspath(settings.captures))
-        if len(settings.views):
-            views = [self._entry(entry) for entry in settings.views]
-            _mark_duplicates(views)
-            return views, [] if any(view.used for view in views) else ["Every view is switched off"]
-        views = [self._background(obj, slot) for obj in self.objects.values() if obj.type == "CAMERA"
-                 for slot in obj.data.background_images if slot.source == "IMAGE" and slot.image]
-        return views, [] if views else ["No views; add them under Capture"]
-
-    def _from_file(self, path: str) -> tuple[list[ViewState], Faults]:
-        found = thumbnails.captures(path)
-        if found is None:
+def _views(context: bpy.types.Context) -> tuple[list[ViewState], Faults]:
+    """From the capture file, the list, or the cameras' background images; and what is wrong with the source."""
+    source, captures = SceneViews(context.scene, context.view_layer), context.scene.irpso.captures
+    if captures:
+        path = bpy.path.abspath(captures)
+        known = thumbnails.captures(path)
+        if known is None:
             return [], []
-        if found.problem:
-            return [], [f"{Path(path).name}: {found.problem[:1].lower()}{found.problem[1:]}"]
-        views = []
-        for entry in found.views:
-            camera, faults = self.objects.get(entry.camera), []
-            if camera is None or camera.type != "CAMERA":
-                faults.append(f"Camera '{entry.camera}' is not in the scene")
-            lamps = [self.objects.get(name) for name in entry.lights]
-            faults += [f"Light '{name}' is not in the scene" for name, lamp in zip(entry.lights, lamps, strict=True)
-                       if lamp is None or lamp.type != "LIGHT"]
-            state = ViewState(str(entry.image), entry.camera, len(lamps), _light(entry.lights), faults=faults)
-            views.append(self._checked(state, camera, str(entry.mask or ""), entry.colorspace or ""))
-        return views, []
+        if known.problem:
+            return [], [f"{Path(path).name}: {known.problem[:1].lower()}{known.problem[1:]}"]
+        named = source.from_captures(known.views, Path(path))
+    else:
+        named = source.from_scene()
+    render = context.scene.render
+    aspect = (render.resolution_x / render.resolution_y) if render.resolution_y else 1.0
+    views = [_state(view, aspect) for view in named.views]
+    if not captures and context.scene.irpso.views:
+        _mark_duplicates(views)
+    return views, [] if named.fault is None else [named.fault.line]
 
-    def _entry(self, entry: Any) -> ViewState:
-        camera, lamps = entry.camera, [item.light for item in entry.lights]
-        view = ViewState(bpy.path.abspath(entry.image), camera.name if camera else "", len(lamps),
-                         _light([lamp.name if lamp else "" for lamp in lamps]), entry.enabled)
-        if not entry.image:
-            view.faults.append("No image")
-        if camera is None:
-            view.faults.append("No camera")
-        elif self.objects.get(camera.name) != camera:
-            view.faults.append(f"Camera '{camera.name}' was deleted")
-        for lamp in lamps:
-            if lamp is None:
-                view.faults.append("No light")
-            elif self.objects.get(lamp.name) != lamp:
-                view.faults.append(f"Light '{lamp.name}' was deleted")
-        return self._checked(view, camera, bpy.path.abspath(entry.mask), entry.colorspace)
 
-    def _background(self, camera: bpy.types.Object, slot: Any) -> ViewState:
-        image = slot.image
-        view = ViewState(bpy.path.abspath(image.filepath, library=image.library), camera.name, 0, _light([]))
-        if image.packed_file is not None or image.source != "FILE":
-            view.faults.append("Is not a single file on disk; unpack it (File > External Data)")
-        return self._checked(view, camera, "", image.colorspace_settings.name)
+def _state(named: NamedView, aspect: float) -> ViewState:
+    """A view with what its files say; ``aspect``: of a render."""
+    view = ViewState(
+        named.image, named.camera, len(named.lights), "All lights" if named.every_light else _light(named.lights),
+        named.enabled, faults=[fault.line for fault in named.faults])
+    if named.colorspace and known_space(named.colorspace) is None:
+        view.faults.append(f"Color space '{named.colorspace}' is not known")
+    if view.image:
+        view.file = thumbnails.image(view.image)
+        _check_file(view, named.colorspace, aspect)
+    if named.mask and (found := thumbnails.image(named.mask)) and found.problem:
+        view.faults.append(f"Mask: {found.problem[:1].lower()}{found.problem[1:]}")
+    return view
 
-    def _checked(
-        self, view: ViewState, camera: bpy.types.Object | None, mask: str, colorspace: str,
-    ) -> ViewState:
-        """With what its camera, lights and files say."""
-        if not view.lights:
-            view.lights = self._rendered_lights()
-            if not view.lights:
-                view.faults.append("No light in the scene renders")
-        if camera is not None and camera.type == "CAMERA" and camera.data.type == "PANO":
-            view.faults.append(f"Camera '{camera.name}' is panoramic")
-        if colorspace and known_space(colorspace) is None:
-            view.faults.append(f"Color space '{colorspace}' is not known")
-        if view.image:
-            view.file = thumbnails.image(view.image)
-            self._check_file(view, colorspace)
-        if mask and (found := thumbnails.image(mask)) and found.problem:
-            view.faults.append(f"Mask: {found.problem[:1].lower()}{found.problem[1:]}")
-        return view
 
-    def _check_file(self, view: ViewState, colorspace: str) -> None:
-        found = view.file
-        if found is None:
-            return
-        if found.problem:
-            view.faults.append(found.problem)
-            return
-        aspect = found.width / found.height
-        if abs(aspect / self.aspect - 1) > ASPECT:
-            view.faults.append(f"Is {found.width} x {found.height}, the render resolution has another aspect")
-        if found.bits <= 8:
-            view.notes.append("8 bits a channel: use EXR or 16 bits for exact maps")
-        elif found.integer and not (colorspace or found.colorspace):
-            view.notes.append("Read as sRGB: set the color space if its values are linear")
-
-    def _rendered_lights(self) -> int:
-        if self._all_lights is None:
-            found = rendered_objects(self.context.view_layer).values()
-            self._all_lights = sum(obj.type == "LIGHT" for obj in found)
-        return self._all_lights
+def _check_file(view: ViewState, colorspace: str | None, render_aspect: float) -> None:
+    found = view.file
+    if found is None:
+        return
+    if found.problem:
+        view.faults.append(found.problem)
+        return
+    if abs(found.width / found.height / render_aspect - 1) > ASPECT:
+        view.faults.append(f"Is {found.width} x {found.height}, the render resolution has another aspect")
+    if found.bits <= 8:
+        view.notes.append("8 bits a channel: use EXR or 16 bits for exact maps")
+    elif found.integer and not (colorspace or found.colorspace):
+        view.notes.append("Read as sRGB: set the color space if its values are linear")
 
 
 def _mark_duplicates(views: Sequence[ViewState]) -> None:
@@ -245,7 +188,7 @@ def _mark_duplicates(views: Sequence[ViewState]) -> None:
 
 
 def _light(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{len(names)} lights" if names else "All lights"
+    return names[0] if len(names) == 1 else f"{len(names)} lights"
 
 
 def _prefix(names: Iterable[str]) -> str:

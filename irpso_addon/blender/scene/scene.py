@@ -11,13 +11,14 @@ from typing import Any
 
 import bpy
 
-from ...core.capture.captures import MOST_EXPOSURE, read_captures
+from ...core.capture.captures import read_captures
 from ...core.data import Camera, Light, SceneData, View
 from ...core.errors import BadInput
 from ..oiio import ensure_openimageio
 from .scene_material import read_normal_maps
 from .scene_mesh import read_mesh, read_occluders
-from .scene_objects import read_camera, read_light, rendered_objects
+from .scene_objects import names_of, read_camera, read_light, rendered_objects
+from .scene_views import SceneViews
 
 _DISPLAY_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".tga"}
 
@@ -63,7 +64,7 @@ def _subject(context: Any, name: str | None) -> Any:
         obj = context.scene.objects.get(name)
         if obj is None:
             raise BadInput(f"object '{name}': is not in scene '{context.scene.name}'; "
-                           f"it has {_names(o for o in context.scene.objects if o.type == 'MESH')}")
+                           f"it has {names_of(o for o in context.scene.objects if o.type == 'MESH') or 'no mesh'}")
         if obj.type != "MESH":
             raise BadInput(f"object '{name}': is a {obj.type.lower()}, not a mesh; name a mesh")
         return obj
@@ -72,15 +73,9 @@ def _subject(context: Any, name: str | None) -> Any:
         return active
     meshes = [o for o in rendered_objects(context.view_layer).values() if o.type == "MESH"]
     if len(meshes) != 1:
-        raise BadInput(f"which object to solve? the scene has {_names(meshes)}; name one" if meshes
+        raise BadInput(f"which object to solve? the scene has {names_of(meshes)}; name one" if meshes
                        else f"scene '{context.scene.name}': has no mesh to solve; add one")
     return meshes[0]
-
-
-def _names(objects: Any) -> str:
-    """Their names as a list, shortened."""
-    names = [f"'{o.name}'" for o in objects]
-    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "") if names else "no mesh"
 
 
 class _Reader:
@@ -120,102 +115,37 @@ class _Reader:
                       f"transform {transform}, render to EXR instead")
 
     def views(self, captures: Path | None) -> list[View]:
-        if captures is not None:
-            return self._from_file(captures)
-        entries = getattr(getattr(self.scene, "irpso", None), "views", None)
-        views = self._from_list(entries) if entries else self._from_backgrounds()
-        if not views:
-            raise BadInput(f"scene '{self.scene.name}': has no view; add views in the IRPSO tab, give the cameras "
-                           "background images, or pass a captures.json")
-        return views
-
-    def _from_file(self, path: Path) -> list[View]:
-        return [
-            View(
-                image=entry.image, camera=self._camera(entry.camera, f"{path}: view {index}"),
-                lights=tuple(self._light(name, f"{path}: view {index}") for name in entry.lights),
-                exposure=entry.exposure, mask=entry.mask, colorspace=entry.colorspace, gain=self.gain,
-            )
-            for index, entry in enumerate(read_captures(path))
-        ]
-
-    def _from_list(self, entries: Any) -> list[View]:
-        views = []
-        for index, entry in enumerate(entries):
-            where = f"view {index} of scene '{self.scene.name}'"
-            if not getattr(entry, "enabled", True):
-                self.skipped.append((entry.image or where, "switched off"))
+        """Those of a capture file, else of the scene."""
+        source = SceneViews(self.scene, self.depsgraph.view_layer)
+        named = source.from_scene() if captures is None else source.from_captures(read_captures(captures), captures)
+        if named.fault is not None:
+            raise BadInput(named.fault.error)
+        found = []
+        for view in named.views:
+            if not view.enabled:
+                self.skipped.append((view.title, "switched off"))
                 continue
-            if not entry.image:
-                raise BadInput(f"{where}: has no image; choose one or switch the view off")
-            if entry.camera is None:
-                raise BadInput(f"{where}: has no camera; choose one or switch the view off")
-            chosen = [item.light for item in entry.lights]
-            if None in chosen:
-                raise BadInput(f"{where}: has an empty light entry; choose a light or remove the entry")
-            if not abs(entry.exposure) <= MOST_EXPOSURE:
-                raise BadInput(f"{where}: exposure {entry.exposure:g} is out of range; "
-                               f"want EV from -{MOST_EXPOSURE} to {MOST_EXPOSURE}")
-            mask = getattr(entry, "mask", "")
-            views.append(View(
-                image=_absolute(entry.image), camera=self._camera(entry.camera.name, where),
-                lights=tuple(self._light(light.name, where) for light in chosen) or self._all_lights(),
-                exposure=float(entry.exposure), mask=_absolute(mask) if mask else None, gain=self.gain,
-                colorspace=getattr(entry, "colorspace", "") or None,
+            if view.faults:
+                raise BadInput(view.faults[0].error)
+            found.append(View(
+                image=Path(view.image), camera=self._camera(view.camera), lights=tuple(map(self._light, view.lights)),
+                exposure=view.exposure, mask=Path(view.mask) if view.mask else None, colorspace=view.colorspace,
+                gain=self.gain,
             ))
-        return views
+        return found
 
-    def _from_backgrounds(self) -> list[View]:
-        views = []
-        cameras = [o for o in self.scene.objects if o.type == "CAMERA"]
-        if not cameras:
-            raise BadInput(f"scene '{self.scene.name}': has no camera; add one for each reference image")
-        for camera in cameras:
-            for background in camera.data.background_images:
-                image = background.image
-                if background.source != "IMAGE" or image is None:
-                    continue
-                if image.packed_file is not None or image.source != "FILE":
-                    raise BadInput(f"image '{image.name}' (background of camera '{camera.name}'): is not a single file "
-                                   "on disk; unpack it (File > External Data)")
-                views.append(View(
-                    image=_absolute(image.filepath, image.library), lights=self._all_lights(), gain=self.gain,
-                    camera=self._camera(camera.name, "background images"), colorspace=image.colorspace_settings.name,
-                ))
-        return views
-
-    def _find(self, name: str, kind: str, where: str) -> Any:
-        obj = self.scene.objects.get(name)
-        if obj is None or obj.type != kind:
-            have = _names(o for o in self.scene.objects if o.type == kind).replace("no mesh", "none")
-            what = "does not exist in the scene" if obj is None else f"is a {obj.type.lower()}"
-            raise BadInput(f"{where}: {kind.lower()} '{name}' {what}; there are: {have}")
-        return obj
-
-    def _camera(self, name: str, where: str) -> Camera:
-        obj = self._find(name, "CAMERA", where)
+    def _camera(self, name: str) -> Camera:
         if name not in self._cameras:
+            obj = self.scene.objects[name]
             if obj.data.dof.use_dof:
                 self.warn(f"camera '{name}': depth of field is not modelled; switch it off for the references")
             self._cameras[name] = read_camera(obj, self.scene, self.depsgraph)
         return self._cameras[name]
 
-    def _light(self, name: str, where: str) -> Light:
-        obj = self._find(name, "LIGHT", where)
+    def _light(self, name: str) -> Light:
         if name not in self._lights:
-            self._lights[name] = read_light(obj, self.depsgraph, self.warn)
+            self._lights[name] = read_light(self.scene.objects[name], self.depsgraph, self.warn)
         return self._lights[name]
-
-    def _all_lights(self) -> tuple[Light, ...]:
-        """Every light that a render would use."""
-        lights = [o for o in rendered_objects(self.depsgraph.view_layer).values() if o.type == "LIGHT"]
-        if not lights:
-            raise BadInput(f"scene '{self.scene.name}': has no light that renders; add those of the references")
-        return tuple(self._light(o.name, "the scene") for o in lights)
-
-
-def _absolute(path: str, library: Any = None) -> Path:
-    return Path(bpy.path.abspath(path, library=library))
 
 
 def _is_black(world: Any) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import bpy
@@ -20,6 +21,17 @@ _SOLID = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 Warn = Callable[[str], None]
 
 
+@dataclass(frozen=True)
+class _Corners:
+    """Corners of the triangles, in object space."""
+
+    positions: F32  # (T, 3, 3)
+    normals: F32  # (T, 3, 3)
+    uvs: F32  # (T, 3, 2)
+    slots: I32  # (T,)
+    tangents: F32 | None  # (T, 3, 4) where there is a normal map
+
+
 def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Warn) -> MeshArrays:
     """``obj`` after its modifiers, in world space.
 
@@ -34,24 +46,10 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
     mirrored = bool(np.linalg.det(linear) < 0)
     if mirrored:
         warn(f"object '{obj.name}': is mirrored by a negative scale; it is read as Blender shows it")
-    with evaluated_mesh(obj, depsgraph) as mesh:
-        if mesh is None or not mesh.polygons:
-            raise BadInput(f"object '{obj.name}': has no faces after its modifiers; give it some")
-        layer = _active_uv(obj, mesh, warn)
-        loops, vertices, slots = triangles(mesh)
-        local = _floats(mesh.vertices, "co", 3)[vertices]
-        corner_normals = _floats(mesh.corner_normals, "vector", 3)[loops]
-        uvs = _floats(mesh.uv_layers[layer].uv, "vector", 2)[loops]
-        _check(obj, local, uvs)
-        slot_count = max(1, len(obj.material_slots))
-        slots = np.minimum(slots, slot_count - 1)
-        if maps and not mesh.is_editable:  # also of its temporary copy: tangents of what cannot be set crash Blender
-            raise BadInput(f"object '{obj.name}': its mesh is linked from a library and has a normal map; "
-                           "make it local first (Object > Relations)")
-        tangents = _slot_tangents(mesh, local, corner_normals, loops, slots, maps, layer) if maps else None
+    local = _read_corners(obj, depsgraph, maps, warn)
     with np.errstate(over="ignore"):
-        positions = (local @ linear.T + world[:3, 3]).astype(np.float32)
-    normals = _unit(corner_normals @ normal_matrix.T)
+        positions = (local.positions @ linear.T + world[:3, 3]).astype(np.float32)
+    normals = _unit(local.normals @ normal_matrix.T)
     if not ((np.abs(positions) <= FAR).all() and np.isfinite(normals).all()):
         raise BadInput(f"object '{obj.name}': is too large or too far away to be computed with; scale it down")
     order = [0, 2, 1] if mirrored else [0, 1, 2]
@@ -59,13 +57,31 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
     return MeshArrays(
         name=obj.name, positions=positions[:, order].copy(),
         normals=normals[:, order].astype(np.float32),
-        uvs=uvs[:, order].copy(), slots=slots.astype(np.int32),
+        uvs=local.uvs[:, order].copy(), slots=local.slots.astype(np.int32),
         slot_names=tuple(s.material.name if s.material else "" for s in obj.material_slots) or ("",),
-        object_normals=corner_normals[:, order].copy() if maps else None,
-        tangents=None if tangents is None else tangents[:, order].copy(),
+        object_normals=local.normals[:, order].copy() if maps else None,
+        tangents=None if local.tangents is None else local.tangents[:, order].copy(),
         normal_matrix=normal_matrix.astype(np.float32) if maps else None,
         normal_maps={slot: NormalMap(m.pixels, m.strength, unit) for slot, m in maps.items()},
     )
+
+
+def _read_corners(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Warn) -> _Corners:
+    with evaluated_mesh(obj, depsgraph) as mesh:
+        if mesh is None or not mesh.polygons:
+            raise BadInput(f"object '{obj.name}': has no faces after its modifiers; give it some")
+        layer = _active_uv(obj, mesh, warn)
+        loops, vertices, slots = triangles(mesh)
+        positions = _floats(mesh.vertices, "co", 3)[vertices]
+        normals = _floats(mesh.corner_normals, "vector", 3)[loops]
+        uvs = _floats(mesh.uv_layers[layer].uv, "vector", 2)[loops]
+        _check(obj, positions, uvs)
+        slots = np.minimum(slots, max(1, len(obj.material_slots)) - 1)
+        if maps and not mesh.is_editable:  # also of its temporary copy: tangents of what cannot be set crash Blender
+            raise BadInput(f"object '{obj.name}': its mesh is linked from a library and has a normal map; "
+                           "make it local first (Object > Relations)")
+        tangents = _slot_tangents(mesh, normals, loops, slots, maps, layer) if maps else None
+    return _Corners(positions, normals, uvs, slots, tangents)
 
 
 @contextmanager
@@ -114,7 +130,7 @@ def _check(obj: Any, local: F32, uvs: F32) -> None:
 
 
 def _slot_tangents(
-    mesh: Any, local: F32, normals: F32, loops: I32, slots: I32, maps: dict[int, SlotNormalMap], active: str,
+    mesh: Any, normals: F32, loops: I32, slots: I32, maps: dict[int, SlotNormalMap], active: str,
 ) -> F32:
     """(T, 3, 4) MikkTSpace tangents in object space, for each slot by the UV map that its normal map names."""
     names = {slot: m.uv_map or active for slot, m in maps.items()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import bpy
@@ -45,10 +45,14 @@ def rendered_objects(view_layer: Any) -> dict[str, Any]:
     return found
 
 
+def names_of(objects: Iterable[Any]) -> str:
+    """Their names as a list, shortened; "" of none."""
+    names = [f"'{o.name}'" for o in objects]
+    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+
+
 def read_camera(obj: Any, scene: Any, depsgraph: Any) -> Camera:
-    """``obj`` with the scene's render resolution and pixel aspect.  Raises BadInput for a panoramic one."""
-    if obj.data.type not in {"PERSP", "ORTHO"}:
-        raise BadInput(f"camera '{obj.name}': is neither perspective nor orthographic; change its type")
+    """``obj``, perspective or orthographic, with the scene's render resolution and pixel aspect."""
     render = scene.render
     width = max(1, render.resolution_x * render.resolution_percentage // 100)
     height = max(1, render.resolution_y * render.resolution_percentage // 100)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import bpy
@@ -27,10 +28,19 @@ MOST = 2000  # previews kept at a time
 
 _images = Watcher(preview_image, ImagePreview(problem=MISSING))
 _captures = Watcher(preview_captures, CapturesPreview(problem=MISSING))
-_previews: Any = None
 Known = TypeVar("Known")
-_drawn: dict[str, Any] = {}  # key of a preview -> stamp of the file that it shows
-_shown = 0  # changes of the watchers that the sidebars show
+
+
+@dataclass
+class _Shown:
+    """What Blender shows of it."""
+
+    previews: Any = None  # Blender's collection, where there is one
+    stamps: dict[str, Any] = field(default_factory=dict)  # key of a preview -> stamp of the file that it shows
+    changes: int = 0  # of the watchers, that the sidebars show
+
+
+_shown = _Shown()
 
 
 def image(path: str) -> ImagePreview | None:
@@ -51,24 +61,23 @@ def _asked(found: Known) -> Known:
 
 def icon(path: str, exposure: float, colorspace: str) -> int:
     """Icon of a picture, 0 where there is none yet; ``exposure`` in EV is taken out, ``colorspace`` as a view says."""
-    global _previews
     found = image(path)
     if found is None or found.thumbnail is None or bpy.app.background:
         return 0
-    if _previews is None:
-        _previews = bpy.utils.previews.new()
-    elif len(_previews) > MOST:
-        _previews.clear()
-        _drawn.clear()
+    if _shown.previews is None:
+        _shown.previews = bpy.utils.previews.new()
+    elif len(_shown.previews) > MOST:
+        _shown.previews.clear()
+        _shown.stamps.clear()
     space = known_space(colorspace) or found.colorspace or ("sRGB" if found.integer else "Linear Rec.709")
     key = f"{same_file(path)} {exposure:.1f} {space}"
-    preview = _previews[key] if key in _previews else _previews.new(key)
-    if _drawn.get(key) != found.stamp:
+    preview = _shown.previews[key] if key in _shown.previews else _shown.previews.new(key)
+    if _shown.stamps.get(key) != found.stamp:
         pixels = _developed(found.thumbnail, exposure, space)
         for size, target in (("icon_size", "icon_pixels"), ("image_size", "image_pixels")):
             setattr(preview, size, (SIDE, SIDE))
             getattr(preview, target).foreach_set(pixels)
-        _drawn[key] = found.stamp
+        _shown.stamps[key] = found.stamp
     return int(preview.icon_id)
 
 
@@ -85,22 +94,20 @@ def _developed(thumbnail: F32, exposure: float, space: str) -> Any:
 
 def _poll() -> float | None:
     """Timer: shows what the thread has found, until it has no more to look at."""
-    global _shown
     changes = _images.changes + _captures.changes
-    if changes != _shown:
-        _shown = changes
+    if changes != _shown.changes:
+        _shown.changes = changes
         redraw_sidebars()
     return POLL if _images.busy or _captures.busy else None
 
 
 def release() -> None:
     """Ends the thread and frees the icons."""
-    global _previews
     if bpy.app.timers.is_registered(_poll):
         bpy.app.timers.unregister(_poll)
     _images.stop()
     _captures.stop()
-    _drawn.clear()
-    if _previews is not None:
-        bpy.utils.previews.remove(_previews)
-        _previews = None
+    _shown.stamps.clear()
+    if _shown.previews is not None:
+        bpy.utils.previews.remove(_shown.previews)
+        _shown.previews = None

@@ -10,7 +10,7 @@ from bpy.types import Panel
 from ...core.check_records import Checks
 from ...core.data import Solution
 from ...core.maps.map_set import MapFiles
-from ..jobs import session
+from ..jobs.session import session
 from ..panel_common import Tab, letters, split, wrapped
 
 WARNINGS_SHOWN = 4

@@ -9,7 +9,8 @@ from bpy.types import Panel
 
 from ...core.params import SolveSettings
 from .. import preferences, presets
-from ..jobs import jobs, session, solve_region, solve_speed
+from ..jobs import jobs, solve_region, solve_speed
+from ..jobs.session import Running, session
 from ..panel_common import Tab, split
 from ..scene import readiness
 
@@ -61,10 +62,10 @@ class IRPSO_PT_solve(Tab, Panel):
             jobs.warm_soon()
 
 
-def draw_running(layout: bpy.types.UILayout, running: session.Running) -> None:
+def draw_running(layout: bpy.types.UILayout, running: Running) -> None:
     """The bar of a running job, with Pause and Stop."""
     row = layout.row(align=True)
-    row.progress(factor=running.progress.fraction, text=session.words(running))
+    row.progress(factor=running.progress.fraction, text=running.words())
     row.operator("irpso.pause", text="", icon="PLAY" if running.paused else "PAUSE", depress=running.paused)
     row.operator("irpso.stop", text="", icon="X")
 

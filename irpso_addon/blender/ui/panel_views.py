@@ -9,9 +9,9 @@ from bpy.types import Menu, Panel
 
 from ...core.data import ViewPicture
 from ...core.evaluation import chart_data
-from ..jobs import session
+from ..jobs.session import session
 from ..panel_common import letters, split, wrapped
-from ..viewer import views
+from ..viewer import editors, views
 
 
 class ViewsTab:
@@ -24,7 +24,7 @@ class ViewsTab:
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Where ours is shown."""
-        return views.is_ours(context.space_data.image)
+        return editors.is_ours(context.space_data.image)
 
 
 class IRPSO_PT_open(ViewsTab, Panel):
@@ -35,7 +35,7 @@ class IRPSO_PT_open(ViewsTab, Panel):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Where ours is not shown."""
-        return not views.is_ours(context.space_data.image)
+        return not editors.is_ours(context.space_data.image)
 
     def draw(self, context: bpy.types.Context) -> None:
         """The button alone."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import bpy
 import gpu
@@ -13,8 +14,8 @@ from gpu_extras.batch import batch_for_shader
 
 from ...core.data import F16, F32
 from ...core.evaluation.display import reduced
-from ..jobs import session
-from . import plot, views
+from ..jobs.session import session
+from . import editors, plot, views
 from .plot import Box, Theme
 
 SHADERS = Path(__file__).resolve().parents[3] / "shaders" / "display"
@@ -30,7 +31,7 @@ _handler: object = None
 def draw() -> None:
     """The draw handler."""
     context = bpy.context
-    if not views.is_ours(context.space_data.image):
+    if not editors.is_ours(context.space_data.image):
         return
     theme, region = Theme.of(context), context.region
     chosen = context.window_manager.irpso_views
@@ -81,12 +82,20 @@ def draw_plate(plate: views.Plate, place: Box, wipe: float, exposure: float, top
     first = _texture(plate.first)
     second = first if plate.second is None else _texture(plate.second)
     line = 2.0 if plate.second is None or not plate.wipe else wipe
-    _draw(plate.kind, place, first, second, line, plate.gain * exposure, top, LEAST / plate.gain)
+    _draw(plate.kind, place, first, second, _Factors(line, plate.gain * exposure, top, LEAST / plate.gain))
+
+
+class _Factors(NamedTuple):
+    """Numbers of plate.frag, which describes them; as they are here, they change nothing."""
+
+    wipe: float = 2.0
+    gain: float = 1.0
+    top: float = 1.0
+    least: float = 1.0
 
 
 def _draw(
-    kind: str, place: Box, first: gpu.types.GPUTexture, second: gpu.types.GPUTexture, wipe: float = 2.0,
-    gain: float = 1.0, top: float = 1.0, least: float = 1.0,
+    kind: str, place: Box, first: gpu.types.GPUTexture, second: gpu.types.GPUTexture, factors: _Factors,
 ) -> None:
     shader = _shader()
     corners = [(place.left, place.bottom), (place.right, place.bottom), (place.left, place.top),
@@ -95,7 +104,7 @@ def _draw(
     shader.bind()
     shader.uniform_float("mvp", gpu.matrix.get_projection_matrix() @ gpu.matrix.get_model_view_matrix())
     shader.uniform_int("kind", KINDS.index(kind))
-    for name, value in (("wipe", wipe), ("gain", gain), ("top", top), ("least", least)):
+    for name, value in factors._asdict().items():
         shader.uniform_float(name, value)
     shader.uniform_sampler("first", first)
     shader.uniform_sampler("second", second)
@@ -113,7 +122,7 @@ def _shader() -> gpu.types.GPUShader:
     info.vertex_out(between)
     info.push_constant("MAT4", "mvp")
     info.push_constant("INT", "kind")
-    for name in ("wipe", "gain", "top", "least"):
+    for name in _Factors._fields:
         info.push_constant("FLOAT", name)
     info.sampler(0, "FLOAT_2D", "first")
     info.sampler(1, "FLOAT_2D", "second")
@@ -202,7 +211,7 @@ def _legend(visible: Box, percent: float, theme: Theme, array: F32 | F16) -> Non
     plot.fill(Box(bar.left - 14 * unit, bottom - 22 * unit, right + 14 * unit, bar.top + 8 * unit),
               (*theme.back[:3], 0.88))
     texture = _texture(array)
-    _draw("legend", bar, texture, texture)
+    _draw("legend", bar, texture, texture, _Factors())
     for share in (0.0, 0.5, 1.0):
         text = f"{percent * share:.3g} %" + (" +" if share == 1 else "")
         plot.write(text, (bar.left + share * (bar.right - bar.left), bottom - 14 * unit), theme, align=share)

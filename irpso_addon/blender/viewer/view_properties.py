@@ -4,7 +4,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
 from bpy.types import PropertyGroup
 
-from . import views
+from . import editors
 
 SHOWS = (
     ("MAPS", "Maps", "Maps of the material"),
@@ -27,7 +27,7 @@ PICTURES = (
 
 
 def _redraw(_group: PropertyGroup, _context: bpy.types.Context) -> None:
-    views.refresh()
+    editors.refresh()
 
 
 class IRPSO_PG_views(PropertyGroup):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.types import Gizmo, GizmoGroup
 
-from . import views
+from . import editors, views
 from .view_draw import image_place
 
 REACH = 10  # pixels at either side of the line
@@ -59,7 +59,7 @@ class IRPSO_GGT_wipe(GizmoGroup):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Ours is shown, and has a line."""
-        if not views.is_ours(context.space_data.image):
+        if not editors.is_ours(context.space_data.image):
             return False
         plate = views.plate(context)
         return plate is not None and plate.wipe

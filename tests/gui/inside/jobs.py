@@ -36,7 +36,7 @@ def subject() -> bpy.types.Object | None:
 
 def session() -> object:
     """The add-on's own memory."""
-    return robot.addon("irpso_addon.blender.jobs.session")
+    return robot.addon("irpso_addon.blender.jobs.session").session
 
 
 def running() -> object:

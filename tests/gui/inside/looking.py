@@ -17,7 +17,7 @@ def chosen() -> bpy.types.PropertyGroup:
 
 def ours() -> bool:
     """Whether the editor shows ours."""
-    return robot.addon("irpso_addon.blender.viewer.views").is_ours(robot.area(EDITOR).spaces.active.image)
+    return robot.addon("irpso_addon.blender.viewer.editors").is_ours(robot.area(EDITOR).spaces.active.image)
 
 
 def place() -> tuple[int, int, int, int]:

@@ -93,7 +93,7 @@ def no_opengl(scene: str, size: int) -> Steps:
     robot.addon("irpso_addon.blender.jobs.jobs").cool_down()  # whose worker had been started before
     yield from jobs.started()
     yield from jobs.ended()
-    assert jobs.solution() is None and robot.addon("irpso_addon.blender.jobs.session").device_trouble
+    assert jobs.solution() is None and jobs.session().device_trouble
     yield 0.5
     yield from robot.look("offered")
     yield from robot.key("ESC")  # the report lies over the button

@@ -1,0 +1,163 @@
+"""The views that a scene or a capture file names, and what keeps them from being used.
+
+`scene` stops at the first fault; the panels, by `readiness`, show them all.  Files are not opened here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...core.capture.captures import MOST_EXPOSURE, CaptureView
+from .scene_objects import names_of, rendered_objects
+
+PROJECTIONS = {"PERSP", "ORTHO"}  # types of the cameras that are modelled
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What keeps a view, or the whole scene, from being used."""
+
+    line: str  # for a panel, beside the view's name
+    error: str  # for BadInput: which view, what, and the cure
+
+
+@dataclass(frozen=True)
+class NamedView:
+    """A view by the names of its files and objects."""
+
+    title: str  # the image as the user named it, else which view it is
+    image: str  # absolute path, "" where there is none
+    camera: str
+    lights: tuple[str, ...]
+    every_light: bool = False  # the view names none, and these are all that render
+    exposure: float = 0.0  # EV
+    mask: str = ""  # absolute path, "" where there is none
+    colorspace: str | None = None
+    enabled: bool = True
+    faults: tuple[Fault, ...] = ()
+
+
+@dataclass(frozen=True)
+class NamedViews:
+    """The views of one source."""
+
+    views: tuple[NamedView, ...]
+    fault: Fault | None = None  # why there is no view to use
+
+
+class SceneViews:
+    """Lists the views of a scene and judges each of them."""
+
+    def __init__(self, scene: Any, view_layer: Any) -> None:
+        self._scene, self._view_layer = scene, view_layer
+        self._objects: dict[str, Any] = {}
+        for obj in scene.objects:  # of two with one name, one of which is linked, the first: as scene.objects.get
+            self._objects.setdefault(obj.name, obj)
+        self._all_lights: tuple[str, ...] | None = None
+        self._choices: dict[str, str] = {}
+
+    def from_captures(self, entries: Iterable[CaptureView], path: Path) -> NamedViews:
+        """Those of a capture file."""
+        return NamedViews(tuple(self._captured(entry, f"{path}: view {index}") for index, entry in enumerate(entries)))
+
+    def from_scene(self) -> NamedViews:
+        """Those of the scene's own list, else the cameras' background images under every light that renders."""
+        entries = getattr(getattr(self._scene, "irpso", None), "views", None)
+        name, cure = self._scene.name, ("has no view; add views in the IRPSO tab, give the cameras background images, "
+                                        "or pass a captures.json")
+        if entries:
+            views = tuple(self._entry(entry, f"view {i} of scene '{name}'") for i, entry in enumerate(entries))
+            used = any(view.enabled for view in views)
+            return NamedViews(views, None if used else Fault("Every view is switched off", f"scene '{name}': {cure}"))
+        views = tuple(self._backgrounds())
+        if not self._of_type("CAMERA"):
+            cure = "has no camera; add one for each reference image"
+        none = Fault("No views; add them under Capture", f"scene '{name}': {cure}")
+        return NamedViews(views, None if views else none)
+
+    def _captured(self, entry: CaptureView, where: str) -> NamedView:
+        faults = self._camera_faults(entry.camera, where, "is not in the scene")
+        faults += self._light_faults(entry.lights, where, "is not in the scene")
+        image = str(entry.image)
+        return NamedView(image, image, entry.camera, entry.lights, exposure=entry.exposure, mask=str(entry.mask or ""),
+                         colorspace=entry.colorspace, faults=tuple(faults))
+
+    def _entry(self, entry: Any, where: str) -> NamedView:
+        camera = entry.camera.name if entry.camera is not None else ""
+        lights = tuple(item.light.name if item.light is not None else "" for item in entry.lights)
+        faults = [] if entry.image else [
+            Fault("No image", f"{where}: has no image; choose one or switch the view off")]
+        faults += self._camera_faults(camera, where, "was deleted")
+        faults += self._light_faults(lights, where, "was deleted") if lights else self._dark_faults()
+        if not abs(entry.exposure) <= MOST_EXPOSURE:  # so is NaN
+            faults.append(Fault(f"Exposure {entry.exposure:g} is out of range",
+                                f"{where}: exposure {entry.exposure:g} is out of range; "
+                                f"want EV from -{MOST_EXPOSURE} to {MOST_EXPOSURE}"))
+        return NamedView(
+            entry.image or where, bpy.path.abspath(entry.image), camera, lights or self._rendered_lights(), not lights,
+            float(entry.exposure), bpy.path.abspath(entry.mask), entry.colorspace or None, entry.enabled, tuple(faults))
+
+    def _backgrounds(self) -> Iterable[NamedView]:
+        for camera in self._of_type("CAMERA"):
+            for slot in camera.data.background_images:
+                image = slot.image
+                if slot.source != "IMAGE" or image is None:
+                    continue
+                faults = []
+                if image.packed_file is not None or image.source != "FILE":
+                    faults.append(Fault(
+                        "Is not a single file on disk; unpack it (File > External Data)",
+                        f"image '{image.name}' (background of camera '{camera.name}'): is not a single file on disk; "
+                        "unpack it (File > External Data)"))
+                faults += self._dark_faults() + self._camera_faults(camera.name, "background images", "")
+                yield NamedView(image.name, bpy.path.abspath(image.filepath, library=image.library), camera.name,
+                                self._rendered_lights(), True, colorspace=image.colorspace_settings.name,
+                                faults=tuple(faults))
+
+    def _camera_faults(self, name: str, where: str, absent: str) -> list[Fault]:
+        if not name:
+            return [Fault("No camera", f"{where}: has no camera; choose one or switch the view off")]
+        faults = self._absence(name, "CAMERA", where, absent)
+        if not faults and self._objects[name].data.type not in PROJECTIONS:
+            what = "panoramic" if self._objects[name].data.type == "PANO" else "neither perspective nor orthographic"
+            return [Fault(f"Camera '{name}' is {what}",
+                          f"camera '{name}': is neither perspective nor orthographic; change its type")]
+        return faults
+
+    def _light_faults(self, names: Sequence[str], where: str, absent: str) -> list[Fault]:
+        faults = []
+        for name in names:
+            faults += self._absence(name, "LIGHT", where, absent) if name else [
+                Fault("No light", f"{where}: has an empty light entry; choose a light or remove the entry")]
+        return faults
+
+    def _dark_faults(self) -> list[Fault]:
+        """Of a view that names no light."""
+        return [] if self._rendered_lights() else [Fault(
+            "No light in the scene renders",
+            f"scene '{self._scene.name}': has no light that renders; add those of the references")]
+
+    def _absence(self, name: str, kind: str, where: str, absent: str) -> list[Fault]:
+        """What is wrong with an object that is named as a camera or light."""
+        obj = self._objects.get(name)
+        if obj is not None and obj.type == kind:
+            return []
+        if kind not in self._choices:  # once: a long list may name many
+            self._choices[kind] = names_of(self._of_type(kind)) or "none"
+        what = "does not exist in the scene" if obj is None else f"is a {obj.type.lower()}"
+        return [Fault(f"{kind.capitalize()} '{name}' {absent}",
+                      f"{where}: {kind.lower()} '{name}' {what}; there are: {self._choices[kind]}")]
+
+    def _of_type(self, kind: str) -> list[Any]:
+        return [obj for obj in self._scene.objects if obj.type == kind]
+
+    def _rendered_lights(self) -> tuple[str, ...]:
+        if self._all_lights is None:
+            found = rendered_objects(self._view_layer).values()
+            self._all_lights = tuple(obj.name for obj in found if obj.type == "LIGHT")
+        return self._all_lights
