@@ -12,6 +12,8 @@ import numpy as np
 from ..blender import files
 from ..blender.sample import contact_sheet, demo
 from ..core.data import F32, Bool, Maps, Solution
+from ..core.evaluation.metrics import psnr
+from ..core.images.colour import linear_to_srgb
 from ..core.images.image_writer import write_image
 from ..core.job import Progress
 from ..core.params import SolveSettings
@@ -130,7 +132,10 @@ def _tiles(
 
 
 def _tile(image: F32) -> F32:
-    """The image at TILE x TILE: each pixel the mean of those whose centres fall into it (or the nearest one)."""
+    """The image at TILE x TILE: each pixel the mean of those whose centres fall into it (or the nearest one).
+
+    `resampling.at_size` would leave pixels out where the size is no multiple of TILE.
+    """
     size = image.shape[0]
     edges = np.linspace(0, size, TILE + 1).astype(int)
     for axis in (0, 1):
@@ -142,9 +147,8 @@ def _tile(image: F32) -> F32:
 
 
 def _encode(linear: F32) -> F32:
-    """IEC 61966-2-1: linear to sRGB."""
-    linear = np.clip(linear, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
+    """As displayed: sRGB, clipped at white."""
+    return linear_to_srgb(np.clip(linear, 0, 1))
 
 
 def _display(render: F32) -> F32:
@@ -158,4 +162,4 @@ def _heat(value: F32) -> F32:
 
 
 def _psnr(a: F32, b: F32, where: Bool) -> float:
-    return float(-10 * np.log10(np.mean((a[where] - b[where]) ** 2, dtype=np.float64) + 1e-12))
+    return psnr(float(np.mean((a[where] - b[where]) ** 2, dtype=np.float64)))

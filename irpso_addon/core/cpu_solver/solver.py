@@ -2,8 +2,8 @@
 
 One lobe at every texel, or none (model lambert).  float64 throughout; rays in place of shadow maps (rays.py), sums
 over the lamps in place of means and spreads (observe.py), each texel four points (texel_fit.py).
-Shares with the pipeline the twins of BRDF and lamps, nothing else.  Not here: pixels' footprints, disbelief of
-outliers, other models, indirect light, parts, the views' checks.
+Shares with the pipeline the twins of BRDF and lamps, and core/resampling.py.  Not here: pixels' footprints, disbelief
+of outliers, other models, indirect light, parts, the views' checks.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ..data import F64, Bool, Maps, SceneData, Solution
 from ..errors import BadInput
 from ..job import Progress, mapped
 from ..params import DeviceSettings, SolveSettings
+from ..resampling import linear
 from .observe import ReadImage, memory, observe
 from .rasterise import SurfacePoints, places, rasterise
 from .rays import Index
@@ -156,15 +157,5 @@ def fill(values: F64, known: F64) -> F64:
     sums = weighted.reshape(*share.shape[:1], 2, share.shape[1], 2, -1).sum((1, 3))
     coarse = fill(sums / np.maximum(share, 1e-12)[..., None], np.minimum(share, 1.0))
     y, x = ((np.arange(size) + 0.5) / 2 - 0.5 for size in (h, w))
-    below = _between(_between(coarse, y, 0), x, 1)
+    below = linear(linear(coarse, y, axis=0), x, axis=1)
     return np.asarray(known[..., None] * values + (1 - known[..., None]) * below)
-
-
-def _between(values: F64, at: F64, axis: int) -> F64:
-    """Linear between cells, along an axis."""
-    last = values.shape[axis] - 1
-    low = np.clip(np.floor(at).astype(np.int64), 0, max(last - 1, 0))
-    share = np.clip(at - low, 0, 1)
-    share = share[:, None, None] if axis == 0 else share[None, :, None]
-    here, beyond = np.take(values, low, axis), np.take(values, np.minimum(low + 1, last), axis)
-    return np.asarray(here * (1 - share) + beyond * share)
