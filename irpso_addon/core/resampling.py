@@ -1,8 +1,8 @@
 """Arrays at other sizes and at places between their texels.
 
 Elsewhere on purpose: tables whose first and last node lie at 0 and 1 (core/shading/tables.py), the normal map, which
-repeats (core/cpu_solver/rasterise.py), masks and reference images in bands (core/images/mask.py, reference_image.py), and what is shown
-small (core/evaluation/display.py, cli/demo.py).
+repeats (core/cpu_solver/rasterise.py), masks and reference images, which arrive in bands (core/images/mask.py and
+reference_image.py), and what is shown small (core/evaluation/display.py, cli/demo.py).
 """
 
 from __future__ import annotations

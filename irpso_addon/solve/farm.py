@@ -233,8 +233,9 @@ def merge_square(folder: Path, udim: int, out: Path, kind: str) -> Generator[Pro
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _unwritable(out, error) from None
-    for share in block_merge.steps(work.read_block, blocks, plan.scene.mesh.name, out, kind,
-                                   tiled_solve.layers_of(plan), tiled=plan.udims != (FIRST_UDIM,)):
+    target = block_merge.Target(out, plan.scene.mesh.name, kind, tiled_solve.layers_of(plan),
+                                plan.udims != (FIRST_UDIM,))
+    for share in block_merge.steps(work.read_block, blocks, target):
         yield Progress(share, "merge")
 
 

@@ -14,8 +14,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from .. import child_process
 from ..child_process import NO_CONSOLE
 from ..errors import BadInput
 from . import oiio_reader
-from .oiio_reader import FORMS, MAX_SIDE, Stored
+from .oiio_reader import FORMS, MAX_SIDE, Stored, StoredPicture
 
 PATIENCE = 10.0  # seconds without a word from a process that decodes
 START = 60.0  # and from one that starts: libraries may have to come from a slow disk
@@ -53,22 +54,21 @@ def header(path: Path) -> dict[str, Any]:
         return _header(told["header"])
 
 
-def bands(path: Path, part: int, channels: Sequence[int], form: str, size: tuple[int, int], first: int, last: int,
-          ) -> Iterator[Stored]:
+def bands(path: Path, picture: StoredPicture, first: int, last: int) -> Iterator[Stored]:
     """As oiio_reader.bands.  Raises BadInput."""
-    left = last - first
+    left, width = last - first, picture.size[0]
     with _borrowed(path) as process:
-        process.order("bands", str(path), part, list(channels), form, list(size), first, last, oiio_reader.BAND)
+        process.order("bands", str(path), astuple(picture), first, last, oiio_reader.BAND)
         try:
             while left:
-                band = process.band(left, size[0], len(channels), form)
+                band = process.band(left, width, len(picture.channels), picture.form)
                 left -= len(band)
                 yield band
         except GeneratorExit:  # nobody wants the rest
-            if left * size[0] < FEW:
+            if left * width < FEW:
                 with suppress(Exception):
                     while left:
-                        left -= len(process.band(left, size[0], len(channels), form))
+                        left -= len(process.band(left, width, len(picture.channels), picture.form))
                     process.answer()
             raise
         process.answer()  # the end, or what has gone wrong since

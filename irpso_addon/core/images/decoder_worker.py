@@ -3,10 +3,10 @@
 It reads a JSON list per line from standard input, and answers in JSON lines on standard output:
 
     ["header", path]                                      {"header": {...}}
-    ["bands", path, then arguments of oiio_reader.bands]  {"rows": n} and the array's bytes, ..., {"end": true}
+    ["bands", path, picture, first, last, at_once]        {"rows": n} and the array's bytes, ..., {"end": true}
 
-or {"wrong": message} for the user, {"failed": message} for us; {"ready": true} is its first word.  The end of
-standard input ends the process.
+or {"wrong": message} for the user, {"failed": message} for us; {"ready": true} is its first word.  The arguments of
+"bands" are those of `oiio_reader.bands`, the picture a list of its fields.  The end of standard input ends the process.
 """
 
 from __future__ import annotations
@@ -82,11 +82,13 @@ def _serve(answers: IO[bytes], order: str, path: Path, rest: list[Any]) -> None:
     if order == "header":
         _tell(answers, header=oiio_reader.header(path))
         return
-    for band in oiio_reader.bands(path, *rest):
-        for first in range(0, len(band), step := max(1, rest[-1] // band.shape[1])):  # rows of tiles may be tall
-            part = band[first:first + step]
-            _tell(answers, rows=len(part))
-            answers.write(memoryview(part).cast("B"))
+    (part, channels, form, size), first, last, at_once = rest
+    picture = oiio_reader.StoredPicture(part, tuple(channels), form, tuple(size))
+    for band in oiio_reader.bands(path, picture, first, last, at_once):
+        for row in range(0, len(band), step := max(1, at_once // band.shape[1])):  # rows of tiles may be tall
+            piece = band[row:row + step]
+            _tell(answers, rows=len(piece))
+            answers.write(memoryview(piece).cast("B"))
     _tell(answers, end=True)
 
 

@@ -11,6 +11,7 @@ The tests compare the two files function by function, and this one with Cycles' 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 from typing import NamedTuple
 
@@ -284,14 +285,15 @@ def principled(
 
 
 def two_lobe(
-    base: ArrayLike, r1: ArrayLike, r2: ArrayLike, weight: ArrayLike,
-    L: ArrayLike, V: ArrayLike, N: ArrayLike, ndf: str,
+    base: ArrayLike, lobes: Iterable[ArrayLike], L: ArrayLike, V: ArrayLike, N: ArrayLike, ndf: str,
 ) -> F64:
-    """Two lobes, ``weight`` (...) of the first, 1/sr; base (..., 3 or 1), unit vectors (..., 3); 0 below the horizon.
+    """Two lobes, 1/sr; base (..., 3 or 1), unit vectors (..., 3); 0 below the horizon.
 
+    lobes: roughness of the first, of the second, and the share of the first, (...) each.
     ndf "ggx": two Principled of one base, mixed.  "beckmann": base / pi plus the mixed D F / (4 cos_l cos_v (1 +
     Lambda_l + Lambda_v)) at IOR 1.5 (Cook and Torrance 1982), no energy coupling.
     """
+    r1, r2, weight = lobes
     share = np.asarray(weight, np.float64)[..., None]
     if ndf == "ggx":
         return np.asarray(share * principled(base, r1, L, V, N) + (1 - share) * principled(base, r2, L, V, N))

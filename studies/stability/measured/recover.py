@@ -36,7 +36,7 @@ class Principled:
     def __call__(self, L: F64, V: F64) -> F64:
         """The BRDF, 1/sr, (..., 3)."""
         if self.model == "two-lobe":
-            return brdf.two_lobe(self.base, self.roughness, self.roughness2, self.weight, L, V, NORMAL, "ggx")
+            return brdf.two_lobe(self.base, (self.roughness, self.roughness2, self.weight), L, V, NORMAL, "ggx")
         return brdf.principled(self.base, self.roughness, L, V, NORMAL, self.level)
 
     def at(self, places: Any) -> Principled:
