@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
     scores = score((made.base_color, made.roughness), solution.maps)
     relight = _psnr(_display(truth_relit), _display(solved_relit), truth_relit[..., 3] > 0.999)
     contact_sheet.save(out / "demo.jpg", _tiles(made, solution.maps, scores, relight, truth_relit, solved_relit))
-    _tell(scores, relight, solution, rendered - started, time.perf_counter() - started)
+    _print_scores(scores, relight, solution, rendered - started, time.perf_counter() - started)
     console.say(f"{out / 'demo.jpg'}: truth, estimate and error side by side")
 
 
@@ -93,7 +93,7 @@ def make(out: Path, plan: demo.Plan = demo.Plan()) -> demo.Demo:  # noqa: B008  
     return result
 
 
-def _tell(scores: Scores, relight: float, solution: Solution, rendering: float, total: float) -> None:
+def _print_scores(scores: Scores, relight: float, solution: Solution, rendering: float, total: float) -> None:
     console.say("")
     console.table(("against the truth", "value"), (
         ("base colour, PSNR (dB)", f"{scores.albedo_psnr:.1f}"),

@@ -32,9 +32,9 @@ def difference(pictures: tuple[ViewPicture, ...]) -> float:
     off = seen = 0.0
     for picture in pictures:
         reference, predicted = picture.reference.astype(np.float64), picture.predicted.astype(np.float64)
-        told = np.isfinite(reference) & np.isfinite(predicted)
-        off += picture.scale * float(np.abs(reference - predicted)[told].sum())
-        seen += picture.scale * float(reference[told].sum())
+        known = np.isfinite(reference) & np.isfinite(predicted)
+        off += picture.scale * float(np.abs(reference - predicted)[known].sum())
+        seen += picture.scale * float(reference[known].sum())
     return off / seen if seen > 0 else float("nan")
 
 

@@ -188,8 +188,8 @@ def _holder(handle: int) -> str:
     """Whom a lock's file names, in brackets; nothing where it cannot be read."""
     try:
         os.lseek(handle, 0, os.SEEK_SET)
-        told = os.read(handle, 300).decode(errors="replace")
+        text = os.read(handle, 300).decode(errors="replace")
     except OSError:
         return ""
-    found = re.match(r"process \d+ on [\w.-]+", told)
-    return f" ({found[0]})" if found else ""
+    holder = re.match(r"process \d+ on [\w.-]+", text)
+    return f" ({holder[0]})" if holder else ""
