@@ -11,7 +11,7 @@ import numpy as np
 
 from ..blender import files
 from ..blender.sample import contact_sheet, demo
-from ..core.data import F32, Bool, Maps, Solution
+from ..core.data import F32, F64, Bool, Maps, Solution
 from ..core.evaluation.metrics import psnr
 from ..core.images.colour import linear_to_srgb
 from ..core.images.image_writer import write_image
@@ -116,7 +116,6 @@ def _tiles(
     made: demo.Demo, maps: Maps, scores: Scores, relight: float, truth: F32, solved: F32,
 ) -> list[list[tuple[str, F32]]]:
     """Three rows, base colour, roughness and the new light: truth, estimate, error."""
-    grey = lambda a: np.repeat(a[..., None], 3, axis=2)  # noqa: E731
     seen = maps.coverage & ~maps.filled
     base_error = np.where(seen, np.abs(maps.base_color - made.base_color).max(-1), 0)
     rough_error = np.where(seen, np.abs(maps.roughness - made.roughness), 0)
@@ -124,7 +123,7 @@ def _tiles(
     return [
         [("Base colour: truth", _tile(_encode(made.base_color))), ("recovered", _tile(_encode(maps.base_color))),
          (f"error x{BASE_GAIN}    ({scores.albedo_psnr:.1f} dB)", _tile(_heat(BASE_GAIN * base_error)))],
-        [("Roughness: truth", _tile(grey(made.roughness))), ("recovered", _tile(grey(maps.roughness))),
+        [("Roughness: truth", _tile(_grey(made.roughness))), ("recovered", _tile(_grey(maps.roughness))),
          (f"error x{ROUGH_GAIN}    (mean {scores.rough_mae:.3f})", _tile(_heat(ROUGH_GAIN * rough_error)))],
         [("New light: truth", _tile(_display(truth))), ("recovered", _tile(_display(solved))),
          (f"error x{RELIT_GAIN}    ({relight:.1f} dB)", _tile(_heat(RELIT_GAIN * relit_error)))],
@@ -136,14 +135,19 @@ def _tile(image: F32) -> F32:
 
     `resampling.at_size` would leave pixels out where the size is no multiple of TILE.
     """
-    size = image.shape[0]
-    edges = np.linspace(0, size, TILE + 1).astype(int)
+    edges = np.linspace(0, image.shape[0], TILE + 1).astype(int)
+    means: F32 | F64 = image
     for axis in (0, 1):
-        total = np.concatenate([np.zeros_like(image.take([0], axis)), np.cumsum(image, axis, np.float64)], axis)
+        total = np.concatenate([np.zeros_like(means.take([0], axis)), np.cumsum(means, axis, np.float64)], axis)
         shape = [1, 1, 1]
         shape[axis] = TILE
-        image = np.diff(total.take(edges, axis), axis=axis) / np.maximum(np.diff(edges), 1).reshape(shape)
-    return image.astype(np.float32)
+        means = np.diff(total.take(edges, axis), axis=axis) / np.maximum(np.diff(edges), 1).reshape(shape)
+    return means.astype(np.float32)
+
+
+def _grey(values: F32) -> F32:
+    """(h, w) as (h, w, 3)."""
+    return np.repeat(values[..., None], 3, axis=2)
 
 
 def _encode(linear: F32) -> F32:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..data import F32, F64, Bool, Camera, Light, RadianceImage, SceneData, View
 from ..job import Progress
+from ..observation_quality import DARK_SHARE, EDGE_WEIGHT, MIN_COS_L, MIN_COS_V
 from ..shading import brdf
 from ..shading.lights import light_irradiance, light_sample
 from .rasterise import SurfacePoints, places
@@ -20,10 +21,7 @@ from .rays import Index, Rays
 
 EMITTER_POINTS = 16  # on a lamp that is not as good as a point
 POINT_ANGLE = 0.004  # radians: extent over distance up to which it is one
-MIN_COS_V, MIN_COS_L = 0.15, 0.08  # the long footprint of a grazing pixel; the terminator
-EDGE_QUALITY = 0.03  # of what lies at an edge of shadow or silhouette, beside 1
 EDGE_RANGE = 0.02  # of the share of light that arrives, among neighbours
-DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
 VIEW_BYTES, LAMP_BYTES = 100, 40  # of a point: for each view, and for each point on its lamps
 NO_LIGHT = 1e-3  # share of the mean irradiance below which a channel is not lit
 ReadImage = Callable[[View], RadianceImage]
@@ -214,7 +212,7 @@ def _seen(picture: _Picture, shown: Shown, lighting: _Lighting, level: float, ca
     mean = irradiance.mean(-1)
     good = (picture.coverage > 0) & (mean > 0)
     each = irradiance > NO_LIGHT * np.maximum(mean, 1e-300)[:, None]
-    quality = shown.cos_v * mean / (mean + DARK_SHARE * level) * np.where(edge, EDGE_QUALITY, 1.0)
+    quality = shown.cos_v * mean / (mean + DARK_SHARE * level) * np.where(edge, EDGE_WEIGHT, 1.0)
     tints = powers / np.maximum(powers.sum(-1, keepdims=True), 1e-300)
     if np.allclose(tints, tints[0], atol=1e-6):  # whatever the colour, each lamp's share is the same in all channels
         powers, below = powers.mean(-1, keepdims=True), mean[:, None]
