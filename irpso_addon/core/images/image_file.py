@@ -23,7 +23,7 @@ class ImageFile:
     width: int  # of the display window: the whole frame
     height: int
     window: tuple[int, int, int, int]  # x, y, width, height of the stored pixels in that frame
-    form: str  # a key of decode.FORMS: type of what is read
+    form: str  # a key of oiio_reader.FORMS: type of what is read
     bits: int  # per channel
     integer: bool
     premultiplied: bool

@@ -173,9 +173,7 @@ def principled_energy_level(roughness: ArrayLike, cos_v: ArrayLike, level: Array
     return principled_energy_level_d(roughness, cos_v, level)[0]
 
 
-def principled_energy_level_d(
-    roughness: ArrayLike, cos_v: ArrayLike, level: ArrayLike,
-) -> tuple[F64, F64, F64]:
+def principled_energy_level_d(roughness: ArrayLike, cos_v: ArrayLike, level: ArrayLike) -> tuple[F64, F64, F64]:
     """(principled_energy_level, its derivative by roughness, by level), from Cycles' own nodes (``tables.py``).
 
     At level 0 comp and A start vertically, as its square and fourth root: below LEVEL_MIN the slope is LEVEL_MIN's.
@@ -284,9 +282,7 @@ def principled(
     return value
 
 
-def two_lobe(
-    base: ArrayLike, lobes: Iterable[ArrayLike], L: ArrayLike, V: ArrayLike, N: ArrayLike, ndf: str,
-) -> F64:
+def two_lobe(base: ArrayLike, lobes: Iterable[ArrayLike], L: ArrayLike, V: ArrayLike, N: ArrayLike, ndf: str) -> F64:
     """Two lobes, 1/sr; base (..., 3 or 1), unit vectors (..., 3); 0 below the horizon.
 
     lobes: roughness of the first, of the second, and the share of the first, (...) each.
