@@ -50,8 +50,8 @@ class Passes:
 class Measured(DrawBudget):
     """Keeps the times of all pieces."""
 
-    def __init__(self, pace: DrawBudget) -> None:
-        super().__init__(pace._finish, 1000 * pace.slice)
+    def __init__(self, budget: DrawBudget) -> None:
+        super().__init__(budget._finish, 1000 * budget.slice)
         self.passes: dict[str, Passes] = {}
         self._known: set[Hashable] = set()
         self._cpu = 0.0
@@ -123,8 +123,8 @@ def a_block(scene: SceneData, settings: SolveSettings, work: WorkFolder) -> tupl
         plans.append((yield from tiled_solve.make_plan(scene, settings, work, None, tiled_solve.BLOCK, HALO, clock)))
 
     def block() -> Generator[Progress, None, None]:
-        windows = plans[0].windows
-        yield from tiled_solve.solve_block(plans[0], work, windows[len(windows) // 2])
+        blocks = plans[0].blocks
+        yield from tiled_solve.solve_block(plans[0], work, blocks[len(blocks) // 2])
 
     return plan, block
 

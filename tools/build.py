@@ -163,7 +163,9 @@ def blender_ext(command: str, *arguments: str) -> None:
     if found is None or found.origin is None:
         raise SystemExit("build: no bpy module in this Python; run 'make setup'")
     scripts = next(Path(found.origin).parent.glob("*/scripts"))
-    tags = scripts / "modules" / "_bpy_internal" / "extensions" / "tags.py"  # else the tool checks none
+    # Without this list the tool checks no tags.  The public command, `blender --command extension`, reads the same
+    # file, but needs Blender's executable, which the bpy module lacks.
+    tags = scripts / "modules" / "_bpy_internal" / "extensions" / "tags.py"
     done = subprocess.run(
         [sys.executable, str(scripts / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"), command,
          "--valid-tags", str(tags), *arguments], capture_output=True, text=True)

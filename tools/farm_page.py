@@ -29,19 +29,19 @@ STYLE = {"font.size": 9, "svg.hashsalt": "irpso", "svg.fonttype": "none", "axes.
 Runs = dict[int, dict[int, Outcome]]  # by tile, by workers
 
 
-def write_page(found: dict[str, Any], docs: Path) -> None:
+def write_page(record: dict[str, Any], docs: Path) -> None:
     """The page and its charts into ``docs``."""
     measured = Costs(**{key: tuple(value) if isinstance(value, list) else value
-                        for key, value in found["costs"].items()})
+                        for key, value in record["costs"].items()})
     costs = replace(measured, plan=measured.plan * PLAN)
     quick = replace(costs, plan=costs.start + (costs.plan - costs.start) / GPU,
                     blocks=tuple(seconds / GPU for seconds in costs.blocks))
     cases = {"Workers as measured": _runs(costs), f"Workers {GPU:g} times as fast at solving": _runs(quick)}
     with plt.rc_context(STYLE):
-        _draw_measured(found, docs / "farms_measured")
+        _draw_measured(record, docs / "farms_measured")
         _draw_simulated(cases, docs / "farms_simulated")
     page = (docs.parent / "tools" / "farms.in.md").read_text(encoding="utf-8")
-    docs.joinpath("farms.md").write_text(page.format(**_words(found, measured, [costs, quick], cases)),
+    docs.joinpath("farms.md").write_text(page.format(**_words(record, measured, [costs, quick], cases)),
                                          encoding="utf-8")
 
 
@@ -56,11 +56,11 @@ def _runs(costs: Costs) -> Runs:
 # ---- charts
 
 
-def _draw_measured(found: dict[str, Any], stem: Path) -> None:
+def _draw_measured(record: dict[str, Any], stem: Path) -> None:
     """Times as fast as one machine without a farm."""
     figure, axes = plt.subplots(figsize=(4.6, 3.6), dpi=160, layout="constrained")
-    workers = [int(count) for count in found["workers"]]
-    times = [found["alone"] / seconds for seconds in found["workers"].values()]
+    workers = [int(count) for count in record["workers"]]
+    times = [record["alone"] / seconds for seconds in record["workers"].values()]
     axes.plot(workers, workers, color="#999999", linestyle=(0, (4, 3)), linewidth=1)
     axes.annotate("ideal", (workers[-1], workers[-1]), (-10, 0), textcoords="offset points", ha="right",
                   color="#666666", fontsize=8)
@@ -105,11 +105,11 @@ def _save(figure: Any, stem: Path) -> None:
 # ---- words
 
 
-def _words(found: dict[str, Any], measured: Costs, costs: list[Costs], cases: dict[str, Runs]) -> dict[str, str]:
+def _words(record: dict[str, Any], measured: Costs, costs: list[Costs], cases: dict[str, Runs]) -> dict[str, str]:
     """What the page's braces stand for."""
-    rows = [f"| {count} | {seconds:.1f} | {found['alone'] / seconds:.2f} | "
-            f"{found['alone'] / seconds / int(count):.0%} |"
-            for count, seconds in found["workers"].items()]
+    rows = [f"| {count} | {seconds:.1f} | {record['alone'] / seconds:.2f} | "
+            f"{record['alone'] / seconds / int(count):.0%} |"
+            for count, seconds in record["workers"].items()]
     table = [f"| {name} | {workers} | {_time(run.seconds)} | {run.efficiency:.0%} | {NAMES[most(run)]} |"
              for name, runs in cases.items() for workers, run in runs[SHOWN_TILE].items()
              if workers in (1, 16, 64, 256)]
@@ -118,14 +118,14 @@ def _words(found: dict[str, Any], measured: Costs, costs: list[Costs], cases: di
         for runs in cases.values()) + " |" for tile in TILES]
     return {
         "measured": "\n".join(rows), "simulated": "\n".join(table), "tiles": "\n".join(tiles),
-        "alone": f"{found['alone']:.1f}", "plan": f"{measured.plan:.1f}", "session": f"{measured.session:.2f}",
+        "alone": f"{record['alone']:.1f}", "plan": f"{measured.plan:.1f}", "session": f"{measured.session:.2f}",
         "dispatch": f"{1000 * measured.dispatch:.0f}", "start": f"{measured.start:.1f}",
         "block": f"{median(measured.blocks):.1f}",
         "blocks": f"{min(measured.blocks):.1f} to {max(measured.blocks):.1f}",
         "merge_start": f"{measured.merge_start:.1f}", "merge": f"{measured.merge:.2f}",
-        "slow": f"{max(measured.slowness):.2f}", "device": found["device"],
-        "date": found["date"], "size": str(found["size"]), "tile": str(found["tile"]), "views": str(found["views"]),
-        "pixels": str(found["pixels"]), "squares": str(SQUARES), "gpu": f"{GPU:g}", "plan_times": f"{PLAN:g}",
+        "slow": f"{max(measured.slowness):.2f}", "device": record["device"],
+        "date": record["date"], "size": str(record["size"]), "tile": str(record["tile"]), "views": str(record["views"]),
+        "pixels": str(record["pixels"]), "squares": str(SQUARES), "gpu": f"{GPU:g}", "plan_times": f"{PLAN:g}",
         "alone_all": _time(alone(costs[0], _work(SHOWN_TILE))), "alone_gpu": _time(alone(costs[1], _work(SHOWN_TILE))),
     }
 

@@ -27,7 +27,7 @@ from irpso_addon.core.errors import BadInput  # noqa: E402
 from irpso_addon.core.images.reference_image import read_reference  # noqa: E402
 from irpso_addon.core.job import Progress  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
-from irpso_addon.core.resampling import at_size  # noqa: E402
+from irpso_addon.core.resampling import at_size, bilinear  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer  # noqa: E402
 from irpso_addon.gpu.maps.fill import fill  # noqa: E402
@@ -142,14 +142,7 @@ def _uv(scene: SceneData) -> Generator[Progress, None, tuple[F32, Bool]]:
 
 def sample(image: F32, uv: F32) -> F32:
     """An image (n, n, c), row 0 at the bottom, at places (h, w, 2) of the UV square, bilinear."""
-    n = image.shape[0]
-    at = np.clip(uv * n - 0.5, 0, n - 1.001)
-    low = at.astype(int)
-    x, y = np.moveaxis(at - low, -1, 0)[..., None]
-    column, row = np.moveaxis(low, -1, 0)
-    below = (1 - x) * image[row, column] + x * image[row, column + 1]
-    above = (1 - x) * image[row + 1, column] + x * image[row + 1, column + 1]
-    return np.asarray((1 - y) * below + y * above, np.float32)
+    return bilinear(image, uv.reshape(-1, 2)).reshape(*uv.shape[:2], -1).astype(np.float32)
 
 
 # ---- many lights, the product's own way

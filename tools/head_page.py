@@ -116,11 +116,11 @@ def figures(result: Result, where: Bool) -> Row:
     return Row(int(where.sum()), base, tuple(off.mean(0)), tuple((off > FAIL).mean(0)))
 
 
-def composite(found: F32, truth: F32, where: Bool) -> Match:
+def composite(estimate: F32, truth: F32, where: Bool) -> Match:
     """Two renders (h, w, 4) compared over pixels that hold nothing but the head."""
     where = where & (truth[..., 3] > 0.999)
-    off = np.abs(display(found)[where] - display(truth)[where]).astype(np.float64)
-    a, b = found[where][:, :3].astype(np.float64), truth[where][:, :3].astype(np.float64)
+    off = np.abs(display(estimate)[where] - display(truth)[where]).astype(np.float64)
+    a, b = estimate[where][:, :3].astype(np.float64), truth[where][:, :3].astype(np.float64)
     return Match(psnr(float(np.mean(off**2))), float(np.abs(a - b).sum() / b.sum()),
                  float((off.max(-1) > VISIBLE).mean()))
 
@@ -163,8 +163,8 @@ def _rows(pixels: Pixels, results: Sequence[Result]) -> list[list[tuple[str, F32
     for result in results:
         where, name = result.view_seen & pixels.shown, result.method
         pairs = ((result.fit, pixels.fit), (result.relit, pixels.relit))
-        (fit, relit) = ((display(found), display(truth)) for found, truth in pairs)
-        matches = [f", {composite(found, truth, where).db:.1f} dB" for found, truth in pairs]
+        (fit, relit) = ((display(estimate), display(truth)) for estimate, truth in pairs)
+        matches = [f", {composite(estimate, truth, where).db:.1f} dB" for estimate, truth in pairs]
         base = psnr(float(np.mean((result.view_base[where] - pixels.base[where]).astype(np.float64) ** 2)))
         rows[0] += [(name, _tile(fit[0])), _error(*fit, where, "composite", matches[0])]
         rows[1] += [(name, _tile(_encode(_cut(result.view_base, where)))),
@@ -175,8 +175,8 @@ def _rows(pixels: Pixels, results: Sequence[Result]) -> list[list[tuple[str, F32
     return rows
 
 
-def _error(found: F32, truth: F32, where: Bool, kind: str, told: str = "") -> tuple[str, F32]:
-    return f"error x{GAINS[kind]}{told}", _tile(_cut(GAINS[kind] * np.abs(found - truth), where))
+def _error(estimate: F32, truth: F32, where: Bool, kind: str, note: str = "") -> tuple[str, F32]:
+    return f"error x{GAINS[kind]}{note}", _tile(_cut(GAINS[kind] * np.abs(estimate - truth), where))
 
 
 def display(render: F32) -> F32:
@@ -201,7 +201,8 @@ def _tile(image: F32) -> F32:
 
 def tables(record: Record) -> dict[str, str]:
     """The generated parts of the page, by the name of their mark."""
-    return {"one": _table_one(record), "many": _table_many(record), "auto": _told(record), "machine": _machine(record)}
+    return {"one": _table_one(record), "many": _table_many(record), "auto": _table_auto(record),
+            "machine": _machine(record)}
 
 
 def _table_one(record: Record) -> str:
@@ -255,7 +256,7 @@ def _percent(values: Sequence[float]) -> str:
     return " | ".join(f"{value:.1%}" for value in values)
 
 
-def _told(record: Record) -> str:
+def _table_auto(record: Record) -> str:
     return "\n".join(f"> `{model}`: {record.auto.why[name]}" for name, model in record.auto.model.items())
 
 

@@ -147,9 +147,9 @@ def row(name: str, made: demo.Demo, off: Solution, auto: Solution) -> str:
     return f"| {name} | {off.checks.unlit_share:.2%} | " + " | ".join(cells) + " |"
 
 
-def relative(found: F32, truth: F32) -> F32:
+def relative(estimate: F32, truth: F32) -> F32:
     """Mean absolute error over the channels, relative to the mean of the truth's."""
-    return np.asarray(np.abs(found - truth).mean(-1) / truth.mean(-1))
+    return np.asarray(np.abs(estimate - truth).mean(-1) / truth.mean(-1))
 
 
 def show(made: demo.Demo, view: F32, off: Solution, auto: Solution) -> None:

@@ -24,8 +24,9 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon.core.data import F32, F64  # noqa: E402
+from irpso_addon.core.data import F32  # noqa: E402
 from irpso_addon.core.evaluation.metrics import psnr  # noqa: E402
+from irpso_addon.core.resampling import linear  # noqa: E402
 from irpso_addon.core.samples import vase  # noqa: E402  # the checkout is no installed package
 from irpso_addon.core.tiled.uv_blocks import BLOCK, ONE_PIECE  # noqa: E402
 
@@ -255,16 +256,8 @@ def _truth(size: int, y: int) -> tuple[F32, F32]:
     high = min(PAINTED, int(np.ceil(rows[-1])) + 2)
     base, rough = vase.truth(PAINTED, low, high)
     columns = (np.arange(size) + 0.5) * scale - 0.5
-    return (_interpolated(_interpolated(base, rows - low, 0), columns, 1).astype(np.float32),
-            _interpolated(_interpolated(rough[..., None], rows - low, 0), columns, 1).astype(np.float32))
-
-
-def _interpolated(values: F32 | F64, at: F64, axis: int) -> F64:
-    """Linear, at places (in texels) along one axis, clamped."""
-    at = at.clip(0, values.shape[axis] - 1)
-    low = np.minimum(at.astype(int), values.shape[axis] - 2)
-    share = (at - low).reshape([-1 if i == axis else 1 for i in range(values.ndim)])
-    return np.asarray(values.take(low, axis) * (1 - share) + values.take(low + 1, axis) * share)
+    return (linear(linear(base, rows - low, axis=0), columns, axis=1).astype(np.float32),
+            linear(linear(rough[..., None], rows - low, axis=0), columns, axis=1).astype(np.float32))
 
 
 if __name__ == "__main__":

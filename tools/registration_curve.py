@@ -201,20 +201,20 @@ def relight(camera: str, light: str, picture: Path) -> float:
 # ---- the page
 
 
-def lines(found: dict[str, Any]) -> Iterator[tuple[str, str, bool, list[dict[str, Any]]]]:
+def lines(results: dict[str, Any]) -> Iterator[tuple[str, str, bool, list[dict[str, Any]]]]:
     """Subject, axis, put right, rows."""
-    for name, rows in found.items():
+    for name, rows in results.items():
         for axis in MODES:
             for mended in (False, True):
                 yield name, axis, mended, [r for r in rows if r["axis"] == axis and r["mended"] == mended]
 
 
-def draw(found: dict[str, Any], out: Path) -> None:
+def draw(results: dict[str, Any], out: Path) -> None:
     """Relighting and roughness against each axis."""
     figure, axes = plt.subplots(2, 2, figsize=(10, 6.4), sharey="row", sharex="col")
     column = {"shift": 0, "drift": 1}
-    colour = dict(zip(found, COLOURS, strict=False))
-    for name, axis, mended, rows in lines(found):
+    colour = dict(zip(results, COLOURS, strict=False))
+    for name, axis, mended, rows in lines(results):
         x = [r["amount"] * (100 if axis == "drift" else 1) for r in rows]
         style = {"color": colour[name], "linewidth": 2, "marker": "o", "markersize": 5,
                  "linestyle": "-" if mended else (0, (4, 2)), "markerfacecolor": colour[name] if mended else "white",
@@ -232,7 +232,7 @@ def draw(found: dict[str, Any], out: Path) -> None:
     axes[1, 0].set_xticks(SHIFTS)
     axes[1, 1].set_xticks([100 * drift for drift in DRIFTS])
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=len(found), frameon=False, fontsize=9.5)
+    figure.legend(handles, labels, loc="lower center", ncols=len(results), frameon=False, fontsize=9.5)
     figure.tight_layout(rect=(0, 0.09, 1, 1))
     figure.savefig(out, dpi=90, facecolor="white", pil_kwargs={"optimize": True})
     plt.close(figure)
@@ -268,10 +268,10 @@ as well: such views keep part of their drift, and roughness part of its error.
 """
 
 
-def page(found: dict[str, Any]) -> str:
+def page(results: dict[str, Any]) -> str:
     """The page: prose and tables."""
-    text = [HEAD.format(captures=" with two captures of known truth" if len(found) > 1 else "")]
-    for name, rows in found.items():
+    text = [HEAD.format(captures=" with two captures of known truth" if len(results) > 1 else "")]
+    for name, rows in results.items():
         text.append(f"\n## {name}\n\n| | relighting, dB: as given | put right | base colour, dB: as given | put right "
                     "| roughness error: as given | put right | views named | error of what was found |\n"
                     "|---|---|---|---|---|---|---|---|---|\n")

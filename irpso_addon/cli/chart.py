@@ -30,7 +30,7 @@ def draw(panels: Sequence[Sequence[Panel]], title: str, foot: str, stem: Path) -
     with rc_context({"font.size": 9, "svg.hashsalt": "irpso", "svg.fonttype": "none", "axes.spines.top": False,
                      "axes.spines.right": False}):
         figure = Figure(size, dpi=DPI, layout="constrained")
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
         grid: Any = figure.subplots(len(panels), len(panels[0]), squeeze=False)
         pairs = [pair for row, line in zip(panels, grid, strict=True) for pair in zip(row, line, strict=True)]
         for panel, axes in pairs:

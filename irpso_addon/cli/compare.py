@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
         write_report(staging.folder / "compare.json", report)
         drawn = draw(figure(report), staging.folder / "compare")
         staging.publish()
-    tell(report, out, drawn)
+    print_report(report, out, drawn)
 
 
 def _method_lines() -> Callable[[Progress], None]:
@@ -60,7 +60,7 @@ def _method_lines() -> Callable[[Progress], None]:
 # ---- showing
 
 
-def tell(report: dict[str, Any], out: Path, drawn: bool) -> None:
+def print_report(report: dict[str, Any], out: Path, drawn: bool) -> None:
     """The table, and what lies in the folder."""
     truth = any(row["truth"] for row in report["rows"])
     held = any(row["held_out"] is not None for row in report["rows"])

@@ -45,14 +45,14 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 def quiet() -> Iterator[None]:
     """Keeps what Blender and Cycles print themselves off stdout: they write to the descriptor, past Python."""
     sys.stdout.flush()
-    kept = os.dup(1)
+    stdout = os.dup(1)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 1)
         yield
     finally:
-        os.dup2(kept, 1)
-        os.close(kept)
+        os.dup2(stdout, 1)
+        os.close(stdout)
         os.close(nowhere)
 
 
@@ -81,13 +81,13 @@ def _rich_bar() -> Any:
 
 def _stage_lines() -> Callable[[Progress], None]:
     """A line whenever the stage changes, and one now and then."""
-    last, told = "", 0.0
+    last, shown = "", 0.0
 
     def show(p: Progress) -> None:
-        nonlocal last, told
+        nonlocal last, shown
         now = time.monotonic()
-        if p.stage != last or now - told > PATIENCE:
-            last, told = p.stage, now
+        if p.stage != last or now - shown > PATIENCE:
+            last, shown = p.stage, now
             print(f"irpso: {p.fraction:4.0%} {p.stage} {p.message}".rstrip(), file=sys.stderr, flush=True)
 
     return show

@@ -11,7 +11,9 @@ import numpy as np
 
 from ..blender import files
 from ..blender.sample import contact_sheet, demo
-from ..core.data import F32, Bool, Maps, Solution
+from ..core.data import F32, F64, Bool, Maps, Solution
+from ..core.evaluation.metrics import psnr
+from ..core.images.colour import linear_to_srgb
 from ..core.images.image_writer import write_image
 from ..core.job import Progress
 from ..core.params import SolveSettings
@@ -54,7 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
     scores = score((made.base_color, made.roughness), solution.maps)
     relight = _psnr(_display(truth_relit), _display(solved_relit), truth_relit[..., 3] > 0.999)
     contact_sheet.save(out / "demo.jpg", _tiles(made, solution.maps, scores, relight, truth_relit, solved_relit))
-    _tell(scores, relight, solution, rendered - started, time.perf_counter() - started)
+    _print_scores(scores, relight, solution, rendered - started, time.perf_counter() - started)
     console.say(f"{out / 'demo.jpg'}: truth, estimate and error side by side")
 
 
@@ -91,7 +93,7 @@ def make(out: Path, plan: demo.Plan = demo.Plan()) -> demo.Demo:  # noqa: B008  
     return result
 
 
-def _tell(scores: Scores, relight: float, solution: Solution, rendering: float, total: float) -> None:
+def _print_scores(scores: Scores, relight: float, solution: Solution, rendering: float, total: float) -> None:
     console.say("")
     console.table(("against the truth", "value"), (
         ("base colour, PSNR (dB)", f"{scores.albedo_psnr:.1f}"),
@@ -114,7 +116,6 @@ def _tiles(
     made: demo.Demo, maps: Maps, scores: Scores, relight: float, truth: F32, solved: F32,
 ) -> list[list[tuple[str, F32]]]:
     """Three rows, base colour, roughness and the new light: truth, estimate, error."""
-    grey = lambda a: np.repeat(a[..., None], 3, axis=2)  # noqa: E731
     seen = maps.coverage & ~maps.filled
     base_error = np.where(seen, np.abs(maps.base_color - made.base_color).max(-1), 0)
     rough_error = np.where(seen, np.abs(maps.roughness - made.roughness), 0)
@@ -122,7 +123,7 @@ def _tiles(
     return [
         [("Base colour: truth", _tile(_encode(made.base_color))), ("recovered", _tile(_encode(maps.base_color))),
          (f"error x{BASE_GAIN}    ({scores.albedo_psnr:.1f} dB)", _tile(_heat(BASE_GAIN * base_error)))],
-        [("Roughness: truth", _tile(grey(made.roughness))), ("recovered", _tile(grey(maps.roughness))),
+        [("Roughness: truth", _tile(_grey(made.roughness))), ("recovered", _tile(_grey(maps.roughness))),
          (f"error x{ROUGH_GAIN}    (mean {scores.rough_mae:.3f})", _tile(_heat(ROUGH_GAIN * rough_error)))],
         [("New light: truth", _tile(_display(truth))), ("recovered", _tile(_display(solved))),
          (f"error x{RELIT_GAIN}    ({relight:.1f} dB)", _tile(_heat(RELIT_GAIN * relit_error)))],
@@ -130,21 +131,28 @@ def _tiles(
 
 
 def _tile(image: F32) -> F32:
-    """The image at TILE x TILE: each pixel the mean of those whose centres fall into it (or the nearest one)."""
-    size = image.shape[0]
-    edges = np.linspace(0, size, TILE + 1).astype(int)
+    """The image at TILE x TILE: each pixel the mean of those whose centres fall into it (or the nearest one).
+
+    `resampling.at_size` would leave pixels out where the size is no multiple of TILE.
+    """
+    edges = np.linspace(0, image.shape[0], TILE + 1).astype(int)
+    means: F32 | F64 = image
     for axis in (0, 1):
-        total = np.concatenate([np.zeros_like(image.take([0], axis)), np.cumsum(image, axis, np.float64)], axis)
+        total = np.concatenate([np.zeros_like(means.take([0], axis)), np.cumsum(means, axis, np.float64)], axis)
         shape = [1, 1, 1]
         shape[axis] = TILE
-        image = np.diff(total.take(edges, axis), axis=axis) / np.maximum(np.diff(edges), 1).reshape(shape)
-    return image.astype(np.float32)
+        means = np.diff(total.take(edges, axis), axis=axis) / np.maximum(np.diff(edges), 1).reshape(shape)
+    return means.astype(np.float32)
+
+
+def _grey(values: F32) -> F32:
+    """(h, w) as (h, w, 3)."""
+    return np.repeat(values[..., None], 3, axis=2)
 
 
 def _encode(linear: F32) -> F32:
-    """IEC 61966-2-1: linear to sRGB."""
-    linear = np.clip(linear, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
+    """As displayed: sRGB, clipped at white."""
+    return linear_to_srgb(np.clip(linear, 0, 1))
 
 
 def _display(render: F32) -> F32:
@@ -158,4 +166,4 @@ def _heat(value: F32) -> F32:
 
 
 def _psnr(a: F32, b: F32, where: Bool) -> float:
-    return float(-10 * np.log10(np.mean((a[where] - b[where]) ** 2, dtype=np.float64) + 1e-12))
+    return psnr(float(np.mean((a[where] - b[where]) ** 2, dtype=np.float64)))

@@ -24,6 +24,15 @@ def parser() -> argparse.ArgumentParser:
         epilog=EXIT_CODES, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
+    for add in (_add_solve, _add_compare, _add_export, _add_demo, _add_farm, _add_doctor):
+        add(commands)
+    for command in commands.choices.values():
+        command.add_argument("--log", type=Path, metavar="FILE", help="write the log there too, one JSON object a line")
+        command.add_argument("-v", "--verbose", action="store_true", help="print the log's lines on standard error")
+    return top
+
+
+def _add_solve(commands: Any) -> None:
     solve = commands.add_parser("solve", help="maps from a lit scene and its reference images", epilog=EXIT_CODES)
     _add_scene(solve)
     solve.add_argument("--out", type=Path, metavar="DIR", help="folder for maps, report and solved .blend "
@@ -39,6 +48,8 @@ def parser() -> argparse.ArgumentParser:
     add_settings(solve, SolveSettings)
     add_settings(solve, DeviceSettings)
 
+
+def _add_compare(commands: Any) -> None:
     compare = commands.add_parser("compare", help="every method on one scene: error against time", epilog=EXIT_CODES)
     _add_scene(compare)
     compare.add_argument("--out", type=Path, metavar="DIR", help="folder for compare.json, .png and .svg "
@@ -53,23 +64,23 @@ def parser() -> argparse.ArgumentParser:
                  defaults={"size": 256, "model": "one-lobe"})
     add_settings(compare, DeviceSettings, without=("device",))
 
+
+def _add_export(commands: Any) -> None:
     export = commands.add_parser("export", help="maps of a solved scene to files", epilog=EXIT_CODES)
     export.add_argument("scene", type=Path, metavar="SCENE.blend", help="a file that 'solve' or the operators made")
     export.add_argument("--object", metavar="NAME", help="object whose maps are meant; needed where several have some")
     export.add_argument("--out", type=Path, metavar="DIR", help="folder for the maps (default: the scene's own)")
     _add_format(export)
 
+
+def _add_demo(commands: Any) -> None:
     demo = commands.add_parser("demo", help="make a small scene, render it, recover it, compare", epilog=EXIT_CODES)
     demo.add_argument("--out", type=Path, metavar="DIR", required=True, help="folder for everything it makes")
 
-    _add_farm(commands)
 
+def _add_doctor(commands: Any) -> None:
     doctor = commands.add_parser("doctor", help="versions, device, limits, a short self-test", epilog=EXIT_CODES)
     add_settings(doctor, DeviceSettings)
-    for command in commands.choices.values():
-        command.add_argument("--log", type=Path, metavar="FILE", help="write the log there too, one JSON object a line")
-        command.add_argument("-v", "--verbose", action="store_true", help="print the log's lines on standard error")
-    return top
 
 
 def _add_farm(commands: Any) -> None:

@@ -71,7 +71,7 @@ def solve(request: Request) -> Solution:
         folder=request.out, kind=request.kind)
     read = time.perf_counter()
     solve_object.check(order)
-    foretell(order)
+    print_estimate(order)
     with OutputTransaction(request.out) as staging:
         with console.progress() as show:
             solution = solve_object.run(order, request.scene, staging.folder, lambda step: show(_by_blocks(step)))
@@ -90,7 +90,7 @@ def solve(request: Request) -> Solution:
             write_report(request.report, report)
         staging.publish()
     solve_object.forget_work(order)
-    tell(order.name, solution, request.out)
+    print_summary(order.name, solution, request.out)
     return solution
 
 
@@ -102,18 +102,18 @@ def _by_blocks(step: Progress) -> Progress:
     return replace(step, stage="blocks", message=f"block {number} of {count}")
 
 
-def foretell(order: solve_object.Order) -> None:
+def print_estimate(order: solve_object.Order) -> None:
     """Say what the solve will need.  Raises BadInput where the disk has no room for it."""
-    found = solve_object.expected(order)
-    solve_object.check_room(order, found)
+    needs = solve_object.expected(order)
+    solve_object.check_room(order, needs)
     if thread.settings().device == "numpy":  # which takes other times
         return
-    unsure = "" if found.learnt else " (first guess)"
-    console.expect(f"{estimates.in_words(found.seconds)}{unsure}, {gigabytes(found.gpu_bytes)} GPU memory, "
-                   f"{gigabytes(found.host_bytes)} memory, {gigabytes(found.disk_bytes)} of disk")
+    unsure = "" if needs.learnt else " (first guess)"
+    console.expect(f"{estimates.in_words(needs.seconds)}{unsure}, {gigabytes(needs.gpu_bytes)} GPU memory, "
+                   f"{gigabytes(needs.host_bytes)} memory, {gigabytes(needs.disk_bytes)} of disk")
 
 
-def tell(name: str, solution: Solution, out: Path) -> None:
+def print_summary(name: str, solution: Solution, out: Path) -> None:
     """The few lines that a user wants after a solve."""
     for warning in solution.warnings:
         console.warn(f"warning: {warning}")

@@ -15,10 +15,9 @@ from ..gpu.device import thread
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import MeshBuffer
 from ..gpu.observe.observation_atlas import CameraSource, Layers, ObservationAtlas, tiles
-from ..gpu.observe.observations import ObservedCamera, observe
+from ..gpu.observe.observations import EDGE_QUALITY, ObservedCamera, observe
 from ..solve.gpu_path import draw_texels
 
-EDGE = 0.25  # of a good pixel's quality: below it lies an edge of shadow or silhouette
 Result = TypeVar("Result")
 
 
@@ -83,7 +82,7 @@ def _camera(device: Device, camera: ObservedCamera, footprint: float) -> tuple[P
     views = []
     for view in camera.views:
         colour = device.read(view.colour)[inside]
-        edge = colour[:, 3] < EDGE * cos_v**2  # a good pixel has cos_v^2
+        edge = colour[:, 3] < EDGE_QUALITY * cos_v**2  # a good pixel has cos_v^2
         good = (colour[:, :3] >= 0) & ~edge[:, None]  # a channel without light is negative
         lobes = np.stack([device.read(lobe)[inside] for lobe in view.lobes], 1)  # (P, L channels, 4)
         lobes = lobes.reshape(len(lobes), len(view.view.lights), -1, 4).swapaxes(1, 2)

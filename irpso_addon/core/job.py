@@ -52,9 +52,9 @@ def mapped(steps: Steps[Result], transform: Callable[[Progress], Progress], *, k
             except StopIteration as end:
                 result: Result = end.value
                 return result
-            told, stop = transform(step), None
+            changed, stop = transform(step), None
             try:
-                yield told
+                yield changed
             except Cancelled as asked:
                 if not keeps:
                     raise
@@ -63,26 +63,26 @@ def mapped(steps: Steps[Result], transform: Callable[[Progress], Progress], *, k
         steps.close()
 
 
-def retold(steps: Steps[Result], tell: Callable[[Progress], Progress]) -> Steps[Result]:
+def retold(steps: Steps[Result], transform: Callable[[Progress], Progress]) -> Steps[Result]:
     """`mapped`, of what has nothing to keep."""
-    return mapped(steps, tell, keeps=False)
+    return mapped(steps, transform, keeps=False)
 
 
 class Mailbox:
     """What a running job is handed from outside, on any thread: the latest counts."""
 
     def __init__(self) -> None:
-        self._things: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._items: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
-    def put(self, thing: object) -> None:
+    def put(self, item: object) -> None:
         """Hand something in."""
-        self._things.put(thing)
+        self._items.put(item)
 
     def take(self, seconds: float) -> Any | None:
         """The latest that was handed in since the last call, waited for at most so long; None: nothing."""
-        thing = None
+        item = None
         with suppress(queue.Empty):
-            thing = self._things.get(timeout=seconds)
+            item = self._items.get(timeout=seconds)
             while True:
-                thing = self._things.get_nowait()
-        return thing
+                item = self._items.get_nowait()
+        return item

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .data import F32, Bool, ViewPicture
+from .resampling import nearest
 
-T = TypeVar("T", bound=np.generic)
 F16 = NDArray[np.float16]
 ROLES = ("base_color", "roughness", "confidence", "error")  # of maps, as blender/material/material.py names them
 
@@ -33,9 +32,9 @@ def difference(pictures: tuple[ViewPicture, ...]) -> float:
     off = seen = 0.0
     for picture in pictures:
         reference, predicted = picture.reference.astype(np.float64), picture.predicted.astype(np.float64)
-        told = np.isfinite(reference) & np.isfinite(predicted)
-        off += picture.scale * float(np.abs(reference - predicted)[told].sum())
-        seen += picture.scale * float(reference[told].sum())
+        known = np.isfinite(reference) & np.isfinite(predicted)
+        off += picture.scale * float(np.abs(reference - predicted)[known].sum())
+        seen += picture.scale * float(reference[known].sum())
     return off / seen if seen > 0 else float("nan")
 
 
@@ -56,7 +55,7 @@ class Canvas:
         """
         for role, values in live.maps.items():
             rank = 2 * values.shape[0] - preview
-            grown = resized(values, self.size)
+            grown = nearest(values, self.size)
             if role not in self.maps:
                 self.maps[role] = np.full_like(grown, np.nan)
                 self._ranks[role] = np.zeros((self.size, self.size), np.uint16)
@@ -66,23 +65,5 @@ class Canvas:
             self._ranks[role][known] = rank
         if live.coverage is not None and live.coverage.shape[0] >= self._finest:
             self._finest = live.coverage.shape[0]
-            self.coverage = resized(live.coverage, self.size)
+            self.coverage = nearest(live.coverage, self.size)
         return self.maps
-
-
-def resized(values: NDArray[T], size: int) -> NDArray[T]:
-    """A square map at another size: each texel that of the nearest one."""
-    if values.shape[0] == size:
-        return values
-    at = ((np.arange(size) + 0.5) * values.shape[0] / size).astype(np.int64)
-    grown: NDArray[T] = values[at][:, at]
-    return grown
-
-
-def reduced(values: F32, size: int) -> F32:
-    """A square map at a smaller size: means over blocks, NaN where one has; the nearest texel where no blocks fit."""
-    share = values.shape[0] // size
-    if share < 2 or share * size != values.shape[0]:
-        return resized(values, size)
-    blocks = values.reshape(size, share, size, share, *values.shape[2:])
-    return np.asarray(blocks.mean(axis=(1, 3)), np.float32)

@@ -52,14 +52,14 @@ def choose(
     drown all others); with none at all the smallest model is taken.
     """
     tried = [name for name in LADDER if name in fits]
-    told = _heard(observations, fits, cells)
-    if not told.any():
+    informed = _heard(observations, fits, cells)
+    if not informed.any():
         return tried[0], "no texel has three good observations: too few to tell a lobe from none"
-    texels = int(np.count_nonzero(told))
+    texels = int(np.count_nonzero(informed))
     score = {}
     for name in tried:
-        fit = Fit(fits[name].residual[told], fits[name].searched[told])
-        score[name] = evidence(observations[told], fit, cells[told], floor) / texels
+        fit = Fit(fits[name].residual[informed], fits[name].searched[informed])
+        score[name] = evidence(observations[informed], fit, cells[informed], floor) / texels
     if "one-lobe-specular" in score:
         score["one-lobe-specular"] += SCALE_IS_KNOWN
     best = tried[0]
@@ -72,9 +72,9 @@ def choose(
 
 def _heard(observations: F32, fits: Mapping[str, Fit], cells: I32) -> Bool:
     """Texels with observations enough whose best residual is among the lower EXPLAINED of their cell."""
-    told = np.flatnonzero(observations >= 3.0)
-    best = np.min([fit.residual[told] for fit in fits.values()], axis=0) / observations[told]
-    order = told[np.lexsort((best, cells[told]))]  # by cell, the best explained first
+    enough = np.flatnonzero(observations >= 3.0)
+    best = np.min([fit.residual[enough] for fit in fits.values()], axis=0) / observations[enough]
+    order = enough[np.lexsort((best, cells[enough]))]  # by cell, the best explained first
     _, first, count = np.unique(cells[order], return_index=True, return_counts=True)
     rank = np.arange(len(order)) - np.repeat(first, count)
     heard = np.zeros(len(observations), bool)

@@ -20,7 +20,7 @@ from collections.abc import Generator, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from string import Template
+from typing import Any
 
 from ..core.data import SceneData
 from ..core.errors import BadInput
@@ -47,74 +47,8 @@ from irpso_addon.__main__ import main
 sys.exit(main(sys.argv[1:]))
 '''
 
-# Python needs numpy, moderngl and OpenImageIO.  Range of Udim as a list: 1,000 of them are allowed, while the text of
-# a range may be too long.
-_TEMPLATE = Template("""\
-specificationVersion: jobtemplate-2023-09
-name: $name
-parameterDefinitions:
-- name: Python
-  type: STRING
-  default: python3
-  description: Python 3.11 or newer on the worker, with numpy, moderngl and OpenImageIO
-- name: Program
-  type: PATH
-  objectType: DIRECTORY
-  dataFlow: IN
-  default: $program
-  description: The program that made the plan; blocks solved by another version would not fit
-- name: Work
-  type: PATH
-  objectType: DIRECTORY
-  dataFlow: INOUT
-  default: $work
-  description: Plan, pictures, and every block as it is solved
-- name: Maps
-  type: PATH
-  objectType: DIRECTORY
-  dataFlow: OUT
-  default: $maps
-  description: Where the maps go
-steps:
-- name: Solve
-  parameterSpace:
-    taskParameterDefinitions:
-    - name: Udim
-      type: INT
-      range: $udims
-    - name: Tile
-      type: INT
-      range: $tiles
-    combination: Udim * Tile
-$requirements  script:
-    actions:
-      onRun:
-        command: "{{Param.Python}}"
-        args: ["{{Param.Program}}", tile, "{{Param.Work}}", --udim, "{{Task.Param.Udim}}",
-               --tile, "{{Task.Param.Tile}}", --tile-size, "$tile_size"]
-- name: Merge
-  dependencies:
-  - dependsOn: Solve
-  parameterSpace:
-    taskParameterDefinitions:
-    - name: Udim
-      type: INT
-      range: $udims
-  script:
-    actions:
-      onRun:
-        command: "{{Param.Python}}"
-        args: ["{{Param.Program}}", merge, "{{Param.Work}}", --udim, "{{Task.Param.Udim}}",
-               --out, "{{Param.Maps}}", --format, $kind]
-""")
-_GPU = """\
-  hostRequirements:
-    amounts:
-    - name: amount.worker.gpu
-      min: 1
-    - name: amount.worker.gpu.memory
-      min: $mebibytes
-"""
+SPECIFICATION = "jobtemplate-2023-09"
+TILE_ARGUMENTS = ["{{Param.Program}}", "tile", "{{Param.Work}}"]  # begin a task of Solve
 
 
 @dataclass(frozen=True)
@@ -187,9 +121,12 @@ def _is_program(folder: Path) -> bool:
 
 def _is_template(path: Path) -> bool:
     """Whether `template` wrote it: a job's name and the command of its tasks."""
-    text = _read(path)
-    return (text.startswith(_TEMPLATE.template.partition("$name")[0] + '"IRPSO ')
-            and '"{{Param.Program}}", tile, "{{Param.Work}}"' in text)
+    try:
+        job = json.loads(_read(path))
+        arguments = job["steps"][0]["script"]["actions"]["onRun"]["args"]
+        return str(job["name"]).startswith("IRPSO ") and bool(arguments[:len(TILE_ARGUMENTS)] == TILE_ARGUMENTS)
+    except (ValueError, LookupError, TypeError, RecursionError):
+        return False
 
 
 def _read(path: Path) -> str:
@@ -233,8 +170,9 @@ def merge_square(folder: Path, udim: int, out: Path, kind: str) -> Generator[Pro
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _unwritable(out, error) from None
-    for share in block_merge.steps(work.read_block, blocks, plan.scene.mesh.name, out, kind,
-                                   tiled_solve.layers_of(plan), tiled=plan.udims != (FIRST_UDIM,)):
+    target = block_merge.Target(out, plan.scene.mesh.name, kind, tiled_solve.layers_of(plan),
+                                plan.udims != (FIRST_UDIM,))
+    for share in block_merge.steps(work.read_block, blocks, target):
         yield Progress(share, "merge")
 
 
@@ -248,13 +186,53 @@ def _planned(folder: Path) -> tuple[WorkFolder, Plan]:
 
 
 def template(job: Job) -> str:
-    """The text of template.yaml."""
-    requirements = "" if job.gpu_memory is None else Template(_GPU).substitute(
-        mebibytes=round(job.gpu_memory * 1e9 / 2**20))
-    return _TEMPLATE.substitute(
-        name=_text(_job_name(job.subject)), program=PROGRAM, work=WORK, maps=MAPS, kind=job.kind,
-        udims=json.dumps(job.udims), tiles=_text("0" if job.tiles == 1 else f"0-{job.tiles - 1}"),
-        requirements=requirements, tile_size=job.tile)
+    """The text of template.yaml, in JSON: every YAML reader takes it, and Python can write it."""
+    # A list of UDIMs, since 1,000 numbers are allowed in one, while the text of a range may be too long.
+    udims = {"name": "Udim", "type": "INT", "range": job.udims}
+    tiles = {"name": "Tile", "type": "INT", "range": "0" if job.tiles == 1 else f"0-{job.tiles - 1}"}
+    tile = [*TILE_ARGUMENTS, "--udim", "{{Task.Param.Udim}}", "--tile", "{{Task.Param.Tile}}",
+            "--tile-size", str(job.tile)]
+    merge = ["{{Param.Program}}", "merge", "{{Param.Work}}", "--udim", "{{Task.Param.Udim}}",
+             "--out", "{{Param.Maps}}", "--format", job.kind]
+    return json.dumps({
+        "specificationVersion": SPECIFICATION,
+        "name": _job_name(job.subject),
+        "parameterDefinitions": [
+            {"name": "Python", "type": "STRING", "default": "python3",
+             "description": "Python 3.11 or newer on the worker, with numpy, moderngl and OpenImageIO"},
+            _folder("Program", PROGRAM, "IN",
+                    "The program that made the plan; blocks solved by another version would not fit"),
+            _folder("Work", WORK, "INOUT", "Plan, pictures, and every block as it is solved"),
+            _folder("Maps", MAPS, "OUT", "Where the maps go"),
+        ],
+        "steps": [
+            {"name": "Solve",
+             "parameterSpace": {"taskParameterDefinitions": [udims, tiles], "combination": "Udim * Tile"},
+             **_requirements(job.gpu_memory), "script": _script(tile)},
+            {"name": "Merge", "dependencies": [{"dependsOn": "Solve"}],
+             "parameterSpace": {"taskParameterDefinitions": [udims]}, "script": _script(merge)},
+        ],
+    }, ensure_ascii=False, indent=2) + "\n"
+
+
+def _folder(name: str, default: str, flow: str, description: str) -> dict[str, str]:
+    """A parameter: a folder, by default one beside the template."""
+    return {"name": name, "type": "PATH", "objectType": "DIRECTORY", "dataFlow": flow, "default": default,
+            "description": description}
+
+
+def _requirements(gpu_memory: float | None) -> dict[str, Any]:
+    """What a worker must have: a device with so many GB, or nothing."""
+    if gpu_memory is None:
+        return {}
+    return {"hostRequirements": {"amounts": [
+        {"name": "amount.worker.gpu", "min": 1},
+        {"name": "amount.worker.gpu.memory", "min": round(gpu_memory * 1e9 / 2**20)},  # MiB
+    ]}}
+
+
+def _script(arguments: list[str]) -> dict[str, Any]:
+    return {"actions": {"onRun": {"command": "{{Param.Python}}", "args": arguments}}}
 
 
 def blocks_of(windows: Iterable[UvBlock], udim: int, tile: int, tile_size: int) -> list[UvBlock]:
@@ -283,8 +261,3 @@ def _job_name(subject: str) -> str:
     plain = "".join(c if c.isprintable() else "_" for c in subject)
     apart = re.sub(r"([{}])(?=\1)", r"\1 ", plain)
     return f"IRPSO {apart}"[:NAME_LENGTH].rstrip()
-
-
-def _text(value: str) -> str:
-    """A YAML scalar: JSON's strings are YAML's, too."""
-    return json.dumps(value, ensure_ascii=False)

@@ -74,8 +74,9 @@ def _run(
             for n, window in enumerate(left):
                 yield from _one_of_many(solve_block(plan, place, window, clock), there + n, len(blocks))
             began = time.perf_counter()
-            for share in block_merge.steps(place.read_block, blocks, scene.mesh.name, folder, kind, layers_of(plan),
-                                     tiled=plan.udims != (uv_blocks.FIRST_UDIM,)):
+            target = block_merge.Target(folder, scene.mesh.name, kind, layers_of(plan),
+                                        plan.udims != (uv_blocks.FIRST_UDIM,))
+            for share in block_merge.steps(place.read_block, blocks, target):
                 yield Progress(SOLVED + (1 - SOLVED) * share, "merge", "writing files")
         except Cancelled:
             stopped = True

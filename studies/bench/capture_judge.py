@@ -30,7 +30,7 @@ from mathutils.bvhtree import BVHTree
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from irpso_addon.blender.oiio import ensure_openimageio
-from irpso_addon.core.resampling import at_size
+from irpso_addon.core.resampling import at_size, bilinear
 
 GRID = 256
 MIN_VIEWS = 3
@@ -177,24 +177,12 @@ def divide(capture, views, points, geometry):
         cos_l = (geometry.normals * to_light).sum(1) / np.sqrt(square)
         # A point light of W watts has intensity W / (4 pi) in every direction.
         irradiance = light.data.energy * cos_l / (4 * np.pi * square)
-        radiance = bilinear(picture, place)
+        radiance = bilinear(picture[..., :3], place)
         found[i] = np.where(geometry.good[i][:, None], np.pi * radiance / irradiance[:, None], np.nan)
     some = geometry.good.any(0)
     out = np.full((len(points), 3), 0.5)
     out[some] = np.nanmedian(found[:, some], axis=0)
     return np.clip(out, 0, 1)
-
-
-def bilinear(picture, place):
-    """RGB of (h, w, 4), row 0 at the bottom, at (N, 2) image coordinates 0..1."""
-    height, width = picture.shape[:2]
-    x = np.clip(place[:, 0] * width - 0.5, 0, width - 1.001)
-    y = np.clip(place[:, 1] * height - 0.5, 0, height - 1.001)
-    i, j = x.astype(int), y.astype(int)
-    s, t = (x - i)[:, None], (y - j)[:, None]
-    low = picture[j, i, :3] * (1 - s) + picture[j, i + 1, :3] * s
-    high = picture[j + 1, i, :3] * (1 - s) + picture[j + 1, i + 1, :3] * s
-    return low * (1 - t) + high * t
 
 
 if __name__ == "__main__":

@@ -57,8 +57,8 @@ class Probe:
 
     def release(self) -> None:
         """Free the textures."""
-        for thing in (*self.target.color_attachments, self.map, self.target):
-            thing.release()
+        for resource in (*self.target.color_attachments, self.map, self.target):
+            resource.release()
 
 
 def arithmetic(device: Device, rounds: int, size: int) -> dict[str, Any]:
@@ -81,22 +81,22 @@ def arithmetic(device: Device, rounds: int, size: int) -> dict[str, Any]:
         rows.append([f"{views}", f"{rate / 1e6:.1f}", f"{bound / 1e6:.1f}", f"{rate / bound:.0%}",
                      f"{flops * rate / 1e9:.1f}", f"{flops * rate / (2 * probe.rates['multiply-add']):.0%}"])
     probe.release()
-    told = "; ".join(f"{name} {rate / 1e9:.1f}" for name, rate in probe.rates.items())
+    rates = "; ".join(f"{name} {rate / 1e9:.1f}" for name, rate in probe.rates.items())
     return {
         "title": "How much of the device's arithmetic the search uses",
         "head": ["K", "evaluations (M/s)", "bound by counted operations (M/s)", "reached", "GFLOP/s",
                  "of multiply-adds alone"], "rows": rows,
-        "note": f"Measured here, 10^9 a second, each alone at its best: {told} (a multiply-add is two flops: "
+        "note": f"Measured here, 10^9 a second, each alone at its best: {rates} (a multiply-add is two flops: "
                 f"{2 * probe.rates['multiply-add'] / 1e9:.0f} GFLOP/s). An evaluation with its derivatives needs, for "
-                f"each observation, {_told(PER_OBSERVATION)}, and once {_told(PER_EVALUATION)}: counted by hand in "
-                "studies/bench/peak.py, good to about 15 %. The bound is the time of these operations one kind after "
-                "the other, without loading, storing or loops; kinds that overlap can exceed it. A GFLOP here takes "
-                "each multiply-add for two, each division and root for one.",
+                f"each observation, {_in_words(PER_OBSERVATION)}, and once {_in_words(PER_EVALUATION)}: counted by "
+                "hand in studies/bench/peak.py, good to about 15 %. The bound is the time of these operations one kind "
+                "after the other, without loading, storing or loops; kinds that overlap can exceed it. A GFLOP here "
+                "takes each multiply-add for two, each division and root for one.",
         "value": float(rows[0][3].rstrip("%")) / 100,
     }
 
 
-def _told(counts: Mapping[str, int]) -> str:
+def _in_words(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} x {name}" for name, count in counts.items() if count)
 
 

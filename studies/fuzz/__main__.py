@@ -47,9 +47,9 @@ def main() -> int:
             results.forget_bad(kind)
     Driver(results, arguments.seed, arguments.jobs, results.folder / "log.txt").run(
         {kind: range(count) for kind, count in counts.items()})
-    found = {kind: [o for i, o in results.of(kind).items() if i < count] for kind, count in counts.items()}
-    print(table(found))
-    troubles = [(kind, outcome) for kind, outcomes in found.items() for outcome in outcomes if outcome.bad]
+    by_kind = {kind: [o for i, o in results.of(kind).items() if i < count] for kind, count in counts.items()}
+    print(table(by_kind))
+    troubles = [(kind, outcome) for kind, outcomes in by_kind.items() for outcome in outcomes if outcome.bad]
     alike: dict[str, list[tuple[str, Outcome]]] = {}
     for kind, outcome in troubles:
         alike.setdefault(signature(kind, outcome), []).append((kind, outcome))
@@ -68,10 +68,10 @@ def signature(kind: str, outcome: Outcome) -> str:
     return f"{kind} {outcome.verdict} {bool(outcome.stray)} {outcome.nameless} {outcome.over} {why}"
 
 
-def table(found: dict[str, list[Outcome]]) -> str:
+def table(by_kind: dict[str, list[Outcome]]) -> str:
     """Lines of Markdown."""
-    rows = [row(kind, outcomes) for kind, outcomes in found.items()]
-    rows.append(row("all", [outcome for outcomes in found.values() for outcome in outcomes]))
+    rows = [row(kind, outcomes) for kind, outcomes in by_kind.items()]
+    rows.append(row("all", [outcome for outcomes in by_kind.values() for outcome in outcomes]))
     lines = [COLUMNS, tuple("---:" if i else "---" for i in range(len(COLUMNS))), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 

@@ -36,18 +36,19 @@ PANELS = (("roughness", "roughness error (mean)", True), ("worst", "of the worst
 FLOOR = 3e-4
 
 
-def draw(axis: Axis, found: Mapping[str, Any], out: Path) -> Path:
+def draw(axis: Axis, summaries: Mapping[str, Any], out: Path) -> Path:
     """The axis's chart; ``found``: {point: {method: summary}}."""
     figure = Figure(figsize=(13, 3.4))
     FigureCanvasAgg(figure)  # no window, whatever the machine
     panels = figure.subplots(1, len(PANELS))
-    points = [p for p in axis.points if p.label in found]
+    points = [p for p in axis.points if p.label in summaries]
     lines: dict[str, Any] = {}
     for panel, (key, title, log) in zip(panels, PANELS, strict=True):
         for method in METHODS:
-            told = [(i, found[p.label][method.key]) for i, p in enumerate(points) if method.key in found[p.label]]
-            if told:
-                lines[method.label] = _line(panel, method.key, key, told, log)
+            known = [(i, summary[method.key]) for i, summary in enumerate(summaries[p.label] for p in points)
+                     if method.key in summary]
+            if known:
+                lines[method.label] = _line(panel, method.key, key, known, log)
         _dress(panel, title, axis, points, log)
     figure.suptitle(f"{axis.title}", x=0.01, y=0.985, ha="left", va="top", fontsize=13, fontweight="bold")
     figure.legend(lines.values(), lines.keys(), loc="upper right", bbox_to_anchor=(0.995, 1.0), ncols=len(lines),
@@ -59,11 +60,11 @@ def draw(axis: Axis, found: Mapping[str, Any], out: Path) -> Path:
     return out
 
 
-def _line(panel: Axes, method: str, key: str, told: list[tuple[int, Any]], log: bool) -> Any:
+def _line(panel: Axes, method: str, key: str, known: list[tuple[int, Any]], log: bool) -> Any:
     style = {"markersize": 8 if method == "swarm" else 5, **STYLES[method]}  # what lies under refined looks out
-    x = [i for i, _ in told]
-    y = np.array([s[key] for _, s in told])
-    spread = np.array([s[f"{key}_spread"] for _, s in told])
+    x = [i for i, _ in known]
+    y = np.array([s[key] for _, s in known])
+    spread = np.array([s[f"{key}_spread"] for _, s in known])
     low, high = y - spread, y + spread
     if log:
         y, low, high = (np.maximum(v, FLOOR) for v in (y, low, high))

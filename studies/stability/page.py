@@ -27,65 +27,66 @@ Summaries = Mapping[str, Any]  # {point: {method: summary}}
 def publish(device: Device, seeds: int, out: Path = OUT) -> list[Path]:
     """Everything, from what the store holds; axes without records are left out."""
     out.mkdir(parents=True, exist_ok=True)
-    found = {axis.key: Store(axis).summaries(seeds) for axis in (*AXES, ROW)}
-    found = {key: points for key, points in found.items() if points}
+    by_axis = {axis.key: Store(axis).summaries(seeds) for axis in (*AXES, ROW)}
+    by_axis = {key: points for key, points in by_axis.items() if points}
     written = [out / "atlas.json"]
-    told = {"machine": machine(device), "seeds": seeds, "axes": found}
-    lines = json.dumps(told).replace('{"seeds"', '\n{"seeds"')
+    measured = {"machine": machine(device), "seeds": seeds, "axes": by_axis}
+    lines = json.dumps(measured).replace('{"seeds"', '\n{"seeds"')
     written[0].write_text(lines + "\n", encoding="utf-8")
     worst = {}
     for axis in AXES:
-        if axis.key not in found:
+        if axis.key not in by_axis:
             continue
-        written.append(chart.draw(axis, found[axis.key], out / f"{axis.key}.png"))
+        written.append(chart.draw(axis, by_axis[axis.key], out / f"{axis.key}.png"))
         records = {p.label: Store(axis).seeds(p, BY_KEY["refined"], any_age=True) for p in axis.points}
         if any(records.values()):
             worst[axis.key] = chart.worst_map(device, axis, records, out / f"{axis.key}_worst.png")
             written.append(out / f"{axis.key}_worst.png")
     written.append(out / "README.md")
-    written[-1].write_text(page(told, out), encoding="utf-8")
+    written[-1].write_text(page(measured, out), encoding="utf-8")
     return written
 
 
-def page(told: Mapping[str, Any], out: Path) -> str:
+def page(measured: Mapping[str, Any], out: Path) -> str:
     """README.md."""
-    found = told["axes"]
+    by_axis = measured["axes"]
     identical = FOLDER / "identical.json"
     same = json.loads(identical.read_text("utf-8"))["words"] if identical.exists() else "not run"
     words = parts()
-    text = [wrapped(words["head"].strip().format(seeds=told["seeds"], identical=same, **told["machine"])) + "\n"]
+    head = words["head"].strip().format(seeds=measured["seeds"], identical=same, **measured["machine"])
+    text = [wrapped(head) + "\n"]
     beside = [f"[{title}]({name})" for name, title in BESIDE.items() if (out / name).exists()]
     if beside:
         text.append(f"\nBeside this page: {'; '.join(beside)}.\n")
-    text.append("\n## Whether it says so\n\n" + words["bars"] + "\n\n" + bars(found))
-    if ROW.key in found:
-        text.append("\n## Outliers, the figure that was asked for\n\n" + row(found[ROW.key]))
+    text.append("\n## Whether it says so\n\n" + words["bars"] + "\n\n" + bars(by_axis))
+    if ROW.key in by_axis:
+        text.append("\n## Outliers, the figure that was asked for\n\n" + row(by_axis[ROW.key]))
     for title, axes in (("Each alone", ALONE), ("Nasty pairs", PAIRS)):
         text.append(f"\n## {title}\n")
         for axis in axes:
-            if axis.key in found:
+            if axis.key in by_axis:
                 text.append(f"\n### {axis.title}\n\n![{axis.title}]({axis.key}.png)\n\n"
-                            f"{filled(words.get(axis.key, ''), found[axis.key])}\n\n"
+                            f"{filled(words.get(axis.key, ''), by_axis[axis.key])}\n\n"
                             f"![The worst map]({axis.key}_worst.png)\n")
     return "".join(text)
 
 
-def bars(found: Mapping[str, Summaries]) -> str:
+def bars(by_axis: Mapping[str, Summaries]) -> str:
     """The table of what every axis must hold."""
     lines = ["| axis | failing texels | in the less trusted half | or confidence below 0.5 | not a number | maps off "
              "by more than 0.15 on > 10 % | of these unwarned | warned of |\n|---|---|---|---|---|---|---|---|\n"]
     titles = {axis.key: axis.title for axis in (*AXES, ROW)}
     total = {"halved": 0, "halved_low": 0, "failed": 0, "failed_told": 0, "gross_maps": 0, "unwarned": 0}
-    for key, points in found.items():
+    for key, points in by_axis.items():
         default = ("auto",) if any("auto" in s for s in points.values()) else PRODUCT
-        told = [s[m] for s in points.values() for m in default if m in s]
-        if not told:
+        trials = [s[m] for s in points.values() for m in default if m in s]
+        if not trials:
             continue
         nan = sum(s["nan"] for point in points.values() for s in point.values())
-        part = {name: sum(t.get(name, 0) for t in told) for name in total}
+        part = {name: sum(t.get(name, 0) for t in trials) for name in total}
         total = {name: total[name] + part[name] for name in total}
         kinds: dict[str, int] = {}
-        for kind, count in (item for t in told for item in t.get("kinds", {}).items()):
+        for kind, count in (item for t in trials for item in t.get("kinds", {}).items()):
             kinds[kind] = kinds.get(kind, 0) + count
         words = ", ".join(f"{kind} ({count})" for kind, count in sorted(kinds.items(), key=lambda item: -item[1]))
         lines.append(_bar(titles[key], part, str(nan), words))
@@ -93,9 +94,9 @@ def bars(found: Mapping[str, Summaries]) -> str:
 
 
 def _bar(title: str, part: Mapping[str, int], nan: str, words: str) -> str:
-    low, told = (_share(part[a], part[b]) for a, b in (("halved_low", "halved"), ("failed_told", "failed")))
+    low, warned = (_share(part[a], part[b]) for a, b in (("halved_low", "halved"), ("failed_told", "failed")))
     unwarned = f"**{part['unwarned']}**" if part["unwarned"] else "0"
-    cells = [title, str(part["failed"]), low, told, nan, str(part["gross_maps"]), unwarned, words]
+    cells = [title, str(part["failed"]), low, warned, nan, str(part["gross_maps"]), unwarned, words]
     return f"| {' | '.join(cells)} |\n"
 
 
@@ -110,16 +111,16 @@ def row(points: Summaries) -> str:
     """Failures without and with outliers."""
     kept = [m for m in METHODS if any(m.key in s for s in points.values())]
     lines = ["| outliers | " + " | ".join(m.label for m in kept) + " |\n", "|---|" + "---|" * len(kept) + "\n"]
-    for label, told in points.items():
-        cells = [f"{told[m.key]['failures']:.2%}" if m.key in told else "" for m in kept]
+    for label, methods in points.items():
+        cells = [f"{methods[m.key]['failures']:.2%}" if m.key in methods else "" for m in kept]
         lines.append(f"| {label} | " + " | ".join(cells) + " |\n")
     return "".join(lines)
 
 
-def table(axis: Axis, found: Summaries) -> str:
+def table(axis: Axis, points: Summaries) -> str:
     """For the terminal: mean roughness error and failures of every method at every point."""
     lines = [f"\n{axis.title} ({axis.unit}): roughness error / failures"]
-    for label, told in found.items():
-        cells = [f"{key} {s['roughness']:.3f}/{s['failures']:.1%}" for key, s in told.items()]
+    for label, methods in points.items():
+        cells = [f"{key} {s['roughness']:.3f}/{s['failures']:.1%}" for key, s in methods.items()]
         lines.append(f"  {label:>24}  " + "  ".join(cells))
     return "\n".join(lines)

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from irpso_addon.core.data import F32, F64, Bool
+from irpso_addon.core.observation_quality import DARK_SHARE, MIN_COS_L, MIN_COS_V
 from irpso_addon.core.shading import brdf
 from tests.support.texel_problem import BUMP, LAMP_DISTANCE, PATCH_RADIUS, Estimate, lamp_positions, smooth_map
 
 from .spoil import Pictures, develop, shifted
 
-LEAST_COS_L, LEAST_COS_V = 0.08, 0.15  # shaders/include/observed.glsl: what is more grazing is no good observation
-DARK_SHARE = 0.02  # irpso_addon/gpu/observe/view_drawing.py
 CAMERA_DISTANCE, CAMERA_ANGLE = 5.0, 25.0  # half widths of the patch; degrees from the patch's normal
 SUB_TEXELS, SUB_LAMPS = 4, 16  # across a texel; points on a lamp with a size
 GAUSS = (-0.5 / np.sqrt(3.0), 0.5 / np.sqrt(3.0))  # two-point rule over a texel's width
@@ -130,7 +129,7 @@ def make(trial: Trial) -> Problem:
         told.append(_belief(trial, believed, k, camera, width))
     diffuse, specular = (np.stack([p[i] for p in parts], 2) for i in range(2))
     cos_l, cos_v, irradiance, lobes = (np.stack([t[i] for t in told], 2) for i in range(4))
-    lit = (cos_l > LEAST_COS_L) & (cos_v > LEAST_COS_V)
+    lit = (cos_l > MIN_COS_L) & (cos_v > MIN_COS_V)
     radiance, good, clipped = develop(trial, Pictures(diffuse, specular, truth.base, lit), accidents)
     level = float(np.median(radiance[lit].mean(-1))) if lit.any() else 1.0
     typical = irradiance.mean(-1)
@@ -139,7 +138,7 @@ def make(trial: Trial) -> Problem:
     shown = np.where(good[..., None], radiance, np.nan)
     return Problem(
         trial, _f32(f), _f32(quality), _f32(np.maximum(cos_v, 1e-3)), _f32(lobes[..., None, :]), groups, _f32(shown),
-        _f32(irradiance), (cos_l <= 0) & (cos_v > LEAST_COS_V), clipped, believed, truth)
+        _f32(irradiance), (cos_l <= 0) & (cos_v > MIN_COS_V), clipped, believed, truth)
 
 
 def angles(geometry: Geometry, k: int, camera: int, normal: F64) -> Angles:
@@ -292,7 +291,7 @@ def _belief(trial: Trial, believed: Geometry, k: int, camera: int, width: F64 | 
     mean = (weight * at.sin2h).sum(0) / total
     spread = np.sqrt(np.maximum((weight * at.sin2h**2).sum(0) / total - mean**2, 0.0)) if len(normal) > 1 else 0 * mean
     cos_l, cos_v = (weight * at.cos_l).sum(0) / total, at.cos_v.mean(0)
-    safe_l, safe_v = np.maximum(cos_l, LEAST_COS_L), np.maximum(cos_v, LEAST_COS_V)
+    safe_l, safe_v = np.maximum(cos_l, MIN_COS_L), np.maximum(cos_v, MIN_COS_V)
     factor = brdf.F_dielectric(np.clip(at.cos_vh, 0, 1)) / (2 * safe_l * safe_v)
     lit = np.maximum(at.cos_l, 0.0).mean(0)
     irradiance = np.pi * (at.reach * lit)[..., None] * believed.power[k]

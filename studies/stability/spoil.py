@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from irpso_addon.core.data import F64, Bool
+from irpso_addon.core.images.colour import linear_to_srgb, srgb_to_linear
 from tests.support.texel_problem import smooth_map
 
 if TYPE_CHECKING:
@@ -70,9 +71,7 @@ def stored(value: F64, depth: str) -> F64:
     share = np.clip(value / full, 0.0, 1.0)
     if depth != "8":
         return np.asarray(full * np.round(share * steps) / steps)
-    code = np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
-    code = np.round(code * steps) / steps
-    return np.asarray(full * np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4))
+    return np.asarray(full * srgb_to_linear(np.round(linear_to_srgb(share) * steps) / steps))
 
 
 def shifted(image: F64, by: F64) -> F64:

@@ -79,7 +79,6 @@ def measure_two_lobes(
     ndf: str, pixels: int = 72, few: bool = False, lobes: Lobes = LOBES, bases: Sequence[float] = BASES,
 ) -> Iterator[Pixels]:
     """Both kinds of two lobes in every scene."""
-    first, second, weight = lobes
     for eye in scenes(pixels, few):
         tree = bpy.data.materials["material"].node_tree
         output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
@@ -87,9 +86,9 @@ def measure_two_lobes(
         tree.links.new(make(tree, lobes, bases), output.inputs["Surface"])
 
         def twin(L: np.ndarray, V: np.ndarray, N: np.ndarray) -> np.ndarray:
-            return brdf.two_lobe(np.array(bases), first, second, weight, L, V, N, ndf)
+            return brdf.two_lobe(np.array(bases), lobes, L, V, N, ndf)
 
-        yield compare(eye, first, 0.5, twin)
+        yield compare(eye, lobes[0], 0.5, twin)
 
 
 def principled_node() -> Any:

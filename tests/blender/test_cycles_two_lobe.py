@@ -87,7 +87,7 @@ def errors(values: dict[str, Any], model: Model) -> F64:
 
 
 def two_lobe(ndf: str) -> Model:
-    return lambda L, V, N, maps: brdf.two_lobe(maps["base"], *np.moveaxis(maps["lobes"], -1, 0), L, V, N, ndf)
+    return lambda L, V, N, maps: brdf.two_lobe(maps["base"], np.moveaxis(maps["lobes"], -1, 0), L, V, N, ndf)
 
 
 def limits(ndf: str) -> tuple[float, float]:

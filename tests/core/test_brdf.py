@@ -165,14 +165,14 @@ def test_energy_of_a_level_equals_the_nodes(level):
 def test_two_lobes_of_one_roughness_are_one_lobe():
     light, view, normal = half_vector(np.array([0.3, 1.0]), np.array([0.5, 2.0]), 0.6)
     base = np.array([[0.1, 0.5, 0.9]])
-    same = brdf.two_lobe(base, 0.4, 0.4, 0.3, light, view, normal, "ggx")
+    same = brdf.two_lobe(base, (0.4, 0.4, 0.3), light, view, normal, "ggx")
     np.testing.assert_allclose(same, brdf.principled(base, 0.4, light, view, normal), rtol=1e-14)
     for ndf in ("ggx", "beckmann"):
-        mixed = brdf.two_lobe(base, 0.2, 0.7, 0.3, light, view, normal, ndf)
-        ends = (brdf.two_lobe(base, 0.2, 0.7, w, light, view, normal, ndf) for w in (1.0, 0.0))
+        mixed = brdf.two_lobe(base, (0.2, 0.7, 0.3), light, view, normal, ndf)
+        ends = (brdf.two_lobe(base, (0.2, 0.7, w), light, view, normal, ndf) for w in (1.0, 0.0))
         first, second = ends
         np.testing.assert_allclose(mixed, 0.3 * first + 0.7 * second, rtol=1e-14)
-        np.testing.assert_allclose(first, brdf.two_lobe(base, 0.2, 0.2, 0.5, light, view, normal, ndf), rtol=1e-14)
+        np.testing.assert_allclose(first, brdf.two_lobe(base, (0.2, 0.2, 0.5), light, view, normal, ndf), rtol=1e-14)
         assert not np.allclose(first, second, rtol=0.05)
 
 

@@ -18,6 +18,7 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images import decoder_pool, oiio_reader
 from irpso_addon.core.images.image_file import floats, open_image
 from irpso_addon.core.images.mask import Mask
+from irpso_addon.core.images.oiio_reader import StoredPicture
 from irpso_addon.core.images.reference_image import read_reference
 from tests.support.picture_files import noise, save, view
 
@@ -184,7 +185,7 @@ def test_nonsense_is_not_believed(tmp_path, monkeypatch, answer):
     with pytest.raises(BadInput, match=r"a\.exr: cannot be read \(its decoder gave nonsense"):
         open_image(path)
     with pytest.raises(BadInput, match=r"a\.exr: cannot be read"):
-        list(decoder_pool.bands(path, 0, (0, 1, 2), "float", (30, 20), 0, 20))
+        list(decoder_pool.bands(path, StoredPicture(0, (0, 1, 2), "float", (30, 20)), 0, 20))
 
 
 def test_a_file_that_changes_is_not_read_as_it_was(tmp_path):

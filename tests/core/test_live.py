@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.data import ViewPicture
-from irpso_addon.core.live_maps import Canvas, Live, difference, reduced, resized
+from irpso_addon.core.live_maps import Canvas, Live, difference
+from irpso_addon.core.resampling import block_means, nearest
 
 
 def look(size: int, value: float, known: np.ndarray | None = None, role: str = "roughness") -> Live:
@@ -72,20 +73,20 @@ def test_a_look_is_not_written_into() -> None:
 
 
 @pytest.mark.parametrize(("size", "grown"), [(2, 5), (5, 2), (3, 3), (7, 16)])
-def test_resized_takes_the_nearest_texel(size: int, grown: int) -> None:
+def test_nearest_takes_the_nearest_texel(size: int, grown: int) -> None:
     values = np.random.default_rng(0).random((size, size))
     want = np.array([[values[int((y + 0.5) * size / grown), int((x + 0.5) * size / grown)]
                       for x in range(grown)] for y in range(grown)])
-    np.testing.assert_array_equal(resized(values, grown), want)
+    np.testing.assert_array_equal(nearest(values, grown), want)
 
 
-def test_reduced_is_the_mean_and_keeps_what_is_unknown() -> None:
+def test_block_means_keep_what_is_unknown() -> None:
     values = np.arange(16 * 3, dtype=np.float32).reshape(4, 4, 3)
     values[0, 0, 0] = np.nan
-    small = reduced(values, 2)
+    small = block_means(values, 2)
     assert np.isnan(small[0, 0, 0])
     assert small[1, 1, 2] == pytest.approx(values[2:, 2:, 2].mean())
-    assert reduced(values, 3).shape == (3, 3, 3)  # no whole number of texels: the nearest
+    assert block_means(values, 3).shape == (3, 3, 3)  # no whole number of texels: the nearest
 
 
 def test_difference_weighs_pictures_by_their_light() -> None:

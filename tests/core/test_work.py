@@ -16,7 +16,7 @@ import pytest
 from irpso_addon.core.check_records import Checks
 from irpso_addon.core.data import Camera, Light, Maps, MeshArrays, NormalMap, SceneData, Solution, View, ViewPicture
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.maps.block_merge import merge, steps
+from irpso_addon.core.maps.block_merge import Target, merge, steps
 from irpso_addon.core.maps.export import layers, write_maps
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.storage.atomic_io import _FAR, LOCK, PART, FolderLock, remove_leftovers, replacing
@@ -330,14 +330,14 @@ def test_merged_maps_have_the_bytes_of_whole_ones(tmp_path, kind, size, two):
               for w in all_blocks(size, [1001, 1002], block=64)}
     (tmp_path / "b").mkdir()
     expected = write_maps(whole, "a/b", tmp_path / "a", kind)
-    found = merge(blocks.__getitem__, all_blocks(size, [1001], block=64), "a/b", tmp_path / "b", kind, list(cut))
+    found = merge(blocks.__getitem__, all_blocks(size, [1001], block=64),
+                  Target(tmp_path / "b", "a/b", kind, list(cut)))
     assert [p.name for p in found] == [p.name for p in expected] == sorted(os.listdir(tmp_path / "b"), key=[
         p.name for p in expected].index)
     for a, b in zip(expected, found, strict=True):
         assert hashlib.sha256(a.read_bytes()).digest() == hashlib.sha256(b.read_bytes()).digest(), a.name
     pair = all_blocks(size, [1001, 1002], block=64)
-    udims = merge(blocks.__getitem__, pair, "o", tmp_path / "b", kind, ["roughness"],
-                  tiled=True)
+    udims = merge(blocks.__getitem__, pair, Target(tmp_path / "b", "o", kind, ["roughness"], tiled=True))
     assert [p.name for p in udims] == [f"o_roughness.1001.{kind}", f"o_roughness.1002.{kind}"]
     assert udims[1].read_bytes() == expected[1].read_bytes()
 
@@ -349,11 +349,11 @@ def test_a_merge_that_fails_leaves_nothing(tmp_path):
         return {"roughness": np.zeros((64, 64), np.float32)}
 
     with pytest.raises(BadInput, match="block: gone"):
-        merge(read, all_blocks(128, [1001], block=64), "o", tmp_path, "exr", ["roughness"])
+        merge(read, all_blocks(128, [1001], block=64), Target(tmp_path, "o", "exr", ["roughness"]))
     with pytest.raises(BadInput, match="does not hold 'error'"):
-        merge(read, all_blocks(128, [1001], block=64), "o", tmp_path, "exr", ["error"])
-    going = steps(lambda key: {"roughness": np.zeros((64, 64), np.float32)}, all_blocks(128, [1001], block=64), "o",
-                  tmp_path, "exr", ["roughness"])
+        merge(read, all_blocks(128, [1001], block=64), Target(tmp_path, "o", "exr", ["error"]))
+    going = steps(lambda key: {"roughness": np.zeros((64, 64), np.float32)}, all_blocks(128, [1001], block=64),
+                  Target(tmp_path, "o", "exr", ["roughness"]))
     assert next(going) == 0.5
     going.close()  # as when the user stops it
     assert list(tmp_path.iterdir()) == []

@@ -27,7 +27,7 @@ WEIGHT, RATIO = 0.6, 1.8  # of the first lobe; of the roughnesses
 def coat(ndf: str) -> syn.Truth:
     """Four paints of two lobes."""
     def reflect(base: np.ndarray, r: np.ndarray, *directions: np.ndarray) -> np.ndarray:
-        return brdf.two_lobe(base, r, RATIO * r, np.full_like(r, WEIGHT), *directions, ndf)
+        return brdf.two_lobe(base, (r, RATIO * r, np.full_like(r, WEIGHT)), *directions, ndf)
 
     return replace(syn.PATCHES, roughness=syn.quarters([0.2, 0.25, 0.3, 0.35]), reflect=reflect)
 

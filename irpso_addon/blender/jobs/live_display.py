@@ -20,9 +20,10 @@ from bpy.app.handlers import persistent
 
 from ...core.data import F32, Maps, SceneData, Solution
 from ...core.errors import BadInput
-from ...core.live_maps import ROLES, Canvas, Live, reduced, resized
+from ...core.live_maps import ROLES, Canvas, Live
 from ...core.maps import region
 from ...core.params import SolveSettings
+from ...core.resampling import block_means, nearest
 from ...gpu.solve.live_readback import HALF_SURE
 from ..material import material
 from ..material.tags import maps_of
@@ -88,7 +89,7 @@ class LiveMaps:
                 self.start = replace(self.start, maps=last)
                 self.canvas.add(Live({role: getattr(last, role) for role in ROLES}, last.coverage))
             maps = dict(self.canvas.add(live, preview))
-            pixels = {role: _rgba(resized(maps[role], self.shown), UNKNOWN[role]) for role in live.maps}
+            pixels = {role: _rgba(nearest(maps[role], self.shown), UNKNOWN[role]) for role in live.maps}
             before = self.latest
             self.latest = live = replace(
                 live, maps=maps, coverage=self.canvas.coverage, model=self.model,
@@ -113,7 +114,7 @@ class LiveMaps:
             return
         self._judged = now
         size = min(JUDGED, self.canvas.size)
-        self.feed({role: reduced(maps[role], size) for role in ("base_color", "roughness")})
+        self.feed({role: block_means(maps[role], size) for role in ("base_color", "roughness")})
 
     def show(self, obj: bpy.types.Object) -> bool:
         """Hand new pixels to Blender, not too often: each time the window is drawn anew.  True: it is.

@@ -26,8 +26,8 @@ class Match:
 
 def words(text: str) -> Words:
     """Words and numbers of a name: "Cam01_light-3", "cam 1 LIGHT.003" are the same."""
-    found = re.findall(r"\d+|[^\W\d_]+", text.lower())
-    return tuple(str(int(word)) if word.isdecimal() else word for word in found)
+    words = re.findall(r"\d+|[^\W\d_]+", text.lower())
+    return tuple(str(int(word)) if word.isdecimal() else word for word in words)
 
 
 def natural(path: PurePath) -> tuple[tuple[bool, int, str], ...]:
@@ -47,13 +47,13 @@ def match(
     """
     pictures = _pictures(sorted(files, key=natural))
     known = [(name, words(name), kind) for kind, names in enumerate((cameras, lights)) for name in names]
-    found = [_by_name(file, mask, known) for file, mask in pictures.items()]
-    if not any(m.camera for m in found):
-        found = _cameras_in_order(found, cameras, lights)
-    if not any(m.lights for m in found):
-        found = _lights_in_order(found, lights, flashes or {})
+    matches = [_by_name(file, mask, known) for file, mask in pictures.items()]
+    if not any(m.camera for m in matches):
+        matches = _cameras_in_order(matches, cameras, lights)
+    if not any(m.lights for m in matches):
+        matches = _lights_in_order(matches, lights, flashes or {})
     return [m if m.lights or m.camera is None else replace(m, lights=tuple((flashes or {}).get(m.camera, ())))
-            for m in found]
+            for m in matches]
 
 
 def _pictures(files: Sequence[PurePath]) -> dict[PurePath, PurePath | None]:
@@ -82,21 +82,21 @@ def _by_name(
     return Match(file, camera, tuple(said[1]), mask)
 
 
-def _cameras_in_order(found: list[Match], cameras: Sequence[str], lights: Sequence[str]) -> list[Match]:
+def _cameras_in_order(matches: list[Match], cameras: Sequence[str], lights: Sequence[str]) -> list[Match]:
     """One picture for each camera, or one under each light; all to the only camera."""
     if not cameras:
-        return found
-    each, rest = divmod(len(found), len(cameras))
+        return matches
+    each, rest = divmod(len(matches), len(cameras))
     if rest or not each or (len(cameras) > 1 and each not in {1, len(lights)}):
-        return found
+        return matches
     order = sorted(cameras, key=lambda name: natural(PurePath(name)))
-    return [replace(m, camera=order[i // each], camera_by_order=len(cameras) > 1) for i, m in enumerate(found)]
+    return [replace(m, camera=order[i // each], camera_by_order=len(cameras) > 1) for i, m in enumerate(matches)]
 
 
-def _lights_in_order(found: list[Match], lights: Sequence[str], flashes: Mapping[str, Sequence[str]]) -> list[Match]:
+def _lights_in_order(matches: list[Match], lights: Sequence[str], flashes: Mapping[str, Sequence[str]]) -> list[Match]:
     """The lights one by one, where every camera that is used has a picture for each and none has its own flash."""
     order = sorted(lights, key=lambda name: natural(PurePath(name)))
-    used = [m.camera for m in found]
+    used = [m.camera for m in matches]
     if None in used or len(order) < 2 or any(used.count(c) != len(order) or c in flashes for c in set(used)):
-        return found
-    return [replace(m, lights=(order[used[:i].count(m.camera)],), lights_by_order=True) for i, m in enumerate(found)]
+        return matches
+    return [replace(m, lights=(order[used[:i].count(m.camera)],), lights_by_order=True) for i, m in enumerate(matches)]

@@ -86,10 +86,10 @@ class _Collected:
     def add(self, checked: CheckedView) -> None:
         self.views.append(checked.view)
         radiance = checked.radiance @ MEAN
-        told = self.window.covered & np.isfinite(radiance) & ((checked.quality > 0) | checked.unlit)
-        observed = blurred(np.where(told, radiance, np.float32(0)))
-        predicted = blurred(np.where(told, (checked.predicted * checked.irradiance) @ MEAN, np.float32(0)))
-        whole = eroded(told, RIM)
+        usable = self.window.covered & np.isfinite(radiance) & ((checked.quality > 0) | checked.unlit)
+        observed = blurred(np.where(usable, radiance, np.float32(0)))
+        predicted = blurred(np.where(usable, (checked.predicted * checked.irradiance) @ MEAN, np.float32(0)))
+        whole = eroded(usable, RIM)
         self._product += np.where(whole, observed * predicted, np.float32(0))
         self._square += np.where(whole, predicted * predicted, np.float32(0))
         up, right = np.gradient(predicted)
@@ -100,15 +100,15 @@ class _Collected:
         self.outlines.append(self._outline)
 
     def solve(self) -> _Estimate:
-        told = self._square > 1e-6 * max(float(self._square.max(initial=0.0)), 1e-30)
-        factor = np.where(told, self._product / np.where(told, self._square, np.float32(1)), np.float32(0))
+        usable = self._square > 1e-6 * max(float(self._square.max(initial=0.0)), 1e-30)
+        factor = np.where(usable, self._product / np.where(usable, self._square, np.float32(1)), np.float32(0))
         single = len(self.views) == 1
         if single:  # beside what other cameras show of the same paint
-            factor = np.where(told, np.median(factor[told]) if told.any() else np.float32(1), np.float32(0))
+            factor = np.where(usable, np.median(factor[usable]) if usable.any() else np.float32(1), np.float32(0))
         up, right = np.gradient(factor)
-        at = self.at[eroded(told, 1).ravel()[self.at]]
+        at = self.at[eroded(usable, 1).ravel()[self.at]]
         known = np.isin(self.at, at, assume_unique=True)
-        rows, columns = np.divmod(at, told.shape[1])
+        rows, columns = np.divmod(at, usable.shape[1])
         fit = fit_views(np.stack(self.seen, 1)[..., known].astype(np.float64),
                         np.stack([a.ravel()[at] for a in (factor, right, up)]).astype(np.float64),
                         tiles_of(rows, columns), free=not single)

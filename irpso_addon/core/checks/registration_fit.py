@@ -47,26 +47,26 @@ def fit_views(seen: F64, factor: F64, tiles: I32, free: bool = True) -> Fit:
     To first order observed = (factor + df) predicted + gain * factor predicted - slope . shift, where the slope is
     that of factor times prediction; df of each pixel is eliminated (not ``free``: it is 0).
     """
-    told = np.isfinite(seen).all(0)
-    predicted, right, up, observed = np.where(told, seen, 0.0)
+    known = np.isfinite(seen).all(0)
+    predicted, right, up, observed = np.where(known, seen, 0.0)
     expected = factor[0] * predicted
     columns = np.stack([-factor[0] * right - predicted * factor[1], -factor[0] * up - predicted * factor[2], expected])
     lit = expected[expected > 0]
     level = np.abs(expected) + DARK * (float(np.median(lit)) if len(lit) else 1.0)
     edges = ALIASING**2 * (columns[:2] ** 2).sum(0)
-    left = (observed - expected) * told
-    noise = np.full((len(told), 1), 0.01)
-    weight = told / ((noise * level) ** 2 + edges)
+    left = (observed - expected) * known
+    noise = np.full((len(known), 1), 0.01)
+    weight = known / ((noise * level) ** 2 + edges)
     for _ in range(ROUNDS):
         solved, inverse, remains, change = _projected(columns, predicted, left, weight, free)
-        noise = np.array([[_scale(r[t])] for r, t in zip(remains / level, told, strict=True)])
-        sure = told / ((noise * level) ** 2 + edges)
-        spread = max(_scale((remains * np.sqrt(sure))[told]), 1e-6)
+        noise = np.array([[_scale(r[t])] for r, t in zip(remains / level, known, strict=True)])
+        sure = known / ((noise * level) ** 2 + edges)
+        spread = max(_scale((remains * np.sqrt(sure))[known]), 1e-6)
         weight = sure / spread**2 / (1.0 + remains**2 * sure / (CAUCHY * spread) ** 2)
-    views = len(told)
+    views = len(known)
     scores = np.stack([_by_tile(weight[v] * column[v] * remains[v], tiles) for column in columns for v in range(views)])
     covariance = inverse @ (scores @ scores.T) @ inverse
-    blind = np.tile(told.sum(axis=1) < LEAST_PIXELS, 3)  # views that tell nothing: clipped, masked, not seen
+    blind = np.tile(known.sum(axis=1) < LEAST_PIXELS, 3)  # views that tell nothing: clipped, masked, not seen
     covariance = np.where(blind | blind[:, None], 0.0, covariance) + np.diag(np.where(blind, WIDEST**2, 0.0))
     variance = np.maximum(np.diag(covariance), 0.0)
     pairs = np.arange(views)[:, None] + np.array([0, views])

@@ -12,11 +12,12 @@ import numpy as np
 
 from ..check_records import Checks, MaterialCheck, Residual, ViewCheck
 from ..data import F32, F64, I32, Bool, View
+from ..resampling import nearest
 from ..shading.brdf import ROUGHNESS_MIN
 from .light_checks import Places
 from .registration import Registration
 from .residuals import BLOCK, SMALL, BlockErrors, residual, sample, sample_view, shared_error
-from .view_check_data import CheckedView
+from .view_check_data import CheckedView, PixelWindow
 
 WRONG = 0.15  # an error of roughness that a user would see
 CELLS = 256  # squared: the grid over the UV square on which highlights are counted
@@ -44,51 +45,78 @@ class TexelFit:
 
 def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
     """Consumes one view at a time; those of a camera follow one another."""
-    places, registration, window = Places(), Registration(), None
-    found: list[tuple[View, float, Residual]] = []
-    lobes: list[BlockErrors] = []
-    others: list[BlockErrors] = []
-    areas: list[F32] = []  # texels that a pixel shows, at the cameras' blocks
-    nearest = np.full(CELLS * CELLS, np.inf, np.float32)
+    measured = _Measured(texels.solved.size)
     for view in views:
-        registration.add(view)
-        if view.window is not window:
-            window = view.window
-            at = sample(window)
-            places.camera(window, at)
-            uv = window.uv.reshape(-1, 2)[at]
-            x, y = np.moveaxis(np.clip(uv * CELLS, 0, CELLS - 1).astype(np.int64), -1, 0)
-            cells = y * CELLS + x
-            right, up = uv[:, 1] - uv[:, 0], uv[:, BLOCK] - uv[:, 0]
-            areas.append(np.abs(right[:, 0] * up[:, 1] - right[:, 1] * up[:, 0]) * texels.solved.size)
-        seen = sample_view(view, at)
+        measured.add(view)
+    return measured.checks(texels)
+
+
+class _Measured:
+    """What the views show, summed up one view after another."""
+
+    def __init__(self, texels: int) -> None:
+        """``texels``: of a map."""
+        self.texels = texels
+        self.places, self.registration = Places(), Registration()
+        self.views: list[tuple[View, float, Residual]] = []  # and the share of its pixels that is clipped
+        self.lobes: list[BlockErrors] = []
+        self.others: list[BlockErrors] = []
+        self.areas: list[F32] = []  # texels that a pixel shows, at the cameras' blocks
+        self.tangents = np.full(CELLS * CELLS, np.inf, np.float32)  # least tan(theta_h) in each cell
+        self.window: PixelWindow | None = None  # of the last view; what follows belongs to it
+        self.pixels = self.cells = np.zeros(0, np.int64)
+
+    def add(self, view: CheckedView) -> None:
+        """Take in a view."""
+        self.registration.add(view)
+        if view.window is not self.window:
+            self._enter(view.window)
+        seen = sample_view(view, self.pixels)
         figures, shiny, other = residual(seen)
-        places.add(view.view, seen, figures.gain)
-        sines = np.minimum(view.sin2h.ravel()[at[seen.good]], np.float32(1 - 1e-6))
-        np.minimum.at(nearest, cells[seen.good], np.sqrt(sines / (1 - sines)))
-        found.append((view.view, view.clipped, figures))
-        lobes.append(shiny)
-        others.append(other)
-    overall, each = places.slopes()
-    residuals = [figures for *_, figures in found]
-    dark = np.array([(r.unlit, r.unlit_pixels) for r in residuals if r.unlit is not None])
-    noise = _median([r.noise for r in residuals])
-    least, solved = _alphas(nearest.reshape(CELLS, CELLS), texels)
-    return Checks(
-        name=texels.name,
-        views=tuple(ViewCheck(view.image.name, view.camera.name, tuple(light.name for light in view.lights), clipped,
-                              figures, slope) for (view, clipped, figures), slope in zip(found, each, strict=True)),
-        lights=tuple(places.lights([r.gain for r in residuals])), noise=noise,
-        materials=tuple(_materials(texels, noise)),
-        structure=_median([r.structure for r in residuals]), slope=overall,
-        highlight=max(shared_error(_together(lobes)) ** 2 - shared_error(_together(others)) ** 2, 0.0) ** 0.5,
-        unlit_share=float(np.average(dark[:, 0], weights=dark[:, 1])) if len(dark) else float("nan"),
-        clipped=float(np.mean([clipped for _, clipped, _ in found])) if found else 0.0,
-        no_highlight=float(np.mean(least[solved] > NO_HIGHLIGHT)) if solved.any() else 0.0,
-        nearest=float(np.median(least[solved])) if solved.any() else float("inf"),
-        doubtful=doubtful(texels.sigma[texels.solved]) if texels.sure else float("nan"), sure=texels.sure,
-        pixels_per_texel=1 / max(float(np.median(np.concatenate([*areas, np.zeros(0)]))), 1e-9) if found else 0.0,
-        registration=registration.estimate())
+        self.places.add(view.view, seen, figures.gain)
+        sines = np.minimum(view.sin2h.ravel()[self.pixels[seen.good]], np.float32(1 - 1e-6))
+        np.minimum.at(self.tangents, self.cells[seen.good], np.sqrt(sines / (1 - sines)))
+        self.views.append((view.view, view.clipped, figures))
+        self.lobes.append(shiny)
+        self.others.append(other)
+
+    def _enter(self, window: PixelWindow) -> None:
+        """Begin with the views of a camera."""
+        self.window, self.pixels = window, sample(window)
+        self.places.camera(window, self.pixels)
+        uv = window.uv.reshape(-1, 2)[self.pixels]
+        x, y = np.moveaxis(np.clip(uv * CELLS, 0, CELLS - 1).astype(np.int64), -1, 0)
+        self.cells = y * CELLS + x
+        right, up = uv[:, 1] - uv[:, 0], uv[:, BLOCK] - uv[:, 0]
+        self.areas.append(np.abs(right[:, 0] * up[:, 1] - right[:, 1] * up[:, 0]) * self.texels)
+
+    def checks(self, texels: TexelFit) -> Checks:
+        """The figures of all views and of the texels."""
+        overall, slopes = self.places.slopes()
+        residuals = [figures for *_, figures in self.views]
+        noise = _median([r.noise for r in residuals])
+        least, solved = _alphas(self.tangents.reshape(CELLS, CELLS), texels)
+        return Checks(
+            name=texels.name,
+            views=tuple(
+                ViewCheck(view.image.name, view.camera.name, tuple(light.name for light in view.lights), clipped,
+                          figures, slope) for (view, clipped, figures), slope in zip(self.views, slopes, strict=True)),
+            lights=tuple(self.places.lights([r.gain for r in residuals])), noise=noise,
+            materials=tuple(_materials(texels, noise)),
+            structure=_median([r.structure for r in residuals]), slope=overall,
+            highlight=max(shared_error(_together(self.lobes)) ** 2 - shared_error(_together(self.others)) ** 2,
+                          0.0) ** 0.5,
+            unlit_share=_unlit_share(residuals),
+            clipped=float(np.mean([clipped for _, clipped, _ in self.views])) if self.views else 0.0,
+            no_highlight=float(np.mean(least[solved] > NO_HIGHLIGHT)) if solved.any() else 0.0,
+            nearest=float(np.median(least[solved])) if solved.any() else float("inf"),
+            doubtful=doubtful(texels.sigma[texels.solved]) if texels.sure else float("nan"), sure=texels.sure,
+            pixels_per_texel=self._pixels_per_texel(), registration=self.registration.estimate())
+
+    def _pixels_per_texel(self) -> float:
+        if not self.views:
+            return 0.0
+        return 1 / max(float(np.median(np.concatenate([*self.areas, np.zeros(0)]))), 1e-9)
 
 
 def worse(after: Checks, before: Checks) -> bool:
@@ -112,6 +140,12 @@ def _median(values: list[float]) -> float:
     return float(np.median(values)) if values else 0.0
 
 
+def _unlit_share(residuals: list[Residual]) -> float:
+    """Radiance where no light arrives, as a share of the lit median; NaN: nothing tells."""
+    dark = np.array([(r.unlit, r.unlit_pixels) for r in residuals if r.unlit is not None])
+    return float(np.average(dark[:, 0], weights=dark[:, 1])) if len(dark) else float("nan")
+
+
 def _together(parts: list[BlockErrors]) -> BlockErrors:
     """Those of all views."""
     none = np.zeros(0, np.float32)
@@ -120,25 +154,22 @@ def _together(parts: list[BlockErrors]) -> BlockErrors:
                   SMALL**2)
 
 
-def _alphas(nearest: F32, texels: TexelFit) -> tuple[F64, Bool]:
+def _alphas(tangents: F32, texels: TexelFit) -> tuple[F64, Bool]:
     """(CELLS, CELLS) least tan(theta_h) / alpha, and which cells were seen and solved (those without gloss are not)."""
-    n = texels.solved.shape[0]
-    at = np.minimum(((np.arange(CELLS) + 0.5) * n / CELLS).astype(int), n - 1)
-    pick = np.ix_(at, at)
     dull = [slot for slot, name in enumerate(texels.slot_names) if texels.models.get(name) == "lambert"]
     matt = np.isin(texels.slots, dull)
-    seen = np.isfinite(nearest) & texels.solved[pick] & ~matt[pick]
-    alpha = np.maximum(texels.roughness[pick].astype(np.float64), ROUGHNESS_MIN) ** 2
-    return np.where(seen, nearest, 0) / alpha, seen
+    seen = np.isfinite(tangents) & nearest(texels.solved, CELLS) & ~nearest(matt, CELLS)
+    alpha = np.maximum(nearest(texels.roughness, CELLS).astype(np.float64), ROUGHNESS_MIN) ** 2
+    return np.where(seen, tangents, 0) / alpha, seen
 
 
 def _materials(texels: TexelFit, noise: float) -> list[MaterialCheck]:
-    found = []
+    checks = []
     needed = NEEDED_IN_NOISE if noise > TWO_LOBE_NOISE else NEEDED
     for slot, name in enumerate(texels.slot_names):
         seen = texels.observed[texels.solved & (texels.slots == slot)]
         model = texels.models.get(name, "one-lobe")
         enough = needed["one-lobe" if texels.chosen and model == "lambert" else model]  # to tell that there is no lobe
         if len(seen):
-            found.append(MaterialCheck(name, model, float(np.median(seen)), enough, float(np.mean(seen < enough))))
-    return found
+            checks.append(MaterialCheck(name, model, float(np.median(seen)), enough, float(np.mean(seen < enough))))
+    return checks

@@ -6,13 +6,14 @@ it: the pixel's colour belongs to its own geometry.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..data import F32, F64, Bool, Camera, Light, RadianceImage, SceneData, View
 from ..job import Progress
+from ..observation_quality import DARK_SHARE, EDGE_WEIGHT, MIN_COS_L, MIN_COS_V
 from ..shading import brdf
 from ..shading.lights import light_irradiance, light_sample
 from .rasterise import SurfacePoints, places
@@ -20,10 +21,7 @@ from .rays import Index, Rays
 
 EMITTER_POINTS = 16  # on a lamp that is not as good as a point
 POINT_ANGLE = 0.004  # radians: extent over distance up to which it is one
-MIN_COS_V, MIN_COS_L = 0.15, 0.08  # the long footprint of a grazing pixel; the terminator
-EDGE_QUALITY = 0.03  # of what lies at an edge of shadow or silhouette, beside 1
 EDGE_RANGE = 0.02  # of the share of light that arrives, among neighbours
-DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
 VIEW_BYTES, LAMP_BYTES = 100, 40  # of a point: for each view, and for each point on its lamps
 NO_LIGHT = 1e-3  # share of the mean irradiance below which a channel is not lit
 ReadImage = Callable[[View], RadianceImage]
@@ -53,6 +51,16 @@ class Shown:
     cos_v: F64  # (S,)
 
 
+@dataclass(frozen=True)
+class _Picture:
+    """What the pixels of a view hold that show S points."""
+
+    view: View
+    frame: tuple[str, int, int]  # the camera, width and height of its picture
+    rgb: F64  # (S, 3) radiance
+    coverage: F32  # (S,) 0: shows nothing of the point
+
+
 def observe(
     scene: SceneData, points: SurfacePoints, neighbours: Index, read_image: ReadImage,
 ) -> Generator[Progress, None, tuple[list[Seen], list[View], list[tuple[str, str]], list[str]]]:
@@ -63,7 +71,8 @@ def observe(
     rays = Rays(np.concatenate([scene.mesh.positions, scene.occluders]))
     shown: dict[tuple[str, int, int], Shown] = {}
     lit: dict[tuple[str, tuple[str, int, int]], F64] = {}
-    pictures, used, skipped, warnings = [], [], [], []
+    pictures: list[_Picture] = []
+    skipped, warnings = [], []
     for i, view in enumerate(scene.views):
         image = read_image(view)
         warnings += [w for w in image.warnings if w not in warnings]
@@ -76,19 +85,20 @@ def observe(
         if not valid.any():
             skipped.append((view.image.name, "no usable pixel shows the object: check camera, mask and clipping"))
             continue
-        pictures.append((view, key, image.rgb[y, x].astype(np.float64), np.where(valid, image.coverage[y, x], 0)))
-        used.append(view)
+        pictures.append(_Picture(view, key, image.rgb[y, x].astype(np.float64),
+                                 np.where(valid, image.coverage[y, x], 0)))
         yield Progress(0.5 * (i + 1) / len(scene.views), "observe", f"reading {view.image.name}")
-    level = float(np.median([np.median(rgb[good > 0].mean(-1)) for _, _, rgb, good in pictures])) if pictures else 1.0
-    found = []
-    for i, (view, key, rgb, coverage) in enumerate(pictures):
-        for light in view.lights:
+    level = float(np.median([np.median(p.rgb[p.coverage > 0].mean(-1)) for p in pictures])) if pictures else 1.0
+    observed = []
+    for i, picture in enumerate(pictures):
+        key, lights = picture.frame, picture.view.lights
+        for light in lights:
             if (light.name, key) not in lit:
                 lit[light.name, key] = _lit(rays, light, shown[key])
-        found.append(_seen(view, shown[key], [lit[light.name, key] for light in view.lights], rgb, coverage,
-                           neighbours, level, list(shown).index(key)))
-        yield Progress(0.5 + 0.5 * (i + 1) / len(pictures), "observe", f"light of {view.image.name}")
-    return found, used, skipped, warnings
+        lighting = _lighting(lights, [lit[light.name, key] for light in lights], shown[key], neighbours)
+        observed.append(_seen(picture, shown[key], lighting, level, list(shown).index(key)))
+        yield Progress(0.5 + 0.5 * (i + 1) / len(pictures), "observe", f"light of {picture.view.image.name}")
+    return observed, [picture.view for picture in pictures], skipped, warnings
 
 
 def _shown(scene: SceneData, rays: Rays, points: SurfacePoints, camera: Camera, width: int, height: int) -> Shown:
@@ -155,15 +165,24 @@ def _lit(rays: Rays, light: Light, shown: Shown) -> F64:
     return arrives
 
 
-def _seen(
-    view: View, shown: Shown, lit: list[F64], rgb: F64, coverage: F64, neighbours: Index, level: float,
-    camera: int,
-) -> Seen:
-    """The view's observations: what each lamp's points send, and what the picture shows of it."""
-    at, edge = shown.at, (shown.seen[:, None] != shown.seen[neighbours]).any(-1) | (coverage < 0.999)
-    sin2h, cos_l, power, factor = [], [], [], []
-    irradiance = np.zeros_like(rgb)
-    for light, arrives in zip(view.lights, lit, strict=True):
+@dataclass(frozen=True)
+class _Lighting:
+    """What the K points of a view's lamps send to S points."""
+
+    irradiance: F64  # (S, 3)
+    edge: Bool  # (S,) at an edge of shadow or silhouette, or the terminator
+    powers: F64  # (K, 3) of the lamp of each point
+    sin2h: F64  # (S, K)
+    cos_l: F64  # (S, K)
+    factor: F64  # (S, K) F / (2 cos_l cos_v) * irradiance by a lamp of power 1
+
+
+def _lighting(lights: Sequence[Light], lit: list[F64], shown: Shown, neighbours: Index) -> _Lighting:
+    """lit: of each lamp, `_lit`."""
+    at, edge = shown.at, (shown.seen[:, None] != shown.seen[neighbours]).any(-1)
+    sin2h, cos_l, powers, factor = [], [], [], []
+    irradiance = np.zeros((len(shown.seen), 3))
+    for light, arrives in zip(lights, lit, strict=True):
         count = arrives.shape[1]
         toward, weight = light_sample(light, at.position[:, None], np.arange(count)[None], count)
         angles = brdf.angles(toward / np.linalg.norm(toward, axis=-1, keepdims=True), shown.towards[:, None],
@@ -178,20 +197,30 @@ def _seen(
         sin2h.append(angles.sin2h)
         cos_l.append(np.clip(angles.cos_l, 1e-3, 1))
         factor.append(sent * arrives * brdf.F_dielectric(angles.cos_vh) / (2 * cos_l[-1] * shown.cos_v[:, None]))
-        power.append(np.repeat(light.power[None], count, 0))
+        powers.append(np.repeat(light.power[None], count, 0))
+    return _Lighting(irradiance, edge, *(np.concatenate(parts, axis) for parts, axis in (
+        (powers, 0), (sin2h, -1), (cos_l, -1), (factor, -1))))
+
+
+def _seen(picture: _Picture, shown: Shown, lighting: _Lighting, level: float, camera: int) -> Seen:
+    """The view's observations: what each lamp's points send, and what the picture shows of it.
+
+    level: typical radiance.
+    """
+    irradiance, powers = lighting.irradiance, lighting.powers
+    edge = lighting.edge | (picture.coverage < 0.999)
     mean = irradiance.mean(-1)
-    good = (coverage > 0) & (mean > 0)
+    good = (picture.coverage > 0) & (mean > 0)
     each = irradiance > NO_LIGHT * np.maximum(mean, 1e-300)[:, None]
-    quality = shown.cos_v * mean / (mean + DARK_SHARE * level) * np.where(edge, EDGE_QUALITY, 1.0)
-    powers = np.concatenate(power)  # (K, 3)
+    quality = shown.cos_v * mean / (mean + DARK_SHARE * level) * np.where(edge, EDGE_WEIGHT, 1.0)
     tints = powers / np.maximum(powers.sum(-1, keepdims=True), 1e-300)
     if np.allclose(tints, tints[0], atol=1e-6):  # whatever the colour, each lamp's share is the same in all channels
         powers, below = powers.mean(-1, keepdims=True), mean[:, None]
     else:
         below = irradiance
-    shares = np.concatenate(factor, -1)[..., None] * powers / np.maximum(below, 1e-300)[:, None]
+    shares = lighting.factor[..., None] * powers / np.maximum(below, 1e-300)[:, None]
     return Seen(
-        f=np.where(each, rgb / np.maximum(irradiance, 1e-300), 0.0),
+        f=np.where(each, picture.rgb / np.maximum(irradiance, 1e-300), 0.0),
         quality=np.where(each & good[:, None], quality[:, None] ** 2, 0.0), camera=camera, cos_v=shown.cos_v,
-        sin2h=np.concatenate(sin2h, -1).astype(np.float32), cos_l=np.concatenate(cos_l, -1).astype(np.float32),
+        sin2h=lighting.sin2h.astype(np.float32), cos_l=lighting.cos_l.astype(np.float32),
         factor=shares.astype(np.float32))

@@ -101,7 +101,7 @@ def _mapped(mesh: MeshArrays, triangle: Index, weights: F64, smooth: F64) -> F64
 
 
 def _sample(image: NormalMap, uv: F64) -> F64:
-    """The map's values (P, 3) at uv (P, 2): bilinear, repeated."""
+    """The map's values (P, 3) at uv (P, 2): bilinear, repeated (core/resampling.py clamps)."""
     h, w = image.pixels.shape[:2]
     at = uv * [w, h] - 0.5
     low = np.floor(at).astype(np.int64)

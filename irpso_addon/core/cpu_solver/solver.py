@@ -2,8 +2,8 @@
 
 One lobe at every texel, or none (model lambert).  float64 throughout; rays in place of shadow maps (rays.py), sums
 over the lamps in place of means and spreads (observe.py), each texel four points (texel_fit.py).
-Shares with the pipeline the twins of BRDF and lamps, nothing else.  Not here: pixels' footprints, disbelief of
-outliers, other models, indirect light, parts, the views' checks.
+Shares with the pipeline the twins of BRDF and lamps, and core/{observation_quality,resampling}.py.  Not here: pixels'
+footprints, disbelief of outliers, other models, indirect light, parts, the views' checks.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ..data import F64, Bool, Maps, SceneData, Solution
 from ..errors import BadInput
 from ..job import Progress, mapped
 from ..params import DeviceSettings, SolveSettings
+from ..resampling import linear
 from .observe import ReadImage, memory, observe
 from .rasterise import SurfacePoints, places, rasterise
 from .rays import Index
@@ -40,22 +41,13 @@ def solve(
 
     most_memory: GB that observations may take; larger maps are solved smaller, with a warning.
     """
-    settings, told = _possible(scene, settings)
+    settings, limits = _possible(scene, settings)
     seconds: dict[str, float] = {}
     started = time.perf_counter()
-    size, lambert = settings.size, MODELS[settings.model] == "lambert"
-    owner, _ = rasterise(scene.mesh.uvs, size)
-    needed = memory(scene, int(np.count_nonzero(owner >= 0)) * SIDE**2)
-    if needed > most_memory * 1e9:
-        smaller = max(int(size * (most_memory * 1e9 / needed) ** 0.5), 1)
-        told.append(f"device numpy: maps of {smaller} x {smaller} texels in place of {size} x {size}: larger ones do "
-                    f"not fit in {most_memory:g} GB; choose a larger Memory, or fewer views")
-        size, (owner, _) = smaller, rasterise(scene.mesh.uvs, smaller)
+    lambert = MODELS[settings.model] == "lambert"
+    owner, reduced = _owners(scene, settings.size, most_memory)
     coverage = owner >= 0
-    if not coverage.any():
-        raise BadInput(f"{scene.mesh.name}: no face covers a texel of the 0-1 UV square at {size} x {size}; "
-                       "unwrap the mesh (UV > Smart UV Project)")
-    points, at, neighbours = _points(scene, size)
+    points, at, neighbours = _points(scene, len(owner))
     seconds["gbuffer"] = time.perf_counter() - started
     yield Progress(0.02, "gbuffer")
     steps = observe(scene, points, neighbours, read_image)
@@ -75,7 +67,23 @@ def solve(
                 "filled": int((coverage & maps.filled).sum()), "kept": 0},
         seconds=seconds, residual=float(np.sqrt(np.mean(fit.error**2))) if len(fit.error) else 0.0,
         views_used=tuple(view.image.name for view in used), views_skipped=scene.skipped + tuple(skipped),
-        warnings=(*scene.warnings, *warnings, *told), device=device())
+        warnings=(*scene.warnings, *warnings, *limits, *reduced), device=device())
+
+
+def _owners(scene: SceneData, size: int, most_memory: float) -> tuple[Index, list[str]]:
+    """(n, n) triangle under each texel, -1: none; a warning where n has to be below ``size``.  Raises BadInput."""
+    warnings: list[str] = []
+    owner, _ = rasterise(scene.mesh.uvs, size)
+    needed = memory(scene, int(np.count_nonzero(owner >= 0)) * SIDE**2)
+    if needed > most_memory * 1e9:
+        smaller = max(int(size * (most_memory * 1e9 / needed) ** 0.5), 1)
+        warnings.append(f"device numpy: maps of {smaller} x {smaller} texels in place of {size} x {size}: larger ones "
+                        f"do not fit in {most_memory:g} GB; choose a larger Memory, or fewer views")
+        size, (owner, _) = smaller, rasterise(scene.mesh.uvs, smaller)
+    if not (owner >= 0).any():
+        raise BadInput(f"{scene.mesh.name}: no face covers a texel of the 0-1 UV square at {size} x {size}; "
+                       "unwrap the mesh (UV > Smart UV Project)")
+    return owner, warnings
 
 
 def device() -> dict[str, str]:
@@ -93,21 +101,21 @@ def _share(
 
 def _possible(scene: SceneData, settings: SolveSettings) -> tuple[SolveSettings, list[str]]:
     """The settings as they can be followed, and what the user must know of it.  Raises BadInput."""
-    told = []
+    limits = []
     if settings.model not in MODELS:
         raise BadInput(f"{scene.mesh.name}: model {settings.model} needs OpenGL; with device numpy choose one-lobe or "
                        "lambert")
     if scene.region is not None:
         raise BadInput(f"{scene.mesh.name}: a part alone needs OpenGL; with device numpy solve all of it")
     if settings.size > MOST_SIZE:
-        told.append(f"device numpy: maps of {DEFAULT_SIZE} x {DEFAULT_SIZE} texels in place of {settings.size} x "
+        limits.append(f"device numpy: maps of {DEFAULT_SIZE} x {DEFAULT_SIZE} texels in place of {settings.size} x "
                     f"{settings.size}; sizes up to {MOST_SIZE} are taken as they are")
         settings = replace(settings, size=DEFAULT_SIZE)
     if settings.udim == "all":
-        told.append("device numpy: the 0-1 UV square alone")
+        limits.append("device numpy: the 0-1 UV square alone")
     if settings.indirect == "on":
-        told.append("device numpy: indirect light is left in the maps")
-    return settings, told
+        limits.append("device numpy: indirect light is left in the maps")
+    return settings, limits
 
 
 def _points(scene: SceneData, size: int) -> tuple[SurfacePoints, Bool, Index]:
@@ -156,15 +164,5 @@ def fill(values: F64, known: F64) -> F64:
     sums = weighted.reshape(*share.shape[:1], 2, share.shape[1], 2, -1).sum((1, 3))
     coarse = fill(sums / np.maximum(share, 1e-12)[..., None], np.minimum(share, 1.0))
     y, x = ((np.arange(size) + 0.5) / 2 - 0.5 for size in (h, w))
-    below = _between(_between(coarse, y, 0), x, 1)
+    below = linear(linear(coarse, y, axis=0), x, axis=1)
     return np.asarray(known[..., None] * values + (1 - known[..., None]) * below)
-
-
-def _between(values: F64, at: F64, axis: int) -> F64:
-    """Linear between cells, along an axis."""
-    last = values.shape[axis] - 1
-    low = np.clip(np.floor(at).astype(np.int64), 0, max(last - 1, 0))
-    share = np.clip(at - low, 0, 1)
-    share = share[:, None, None] if axis == 0 else share[None, :, None]
-    here, beyond = np.take(values, low, axis), np.take(values, np.minimum(low + 1, last), axis)
-    return np.asarray(here * (1 - share) + beyond * share)

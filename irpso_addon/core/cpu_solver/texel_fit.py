@@ -91,22 +91,22 @@ def fit_texels(
     numbers[at] = np.arange(int(at.sum()))
     size = len(at) // side
     by_texel = numbers.reshape(size, side, size, side).swapaxes(1, 2).reshape(size * size, side * side)
-    told = np.append((weight > 0).any((0, 2)), False)  # the last: no point there
-    where = np.flatnonzero(told[by_texel].any(-1))
+    observed = np.append((weight > 0).any((0, 2)), False)  # the last: no point there
+    where = np.flatnonzero(observed[by_texel].any(-1))
     lamps = max(view.sin2h.shape[1] for view in views)
     step = max(PROBES_AT_ONCE // (NODES * side**2 * lamps), 1)
     chunks = [where[i:i + step] for i in range(0, len(where), step)]
-    found, left, degrees = [], [], []
+    searched, left, degrees = [], [], []
     for texels in chunks:
         chunk = _chunk(views, weight, by_texel[texels], lambert)
         quality = np.concatenate([v.quality.mean(-1)[None] for v in chunk.views])
         counts = (quality * (chunk.weight > 0).any(-1)).sum(0).reshape(len(texels), -1)
-        found.append((chunk, _search(chunk), counts))
-        left.append(found[-1][1][1])
+        searched.append((chunk, _search(chunk), counts))
+        left.append(searched[-1][1][1])
         degrees.append(counts.sum(-1) - (counts > 0).sum(-1) - 1)
-        yield Progress(0.9 * len(found) / len(chunks), "solve")
+        yield Progress(0.9 * len(searched) / len(chunks), "solve")
     variance = _noise(np.concatenate(left), np.concatenate(degrees)) if chunks else NOISE_FLOOR**2
-    parts = [_told(chunk, best, counts, variance) for chunk, best, counts in found]
+    parts = [_fit(chunk, best, counts, variance) for chunk, best, counts in searched]
     yield Progress(1.0, "solve")
     empty = [np.zeros((0, 3)) if name == "base" else np.zeros(0) for name in Fit.__annotations__]
     return Fit(*(np.concatenate([e, *(getattr(part, name) for part in parts)])
@@ -171,7 +171,7 @@ def _noise(left: F64, degrees: F64) -> float:
     return max(float(np.median(left[enough] / degrees[enough])), NOISE_FLOOR**2)
 
 
-def _told(chunk: _Chunk, best: tuple[F64, F64, F64], counts: F64, typical: float) -> Fit:
+def _fit(chunk: _Chunk, best: tuple[F64, F64, F64], counts: F64, typical: float) -> Fit:
     """What the texels are, and how sure; counts: (N, P) good observations."""
     r, left, table = best
     degrees = np.maximum(counts.sum(-1) - (counts > 0).sum(-1) - 1, 0)

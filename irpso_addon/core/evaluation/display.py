@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data import F16, F32, F64, Maps
+from ..resampling import nearest
 
 BRIGHT = 0.98
 MOST = 256  # texels along a side that two results are compared at
@@ -40,10 +41,9 @@ def apart(first: Maps, second: Maps) -> Difference:
 
 def _sampled(maps: Maps, size: int) -> F64:
     """(size, size, 6) base colour, roughness, coverage, filled of the texels nearest to the coarse ones' centres."""
-    at = ((np.arange(size) + 0.5) * len(maps.roughness) / size).astype(int)
     layers = [maps.roughness, maps.coverage, maps.filled]
-    thin = [layer[at][:, at].astype(np.float64)[..., None] for layer in layers]
-    return np.concatenate([maps.base_color[at][:, at].astype(np.float64), *thin], -1)
+    thin = [nearest(layer, size).astype(np.float64)[..., None] for layer in layers]
+    return np.concatenate([nearest(maps.base_color, size).astype(np.float64), *thin], -1)
 
 
 def white(picture: F32 | F16) -> float:

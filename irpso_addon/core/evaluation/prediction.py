@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data import F32, F64, I32, Bool, Maps, Solution
+from ..resampling import bilinear
 from ..shading import brdf
 
 TAPS = 4  # by TAPS, over a pixel's footprint
@@ -69,22 +70,11 @@ def shown(maps: Surface, pixels: Pixels) -> Surface:
     steps = ((np.arange(TAPS) + 0.5) / TAPS - 0.5) * pixels.footprint
     for dx in steps:
         for dy in steps:
-            mean += _bilinear(base, pixels.uv + dx * pixels.slope[:, :2] + dy * pixels.slope[:, 2:]) / TAPS**2
+            mean += bilinear(base, pixels.uv + dx * pixels.slope[:, :2] + dy * pixels.slope[:, 2:]) / TAPS**2
     x, y = np.clip((pixels.uv * size).astype(int), 0, size - 1).T
     texel = y * size + x
-    lobes = _bilinear(maps.lobes.reshape(size, size, 3), pixels.uv)
+    lobes = bilinear(maps.lobes.reshape(size, size, 3), pixels.uv)
     return Surface(mean, lobes, maps.level[texel], maps.beckmann[texel])
-
-
-def _bilinear(grid: F64, uv: F64 | F32) -> F64:
-    """(P, c) of (n, n, c) at (P, 2); texel centres lie at (i + 1/2) / n, clamped outside them."""
-    size = len(grid)
-    at = np.clip(uv.astype(np.float64) * size - 0.5, 0, size - 1)
-    low = np.minimum(at.astype(int), size - 2)
-    (x, y), (s, t) = low.T, (at - low).T[..., None]
-    value: F64 = (1 - t) * ((1 - s) * grid[y, x] + s * grid[y, x + 1]) + t * (
-        (1 - s) * grid[y + 1, x] + s * grid[y + 1, x + 1])
-    return value
 
 
 def predict(at: Surface, view: PlaceView) -> F64:

@@ -8,11 +8,13 @@ Bradford's transform, as OpenColorIO's built-in configurations do.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 
 from ..data import F32, F64
 
+Floats = TypeVar("Floats", F32, F64)
 D65 = (0.3127, 0.3290)
 # ACES white, SMPTE ST 2065-1
 D60 = (0.32168, 0.33767)
@@ -73,18 +75,18 @@ def known_space(name: str) -> str | None:
     return _BY_LOWER.get(name.lower())
 
 
-def srgb_to_linear(values: F32) -> F32:
+def srgb_to_linear(values: Floats) -> Floats:
     """IEC 61966-2-1, decoding; mirrored about 0."""
     x = np.abs(values)
     out = np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
-    return np.copysign(out, values).astype(np.float32)
+    return np.copysign(out, values).astype(values.dtype)
 
 
-def linear_to_srgb(values: F32) -> F32:
+def linear_to_srgb(values: Floats) -> Floats:
     """IEC 61966-2-1, encoding; mirrored about 0."""
     x = np.abs(values)
     out = np.where(x <= 0.0031308, x * 12.92, 1.055 * x ** (1 / 2.4) - 0.055)
-    return np.copysign(out, values).astype(np.float32)
+    return np.copysign(out, values).astype(values.dtype)
 
 
 def to_linear_rec709(rgb: F32, space: str) -> F32:

@@ -14,8 +14,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from .. import child_process
 from ..child_process import NO_CONSOLE
 from ..errors import BadInput
 from . import oiio_reader
-from .oiio_reader import FORMS, MAX_SIDE, Stored
+from .oiio_reader import FORMS, MAX_SIDE, Stored, StoredPicture
 
 PATIENCE = 10.0  # seconds without a word from a process that decodes
 START = 60.0  # and from one that starts: libraries may have to come from a slow disk
@@ -49,26 +50,25 @@ def header(path: Path) -> dict[str, Any]:
     """As oiio_reader.header.  Raises BadInput."""
     with _borrowed(path) as process:
         process.order("header", str(path))
-        told = process.answer()
-        return _header(told["header"])
+        message = process.answer()
+        return _header(message["header"])
 
 
-def bands(path: Path, part: int, channels: Sequence[int], form: str, size: tuple[int, int], first: int, last: int,
-          ) -> Iterator[Stored]:
+def bands(path: Path, picture: StoredPicture, first: int, last: int) -> Iterator[Stored]:
     """As oiio_reader.bands.  Raises BadInput."""
-    left = last - first
+    left, width = last - first, picture.size[0]
     with _borrowed(path) as process:
-        process.order("bands", str(path), part, list(channels), form, list(size), first, last, oiio_reader.BAND)
+        process.order("bands", str(path), astuple(picture), first, last, oiio_reader.BAND)
         try:
             while left:
-                band = process.band(left, size[0], len(channels), form)
+                band = process.band(left, width, len(picture.channels), picture.form)
                 left -= len(band)
                 yield band
         except GeneratorExit:  # nobody wants the rest
-            if left * size[0] < FEW:
+            if left * width < FEW:
                 with suppress(Exception):
                     while left:
-                        left -= len(process.band(left, size[0], len(channels), form))
+                        left -= len(process.band(left, width, len(picture.channels), picture.form))
                     process.answer()
             raise
         process.answer()  # the end, or what has gone wrong since
@@ -82,15 +82,16 @@ def warm_up() -> None:
         pool.give_back(process)
 
 
-def _header(told: dict[str, Any]) -> dict[str, Any]:
+def _header(message: dict[str, Any]) -> dict[str, Any]:
     """What a process says of a file, as far as anything relies on it."""
-    channels, window = (tuple(int(n) for n in told[key]) for key in ("channels", "window"))
+    channels, window = (tuple(int(n) for n in message[key]) for key in ("channels", "window"))
     known: dict[str, Any] = {
-        "part": int(told["part"]), "channels": channels, "window": window,
-        "width": int(told["width"]), "height": int(told["height"]), "form": str(told["form"]),
-        "bits": int(told["bits"]), "integer": bool(told["integer"]), "premultiplied": bool(told["premultiplied"]),
-        "colorspace": None if told["colorspace"] is None else str(told["colorspace"]),
-        "warnings": tuple(str(text) for text in told["warnings"]),
+        "part": int(message["part"]), "channels": channels, "window": window,
+        "width": int(message["width"]), "height": int(message["height"]), "form": str(message["form"]),
+        "bits": int(message["bits"]), "integer": bool(message["integer"]),
+        "premultiplied": bool(message["premultiplied"]),
+        "colorspace": None if message["colorspace"] is None else str(message["colorspace"]),
+        "warnings": tuple(str(text) for text in message["warnings"]),
     }
     sizes = (known["width"], known["height"], *window[2:])
     if len(channels) not in (3, 4) or len(window) != 4 or min(sizes) < 1 or max(sizes) > MAX_SIDE or (
@@ -133,22 +134,22 @@ class _Process:
     def answer(self) -> dict[str, Any]:
         """The next message.  Raises BadInput of what the decoder found wrong, EOFError when it died."""
         if not self.ready:
-            self.ready = self._told(START) == {"ready": True}
-        return self._told(PATIENCE)
+            self.ready = self._message(START) == {"ready": True}
+        return self._message(PATIENCE)
 
-    def _told(self, patience: float) -> dict[str, Any]:
+    def _message(self, patience: float) -> dict[str, Any]:
         with self._watched(patience):
             line = self._answers.readline(LINE)
         if not line.endswith(b"\n"):
             raise EOFError
-        told: dict[str, Any] = json.loads(line)
-        self.clean = "rows" not in told and "failed" not in told
-        if "wrong" in told:
-            raise BadInput(str(told["wrong"]))
-        if "failed" in told:
-            raise BadInput(f"images: cannot be read ({told['failed']}); use Blender 4.5 or later, which has it, or "
+        message: dict[str, Any] = json.loads(line)
+        self.clean = "rows" not in message and "failed" not in message
+        if "wrong" in message:
+            raise BadInput(str(message["wrong"]))
+        if "failed" in message:
+            raise BadInput(f"images: cannot be read ({message['failed']}); use Blender 4.5 or later, which has it, or "
                            "pip install OpenImageIO")
-        return told
+        return message
 
     def band(self, most: int, width: int, channels: int, form: str) -> Stored:
         """The next rows, ``most`` at most."""

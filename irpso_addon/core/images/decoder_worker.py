@@ -3,10 +3,10 @@
 It reads a JSON list per line from standard input, and answers in JSON lines on standard output:
 
     ["header", path]                                      {"header": {...}}
-    ["bands", path, then arguments of oiio_reader.bands]  {"rows": n} and the array's bytes, ..., {"end": true}
+    ["bands", path, picture, first, last, at_once]        {"rows": n} and the array's bytes, ..., {"end": true}
 
-or {"wrong": message} for the user, {"failed": message} for us; {"ready": true} is its first word.  The end of
-standard input ends the process.
+or {"wrong": message} for the user, {"failed": message} for us; {"ready": true} is its first word.  The arguments of
+"bands" are those of `oiio_reader.bands`, the picture a list of its fields.  The end of standard input ends the process.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ def main(memory: int) -> None:
 
         for name in ("threads", "exr_threads"):
             OpenImageIO.attribute(name, min(THREADS, os.cpu_count() or 1))
-        _tell(answers, ready=True)
+        _answer(answers, ready=True)
     except ImportError as error:
-        _tell(answers, failed=f"OpenImageIO cannot be loaded: {error}")
+        _answer(answers, failed=f"OpenImageIO cannot be loaded: {error}")
         os._exit(1)
     while True:
         order, path, *rest = orders.get()
@@ -50,12 +50,12 @@ def main(memory: int) -> None:
         except BrokenPipeError:
             os._exit(0)
         except BadInput as wrong:
-            _tell(answers, wrong=str(wrong))
+            _answer(answers, wrong=str(wrong))
         except MemoryError:
-            _tell(answers, wrong=f"{path}: cannot be read (it needs more memory than an image may); save it anew")
+            _answer(answers, wrong=f"{path}: cannot be read (it needs more memory than an image may); save it anew")
         except Exception as error:  # of the library's binding, about what the file holds
             traceback.print_exc()
-            _tell(answers, wrong=f"{path}: cannot be read ({type(error).__name__}); save it anew")
+            _answer(answers, wrong=f"{path}: cannot be read ({type(error).__name__}); save it anew")
 
 
 def _limit(memory: int) -> None:
@@ -80,16 +80,18 @@ def _serve(answers: IO[bytes], order: str, path: Path, rest: list[Any]) -> None:
     from . import oiio_reader
 
     if order == "header":
-        _tell(answers, header=oiio_reader.header(path))
+        _answer(answers, header=oiio_reader.header(path))
         return
-    for band in oiio_reader.bands(path, *rest):
-        for first in range(0, len(band), step := max(1, rest[-1] // band.shape[1])):  # rows of tiles may be tall
-            part = band[first:first + step]
-            _tell(answers, rows=len(part))
-            answers.write(memoryview(part).cast("B"))
-    _tell(answers, end=True)
+    (part, channels, form, size), first, last, at_once = rest
+    picture = oiio_reader.StoredPicture(part, tuple(channels), form, tuple(size))
+    for band in oiio_reader.bands(path, picture, first, last, at_once):
+        for row in range(0, len(band), step := max(1, at_once // band.shape[1])):  # rows of tiles may be tall
+            piece = band[row:row + step]
+            _answer(answers, rows=len(piece))
+            answers.write(memoryview(piece).cast("B"))
+    _answer(answers, end=True)
 
 
-def _tell(answers: IO[bytes], **message: object) -> None:
+def _answer(answers: IO[bytes], **message: object) -> None:
     answers.write(json.dumps(message).encode() + b"\n")
     answers.flush()

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..data import F32
 from . import decoder_pool, oiio_reader
-from .oiio_reader import FORMS, Stored
+from .oiio_reader import FORMS, Stored, StoredPicture
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class ImageFile:
     width: int  # of the display window: the whole frame
     height: int
     window: tuple[int, int, int, int]  # x, y, width, height of the stored pixels in that frame
-    form: str  # a key of decode.FORMS: type of what is read
+    form: str  # a key of oiio_reader.FORMS: type of what is read
     bits: int  # per channel
     integer: bool
     premultiplied: bool
@@ -43,8 +43,8 @@ class ImageFile:
             yield from self._nothing(bottom - top)
             return
         yield from self._nothing(first - top)
-        for block in decoder_pool.bands(self.path, self.part, self.channels, self.form, (width, height),
-                                   first - y, last - y):
+        picture = StoredPicture(self.part, self.channels, self.form, (width, height))
+        for block in decoder_pool.bands(self.path, picture, first - y, last - y):
             if (left, right) == (0, self.width) == (x, x + width):
                 yield block
             else:

@@ -1,6 +1,6 @@
 """OpenImageIO on files that anybody may have made: the header, the layer to read, its pixels.  Row 0 is the top here.
 
-It runs in a process of its own (decoder.py), so what it tells is plain: numbers, words, arrays as they are stored.
+It runs in a process of its own (decoder_pool.py), so what it tells is plain: numbers, words, arrays as they are stored.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import stat
 from collections.abc import Iterator, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,16 @@ Stored = NDArray[Any]  # of one of these types
 FORMS = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32}
 
 
+@dataclass(frozen=True)
+class StoredPicture:
+    """Where a file holds the picture, as `header` told it."""
+
+    part: int  # OpenImageIO's subimage
+    channels: tuple[int, ...]
+    form: str  # a key of FORMS
+    size: tuple[int, int]  # width and height of the stored window
+
+
 def header(path: Path) -> dict[str, Any]:
     """The fields of image_file.ImageFile but ``path``, checked before anything is allocated.  Raises BadInput."""
     try:
@@ -42,23 +53,23 @@ def header(path: Path) -> dict[str, Any]:
         raise BadInput(f"{path}: is damaged (names in its header are no text); render or copy it again") from None
 
 
-def bands(path: Path, part: int, channels: Sequence[int], form: str, size: Sequence[int], first: int, last: int,
-          at_once: int = BAND) -> Iterator[Stored]:
+def bands(
+    path: Path, picture: StoredPicture, first: int, last: int, at_once: int = BAND,
+) -> Iterator[Stored]:
     """Rows ``first`` to ``last`` (exclusive) of the stored window, in order: (rows, its width, channels).
 
-    ``form`` and ``size`` (width, height) are as `header` told them.  At most about ``at_once`` pixels each, or a row of
-    tiles.  Raises BadInput when the file ends early or is damaged.
+    At most about ``at_once`` pixels each, or a row of tiles.  Raises BadInput when the file ends early or is damaged.
     """
     with closing(_open(path)) as file:
         try:
-            spec = file.spec() if file.seek_subimage(part, 0) else None
-            if spec is None or [spec.width, spec.height] != list(size) or stored_form(spec) != form or (
-                    max(channels) >= spec.nchannels):
+            spec = file.spec() if file.seek_subimage(picture.part, 0) else None
+            if spec is None or (spec.width, spec.height) != picture.size or stored_form(spec) != picture.form or (
+                    max(picture.channels) >= spec.nchannels):
                 raise BadInput(f"{path}: has changed while it was read; try again")
             rows = _rows_at_once(spec, at_once)
             for top in range(first - first % rows, last, rows):
                 bottom = min(top + rows, spec.height)
-                block = _block(file, spec, channels, top, bottom)
+                block = _block(file, spec, picture.channels, top, bottom)
                 problem = file.geterror()
                 if block is None or problem:
                     raise BadInput(f"{path}: is damaged or cut short{_brief(problem)}; render or copy it again")

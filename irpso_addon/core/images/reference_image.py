@@ -133,7 +133,7 @@ class _Rows:
         self.file, self.mask = file, mask
         size = file.width * file.height * len(file.channels) * np.dtype(FORMS[file.form]).itemsize
         self._keep = size <= KEEP  # then it is decoded once
-        self._kept: deque[Stored] = deque()
+        self._decoded: deque[Stored] = deque()
 
     def bands(self, last: bool = False) -> Iterator[tuple[F32, F32]]:
         """(rows, width, 3) and (rows, width) from the top down; ``last``: nobody will ask again."""
@@ -143,16 +143,16 @@ class _Rows:
             yield self._straight(floats(band), coverage)
 
     def _stored(self, last: bool) -> Iterator[Stored]:
-        if self._kept:
-            for _ in range(len(self._kept)):
-                band = self._kept.popleft()
+        if self._decoded:
+            for _ in range(len(self._decoded)):
+                band = self._decoded.popleft()
                 yield band
                 if not last:
-                    self._kept.append(band)
+                    self._decoded.append(band)
             return
         for band in self.file.bands():
             if self._keep and not last:
-                self._kept.append(band)
+                self._decoded.append(band)
             yield band
 
     def _straight(self, pixels: F32, coverage: F32) -> tuple[F32, F32]:

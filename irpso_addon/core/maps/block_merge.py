@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
@@ -19,51 +20,54 @@ from .export import as_stored, check_kind, file_name
 ReadBlock = Callable[[str], dict[str, F32]]
 
 
-def merge(
-    read_block: ReadBlock, windows: Sequence[UvBlock], stem: str, folder: Path, kind: str, layers: Sequence[str], *,
-    tiled: bool = False,
-) -> list[Path]:
+@dataclass(frozen=True)
+class Target:
+    """The files that blocks are merged into."""
+
+    folder: Path
+    stem: str  # the object's name
+    kind: str  # of KINDS in export.py
+    layers: Sequence[str]  # which are written
+    tiled: bool = False  # the names hold the UDIM, ``<object>_<layer>.1001.exr``
+
+    def names(self, blocks: Sequence[UvBlock]) -> list[str]:
+        """Of all files, those of one UDIM after those of another."""
+        udims = sorted({block.udim for block in blocks})
+        assert self.tiled or len(udims) == 1, "maps of several UDIMs need several names"
+        return [file_name(self.stem, layer, self.kind, udim if self.tiled else None)
+                for udim in udims for layer in self.layers]
+
+
+def merge(read_block: ReadBlock, windows: Sequence[UvBlock], target: Target) -> list[Path]:
     """Write the maps that ``windows`` make up, those of one UDIM or more; the files' paths.
 
-    ``read_block`` gives a block's layers by `UvBlock.key`; ``layers`` says which are written; ``tiled``: names hold the
-    UDIM, ``<object>_<layer>.1001.exr``.  The bytes are those of `export.write_maps`.  Each file appears whole or not at
-    all, under a name of its writer's own until then: several may merge into a folder, even the same maps.
-    Raises BadInput for what cannot be written.
+    ``read_block`` gives a block's layers by `UvBlock.key`.  The bytes are those of `export.write_maps`.  Each file
+    appears whole or not at all, under a name of its writer's own until then: several may merge into a folder, even the
+    same maps.  Raises BadInput for what cannot be written.
     """
-    for _ in steps(read_block, windows, stem, folder, kind, layers, tiled=tiled):
+    for _ in steps(read_block, windows, target):
         pass
-    return [Path(folder) / name for name in names(windows, stem, kind, layers, tiled=tiled)]
+    return [target.folder / name for name in target.names(windows)]
 
 
-def names(windows: Sequence[UvBlock], stem: str, kind: str, layers: Sequence[str], *, tiled: bool = False) -> list[str]:
-    """The files that `merge` writes."""
-    udims = sorted({window.udim for window in windows})
-    assert tiled or len(udims) == 1, "maps of several UDIMs need several names"
-    return [file_name(stem, layer, kind, udim if tiled else None) for udim in udims for layer in layers]
-
-
-def steps(
-    read_block: ReadBlock, windows: Sequence[UvBlock], stem: str, folder: Path, kind: str, layers: Sequence[str], *,
-    tiled: bool = False,
-) -> Iterator[float]:
+def steps(read_block: ReadBlock, windows: Sequence[UvBlock], target: Target) -> Iterator[float]:
     """`merge` in steps of a row of blocks; gives the share that is done."""
-    check_kind(kind)
-    remove_leftovers(Path(folder))
+    check_kind(target.kind)
+    remove_leftovers(target.folder)
     ordered = sorted(windows, key=lambda w: (w.udim, -w.y, w.x))  # as files are written: the top first
     done = 0
     for udim, those in groupby(ordered, key=lambda w: w.udim):
-        targets = [Path(folder) / name for name in
-                   names([w for w in ordered if w.udim == udim], stem, kind, layers, tiled=tiled)]
+        paths = [target.folder / name for name in target.names([w for w in ordered if w.udim == udim])]
         with ExitStack() as files:
             writers: list[ImageWriter] = []
             for _, row in groupby(those, key=lambda w: w.y):
                 blocks = list(row)
-                bands = _band(read_block, blocks, layers)
+                bands = _band(read_block, blocks, target.layers)
                 if not writers:
                     size = blocks[0].size
-                    writers = [files.enter_context(ImageWriter(path, size, size, band.shape[2], kind=kind,
+                    writers = [files.enter_context(ImageWriter(path, size, size, band.shape[2], kind=target.kind,
                                                                color=layer == "basecolor"))
-                               for path, layer, band in zip(targets, layers, bands.values(), strict=True)]
+                               for path, (layer, band) in zip(paths, bands.items(), strict=True)]
                 for writer, band in zip(writers, bands.values(), strict=True):
                     writer.add(band)
                 done += len(blocks)

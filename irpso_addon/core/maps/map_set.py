@@ -63,19 +63,19 @@ def export(files: MapFiles, stem: str, out: Path, kind: str) -> list[Path]:
     bands = _Bands(opened, layers, {window.key: window for window in windows})
 
     with OutputTransaction(Path(out)) as staging:
+        target = block_merge.Target(staging.folder, stem, kind, layers, files.tiled)
+        names = target.names(windows)
         if files.kind == kind:
-            names = block_merge.names(windows, stem, kind, layers, tiled=files.tiled)
             for name, source in zip(names, (opened[layer, udim] for udim in udims for layer in layers), strict=True):
                 shutil.copyfile(source.path, staging.folder / name)
         else:
-            names = [path.name for path in
-                     block_merge.merge(bands.read, windows, stem, staging.folder, kind, layers, tiled=files.tiled)]
+            block_merge.merge(bands.read, windows, target)
         staging.publish()
         return [staging.out / name for name in names]
 
 
 class _Bands:
-    """Blocks of maps' files; `merge.merge` asks for those of a row together, so that each file is read once."""
+    """Blocks of maps' files; `block_merge.merge` asks for those of a row together, so that each file is read once."""
 
     def __init__(
         self, files: Mapping[tuple[str, int], ImageFile], layers: list[str], windows: Mapping[str, UvBlock],

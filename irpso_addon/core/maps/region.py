@@ -70,7 +70,7 @@ def of_image(image: F32, size: int) -> Bool:
 
 
 def resampled(values: F32, size: int) -> F32:
-    """(size, size, ...) from (h, w, ...), as metrics.at_size, within the range of the values."""
+    """(size, size, ...) from (h, w, ...), as resampling.at_size, within the range of the values."""
     if values.shape[:2] == (size, size):
         return values
     made = at_size(values, size).reshape(size, size, *values.shape[2:])

@@ -175,15 +175,15 @@ def _once(views: Sequence[ViewSize], settings: SolveSettings, reduced: float) ->
 
 def learnt(
     factors: Factors, views: Sequence[ViewSize], settings: SolveSettings, seconds: Mapping[str, float], wall: float,
-    reduced: float = 1.0, udims: tuple[int, ...] = (FIRST_UDIM,),
+    udims: tuple[int, ...] = (FIRST_UDIM,),
 ) -> dict[str, float]:
-    """The factors after a solve: ``seconds`` of its stages, ``wall`` of it all.
+    """The factors after a solve of whole pictures: ``seconds`` of its stages, ``wall`` of it all.
 
     The mean with what was known; and a stage that compiled and was slow was mostly slow in compiling, so that half of
     the surprise (of its logarithm) is believed.
     """
     result = dict(factors)
-    expectations = predicted(views, settings, factors, reduced, "indirect" in seconds, udims)
+    expectations = predicted(views, settings, factors, rounds="indirect" in seconds, udims=udims)
     measured = {**seconds, "start": max(wall - sum(seconds.get(s, 0.0) for s in expectations), 0.05)}
     for stage, expected in expectations.items():
         if stage in measured:

@@ -11,6 +11,7 @@ The tests compare the two files function by function, and this one with Cycles' 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 from typing import NamedTuple
 
@@ -172,9 +173,7 @@ def principled_energy_level(roughness: ArrayLike, cos_v: ArrayLike, level: Array
     return principled_energy_level_d(roughness, cos_v, level)[0]
 
 
-def principled_energy_level_d(
-    roughness: ArrayLike, cos_v: ArrayLike, level: ArrayLike,
-) -> tuple[F64, F64, F64]:
+def principled_energy_level_d(roughness: ArrayLike, cos_v: ArrayLike, level: ArrayLike) -> tuple[F64, F64, F64]:
     """(principled_energy_level, its derivative by roughness, by level), from Cycles' own nodes (``tables.py``).
 
     At level 0 comp and A start vertically, as its square and fourth root: below LEVEL_MIN the slope is LEVEL_MIN's.
@@ -283,15 +282,14 @@ def principled(
     return value
 
 
-def two_lobe(
-    base: ArrayLike, r1: ArrayLike, r2: ArrayLike, weight: ArrayLike,
-    L: ArrayLike, V: ArrayLike, N: ArrayLike, ndf: str,
-) -> F64:
-    """Two lobes, ``weight`` (...) of the first, 1/sr; base (..., 3 or 1), unit vectors (..., 3); 0 below the horizon.
+def two_lobe(base: ArrayLike, lobes: Iterable[ArrayLike], L: ArrayLike, V: ArrayLike, N: ArrayLike, ndf: str) -> F64:
+    """Two lobes, 1/sr; base (..., 3 or 1), unit vectors (..., 3); 0 below the horizon.
 
+    lobes: roughness of the first, of the second, and the share of the first, (...) each.
     ndf "ggx": two Principled of one base, mixed.  "beckmann": base / pi plus the mixed D F / (4 cos_l cos_v (1 +
     Lambda_l + Lambda_v)) at IOR 1.5 (Cook and Torrance 1982), no energy coupling.
     """
+    r1, r2, weight = lobes
     share = np.asarray(weight, np.float64)[..., None]
     if ndf == "ggx":
         return np.asarray(share * principled(base, r1, L, V, N) + (1 - share) * principled(base, r2, L, V, N))

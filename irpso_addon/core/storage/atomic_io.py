@@ -118,9 +118,10 @@ def _take(handle: int, wait: bool = False) -> bool | None:
             os.lseek(handle, _FAR, os.SEEK_SET)
             msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
         elif sys.platform == "linux":
-            # Of the open file: a lock of the process would end as soon as it closes the file anywhere.  Of one byte:
-            # flock's is the whole file, to SMB shares one that keeps out the writer's own second handle.
-            lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, _FAR, 1, 0)  # C's struct flock; no process
+            # A lock of the open file, on one byte.  fcntl.lockf takes one of the process, which ends as soon as the
+            # process closes the file anywhere; fcntl.flock takes the whole file, and on SMB shares that keeps out the
+            # writer's own second handle.  Python has no third call, so C's struct flock is packed here; no process.
+            lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, _FAR, 1, 0)
             fcntl.fcntl(handle, fcntl.F_OFD_SETLKW if wait else fcntl.F_OFD_SETLK, lock)
         else:  # Python names no locks of an open file's bytes here
             fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
@@ -188,8 +189,8 @@ def _holder(handle: int) -> str:
     """Whom a lock's file names, in brackets; nothing where it cannot be read."""
     try:
         os.lseek(handle, 0, os.SEEK_SET)
-        told = os.read(handle, 300).decode(errors="replace")
+        text = os.read(handle, 300).decode(errors="replace")
     except OSError:
         return ""
-    found = re.match(r"process \d+ on [\w.-]+", told)
-    return f" ({found[0]})" if found else ""
+    holder = re.match(r"process \d+ on [\w.-]+", text)
+    return f" ({holder[0]})" if holder else ""

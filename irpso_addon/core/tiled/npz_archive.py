@@ -48,13 +48,13 @@ _KINDS = "biuf"  # of arrays: truth values, integers, floats
 _TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can tell: else other bytes each time
 
 
-def save(path: Path, thing: Any) -> None:
+def save(path: Path, record: Any) -> None:
     """Write ``thing``: `RECORDS`, tuples, lists, dicts, None, str, numbers, paths, numpy arrays, nested.
 
     Whole or not at all.  Raises BadInput where it cannot be written, TypeError for what is none of these.
     """
     path = Path(path)
-    text, arrays = _encode(thing)
+    text, arrays = _encode(record)
     try:
         with replacing(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_STORED) as file:
             file.writestr(_member(THING, len(text)), text)
@@ -89,14 +89,14 @@ def load(path: Path) -> Any:
         raise BadInput(f"{path}: is damaged or of another version of irpso; remove it and run again") from None
 
 
-def fingerprint(*things: Any, files: Iterable[Path] = ()) -> str:
+def fingerprint(*records: Any, files: Iterable[Path] = ()) -> str:
     """A name for exactly these things, these files' contents and this version of irpso: 64 hexadecimal digits.
 
     Raises BadInput for a file that cannot be read.
     """
     found = hashlib.sha256(f"{version()} {FORMAT}\n".encode())
-    for thing in things:
-        text, arrays = _encode(thing)
+    for record in records:
+        text, arrays = _encode(record)
         found.update(hashlib.sha256(text).digest())
         for array in arrays.values():
             found.update(f"{array.dtype.str} {array.shape}".encode())
@@ -113,10 +113,10 @@ def fingerprint(*things: Any, files: Iterable[Path] = ()) -> str:
 
 def _size(path: Path) -> int:
     """Of a file, in bytes.  Raises BadInput for what is none: reading a pipe would wait."""
-    told = path.stat()
-    if not stat.S_ISREG(told.st_mode):
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
         raise BadInput(f"{path}: is not a file; check the path")
-    return told.st_size
+    return status.st_size
 
 
 def _member(name: str, size: int) -> zipfile.ZipInfo:
@@ -126,7 +126,7 @@ def _member(name: str, size: int) -> zipfile.ZipInfo:
     return info
 
 
-def _encode(thing: Any) -> tuple[bytes, dict[str, Any]]:
+def _encode(record: Any) -> tuple[bytes, dict[str, Any]]:
     """The JSON text, and the arrays it names, each once."""
     arrays: dict[str, Any] = {}
     names: dict[int, tuple[str, Any]] = {}  # with the array itself, so that its id is not given to another
@@ -163,17 +163,17 @@ def _encode(thing: Any) -> tuple[bytes, dict[str, Any]]:
         names_of = [f.name for f in fields(kind)]
         return {"record": kind.__name__, "fields": {name: plain(getattr(value, name)) for name in names_of}}
 
-    told = {"format": FORMAT, "thing": plain(thing)}
-    return json.dumps(told, separators=(",", ":"), allow_nan=False).encode(), arrays
+    encoded = {"format": FORMAT, "thing": plain(record)}
+    return json.dumps(encoded, separators=(",", ":"), allow_nan=False).encode(), arrays
 
 
-def _decode(told: Any, arrays: dict[str, Any]) -> Any:
+def _decode(encoded: Any, arrays: dict[str, Any]) -> Any:
     """The thing again.  Raises all sorts for a text that `_encode` does not write."""
-    if isinstance(told, list):
-        return [_decode(item, arrays) for item in told]
-    if not isinstance(told, dict):
-        return told
-    match told:
+    if isinstance(encoded, list):
+        return [_decode(item, arrays) for item in encoded]
+    if not isinstance(encoded, dict):
+        return encoded
+    match encoded:
         case {"array": name}:
             return arrays[name]
         case {"scalar": name}:

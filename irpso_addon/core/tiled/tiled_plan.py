@@ -66,7 +66,7 @@ class Plan:
         return uv_blocks.layout(self.settings.size, self.udims)
 
     def around(self, window: uv_blocks.UvBlock) -> Maps:
-        """The small maps at a block's cells of `tiling.CELL` texels; arrays of flags are left as they are."""
+        """The small maps at a block's cells of `uv_blocks.CELL` texels; arrays of flags are left as they are."""
         maps, count = self.solution.maps, cells_of(window)
 
         def at(values: F32) -> F32:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..data import F32, F64, Bool, Camera
 from ..errors import BadInput
+from ..resampling import linear
 
 ONE_PIECE = 2048  # texels: maps up to this size are solved at once
 BLOCK, HALO = 512, 32  # texels: width of a block, and of what is solved around it and thrown away
@@ -133,9 +134,9 @@ class Layout:
         place = self.udims.index(window.udim)
         first = self.square * np.array([place % self.columns, place // self.columns])
         middles = (np.arange(count) + 0.5) * (window.side / count) - window.halo
-        at = [np.clip((start + middles) / window.size * self.square - 0.5, 0, self.square - 1) + base
-              for start, base in ((window.x, first[0]), (window.y, first[1]))]
-        return _bilinear(values, *at)
+        x, y = (np.clip((start + middles) / window.size * self.square - 0.5, 0, self.square - 1) + base
+              for start, base in ((window.x, first[0]), (window.y, first[1])))
+        return linear(linear(values, x, axis=1), y, axis=0).astype(np.float32)
 
 
 def layout(size: int, udims: tuple[int, ...]) -> Layout:
@@ -149,17 +150,6 @@ def _squares(uvs: F32) -> F64:
     """(T, 2) column and row of the square that holds each triangle's middle; -1 for what is no number."""
     middle = uvs.astype(np.float64).mean(axis=1)
     return np.floor(np.where(np.isfinite(middle).all(axis=1, keepdims=True), middle, -1.0))
-
-
-def _bilinear(values: F32, x: F64, y: F64) -> F32:
-    """(len(y), len(x), ...) of (h, w, ...) at texels; whole numbers are texels."""
-    left, low = np.floor(x).astype(int), np.floor(y).astype(int)
-    right, high = np.minimum(left + 1, values.shape[1] - 1), np.minimum(low + 1, values.shape[0] - 1)
-    extra = (1,) * (values.ndim - 2)
-    fx, fy = (x - left).reshape(1, -1, *extra), (y - low).reshape(-1, 1, *extra)
-    below = values[np.ix_(low, left)] * (1 - fx) + values[np.ix_(low, right)] * fx
-    above = values[np.ix_(high, left)] * (1 - fx) + values[np.ix_(high, right)] * fx
-    return np.asarray(below * (1 - fy) + above * fy, np.float32)
 
 
 # ---- cameras

@@ -139,12 +139,12 @@ class WorkFolder:
             raise ValueError(f"'{key}' is no block's key")
         return self._blocks / f"{key}.npz"
 
-    def _save(self, path: Path, thing: Any) -> None:
+    def _save(self, path: Path, content: Any) -> None:
         of = self._fingerprint()
         if self.fingerprint() != of:
             raise BadInput(f"{self.folder}: the folder belongs to another solve by now; "
                            "stop the tasks of the older one")
-        npz_archive.save(path, {"of": of, "thing": thing})
+        npz_archive.save(path, {"of": of, "thing": content})
 
     def _load(self, path: Path) -> Any | None:
         """What a file holds if it was written for this very solve."""
@@ -190,5 +190,6 @@ class WorkFolder:
         return BadInput(f"{self.folder}: cannot be written ({error.strerror}); make room or choose another folder")
 
 
-def _are_layers(thing: Any) -> TypeGuard[dict[str, F32]]:
-    return isinstance(thing, dict) and bool(thing) and all(isinstance(array, np.ndarray) for array in thing.values())
+def _are_layers(content: Any) -> TypeGuard[dict[str, F32]]:
+    return isinstance(content, dict) and bool(content) and all(
+        isinstance(array, np.ndarray) for array in content.values())

@@ -9,13 +9,12 @@ from typing import Protocol
 import moderngl
 
 from ...core.data import Light
+from ...core.observation_quality import DARK_SHARE, EDGE_WEIGHT
 from ...core.shading import lights as light_model
 from ..device.context import Device
 from ..gbuffer.gbuffer import GBufferMaps
 from .visibility import SOFT_ANGLE
 
-EDGE_WEIGHT = 0.03  # of an observation at an edge of shadow or silhouette, beside 1 for a good one
-DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
 LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the spread of half vectors
 
 

@@ -32,14 +32,14 @@ def content(rng: Random) -> bytes:
     if kind < 0.02:
         return rng.randbytes(rng.randrange(200))
     if kind < 0.05:
-        found: Any = spoil.value(rng)
+        content: Any = spoil.value(rng)
     else:
         views: list[Any] = [_view(rng) for _ in range(rng.choice((1, 1, 2, 5, 40)))]
-        found = {"views": views, "version": 1}
+        content = {"views": views, "version": 1}
         for _ in range(rng.choice((0, 1, 1, 2, 5))):
-            _spoil_value(found, views, rng)
+            _spoil_value(content, views, rng)
     try:
-        text = json.dumps(found, ensure_ascii=rng.random() < 0.5, indent=rng.choice((None, 1)))
+        text = json.dumps(content, ensure_ascii=rng.random() < 0.5, indent=rng.choice((None, 1)))
     except ValueError:  # numbers that are too long to be written
         text = '{"views": [{"image": "a", "camera": "b", "lights": ["c"], "exposure": 1' + "0" * 5000 + "}]}"
     data = text.encode("utf-8", "surrogatepass")
@@ -54,11 +54,11 @@ def _view(rng: Random) -> dict[str, Any]:
     return view | ({"exposure": rng.uniform(-3, 3)} if rng.random() < 0.5 else {})
 
 
-def _spoil_value(found: dict[str, Any], views: list[Any], rng: Random) -> None:
+def _spoil_value(content: dict[str, Any], views: list[Any], rng: Random) -> None:
     kind = rng.randrange(8)
     view = rng.choice(views)
     if kind == 0:
-        found[rng.choice(KEYS)] = spoil.value(rng)
+        content[rng.choice(KEYS)] = spoil.value(rng)
     elif kind == 1:
         views[rng.randrange(len(views))] = spoil.value(rng)
     elif not isinstance(view, dict):

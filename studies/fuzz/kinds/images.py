@@ -91,17 +91,17 @@ class Reading:
     view: View
     most: int | None
     looked_at: bool
-    kept: bool
+    cached: bool
     box: Box
 
     def __call__(self) -> None:
         """Raises BadInput."""
         if self.looked_at:
-            found = preview_image(self.view.image)
-            assert len(found.problem.splitlines()) < 2
-            if found.thumbnail is not None:
-                assert max(found.thumbnail.shape[:2]) <= 64 and np.isfinite(found.thumbnail).all()
-        if self.kept:
+            preview = preview_image(self.view.image)
+            assert len(preview.problem.splitlines()) < 2
+            if preview.thumbnail is not None:
+                assert max(preview.thumbnail.shape[:2]) <= 64 and np.isfinite(preview.thumbnail).all()
+        if self.cached:
             self._developed()
         else:
             _check(read_reference(self.view, self.most), self.most)

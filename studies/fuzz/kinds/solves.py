@@ -46,7 +46,7 @@ def run(settings: SolveSettings, box: Box) -> None:
     data = read_scene(None, "Subject" if "Subject" in bpy.data.objects else None, None)
     files = [getattr(view, name) for view in bpy.context.scene.irpso.views for name in ("image", "mask")]
     box.names = (*box.names, "a.exr", "b.exr", "mask.png", *(file for file in files if file))
-    solution = thread.run(lambda: pipeline.solve(data, settings), on_progress=lambda p: _told(box, p))
+    solution = thread.run(lambda: pipeline.solve(data, settings), on_progress=lambda p: _note_stage(box, p))
     for name, array in layers(solution.maps).items():
         assert np.isfinite(array).all(), name
     assert np.isfinite(solution.residual)
@@ -54,6 +54,6 @@ def run(settings: SolveSettings, box: Box) -> None:
     assert 0 <= roughness.min() and roughness.max() <= 1 and base.min() >= 0
 
 
-def _told(box: Box, progress: Progress) -> None:
+def _note_stage(box: Box, progress: Progress) -> None:
     """It is alive: shaders take their time to be compiled."""
     box.note(progress.stage)

@@ -205,4 +205,5 @@ def _enter(folder: Path, _maps: Path, rng: Random) -> None:
 
 def _merge(folder: Path, maps: Path, _rng: Random) -> None:
     maps.mkdir(exist_ok=True)
-    block_merge.merge(WorkFolder(folder).read_block, WINDOWS, "Subject", maps, "exr", LAYERS)
+    block_merge.merge(WorkFolder(folder).read_block, WINDOWS,
+                      block_merge.Target(maps, "Subject", "exr", LAYERS))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irpso_addon.core.data import F64, Bool
+from irpso_addon.core.images.colour import linear_to_srgb
 
 from .rig import View
 
@@ -52,6 +53,5 @@ class Judge:
 
 
 def encode(linear: F64) -> F64:
-    """sRGB, clipped at white (IEC 61966-2-1)."""
-    x = np.clip(linear, 0.0, 1.0)
-    return np.asarray(np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055))
+    """sRGB, clipped at white."""
+    return linear_to_srgb(np.clip(linear, 0.0, 1.0))

@@ -152,9 +152,9 @@ def _seen(camera: F64) -> tuple[F64, Bool]:
     return np.where((root > 0)[..., None], normal, z), root > 0
 
 
-def _looked_up(found: Recovered, normal: F64) -> Principled:
+def _looked_up(texels: Recovered, normal: F64) -> Principled:
     """The maps at (n, 3) normals; beyond the texels the one value."""
-    one, maps = found.uniform(), found.maps
+    one, maps = texels.uniform(), texels.maps
     polar = np.arccos(np.clip(normal[:, 2], -1, 1))
     radius = np.sin(polar / 2) / np.sin(rig.SPHERE_EDGE / 2)
     flat = np.maximum(np.hypot(normal[:, 0], normal[:, 1]), 1e-9)
@@ -163,7 +163,7 @@ def _looked_up(found: Recovered, normal: F64) -> Principled:
     at = (uv * SPHERE - 0.5) / (SPHERE - 1)  # 0..1 from the first texel's centre to the last's
 
     def look(grid: F64, else_: F64) -> F64:
-        filled = np.where(found.solved[..., None], grid, else_)
+        filled = np.where(texels.solved[..., None], grid, else_)
         return np.where(on[:, None], tables.bilinear(filled, at[:, 1], at[:, 0]), else_)
 
     names = ("roughness", "roughness2", "weight", "level")

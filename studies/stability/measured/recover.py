@@ -36,7 +36,7 @@ class Principled:
     def __call__(self, L: F64, V: F64) -> F64:
         """The BRDF, 1/sr, (..., 3)."""
         if self.model == "two-lobe":
-            return brdf.two_lobe(self.base, self.roughness, self.roughness2, self.weight, L, V, NORMAL, "ggx")
+            return brdf.two_lobe(self.base, (self.roughness, self.roughness2, self.weight), L, V, NORMAL, "ggx")
         return brdf.principled(self.base, self.roughness, L, V, NORMAL, self.level)
 
     def at(self, places: Any) -> Principled:
@@ -73,31 +73,31 @@ def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: An
     h, w = seen.quality.shape[:2]
     slots = np.where((seen.quality > 0).any(-1), 0, -1).astype(np.int32)
     ladder = Ladder(device, source, SolveSettings(size=max(h, w, 16), model=model, **settings), slots, (NAME,))
-    found: LadderResult = result(ladder.solve())
-    chosen = found.model[NAME]
-    level = np.full((h, w), 0.5, np.float32) if found.level is None else found.level
+    fitted: LadderResult = result(ladder.solve())
+    chosen = fitted.model[NAME]
+    level = np.full((h, w), 0.5, np.float32) if fitted.level is None else fitted.level
     if chosen == "lambert":
         level = np.zeros((h, w), np.float32)
-    base = _base(device, ladder, found, level)
-    for thing in (ladder, source):
-        thing.release()
-    rough = found.texels.roughness.astype(np.float64)
-    lobes = found.lobes if found.lobes is not None else np.stack([rough, rough, np.ones_like(rough)], -1)
+    base = _base(device, ladder, fitted, level)
+    for resource in (ladder, source):
+        resource.release()
+    rough = fitted.texels.roughness.astype(np.float64)
+    lobes = fitted.lobes if fitted.lobes is not None else np.stack([rough, rough, np.ones_like(rough)], -1)
     first, second, weight = np.moveaxis(lobes.astype(np.float64), -1, 0)
     maps = Principled(chosen, base, first, second, weight, level.astype(np.float64))
     nearest = np.where(seen.quality > 0, seen.lobes[..., 0, 0], 1.0).min(-1).astype(np.float64)
-    return Recovered(maps, found.texels.solved, nearest)
+    return Recovered(maps, fitted.texels.solved, nearest)
 
 
-def _base(device: Device, ladder: Ladder, found: LadderResult, level: F32) -> F64:
+def _base(device: Device, ladder: Ladder, fitted: LadderResult, level: F32) -> F64:
     """Base colour of each texel from its own observations."""
     h, w = level.shape
     solver = ladder.solver
     solver.level = device.texture(w, h, 1, level) if np.any(level != 0.5) else None
-    lobes = 1 if found.lobes is None else 2
-    at = found.texels
-    values = (np.stack([at.roughness, at.sigma, at.determined, at.solved], -1) if found.lobes is None
-              else np.concatenate([found.lobes, found.lobes[..., :1]], -1))
+    lobes = 1 if fitted.lobes is None else 2
+    at = fitted.texels
+    values = (np.stack([at.roughness, at.sigma, at.determined, at.solved], -1) if fitted.lobes is None
+              else np.concatenate([fitted.lobes, fitted.lobes[..., :1]], -1))
     texture = device.texture(w, h, 4, values.astype(np.float32))
     albedo = result(solver.albedo(texture, lobes))
     base = device.read(albedo)[..., :3].astype(np.float64)
