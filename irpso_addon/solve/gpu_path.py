@@ -7,7 +7,7 @@ the GL thread, inside a scope of the device (`Device.scope`), which frees what i
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
@@ -32,6 +32,11 @@ Result = TypeVar("Result")
 ReadImage = Callable[[View], RadianceImage]
 STAGES = {"pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85),
           "maps": (0.85, 1.0), "indirect": (0.0, 1.0)}  # share of a round's progress
+
+
+def reference_key(view: View) -> Hashable:
+    """All that the radiance of a view's reference image follows from: what differs in nothing of it is read once."""
+    return view.image, view.mask, view.colorspace, view.exposure, view.gain
 
 
 @dataclass

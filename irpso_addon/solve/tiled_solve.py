@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 import zlib
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Hashable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -35,12 +35,13 @@ from ..gpu.maps.finish_maps import CoarseSurroundings, filled
 from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.observations import channels_needed, most_pixels
 from ..gpu.solve.model_ladder import EarlierResult
-from .gpu_path import Clock, Given, draw_texels, solve_grid
+from .gpu_path import Clock, Given, draw_texels, reference_key, solve_grid
 from .pipeline import Bounce, Outcome, outcome
 
 PLANNED, SOLVED = 0.25, 0.95  # of the whole: once the plan is made, once all blocks are solved
 WORK = "irpso_work_"  # begins the name of a folder beside the maps, until they are done
 NO_INDIRECT = "several UDIMs: indirect light is not rendered and taken out; darken the surroundings"
+Pictures = dict[Hashable, Callable[[], RadianceImage]]  # by `_picture_key`
 STATS = "stats"  # of a block: (1, 7) texels covered, observed, solved, filled; sum and count of squared residuals,
 # and whether its pictures are reduced
 
@@ -268,8 +269,8 @@ def _block(
     part = PartialSolve(grid.coverage.astype(np.float32), False, np.zeros_like(grid.coverage))
     solved = yield from solve_grid(device, grid, Given(
         replace(plan.scene, mesh=mesh, views=views, warnings=(), skipped=()), settings,
-        lambda view: pictures[id(view)](), part, _last(plan, window, grid.slots), plan.bounced, level=plan.level,
-        before=plan.before(window), around=around, model=plan.solution.model, keeps_partial=False), clock)
+        lambda view: pictures[_picture_key(view)](), part, _last(plan, window, grid.slots), plan.bounced,
+        level=plan.level, before=plan.before(window), around=around, model=plan.solution.model, keeps_partial=False), clock)
     made, core = solved.made, window.core
     inside, relative = made.solved[core], made.relative[core].astype(np.float64)
     counts = (grid.coverage[core], inside | made.shown[core], made.good[core],
@@ -287,8 +288,8 @@ def _last(plan: Plan, window: UvBlock, slots: I32) -> EarlierResult:
 
 def _views(
     plan: Plan, work: WorkFolder, position: F32, normal: F32, covered: Bool,
-) -> tuple[tuple[View, ...], dict[int, Callable[[], RadianceImage]], bool]:
-    """The views as far as they show the block, what reads their pictures, by the view's id, and if it reduces them."""
+) -> tuple[tuple[View, ...], Pictures, bool]:
+    """The views as far as they show the block, what reads their pictures, and if it reduces them."""
     whole = plan.scene.views
     files = [CachedReference(_picture(work, n)) for n in range(len(whole))]
     keys = [(view.camera.name, file.width, file.height) for view, file in zip(whole, files, strict=True)]
@@ -299,9 +300,14 @@ def _views(
     parts: dict[tuple[str, int, int], Camera] = {
         key: uv_blocks.cropped(camera, *key[1:], crops[key]) for key, camera in cameras.items()}
     views = tuple(replace(view, camera=parts[key]) for view, key in zip(whole, keys, strict=True))
-    read: dict[int, Callable[[], RadianceImage]] = {id(view): partial(_window, file, crops[key], scale / _scale(view))
+    read: Pictures = {_picture_key(view): partial(_window, file, crops[key], scale / _scale(view))
             for view, file, key, scale in zip(views, files, keys, plan.scales, strict=True)}
     return views, read, shrink > 1
+
+
+def _picture_key(view: View) -> Hashable:
+    """Of a view of a block, whose camera shows a part of the picture."""
+    return reference_key(view), view.camera.name
 
 
 def _shrink(plan: Plan, keys: list[tuple[str, int, int]], crops: Mapping[tuple[str, int, int], Crop]) -> int:

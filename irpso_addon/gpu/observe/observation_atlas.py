@@ -27,7 +27,7 @@ from .observations import EDGE_QUALITY, Observations
 
 TILE = (512, 128)  # width and height, in texels
 ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
-UNROLLED = 16  # layers up to which loops over them are unrolled
+UNROLLED = 16  # layers up to which loops over them are unrolled; shaders/solve/each_group.glsl goes so far
 REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
 POOL_GAIN = 0.3  # neighbours' errors are alike (shared pixels, model error), four say less than four times one
@@ -56,12 +56,9 @@ class Layers:
         count = len(self.groups)
         starts = [n for n in range(count) if n == 0 or self.groups[n] != self.groups[n - 1]]
         bounds = [*starts, count]
-        each = " ".join(f"GROUP({k}, {bounds[k]}, {bounds[k + 1]})" for k in range(len(starts)))
-        if count > UNROLLED:
-            each = ("for (int k = 0; k < GROUPS; k++) "
-                    "{ GROUP(k, GROUP_START[k], group_seen[k] ? GROUP_START[k + 1] : GROUP_START[k]) }")
         return {
-            "EACH_GROUP": each,
+            "EACH_GROUP": "GROUPS_IN_A_LOOP" if count > UNROLLED else f"GROUPS_{len(starts)}",
+            **{f"GROUP_START_{k}": str(bound) for k, bound in enumerate(bounds) if count <= UNROLLED},
             "LAYERS": str(count), "GROUPS": str(len(starts)), "GROUP_STARTS": ", ".join(map(str, bounds)),
             "GROUP_CHANNELS": ", ".join(str(self.groups[n] % self.channels) for n in starts),
             "LIGHTS": str(self.lights), "CHANNELS": str(self.channels), **({"SPREAD": "1"} if self.spread else {}),
