@@ -24,13 +24,13 @@ from ..core.job import Progress, retold
 from ..core.params import SolveSettings
 from ..core.versions import versions
 from ..gpu.device import thread
-from ..gpu.observe.observations import most_pixels
+from ..gpu.observe.picture_memory import most_pixels
 from ..solve import pipeline
 from ..solve.gpu_path import reference_key
 from .judge import Judge, ReadImage, make_judge
 
 FEWEST_VIEWS = 4  # of which one is held out
-REFERENCE = "refined"  # the method from which the others' differences are told
+REFERENCE = "refined"  # the method from which the others' differences are reported
 PLACES = {"refined": 0, "draft": 1, "swarm": 2, "paper": 3}  # colours on the chart
 PANELS = (  # title, part of the row, its key, scale
     ("held-out views, relative error in %", "held_out", None, 100.0),

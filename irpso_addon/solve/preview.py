@@ -12,7 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import moderngl
 import numpy as np
@@ -27,7 +27,7 @@ from ..core.params import SolveSettings
 from ..gpu.device import thread
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import GBufferMaps, MeshBuffer
-from ..gpu.maps.albedo import AlbedoSolver
+from ..gpu.maps.albedo import AlbedoSolver, Gloss
 from ..gpu.maps.check_views import check_views, with_view_pictures
 from ..gpu.maps.fill import fill
 from ..gpu.observe.observation_atlas import CameraSource, ObservationAtlas, Tile
@@ -134,19 +134,20 @@ def _solve(
     """One size.  ``first``: before anything else base colour as of a surface without gloss, which is there at once."""
     grid, coverage = texels.maps, texels.coverage
     if first:
-        gloss = _constant(device, coverage.shape, 0.5, 0.5, 1.0), _constant(device, coverage.shape, 0.0, 0.0, 0.0)
-        matte = AlbedoSolver(device, grid, observations, *gloss)
+        shape = coverage.shape
+        gloss = Gloss(_constant(device, shape, 0.5, 0.5, 1.0), _constant(device, shape, 0.0, 0.0, 0.0))
+        matte = AlbedoSolver(device, grid, observations, gloss)
         base = yield from _silent(matte.solve(iterations=0))
         yield _look_due(live_readback.base_color(device, base), coverage)
         yield _look_due(Live({}, pictures=_pictures(matte, base)), coverage)
     solver = Solver(device, _Source(device, grid, observations),
                     replace(settings, method="draft", model="one-lobe", loss="squares"))
-    found = yield from _with_coverage(solver.solve(), coverage)
-    fit = found.read(device)
+    maps = yield from _with_coverage(solver.solve(), coverage)
+    fit = maps.read(device)
     rough = fit.roughness
     known = _texture(device, rough, rough, np.ones_like(rough), fit.solved.astype(np.float32))
     lobes = fill(device, known)
-    albedo = AlbedoSolver(device, grid, observations, lobes)
+    albedo = AlbedoSolver(device, grid, observations, Gloss(lobes))
     base = yield from _silent(albedo.solve(ITERATIONS))
     filled = fill(device, base)
     solved = fit.solved
@@ -168,11 +169,10 @@ def _judge(device: Device, observations: Observations, grid: GBufferMaps, mailbo
         base_color, rough = maps["base_color"], maps["roughness"]
         known = [np.isfinite(values).astype(np.float32) for values in (base_color[..., 0], rough)]
         rough, base_color = np.nan_to_num(rough), np.nan_to_num(base_color)
-        holed = (_texture(device, *np.moveaxis(base_color, -1, 0), known[0]),
-                 _texture(device, rough, rough, np.ones_like(rough), known[1]))
-        base, lobes = (fill(device, texture) for texture in holed)
-        live = Live({}, pictures=_pictures(AlbedoSolver(device, grid, observations, lobes), base))
-        release(lobes, base, *holed)
+        with device.scope():
+            base = fill(device, _texture(device, *np.moveaxis(base_color, -1, 0), known[0]))
+            lobes = fill(device, _texture(device, rough, rough, np.ones_like(rough), known[1]))
+            live = Live({}, pictures=_pictures(AlbedoSolver(device, grid, observations, Gloss(lobes)), base))
         yield Progress(1.0, "preview", look=partial(_same, live), due=True)
 
 
@@ -258,9 +258,3 @@ def _square() -> tuple[SceneData, Images]:
                             np.ones((32, 32), bool)) for i in range(VIEWS)]  # they differ: noise has shaders too
     scene = SceneData("warm", mesh, np.zeros((0, 3, 3), np.float32), tuple(views))
     return scene, {reference_key(view): shade for view, shade in zip(views, shades, strict=True)}
-
-
-def release(*things: Any) -> None:
-    """Free them."""
-    for thing in things:
-        thing.release()

@@ -11,9 +11,10 @@ from irpso_addon.core.data import F32, F64
 from irpso_addon.core.evaluation.prediction import PlaceView, Surface, predict
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading.tables import principled_table
-from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.device.context import Device, Inputs
 from irpso_addon.gpu.maps.finish_maps import confidence
 from irpso_addon.gpu.observe.observation_atlas import CAMERA_SLACK, MODEL_ERROR, POOL_GAIN, ArraySource, Layers
+from irpso_addon.gpu.solve.ladder_records import Materials
 from irpso_addon.gpu.solve.model_ladder import Ladder
 from irpso_addon.gpu.solve.paper_swarm import Swarms
 from irpso_addon.gpu.solve.solver import Solver
@@ -95,7 +96,7 @@ class Table:
         """The product's solve with model `auto`: the smallest model that the data support."""
         trial, shape = self.problem.trial, self.problem.quality.shape[:2]
         settings = SolveSettings(size=max(trial.size, 16), seed=trial.seed)
-        ladder = Ladder(self.device, self.source, settings, np.zeros(shape, np.int32), ("Paint",))
+        ladder = Ladder(self.device, self.source, settings, Materials(np.zeros(shape, np.int32), ("Paint",)))
         found = result(ladder.solve())
         ladder.release()
         solved, model = found.texels.solved, found.model.get("Paint", "one-lobe")
@@ -118,11 +119,11 @@ class Table:
             pass
         found = self.device.texture(*self.source.size)
         target = self.device.framebuffer([found])
-        self.device.kernel(str(SHADERS / shader), target, textures={
+        self.device.kernel(str(SHADERS / shader), target, Inputs(textures={
             "u_texel_position": self.source.position, "u_observations": solver.atlas.texture,
             "u_principled_table": self.source.principled_table,
         }, uniforms={**solver.atlas.uniforms, "u_group_slack": solver.slack, "u_tile": (0, 0), **uniforms},
-            defines={**self.source.layers.defines(), "LOBES": "1"}, region=(0, 0, *self.source.size))
+            defines={**self.source.layers.defines(), "LOBES": "1"}), region=(0, 0, *self.source.size))
         albedo = result(solver.albedo(found))
         rough, base = (self.device.read(t).astype(np.float64) for t in (found, albedo))
         for thing in (target, found, albedo, solver):

@@ -21,8 +21,8 @@ UNKNOWN = np.float32(np.nan)
 
 def confidence(sigma: F32, observations: F32) -> F32:
     """0 to 1: half where the standard error of roughness is HALF_SURE; nothing from edges of shadow alone."""
-    told = np.clip(0.5 * (observations - 1.0), 0.0, 1.0)
-    return np.asarray(told / (1.0 + (sigma / HALF_SURE) ** 2), np.float32)
+    enough = np.clip(0.5 * (observations - 1.0), 0.0, 1.0)
+    return np.asarray(enough / (1.0 + (sigma / HALF_SURE) ** 2), np.float32)
 
 
 def relative_error(residual: F32, observations: F32) -> F32:
@@ -45,10 +45,10 @@ def _searched(lobes: int, device: Device, outputs: Sequence[moderngl.Texture]) -
 
 def _noise(residual: F32, degrees: F32) -> float:
     """Median variance of the relative noise that fits leave, (N,) each; where none tells, the slack between cameras."""
-    told = degrees >= neighbours.TOLD
-    if not told.any():
+    informed = degrees >= neighbours.LEAST_DEGREES
+    if not informed.any():
         return CAMERA_SLACK**2
-    return max(float(np.median(residual[told] / degrees[told])), neighbours.NOISE_FLOOR**2)
+    return max(float(np.median(residual[informed] / degrees[informed])), neighbours.NOISE_FLOOR**2)
 
 
 def _polished(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
