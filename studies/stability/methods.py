@@ -213,24 +213,28 @@ class Method:
 
 _LIBRARY = "irpso_addon/"
 _SOLVE = (*(_LIBRARY + file for file in (
-    "gpu/solve/solver.py", "gpu/solve/neighbours.py", "gpu/observe/observation_atlas.py", "core/shading/tables.py",
-    "gpu/maps/finish_maps.py")), "shaders/solve", "shaders/include", "studies/stability/measure.py")
+    "gpu/solve/solver.py", "gpu/solve/tile_passes.py", "gpu/solve/neighbours.py", "gpu/observe/observation_atlas.py",
+    "core/shading/tables.py", "gpu/maps/finish_maps.py")),
+    "shaders/solve", "shaders/include", "studies/stability/measure.py")
 _CHECKS = ("studies/stability/aligned.py", "studies/stability/warned.py", _LIBRARY + "core/checks")
+_FIT = ("shaders/solve/observations.glsl", "shaders/solve/each_group.glsl", "shaders/solve/fit.glsl",
+        "shaders/include")
 METHODS = (
     Method("paper", "paper", None, (
         _LIBRARY + "gpu/solve/paper_swarm.py", "shaders/solve/paper_prepare.kernel", "shaders/solve/paper_move.kernel",
-        "shaders/solve/paper_keep.kernel", "shaders/solve/observations.glsl", "shaders/include")),
+        "shaders/solve/paper_keep.kernel", "shaders/solve/observations.glsl", "shaders/solve/each_group.glsl",
+        "shaders/include")),
     Method("swarm", "swarm", lambda t: t.product("swarm", "auto"), _SOLVE),
     Method("squares", "refined, squares", lambda t: t.product("refined", "squares"), _SOLVE),
     Method("refined", "refined", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS), rounds=True),
     Method("exposed", "exposures solved", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS),
            rounds=True, needs="drifts"),
     Method("auto", "model auto", lambda t: t.whole(),
-           (*_SOLVE, *_CHECKS, _LIBRARY + "gpu/solve/model_ladder.py", _LIBRARY + "core/models.py"), rounds=True,
-           needs="other"),
+           (*_SOLVE, *_CHECKS, _LIBRARY + "gpu/solve/model_ladder.py", _LIBRARY + "gpu/solve/specular_level.py",
+            _LIBRARY + "core/models.py"), rounds=True, needs="other"),
     Method("single", "LM, one start", lambda t: t.rival("single.kernel", {"u_steps": 16}),
-           ("shaders/solve/observations.glsl", "shaders/solve/fit.glsl", "shaders/include", "studies/bench/shaders")),
+           (*_FIT, "studies/bench/shaders")),
     Method("adam", "Adam", lambda t: t.rival("adam.kernel", ADAM),
-           ("shaders/solve/observations.glsl", "shaders/solve/fit.glsl", "shaders/include", "studies/bench/shaders")),
+           (*_FIT, "studies/bench/shaders")),
 )
 BY_KEY = {m.key: m for m in METHODS}

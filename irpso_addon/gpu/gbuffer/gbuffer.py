@@ -172,11 +172,6 @@ class Occluders:
             array = self.device.vertex_array(program, [(self.buffer, "3f", "in_position")])
             self._triangles.draw(self.device, (fragment, target.size), array, target, clip)
 
-    def release(self) -> None:
-        """Free the buffer."""
-        if self.buffer is not None:
-            self.buffer.release()
-
 
 def column_major(matrix: F32 | F64) -> bytes:
     """A matrix as a GL uniform's bytes."""

@@ -24,9 +24,9 @@ class PartialSolve(SolveMask):
     known: Bool  # (n, n) the last result has a value of its own, which stays where the new one has none
     last: Maps | None = None  # the last result at this size; None: there is none
 
-    def share(self, found: Bool) -> F32:
-        """(n, n) of the new result in the end, where it was ``found``; 1 too where there is nothing else."""
-        return np.where(self.known, self.weight * found, np.float32(1.0)).astype(np.float32)
+    def share(self, solved: Bool) -> F32:
+        """(n, n) of the new result in the end, where it was ``solved``; 1 too where there is nothing else."""
+        return np.where(self.known, self.weight * solved, np.float32(1.0)).astype(np.float32)
 
     def join(self, new: F32, role: str, share: F32) -> F32:
         """A map of the new result mixed with the last one's."""
@@ -114,7 +114,7 @@ def earlier_result_of(
 ) -> EarlierResult | None:
     """What the ladder takes over from the last result.
 
-    Materials of which a part is kept keep their model.  ``slots``: (n, n) of each covered texel, -1 elsewhere.
+    Materials of which a part stays as it is keep their model.  ``slots``: (n, n) of each covered texel, -1 elsewhere.
     Raises BadInput where another model is asked for.
     """
     start, names = scene.start, scene.mesh.slot_names

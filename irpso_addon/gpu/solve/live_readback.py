@@ -53,9 +53,9 @@ def _noise(residual: F32, degrees: F32) -> float:
 
 def _polished(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
     """Of solve/polish.kernel."""
-    found = read_solved(device.read(outputs[0]), device.read(outputs[1]))
-    return _live(found.roughness, found.solved, confidence=confidence(found.sigma, found.observations),
-                 error=relative_error(found.residual, found.observations))
+    texels = read_solved(device.read(outputs[0]), device.read(outputs[1]))
+    return _live(texels.roughness, texels.solved, confidence=confidence(texels.sigma, texels.observations),
+                 error=relative_error(texels.residual, texels.observations))
 
 
 def _polished_two(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
@@ -80,9 +80,9 @@ def base_color(device: Device, texture: moderngl.Texture) -> Live:
 def swarm(best: F32, more: F32) -> Live:
     """Of `paper.PaperMaps`, read back.  The method says nothing of how sure it is."""
     known = more[..., 3] > 0
-    found = _live(best[..., 3], known, confidence=np.zeros_like(best[..., 3]),
-                  error=np.sqrt(np.maximum(more[..., 2], 0.0)))
-    return Live({**found.maps, "base_color": np.where(known[..., None], best[..., :3], UNKNOWN)})
+    live = _live(best[..., 3], known, confidence=np.zeros_like(best[..., 3]),
+                 error=np.sqrt(np.maximum(more[..., 2], 0.0)))
+    return Live({**live.maps, "base_color": np.where(known[..., None], best[..., :3], UNKNOWN)})
 
 
 LOOKS: dict[tuple[str, int], Callable[[Device, Sequence[moderngl.Texture]], Live]] = {  # by kernel and lobes

@@ -191,12 +191,12 @@ class Solver(TilePasses):
         """Variances of the noise that are assumed where the map of it says less, or nothing."""
         return {"u_noise_floor": neighbours.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance}
 
-    def albedo(self, found: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
-        """Base colour of each texel from its own observations alone; ``found``: roughness, or the pairs of lobes."""
+    def albedo(self, lobe_map: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
+        """Base colour of each texel from its own observations alone; ``lobe_map``: roughness, or the pairs of lobes."""
         (albedo,) = self.textures(1)
         robust = self.robust and lobes == 1
         yield from self.run(tiles(self.atlas, self.covered), (0.0, 1.0), KernelPass(
-            "solve/albedo.kernel", [albedo], {"u_found": found, **({"u_noise": self.noise_map} if robust else {})},
+            "solve/albedo.kernel", [albedo], {"u_found": lobe_map, **({"u_noise": self.noise_map} if robust else {})},
             self._floor(self.noise**2) if robust else {}, lobes, colour=True, robust=robust))
         return albedo
 
