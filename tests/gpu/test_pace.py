@@ -15,7 +15,7 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import draw_budget, thread
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.device.draw_budget import DrawBudget, rectangles
-from irpso_addon.gpu.gbuffer import gbuffer
+from irpso_addon.gpu.gbuffer import triangles
 from irpso_addon.gpu.observe.observation_atlas import ObservationAtlas
 from irpso_addon.solve import pipeline
 from tests.support import shoots
@@ -80,7 +80,7 @@ def test_what_a_driver_compiles_at_first_is_not_taken_for_the_draw(monkeypatch):
     work = np.full(1024, 1024.0, np.float32)
     machine.draw(work, 1e-7)
     assert machine.waited < 30
-    assert machine.pace.most("draw") == pytest.approx(0.015 / 1e-7, rel=0.1)
+    assert machine.budget.most("draw") == pytest.approx(0.015 / 1e-7, rel=0.1)
 
 
 def test_a_machine_that_slows_down_is_noticed(monkeypatch):
@@ -141,7 +141,7 @@ def divided(on_gl: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[
     def call(solve: Callable[[], Any]) -> list[Any]:
         results, drawn = [], []
         for kind, bundle in ((Counted, 10**9), (Cut, 300)):
-            monkeypatch.setattr(gbuffer, "BUNDLE", bundle)
+            monkeypatch.setattr(triangles, "BUNDLE", bundle)
             monkeypatch.setattr(device, "budget", kind(device._finish, math.inf))
             results.append(solve())
             drawn.append(device.budget.pieces)  # type: ignore[attr-defined]

@@ -7,7 +7,6 @@ inside Blender's own, and the window goes black or crashes.
 from __future__ import annotations
 
 import sys
-import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -31,23 +30,27 @@ class Scope:
 
     def __init__(self, outer: Scope | None) -> None:
         self._outer = outer
-        self._owned: weakref.WeakSet[Any] = weakref.WeakSet()
+        self._owned: dict[Any, None] = {}  # held: what the block drops is freed at its end too
 
     def own(self, made: Any) -> None:
         """Free it at the end."""
-        self._owned.add(made)
+        self._owned[made] = None
+
+    def disown(self, made: Any) -> bool:
+        """Do not; whether it was owned."""
+        there = made in self._owned
+        self._owned.pop(made, None)
+        return there
 
     def hand_over(self, *made: moderngl.Texture | moderngl.Buffer | None) -> None:
         """Leave these, the block's results, to the scope around it."""
         for each in made:
-            if each in self._owned:
-                self._owned.discard(each)
-                if self._outer is not None:
-                    self._outer.own(each)
+            if self.disown(each) and self._outer is not None:
+                self._outer.own(each)
 
     def free(self) -> None:
-        """At the end of the block."""
-        for made in list(self._owned):
+        """At the end of the block, the last first."""
+        for made in reversed(self._owned):
             made.release()
 
 
@@ -165,6 +168,8 @@ class DeviceMemory:
             yield made
         finally:
             made.release()
+            if self._scopes:
+                self._scopes[-1].disown(made)
 
     @contextmanager
     def scope(self) -> Iterator[Scope]:
