@@ -27,7 +27,9 @@ from irpso_addon.core.tiled.uv_blocks import HALO
 from irpso_addon.core.tiled.work_folder import WorkFolder
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.device.draw_budget import DrawBudget
-from irpso_addon.solve import pipeline, tiled_solve
+from irpso_addon.solve import pipeline
+from irpso_addon.solve.block_solve import solve_block
+from irpso_addon.solve.plan_preparation import TiledRequest, make_plan
 
 MOST = 100.0  # ms; what no pass may take
 Steps = Callable[[], Generator[Progress, None, Any]]
@@ -55,7 +57,7 @@ class Measured(DrawBudget):
         self.passes: dict[str, Passes] = {}
         self._known: set[Hashable] = set()
         self._cpu = 0.0
-        self.told = self._keep
+        self.on_piece = self._keep
 
     def finish(self) -> None:
         """As it is; the clock of CPU seconds starts anew."""
@@ -120,11 +122,11 @@ def a_block(scene: SceneData, settings: SolveSettings, work: WorkFolder) -> tupl
 
     def plan() -> Generator[Progress, None, None]:
         clock = pipeline.Clock()
-        plans.append((yield from tiled_solve.make_plan(scene, settings, work, None, tiled_solve.BLOCK, HALO, clock)))
+        plans.append((yield from make_plan(TiledRequest(scene, settings, halo=HALO), work, clock)))
 
     def block() -> Generator[Progress, None, None]:
         blocks = plans[0].blocks
-        yield from tiled_solve.solve_block(plans[0], work, blocks[len(blocks) // 2])
+        yield from solve_block(plans[0], work, blocks[len(blocks) // 2])
 
     return plan, block
 

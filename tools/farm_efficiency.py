@@ -31,6 +31,7 @@ sys.path.insert(0, str(ROOT))
 from irpso_addon.core.params import SolveSettings  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.solve import device_test, farm, tiled_solve  # noqa: E402  # the checkout is no installed package
+from irpso_addon.solve.plan_preparation import TiledRequest  # noqa: E402
 from tests.support.squares import write_scene  # noqa: E402
 from tools.farm_page import write_page  # noqa: E402
 from tools.farm_simulation import Costs  # noqa: E402
@@ -70,7 +71,8 @@ def child(what: str, folder: Path) -> None:
         farm.write_job(plan, folder / "job", TILE, "exr", None)
     else:
         (folder / "alone").mkdir()
-        thread.run(lambda: tiled_solve.run(scene, settings, folder / "alone", folder / "alone_work", "exr"))
+        thread.run(lambda: tiled_solve.run(
+            TiledRequest(scene, settings), folder / "alone", folder / "alone_work", "exr"))
     print(json.dumps({"seconds": time.process_time() - started, "device": thread.run(device_test.detect).renderer}))
 
 

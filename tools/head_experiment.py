@@ -33,6 +33,7 @@ from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer  # noqa: E402
 from irpso_addon.gpu.maps.fill import fill  # noqa: E402
 from irpso_addon.gpu.observe.observation_atlas import CameraSource  # noqa: E402
 from irpso_addon.gpu.observe.observations import observe  # noqa: E402
+from irpso_addon.gpu.solve.ladder_records import Materials  # noqa: E402
 from irpso_addon.gpu.solve.model_ladder import Ladder  # noqa: E402
 from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
 from tools import head_page as page  # noqa: E402
@@ -105,7 +106,8 @@ def _solve_pixels(
     grid = observations.cameras[0].maps
     slots = np.where(device.read(grid.position)[..., 3] > 0.5, 0, -1).astype(np.int32)
     started = time.perf_counter()
-    ladder = Ladder(device, CameraSource(device, grid, observations), settings, slots, scene.mesh.slot_names)
+    ladder = Ladder(device, CameraSource(device, grid, observations), settings,
+                    Materials(slots, scene.mesh.slot_names))
     found = yield from ladder.solve()
     assert found.lobes is not None
     seen = found.texels.solved[..., None].astype(np.float32)

@@ -25,7 +25,7 @@ sys.path.insert(0, str(ROOT))
 from irpso_addon.core.params import SolveSettings  # noqa: E402  # the checkout is no installed package
 from irpso_addon.core.shading.tables import principled_table  # noqa: E402
 from irpso_addon.gpu.device.context import Device  # noqa: E402
-from irpso_addon.gpu.observe.observation_atlas import ArraySource  # noqa: E402
+from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservedTexels  # noqa: E402
 from irpso_addon.gpu.solve.paper_swarm import Limits, Swarms  # noqa: E402
 from studies.bench.measure import machine  # noqa: E402
 from tests.support.texel_problem import Estimate, Problem, Spec, make  # noqa: E402
@@ -145,8 +145,8 @@ def main() -> int:
     last = parser.parse_args().passes
     at = sorted({0, *np.unique(np.geomspace(1, last, 40).astype(int)).tolist()})
     device, problem = Device(), make(SPEC)
-    source = ArraySource(device, rgb=problem.rgb, quality=problem.quality, cos_v=problem.cos_v, lobes=problem.lobes,
-                         groups=problem.groups, table=principled_table())
+    source = ArraySource(device, ObservedTexels(
+        problem.rgb, problem.quality, problem.cos_v, problem.lobes, problem.groups), principled_table())
     results = {}
     for variant in VARIANTS:
         results[variant] = run(device, source, problem, variant, at)

@@ -72,11 +72,11 @@ class Judge:
         size = len(self.where)
         base, rough = at_size(self.truth[0], size), at_size(self.truth[1], size)[..., 0]
         mine = maps.lobes[:, 0].reshape(rough.shape)
-        found = asdict(map_errors(maps.base.reshape(base.shape), mine, base, rough, self.where))
+        errors = asdict(map_errors(maps.base.reshape(base.shape), mine, base, rough, self.where))
         informed = self.where & (self.tan_h < GLOSS * rough**2)
         if informed.any():
-            found["rough_mae_informed"] = float(np.abs(mine - rough)[informed].mean())
-        return found | {"informed_share": float(informed.sum() / self.where.sum())}
+            errors["rough_mae_informed"] = float(np.abs(mine - rough)[informed].mean())
+        return errors | {"informed_share": float(informed.sum() / self.where.sum())}
 
 
 def make_judge(
@@ -115,12 +115,9 @@ def _filled(values: F32) -> Generator[Progress, None, F32]:
     """Runs on the GL thread: (n, n, 3) of (n, n, 4), holes (where the fourth is 0) filled."""
     device = thread.device()
     yield Progress(0.0, "maps")
-    source = device.texture(values.shape[1], values.shape[0], data=values)
-    filled = fill(device, source)
-    result = device.read(filled)[..., :3].copy()
-    source.release()
-    filled.release()
-    return result
+    with device.scope():
+        source = device.texture(values.shape[1], values.shape[0], data=values)
+        return device.read(fill(device, source))[..., :3].copy()
 
 
 def _choose(pixels: Pixels, views: list[PlaceView], where: Bool) -> tuple[Pixels, list[PlaceView]]:

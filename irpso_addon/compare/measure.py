@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Hashable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,12 +24,13 @@ from ..core.job import Progress, retold
 from ..core.params import SolveSettings
 from ..core.versions import versions
 from ..gpu.device import thread
-from ..gpu.observe.observations import most_pixels
+from ..gpu.observe.picture_memory import most_pixels
 from ..solve import pipeline
+from ..solve.gpu_path import reference_key
 from .judge import Judge, ReadImage, make_judge
 
 FEWEST_VIEWS = 4  # of which one is held out
-REFERENCE = "refined"  # the method from which the others' differences are told
+REFERENCE = "refined"  # the method from which the others' differences are reported
 PLACES = {"refined": 0, "draft": 1, "swarm": 2, "paper": 3}  # colours on the chart
 PANELS = (  # title, part of the row, its key, scale
     ("held-out views, relative error in %", "held_out", None, 100.0),
@@ -112,8 +113,17 @@ def _solve(scene: SceneData, settings: SolveSettings, read_image: ReadImage) -> 
 def read_once(views: tuple[View, ...]) -> ReadImage:
     """Every reference, read now for all methods, reduced as the pipeline would reduce it."""
     most = most_pixels(views, thread.settings().memory)
-    images: dict[int, RadianceImage] = {id(view): read_reference(view, max_pixels=most) for view in views}
-    return lambda view: images[id(view)]
+    images: dict[Hashable, RadianceImage] = {}
+
+    def read(view: View) -> RadianceImage:
+        key = reference_key(view)  # a solve moves cameras, and may correct exposures
+        if key not in images:
+            images[key] = read_reference(view, max_pixels=most)
+        return images[key]
+
+    for view in views:
+        read(view)
+    return read
 
 
 def difference(maps: Surface, reference: Surface, where: Bool) -> dict[str, float]:

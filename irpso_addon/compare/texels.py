@@ -43,7 +43,7 @@ def observe_texels(
         observations = yield from observe(device, scene, grid.mesh, read_image)
         source = CameraSource(device, grid.maps, observations)
         atlas = ObservationAtlas(device, source)
-        covered, found = grid.coverage, []
+        covered, parts = grid.coverage, []
         width, height = atlas.tile
         for x, y in tiles(atlas, covered):
             for _ in source.gather(atlas, (x, y), True):
@@ -53,8 +53,8 @@ def observe_texels(
             blocks = device.read(atlas.texture).reshape(source.layers.blocks, height, width, 4)
             part = inside[y:y + height, x:x + width]
             here = blocks[:, :part.shape[0], :part.shape[1]][:, part]
-            found.append(digest(inside, _views(here, source.layers)))
-        return Grid(covered, grid.slots), found
+            parts.append(digest(inside, _views(here, source.layers)))
+        return Grid(covered, grid.slots), parts
 
 
 def observe_pixels(

@@ -1,4 +1,4 @@
-"""What goes over the pipe between Blender and a worker process: one record for each thing that can be said."""
+"""What goes over the pipe between Blender and a worker process: a record for each message."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Feed:
     """Something for the mailbox of a running job."""
 
     number: int
-    thing: Any
+    content: Any
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,7 @@ class Worker:
                 if job is not None and job.number == answer.number:  # else it was cancelled
                     job._hear(answer)
         except BaseException as error:
-            if not isinstance(error, Closed):  # what was told cannot be taken: memory, most likely
+            if not isinstance(error, Closed):  # what was sent cannot be taken: memory, most likely
                 self._fail(RuntimeError(f"{type(error).__name__}: {error}"))
                 self.close()
             code = self._process.wait()
@@ -186,17 +186,17 @@ class Remote:
             raise self._error
         return self._value
 
-    def feed(self, thing: object) -> None:
+    def feed(self, content: object) -> None:
         """Hand something to the running job, into its mailbox."""
         if not self.done:
-            self.worker.order(Feed(self.number, thing))
+            self.worker.order(Feed(self.number, content))
 
     def pause(self, on: bool) -> None:
-        """Stop after the present step until told to go on."""
+        """Stop after the present step until it may go on."""
         self.worker.order(Pause(on))
 
     def cancel(self) -> None:
-        """End it now: what it had not told is lost.  A worker of its own ends too."""
+        """End it now: what it has not sent is lost.  A worker of its own ends too."""
         if not self.done:
             self._hear(Failed(self.number, Cancelled()))
             if not self._own:

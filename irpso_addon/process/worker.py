@@ -62,8 +62,8 @@ def main() -> None:
                     thread.configure(settings)
                 case Run():
                     job = _Job(order, answers.send)
-                case Feed(number, thing) if job is not None and job.number == number:
-                    job.mailbox.put(thing)
+                case Feed(number, content) if job is not None and job.number == number:
+                    job.mailbox.put(content)
                 case Cancel() if job is not None:
                     job.thread.cancel()
                 case Pause(on) if job is not None:
@@ -77,7 +77,7 @@ def _pass_on(answers: Sender, level: str, event: str, fields: dict[str, Any]) ->
 
 
 def _watched(job: Steps[Any], number: int, tell: Tell) -> Steps[Any]:
-    """The job, its progress and looks told as it goes, and in the end what came of it."""
+    """The job, its progress and looks reported as it goes, and in the end what came of it."""
     try:
         value = yield from mapped(job, _Watch(number, tell))
         tell(Done(number, value))
@@ -94,7 +94,7 @@ class _Watch:
 
     def __init__(self, number: int, tell: Tell) -> None:
         self._number, self._tell = number, tell
-        self._started = self._told = self._looked = time.perf_counter()
+        self._started = self._reported = self._looked = time.perf_counter()
 
     def __call__(self, step: Progress) -> Progress:
         now = time.perf_counter()
@@ -103,14 +103,14 @@ class _Watch:
             live = replace(live, seconds=time.perf_counter() - self._started, error=difference(live.pictures))
             self._tell(Looked(self._number, live))
             self._looked = time.perf_counter()
-        if now - self._told >= TELL_SECONDS:
+        if now - self._reported >= TELL_SECONDS:
             self._tell(Reached(self._number, replace(step, look=None)))
-            self._told = now
+            self._reported = now
         return step
 
 
 def _portable(error: BaseException) -> BaseException:
-    """What can be told to a process that may not know the error's class."""
+    """What can be sent to a process that may not know the error's class."""
     if isinstance(error, BadInput):
         return type(error)(str(error))
     if isinstance(error, Cancelled):

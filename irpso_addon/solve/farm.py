@@ -31,8 +31,9 @@ from ..core.storage.atomic_io import PART, write_whole
 from ..core.tiled.tiled_plan import Plan
 from ..core.tiled.uv_blocks import BLOCK, FIRST_UDIM, HALO, UvBlock
 from ..core.tiled.work_folder import WorkFolder
-from . import tiled_solve
+from .block_solve import layers_of, solve_block
 from .pipeline import Bounce
+from .plan_preparation import TiledRequest, prepare
 
 TEMPLATE, PROGRAM, WORK, MAPS = "template.yaml", "program", "work", "maps"
 NAME_LENGTH = 128  # of a job, as the specification allows
@@ -83,7 +84,7 @@ def plan_job(
     except OSError as error:
         raise _unwritable(folder, error) from None
     with WorkFolder(folder / WORK) as work:
-        return (yield from tiled_solve.prepare(scene, settings, work, bounce, block, halo))
+        return (yield from prepare(TiledRequest(scene, settings, bounce, block, halo), work))
 
 
 def write_job(plan: Plan, folder: Path, tile: int, kind: str, gpu_memory: float | None) -> Job:
@@ -150,7 +151,7 @@ def solve_tile(folder: Path, udim: int, tile: int, tile_size: int) -> Generator[
                        "take both from the job's template")
     missing = [block for block in blocks if not work.has_block(block.key)]
     for n, block in enumerate(missing):
-        yield from retold(tiled_solve.solve_block(plan, work, block),
+        yield from retold(solve_block(plan, work, block),
                           partial(_share, done=n, of=len(missing)))
     return len(missing), len(blocks)
 
@@ -170,7 +171,7 @@ def merge_square(folder: Path, udim: int, out: Path, kind: str) -> Generator[Pro
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _unwritable(out, error) from None
-    target = block_merge.Target(out, plan.scene.mesh.name, kind, tiled_solve.layers_of(plan),
+    target = block_merge.Target(out, plan.scene.mesh.name, kind, layers_of(plan),
                                 plan.udims != (FIRST_UDIM,))
     for share in block_merge.steps(work.read_block, blocks, target):
         yield Progress(share, "merge")

@@ -7,7 +7,7 @@ the GL thread, inside a scope of the device (`Device.scope`), which frees what i
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
@@ -22,16 +22,22 @@ from ..core.params import SolveSettings
 from ..core.tiled.tiled_plan import PriorKnowledge
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import GBufferMaps, MeshBuffer, draw_texel_grid
-from ..gpu.maps.finish_maps import CoarseSurroundings, FinishedMaps, make_maps
+from ..gpu.maps.finish_maps import CoarseSurroundings, FinishedMaps, SolvedTexelGrid, make_maps
 from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.observation_atlas import CameraSource
 from ..gpu.observe.observations import Observations, ObserveOptions, observe
-from ..gpu.solve.model_ladder import EarlierResult, Ladder, LadderResult
+from ..gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
+from ..gpu.solve.model_ladder import Ladder
 
 Result = TypeVar("Result")
 ReadImage = Callable[[View], RadianceImage]
 STAGES = {"pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85),
           "maps": (0.85, 1.0), "indirect": (0.0, 1.0)}  # share of a round's progress
+
+
+def reference_key(view: View) -> Hashable:
+    """All that the radiance of a view's reference image follows from: what differs in nothing of it is read once."""
+    return view.image, view.mask, view.colorspace, view.exposure, view.gain
 
 
 @dataclass
@@ -107,7 +113,7 @@ class Solved:
     """What a grid's solve has given."""
 
     observations: Observations
-    found: LadderResult  # before it was joined to what a partial solve keeps
+    ladder: LadderResult  # before it was joined to what a partial solve leaves as it was
     made: FinishedMaps
 
 
@@ -121,15 +127,16 @@ def solve_grid(
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
     maps = part.grid(device, grid.maps)
-    ladder = Ladder(device, CameraSource(device, maps, observations, scene.mesh.extent), given.settings,
-                    np.where(part.solved, grid.slots, -1), scene.mesh.slot_names, given.last, given.before)
-    found: LadderResult = yield from clock.stage("solve", ladder.solve())
-    if found.cancelled and not given.keeps_partial:
+    materials = Materials(np.where(part.solved, grid.slots, -1), scene.mesh.slot_names)
+    source = CameraSource(device, maps, observations, scene.mesh.extent)
+    ladder: LadderResult = yield from clock.stage("solve", Ladder(
+        device, source, given.settings, materials, given.last, given.before).solve())
+    if ladder.cancelled and not given.keeps_partial:
         raise Cancelled
     if given.model is not None:
-        found.model = dict(given.model)
-    made: FinishedMaps = yield from clock.stage("maps", make_maps(
-        device, scene, given.settings.ndf, grid.coverage, maps, observations, found, grid.slots, part, given.around))
+        ladder.model = dict(given.model)
+    texels = SolvedTexelGrid(maps, grid.slots, observations, ladder, given.settings.ndf)
+    made: FinishedMaps = yield from clock.stage("maps", make_maps(device, scene, texels, part, given.around))
     if made.albedo.cancelled and not given.keeps_partial:
         raise Cancelled
-    return Solved(observations, found, made)
+    return Solved(observations, ladder, made)

@@ -30,7 +30,7 @@ from ..gpu.gbuffer.gbuffer import overlap_counts
 from ..gpu.maps.check_views import check_views, with_view_pictures
 from ..gpu.maps.finish_maps import FinishedMaps
 from ..gpu.maps.partial_solve import PartialSolve, earlier_result_of, partial_solve_of
-from ..gpu.observe.observations import most_pixels
+from ..gpu.observe.picture_memory import most_pixels
 from .gpu_path import Clock, Given, ReadImage, Solved, TexelGrid, draw_texels, solve_grid
 
 Bounce = Callable[[SceneData, Solution], Generator[Progress, None, Mapping[int, Bounced]]]
@@ -71,9 +71,9 @@ def bake_gbuffer(scene: SceneData, size: int) -> Generator[Progress, None, GBuff
     with device.scope():
         grid = draw_texels(device, scene.mesh, size)
         yield Progress(0.5, "gbuffer")
-        found = _checked(device, grid, scene.mesh.name, size)
+        gbuffer = _checked(device, grid, scene.mesh.name, size)
         yield Progress(1.0, "gbuffer")
-        return found
+        return gbuffer
 
 
 def _checked(device: Device, grid: TexelGrid, name: str, size: int) -> GBuffer:
@@ -130,8 +130,8 @@ def outcome(
         elif aligned is not scene:
             best = rough if small == settings else (yield from _round(aligned, settings, read_image, clock))
         if aligned is not scene and first.checks is not None:
-            told = mended(first.checks, settings.registration == "auto", settings.exposures == "solve")
-            best = _warned(best, (*told, *best.solution.warnings))
+            lines = mended(first.checks, settings.registration == "auto", settings.exposures == "solve")
+            best = _warned(best, (*lines, *best.solution.warnings))
     except Cancelled:  # the maps so far are whole
         best = replace(best, solution=replace(best.solution, cancelled=True))
     except BadInput as error:  # nothing of the first round is lost
@@ -139,27 +139,27 @@ def outcome(
     return replace(best, solution=replace(best.solution, seconds=clock.seconds))
 
 
-def _warned(found: Outcome, lines: tuple[str, ...]) -> Outcome:
-    return replace(found, solution=replace(found.solution, warnings=lines))
+def _warned(best: Outcome, lines: tuple[str, ...]) -> Outcome:
+    return replace(best, solution=replace(best.solution, warnings=lines))
 
 
 def _align(
-    found: Outcome, settings: SolveSettings, again: Callable[[SceneData], Generator[Progress, None, Outcome]],
+    best: Outcome, settings: SolveSettings, again: Callable[[SceneData], Generator[Progress, None, Outcome]],
 ) -> Generator[Progress, None, Outcome]:
     """The scene with cameras and exposures put right as far as the settings let, and what it gives."""
     for _ in range(ALIGN_ROUNDS):
-        checks = found.solution.checks
+        checks = best.solution.checks
         assert checks is not None
-        better = corrected(found.scene, checks.registration, shifts=settings.registration == "auto",
+        better = corrected(best.scene, checks.registration, shifts=settings.registration == "auto",
                            gains=settings.exposures == "solve")
-        if better is found.scene:
+        if better is best.scene:
             break
         after = yield from again(better)
         assert after.solution.checks is not None
         if worse(after.solution.checks, checks):
             break
-        found = after
-    return found
+        best = after
+    return best
 
 
 def _bounced(settings: SolveSettings, solution: Solution) -> bool:
@@ -188,7 +188,7 @@ def _round(
                            warnings=(*solution.warnings, *warnings(checks),
                                      *([NO_CONFIDENCE] if settings.method == "paper" else [])))
         return Outcome(
-            scene, solution, solved.observations.level, solved.found.noise, solved.found.robust, bounced)
+            scene, solution, solved.observations.level, solved.ladder.noise, solved.ladder.robust, bounced)
 
 
 def _drawn(device: Device, scene: SceneData, size: int) -> Generator[Progress, None, tuple[TexelGrid, GBuffer]]:
@@ -205,12 +205,12 @@ def _solution(
 ) -> Solution:
     """The maps with their figures; checks, and the warnings that follow from these, are not in it yet."""
     made, observations = solved.made, solved.observations
-    found, maps = made.found, made.maps
+    ladder, maps = made.ladder, made.maps
     relative = made.relative[made.solved].astype(np.float64)
     return Solution(
-        maps=maps, model=found.model, why=found.why, seconds={}, device={}, levels=found.levels,
+        maps=maps, model=ladder.model, why=ladder.why, seconds={}, device={}, levels=ladder.levels,
         residual=float(np.sqrt(np.mean(relative**2))) if len(relative) else 0.0,
-        cancelled=found.cancelled or made.albedo.cancelled, ndf=settings.ndf,
+        cancelled=ladder.cancelled or made.albedo.cancelled, ndf=settings.ndf,
         texels={"covered": int(gbuffer.coverage.sum()), "observed": int((made.solved | made.shown).sum()),
                 "solved": int(made.good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum()),
                 "kept": int((part.known & ~made.good).sum())},
@@ -225,8 +225,8 @@ def _checks(
     """What the views say of the maps, and how they look beside what those predict."""
     pictures: list[ViewPicture] = []
     views = with_view_pictures(check_views(made.albedo, made.base), pictures)
-    texels = TexelFit(scene.mesh.name, made.found.model, slots, scene.mesh.slot_names, made.good,
-                      made.found.texels.observations, made.maps.roughness, made.maps.roughness_sigma,
+    texels = TexelFit(scene.mesh.name, made.ladder.model, slots, scene.mesh.slot_names, made.good,
+                      made.ladder.texels.observations, made.maps.roughness, made.maps.roughness_sigma,
                       sure=settings.method != "paper", chosen=settings.model == "auto")
     yield Progress(1.0, "maps", "checks")
     return measure(views, texels), tuple(pictures)
@@ -236,19 +236,19 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, udim: str) -> list
     """What a user must know of the mesh before trusting the maps."""
     covered = max(int(gbuffer.coverage.sum()), 1)
     name = scene.mesh.name
-    found = []
+    lines = []
     overlap = gbuffer.overlap.sum() / covered
     if overlap > 0.001:
-        found.append(f"{name}: {100 * overlap:.1f} % of its texels are claimed by more than one face "
+        lines.append(f"{name}: {100 * overlap:.1f} % of its texels are claimed by more than one face "
                      "(overlapping UVs); they hold one face's result")
     grid = scene.mesh.uvs if scene.mesh.grid is None else scene.mesh.grid
     outside = np.mean(np.any((grid < -1e-4) | (grid > 1 + 1e-4), axis=(1, 2)))
     if outside > 0:
         where = "outside the 0-1 UV square" if udim == "first" else "in no UDIM square"
-        found.append(f"{name}: {100 * outside:.1f} % of its faces lie {where} and are not solved"
+        lines.append(f"{name}: {100 * outside:.1f} % of its faces lie {where} and are not solved"
                      + ("; setting UDIM 'all' solves every square" if udim == "first" else ""))
     unseen = (gbuffer.coverage & maps.filled).sum() / covered
     if unseen > 0.05:
-        found.append(f"{name}: {100 * unseen:.0f} % of its texels are seen lit by no view and were filled "
+        lines.append(f"{name}: {100 * unseen:.0f} % of its texels are seen lit by no view and were filled "
                      "from their neighbours")
-    return found
+    return lines

@@ -7,12 +7,12 @@ the number of views that they are made for is always VIEWS.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import moderngl
 import numpy as np
@@ -27,14 +27,14 @@ from ..core.params import SolveSettings
 from ..gpu.device import thread
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import GBufferMaps, MeshBuffer
-from ..gpu.maps.albedo import AlbedoSolver
+from ..gpu.maps.albedo import AlbedoSolver, Gloss
 from ..gpu.maps.check_views import check_views, with_view_pictures
 from ..gpu.maps.fill import fill
 from ..gpu.observe.observation_atlas import CameraSource, ObservationAtlas, Tile
 from ..gpu.observe.observations import Observations, ObserveOptions, observe
 from ..gpu.solve import live_readback
 from ..gpu.solve.solver import Solver
-from .gpu_path import TexelGrid, draw_texels
+from .gpu_path import TexelGrid, draw_texels, reference_key
 
 VIEWS = 12  # looked at, at most
 FEWEST = 3  # with which to begin, when reading is slow
@@ -45,6 +45,7 @@ ITERATIONS = 2  # of base colour
 SHADOW = 512  # texels of a shadow map
 IDLE = 0.1  # seconds between two looks for maps to judge
 Result = TypeVar("Result")
+Images = dict[Hashable, RadianceImage]  # by `reference_key`
 
 
 def preview(scene: SceneData, settings: SolveSettings, mailbox: Mailbox) -> Steps[None]:
@@ -52,10 +53,10 @@ def preview(scene: SceneData, settings: SolveSettings, mailbox: Mailbox) -> Step
 
     Raises BadInput when no picture can be used.
     """
-    images: dict[int, RadianceImage] = {}
+    images: Images = {}
     with ThreadPoolExecutor(4) as readers:
-        order = spread(scene.views)
-        reading = {readers.submit(read_reference, view, PIXELS): view for view in order}
+        order = spread(len(scene.views))
+        reading = {readers.submit(read_reference, view, PIXELS): view for view in (scene.views[n] for n in order)}
         _first(reading, images)
         yield from _refined(_of(scene, order, images), settings, images, SIZES[:1])
         wait(reading)
@@ -71,14 +72,13 @@ def warm_up() -> Steps[None]:
     yield from _refined(scene, SolveSettings(size=16), images, (16,))
 
 
-def spread(views: tuple[View, ...]) -> list[View]:
-    """At most VIEWS of them, far apart in the list, the farthest first."""
-    count = len(views)
+def spread(count: int) -> list[int]:
+    """Places of at most VIEWS of so many views, far apart in the list, the farthest first."""
     chosen = range(count) if count <= VIEWS else [i * count // VIEWS for i in range(VIEWS)]
-    return [views[chosen[i]] for i in sorted(range(len(chosen)), key=lambda i: i * 7 % 12)]
+    return [chosen[i] for i in sorted(range(len(chosen)), key=lambda i: i * 7 % 12)]
 
 
-def _first(reading: dict[Future[RadianceImage], View], images: dict[int, RadianceImage]) -> None:
+def _first(reading: dict[Future[RadianceImage], View], images: Images) -> None:
     """Enough pictures to begin with."""
     wait(reading, timeout=PATIENCE)
     while len(images) < min(FEWEST, len(reading)) and not all(future.done() for future in reading):
@@ -87,15 +87,15 @@ def _first(reading: dict[Future[RadianceImage], View], images: dict[int, Radianc
     _take(reading, images)
 
 
-def _take(reading: dict[Future[RadianceImage], View], images: dict[int, RadianceImage]) -> None:
+def _take(reading: dict[Future[RadianceImage], View], images: Images) -> None:
     for future, view in reading.items():
         if future.done() and future.exception() is None:
-            images[id(view)] = future.result()
+            images[reference_key(view)] = future.result()
 
 
-def _of(scene: SceneData, order: list[View], images: dict[int, RadianceImage]) -> SceneData:
-    """The scene with the views that were read."""
-    views = tuple(view for view in scene.views if id(view) in images and view in order)
+def _of(scene: SceneData, order: list[int], images: Images) -> SceneData:
+    """The scene with those views of the ``order`` that were read."""
+    views = tuple(view for view in (scene.views[n] for n in sorted(order)) if reference_key(view) in images)
     if not views:
         raise BadInput(f"{scene.name}: no picture can be read")
     return replace(scene, views=views)
@@ -105,7 +105,7 @@ def _of(scene: SceneData, order: list[View], images: dict[int, RadianceImage]) -
 
 
 def _refined(
-    scene: SceneData, settings: SolveSettings, images: dict[int, RadianceImage], sizes: tuple[int, ...],
+    scene: SceneData, settings: SolveSettings, images: Images, sizes: tuple[int, ...],
     mailbox: Mailbox | None = None,
 ) -> Steps[None]:
     """A solve at each size from the same observations; then judges what comes into the mailbox.
@@ -116,7 +116,7 @@ def _refined(
     with device.scope():
         mesh = MeshBuffer(device, scene.mesh)
         observations: Observations = yield from observe(
-            device, scene, mesh, lambda view: images[id(view)], ObserveOptions(shadow_size=SHADOW))
+            device, scene, mesh, lambda view: images[reference_key(view)], ObserveOptions(shadow_size=SHADOW))
         if not observations.cameras:
             raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
         for size in sizes:
@@ -134,19 +134,20 @@ def _solve(
     """One size.  ``first``: before anything else base colour as of a surface without gloss, which is there at once."""
     grid, coverage = texels.maps, texels.coverage
     if first:
-        gloss = _constant(device, coverage.shape, 0.5, 0.5, 1.0), _constant(device, coverage.shape, 0.0, 0.0, 0.0)
-        matte = AlbedoSolver(device, grid, observations, *gloss)
+        shape = coverage.shape
+        gloss = Gloss(_constant(device, shape, 0.5, 0.5, 1.0), _constant(device, shape, 0.0, 0.0, 0.0))
+        matte = AlbedoSolver(device, grid, observations, gloss)
         base = yield from _silent(matte.solve(iterations=0))
         yield _look_due(live_readback.base_color(device, base), coverage)
         yield _look_due(Live({}, pictures=_pictures(matte, base)), coverage)
     solver = Solver(device, _Source(device, grid, observations),
                     replace(settings, method="draft", model="one-lobe", loss="squares"))
-    found = yield from _with_coverage(solver.solve(), coverage)
-    fit = found.read(device)
+    maps = yield from _with_coverage(solver.solve(), coverage)
+    fit = maps.read(device)
     rough = fit.roughness
     known = _texture(device, rough, rough, np.ones_like(rough), fit.solved.astype(np.float32))
     lobes = fill(device, known)
-    albedo = AlbedoSolver(device, grid, observations, lobes)
+    albedo = AlbedoSolver(device, grid, observations, Gloss(lobes))
     base = yield from _silent(albedo.solve(ITERATIONS))
     filled = fill(device, base)
     solved = fit.solved
@@ -168,11 +169,10 @@ def _judge(device: Device, observations: Observations, grid: GBufferMaps, mailbo
         base_color, rough = maps["base_color"], maps["roughness"]
         known = [np.isfinite(values).astype(np.float32) for values in (base_color[..., 0], rough)]
         rough, base_color = np.nan_to_num(rough), np.nan_to_num(base_color)
-        holed = (_texture(device, *np.moveaxis(base_color, -1, 0), known[0]),
-                 _texture(device, rough, rough, np.ones_like(rough), known[1]))
-        base, lobes = (fill(device, texture) for texture in holed)
-        live = Live({}, pictures=_pictures(AlbedoSolver(device, grid, observations, lobes), base))
-        release(lobes, base, *holed)
+        with device.scope():
+            base = fill(device, _texture(device, *np.moveaxis(base_color, -1, 0), known[0]))
+            lobes = fill(device, _texture(device, rough, rough, np.ones_like(rough), known[1]))
+            live = Live({}, pictures=_pictures(AlbedoSolver(device, grid, observations, Gloss(lobes)), base))
         yield Progress(1.0, "preview", look=partial(_same, live), due=True)
 
 
@@ -238,7 +238,7 @@ class _Source(CameraSource):
 # ---- something to warm up with
 
 
-def _square() -> tuple[SceneData, dict[int, RadianceImage]]:
+def _square() -> tuple[SceneData, Images]:
     """A white square of one metre seen and lit from above, VIEWS times."""
     corners = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)], np.float32)
     triangles = np.array([(0, 1, 2), (0, 2, 3)])
@@ -257,10 +257,4 @@ def _square() -> tuple[SceneData, dict[int, RadianceImage]]:
     shades = [RadianceImage(np.full((32, 32, 3), 0.3 + 0.01 * (i % 3), np.float32), np.ones((32, 32), np.float32),
                             np.ones((32, 32), bool)) for i in range(VIEWS)]  # they differ: noise has shaders too
     scene = SceneData("warm", mesh, np.zeros((0, 3, 3), np.float32), tuple(views))
-    return scene, {id(view): shade for view, shade in zip(views, shades, strict=True)}
-
-
-def release(*things: Any) -> None:
-    """Free them."""
-    for thing in things:
-        thing.release()
+    return scene, {reference_key(view): shade for view, shade in zip(views, shades, strict=True)}

@@ -4,12 +4,14 @@
 // passed over.  (Packing those that it has would index arrays differently in each texel: twice as slow.)
 //
 // Defines: LAYERS observations, GROUPS of them with their bounds GROUP_STARTS, their channels GROUP_CHANNELS;
-// LIGHTS lobes a view, CHANNELS (1 or 3), LOBES of the model.  EACH_GROUP expands to GROUP(k, first, end) for each
-// group, with constants where layers are so few that unrolled loops pay (compilers leave a loop around a loop).
+// LIGHTS lobes a view, CHANNELS (1 or 3), LOBES of the model.  EACH_GROUP (solve/each_group.glsl) expands to
+// GROUP(k, first, end) for each group, with constants where layers are so few that unrolled loops pay (compilers leave
+// a loop around a loop).
 // NDF_BECKMANN: Cook-Torrance with Beckmann's distribution instead of the Principled BSDF.
 // SPECULAR: the Specular IOR Level of each texel is read from u_level; without, it is 0.5.
 #include "include/kernel.glsl"
 #include "include/brdf.glsl"
+#include "solve/each_group.glsl"
 uniform sampler2D u_texel_position;
 uniform sampler2D u_observations;  // LAYERS x (2 + LIGHTS) blocks of u_tile_height rows
 uniform int u_tile_height;

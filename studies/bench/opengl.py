@@ -16,8 +16,8 @@ import numpy as np
 
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading.tables import principled_table
-from irpso_addon.gpu.device.context import Device
-from irpso_addon.gpu.observe.observation_atlas import ArraySource
+from irpso_addon.gpu.device.context import Device, Inputs
+from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservedTexels
 from irpso_addon.gpu.solve.solver import METHODS, TWO_LOBES, Solver
 from tests.support.texel_problem import Estimate, Problem
 
@@ -30,8 +30,8 @@ class Bench:
     def __init__(self, device: Device, problem: Problem) -> None:
         self.device, self.problem = device, problem
         self.lobes = 2 if problem.spec.model == "two-lobe" else 1
-        self.source = ArraySource(device, rgb=problem.rgb, quality=problem.quality, cos_v=problem.cos_v,
-                                  lobes=problem.lobes, groups=problem.groups, table=principled_table())
+        self.source = ArraySource(device, ObservedTexels(
+            problem.rgb, problem.quality, problem.cos_v, problem.lobes, problem.groups), principled_table())
         settings = SolveSettings(size=max(problem.spec.size, 16), seed=problem.spec.seed)
         self.solver = Solver(device, self.source, settings, self.source.size)
         for _ in self.source.gather(self.solver.atlas, (0, 0), True):
@@ -75,11 +75,11 @@ class Bench:
         """Run a kernel of this benchmark over all texels in one go."""
         target = self.device.framebuffer(outputs)
         self.device.kernel(
-            str(SHADERS / name) if (SHADERS / name).exists() else name, target, textures={
+            str(SHADERS / name) if (SHADERS / name).exists() else name, target, Inputs(textures={
                 "u_texel_position": self.source.position, "u_observations": self.solver.atlas.texture,
                 "u_principled_table": self.source.principled_table,
             }, uniforms={**self.solver.atlas.uniforms, "u_group_slack": 0.0, "u_tile": (0, 0), **uniforms},
-            defines={**self.source.layers.defines(), "LOBES": str(self.lobes), **(defines or {})},
+            defines={**self.source.layers.defines(), "LOBES": str(self.lobes), **(defines or {})}),
             region=(0, 0, *self.source.size))
         target.release()
 

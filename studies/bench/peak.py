@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.device.context import Device, Inputs
 from irpso_addon.gpu.solve.paper_swarm import Swarms
 from tests.support.texel_problem import Spec, make
 
@@ -48,9 +48,9 @@ class Probe:
         for name, (operation, steps) in OPERATIONS.items():
             self.device.ctx.finish()
             start = time.perf_counter()
-            self.device.kernel(str(SHADERS / "peak.kernel"), self.target, textures={"u_map": self.map},
+            self.device.kernel(str(SHADERS / "peak.kernel"), self.target, Inputs(textures={"u_map": self.map},
                                uniforms={"u_steps": steps, "u_x": 0.999, "u_y": 1e-3},
-                               defines={"OPERATION(a)": operation}, region=(0, 0, PROBE, PROBE))
+                               defines={"OPERATION(a)": operation}), region=(0, 0, PROBE, PROBE))
             self.device.ctx.finish()
             rate = PROBE**2 * steps * 64 / (time.perf_counter() - start)
             self.rates[name] = max(self.rates[name], rate)

@@ -11,6 +11,7 @@ import numpy as np
 from irpso_addon.core.data import F64
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.solve.ladder_records import Materials
 from irpso_addon.gpu.solve.model_ladder import Ladder
 from tests.support.texel_problem import FAILED, Estimate, Spec, make
 
@@ -150,7 +151,8 @@ def auto(device: Device, rounds: int, size: int) -> Table:
         chosen: list[str] = []
         for seed in range(SEEDS):
             bench = Bench(device, make(Spec(model, 12, size, noise=0.01, seed=seed)))
-            ladder = Ladder(device, bench.source, SolveSettings(size=max(size, 16)), slots.astype(np.int32), names)
+            ladder = Ladder(device, bench.source, SolveSettings(size=max(size, 16)),
+                            Materials(slots.astype(np.int32), names))
             chosen += result(ladder.solve()).model.values()
             ladder.solver.release()
             bench.release()

@@ -12,7 +12,7 @@ import resource
 import signal
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from irpso_addon.core.tiled import npz_archive
 from irpso_addon.core.tiled.work_folder import WorkFolder
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import tiled_solve
+from irpso_addon.solve.plan_preparation import TiledRequest
 
 SIZE, BLOCK = 128, 64  # texels
 WORK = tiled_solve.WORK
@@ -43,8 +44,8 @@ def make_scene(folder: Path) -> Path:
     for view in shoot.scene.views:
         path = folder / view.image.name
         write_image(path, shoot.images[view.image.name].rgb, kind="exr", color=True)
-        views.append(tiled_solve.replace(view, image=path))
-    npz_archive.save(folder / "scene.npz", tiled_solve.replace(shoot.scene, views=tuple(views)))
+        views.append(replace(view, image=path))
+    npz_archive.save(folder / "scene.npz", replace(shoot.scene, views=tuple(views)))
     return folder / "scene.npz"
 
 
@@ -54,7 +55,7 @@ def solve(scene: Path, out: Path) -> None:
     settings = SolveSettings(size=SIZE, model="one-lobe", registration="given")
     with OutputTransaction(out) as staging:
         solution = thread.run(lambda: tiled_solve.run(
-            data, settings, staging.folder, out / WORK, "exr", block=BLOCK))
+            TiledRequest(data, settings, block=BLOCK), staging.folder, out / WORK, "exr"))
         write_report(staging.folder / "report.json", {"texels": solution.texels, "residual": solution.residual})
         staging.publish()
     with WorkFolder(out / WORK) as work:

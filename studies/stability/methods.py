@@ -11,9 +11,10 @@ from irpso_addon.core.data import F32, F64
 from irpso_addon.core.evaluation.prediction import PlaceView, Surface, predict
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading.tables import principled_table
-from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.device.context import Device, Inputs
 from irpso_addon.gpu.maps.finish_maps import confidence
 from irpso_addon.gpu.observe.observation_atlas import CAMERA_SLACK, MODEL_ERROR, POOL_GAIN, ArraySource, Layers
+from irpso_addon.gpu.solve.ladder_records import Materials
 from irpso_addon.gpu.solve.model_ladder import Ladder
 from irpso_addon.gpu.solve.paper_swarm import Swarms
 from irpso_addon.gpu.solve.solver import Solver
@@ -95,7 +96,7 @@ class Table:
         """The product's solve with model `auto`: the smallest model that the data support."""
         trial, shape = self.problem.trial, self.problem.quality.shape[:2]
         settings = SolveSettings(size=max(trial.size, 16), seed=trial.seed)
-        ladder = Ladder(self.device, self.source, settings, np.zeros(shape, np.int32), ("Paint",))
+        ladder = Ladder(self.device, self.source, settings, Materials(np.zeros(shape, np.int32), ("Paint",)))
         found = result(ladder.solve())
         ladder.release()
         solved, model = found.texels.solved, found.model.get("Paint", "one-lobe")
@@ -118,11 +119,11 @@ class Table:
             pass
         found = self.device.texture(*self.source.size)
         target = self.device.framebuffer([found])
-        self.device.kernel(str(SHADERS / shader), target, textures={
+        self.device.kernel(str(SHADERS / shader), target, Inputs(textures={
             "u_texel_position": self.source.position, "u_observations": solver.atlas.texture,
             "u_principled_table": self.source.principled_table,
         }, uniforms={**solver.atlas.uniforms, "u_group_slack": solver.slack, "u_tile": (0, 0), **uniforms},
-            defines={**self.source.layers.defines(), "LOBES": "1"}, region=(0, 0, *self.source.size))
+            defines={**self.source.layers.defines(), "LOBES": "1"}), region=(0, 0, *self.source.size))
         albedo = result(solver.albedo(found))
         rough, base = (self.device.read(t).astype(np.float64) for t in (found, albedo))
         for thing in (target, found, albedo, solver):
@@ -212,24 +213,28 @@ class Method:
 
 _LIBRARY = "irpso_addon/"
 _SOLVE = (*(_LIBRARY + file for file in (
-    "gpu/solve/solver.py", "gpu/solve/neighbours.py", "gpu/observe/observation_atlas.py", "core/shading/tables.py",
-    "gpu/maps/finish_maps.py")), "shaders/solve", "shaders/include", "studies/stability/measure.py")
+    "gpu/solve/solver.py", "gpu/solve/tile_passes.py", "gpu/solve/neighbours.py", "gpu/observe/observation_atlas.py",
+    "core/shading/tables.py", "gpu/maps/finish_maps.py")),
+    "shaders/solve", "shaders/include", "studies/stability/measure.py")
 _CHECKS = ("studies/stability/aligned.py", "studies/stability/warned.py", _LIBRARY + "core/checks")
+_FIT = ("shaders/solve/observations.glsl", "shaders/solve/each_group.glsl", "shaders/solve/fit.glsl",
+        "shaders/include")
 METHODS = (
     Method("paper", "paper", None, (
         _LIBRARY + "gpu/solve/paper_swarm.py", "shaders/solve/paper_prepare.kernel", "shaders/solve/paper_move.kernel",
-        "shaders/solve/paper_keep.kernel", "shaders/solve/observations.glsl", "shaders/include")),
+        "shaders/solve/paper_keep.kernel", "shaders/solve/observations.glsl", "shaders/solve/each_group.glsl",
+        "shaders/include")),
     Method("swarm", "swarm", lambda t: t.product("swarm", "auto"), _SOLVE),
     Method("squares", "refined, squares", lambda t: t.product("refined", "squares"), _SOLVE),
     Method("refined", "refined", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS), rounds=True),
     Method("exposed", "exposures solved", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS),
            rounds=True, needs="drifts"),
     Method("auto", "model auto", lambda t: t.whole(),
-           (*_SOLVE, *_CHECKS, _LIBRARY + "gpu/solve/model_ladder.py", _LIBRARY + "core/models.py"), rounds=True,
-           needs="other"),
+           (*_SOLVE, *_CHECKS, _LIBRARY + "gpu/solve/model_ladder.py", _LIBRARY + "gpu/solve/specular_level.py",
+            _LIBRARY + "core/models.py"), rounds=True, needs="other"),
     Method("single", "LM, one start", lambda t: t.rival("single.kernel", {"u_steps": 16}),
-           ("shaders/solve/observations.glsl", "shaders/solve/fit.glsl", "shaders/include", "studies/bench/shaders")),
+           (*_FIT, "studies/bench/shaders")),
     Method("adam", "Adam", lambda t: t.rival("adam.kernel", ADAM),
-           ("shaders/solve/observations.glsl", "shaders/solve/fit.glsl", "shaders/include", "studies/bench/shaders")),
+           (*_FIT, "studies/bench/shaders")),
 )
 BY_KEY = {m.key: m for m in METHODS}

@@ -194,16 +194,15 @@ def lit_by_irpso(subject, light) -> tuple[np.ndarray, np.ndarray]:
     def job():
         yield Progress(0.0, "test")
         device = thread.device()
-        mesh, others = MeshBuffer(device, scene.mesh), Occluders(device, scene.occluders)
-        grid = draw_pixel_grid(device, mesh, others, camera, PIXELS, PIXELS, 0.0)
-        visibility = LightVisibility(device, mesh, others)
-        *_, (lit,) = visibility.lit_maps(light, [grid])
-        kind = {"f2": np.float16, "f4": np.float32}[lit.dtype]
-        share = np.frombuffer(lit.read(alignment=1), kind).reshape(PIXELS, PIXELS).astype(float)
-        shown = device.read(grid.position)[..., 3] > 0.5
-        for thing in (lit, grid, visibility, mesh):
-            thing.release()
-        return share, shown
+        with device.scope():
+            mesh, others = MeshBuffer(device, scene.mesh), Occluders(device, scene.occluders)
+            grid = draw_pixel_grid(device, mesh, others, camera, (PIXELS, PIXELS), 0.0)
+            visibility = LightVisibility(device, mesh, others)
+            *_, (lit,) = visibility.lit_maps(light, [grid])
+            kind = {"f2": np.float16, "f4": np.float32}[lit.dtype]
+            share = np.frombuffer(lit.read(alignment=1), kind).reshape(PIXELS, PIXELS).astype(float)
+            shown = device.read(grid.position)[..., 3] > 0.5
+            return share, shown
 
     return thread.run(job)
 

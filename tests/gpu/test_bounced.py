@@ -71,16 +71,14 @@ def test_no_indirect_light_changes_nothing(on_gl, square):
 def smoothed(on_gl, scene, picture: Bounced, size: tuple[int, int] = (64, 64)) -> np.ndarray:
     """(h, w, 4) irradiance at the square's pixels, and coverage."""
     def work(device):
-        mesh, camera = MeshBuffer(device, scene.mesh), scene.views[0].camera
-        nothing = Occluders(device, scene.occluders)
-        maps = draw_pixel_grid(device, mesh, nothing, camera, *size, 0.0)
-        with Smoother(device, mesh, nothing, camera, maps, lambda c, h: camera_uniforms(c, h, 0.0)) as smoother:
-            pair = smoother.smooth(picture)
-        result = device.read(pair[0]).copy()
-        result[..., 3] = device.read(maps.position)[..., 3]
-        for thing in (*pair, maps, mesh):
-            thing.release()
-        return result
+        with device.scope():
+            mesh, camera = MeshBuffer(device, scene.mesh), scene.views[0].camera
+            nothing = Occluders(device, scene.occluders)
+            maps = draw_pixel_grid(device, mesh, nothing, camera, size, 0.0)
+            smoother = Smoother(device, mesh, nothing, camera, maps, lambda c, h: camera_uniforms(c, h, 0.0))
+            result = device.read(smoother.smooth(picture)[0]).copy()
+            result[..., 3] = device.read(maps.position)[..., 3]
+            return result
 
     return on_gl(work)
 

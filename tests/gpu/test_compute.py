@@ -14,7 +14,7 @@ import pytest
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import DeviceSettings, SolveSettings
 from irpso_addon.gpu.device import thread
-from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.device.context import Device, Inputs
 from irpso_addon.gpu.solve.paper_swarm import PaperSwarm
 from irpso_addon.gpu.solve.solver import Solver
 from tests.support.texels import Texels, exact, finish
@@ -56,7 +56,7 @@ def run(texels: Texels, lobes: int, method: str, **chosen: Any) -> Any:
         result = [device.read(texture).copy() for texture in textures]
         for thing in (*textures, solver, source):
             thing.release()
-        return [*result, np.array(solver.found[lobes].neighbours)]
+        return [*result, np.array(solver.noise_of[lobes].neighbours)]
 
     return job
 
@@ -105,7 +105,7 @@ def test_compute_keeps_within_its_region(both):
     def job(device: Device) -> list[np.ndarray]:
         target = device.framebuffer([device.texture(24, 24)])
         target.clear(7.0, 7.0, 7.0, 7.0)
-        device.kernel("device/compute_probe.kernel", target, textures={}, uniforms={"u_steps": 1}, defines={},
+        device.kernel("device/compute_probe.kernel", target, Inputs(uniforms={"u_steps": 1}),
                       region=(3, 5, 13, 9))
         texture = target.color_attachments[0]
         result = device.read(texture).copy()

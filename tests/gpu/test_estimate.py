@@ -7,7 +7,7 @@ import pytest
 
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.reporting.estimates import ViewSize, estimate
-from irpso_addon.gpu.observe.observations import bytes_per_pixel
+from irpso_addon.gpu.observe.picture_memory import bytes_per_pixel
 from tests.support import synthetic as syn
 from tests.support.shoots import rig, run
 

@@ -19,6 +19,7 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import farm, tiled_solve
+from irpso_addon.solve.plan_preparation import TiledRequest
 from tests.support.squares import write_scene
 
 OPENJD = Path(sys.executable).with_name("openjd")
@@ -34,7 +35,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = write_scene(folder / "scene", cameras=1)
     alone = folder / "alone"
     alone.mkdir()
-    thread.run(lambda: tiled_solve.run(scene, SETTINGS, alone, folder / "work", "exr", block=BLOCK, halo=HALO))
+    thread.run(lambda: tiled_solve.run(
+        TiledRequest(scene, SETTINGS, block=BLOCK, halo=HALO), alone, folder / "work", "exr"))
     plan = thread.run(lambda: farm.plan_job(scene, SETTINGS, folder / "job", block=BLOCK, halo=HALO))
     farm.write_job(plan, folder / "job", 2 * BLOCK, "exr", None)
     shutil.rmtree(folder / "scene")  # workers have the job's folder alone

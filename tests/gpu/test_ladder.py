@@ -13,7 +13,8 @@ from irpso_addon.core.errors import Cancelled
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
-from irpso_addon.gpu.solve.model_ladder import Ladder, LadderResult
+from irpso_addon.gpu.solve.ladder_records import LadderResult, Materials
+from irpso_addon.gpu.solve.model_ladder import Ladder
 from tests.support import texel_problem as bench
 from tests.support.texels import Texels, exact, finish, held
 
@@ -31,7 +32,7 @@ def climb(on_gl: Any, texels: Texels, slots: np.ndarray | None = None, names: tu
 
     def job(device: Device) -> LadderResult:
         source = texels.source(device)
-        ladder = Ladder(device, source, settings(texels, **chosen), where, names)
+        ladder = Ladder(device, source, settings(texels, **chosen), Materials(where, names))
         found = finish(ladder.solve())
         ladder.release()
         source.release()
@@ -281,7 +282,8 @@ def test_a_stop_at_any_step_gives_what_there_is_and_leaves_nothing(on_gl, coat, 
     def job(device: Device) -> list[tuple[int, bool, LadderResult | None]]:
         def run(stop: int | None, drop: bool = False) -> tuple[int, bool, LadderResult | None]:
             source = coat.source(device)
-            ladder = Ladder(device, source, settings(coat, **PHASES[phase]), np.zeros((32, 32), np.int32), PAINT)
+            ladder = Ladder(device, source, settings(coat, **PHASES[phase]),
+                            Materials(np.zeros((32, 32), np.int32), PAINT))
             steps, count, told, found = ladder.solve(), 0, False, None
             try:
                 while True:

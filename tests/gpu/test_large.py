@@ -21,7 +21,8 @@ from irpso_addon.core.tiled import uv_blocks
 from irpso_addon.core.tiled.uv_blocks import Crop
 from irpso_addon.core.tiled.work_folder import WorkFolder
 from irpso_addon.gpu.device import thread
-from irpso_addon.solve import pipeline, tiled_solve
+from irpso_addon.solve import block_solve, pipeline, tiled_solve
+from irpso_addon.solve.plan_preparation import TiledRequest
 from tests.support import synthetic as syn
 
 SIZE, BLOCK = 128, 64  # texels
@@ -55,7 +56,8 @@ def solve(scene: SceneData, folder: Path, **chosen: Any) -> Found:
     """The maps of a large solve, and what its plan holds under "plan"."""
     work = folder / "work"
     folder.mkdir(exist_ok=True)
-    solution = thread.run(lambda: tiled_solve.run(scene, settings(**chosen), folder, work, "exr", block=BLOCK))
+    solution = thread.run(lambda: tiled_solve.run(
+        TiledRequest(scene, settings(**chosen), block=BLOCK), folder, work, "exr"))
     return {**maps_of(work), "warnings": solution.warnings}
 
 
@@ -64,7 +66,7 @@ def maps_of(work: Path) -> Found:
     with WorkFolder(work) as place:
         plan = place.read_plan()
         found: Found = {"plan": plan}
-        for name in tiled_solve.layers_of(plan):
+        for name in block_solve.layers_of(plan):
             first = place.read_block(plan.blocks[0].key)[name]
             whole = np.zeros((plan.settings.size,) * 2 + first.shape[2:], np.float32)
             for window in plan.blocks:
@@ -137,8 +139,8 @@ def test_little_memory_shrinks_the_pictures(
     scene: SceneData, blocks: Found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     crops: list[Crop] = []
-    window = tiled_solve._window
-    monkeypatch.setattr(tiled_solve, "_window", lambda picture, crop, scale: crops.append(crop) or window(
+    window = block_solve._window
+    monkeypatch.setattr(block_solve, "_window", lambda picture, crop, scale: crops.append(crop) or window(
         picture, crop, scale))
     monkeypatch.setattr(uv_blocks, "PICTURES", 6e-4)
     found = solve(scene, tmp_path / "out")
@@ -160,19 +162,20 @@ def test_a_stop_keeps_finished_blocks(scene: SceneData, blocks: Found, tmp_path:
         return bool(seen) and seen[-1].block == (3, 4) and seen[-1].stage == "solve"
 
     with pytest.raises(StoppedWithWork) as stopped:
-        thread.run(lambda: tiled_solve.run(scene, settings(), out, out / "work", "exr", block=BLOCK),
+        thread.run(lambda: tiled_solve.run(TiledRequest(scene, settings(), block=BLOCK), out, out / "work", "exr"),
                    on_progress=seen.append, should_stop=stop)
     assert (stopped.value.folder, stopped.value.blocks) == (out / "work", 2)
     assert not list(out.glob("*.exr"))
-    again = thread.run(lambda: tiled_solve.run(scene, settings(), out, out / "work", "exr", block=BLOCK))
+    again = thread.run(lambda: tiled_solve.run(TiledRequest(scene, settings(), block=BLOCK), out, out / "work", "exr"))
     assert again.resumed_blocks == 2
     assert again.texels["solved"] == int((blocks["filled"] < 0.5).sum())
     found = maps_of(out / "work")
-    names = tiled_solve.layers_of(found["plan"])
-    assert names == tiled_solve.layers_of(blocks["plan"]) and "roughness" in names
+    names = block_solve.layers_of(found["plan"])
+    assert names == block_solve.layers_of(blocks["plan"]) and "roughness" in names
     assert [name for name in names if found[name].tobytes() != blocks[name].tobytes()] == []
 
 
 def test_a_part_or_the_last_result_is_refused(scene: SceneData, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="solved whole and anew"):
-        thread.run(lambda: tiled_solve.run(scene, settings(start="last"), tmp_path, tmp_path / "work", "exr"))
+        thread.run(lambda: tiled_solve.run(
+            TiledRequest(scene, settings(start="last")), tmp_path, tmp_path / "work", "exr"))

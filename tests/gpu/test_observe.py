@@ -9,6 +9,7 @@ import pytest
 
 from irpso_addon.core.data import Light, SceneData
 from irpso_addon.core.samples import selftest
+from irpso_addon.gpu.device.context import Inputs
 from irpso_addon.gpu.device.occupied_cells import CELL, OccupiedCells
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
 from irpso_addon.gpu.observe.observations import observe
@@ -115,7 +116,7 @@ def test_cells_are_the_squares_that_hold_something(on_gl, size):
         cells = OccupiedCells(device, texture)
         target.clear()
         with device.adding():  # what is drawn twice would show
-            device.draw("maps/fill_up.frag", target, textures={"u_map": ones, "u_parent": ones}, uniforms={},
+            device.draw("maps/fill_up.frag", target, Inputs(textures={"u_map": ones, "u_parent": ones}),
                         cells=cells)
         result = device.read(texture)[..., 0].copy()
         for thing in (cells, target, texture, ones):
@@ -131,7 +132,7 @@ def test_cells_of_nothing_draw_nothing(on_gl):
         target = device.framebuffer([texture])
         nothing = device.texture(16, 16, 4, np.zeros((16, 16, 4), np.float32))
         cells = OccupiedCells(device, nothing)
-        device.draw("maps/fill_up.frag", target, textures={"u_map": texture, "u_parent": texture}, uniforms={},
+        device.draw("maps/fill_up.frag", target, Inputs(textures={"u_map": texture, "u_parent": texture}),
                     cells=cells)
         result = device.read(texture).copy()
         for thing in (cells, target, texture, nothing):

@@ -15,7 +15,7 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import draw_budget, thread
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.device.draw_budget import DrawBudget, rectangles
-from irpso_addon.gpu.gbuffer import gbuffer
+from irpso_addon.gpu.gbuffer import triangles
 from irpso_addon.gpu.observe.observation_atlas import ObservationAtlas
 from irpso_addon.solve import pipeline
 from tests.support import shoots
@@ -141,7 +141,7 @@ def divided(on_gl: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[
     def call(solve: Callable[[], Any]) -> list[Any]:
         results, drawn = [], []
         for kind, bundle in ((Counted, 10**9), (Cut, 300)):
-            monkeypatch.setattr(gbuffer, "BUNDLE", bundle)
+            monkeypatch.setattr(triangles, "BUNDLE", bundle)
             monkeypatch.setattr(device, "budget", kind(device._finish, math.inf))
             results.append(solve())
             drawn.append(device.budget.pieces)  # type: ignore[attr-defined]

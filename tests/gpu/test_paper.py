@@ -58,7 +58,7 @@ class ColouredSource(observation_atlas.ArraySource):
     """Every observation is of one channel: view k's R, then G, then B, of one camera each."""
 
     def __init__(self, device: Device, arrays: dict[str, Any]) -> None:
-        super().__init__(device, table=principled_table(), **arrays)
+        super().__init__(device, observation_atlas.ObservedTexels(**arrays), principled_table())
         channels = np.arange(COUNT) % 3
         blocks = self.blocks.reshape(COUNT, -1, SIZE, SIZE, 4)
         for k, channel in enumerate(channels):
@@ -76,7 +76,7 @@ def settings(**chosen: Any) -> SolveSettings:
 
 
 def source_of(device: Device, arrays: dict[str, Any]) -> observation_atlas.ArraySource:
-    return observation_atlas.ArraySource(device, table=principled_table(), **arrays)
+    return observation_atlas.ArraySource(device, observation_atlas.ObservedTexels(**arrays), principled_table())
 
 
 def finish(steps: Any) -> Any:

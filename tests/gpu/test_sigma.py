@@ -66,7 +66,7 @@ def test_neighbours_are_asked_where_there_is_noise(on_gl):
     specs = [({}, False), ({"views": 6, "size": 96}, False), ({"noise": 0.01}, True), ({"noise": 0.003}, True)]
     for spec, asked in specs:
         solver = solve(on_gl, exact(**spec)[1])[3]
-        assert solver.found[1].neighbours is asked, spec
+        assert solver.noise_of[1].neighbours is asked, spec
         noise = spec.get("noise", 0.0) / np.sqrt(3)  # the mean of three channels
         assert solver.noise == pytest.approx(noise, rel=0.3, abs=2e-4), spec
 

@@ -147,7 +147,7 @@ def pixel_grid(on_gl, mesh: MeshArrays, camera: Camera, occluders: np.ndarray = 
 
     def draw(device):
         buffer, others = MeshBuffer(device, mesh), Occluders(device, np.asarray(occluders, np.float32))
-        maps = draw_pixel_grid(device, buffer, others, camera, *size, footprint)
+        maps = draw_pixel_grid(device, buffer, others, camera, size, footprint)
         found = {name: device.read(getattr(maps, name)).copy() for name in ("position", "normal", "uv", "uv_slope")}
         maps.release()
         buffer.release()

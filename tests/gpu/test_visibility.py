@@ -27,23 +27,20 @@ def lit_maps(on_gl, mesh: MeshArrays, light: Light, cameras: list[Camera], occlu
     """(h, w, 4) for each camera: world position, and the light's share that arrives; NaN where nothing is seen."""
 
     def draw(device):
-        buffer, others = MeshBuffer(device, mesh), Occluders(device, np.asarray(occluders, np.float32))
-        grids = [draw_pixel_grid(device, buffer, others, camera, pixels, pixels, 0.0) for camera in cameras]
-        visibility = LightVisibility(device, buffer, others)
-        *_, found = visibility.lit_maps(light, grids)
-        result = []
-        for grid, texture in zip(grids, found, strict=True):
-            kind = {"f2": np.float16, "f4": np.float32}[texture.dtype]
-            lit = np.frombuffer(texture.read(alignment=1), kind).reshape(pixels, pixels).astype(float)
-            position = device.read(grid.position).astype(float)
-            shown = position[..., 3] > 0.5
-            position[..., 3] = lit
-            result.append(np.where(shown[..., None], position, np.nan))
-            texture.release()
-            grid.release()
-        visibility.release()
-        buffer.release()
-        return result
+        with device.scope():
+            buffer, others = MeshBuffer(device, mesh), Occluders(device, np.asarray(occluders, np.float32))
+            grids = [draw_pixel_grid(device, buffer, others, camera, (pixels, pixels), 0.0) for camera in cameras]
+            visibility = LightVisibility(device, buffer, others)
+            *_, found = visibility.lit_maps(light, grids)
+            result = []
+            for grid, texture in zip(grids, found, strict=True):
+                kind = {"f2": np.float16, "f4": np.float32}[texture.dtype]
+                lit = np.frombuffer(texture.read(alignment=1), kind).reshape(pixels, pixels).astype(float)
+                position = device.read(grid.position).astype(float)
+                shown = position[..., 3] > 0.5
+                position[..., 3] = lit
+                result.append(np.where(shown[..., None], position, np.nan))
+            return result
 
     return on_gl(draw)
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from irpso_addon.core.shading import brdf
 from irpso_addon.core.shading.tables import principled_table
-from irpso_addon.gpu.device.context import Device
-from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservationAtlas
+from irpso_addon.gpu.device.context import Device, Inputs
+from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservationAtlas, ObservedTexels
 from tests.support import texel_problem as bench
 
 HERE = Path(__file__).parent
@@ -57,8 +57,8 @@ class Texels:
 
     def source(self, device: Device) -> ArraySource:
         """The same for the solver."""
-        source = ArraySource(device, rgb=self.rgb, quality=self.quality, cos_v=self.cos_v, lobes=self.lobes,
-                             groups=self.groups, table=principled_table())
+        source = ArraySource(device, ObservedTexels(self.rgb, self.quality, self.cos_v, self.lobes, self.groups),
+                             principled_table())
         h, w, count = self.quality.shape
         first = source.blocks.reshape(count, -1, h, w, 4)[:, 0]
         first[..., 0] = np.moveaxis(self.observed(), -1, 0)
@@ -101,11 +101,11 @@ def evaluate(device: Device, texels: Texels, kernel: str, at: np.ndarray, output
         defines["SPECULAR"] = "1"
     made = [device.texture(w, h) for _ in range(outputs)]
     target = device.framebuffer(made)
-    device.kernel(str(HERE / kernel), target, textures={
+    device.kernel(str(HERE / kernel), target, Inputs(textures={
         "u_texel_position": source.position, "u_observations": atlas.texture,
         "u_principled_table": source.principled_table, **given,
     }, uniforms={**atlas.uniforms, "u_group_slack": slack, "u_tile": (0, 0)},
-        defines={**source.layers.defines(), "LOBES": "1", **defines}, region=(0, 0, w, h))
+        defines={**source.layers.defines(), "LOBES": "1", **defines}), region=(0, 0, w, h))
     result = [device.read(texture).astype(np.float64) for texture in made]
     for thing in (target, atlas, source, *made, *given.values()):
         thing.release()

@@ -27,7 +27,8 @@ from ...core.reporting.estimates import Estimate, ViewSize
 from ...core.tiled import uv_blocks
 from ...core.tiled.work_folder import WorkFolder
 from ...gpu.device import thread
-from ...solve import pipeline, tiled_solve
+from ...solve import pipeline, plan_preparation, tiled_solve
+from ...solve.plan_preparation import TiledRequest
 from ..files import object_named
 from ..material import material, material_preflight
 from ..scene.scene import read_scene
@@ -97,7 +98,7 @@ def read(
 def check(order: Order) -> None:
     """Raises BadInput for what cannot be solved in blocks but would have to be."""
     if order.large:
-        tiled_solve.check(order.data, order.settings)
+        plan_preparation.check(order.data, order.settings)
 
 
 def check_room(order: Order, expected: Estimate | None) -> None:
@@ -148,7 +149,7 @@ def run(order: Order, blend: Path, folder: Path, on_progress: Callable[[Progress
 def _steps(order: Order, folder: Path, bounce: IndirectRenderer | None) -> Steps[Solution]:
     if order.work is None:
         return pipeline.solve(order.data, order.settings, bounce=bounce)
-    return tiled_solve.run(order.data, order.settings, folder, order.work, order.kind, bounce)
+    return tiled_solve.run(TiledRequest(order.data, order.settings, bounce), folder, order.work, order.kind)
 
 
 def task(order: Order) -> Task:

@@ -1,33 +1,27 @@
-"""The one OpenGL context of the process, and the small things every stage needs from it.
+"""The one OpenGL context of the process, drawing: shaders run on targets, kernels as fragment or compute shaders.
 
-Only the GL thread (gpu/device/thread.py) may create or use a Device: on Blender's main thread a
-standalone context lands inside Blender's own, and the window goes black or crashes.
+Only the GL thread (gpu/device/thread.py) may create or use a Device, see memory.py.
 """
 
 from __future__ import annotations
 
 import math
-import sys
 import time
-import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, Protocol, TypeVar
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import moderngl
-import numpy as np
-from numpy.typing import NDArray
 
 from ...core.data import F32
-from ...core.errors import BadInput, DeviceError, DeviceLost, NoDevice, OutOfDeviceMemory, ShaderRefused
+from ...core.errors import BadInput, ShaderRefused
 from ...core.params import DeviceSettings
-from .context_check import ContextCheck
 from .draw_budget import DrawBudget, Rectangle, rectangles
-from .programs import SLOWER, WORKGROUP, Programs, first_line
+from .memory import DeviceMemory
+from .programs import WORKGROUP
 
 COMPUTE_GAIN = 1.5  # how many times faster compute shaders must be to be taken
-BAD_MATCH = "0x3009"  # EGL's word for a version that is not there
-Made = TypeVar("Made", moderngl.Texture, moderngl.Buffer, moderngl.Framebuffer)
 Textures = moderngl.Texture | tuple[moderngl.Texture, ...] | None
 
 
@@ -51,7 +45,16 @@ class DrawnCells(Protocol):
         ...
 
 
-class Device:
+@dataclass(frozen=True)
+class Inputs:
+    """What a shader is given."""
+
+    textures: Mapping[str, Textures] = field(default_factory=dict)  # by the sampler's name
+    uniforms: Mapping[str, Any] = field(default_factory=dict)
+    defines: Mapping[str, str] = field(default_factory=dict)  # with which its program is made
+
+
+class Device(DeviceMemory):
     """A moderngl context with its programs and a full-screen triangle.
 
     Whatever draws or makes textures raises OutOfDeviceMemory or DeviceLost when it is so.
@@ -59,28 +62,11 @@ class Device:
 
     def __init__(self) -> None:
         """Raises NoDevice."""
-        try:
-            backend: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
-            self.ctx = moderngl.create_context(standalone=True, require=330, **backend)
-        except Exception as error:  # moderngl raises plain Exception, with the platform's words
-            why = "the driver's is older" if BAD_MATCH in str(error) else first_line(str(error))
-            raise NoDevice(
-                f"OpenGL 3.3: no context can be made ({why}); install a graphics driver (on Linux "
-                f"also libegl1 and libgl1-mesa-dri, Mesa's software OpenGL), {SLOWER}"
-            ) from None
+        super().__init__()
         self.settings = DeviceSettings()
-        self.ctx.gc_mode = "context_gc"  # objects dropped on other threads wait for ours
-        self.ctx.clear_errors()  # of what the context was asked while it was made
-        self.info: dict[str, Any] = self.ctx.info
-        self.name: str = self.info["GL_RENDERER"]
-        self.lost = False  # whether it is of no more use
         self.compute_faster: bool | None = None  # compute shaders than fragment shaders; None until measured
-        self._context_check: ContextCheck | None = None
-        self.programs = Programs(self.ctx, self.check_alive)
         self.budget = DrawBudget(self._finish, self.settings.slice)
         self._quads: dict[int, moderngl.VertexArray] = {}
-        self._scopes: list[weakref.WeakSet[Any]] = []
-        self._context_check = ContextCheck(self.ctx, self.programs)
 
     def configure(self, settings: DeviceSettings) -> None:
         """How the device is used from now on.  Raises BadInput where it cannot do that."""
@@ -89,117 +75,6 @@ class Device:
                            "compute shaders need 4.3; choose auto or fragment")
         self.settings = settings
         self.budget.choose(settings.slice)
-
-    def describe(self) -> dict[str, Any]:
-        """Renderer, vendor and version as the driver names them."""
-        return {"renderer": self.name, "vendor": self.info["GL_VENDOR"], "version": self.info["GL_VERSION"]}
-
-    def _finish(self) -> None:
-        self.ctx.finish()
-        self.check("drawing")
-
-    def check_alive(self) -> None:
-        """Raises DeviceLost where the context no longer does what it is told."""
-        if self.lost or (self._context_check is not None and not self._context_check.passes()):
-            self.lost = True
-            raise DeviceLost(f"{self.name}: the graphics driver was reset, or gave up its context; solve again, with a "
-                             f"shorter Slice if it happens again, {SLOWER}")
-
-    def check(self, what: str) -> None:
-        """Raises OutOfDeviceMemory if OpenGL has reported that; ``what`` was done.
-
-        Other errors may be harmless: moderngl binds again what was bound before, even if it is deleted.
-        """
-        if self.ctx.error == "GL_OUT_OF_MEMORY":
-            raise OutOfDeviceMemory(f"{self.name}: no memory left for {what}; choose a smaller Memory or Size, "
-                                    f"{SLOWER}")
-
-    @contextmanager
-    def making(self, what: str) -> Iterator[None]:
-        """Textures, buffers or framebuffers are made within; raises OutOfDeviceMemory, DeviceLost or DeviceError."""
-        try:
-            yield
-        except moderngl.Error as error:
-            self.check(what)
-            self.check_alive()
-            raise DeviceError(f"{self.name}: {what}: {first_line(str(error))}; update the graphics driver, {SLOWER}"
-                              ) from None
-        self.check(what)
-
-    def texture(
-        self, width: int, height: int, channels: int = 4, data: F32 | None = None, dtype: str = "f4"
-    ) -> moderngl.Texture:
-        """A texture read by texelFetch only; float32 unless told."""
-        most = self.info["GL_MAX_TEXTURE_SIZE"]
-        if max(width, height) > most:
-            raise OutOfDeviceMemory(f"{self.name}: pictures may have {most} pixels a side, not {width} x {height}; "
-                                    "reduce them")
-        kind = np.dtype({"f2": "f2", "f1": "u1"}.get(dtype, "f4"))
-        raw = None if data is None else np.ascontiguousarray(data, kind).reshape(-1).view(np.uint8)
-        with self.making(f"a texture of {width} x {height}"):
-            texture = self._owned(self.ctx.texture((width, height), channels, raw, dtype=dtype, alignment=1))
-        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        texture.repeat_x = texture.repeat_y = False
-        return texture
-
-    def buffer(self, data: NDArray[Any]) -> moderngl.Buffer:
-        """A vertex buffer; the caller releases it."""
-        with self.making(f"{data.nbytes / 1e6:.0f} MB of vertices"):
-            return self._owned(self.ctx.buffer(np.ascontiguousarray(data).reshape(-1).view(np.uint8)))
-
-    def framebuffer(
-        self, textures: Sequence[moderngl.Texture], depth: moderngl.Texture | None = None,
-    ) -> moderngl.Framebuffer:
-        """A framebuffer on these colour textures; the caller releases it."""
-        with self.making(f"a framebuffer of {textures[0].width} x {textures[0].height}"):
-            return self._owned(self.ctx.framebuffer(list(textures), depth))
-
-    @contextmanager
-    def target(
-        self, textures: Sequence[moderngl.Texture], depth: moderngl.Texture | None = None, *, clear: bool = False,
-    ) -> Iterator[moderngl.Framebuffer]:
-        """A framebuffer on these colour textures, for the block; ``clear``: the textures are zeroed first."""
-        made = self.framebuffer(textures, depth)
-        try:
-            if clear:
-                made.clear()
-            yield made
-        finally:
-            made.release()
-
-    @contextmanager
-    def scope(self) -> Iterator[None]:
-        """Frees at its end, however that comes, every texture, buffer and framebuffer that was made within.
-
-        Scopes nest.  What is released earlier is released once.
-        """
-        owned: weakref.WeakSet[Any] = weakref.WeakSet()
-        self._scopes.append(owned)
-        try:
-            yield
-        finally:
-            self._scopes.remove(owned)
-            for thing in list(owned):
-                thing.release()
-
-    def _owned(self, made: Made) -> Made:
-        if self._scopes:
-            self._scopes[-1].add(made)
-        return made
-
-    def read(self, texture: moderngl.Texture, part: Rectangle | None = None) -> F32:
-        """A float32 texture's content or a part of it, (h, w, channels)."""
-        # Into an array of ours: moderngl's own read takes the process down where memory is short.
-        width, height = texture.size if part is None else part[2:]
-        values = np.empty((height, width, texture.components), np.float32)
-        if part is None:
-            texture.read_into(values, alignment=1)
-        else:
-            with self.target([texture]) as frame:
-                frame.read_into(values, part, components=texture.components, dtype="f4", alignment=1)
-        self.check("reading")
-        self.check_alive()
-        return values
 
     def bind(self, program: moderngl.Program | moderngl.ComputeShader, textures: Mapping[str, Textures]) -> None:
         """Bind textures to consecutive units, by sampler name; a tuple fills an array of samplers."""
@@ -215,17 +90,16 @@ class Device:
             unit += len(several)
 
     def draw(
-        self, fragment: str, target: moderngl.Framebuffer, *, textures: Mapping[str, Textures],
-        uniforms: Mapping[str, Any], defines: Mapping[str, str] | None = None,
-        viewport: Rectangle | None = None, cells: DrawnCells | None = None,
+        self, fragment: str, target: moderngl.Framebuffer, inputs: Inputs, *, viewport: Rectangle | None = None,
+        cells: DrawnCells | None = None,
     ) -> None:
         """Run ``shaders/<fragment>`` once for every pixel of the target, or of its viewport, or of ``cells`` of it."""
         vertex = "include/occupied_cells.vert" if cells else "include/screen.vert"
-        program = self.programs.get(vertex, fragment, defines)
+        program = self.programs.get(vertex, fragment, inputs.defines)
         key = fragment, program.glo, target.size
         whole = viewport or (0, 0, target.width, target.height)
-        self.bind(program, textures)
-        self.programs.set(program, uniforms)
+        self.bind(program, inputs.textures)
+        self.programs.set(program, inputs.uniforms)
         target.use()
         if cells:
             self.ctx.viewport = whole
@@ -247,20 +121,16 @@ class Device:
         self.ctx.viewport = viewport
         self._quads[program.glo].render(moderngl.TRIANGLES, vertices=3)
 
-    def kernel(
-        self, name: str, target: moderngl.Framebuffer, *, textures: Mapping[str, Textures],
-        uniforms: Mapping[str, Any], defines: Mapping[str, str], region: Rectangle,
-    ) -> None:
+    def kernel(self, name: str, target: moderngl.Framebuffer, inputs: Inputs, region: Rectangle) -> None:
         """Run the kernel ``shaders/<name>`` on a region (x, y, width, height) of the target's textures.
 
         As a compute shader where that is faster on this device (``prefers_compute``), else as a fragment shader.
         """
-        for _ in self.steps(name, target, textures=textures, uniforms=uniforms, defines=defines, region=region):
+        for _ in self.steps(name, target, inputs, region):
             pass
 
     def steps(
-        self, name: str, target: moderngl.Framebuffer, *, textures: Mapping[str, Textures],
-        uniforms: Mapping[str, Any], defines: Mapping[str, str], region: Rectangle, work: F32 | None = None,
+        self, name: str, target: moderngl.Framebuffer, inputs: Inputs, region: Rectangle, work: F32 | None = None,
     ) -> Iterator[None]:
         """The same in pieces of about a slice, between which others may draw.
 
@@ -268,11 +138,11 @@ class Device:
         None: its pixels.
         """
         outputs = target.color_attachments
-        program = self._kernel_program(name, {**defines, "OUTPUTS": str(len(outputs))})
+        program = self._kernel_program(name, {**inputs.defines, "OUTPUTS": str(len(outputs))})
         key = name, program.glo, target.size
         for part, units in rectangles(region, lambda: self.budget.most(key), work):
-            self.bind(program, textures)
-            self.programs.set(program, uniforms)
+            self.bind(program, inputs.textures)
+            self.programs.set(program, inputs.uniforms)
             target.use()
             with self.budget.piece(key, units):
                 if isinstance(program, moderngl.Program):
@@ -329,8 +199,8 @@ class Device:
         taken = []
         for _ in range(4):  # the first compiles and warms up
             start = time.perf_counter()
-            self.kernel("device/compute_probe.kernel", target, textures={}, uniforms={"u_steps": 64}, defines={},
-                        region=(0, 0, size, size))
+            self.kernel("device/compute_probe.kernel", target, Inputs(uniforms={"u_steps": 64}),
+                        (0, 0, size, size))
             self.budget.finish()
             taken.append(time.perf_counter() - start)
         return min(taken[1:])
@@ -366,19 +236,3 @@ class Device:
             yield
         finally:
             self.ctx.disable(moderngl.DEPTH_TEST)
-
-    def collect(self) -> None:
-        """Free what an error or a stop left behind, and switch off what it left on.
-
-        moderngl's own ``gc`` stumbles over objects that were released before they were dropped.
-        """
-        while self.ctx.objects:
-            left = self.ctx.objects.popleft()
-            if hasattr(left, "release"):
-                left.release()
-        self.ctx.disable(moderngl.BLEND | moderngl.DEPTH_TEST)
-        self.ctx.blend_equation = moderngl.FUNC_ADD  # type: ignore[assignment]  # the stub knows pairs alone
-
-    def release(self) -> None:
-        """Give the context back; nothing made by it may be used after."""
-        self.ctx.release()

@@ -1,4 +1,4 @@
-"""Tells whether the device still does what it is told, and keeps what it is given.
+"""Tells whether the device still draws what it is asked to draw, and holds what it is given.
 
 After a reset of the driver a context without OpenGL's robustness extensions (Blender machines have them rarely) says
 nothing: calls do nothing, and reading back gives zeros, or whatever lay there.

@@ -31,7 +31,7 @@ class DrawBudget:
 
     def __init__(self, finish: Callable[[], None], slice_ms: float) -> None:
         self._finish = finish
-        self.told: Callable[[Hashable, float], None] | None = None  # hears of every piece: what, and its seconds
+        self.on_piece: Callable[[Hashable, float], None] | None = None  # hears of every piece: what, and its seconds
         self._seconds: dict[Hashable, float] = {}  # for a unit, rather too many than too few
         self._compiled: set[Hashable] = set()  # kinds that were drawn once: the first time may hold the compiler's work
         self._waiting = 0.0  # seconds of pieces that have not been waited for
@@ -51,7 +51,7 @@ class DrawBudget:
     def piece(self, key: Hashable, units: float) -> Iterator[None]:
         """One piece is drawn within; waits for it where that is worth it."""
         expected = units * self._seconds.get(key, math.inf)
-        measured = expected > WORTH * self.slice or self.told is not None
+        measured = expected > WORTH * self.slice or self.on_piece is not None
         if self._waiting and (measured or self._waiting + expected > self.slice):
             self.finish()
         start = time.perf_counter()
@@ -68,8 +68,8 @@ class DrawBudget:
         self._waiting = 0.0
 
     def _learn(self, key: Hashable, units: float, took: float) -> None:
-        if self.told is not None:
-            self.told(key, took)
+        if self.on_piece is not None:
+            self.on_piece(key, took)
         if key not in self._compiled:
             self._compiled.add(key)
             return

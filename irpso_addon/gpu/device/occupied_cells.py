@@ -9,7 +9,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from .context import Device
+from .context import Device, Inputs
 
 CELL = 8  # pixels: width of a square
 
@@ -19,29 +19,27 @@ class OccupiedCells:
 
     def __init__(self, device: Device, texture: moderngl.Texture) -> None:
         self.size = texture.size
-        squares = device.texture(-(-texture.width // CELL), -(-texture.height // CELL), 1)
-        target = device.framebuffer([squares])
-        device.draw("device/occupied.frag", target, textures={"u_map": texture}, uniforms={},
-                    defines={"CELL": str(CELL)})
-        y, x = np.nonzero(device.read(squares)[..., 0])
-        target.release()
-        squares.release()
+        with device.scope():
+            squares = device.texture(-(-texture.width // CELL), -(-texture.height // CELL), 1)
+            with device.target([squares]) as target:
+                device.draw("device/occupied.frag", target, Inputs({"u_map": texture}, defines={"CELL": str(CELL)}))
+            y, x = np.nonzero(device.read(squares)[..., 0])
         self.count = len(x)
         self._ctx = device.ctx
-        self._corners = device.buffer(np.stack([x, y], -1).astype(np.float32)) if len(x) else None
+        self.corners = device.buffer(np.stack([x, y], -1).astype(np.float32)) if len(x) else None
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
     def render(self, program: moderngl.Program, first: int, count: int) -> None:
         """Run a program made with include/occupied_cells.vert on every pixel of some of the squares."""
-        if self._corners is None:
+        if self.corners is None:
             return
         if program.glo not in self._arrays:
-            self._arrays[program.glo] = self._ctx.vertex_array(program, [(self._corners, "2f/i", "in_cell")])
+            self._arrays[program.glo] = self._ctx.vertex_array(program, [(self.corners, "2f/i", "in_cell")])
         array = self._arrays[program.glo]
         # OpenGL 3.3 has no first instance
         place = program["in_cell"]
         assert isinstance(place, moderngl.Attribute)
-        array.bind(place.location, "f", self._corners, "2f", offset=8 * first, stride=8, divisor=1)
+        array.bind(place.location, "f", self.corners, "2f", offset=8 * first, stride=8, divisor=1)
         array.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=count)
 
     @property
@@ -58,5 +56,5 @@ class OccupiedCells:
         """Free the buffer."""
         for array in self._arrays.values():
             array.release()
-        if self._corners is not None:
-            self._corners.release()
+        if self.corners is not None:
+            self.corners.release()

@@ -60,11 +60,11 @@ def _paste(name: str, files: list[str], open_files: tuple[str, ...]) -> list[str
     number = len(files) - 1
     lines = [f"#line {_FILE * (number + 1) + 1}"]
     for row, line in enumerate((SHADERS / name).read_text(encoding="utf-8").splitlines(), start=1):
-        found = _INCLUDE.match(line)
-        if not found:
+        include = _INCLUDE.match(line)
+        if not include:
             lines.append(line)
-        elif found.group(1) not in files or found.group(1) in (*open_files, name):
-            lines += [*_paste(found.group(1), files, (*open_files, name)), f"#line {_FILE * (number + 1) + row + 1}"]
+        elif include.group(1) not in files or include.group(1) in (*open_files, name):
+            lines += [*_paste(include.group(1), files, (*open_files, name)), f"#line {_FILE * (number + 1) + row + 1}"]
         else:
             lines.append("")
     return lines

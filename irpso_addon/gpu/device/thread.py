@@ -64,7 +64,7 @@ class Job:
         self._go.set()
 
     def pause(self, on: bool) -> None:
-        """Stop after the present step until told to go on, or cancelled."""
+        """Stop after the present step until it may go on, or cancelled."""
         if on and not self._stop.is_set():
             self._go.clear()
         else:
@@ -84,11 +84,11 @@ class Job:
             if _device is not None and not _device.lost:
                 _device.collect()
             steps = self._function()
-            told = False
+            stop_raised = False
             try:
                 while True:
-                    if self._stop.is_set() and not told:
-                        told = True
+                    if self._stop.is_set() and not stop_raised:
+                        stop_raised = True
                         self._latest = steps.throw(Cancelled())
                     else:
                         self._latest = next(steps)
@@ -139,7 +139,7 @@ def configure(settings: DeviceSettings) -> None:
 
 
 def settings() -> DeviceSettings:
-    """What `configure` was last told."""
+    """What `configure` was last given."""
     return _settings
 
 

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.data import F32, F64, Camera, MeshArrays
 from ..device.context import Device
-from ..device.draw_budget import Rectangle, rectangles
 from ..device.occupied_cells import OccupiedCells
+from .triangles import Triangles
 
-BUNDLE = 1024  # triangles that are drawn together
-TRIANGLE = 64  # pixels that take as long as a triangle
-FIRST_PIXELS = 131072.0  # of a draw of triangles before its speed is known
-I64 = NDArray[np.int64]
 _LAYOUT = "3f 3f 2f 2f 4f 3f 4f"
 _NAMES = ("in_position", "in_normal", "in_uv", "in_grid", "in_facet", "in_object_normal", "in_tangent")
 
@@ -34,11 +28,24 @@ class GBufferMaps:
     uv_slope: moderngl.Texture | None = None  # RGBA32F, cameras only: d(uv)/dx, d(uv)/dy
     cells: OccupiedCells | None = None  # the squares of it that show the mesh
 
+    @property
+    def objects(self) -> tuple[moderngl.Texture | moderngl.Buffer | None, ...]:
+        """All that is on the device."""
+        return (self.position, self.normal, self.facet, self.uv, self.uv_slope,
+                None if self.cells is None else self.cells.corners)
+
+    def release_position(self) -> None:
+        """Free what another position is to replace."""
+        self.position.release()
+        if self.cells is not None:
+            self.cells.release()
+
     def release(self) -> None:
         """Free the textures."""
-        for thing in (self.position, self.normal, self.facet, self.uv, self.uv_slope, self.cells):
-            if thing is not None:
-                thing.release()
+        self.release_position()
+        for texture in (self.normal, self.facet, self.uv, self.uv_slope):
+            if texture is not None:
+                texture.release()
 
 
 def facets(mesh: MeshArrays) -> F32:
@@ -61,87 +68,6 @@ def facets(mesh: MeshArrays) -> F32:
     longest = np.max(np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2), axis=1)
     lift = np.minimum(lift, 0.25 * longest)  # flat shading and hard edges: the planes say nothing
     return np.concatenate([normal, lift[:, None]], axis=1).astype(np.float32)
-
-
-class Triangles:
-    """A run of triangles in a vertex buffer, drawn in pieces: bundles of them, and a dear bundle in bands of rows.
-
-    In their order, so that what lies over what does not depend on how they are divided.
-    """
-
-    def __init__(self, positions: F32, first: int, count: int, grid: F32 | None = None) -> None:
-        """``positions``: (T, 3, 3), world, of the whole buffer; ``grid``: (T, 3, 2) places on the texel grid."""
-        self._ends = np.array([*range(first, first + count, BUNDLE), first + count], np.int64)
-        self._boxes = _boxes(positions, self._ends)
-        self._flat = None if grid is None else _boxes(grid, self._ends)
-
-    def draw(
-        self, device: Device, kind: Hashable, array: moderngl.VertexArray, target: moderngl.Framebuffer,
-        clip: F64 | None,
-    ) -> None:
-        """Draw with what ``array`` and its program are; ``clip``: world to clip space, None: on the texel grid.
-
-        ``kind``: what draws are alike in cost.
-        """
-        at = _projected(self._boxes, clip) if clip is not None else self._flat
-        assert at is not None
-        low, high = _pixels(at, target.size)
-        area = (high - low).prod(axis=1)
-        cost = np.where(area > 0, area + TRIANGLE * np.diff(self._ends), 0.0)
-        device.ctx.viewport = 0, 0, *target.size
-        target.use()
-        i, shown = 0, np.append(area > 0, False)
-        while i < len(cost):
-            if not shown[i]:
-                i += 1
-                continue
-            allowed = device.budget.most(kind, FIRST_PIXELS)
-            end = i + int(np.argmin(shown[i:]))
-            end = i + int(np.searchsorted(np.cumsum(cost[i:end]), allowed, side="right"))
-            first, last = self._ends[i], self._ends[max(end, i + 1)]
-            bands: Iterable[tuple[Rectangle | None, float]] = [(None, float(cost[i:end].sum()))]
-            if end == i:  # even one is too much
-                size = high[i] - low[i]
-                bands = rectangles((*low[i].tolist(), *size.tolist()), lambda: device.budget.most(kind, FIRST_PIXELS),
-                                   np.full(size[1], cost[i] / size[1], np.float32))
-            for part, units in bands:
-                if part is not None:
-                    target.scissor = part
-                    target.use()
-                with device.budget.piece(kind, units):
-                    array.render(moderngl.TRIANGLES, vertices=3 * int(last - first), first=3 * int(first))
-            if end == i:
-                target.scissor = None  # type: ignore[assignment]  # the stub does not know how to take it back
-                target.use()
-            i = max(end, i + 1)
-
-
-def _boxes(points: F32, ends: I64) -> F64:
-    """(B, 2^K, K) corners of the boxes around bundles of (T, 3, K) points."""
-    if len(ends) < 2:
-        return np.zeros((0, 2 ** points.shape[-1], points.shape[-1]))
-    part = points[ends[0]:ends[-1]]
-    box = np.stack([of.reduceat(part, ends[:-1] - ends[0]) for of in (np.minimum, np.maximum)])
-    box = np.stack([box[0].min(axis=1), box[1].max(axis=1)]).astype(np.float64)  # (2, B, K)
-    choice = np.array(np.meshgrid(*[[0, 1]] * points.shape[-1])).reshape(points.shape[-1], -1).T
-    return np.stack([box[choice[:, k], :, k] for k in range(points.shape[-1])], axis=-1).swapaxes(0, 1)
-
-
-def _projected(corners: F64, clip: F64) -> F64:
-    """(B, 8, 2) places in the picture, 0 to 1; not finite where a box reaches behind the camera."""
-    at = corners @ clip[:, :3].T + clip[:, 3]
-    behind = at[..., 3].min(axis=1, initial=np.inf) <= 0.0
-    at[behind] = np.nan
-    return np.asarray(0.5 * at[..., :2] / at[..., 3:] + 0.5)
-
-
-def _pixels(at: F64, size: tuple[int, int]) -> tuple[I64, I64]:
-    """First and end, (B, 2) each, of the pixels that boxes span in a picture, with one to spare; all where unknown."""
-    known = np.isfinite(at).all(axis=(1, 2))
-    at = np.where(known[:, None, None], at, np.array([[0.0, 0.0], [1.0, 1.0]])[np.arange(at.shape[1]) % 2])
-    low, high = (np.clip(end, -1.0, 2.0) * size for end in (at.min(axis=1), at.max(axis=1)))
-    first = np.clip(np.floor(low).astype(np.int64) - 1, 0, size)
-    return first, np.maximum(np.clip(np.ceil(high).astype(np.int64) + 1, 0, size), first)
 
 
 class MeshBuffer:
@@ -242,14 +168,9 @@ class Occluders:
             return
         program = self.device.programs.get("gbuffer/depth.vert", fragment)
         self.device.programs.set(program, {**uniforms, "u_clip": column_major(clip)})
-        array = self.device.ctx.vertex_array(program, [(self.buffer, "3f", "in_position")])
-        self._triangles.draw(self.device, (fragment, target.size), array, target, clip)
-        array.release()
-
-    def release(self) -> None:
-        """Free the buffer."""
-        if self.buffer is not None:
-            self.buffer.release()
+        with self.device.scope():
+            array = self.device.vertex_array(program, [(self.buffer, "3f", "in_position")])
+            self._triangles.draw(self.device, (fragment, target.size), array, target, clip)
 
 
 def column_major(matrix: F32 | F64) -> bytes:
@@ -260,45 +181,34 @@ def column_major(matrix: F32 | F64) -> bytes:
 def draw_texel_grid(device: Device, mesh: MeshBuffer, size: int) -> GBufferMaps:
     """The G-buffer of the UV square, ``size`` texels on a side; uncovered texels are all zero."""
     textures = [device.texture(size, size) for _ in range(3)]
-    target = device.framebuffer(textures)
-    target.clear()
-    mesh.draw(target, None)
-    target.release()
+    with device.target(textures, clear=True) as target:
+        mesh.draw(target, None)
     position, normal, facet = textures
     return GBufferMaps(position, normal, facet, cells=OccupiedCells(device, position))
 
 
 def overlap_counts(device: Device, mesh: MeshBuffer, size: int) -> F32:
     """(size, size): how many triangles cover each texel's centre."""
-    texture = device.texture(size, size, 1)
-    target = device.framebuffer([texture])
-    target.clear()
-    mesh.draw_count(target)
-    counts = device.read(texture)[..., 0]
-    target.release()
-    texture.release()
-    return counts
+    with device.scope():
+        texture = device.texture(size, size, 1)
+        with device.target([texture], clear=True) as target:
+            mesh.draw_count(target)
+        return device.read(texture)[..., 0]
 
 
 def draw_pixel_grid(
-    device: Device, mesh: MeshBuffer, occluders: Occluders, camera: Camera, width: int, height: int, footprint: float
+    device: Device, mesh: MeshBuffer, occluders: Occluders, camera: Camera, size: tuple[int, int], footprint: float,
 ) -> GBufferMaps:
     """What a camera's pixel centres see of the mesh; other objects in front leave zeros.
 
-    ``footprint``: width in pixels over which a normal map is averaged.
+    ``size``: width and height of its picture.  ``footprint``: width in pixels over which a normal map is averaged.
     """
     clip = clip_matrix(camera, [mesh.mesh.positions, occluders.triangles])
-    textures = [device.texture(width, height), device.texture(width, height), device.texture(width, height),
-                device.texture(width, height, 2), device.texture(width, height)]
-    with device.making(f"a depth map of {width} x {height}"):
-        depth = device.ctx.depth_texture((width, height))
-    target = device.framebuffer(textures, depth)
-    target.clear(depth=1.0)
-    with device.keeping_nearest():
+    textures = [device.texture(*size, channels) for channels in (4, 4, 4, 2, 4)]
+    with device.scope(), device.target(textures, device.depth_map(*size)) as target, device.keeping_nearest():
+        target.clear(depth=1.0)
         mesh.draw(target, clip, footprint)
         occluders.draw(target, "gbuffer/occluder.frag", clip, {"u_depth_plane": (0.0, 0.0, 0.0, 0.0)})
-    target.release()
-    depth.release()
     position, normal, facet, uv, slope = textures
     return GBufferMaps(position, normal, facet, uv, slope, OccupiedCells(device, position))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.data import F32, Bool
-from ..device.context import Device
+from ..device.context import Device, Inputs
 from ..device.occupied_cells import OccupiedCells
 from .gbuffer import GBufferMaps
 
@@ -29,9 +29,7 @@ class SolveMask:
         if self.whole:
             return whole
         position = device.read(whole.position) * self.solved[..., None]
-        for thing in (whole.position, whole.cells):
-            if thing is not None:
-                thing.release()
+        whole.release_position()
         texture = device.texture(position.shape[1], position.shape[0], data=position)
         return replace(whole, position=texture, cells=OccupiedCells(device, texture))
 
@@ -40,13 +38,10 @@ class SolveMask:
         if self.whole:
             return maps
         h, w = self.weight.shape
-        weight = device.texture(w, h, 1, self.weight)
         position = device.texture(*maps.position.size)
-        target = device.framebuffer([position])
-        target.clear()
-        device.draw("gbuffer/shown.frag", target, textures={
-            "u_position": maps.position, "u_uv": maps.uv, "u_part": weight}, uniforms={}, cells=maps.cells)
-        for thing in (target, weight, maps.position, maps.cells):
-            if thing is not None:
-                thing.release()
+        with device.scope(), device.target([position], clear=True) as target:
+            weight = device.texture(w, h, 1, self.weight)
+            device.draw("gbuffer/shown.frag", target, Inputs({
+                "u_position": maps.position, "u_uv": maps.uv, "u_part": weight}), cells=maps.cells)
+        maps.release_position()
         return replace(maps, position=position, cells=OccupiedCells(device, position))

@@ -1,4 +1,4 @@
-"""Roughness to finished maps: base colour, filled holes, the kept part of a partial solve, views checked against maps.
+"""Roughness to finished maps: base colour, filled holes, partial solves, views checked against maps.
 
 May use gpu.solve and the rooms below it.
 """

@@ -7,6 +7,7 @@ footprint, so cameras at different distances and angles together know more than 
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
+from dataclasses import dataclass
 from functools import partial
 
 import moderngl
@@ -14,7 +15,7 @@ import moderngl
 from ...core.data import F32
 from ...core.errors import Cancelled
 from ...core.job import Progress
-from ..device.context import Device
+from ..device.context import Device, Inputs
 from ..device.occupied_cells import OccupiedCells
 from ..gbuffer.gbuffer import GBufferMaps
 from ..observe.observations import Observations, ObservedCamera, ObservedView
@@ -36,43 +37,59 @@ Shown = tuple[moderngl.Texture, moderngl.Texture]  # weighted albedo sum and wei
 Source = tuple[ObservedCamera, moderngl.Texture, moderngl.Texture]  # a camera with these
 
 
+@dataclass(frozen=True)
+class Gloss:
+    """The specular part of the reflectance on the texel grid, holes filled."""
+
+    lobes: moderngl.Texture  # roughness1, roughness2, weight of lobe 1
+    level: moderngl.Texture | None = None  # Specular IOR Level; None: 0.5
+    beckmann: bool = False
+
+
 class AlbedoSolver:
     """Base colour on the texel grid."""
 
     def __init__(
-        self, device: Device, grid: GBufferMaps, observations: Observations, lobes: moderngl.Texture,
-        level: moderngl.Texture | None = None, beckmann: bool = False, around: F32 | None = None,
+        self, device: Device, grid: GBufferMaps, observations: Observations, gloss: Gloss, around: F32 | None = None,
     ) -> None:
-        """On the texel grid, holes filled: ``lobes`` roughness1, roughness2, weight; ``level`` Specular IOR Level.
-
-        Without a level it is 0.5.  ``around``: base colour of coarse cells, see `Filler`.
-        """
+        """``around``: base colour of coarse cells, see `Filler`."""
         self.device, self.grid, self.observations = device, grid, observations
-        self.known = {"u_lobes": lobes, **({"u_level": level} if level else {})}
-        pairs = device.read(lobes)
+        self.known = {"u_lobes": gloss.lobes, **({"u_level": gloss.level} if gloss.level else {})}
+        pairs = device.read(gloss.lobes)
         one = bool((pairs[..., 0] == pairs[..., 1]).all())
         self.defines = {name: "1" for name, true in (
-            ("SPECULAR", level is not None), ("NDF_BECKMANN", beckmann), ("ONE_LOBE", one)) if true}
+            ("SPECULAR", gloss.level is not None), ("NDF_BECKMANN", gloss.beckmann), ("ONE_LOBE", one)) if true}
         self.around = around
         self.cancelled = False
 
     def solve(self, iterations: int = ITERATIONS) -> Generator[Progress, None, moderngl.Texture]:
         """Returns RGBA32F: linear base colour, and how far pixels showed the texel (1: wholly)."""
-        device = self.device
+        with self.device.scope() as owned:
+            sources = yield from self._pixel_albedos()
+            canvas = _Canvas(self.device, self.grid, sources, self.around)
+            yield from self._back_project(canvas, 0 if self.cancelled else iterations)
+            owned.hand_over(canvas.texture)
+            return canvas.texture
+
+    def _pixel_albedos(self) -> Generator[Progress, None, list[Source]]:
+        """Of every camera; when stopped too, because there is no base colour without."""
         for texture in self.known.values():
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         cameras = self.observations.cameras
-        shown = []
+        sources: list[Source] = []
         for i, camera in enumerate(cameras):
-            shown.append(self._pixel_albedo(camera))
+            sources.append((camera, *self._pixel_albedo(camera)))
             try:
                 yield Progress(0.3 * (i + 1) / len(cameras), "maps", "albedo per pixel")
             except Cancelled:
-                self.cancelled, iterations = True, 0
+                self.cancelled = True
         for texture in self.known.values():
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        canvas = _Canvas(device, self.grid, [(c, *s) for c, s in zip(cameras, shown, strict=True)],
-                         self.around)
+        return sources
+
+    def _back_project(self, canvas: _Canvas, iterations: int) -> Generator[Progress, None, None]:
+        """From all cameras, then from a share of them at a time; canvas.texture is the result."""
+        device, cameras = self.device, self.observations.cameras
         subsets = max(1, -(-iterations * len(cameras) // PASSES_MAX))
         i = 0
         while i <= iterations:
@@ -88,69 +105,63 @@ class AlbedoSolver:
             except Cancelled:  # a less sharp texture, but a whole one
                 self.cancelled = True
                 break
-        for pair in shown:
-            release(pair)
-        return canvas.release()
+        canvas.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
     def _pixel_albedo(self, camera: ObservedCamera) -> Shown:
         """Weighted albedo sum and weight of each pixel over the camera's views."""
         device = self.device
-        grid = self.looked_up(camera)
-        specular = [self.specular(camera, view) for view in camera.views]
-        groups = [slice(n, n + VIEWS_AT_ONCE) for n in range(0, len(specular), VIEWS_AT_ONCE)]
-        before: Shown | None = None
-        for _ in range(ROBUST_PASSES):
-            shown = self._shown(camera)
-            target = device.framebuffer(shown)
-            with device.adding():
-                for group in groups:
-                    views = camera.views[group]
-                    tints = [view.tint for view in views]
-                    device.draw("maps/albedo_pixel.frag", target, textures={
-                        **grid, "u_before": before[0] if before else None,
-                        "u_before_weight": before[1] if before else None,
-                        "u_colour": tuple(view.colour for view in views), "u_specular": tuple(specular[group]),
-                    }, uniforms={**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
-                                 "u_tint": tints if len(tints) > 1 else tints[0]},
-                        defines={**self.defines, "VIEWS": str(len(views))}, cells=camera.maps.cells)
-            target.release()
-            release(before)
-            before = shown
-        for texture in specular:
-            texture.release()
-        return shown
+        with device.scope() as owned:
+            specular = [self.specular(camera, view) for view in camera.views]
+            shown, spare = self._pair(camera), self._pair(camera)
+            before: Shown | None = None
+            for _ in range(ROBUST_PASSES):
+                with device.target(shown, clear=True) as target, device.adding():
+                    for n in range(0, len(specular), VIEWS_AT_ONCE):
+                        group = slice(n, n + VIEWS_AT_ONCE)
+                        device.draw("maps/albedo_pixel.frag", target,
+                                    self._inputs(camera, camera.views[group], specular[group], before),
+                                    cells=camera.maps.cells)
+                before, shown, spare = shown, spare, shown
+            assert before is not None
+            owned.hand_over(*before)
+            return before
+
+    def _inputs(
+        self, camera: ObservedCamera, views: list[ObservedView], specular: list[moderngl.Texture], before: Shown | None,
+    ) -> Inputs:
+        """Of a draw that adds some views to a camera's albedo; ``before``: what the last pass found."""
+        tints = [view.tint for view in views]
+        return Inputs({
+            **self.looked_up(camera), "u_before": before[0] if before else None,
+            "u_before_weight": before[1] if before else None,
+            "u_colour": tuple(view.colour for view in views), "u_specular": tuple(specular),
+        }, {**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
+            "u_tint": tints if len(tints) > 1 else tints[0]}, {**self.defines, "VIEWS": str(len(views))})
 
     def looked_up(self, camera: ObservedCamera) -> Textures:
         """What every draw over the camera's pixels looks up."""
         return {"u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_uv": camera.maps.uv,
                 **self.known, "u_principled_table": self.observations.principled_table}
 
-    def _shown(self, camera: ObservedCamera) -> Shown:
-        """Two empty textures of the camera's size."""
-        pair = self.device.texture(*camera.maps.position.size), self.device.texture(*camera.maps.position.size)
-        target = self.device.framebuffer(pair)
-        target.clear()
-        target.release()
-        return pair
+    def _pair(self, camera: ObservedCamera) -> Shown:
+        """Two textures of the camera's size."""
+        return self.device.texture(*camera.maps.position.size), self.device.texture(*camera.maps.position.size)
 
     def specular(self, camera: ObservedCamera, view: ObservedView) -> moderngl.Texture:
         """Specular radiance per irradiance of the view's lights at each pixel, 1/sr."""
         device, grid = self.device, self.looked_up(camera)
         masks = channel_masks(self.observations.channels)
         specular = device.texture(*camera.maps.position.size)
-        target = device.framebuffer([specular])
-        target.clear()
-        with device.adding():
+        with device.target([specular], clear=True) as target, device.adding():
             for n, lobe in enumerate(view.lobes):
-                device.draw("maps/albedo_specular.frag", target, textures={**grid, "u_lobe": lobe},
-                            uniforms={**camera.viewpoint, "u_channel": masks[n % len(masks)]},
-                            defines=self.defines, cells=camera.maps.cells)
-        target.release()
+                device.draw("maps/albedo_specular.frag", target, Inputs(
+                    {**grid, "u_lobe": lobe}, {**camera.viewpoint, "u_channel": masks[n % len(masks)]}, self.defines),
+                    cells=camera.maps.cells)
         return specular
 
 
 class _Canvas:
-    """The texture while back-projections change it, and what they need besides."""
+    """The texture while back-projections change it, and what they need besides; all belongs to the scope."""
 
     def __init__(
         self, device: Device, grid: GBufferMaps, cameras: list[Source], around: F32 | None = None,
@@ -184,8 +195,8 @@ class _Canvas:
                 self._seen[n] = OccupiedCells(self.device, self.next)
             with self.device.adding():
                 self._carry_back(n, residual, sum_target, self._seen[n])
-        self.device.draw("maps/albedo_update.frag", self._target[self.next.glo], textures={
-            "u_texture": self.texture, "u_update": self.update}, uniforms={"u_slack": 0.0 if first else STEP_SLACK})
+        self.device.draw("maps/albedo_update.frag", self._target[self.next.glo], Inputs({
+            "u_texture": self.texture, "u_update": self.update}, {"u_slack": 0.0 if first else STEP_SLACK}))
         self.texture, self.next = self.next, self.texture
 
     def pixels_per_texel(self) -> float:
@@ -199,10 +210,10 @@ class _Canvas:
         residual = self._residual[albedo.size]
         target = self._target[residual.glo]
         target.clear()
-        self.device.draw("maps/albedo_residual.frag", target, textures={
+        self.device.draw("maps/albedo_residual.frag", target, Inputs({
             "u_albedo": albedo, "u_weight": weight, "u_uv": camera.maps.uv, "u_uv_slope": camera.maps.uv_slope,
             "u_texture": filled,
-        }, uniforms={"u_footprint": camera.uniforms["u_footprint"]}, cells=camera.maps.cells)
+        }, {"u_footprint": camera.uniforms["u_footprint"]}), cells=camera.maps.cells)
         return residual
 
     def _carry_back(
@@ -210,25 +221,7 @@ class _Canvas:
     ) -> None:
         """A camera's residuals to the texels that it shows."""
         camera = self.cameras[n][0]
-        self.device.draw("maps/albedo_backproject.frag", target, textures={
+        self.device.draw("maps/albedo_backproject.frag", target, Inputs({
             "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
             "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_residual": residual,
-        }, uniforms={**camera.uniforms, "u_clip": camera.clip}, cells=cells)
-
-    def release(self) -> moderngl.Texture:
-        """Free all but the texture, which is returned."""
-        self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._filler.release()
-        for target in self._target.values():
-            target.release()
-        for texture in (*self._residual.values(), self.next, self.update):
-            texture.release()
-        for cells in self._seen.values():
-            cells.release()
-        return self.texture
-
-
-def release(pair: Shown | None) -> None:
-    """Free both textures."""
-    for texture in pair or ():
-        texture.release()
+        }, {**camera.uniforms, "u_clip": camera.clip}), cells=cells)

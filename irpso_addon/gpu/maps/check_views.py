@@ -13,7 +13,7 @@ import numpy as np
 
 from ...core.checks.view_check_data import CheckedView, PixelWindow
 from ...core.data import F32, ViewPicture
-from ..device.context import Device
+from ..device.context import Device, Inputs
 from ..device.draw_budget import Rectangle
 from ..observe.observations import EDGE_QUALITY, HALF_MOST, ObservedCamera, ObservedView
 from .albedo import AlbedoSolver
@@ -64,24 +64,20 @@ def _window(device: Device, camera: ObservedCamera, part: Rectangle, cos_v: F32)
     assert maps.uv is not None
     position, normal = device.read(maps.position, part), device.read(maps.normal, part)
     return PixelWindow(corner=part[:2], image=maps.position.size, covered=position[..., 3] > 0.5,
-                       position=position[..., :3],
-                  normal=normal[..., :3], uv=device.read(maps.uv, part), slot=normal[..., 3], cos_v=cos_v)
+                       position=position[..., :3], normal=normal[..., :3], uv=device.read(maps.uv, part),
+                       slot=normal[..., 3], cos_v=cos_v)
 
 
 def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Texture, part: Rectangle) -> F32:
     """(h, w, 4): what the base colour shows, and cos_v; the same in all the camera's views."""
     device, maps = albedo.device, camera.maps
-    texture = device.texture(*maps.position.size)
-    target = device.framebuffer([texture])
-    target.clear()
-    device.draw("maps/check_diffuse.frag", target, textures={
-        **albedo.looked_up(camera), "u_uv_slope": maps.uv_slope, "u_base": base,
-    }, uniforms={**camera.viewpoint, "u_footprint": camera.uniforms["u_footprint"]}, defines=albedo.defines,
-        cells=maps.cells)
-    target.release()
-    values = device.read(texture, part)
-    texture.release()
-    return values
+    inputs = Inputs({**albedo.looked_up(camera), "u_uv_slope": maps.uv_slope, "u_base": base},
+                    {**camera.viewpoint, "u_footprint": camera.uniforms["u_footprint"]}, albedo.defines)
+    with device.scope():
+        texture = device.texture(*maps.position.size)
+        with device.target([texture], clear=True) as target:
+            device.draw("maps/check_diffuse.frag", target, inputs, cells=maps.cells)
+        return device.read(texture, part)
 
 
 def _check(
@@ -89,9 +85,8 @@ def _check(
     diffuse: F32,
 ) -> CheckedView:
     device = albedo.device
-    texture = albedo.specular(camera, view)
-    specular = device.read(texture, part)[..., :3]
-    texture.release()
+    with device.scope():
+        specular = device.read(albedo.specular(camera, view), part)[..., :3]
     colour = device.read(view.colour, part)
     observed, quality = colour[..., :3], colour[..., 3]
     x, y = part[0] - camera.window[0], part[1] - camera.window[1]
@@ -100,9 +95,9 @@ def _check(
     reference = view.reference[y:y + part[3], x:x + part[2]].astype(np.float32)
     radiance = reference[..., :3] * np.float32(view.scale)
     seen = np.isfinite(radiance[..., 0])
-    told = (quality > 0)[..., None] & (observed > 0)
+    lit = (quality > 0)[..., None] & (observed > 0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        irradiance = np.where(told, radiance / observed, np.float32(0))
+        irradiance = np.where(lit, radiance / observed, np.float32(0))
     return CheckedView(
         view=view.view, window=window, observed=observed, predicted=diffuse + specular, specular=specular,
         quality=quality, edge=quality < EDGE_QUALITY * window.cos_v**2, radiance=radiance, irradiance=irradiance,

@@ -6,7 +6,7 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32
-from ..device.context import Device
+from ..device.context import Device, Inputs
 
 Level = tuple[moderngl.Texture, moderngl.Framebuffer]
 
@@ -36,21 +36,12 @@ class Filler:
         """
         known = [source, *(texture for texture, _ in self._coarser)]
         for finer, (_, target) in zip(known, self._coarser, strict=False):
-            self.device.draw("maps/fill_down.frag", target, textures={"u_map": finer}, uniforms={})
+            self.device.draw("maps/fill_down.frag", target, Inputs({"u_map": finer}))
         filled = self._around or known.pop()
         for own, (texture, target) in zip(reversed(known), reversed(self._filled), strict=True):
-            self.device.draw("maps/fill_up.frag", target, textures={"u_map": own, "u_parent": filled}, uniforms={})
+            self.device.draw("maps/fill_up.frag", target, Inputs({"u_map": own, "u_parent": filled}))
             filled = texture
         return filled
-
-    def release(self, keep: moderngl.Texture | None = None) -> None:
-        """Free the textures, but not ``keep``."""
-        for texture, target in (*self._coarser, *self._filled):
-            target.release()
-            if texture is not keep:
-                texture.release()
-        if self._around is not None:
-            self._around.release()
 
     def _level(self, size: tuple[int, int]) -> Level:
         texture = self.device.texture(*size)
@@ -59,7 +50,7 @@ class Filler:
 
 def fill(device: Device, source: moderngl.Texture, around: F32 | None = None) -> moderngl.Texture:
     """A new texture, as Filler.fill gives it; a single texel is itself."""
-    filler = Filler(device, source.size, around)
-    filled = filler.fill(source)
-    filler.release(keep=filled)
-    return filled
+    with device.scope() as owned:
+        filled = Filler(device, source.size, around).fill(source)
+        owned.hand_over(filled)
+        return filled

@@ -12,53 +12,53 @@ from ...core.errors import BadInput
 from ...core.maps import region
 from ...core.params import SolveSettings
 from ..device.context import Device
-from ..gbuffer.gbuffer import Triangles
 from ..gbuffer.solve_mask import SolveMask
-from ..solve.model_ladder import EarlierResult, LadderResult
+from ..gbuffer.triangles import Triangles
+from ..solve.ladder_records import EarlierResult, LadderResult
 
 
 @dataclass(frozen=True)
 class PartialSolve(SolveMask):
     """What a solve changes, and what it keeps of the last result."""
 
-    known: Bool  # (n, n) the last result has a value of its own, which is kept where the new one has none
-    kept: Maps | None = None  # the last result at this size; None: nothing is kept
+    known: Bool  # (n, n) the last result has a value of its own, which stays where the new one has none
+    last: Maps | None = None  # the last result at this size; None: there is none
 
-    def share(self, found: Bool) -> F32:
-        """(n, n) of the new result in the end, where it was ``found``; 1 too where there is nothing else."""
-        return np.where(self.known, self.weight * found, np.float32(1.0)).astype(np.float32)
+    def share(self, solved: Bool) -> F32:
+        """(n, n) of the new result in the end, where it was ``solved``; 1 too where there is nothing else."""
+        return np.where(self.known, self.weight * solved, np.float32(1.0)).astype(np.float32)
 
     def join(self, new: F32, role: str, share: F32) -> F32:
         """A map of the new result mixed with the last one's."""
-        if self.kept is None:
+        if self.last is None:
             return new
-        old = getattr(self.kept, role)
+        old = getattr(self.last, role)
         weight = share if new.ndim == 2 else share[..., None]
         return np.where(weight == 0, old, np.where(weight == 1, new, weight * new + (1 - weight) * old)).astype(
             np.float32)
 
-    def join_found(self, found: LadderResult, last: Solution | None) -> LadderResult:
+    def join_ladder(self, new: LadderResult, start: Solution | None) -> LadderResult:
         """The new roughnesses and levels among the last ones."""
-        if self.kept is None or last is None:
-            return found
-        share = self.share(found.texels.solved)
-        texels = replace(found.texels, roughness=self.join(found.texels.roughness, "roughness", share),
-                         solved=found.texels.solved | self.known)
-        joined = replace(found, texels=texels, model={**last.model, **found.model}, why={**last.why, **found.why},
-                         levels={**last.levels, **found.levels})
-        if found.lobes is not None or self.kept.lobes is not None:
+        if self.last is None or start is None:
+            return new
+        share = self.share(new.texels.solved)
+        texels = replace(new.texels, roughness=self.join(new.texels.roughness, "roughness", share),
+                         solved=new.texels.solved | self.known)
+        joined = replace(new, texels=texels, model={**start.model, **new.model}, why={**start.why, **new.why},
+                         levels={**start.levels, **new.levels})
+        if new.lobes is not None or self.last.lobes is not None:
             weight = share[..., None]
-            joined.lobes = weight * _lobes(found.texels.roughness, found.lobes) + (1 - weight) * _lobes(
-                self.kept.roughness, self.kept.lobes)
-        if found.level is not None or self.kept.specular is not None:
+            joined.lobes = weight * _lobes(new.texels.roughness, new.lobes) + (1 - weight) * _lobes(
+                self.last.roughness, self.last.lobes)
+        if new.level is not None or self.last.specular is not None:
             half = np.full_like(share, 0.5)
-            joined.level = share * (half if found.level is None else found.level) + (1 - share) * (
-                half if self.kept.specular is None else self.kept.specular)
+            joined.level = share * (half if new.level is None else new.level) + (1 - share) * (
+                half if self.last.specular is None else self.last.specular)
         return joined
 
     def join_base(self, base: F32) -> F32:
         """(n, n, 4): the new base colour, and how far it is known, among the last one's."""
-        if self.kept is None:
+        if self.last is None:
             return base
         share = np.where(self.known, self.weight * np.clip(base[..., 3], 0, 1), np.float32(1.0))
         return np.concatenate([self.join(base[..., :3], "base_color", share),
@@ -89,9 +89,9 @@ def partial_solve_of(device: Device, scene: SceneData, size: int, position: F32,
                        "choose a larger part, or a larger size")
     if scene.start is None:
         return PartialSolve(inside.astype(np.float32), False, np.zeros_like(covered))
-    kept = region.resized(scene.start.maps, size)
+    last = region.resized(scene.start.maps, size)
     within = np.isin(slots, np.unique(slots[inside]))  # where one material ends there is a seam already
-    return PartialSolve(region.fade(position, within, inside), False, covered & ~kept.filled, kept)
+    return PartialSolve(region.fade(position, within, inside), False, covered & ~last.filled, last)
 
 
 def _inside(device: Device, scene: SceneData, chosen: Region, size: int) -> Bool:
@@ -99,18 +99,14 @@ def _inside(device: Device, scene: SceneData, chosen: Region, size: int) -> Bool
         assert chosen.image is not None
         return region.of_image(chosen.image, size)
     corners = np.concatenate([scene.mesh.uvs, chosen.corners[..., None]], axis=2).astype(np.float32)
-    texture = device.texture(size, size, 1)
-    target = device.framebuffer([texture])
-    target.clear()
     program = device.programs.get("gbuffer/region.vert", "gbuffer/region.frag")
-    buffer = device.buffer(corners)
-    array = device.ctx.vertex_array(program, [(buffer, "3f", "in_corner")])
     triangles = Triangles(scene.mesh.positions, 0, len(corners), scene.mesh.uvs)
-    triangles.draw(device, ("gbuffer/region.frag", size), array, target, None)
-    inside = device.read(texture)[..., 0] > 0.5
-    for thing in (array, buffer, target, texture):
-        thing.release()
-    return inside
+    with device.scope():
+        texture = device.texture(size, size, 1)
+        array = device.vertex_array(program, [(device.buffer(corners), "3f", "in_corner")])
+        with device.target([texture], clear=True) as target:
+            triangles.draw(device, ("gbuffer/region.frag", size), array, target, None)
+        return device.read(texture)[..., 0] > 0.5
 
 
 def earlier_result_of(
@@ -118,15 +114,15 @@ def earlier_result_of(
 ) -> EarlierResult | None:
     """What the ladder takes over from the last result.
 
-    Materials of which a part is kept keep their model.  ``slots``: (n, n) of each covered texel, -1 elsewhere.
+    Materials of which a part stays as it is keep their model.  ``slots``: (n, n) of each covered texel, -1 elsewhere.
     Raises BadInput where another model is asked for.
     """
     start, names = scene.start, scene.mesh.slot_names
     if start is None:
         return None
     of = {name: np.isin(slots, [i for i, other in enumerate(names) if other == name]) for name in start.model}
-    kept = part.known & (part.weight < 1)
-    shared = [name for name, mask in of.items() if kept[mask].any() and part.solved[mask].any()]
+    unsolved = part.known & (part.weight < 1)
+    shared = [name for name, mask in of.items() if unsolved[mask].any() and part.solved[mask].any()]
     for name in shared:
         _check_model(name, start, settings)
     again = settings.start == "last"
@@ -134,7 +130,7 @@ def earlier_result_of(
     return EarlierResult(
         model={name: start.model[name] for name in taken} if settings.model == "auto" else {},
         levels={name: level for name, level in start.levels.items() if name in taken}, fixed=frozenset(shared),
-        level=None if part.kept is None else part.kept.specular,
+        level=None if part.last is None else part.last.specular,
         lobes=_seeds(region.resized(start.maps, settings.size)) if again else None)
 
 

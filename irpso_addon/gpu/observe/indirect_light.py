@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from types import TracebackType
 
 import moderngl
 
 from ...core.data import F32, Bounced, Camera
-from ..device.context import Device
+from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, draw_pixel_grid
 
 MEAN, SHARE = (5, 2.0), (1, 0.6)  # reach and width, in small pixels: over noise, and to the camera's pixels
@@ -17,7 +16,7 @@ Pair = tuple[moderngl.Texture, moderngl.Texture]  # irradiance and glossy radian
 
 
 class Smoother:
-    """For one camera; what its small pictures see of the surface is drawn once.  A context manager."""
+    """For one camera; what its small pictures see of the surface is drawn once.  Used within a scope of the device."""
 
     def __init__(
         self, device: Device, mesh: MeshBuffer, occluders: Occluders, camera: Camera, maps: GBufferMaps,
@@ -31,43 +30,33 @@ class Smoother:
         self._draw_grid = partial(draw_pixel_grid, device, mesh, occluders, camera.whole or camera, footprint=0.0)
         self._grids: dict[tuple[int, int], GBufferMaps] = {}
 
-    def __enter__(self) -> Smoother:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None,
-    ) -> None:
-        for grid in self._grids.values():
-            grid.release()
-
     def smooth(self, bounced: Bounced) -> Pair:
         """A picture's light at the camera's pixels."""
         height, width = bounced.irradiance.shape[:2]
         if (width, height) not in self._grids:
-            self._grids[width, height] = self._draw_grid(width=width, height=height)
+            self._grids[width, height] = self._draw_grid(size=(width, height))
         grid = self._grids[width, height]
-        noisy = self._upload(bounced.irradiance), self._upload(bounced.glossy)
-        smooth = self._mean(noisy, grid, grid, self.camera.whole or self.camera, MEAN)
-        found = self._mean(smooth, grid, self.maps, self.camera, SHARE)
-        for texture in (*noisy, *smooth):
-            texture.release()
-        return found
+        with self.device.scope() as scope:
+            noisy = self._upload(bounced.irradiance), self._upload(bounced.glossy)
+            smooth = self._mean(noisy, grid, grid, self.camera.whole or self.camera, MEAN)
+            light = self._mean(smooth, grid, self.maps, self.camera, SHARE)
+            scope.hand_over(*light)
+            return light
 
     def _mean(
         self, light: Pair, grid: GBufferMaps, maps: GBufferMaps, camera: Camera, width: tuple[int, float],
     ) -> Pair:
         """The light of the pixels of ``grid`` at those of ``maps``, which ``camera`` sees."""
         device = self.device
-        found = device.texture(*maps.position.size), device.texture(*maps.position.size)
-        target = device.framebuffer(found)
-        target.clear()
-        device.draw("observe/bounced.frag", target, textures={
+        mean = device.texture(*maps.position.size), device.texture(*maps.position.size)
+        inputs = Inputs({
             "u_position": maps.position, "u_normal": maps.normal, "u_small_position": grid.position,
             "u_small_normal": grid.normal, "u_small_irradiance": light[0], "u_small_glossy": light[1],
-        }, uniforms={**self.uniforms(camera, maps.position.height), "u_part": camera.part, "u_reach": width[0],
-                     "u_sigma": width[1]}, cells=maps.cells)
-        target.release()
-        return found
+        }, {**self.uniforms(camera, maps.position.height), "u_part": camera.part, "u_reach": width[0],
+            "u_sigma": width[1]})
+        with device.target(mean, clear=True) as target:
+            device.draw("observe/bounced.frag", target, inputs, cells=maps.cells)
+        return mean
 
     def _upload(self, array: F32) -> moderngl.Texture:
         return self.device.texture(array.shape[1], array.shape[0], 3, array)

@@ -1,7 +1,7 @@
 """Where a texel's observations come from, and how a kernel finds them: one texture, block upon block.
 
 Block b of the atlas is its rows [b h, (b + 1) h), h the height of a tile.  A layer is one view (of one
-channel, where the channels are kept apart) and has 2 + lights blocks:
+channel, where each is observed by itself) and has 2 + lights blocks:
 
     0      f (1/sr), quality, cos_v, 2 channel + edge + share / 2    f = radiance / irradiance
     1      f of R, G and B                                           where a method asks for colour
@@ -20,14 +20,14 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32, Bool
-from ..device.context import Device
+from ..device.context import Device, Inputs
 from ..device.occupied_cells import CELL
 from ..gbuffer.gbuffer import GBufferMaps
-from .observations import EDGE_QUALITY, Observations
+from .observations import EDGE_QUALITY, Observations, ObservedView
 
 TILE = (512, 128)  # width and height, in texels
 ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
-UNROLLED = 16  # layers up to which loops over them are unrolled
+UNROLLED = 16  # layers up to which loops over them are unrolled; shaders/solve/each_group.glsl goes so far
 REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
 POOL_GAIN = 0.3  # neighbours' errors are alike (shared pixels, model error), four say less than four times one
@@ -56,12 +56,9 @@ class Layers:
         count = len(self.groups)
         starts = [n for n in range(count) if n == 0 or self.groups[n] != self.groups[n - 1]]
         bounds = [*starts, count]
-        each = " ".join(f"GROUP({k}, {bounds[k]}, {bounds[k + 1]})" for k in range(len(starts)))
-        if count > UNROLLED:
-            each = ("for (int k = 0; k < GROUPS; k++) "
-                    "{ GROUP(k, GROUP_START[k], group_seen[k] ? GROUP_START[k + 1] : GROUP_START[k]) }")
         return {
-            "EACH_GROUP": each,
+            "EACH_GROUP": "GROUPS_IN_A_LOOP" if count > UNROLLED else f"GROUPS_{len(starts)}",
+            **{f"GROUP_START_{k}": str(bound) for k, bound in enumerate(bounds) if count <= UNROLLED},
             "LAYERS": str(count), "GROUPS": str(len(starts)), "GROUP_STARTS": ", ".join(map(str, bounds)),
             "GROUP_CHANNELS": ", ".join(str(self.groups[n] % self.channels) for n in starts),
             "LIGHTS": str(self.lights), "CHANNELS": str(self.channels), **({"SPREAD": "1"} if self.spread else {}),
@@ -108,15 +105,14 @@ class ObservationAtlas:
     def work(self) -> F32:
         """(height,) about how many observations each row of texels holds, and one more for each texel."""
         width, height = self.tile
-        counts = self.device.texture(-(-width // CELL), -(-height // CELL), 1)
-        target = self.device.framebuffer([counts])
-        self.device.draw("solve/work.frag", target, textures={"u_observations": self.texture}, uniforms=self.uniforms,
-                         defines={"LAYERS": str(len(self.layers.groups)), "LIGHTS": str(self.layers.lights),
-                                  "CELL": str(CELL)})
-        rows = np.repeat(self.device.read(counts)[..., 0].sum(axis=1) / np.float32(CELL), CELL)[:height]
-        target.release()
-        counts.release()
-        return rows
+        inputs = Inputs({"u_observations": self.texture}, self.uniforms, {
+            "LAYERS": str(len(self.layers.groups)), "LIGHTS": str(self.layers.lights), "CELL": str(CELL)})
+        with self.device.scope():
+            counts = self.device.texture(-(-width // CELL), -(-height // CELL), 1)
+            with self.device.target([counts]) as target:
+                self.device.draw("solve/work.frag", target, inputs)
+            rows = self.device.read(counts)[..., 0].sum(axis=1) / np.float32(CELL)
+        return np.repeat(rows, CELL)[:height]
 
     def release(self) -> None:
         """Free the texture."""
@@ -152,68 +148,67 @@ class CameraSource:
     def gather(self, atlas: ObservationAtlas, tile: Tile, colour: bool) -> Iterator[None]:
         """Match the tile's texels to each camera's pixels and copy what those observe."""
         device = self.device
-        match = device.texture(*atlas.tile)
-        match_target = device.framebuffer([match])
-        try:
+        with device.scope():
+            match = device.texture(*atlas.tile)
+            match_target = device.framebuffer([match])
             layer = 0
             for camera in self.observations.cameras:
-                device.draw("observe/match.frag", match_target, textures={
+                device.draw("observe/match.frag", match_target, Inputs({
                     "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
                     "u_position": camera.maps.position, "u_normal": camera.maps.normal,
-                }, uniforms={**camera.uniforms, "u_clip": camera.clip, "u_tile": tile, "u_reach": REACH})
+                }, {**camera.uniforms, "u_clip": camera.clip, "u_tile": tile, "u_reach": REACH}))
                 for channel in range(self.layers.channels):
-                    for view in range(len(camera.views)):
-                        self._copy(atlas, match, layer, (camera.views[view].colour, camera.views[view].lobes),
-                                   channel, camera.views[view].tint[channel], colour)
+                    for view in camera.views:
+                        self._copy(atlas, match, layer, view, channel, colour)
                         layer += 1
                 device.budget.finish()
                 yield
-        finally:
-            match_target.release()
-            match.release()
 
     def _copy(
-        self, atlas: ObservationAtlas, match: moderngl.Texture, layer: int,
-        view: tuple[moderngl.Texture, list[moderngl.Texture]],
-        channel: int, tint: float, colour: bool,
+        self, atlas: ObservationAtlas, match: moderngl.Texture, layer: int, view: ObservedView, channel: int,
+        colour: bool,
     ) -> None:
         """One layer: what the matched pixels of one view observe."""
         channels, lights = self.layers.channels, self.layers.lights
         block = layer * (2 + lights)
-        view_colour, lobes = view
-        textures = {"u_match": match, "u_colour": view_colour}
+        textures = {"u_match": match, "u_colour": view.colour}
+        tint = view.tint[channel] if channels > 1 else 1.0
         for offset, wanted in enumerate((channel if channels > 1 else -1, 3)):
             if wanted < 3 or colour:
                 place = atlas.block(block + offset)
-                self.device.draw("observe/gather_colour.frag", atlas.target, textures=textures, viewport=place,
-                                 uniforms={"u_channel": wanted, "u_row": place[1],
-                                           "u_tint": tint if channels > 1 else 1.0},
-                                 defines={"EDGE_QUALITY": str(EDGE_QUALITY)})
+                self.device.draw("observe/gather_colour.frag", atlas.target, Inputs(
+                    textures, {"u_channel": wanted, "u_row": place[1], "u_tint": tint},
+                    {"EDGE_QUALITY": str(EDGE_QUALITY)}), viewport=place)
         for n in range(lights):
             place = atlas.block(block + 2 + n)
             index = n * channels + channel
-            if index < len(lobes):
-                self.device.draw("observe/gather_lobe.frag", atlas.target, uniforms={"u_row": place[1]},
-                                 textures={"u_match": match, "u_lobe": lobes[index]}, viewport=place)
+            if index < len(view.lobes):
+                self.device.draw("observe/gather_lobe.frag", atlas.target, Inputs(
+                    {"u_match": match, "u_lobe": view.lobes[index]}, {"u_row": place[1]}), viewport=place)
             else:
                 atlas.target.clear(viewport=place)
 
 
+@dataclass(frozen=True)
+class ObservedTexels:
+    """K observations of each of (h, w) texels, row 0 at the bottom."""
+
+    rgb: F32  # (h, w, K, 3) radiance / irradiance, 1/sr
+    quality: F32  # (h, w, K) 0 (not observed) to 1
+    cos_v: F32  # (h, w, K)
+    lobes: F32  # (h, w, K, lights, 4) as the last blocks of the atlas
+    groups: tuple[int, ...]  # (K) ascending, which camera
+
+
 class ArraySource:
-    """Observations from arrays, row 0 at the bottom: for benchmarks, tests, and other people's renderers."""
+    """Observations from arrays: for benchmarks, tests, and other people's renderers."""
 
-    def __init__(
-        self, device: Device, *, rgb: F32, quality: F32, cos_v: F32, lobes: F32, groups: tuple[int, ...], table: F32,
-    ) -> None:
-        """K observations of each of (h, w) texels.
-
-        rgb: (h, w, K, 3) radiance / irradiance, 1/sr.  quality: (h, w, K) 0 (not observed) to 1.  cos_v: (h, w, K).
-        lobes: (h, w, K, lights, 4) as the last blocks of the atlas.  groups: (K) ascending, which camera.
-        table: core.tables.principled_table().
-        """
+    def __init__(self, device: Device, texels: ObservedTexels, table: F32) -> None:
+        """``table``: core.tables.principled_table()."""
+        rgb, quality, cos_v, lobes = texels.rgb, texels.quality, texels.cos_v, texels.lobes
         h, w = quality.shape[:2]
         self.size = (w, h)
-        self.layers = Layers(groups, lobes.shape[3], 1, spread=bool(np.any(lobes[..., 1])))
+        self.layers = Layers(texels.groups, lobes.shape[3], 1, spread=bool(np.any(lobes[..., 1])))
         self.camera_slack = 0.0  # texels are observed where they are
         self.pool_gain = 1.0  # and each for itself
         self.model_error = 1e-4  # float32
@@ -226,18 +221,18 @@ class ArraySource:
         second = np.concatenate([rgb, np.zeros_like(rgb[..., :1])], axis=3)
         blocks = np.concatenate([first[:, :, :, None], second[:, :, :, None], lobes], axis=3)
         self.blocks = np.ascontiguousarray(np.moveaxis(blocks, (2, 3), (0, 1)), np.float32).reshape(-1, h, w, 4)
-        self._filled: tuple[int, Tile] | None = None
+        self._filled: tuple[ObservationAtlas, Tile] | None = None
 
     def gather(self, atlas: ObservationAtlas, tile: Tile, colour: bool) -> Iterator[None]:
         """Upload a tile; nothing to do where the atlas holds it already."""
-        if self._filled == (atlas.texture.glo, tile):
+        if self._filled is not None and self._filled[0] is atlas and self._filled[1] == tile:
             return
         (x, y), (w, h) = tile, atlas.tile
         data = np.zeros((len(self.blocks), h, w, 4), np.float32)
         part = self.blocks[:, y:y + h, x:x + w]
         data[:, :part.shape[1], :part.shape[2]] = part
         atlas.texture.write(data.tobytes())
-        self._filled = (atlas.texture.glo, tile)
+        self._filled = atlas, tile
         yield
 
     def release(self) -> None:

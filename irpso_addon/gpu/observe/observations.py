@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from ...core.data import F32, Bool, Bounced, Camera, Light, RadianceImage, SceneData, View
 from ...core.job import Progress
-from ...core.reporting import estimates
 from ...core.shading.tables import principled_table
-from ..device.context import Device
+from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, clip_matrix, column_major, draw_pixel_grid
 from ..gbuffer.solve_mask import SolveMask
 from .indirect_light import Smoother
+from .picture_memory import channels_needed
 from .view_drawing import ViewDrawer, draw_pixels
 from .visibility import SHADOW_SIZE, LightVisibility
 
@@ -66,12 +66,10 @@ class ObservedCamera:
         """The uniforms that give the direction to the camera."""
         return {k: self.uniforms[k] for k in ("u_camera_position", "u_camera_forward", "u_orthographic")}
 
-    def release(self) -> None:
-        """Free the textures."""
-        self.maps.release()
-        for view in self.views:
-            for texture in (view.colour, *view.lobes):
-                texture.release()
+    @property
+    def objects(self) -> tuple[moderngl.Texture | moderngl.Buffer | None, ...]:
+        """All that is on the device."""
+        return (*self.maps.objects, *(texture for view in self.views for texture in (view.colour, *view.lobes)))
 
 
 @dataclass(frozen=True)
@@ -85,11 +83,16 @@ class Observations:
     warnings: tuple[str, ...]
     principled_table: moderngl.Texture
 
+    @property
+    def objects(self) -> tuple[moderngl.Texture | moderngl.Buffer | None, ...]:
+        """All that is on the device."""
+        return (self.principled_table, *(made for camera in self.cameras for made in camera.objects))
+
     def release(self) -> None:
-        """Free the textures."""
-        for camera in self.cameras:
-            camera.release()
-        self.principled_table.release()
+        """Free them, where no scope does."""
+        for made in self.objects:
+            if made is not None:
+                made.release()
 
 
 def camera_uniforms(camera: Camera, height: int, footprint: float) -> dict[str, object]:
@@ -120,11 +123,14 @@ def observe(
     device: Device, scene: SceneData, mesh: MeshBuffer, read_image: ReadImage, limits: ObserveOptions = WHOLE,
 ) -> Generator[Progress, None, Observations]:
     """Draw every camera's maps, every light's shadow, and turn each reference into observations."""
-    observer = _Observer(device, scene, mesh, limits)
-    yield from observer.read(read_image)
-    yield from observer.light()
-    yield from observer.divide()
-    return observer.finished()
+    with device.scope() as owned:
+        observer = _Observer(device, scene, mesh, limits)
+        yield from observer.read(read_image)
+        yield from observer.light()
+        yield from observer.divide()
+        observations = observer.observations()
+        owned.hand_over(*observations.objects)
+        return observations
 
 
 class _Observer:
@@ -187,7 +193,7 @@ class _Observer:
         if key not in self._numbers:
             self._numbers[key] = len(self.cameras)
             footprint = self.scene.pixel_filter
-            maps = draw_pixel_grid(self.device, self.mesh, self.occluders, camera, width, height, footprint)
+            maps = draw_pixel_grid(self.device, self.mesh, self.occluders, camera, (width, height), footprint)
             maps = self.limits.mask.pixels(self.device, maps) if self.limits.mask else maps
             clip = clip_matrix(camera, [self.scene.mesh.positions, self.scene.occluders])
             self.covered.append(self.device.read(maps.position)[..., 3] > 0.5)
@@ -200,46 +206,45 @@ class _Observer:
     def light(self) -> Generator[Progress, None, None]:
         """Which pixels each light reaches."""
         views = self.scene.views
-        visibility = LightVisibility(self.device, self.mesh, self.occluders, self.limits.shadow_size)
         by_name = {light.name: light for view in views for light in view.lights}
-        for i, (name, light) in enumerate(by_name.items()):
-            chosen = [c for c, group in enumerate(self.members)
-                      if any(other.name == name for n in group for other in views[n].lights)]
-            found: list[moderngl.Texture] = []
-            for maps in visibility.lit_maps(light, [self.cameras[c].maps for c in chosen]):
-                found = maps  # the last is whole
-                yield Progress(0.5 + 0.3 * i / len(by_name), "observe", f"shadows of {name}")
-            self.lit.update({(name, c): texture for c, texture in zip(chosen, found, strict=True)})
-        visibility.release()
+        with self.device.scope() as owned:
+            visibility = LightVisibility(self.device, self.mesh, self.occluders, self.limits.shadow_size)
+            for i, (name, light) in enumerate(by_name.items()):
+                chosen = [c for c, group in enumerate(self.members)
+                          if any(other.name == name for n in group for other in views[n].lights)]
+                lit: list[moderngl.Texture] = []
+                for maps in visibility.lit_maps(light, [self.cameras[c].maps for c in chosen]):
+                    lit = maps  # the last is whole
+                    yield Progress(0.5 + 0.3 * i / len(by_name), "observe", f"shadows of {name}")
+                self.lit.update({(name, c): texture for c, texture in zip(chosen, lit, strict=True)})
+            owned.hand_over(*self.lit.values())
 
     def divide(self) -> Generator[Progress, None, None]:
         """Radiance over irradiance, and the lobes' geometry, of every view."""
-        device, bounced, level = self.device, self.limits.bounced, self.level
-        pixels = partial(camera_uniforms, footprint=0.0)
+        level = self.level
         for c, group in enumerate(self.members):
             camera = self.cameras[c]
-            rim = _rim(device, camera)
-            drawer = ViewDrawer(device, camera, rim, level, self.channels)
-            with Smoother(device, self.mesh, self.occluders, camera.camera, camera.maps, pixels) as smoother:
+            with self.device.scope() as owned:
+                drawer = ViewDrawer(self.device, camera, _rim(self.device, camera), level, self.channels)
+                smoother = Smoother(self.device, self.mesh, self.occluders, camera.camera, camera.maps,
+                                    partial(camera_uniforms, footprint=0.0))
                 for n in group:
-                    view = self.scene.views[n]
-                    indirect = smoother.smooth(bounced[n]) if bounced else None
-                    shadows = [self.lit[light.name, c] for light in view.lights]
-                    colour, lobes = drawer.draw(view.lights, self.images[n], shadows, indirect)
-                    camera.views.append(ObservedView(view, colour, lobes, _tint(view.lights), *self.references[n]))
-                    for texture in (self.images.pop(n), *(indirect or ())):
-                        texture.release()
-                    yield Progress(0.8 + 0.2 * n / len(self.scene.views), "observe", view.image.name)
-            rim.release()
+                    camera.views.append(self._observed(n, c, drawer, smoother))
+                    yield Progress(0.8 + 0.2 * n / len(self.scene.views), "observe", self.scene.views[n].image.name)
+                owned.hand_over(*(texture for view in camera.views for texture in (view.colour, *view.lobes)))
 
-    def finished(self) -> Observations:
-        """The cameras that have views; everything else is freed."""
-        for texture in self.lit.values():
-            texture.release()
-        for camera in self.cameras:
-            if not camera.views:
-                camera.release()
-        self.occluders.release()
+    def _observed(self, n: int, c: int, drawer: ViewDrawer, smoother: Smoother) -> ObservedView:
+        """What view ``n`` of camera ``c`` observes."""
+        view, bounced = self.scene.views[n], self.limits.bounced
+        indirect = smoother.smooth(bounced[n]) if bounced else None
+        shadows = [self.lit[light.name, c] for light in view.lights]
+        colour, lobes = drawer.draw(view.lights, self.images[n], shadows, indirect)
+        for texture in (self.images.pop(n), *(indirect or ())):
+            texture.release()  # now: the next view's take their place
+        return ObservedView(view, colour, lobes, _tint(view.lights), *self.references[n])
+
+    def observations(self) -> Observations:
+        """Of the cameras that have views."""
         table = principled_table()
         texture = self.device.texture(table.shape[1], table.shape[0], table.shape[2], table)
         useful = [camera for camera in self.cameras if camera.views]
@@ -291,29 +296,5 @@ def _reference(packed: F32, coverage: F32, window: tuple[int, int, int, int], cl
 def _rim(device: Device, camera: ObservedCamera) -> moderngl.Texture:
     """What surrounds each of a camera's pixels; half floats hold its whole numbers exactly."""
     rim = device.texture(camera.maps.position.width, camera.maps.position.height, 1, dtype="f2")
-    draw_pixels(device, camera.maps, "observe/rim.frag", [rim], {}, camera.uniforms)
+    draw_pixels(device, camera.maps, "observe/rim.frag", [rim], Inputs(uniforms=camera.uniforms))
     return rim
-
-
-def bytes_per_pixel(views: Sequence[View]) -> int:
-    """GPU memory that all views take, for each pixel that one of them has."""
-    lobes = sum(len(view.lights) for view in views) * channels_needed(views)
-    return estimates.bytes_per_pixel(len(views), lobes, len({view.camera.name for view in views}))
-
-
-def most_pixels(views: Sequence[View], memory: float) -> int:
-    """Pixels of a picture up to which all views fit into ``memory`` GB together."""
-    return int(memory * 1e9 / bytes_per_pixel(views))
-
-
-def channels_needed(views: Sequence[View]) -> int:
-    """1 while radiance / irradiance has the same specular part in R, G and B, else 3.
-
-    It has with any one light, whatever its colour, and with several of one colour; but a channel
-    with hardly any light holds mostly noise, so strong colours are treated apart as well.
-    """
-    for view in views:
-        colours = [light.power / max(float(light.power.sum()), 1e-20) for light in view.lights]
-        if any(np.abs(c - colours[0]).max() > 0.01 or c.min() < 0.25 * c.max() for c in colours):
-            return 3
-    return 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Protocol
 
@@ -11,7 +12,7 @@ import moderngl
 from ...core.data import Light
 from ...core.observation_quality import DARK_SHARE, EDGE_WEIGHT
 from ...core.shading import lights as light_model
-from ..device.context import Device
+from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps
 from .visibility import SOFT_ANGLE
 
@@ -31,7 +32,7 @@ class ViewDrawer:
     def __init__(
         self, device: Device, camera: SeenThrough, rim: moderngl.Texture, level: float, channels: int,
     ) -> None:
-        """``rim``: what surrounds each pixel; ``level``: typical radiance; ``channels``: 1, or 3 kept apart."""
+        """``rim``: what surrounds each pixel; ``level``: typical radiance; ``channels``: 1, or 3, each by itself."""
         self.device, self.rim, self.channels = device, rim, channels
         self._draw = partial(draw_pixels, device, camera.maps)
         self._common = {**camera.uniforms, "u_level": level, "u_edge_weight": EDGE_WEIGHT, "u_dark": DARK_SHARE}
@@ -46,8 +47,9 @@ class ViewDrawer:
         """
         if len(lit) == 1 and self.channels == 1 and indirect is None:
             colour, lobe = self.device.texture(*image.size), self.device.texture(*image.size)
-            self._draw("observe/view.frag", [colour, lobe], {"u_image": image, "u_lit": lit[0], "u_rim": self.rim},
-                       {**self._common, **_lamp(lights[0])}, _lamp_defines(lights[0]))
+            self._draw("observe/view.frag", [colour, lobe], Inputs(
+                {"u_image": image, "u_lit": lit[0], "u_rim": self.rim}, {**self._common, **_lamp(lights[0])},
+                _lamp_defines(lights[0])))
             return colour, [lobe]
         return self._several(lights, image, lit, indirect)
 
@@ -57,40 +59,37 @@ class ViewDrawer:
     ) -> tuple[moderngl.Texture, list[moderngl.Texture]]:
         """Of several lights, channels apart, or with indirect light: in passes."""
         device, common = self.device, self._common
-        colour, irradiance = device.texture(*image.size), device.texture(*image.size)
-        with device.adding():
-            for n, (light, shadow) in enumerate(zip(lights, lit, strict=True)):
-                self._draw("observe/irradiance.frag", [irradiance], {"u_lit": shadow, "u_rim": self.rim},
-                           {**common, **_lamp(light)}, _lamp_defines(light), clear=n == 0)
+        colour = device.texture(*image.size)
+        masks = channel_masks(self.channels)
+        lobes = [device.texture(*image.size) for _ in range(len(lights) * len(masks))]
         bounced: Mapping[str, moderngl.Texture] = {"u_bounced": indirect[0]} if indirect else {}
         glossy: Mapping[str, moderngl.Texture] = {"u_glossy": indirect[1]} if indirect else {}
         defines = {"BOUNCED": "1"} if indirect else {}
-        lobes = []
-        for light, shadow in zip(lights, lit, strict=True):
-            for mask in channel_masks(self.channels):
-                lobes.append(device.texture(*image.size))
-                self._draw("observe/lobe.frag", [lobes[-1]],
-                           {"u_lit": shadow, "u_irradiance": irradiance, **bounced},
-                           {**common, **_lamp(light), "u_channel": mask}, _lamp_defines(light) | defines)
-        self._draw("observe/colour.frag", [colour],
-                   {"u_image": image, "u_irradiance": irradiance, "u_rim": self.rim, **bounced, **glossy}, common,
-                   defines)
-        irradiance.release()
+        with device.scope():
+            irradiance = device.texture(*image.size)
+            with device.adding():
+                for n, (light, shadow) in enumerate(zip(lights, lit, strict=True)):
+                    self._draw("observe/irradiance.frag", [irradiance], Inputs(
+                        {"u_lit": shadow, "u_rim": self.rim}, {**common, **_lamp(light)}, _lamp_defines(light)),
+                        clear=n == 0)
+            for n, lobe in enumerate(lobes):
+                light, shadow = lights[n // len(masks)], lit[n // len(masks)]
+                self._draw("observe/lobe.frag", [lobe], Inputs(
+                    {"u_lit": shadow, "u_irradiance": irradiance, **bounced},
+                    {**common, **_lamp(light), "u_channel": masks[n % len(masks)]}, _lamp_defines(light) | defines))
+            self._draw("observe/colour.frag", [colour], Inputs(
+                {"u_image": image, "u_irradiance": irradiance, "u_rim": self.rim, **bounced, **glossy},
+                common, defines))
         return colour, lobes
 
 
 def draw_pixels(
-    device: Device, maps: GBufferMaps, name: str, outputs: list[moderngl.Texture],
-    textures: dict[str, moderngl.Texture], uniforms: dict[str, object], defines: dict[str, str] | None = None,
-    clear: bool = True,
+    device: Device, maps: GBufferMaps, name: str, outputs: list[moderngl.Texture], inputs: Inputs, clear: bool = True,
 ) -> None:
     """Draw a shader over a camera's pixels into new textures (or, not cleared, into what is there)."""
-    target = device.framebuffer(outputs)
-    if clear:
-        target.clear()
-    device.draw(name, target, textures={"u_position": maps.position, "u_normal": maps.normal, **textures},
-                uniforms=uniforms, defines=defines, cells=maps.cells)
-    target.release()
+    textures = {"u_position": maps.position, "u_normal": maps.normal, **inputs.textures}
+    with device.target(outputs, clear=clear) as target:
+        device.draw(name, target, replace(inputs, textures=textures), cells=maps.cells)
 
 
 def _lamp(light: Light) -> dict[str, object]:

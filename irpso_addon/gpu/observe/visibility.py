@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.data import F64, Light
 from ...core.shading import lights as light_model
-from ..device.context import Device
+from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, column_major, facets
 
 SHADOW_SIZE = 2048  # texels on a side; 0.1 % of lit texels change against 4096
@@ -98,7 +98,7 @@ def _quad(row: F64) -> tuple[float, float, float, float]:
 
 
 class LightVisibility:
-    """Makes lit maps; holds one shadow map at a time."""
+    """Makes lit maps; holds one shadow map, which belongs to the scope."""
 
     def __init__(self, device: Device, mesh: MeshBuffer, occluders: Occluders, size: int = SHADOW_SIZE) -> None:
         """``size``: texels of the shadow map on a side."""
@@ -123,9 +123,8 @@ class LightVisibility:
         maps = []
         for camera in cameras:
             maps.append(self.device.texture(camera.position.width, camera.position.height, 1, dtype="f2"))
-            target = self.device.framebuffer([maps[-1]])
-            target.clear(red=0.0 if light.cast_shadow else 1.0)
-            target.release()
+            with self.device.target([maps[-1]]) as target:
+                target.clear(red=0.0 if light.cast_shadow else 1.0)
         if light.cast_shadow:
             points = shadow_points(light, self.center, self.radius)
             for point in points:
@@ -144,21 +143,14 @@ class LightVisibility:
             self.occluders.draw(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
 
     def _look_up(self, frustum: Frustum, camera: GBufferMaps, lit: moderngl.Texture, share: float) -> None:
-        target = self.device.framebuffer([lit])
-        with self.device.adding():
-            self.device.draw("observe/lit.frag", target, textures={
+        with self.device.target([lit]) as target, self.device.adding():
+            self.device.draw("observe/lit.frag", target, Inputs({
                 "u_position": camera.position, "u_normal": camera.normal, "u_facet": camera.facet,
                 "u_shadow": self._map,
             }, uniforms={
                 "u_shadow_clip": column_major(frustum.clip), "u_depth_plane": frustum.plane,
                 "u_texel": frustum.texel, "u_parallel": frustum.parallel, "u_share": share,
                 "u_face": frustum.face, "u_origin": frustum.origin,
-            }, cells=camera.cells)
-        target.release()
-
-    def release(self) -> None:
-        """Free the shadow map."""
-        self._target.release()
-        self._map.release()
+            }), cells=camera.cells)
 
 

@@ -21,8 +21,8 @@ UNKNOWN = np.float32(np.nan)
 
 def confidence(sigma: F32, observations: F32) -> F32:
     """0 to 1: half where the standard error of roughness is HALF_SURE; nothing from edges of shadow alone."""
-    told = np.clip(0.5 * (observations - 1.0), 0.0, 1.0)
-    return np.asarray(told / (1.0 + (sigma / HALF_SURE) ** 2), np.float32)
+    enough = np.clip(0.5 * (observations - 1.0), 0.0, 1.0)
+    return np.asarray(enough / (1.0 + (sigma / HALF_SURE) ** 2), np.float32)
 
 
 def relative_error(residual: F32, observations: F32) -> F32:
@@ -45,17 +45,17 @@ def _searched(lobes: int, device: Device, outputs: Sequence[moderngl.Texture]) -
 
 def _noise(residual: F32, degrees: F32) -> float:
     """Median variance of the relative noise that fits leave, (N,) each; where none tells, the slack between cameras."""
-    told = degrees >= neighbours.TOLD
-    if not told.any():
+    informed = degrees >= neighbours.LEAST_DEGREES
+    if not informed.any():
         return CAMERA_SLACK**2
-    return max(float(np.median(residual[told] / degrees[told])), neighbours.NOISE_FLOOR**2)
+    return max(float(np.median(residual[informed] / degrees[informed])), neighbours.NOISE_FLOOR**2)
 
 
 def _polished(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
     """Of solve/polish.kernel."""
-    found = read_solved(device.read(outputs[0]), device.read(outputs[1]))
-    return _live(found.roughness, found.solved, confidence=confidence(found.sigma, found.observations),
-                 error=relative_error(found.residual, found.observations))
+    texels = read_solved(device.read(outputs[0]), device.read(outputs[1]))
+    return _live(texels.roughness, texels.solved, confidence=confidence(texels.sigma, texels.observations),
+                 error=relative_error(texels.residual, texels.observations))
 
 
 def _polished_two(device: Device, outputs: Sequence[moderngl.Texture]) -> Live:
@@ -80,9 +80,9 @@ def base_color(device: Device, texture: moderngl.Texture) -> Live:
 def swarm(best: F32, more: F32) -> Live:
     """Of `paper.PaperMaps`, read back.  The method says nothing of how sure it is."""
     known = more[..., 3] > 0
-    found = _live(best[..., 3], known, confidence=np.zeros_like(best[..., 3]),
-                  error=np.sqrt(np.maximum(more[..., 2], 0.0)))
-    return Live({**found.maps, "base_color": np.where(known[..., None], best[..., :3], UNKNOWN)})
+    live = _live(best[..., 3], known, confidence=np.zeros_like(best[..., 3]),
+                 error=np.sqrt(np.maximum(more[..., 2], 0.0)))
+    return Live({**live.maps, "base_color": np.where(known[..., None], best[..., :3], UNKNOWN)})
 
 
 LOOKS: dict[tuple[str, int], Callable[[Device, Sequence[moderngl.Texture]], Live]] = {  # by kernel and lobes

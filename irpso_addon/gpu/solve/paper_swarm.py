@@ -23,7 +23,7 @@ from ...core.errors import BadInput, Cancelled
 from ...core.job import Progress
 from ...core.live_maps import Live
 from ...core.params import SolveSettings
-from ..device.context import Device
+from ..device.context import Device, Inputs
 from ..observe.observation_atlas import TILE, ObservationAtlas, Source, Tile
 from . import live_readback
 
@@ -96,19 +96,17 @@ class Swarms:
         self.tile = tile
         yield from self.source.gather(self.atlas, tile, True)
         w, h = self.atlas.tile
-        target = self.device.framebuffer([self.facts])
-        for block in range(self.blocks):
-            self.device.kernel("solve/paper_prepare.kernel", target, textures={
-                "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
-            }, uniforms={
-                **self.atlas.uniforms, "u_tile": tile, "u_group_slack": 0.0, "u_block": block,
-                "u_first": (-tile[0], block * h - tile[1]),
-            }, defines={**self._defines, "COLOUR": "1"}, region=(0, block * h, w, h))
-        target.release()
+        with self.device.target([self.facts]) as target:
+            for block in range(self.blocks):
+                self.device.kernel("solve/paper_prepare.kernel", target, Inputs({
+                    "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
+                }, {
+                    **self.atlas.uniforms, "u_tile": tile, "u_group_slack": 0.0, "u_block": block,
+                    "u_first": (-tile[0], block * h - tile[1]),
+                }, {**self._defines, "COLOUR": "1"}), (0, block * h, w, h))
         for textures in self._bests:
-            target = self.device.framebuffer(textures)
-            target.clear()
-            target.release()
+            with self.device.target(textures, clear=True):
+                pass
         for particle in range(self.settings.particles):
             self._move(particle, 0)
         self.device.budget.finish()
@@ -136,8 +134,8 @@ class Swarms:
                 "u_velocity_max": self.limits.velocity, "u_bounded": self.limits.bounded,
             }
         w, h = (min(a, b - c) for a, b, c in zip(self.atlas.tile, self.source.size, self.tile, strict=True))
-        self.device.kernel("solve/paper_move.kernel", self._target(), textures=inputs, uniforms=uniforms,
-                           defines=self._defines, region=(0, 0, w, h))
+        self.device.kernel("solve/paper_move.kernel", self._target(), Inputs(inputs, uniforms, self._defines),
+                           (0, 0, w, h))
         self._place[particle], self._spare = self._spare, self._place[particle]
         self._now = 1 - self._now
 
@@ -160,13 +158,13 @@ class Swarms:
 
     def positions(self) -> F32:
         """(m, h, w, 4 or 6): base colour, roughness1, and with two lobes roughness2 and weight of every particle."""
-        found = []
+        particles = []
         for place in self._place:
             textures = self._particles[place]
             head = self.device.read(textures[0])
             tail = self.device.read(textures[4])[..., :2] if self.lobes == 2 else head[..., :0]
-            found.append(np.concatenate([head, tail], axis=-1))
-        return np.stack(found)
+            particles.append(np.concatenate([head, tail], axis=-1))
+        return np.stack(particles)
 
     def release(self) -> None:
         """Free the state."""
@@ -191,30 +189,28 @@ class PaperSwarm:
         """Run every tile's passes.  When stopped, the tile at hand gives what it has and later ones have no swarm."""
         device, swarms = self.device, self.swarms
         best, more = (device.texture(*self.source.size) for _ in range(2))
-        target = device.framebuffer([best, more])
-        target.clear()
         tiles = self._tiles()
-        for i, (tile, inner) in enumerate(tiles):
-            for part in self._run(tile):
-                try:
-                    yield Progress((i + part) / len(tiles), "solve",
-                                   f"tile {i + 1} of {len(tiles)}, pass {swarms.passes} of {self.settings.iterations}",
-                                   partial(self._look, (best, more), tile, inner))
-                except Cancelled:
-                    self.cancelled = True
-            bests = dict(zip(("u_best", "u_more"), swarms.best, strict=True))
-            device.kernel("solve/paper_keep.kernel", target, textures=bests,
-                          uniforms={"u_tile": tile}, defines={}, region=inner)
-            if self.cancelled:
-                break
-        target.release()
+        with device.target([best, more], clear=True) as target:
+            for i, (tile, inner) in enumerate(tiles):
+                for part in self._run(tile):
+                    try:
+                        yield Progress(
+                            (i + part) / len(tiles), "solve",
+                            f"tile {i + 1} of {len(tiles)}, pass {swarms.passes} of {self.settings.iterations}",
+                            partial(self._look, (best, more), tile, inner))
+                    except Cancelled:
+                        self.cancelled = True
+                bests = dict(zip(("u_best", "u_more"), swarms.best, strict=True))
+                device.kernel("solve/paper_keep.kernel", target, Inputs(bests, {"u_tile": tile}), inner)
+                if self.cancelled:
+                    break
         return PaperMaps(best, more, int(device.read(more)[..., 3].sum(dtype=np.float64)))
 
     def _look(
-        self, kept: tuple[moderngl.Texture, moderngl.Texture], tile: Tile, inner: tuple[int, int, int, int],
+        self, done: tuple[moderngl.Texture, moderngl.Texture], tile: Tile, inner: tuple[int, int, int, int],
     ) -> Live:
         """The tiles that are done, and the one at hand."""
-        maps = [self.device.read(texture).copy() for texture in kept]
+        maps = [self.device.read(texture).copy() for texture in done]
         x, y, w, h = inner
         for whole, texture in zip(maps, self.swarms.best, strict=True):
             left, low = x - tile[0], y - tile[1]
@@ -239,7 +235,7 @@ class PaperSwarm:
                 return
 
     def _tiles(self) -> list[tuple[Tile, tuple[int, int, int, int]]]:
-        """(first texel, region that is kept) of each tile with covered texels there."""
+        """(first texel, region that it solves) of each tile with covered texels there."""
         covered = self.device.read(self.source.position)[..., 3] > 0.5
         halo = HALO * (self.settings.window // 2) if self.settings.c3 > 0 else 0
         across, along = (spans(length, tile, halo)
@@ -253,10 +249,10 @@ class PaperSwarm:
 
 
 def spans(length: int, tile: int, halo: int) -> list[tuple[int, int, int]]:
-    """Tiles of one axis: (first texel, first and end of what is kept).  They overlap by two halos, where they can."""
+    """Tiles of one axis: (first texel, first and end of what it solves).  They overlap by two halos, where they can."""
     halo = min(halo, tile // 4)
     starts = [0]
     while starts[-1] + tile < length:
         starts.append(starts[-1] + tile - 2 * halo)
-    kept = [0, *(start + halo for start in starts[1:]), length]
-    return [(start, kept[i], kept[i + 1]) for i, start in enumerate(starts)]
+    borders = [0, *(start + halo for start in starts[1:]), length]
+    return [(start, borders[i], borders[i + 1]) for i, start in enumerate(starts)]

@@ -1,27 +1,23 @@
 """Observations -> roughness per texel: gather, search, share with neighbours, polish.
 
-The search of a texel is one draw of one fused kernel (shaders/solve/search.kernel).  Tiles bound the
-memory of the gathered observations and the time of a draw.
+The search of a texel is one draw of one fused kernel (shaders/solve/search.kernel), tile by tile (tile_passes.py).
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping
-from functools import partial
+from collections.abc import Generator
 
 import moderngl
 import numpy as np
 
-from ...core.data import F32
-from ...core.errors import Cancelled
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import Noise, PriorKnowledge
-from ..device.context import Device
-from ..observe.observation_atlas import ObservationAtlas, Source, Tile, tiles
+from ..device.context import Device, Inputs, Textures
+from ..observe.observation_atlas import Source, Tile, tiles
 from . import neighbours
-from .live_readback import LOOKS
 from .texel_records import RoughnessMaps, read_residual, read_support
+from .tile_passes import KernelPass, TilePasses, Uniforms
 
 FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
 QUIET = 3e-4  # relative noise below which ...
@@ -46,36 +42,29 @@ STARTED = {  # the same where a texel's last roughness is known and is the first
     "refined": {"u_started": 3}, "draft": {"u_started": 2}, "swarm": {"u_started": 6},
 }
 STARTED_TWO = {"refined": {"u_started": 3}, "draft": {"u_started": 2}, "swarm": {"u_started": 6}}
-Uniforms = Mapping[str, float | int]
-Textures = Mapping[str, moderngl.Texture | tuple[moderngl.Texture, ...] | None]
 
 
-class Solver:
+class Solver(TilePasses):
     """Roughness of every texel that a source observes."""
 
     def __init__(
         self, device: Device, source: Source, settings: SolveSettings, tile: tuple[int, int] | None = None,
         start: moderngl.Texture | None = None, before: PriorKnowledge | None = None,
     ) -> None:
-        """``start``: where each texel's search begins, as Last.lobes; it is the caller's.
+        """``start``: where each texel's search begins, as EarlierResult.lobes; it is the caller's.
 
         ``before``: what is known already, and not to be taken from this part of a map.
         """
-        self.device, self.source, self.settings, self.before = device, source, settings, before or PriorKnowledge()
-        self.cancelled = False
-        self.shown = True  # whether what kernels find may be looked at; not where something is only tried
-        self.robust = False  # whether the last solve of one lobe disbelieved outliers
-        self.found: dict[int, Noise] = {}  # by lobes, of the last solve
-        self.noise = 0.0  # relative, as the last solve found it (median)
-        self.noise_map: moderngl.Texture | None = None  # log variance of it, see share.noise_map
-        self._work: dict[Tile, F32] = {}  # of each row of a tile, see Atlas.work
-        self.atlas = ObservationAtlas(device, source, tile)
-        self.covered = device.read(source.position)[..., 3] > 0.5
+        super().__init__(device, source, settings, tile, start)
+        self.before = before or PriorKnowledge()
         self.slack = FIRST_SLACK
-        self.level: moderngl.Texture | None = None  # Specular IOR Level of each texel; None: 0.5
+        self.covered = device.read(source.position)[..., 3] > 0.5
+        self.robust = False  # whether the last solve of one lobe disbelieved outliers
+        self.noise_of: dict[int, Noise] = {}  # by lobes, of the last solve
+        self.noise = 0.0  # relative, as the last solve found it (median)
+        self.noise_map: moderngl.Texture | None = None  # log variance of it, see neighbours.noise_map
         method = settings.method if settings.method in METHODS else "refined"
         self.knobs: dict[int, Uniforms] = {1: METHODS[method], 2: TWO_LOBES[method]}  # by lobes
-        self.start = start
         if start is not None:
             self.knobs = {1: METHODS[method] | STARTED[method], 2: TWO_LOBES[method] | STARTED_TWO[method]}
 
@@ -84,38 +73,41 @@ class Solver:
 
         ``only``: these tiles.
         """
-        device = self.device
         chosen = tiles(self.atlas, self.covered) if only is None else only
-        searched = self._textures(3)
-        done = yield from self._search(chosen, searched, 1)
-        chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
-        variance = self._noise(searched[0], searched[1], 1)
-        searched, variance = yield from self._believed(chosen, searched, variance)
-        valleys, support, extra = searched
-        found: Textures = {"u_valleys": valleys, "u_support": support, "u_noise": self.noise_map}
-        floor = self._floor(variance)
-        pooled = self._asks_neighbours(1, variance, self._unsure(variance, support))
-        roughness, detail = self._textures(2)
-        if pooled:
-            tables = self._textures(8)
-            yield from self._over(chosen, (0.5, 0.75), "solve/table.kernel", tables, found, floor,
-                                  robust=self.robust)
-            estimate, prior = neighbours.pyramid(device, tuple(tables), self.source.pool_gain, self.source.extent,
-                                            self.before.roughness)
-            yield from self._over(chosen, (0.75, 1.0), "solve/polish.kernel", [roughness, detail],
-                                  {**found, "u_estimate": estimate, "u_prior": prior},
-                                  {**floor, "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": POLISH_STEPS},
-                                  robust=self.robust)
-            for texture in (*tables, estimate, prior):
-                texture.release()
-        else:
-            target = device.framebuffer([roughness, detail])
-            device.kernel("solve/finish.kernel", target, textures={**found, "u_extra": extra}, uniforms=floor,
-                          defines={}, region=(0, 0, *self.source.size))
-            target.release()
-        for texture in searched:
-            texture.release()
+        roughness, detail = self.textures(2)
+        with self.device.scope() as owned:
+            searched = self.textures(3)
+            done = yield from self._search(chosen, searched, 1)
+            chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
+            variance = self._noise(searched[0], searched[1], 1)
+            searched, variance = yield from self._believed(chosen, searched, variance)
+            if self._asks_neighbours(1, variance, self._unsure(variance, searched[1])):
+                yield from self._with_neighbours(chosen, searched, variance, [roughness, detail])
+            else:
+                inputs = Inputs({**self._valleys(searched), "u_extra": searched[2]}, self._floor(variance))
+                with self.device.target([roughness, detail]) as target:
+                    self.device.kernel("solve/finish.kernel", target, inputs, (0, 0, *self.source.size))
+            owned.hand_over(self.noise_map)
         return RoughnessMaps(roughness, detail)
+
+    def _valleys(self, searched: list[moderngl.Texture]) -> dict[str, Textures]:
+        """What the search has found, and its noise, as later kernels read them."""
+        return {"u_valleys": searched[0], "u_support": searched[1], "u_noise": self.noise_map}
+
+    def _with_neighbours(
+        self, chosen: list[Tile], searched: list[moderngl.Texture], variance: float, outputs: list[moderngl.Texture],
+    ) -> Generator[Progress, None, None]:
+        """Pool what texels say, and polish each under its neighbours' prior."""
+        valleys, floor = self._valleys(searched), self._floor(variance)
+        with self.device.scope():
+            tables = self.textures(8)
+            yield from self.run(chosen, (0.5, 0.75), KernelPass(
+                "solve/table.kernel", tables, valleys, floor, robust=self.robust))
+            estimate, prior = neighbours.pyramid(
+                self.device, tuple(tables), self.source.pool_gain, self.source.extent, self.before.roughness)
+            yield from self.run(chosen, (0.75, 1.0), KernelPass(
+                "solve/polish.kernel", outputs, {**valleys, "u_estimate": estimate, "u_prior": prior},
+                {**floor, "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": POLISH_STEPS}, robust=self.robust))
 
     def _believed(
         self, chosen: list[Tile], plain: list[moderngl.Texture], variance: float,
@@ -123,7 +115,7 @@ class Solver:
         """Where the search has left outliers, search again without believing them: (what to go on from, noise).
 
         Where the model is wrong its errors look like outliers: then roughness becomes rougher from texel to texel,
-        and the plain search is kept.
+        and the plain search stands.
         """
         self.robust, loss = False, self.settings.loss
         if loss == "squares":
@@ -134,19 +126,20 @@ class Solver:
             read_residual(self.device, plain[0], 1)[observed], support.degrees[observed])
         if not outliers and loss == "auto":
             return plain, variance
-        part, found = min(clean / variance, 1.0), self._textures(3)
+        part, wary = min(clean / variance, 1.0), self.textures(3)
         for _ in range(ROBUST_SEARCHES):
-            yield from self._over(chosen, (0.4, 0.5), "solve/search.kernel", found, {"u_noise": self.noise_map}, {
-                **self._search_uniforms(1), "u_noise_share": part, **self._floor(variance)}, robust=True)
+            yield from self.run(chosen, (0.4, 0.5), KernelPass(
+                "solve/search.kernel", wary, {"u_noise": self.noise_map},
+                {**self._search_uniforms(1), "u_noise_share": part, **self._floor(variance)}, robust=True))
             before, part = part * variance, 1.0
-            variance = self._noise(found[0], found[1], 1)
+            variance = self._noise(wary[0], wary[1], 1)
             if variance > 0.5 * before:  # else there were outliers in every texel, which hid each other
                 break
-        rough = [neighbours.scatter(self.device.read(maps[0])[..., 0], observed) for maps in (plain, found)]
+        rough = [neighbours.scatter(self.device.read(maps[0])[..., 0], observed) for maps in (plain, wary)]
         self.robust = loss == "robust" or rough[1] < rough[0]
-        for texture in plain if self.robust else found:
-            texture.release()
-        return (found, variance) if self.robust else (plain, self._noise(plain[0], plain[1], 1))
+        for texture in plain if self.robust else wary:
+            texture.release()  # now: the tables need the memory
+        return (wary, variance) if self.robust else (plain, self._noise(plain[0], plain[1], 1))
 
     def solve_two(self, only: list[Tile] | None = None) -> Generator[Progress, None, RoughnessMaps]:
         """Two lobes: search every texel alone, then let it try its neighbours' pairs under a prior about their mean.
@@ -154,40 +147,42 @@ class Solver:
         ``detail`` of the result holds no residual without lobe.
         """
         chosen = tiles(self.atlas, self.covered) if only is None else only
-        pairs, support, variances = self._textures(3)
-        done = yield from self._search(chosen, [pairs, support, variances], 2)
-        chosen = chosen[:done]
-        variance = self._noise(pairs, support, 2)
-        floor = {**self._floor(variance), "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": 6}
-        pooled = self._asks_neighbours(2, variance, variance > QUIET**2)
-        # The search's third output is curvature; the passes below want variances.
-        self._invert(variances, support, variance)
-        detail = support
-        strides = STRIDES if pooled else STRIDES[:QUIET_PASSES]
-        for i, stride in enumerate(strides):
-            fresh = self._textures(3)
-            span = (0.5 + 0.5 * i / len(strides), 0.5 + 0.5 * (i + 1) / len(strides))
-            yield from self._over(chosen, span, "solve/polish_two.kernel", fresh,
-                                  {"u_pairs": pairs, "u_variance": variances, "u_noise": self.noise_map},
-                                  {**floor, "u_stride": stride, "u_tau": TAU if pooled else 0.0}, lobes=2)
-            for texture in (pairs, variances, detail):
-                texture.release()
-            pairs, variances, detail = fresh
-        return self._as_roughness(pairs, variances, detail)
+        with self.device.scope() as owned:
+            pairs, support, variances = self.textures(3)
+            done = yield from self._search(chosen, [pairs, support, variances], 2)
+            chosen = chosen[:done]
+            variance = self._noise(pairs, support, 2)
+            floor = {**self._floor(variance), "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": 6}
+            pooled = self._asks_neighbours(2, variance, variance > QUIET**2)
+            # The search's third output is curvature; the passes below want variances.
+            self._invert(variances, support, variance)
+            before, after = [pairs, variances, support], self.textures(3)  # pairs, variances, detail
+            strides = STRIDES if pooled else STRIDES[:QUIET_PASSES]
+            for i, stride in enumerate(strides):
+                span = (0.5 + 0.5 * i / len(strides), 0.5 + 0.5 * (i + 1) / len(strides))
+                yield from self.run(chosen, span, KernelPass(
+                    "solve/polish_two.kernel", after,
+                    {"u_pairs": before[0], "u_variance": before[1], "u_noise": self.noise_map},
+                    {**floor, "u_stride": stride, "u_tau": TAU if pooled else 0.0}, lobes=2))
+                before, after = after, before
+            roughness = self._as_roughness(*before)
+            owned.hand_over(roughness, before[0], before[2], self.noise_map)
+            return RoughnessMaps(roughness, before[2], before[0])
 
     def search(self, only: list[Tile]) -> Generator[Progress, None, tuple[moderngl.Texture, moderngl.Texture]]:
         """One lobe, the search alone: (roughness and residual of the two best valleys, support), see search.kernel."""
-        valleys, support, extra = self._textures(3)
-        yield from self._search(only, [valleys, support, extra], 1)
-        extra.release()
-        return valleys, support
+        with self.device.scope() as owned:
+            valleys, support, extra = self.textures(3)
+            yield from self._search(only, [valleys, support, extra], 1)
+            owned.hand_over(valleys, support)
+            return valleys, support
 
     def _search(
         self, chosen: list[Tile], outputs: list[moderngl.Texture], lobes: int
     ) -> Generator[Progress, None, int]:
         self.slack = FIRST_SLACK if self.source.camera_slack else 0.0
-        return (yield from self._over(chosen, (0.0, 0.5), "solve/search.kernel", outputs, {},
-                                      self._search_uniforms(lobes), lobes=lobes))
+        return (yield from self.run(chosen, (0.0, 0.5), KernelPass(
+            "solve/search.kernel", outputs, {}, self._search_uniforms(lobes), lobes)))
 
     def _search_uniforms(self, lobes: int) -> Uniforms:
         return {"u_seed": self.settings.seed, **self.knobs[lobes]}
@@ -196,75 +191,14 @@ class Solver:
         """Variances of the noise that are assumed where the map of it says less, or nothing."""
         return {"u_noise_floor": neighbours.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance}
 
-    def albedo(self, found: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
-        """Base colour of each texel from its own observations alone; ``found``: roughness, or the pairs of lobes."""
-        (albedo,) = self._textures(1)
+    def albedo(self, lobe_map: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
+        """Base colour of each texel from its own observations alone; ``lobe_map``: roughness, or the pairs of lobes."""
+        (albedo,) = self.textures(1)
         robust = self.robust and lobes == 1
-        yield from self._over(tiles(self.atlas, self.covered), (0.0, 1.0), "solve/albedo.kernel", [albedo],
-                              {"u_found": found, **({"u_noise": self.noise_map} if robust else {})},
-                              self._floor(self.noise**2) if robust else {}, lobes=lobes, colour=True, robust=robust)
+        yield from self.run(tiles(self.atlas, self.covered), (0.0, 1.0), KernelPass(
+            "solve/albedo.kernel", [albedo], {"u_found": lobe_map, **({"u_noise": self.noise_map} if robust else {})},
+            self._floor(self.noise**2) if robust else {}, lobes, colour=True, robust=robust))
         return albedo
-
-    def _over(
-        self, chosen: list[Tile], span: tuple[float, float], kernel: str, outputs: list[moderngl.Texture],
-        textures: Textures, uniforms: Uniforms, *, lobes: int = 1, colour: bool = False,
-        robust: bool = False,
-    ) -> Generator[Progress, None, int]:
-        """Run one kernel over tiles; returns how many were done, fewer when the first kernel is stopped.
-
-        A later kernel goes on to its end over the tiles that the first one did.
-        """
-        stoppable = span[0] == 0.0
-        target = self.device.framebuffer(outputs)
-        target.clear()
-        defines = self._defines(uniforms, lobes, colour, robust)
-        shown = self.shown and (kernel, lobes) in LOOKS
-        look = partial(LOOKS[kernel, lobes], self.device, outputs) if shown else None
-        try:
-            for i, tile in enumerate(chosen):
-                for step in (self.source.gather(self.atlas, tile, colour),
-                             self._run(kernel, target, tile, textures, uniforms, defines)):
-                    for _ in step:
-                        try:
-                            part = (i + 1) / len(chosen)
-                            yield Progress(span[0] + (span[1] - span[0]) * part, "solve",
-                                           f"tile {i + 1} of {len(chosen)}", look)
-                        except Cancelled:
-                            self.cancelled = True
-                if self.cancelled and stoppable:
-                    return i + 1
-            return len(chosen)
-        finally:
-            target.release()
-
-    def _defines(self, uniforms: Uniforms, lobes: int, colour: bool, robust: bool) -> dict[str, str]:
-        defines = {**self.source.layers.defines(), "LOBES": str(lobes)}
-        switches = {"COLOUR": colour, "STARTED": "u_started" in uniforms, "SPECULAR": self.level is not None,
-                    "ROBUST": robust,
-                    "NDF_BECKMANN": lobes == 2 and self.settings.ndf == "beckmann"}
-        if uniforms.get("u_moves", 0) > 0:
-            defines["SWARM"] = str(uniforms["u_particles"])
-        return {**defines, **{name: "1" for name, on in switches.items() if on}}
-
-    def _textures(self, count: int) -> list[moderngl.Texture]:
-        return [self.device.texture(*self.source.size) for _ in range(count)]
-
-    def _run(
-        self, kernel: str, target: moderngl.Framebuffer, tile: Tile, textures: Textures, uniforms: Uniforms,
-        defines: Mapping[str, str],
-    ) -> Iterator[None]:
-        """One kernel over one tile, written in place into the whole maps, a slice at a time."""
-        (x, y), (width, height) = tile, self.source.size
-        if tile not in self._work:
-            self._work[tile] = self.atlas.work()
-        region = x, y, min(self.atlas.tile[0], width - x), min(self.atlas.tile[1], height - y)
-        yield from self.device.steps(kernel, target, textures={
-            "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
-            "u_principled_table": self.source.principled_table,
-            **({"u_level": self.level} if self.level else {}),
-            **({"u_start": self.start} if "STARTED" in defines else {}), **textures,
-        }, uniforms={**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile, **uniforms},
-            defines=defines, region=region, work=self._work[tile][:region[3]])
 
     def _noise(
         self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int
@@ -283,36 +217,35 @@ class Solver:
 
     def _asks_neighbours(self, lobes: int, variance: float, here: bool) -> bool:
         """Whether texels ask their neighbours: as is known from before, else as they do ``here``."""
-        self.found[lobes] = self.before.noise.get(lobes, Noise(variance, here))
-        return self.found[lobes].neighbours
+        self.noise_of[lobes] = self.before.noise.get(lobes, Noise(variance, here))
+        return self.noise_of[lobes].neighbours
 
     def _unsure(self, variance: float, support: moderngl.Texture) -> bool:
         """Whether the noise leaves texels that need their neighbours."""
         if variance > QUIET**2:
             return True
-        found = read_support(self.device, support)
-        unsure = (found.observations < 2.5) | (found.curvature * SURE**2 < variance)
-        return int(np.sum(unsure & found.observed)) > UNSURE_SHARE * max(int(np.sum(found.observed)), 1)
+        here = read_support(self.device, support)
+        unsure = (here.observations < 2.5) | (here.curvature * SURE**2 < variance)
+        return int(np.sum(unsure & here.observed)) > UNSURE_SHARE * max(int(np.sum(here.observed)), 1)
 
     def _invert(self, curvature: moderngl.Texture, support: moderngl.Texture, variance: float) -> None:
         """Curvatures (r1 r1, r1 r2, r2 r2) become variances of r1 and r2, and whether observed, in place."""
         bend = self.device.read(curvature).astype(np.float64) / max(variance, 1e-12)
-        told = self.device.read(support)
+        observed = self.device.read(support)[..., 3:]
         determinant = np.maximum(bend[..., 0] * bend[..., 2] - bend[..., 1] ** 2, 1e-6 * bend[..., 0] * bend[..., 2])
         result = np.stack([bend[..., 2], bend[..., 0]], axis=-1) / np.maximum(determinant, 1e-12)[..., None]
-        result = np.concatenate([np.clip(result, 1e-8, 0.25), np.zeros_like(told[..., :1]), told[..., 3:]], axis=-1)
+        result = np.concatenate([np.clip(result, 1e-8, 0.25), np.zeros_like(observed), observed], axis=-1)
         curvature.write(np.ascontiguousarray(result, np.float32).tobytes())
 
     def _as_roughness(
-        self, pairs: moderngl.Texture, variances: moderngl.Texture, detail: moderngl.Texture
-    ) -> RoughnessMaps:
+        self, pairs: moderngl.Texture, variances: moderngl.Texture, detail: moderngl.Texture,
+    ) -> moderngl.Texture:
         """The result of two lobes in the form of one: the sharper roughness, the larger standard error."""
         device = self.device
-        pair, variance, told = (device.read(texture) for texture in (pairs, variances, detail))
+        pair, variance, numbers = (device.read(texture) for texture in (pairs, variances, detail))
         sigma = np.sqrt(np.minimum(variance[..., 2], 0.25))
-        roughness = np.stack([pair[..., 0], sigma, told[..., 2], variance[..., 3]], axis=-1)
-        variances.release()
-        return RoughnessMaps(device.texture(*self.source.size, data=roughness), detail, pairs)
+        roughness = np.stack([pair[..., 0], sigma, numbers[..., 2], variance[..., 3]], axis=-1)
+        return device.texture(*self.source.size, data=roughness)
 
     def release(self) -> None:
         """Free the atlas and the map of the noise."""

@@ -12,8 +12,9 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.core.shading.tables import principled_table
 from irpso_addon.gpu.device.context import Device
-from irpso_addon.gpu.observe.observation_atlas import LEAST_GAIN, MODEL_ERROR, ArraySource
-from irpso_addon.gpu.solve.model_ladder import Ladder, LadderResult
+from irpso_addon.gpu.observe.observation_atlas import LEAST_GAIN, MODEL_ERROR, ArraySource, ObservedTexels
+from irpso_addon.gpu.solve.ladder_records import LadderResult, Materials
+from irpso_addon.gpu.solve.model_ladder import Ladder
 from studies.bench.opengl import result
 
 from .rig import NORMAL, Geometry
@@ -66,13 +67,14 @@ class Recovered:
 
 def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: Any) -> Recovered:
     """Solve for one material's maps by ``model``, auto or one of the ladder's rungs."""
-    source = ArraySource(device, rgb=rgb, quality=seen.quality, cos_v=seen.cos_v, lobes=seen.lobes,
-                         groups=seen.groups, table=principled_table())
+    source = ArraySource(device, ObservedTexels(rgb, seen.quality, seen.cos_v, seen.lobes, seen.groups),
+                         principled_table())
     # No model is exact here, as none is in pictures: those the sources of pictures allow for.
     source.model_error, source.least_gain = MODEL_ERROR, LEAST_GAIN
     h, w = seen.quality.shape[:2]
     slots = np.where((seen.quality > 0).any(-1), 0, -1).astype(np.int32)
-    ladder = Ladder(device, source, SolveSettings(size=max(h, w, 16), model=model, **settings), slots, (NAME,))
+    ladder = Ladder(device, source, SolveSettings(size=max(h, w, 16), model=model, **settings),
+                    Materials(slots, (NAME,)))
     fitted: LadderResult = result(ladder.solve())
     chosen = fitted.model[NAME]
     level = np.full((h, w), 0.5, np.float32) if fitted.level is None else fitted.level

@@ -1,0 +1,34 @@
+"""How much of the device's memory observed pictures take, and how large they may be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...core.data import View
+from ...core.reporting import estimates
+
+
+def bytes_per_pixel(views: Sequence[View]) -> int:
+    """GPU memory that all views take, for each pixel that one of them has."""
+    lobes = sum(len(view.lights) for view in views) * channels_needed(views)
+    return estimates.bytes_per_pixel(len(views), lobes, len({view.camera.name for view in views}))
+
+
+def most_pixels(views: Sequence[View], memory: float) -> int:
+    """Pixels of a picture up to which all views fit into ``memory`` GB together."""
+    return int(memory * 1e9 / bytes_per_pixel(views))
+
+
+def channels_needed(views: Sequence[View]) -> int:
+    """1 while radiance / irradiance has the same specular part in R, G and B, else 3.
+
+    It has with any one light, whatever its colour, and with several of one colour; but a channel
+    with hardly any light holds mostly noise, so strong colours are treated apart as well.
+    """
+    for view in views:
+        colours = [light.power / max(float(light.power.sum()), 1e-20) for light in view.lights]
+        if any(np.abs(c - colours[0]).max() > 0.01 or c.min() < 0.25 * c.max() for c in colours):
+            return 3
+    return 1

@@ -1,0 +1,52 @@
+"""What the solve stage is given of materials and earlier results, and what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...core.data import F32, I32, Bool
+from ...core.tiled.tiled_plan import Noise
+from .texel_records import SolvedTexels
+
+
+@dataclass(frozen=True)
+class Materials:
+    """Which material each texel has."""
+
+    slots: I32  # (h, w) material slot, -1 where there is none
+    names: tuple[str, ...]  # of the slots' materials
+
+    def masks(self) -> dict[str, Bool]:
+        """(h, w) texels of each material: slots that share one decide together."""
+        return {name: np.isin(self.slots, [slot for slot, other in enumerate(self.names) if other == name])
+                for name in dict.fromkeys(self.names)}
+
+
+@dataclass(frozen=True)
+class EarlierResult:
+    """What is taken over from an earlier result, by material."""
+
+    model: Mapping[str, str] = field(default_factory=dict)  # instead of choosing
+    levels: Mapping[str, float] = field(default_factory=dict)  # Specular IOR Level to begin at
+    fixed: frozenset[str] = frozenset()  # materials whose level must stay ...
+    level: F32 | None = None  # ... (h, w) as it is here; None: 0.5
+    lobes: F32 | None = None  # (h, w, 4) where the search begins: roughness1, roughness2, weight; whether known
+
+
+@dataclass
+class LadderResult:
+    """What the solve stage gives; arrays on the texel grid."""
+
+    texels: SolvedTexels
+    model: dict[str, str] = field(default_factory=dict)  # by material
+    why: dict[str, str] = field(default_factory=dict)
+    levels: dict[str, float] = field(default_factory=dict)
+    lobes: F32 | None = None  # (h, w, 3) roughness1, roughness2, weight
+    level: F32 | None = None  # (h, w) Specular IOR Level
+    base: F32 | None = None  # (h, w, 3) where the method searches it itself
+    noise: dict[int, Noise] = field(default_factory=dict)  # of the data, by the number of lobes
+    robust: bool = False  # whether outliers were disbelieved
+    cancelled: bool = False

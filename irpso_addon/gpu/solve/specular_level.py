@@ -1,0 +1,114 @@
+"""The Specular IOR Level that explains a material's observations, where it is not taken to be 0.5."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import numpy as np
+
+from ...core.data import F32, F64, Bool
+from ...core.job import Progress
+from ...core.params import SolveSettings
+from ..device.context import Device
+from ..observe.observation_atlas import Tile
+from .ladder_records import EarlierResult
+from .solver import Solver
+from .texel_records import read_residual, read_support
+
+LEVEL_STEP = 0.4  # of Specular IOR Level: first step of its search
+LEVEL_ROUNDS = 5  # each divides the step by 3
+LEVEL_KNOWN = 2  # of them that are left out where all levels are known from before
+LEVEL_WINDOW = 9  # texels: over which a level by texel is pooled
+LEVEL_LOOK = (0.4, 0.5, 0.6)
+LEVEL_SAME = 0.05  # a level so near to 0.5 is 0.5
+
+
+class LevelSearch:
+    """Tries levels with a solver; each texel finds its own roughness at each of them."""
+
+    def __init__(self, device: Device, settings: SolveSettings, last: EarlierResult) -> None:
+        self.device, self.settings, self.last = device, settings, last
+
+    def differs(self, solver: Solver, sample: Bool, places: list[Tile]) -> Generator[Progress, None, bool]:
+        """Whether a Specular IOR Level other than 0.5 may explain the sample better: one look to either side."""
+        costs = []
+        for level in LEVEL_LOOK:
+            solver.use_level(np.full(sample.shape, level, np.float32))
+            costs.append(float((yield from self._cost(solver, places))[sample].sum()))
+        bend = np.polyfit(LEVEL_LOOK, costs, 2)
+        return bool(bend[0] <= 0 or abs(-0.5 * bend[1] / bend[0] - 0.5) > LEVEL_SAME)
+
+    def levels(
+        self, solver: Solver, masks: dict[str, Bool], places: list[Tile],
+    ) -> Generator[Progress, None, F32]:
+        """The level that leaves the least noise, (h, w): per texel pooled over its window, or one for each mask.
+
+        A search that narrows: five levels about the best so far, a parabola through the lowest three, a third of
+        the step.  At every level each texel finds its own roughness.
+        """
+        level = np.full(next(iter(masks.values())).shape, 0.5, np.float32)
+        known = [name for name in masks if name in self.last.levels]
+        for name in known:
+            level[masks[name]] = self.last.levels[name]
+        for name in self.last.fixed.intersection(masks):
+            level[masks[name]] = 0.5 if self.last.level is None else self.last.level[masks[name]]
+        skipped = LEVEL_KNOWN if len(known) == len(masks) else 0
+        step = LEVEL_STEP / 3.0**skipped
+        for _ in range(skipped, LEVEL_ROUNDS):
+            if solver.cancelled or self.last.fixed.issuperset(masks):
+                break
+            offsets = step * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+            costs = []
+            for offset in offsets:
+                solver.use_level(np.clip(level + offset, 0.02, 1.0).astype(np.float32))
+                costs.append((yield from self._cost(solver, places)))
+            level = self._improved(level, offsets, np.stack(costs), masks)
+            step /= 3.0
+        return level
+
+    def _cost(self, solver: Solver, places: list[Tile]) -> Generator[Progress, None, F64]:
+        """How badly a solver's level explains each texel, (h, w): n log of the noise that the best roughness leaves."""
+        with self.device.scope():
+            best, maps = yield from solver.search(places)
+            residual = read_residual(self.device, best, 1).astype(np.float64)
+            support = read_support(self.device, maps)
+        observations = support.observations.astype(np.float64)
+        informed = support.observed & (observations >= 3.0)
+        floor = max(solver.noise, 1e-4) ** 2
+        return np.asarray(informed * observations * np.log(residual / np.maximum(observations, 1.0) + floor))
+
+    def _improved(self, level: F32, offsets: F64, costs: F64, masks: dict[str, Bool]) -> F32:
+        result = level.copy()
+        if self.settings.specular == "texel" and self.settings.model == "one-lobe-specular":
+            pooled = np.stack([_box(cost, LEVEL_WINDOW) for cost in costs])
+            result = level + _lowest(offsets, pooled).astype(np.float32)
+            for name in self.last.fixed.intersection(masks):
+                result[masks[name]] = level[masks[name]]
+        else:
+            for mask in (mask for name, mask in masks.items() if name not in self.last.fixed):
+                pooled = costs[:, mask].sum(axis=1)[:, None, None]
+                result[mask] = level[mask] + np.float32(_lowest(offsets, pooled)[0, 0])
+        return np.clip(result, 0.02, 1.0)
+
+
+def _box(values: F64, width: int) -> F64:
+    """Sum over a square window."""
+    half = width // 2
+    padded = np.pad(values, ((half + 1, half), (half + 1, half)))
+    total = padded.cumsum(0).cumsum(1)
+    return np.asarray(total[width:, width:] - total[:-width, width:] - total[width:, :-width] + total[:-width, :-width])
+
+
+def _lowest(offsets: F64, costs: F64) -> F64:
+    """Where the parabola through the lowest of (5, h, w) costs and its neighbours has its bottom, (h, w).
+
+    In the middle where all costs are alike.
+    """
+    best = np.clip(costs.argmin(axis=0), 1, len(offsets) - 2)
+    left, here, right = (np.take_along_axis(costs, best[None] + i, axis=0)[0] for i in (-1, 0, 1))
+    bend = left - 2.0 * here + right
+    shift = np.where(bend > 0, 0.5 * (left - right) / np.where(bend > 0, bend, 1.0), 0.0)
+    edge = np.where(right < here, 1.0, np.where(left < here, -1.0, 0.0))
+    shift = np.where((left < here) | (right < here), edge, shift)
+    flat = costs.max(axis=0) - costs.min(axis=0) <= 1e-6  # sums over windows round
+    return np.where(flat, 0.0, offsets[best] + np.clip(shift, -1.0, 1.0) * (offsets[1] - offsets[0]))

@@ -1,0 +1,110 @@
+"""Kernels run over the tiles of a source: tiles bound the memory of gathered observations, and the time of a draw."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import moderngl
+
+from ...core.data import F32
+from ...core.errors import Cancelled
+from ...core.job import Progress
+from ...core.params import SolveSettings
+from ..device.context import Device, Inputs, Textures
+from ..observe.observation_atlas import ObservationAtlas, Source, Tile
+from .live_readback import LOOKS
+
+Uniforms = Mapping[str, float | int]
+
+
+@dataclass(frozen=True)
+class KernelPass:
+    """One kernel over all tiles, written in place into whole maps."""
+
+    kernel: str
+    outputs: list[moderngl.Texture]
+    textures: Mapping[str, Textures]
+    uniforms: Uniforms
+    lobes: int = 1
+    colour: bool = False  # whether it asks for observations of R, G and B
+    robust: bool = False  # whether outliers are disbelieved
+
+
+class TilePasses:
+    """Runs kernels over tiles, and holds what every kernel reads."""
+
+    def __init__(
+        self, device: Device, source: Source, settings: SolveSettings, tile: tuple[int, int] | None = None,
+        start: moderngl.Texture | None = None,
+    ) -> None:
+        """``start``: where each texel's search begins, as EarlierResult.lobes; it is the caller's."""
+        self.device, self.source, self.settings, self.start = device, source, settings, start
+        self.atlas = ObservationAtlas(device, source, tile)
+        self.slack = 0.0  # between-camera variance of albedo in units of the noise's
+        self.level: moderngl.Texture | None = None  # Specular IOR Level of each texel; None: 0.5
+        self.cancelled = False
+        self.shown = True  # whether what kernels find may be looked at; not where something is only tried
+        self._work: dict[Tile, F32] = {}  # of each row of a tile, see ObservationAtlas.work
+
+    def use_level(self, level: F32 | None) -> None:
+        """Specular IOR Level of each texel from now on, (h, w); None: 0.5."""
+        if self.level is not None:
+            self.level.release()
+        self.level = None if level is None else self.device.texture(level.shape[1], level.shape[0], 1, level)
+
+    def run(
+        self, chosen: list[Tile], span: tuple[float, float], work: KernelPass,
+    ) -> Generator[Progress, None, int]:
+        """Run one kernel over tiles; returns how many were done, fewer when the first kernel is stopped.
+
+        A later kernel goes on to its end over the tiles that the first one did.  ``span``: of the stage's progress.
+        """
+        stoppable = span[0] == 0.0
+        defines = self._defines(work)
+        shown = self.shown and (work.kernel, work.lobes) in LOOKS
+        look = partial(LOOKS[work.kernel, work.lobes], self.device, work.outputs) if shown else None
+        with self.device.target(work.outputs, clear=True) as target:
+            for i, tile in enumerate(chosen):
+                for step in (self.source.gather(self.atlas, tile, work.colour),
+                             self._run_tile(work, target, tile, defines)):
+                    for _ in step:
+                        try:
+                            part = (i + 1) / len(chosen)
+                            yield Progress(span[0] + (span[1] - span[0]) * part, "solve",
+                                           f"tile {i + 1} of {len(chosen)}", look)
+                        except Cancelled:
+                            self.cancelled = True
+                if self.cancelled and stoppable:
+                    return i + 1
+            return len(chosen)
+
+    def _defines(self, work: KernelPass) -> dict[str, str]:
+        defines = {**self.source.layers.defines(), "LOBES": str(work.lobes)}
+        switches = {"COLOUR": work.colour, "STARTED": "u_started" in work.uniforms, "SPECULAR": self.level is not None,
+                    "ROBUST": work.robust,
+                    "NDF_BECKMANN": work.lobes == 2 and self.settings.ndf == "beckmann"}
+        if work.uniforms.get("u_moves", 0) > 0:
+            defines["SWARM"] = str(work.uniforms["u_particles"])
+        return {**defines, **{name: "1" for name, on in switches.items() if on}}
+
+    def _run_tile(
+        self, work: KernelPass, target: moderngl.Framebuffer, tile: Tile, defines: Mapping[str, str],
+    ) -> Iterator[None]:
+        """One kernel over one tile, a slice at a time."""
+        (x, y), (width, height) = tile, self.source.size
+        if tile not in self._work:
+            self._work[tile] = self.atlas.work()
+        region = x, y, min(self.atlas.tile[0], width - x), min(self.atlas.tile[1], height - y)
+        yield from self.device.steps(work.kernel, target, Inputs({
+            "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
+            "u_principled_table": self.source.principled_table,
+            **({"u_level": self.level} if self.level else {}),
+            **({"u_start": self.start} if "STARTED" in defines else {}), **work.textures,
+        }, {**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile, **work.uniforms}, defines),
+            region, self._work[tile][:region[3]])
+
+    def textures(self, count: int) -> list[moderngl.Texture]:
+        """Of the maps' size."""
+        return [self.device.texture(*self.source.size) for _ in range(count)]
