@@ -153,6 +153,7 @@ def test_the_settings_decide(on_gl):
     """Asked for, kernels run so, unmeasured; a device that cannot says what it would need."""
 
     def job(device: Device) -> list[Any]:
+        device.configure(DeviceSettings())
         found: list[Any] = [device.prefers_compute]
         kernels = len(device.programs._kernels)
         for name in ("compute", "fragment", "auto"):
