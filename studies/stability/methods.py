@@ -13,7 +13,14 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading.tables import principled_table
 from irpso_addon.gpu.device.context import Device, Inputs
 from irpso_addon.gpu.maps.finish_maps import confidence
-from irpso_addon.gpu.observe.observation_atlas import CAMERA_SLACK, MODEL_ERROR, POOL_GAIN, ArraySource, Layers
+from irpso_addon.gpu.observe.observation_atlas import (
+    CAMERA_SLACK,
+    MODEL_ERROR,
+    POOL_GAIN,
+    ArraySource,
+    Layers,
+    ObservedTexels,
+)
 from irpso_addon.gpu.solve.ladder_records import Materials
 from irpso_addon.gpu.solve.model_ladder import Ladder
 from irpso_addon.gpu.solve.paper_swarm import Swarms
@@ -45,8 +52,8 @@ class PictureSource(ArraySource):
     """Arrays treated as the product treats pictures (CameraSource): channels apart where lamps are coloured."""
 
     def __init__(self, device: Device, problem: Problem) -> None:
-        super().__init__(device, rgb=problem.rgb, quality=problem.quality, cos_v=problem.cos_v, lobes=problem.lobes,
-                         groups=problem.groups, table=principled_table())
+        super().__init__(device, ObservedTexels(
+            problem.rgb, problem.quality, problem.cos_v, problem.lobes, problem.groups), principled_table())
         self.camera_slack, self.pool_gain, self.model_error = CAMERA_SLACK, POOL_GAIN, MODEL_ERROR
         if problem.channels == 3:
             self._apart(problem)
