@@ -125,4 +125,8 @@ def print_summary(name: str, solution: Solution, out: Path) -> None:
     console.say(
         f"{name}: {models}, {texels['solved']:,} of {texels['covered']:,} texels from {len(solution.views_used)} views "
         f"in {total:.1f} s (solve {solution.seconds.get('solve', 0.0):.1f} s), residual {solution.residual:.2%}")
+    for material, prediction in solution.predictions.items():
+        console.say(f"{material or 'no material'}: left-out {prediction.left_out} predicted to "
+                    f"{prediction.error.relative_rms:.1%} of their radiance, {prediction.error.lightness:.1f} L* "
+                    f"({prediction.taken})")
     console.say(f"{out}: maps, report.json and the scene with the maps on its material")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from .check_records import Checks
 
+UNEXPLAINED = 0.6  # relative error of radiance that is left out, from which on no model fits (predicting black errs by 1)
 F16 = NDArray[np.float16]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -174,6 +175,43 @@ class ViewPicture:
 
 
 @dataclass(frozen=True)
+class JointPrior:
+    """What a material as a whole says of its texels' roughness: normal about it, in the logarithm."""
+
+    roughness: float
+    strength: float  # nats that a texel pays per squared log ratio
+    sigma: float = 0.0  # standard error of ``roughness``, where all texels have that one
+
+
+@dataclass(frozen=True)
+class PredictionError:
+    """How far predictions of views are off that took no part in the fit."""
+
+    relative_rms: float  # square root of the sum of squared errors of radiance over that of squared radiances
+    lightness: float  # root mean square error of CIE L*; about 1 is just noticeable
+
+
+@dataclass(frozen=True)
+class MaterialPrediction:
+    """How well models of one material predicted what lamps (or cameras) that were left out show."""
+
+    left_out: str  # "lamps" or "cameras"
+    taken: str  # the row of ``tried`` that was solved for
+    tried: dict[str, PredictionError]  # from the smallest model on
+    prior: JointPrior | None = None  # that the solve drew the texels with
+
+    @property
+    def error(self) -> PredictionError:
+        """Of what was taken."""
+        return self.tried[self.taken]
+
+    @property
+    def fits(self) -> bool:
+        """Whether the model explains the material at all."""
+        return self.error.relative_rms < UNEXPLAINED
+
+
+@dataclass(frozen=True)
 class Solution:
     """Maps with what the report says of them."""
 
@@ -193,7 +231,12 @@ class Solution:
     ndf: str = "ggx"  # distribution of the two-lobe model, as in core/params.py
     checks: Checks | None = None  # what the views say of the maps
     pictures: tuple[ViewPicture, ...] = ()  # of each view, reduced: reference beside prediction
+    predictions: dict[str, MaterialPrediction] = field(default_factory=dict)  # material slot name -> its models' errors
     resumed_blocks: int = 0  # of a solve in blocks: those that an earlier run had left
+
+    def priors(self) -> dict[str, JointPrior]:
+        """By material, where there is one."""
+        return {name: found.prior for name, found in self.predictions.items() if found.prior is not None}
 
     @classmethod
     def of_maps(

@@ -86,7 +86,8 @@ def _last(plan: Plan, window: UvBlock, slots: I32) -> EarlierResult:
     """Models and levels as the plan has them."""
     solution = plan.solution
     chosen = solution.model if plan.settings.model == "auto" else {}
-    return EarlierResult(chosen, solution.levels, frozenset(solution.model), plan.level_map(window, slots))
+    return EarlierResult(chosen, solution.levels, frozenset(solution.model), plan.level_map(window, slots),
+                         priors=solution.priors())
 
 
 def _views(

@@ -18,7 +18,7 @@ from ..core.checks.residuals import is_indirect
 from ..core.checks.solve_checks import TexelFit, measure, worse
 from ..core.checks.warnings import grouped, mended, warnings
 from ..core.cpu_solver import solver
-from ..core.data import F32, I32, Bool, Bounced, Maps, SceneData, Solution, ViewPicture
+from ..core.data import F32, I32, Bool, Bounced, Maps, MaterialPrediction, SceneData, Solution, ViewPicture
 from ..core.errors import BadInput, Cancelled
 from ..core.images.reference_image import read_reference
 from ..core.job import Progress
@@ -209,6 +209,7 @@ def _solution(
     relative = made.relative[made.solved].astype(np.float64)
     return Solution(
         maps=maps, model=ladder.model, why=ladder.why, seconds={}, device={}, levels=ladder.levels,
+        predictions=ladder.predictions,
         residual=float(np.sqrt(np.mean(relative**2))) if len(relative) else 0.0,
         cancelled=ladder.cancelled or made.albedo.cancelled, ndf=settings.ndf,
         texels={"covered": int(gbuffer.coverage.sum()), "observed": int((made.solved | made.shown).sum()),
@@ -216,7 +217,8 @@ def _solution(
                 "kept": int((part.known & ~made.good).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
         views_skipped=scene.skipped + observations.skipped,
-        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps, settings.udim)))
+        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps, settings.udim),
+                  *(_unfit(name, found) for name, found in ladder.predictions.items() if not found.fits)))
 
 
 def _checks(
@@ -230,6 +232,12 @@ def _checks(
                       sure=settings.method != "paper", chosen=settings.model == "auto")
     yield Progress(1.0, "maps", "checks")
     return measure(views, texels), tuple(pictures)
+
+
+def _unfit(name: str, prediction: MaterialPrediction) -> str:
+    return (f"material '{name}': no model that was tried predicts what left-out {prediction.left_out} show "
+            f"({prediction.error.relative_rms:.0%} of the radiance is missed), so its confidence is 0; what is translucent, "
+            "moves, mirrors its surroundings or is lit by more than the lamps cannot be solved for")
 
 
 def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, udim: str) -> list[str]:

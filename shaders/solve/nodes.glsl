@@ -45,3 +45,14 @@ float noise_around(sampler2D noise, ivec2 texel, ivec2 size) {
     }
     return max(exp(sum.x / sum.y), u_noise_floor * u_noise_floor);
 }
+
+#ifdef JOINT
+uniform float u_joint_roughness;  // of the material
+uniform float u_joint_strength;
+
+// Minus the logarithm of the material's prior: its texels' roughness is normal about the joint one, in the logarithm.
+float joint_cost(float r) {
+    float off = log(r / u_joint_roughness);
+    return u_joint_strength * off * off;
+}
+#endif

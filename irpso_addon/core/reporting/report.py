@@ -67,6 +67,12 @@ def _model(solution: Solution, slot: str) -> dict[str, Any]:
         found["level"] = solution.levels.get(slot)
     elif found["model"] == "two-lobe":
         found["ndf"] = solution.ndf
+    prediction = solution.predictions.get(slot)
+    if prediction is not None:
+        found["prediction"] = {
+            "left_out": prediction.left_out, "taken": prediction.taken, "fits": prediction.fits,
+            **asdict(prediction.error), "tried": {name: asdict(error) for name, error in prediction.tried.items()},
+            "prior": asdict(prediction.prior) if prediction.prior else None}
     return found
 
 

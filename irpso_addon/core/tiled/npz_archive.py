@@ -22,10 +22,13 @@ from ..check_records import Checks, LightResidual, MaterialCheck, Misfit, Residu
 from ..data import (
     Bounced,
     Camera,
+    JointPrior,
     Light,
     Maps,
+    MaterialPrediction,
     MeshArrays,
     NormalMap,
+    PredictionError,
     Region,
     SceneData,
     Solution,
@@ -38,11 +41,12 @@ from ..storage.atomic_io import replacing
 from ..versions import version
 from .tiled_plan import Noise, Plan
 
-FORMAT = 3  # of the files; another one is refused
+FORMAT = 4  # of the files; another one is refused
 THING = "thing.json"
 # The records that a file may hold.  Their names and their fields' names are the file's format: raise FORMAT with them.
 RECORDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (
-    NormalMap, MeshArrays, Camera, Light, View, Region, SceneData, Bounced, Maps, Solution, ViewPicture, SolveSettings,
+    NormalMap, MeshArrays, Camera, Light, View, Region, SceneData, Bounced, Maps, Solution, ViewPicture, JointPrior,
+    PredictionError, MaterialPrediction, SolveSettings,
     Residual, Slope, LightResidual, Misfit, ViewCheck, MaterialCheck, Checks, Noise, Plan)}
 _KINDS = "biuf"  # of arrays: truth values, integers, floats
 _TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can tell: else other bytes each time

@@ -84,28 +84,38 @@ def make_maps(
         coverage=texels.slots >= 0,
         lobes=pairs if joined.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and joined.level is not None else None,
-        **_certainty(joined.texels, own.observations, lambert, good),
+        **_certainty(joined.texels, own.observations, lambert, good, _unfit(scene, texels)),
     )
     maps = part.join_maps(maps, part.share(good))
     return FinishedMaps(maps, joined, good, own.solved, shown, relative, albedo, base_texture)
 
 
-def _certainty(texels: SolvedTexels, observations: F32, lambert: Bool, good: Bool) -> dict[str, F32]:
+def _certainty(texels: SolvedTexels, observations: F32, lambert: Bool, good: Bool, unfit: Bool) -> dict[str, F32]:
     """The maps that say how sure each texel is, by role.
 
     Without a lobe no roughness was solved for: what can be trusted or not is the base colour.
     """
     rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), texels.sigma)
     doubt = np.where(lambert, texels.base_sigma, sigma)
-    return {"confidence": np.where(good, confidence(rough, doubt, observations, good), np.float32(0)),
+    sure = confidence(rough, doubt, observations, good)
+    return {"confidence": np.where(good & ~unfit, sure, np.float32(0)),
             "roughness_sigma": np.where(good, sigma, 0.0).astype(np.float32),
             "base_sigma": np.where(good, texels.base_sigma, 0.0).astype(np.float32)}
 
 
 def _lambert(scene: SceneData, texels: SolvedTexelGrid) -> Bool:
     """(h, w) texels of materials without a lobe."""
-    names = enumerate(scene.mesh.slot_names)
-    return np.isin(texels.slots, [slot for slot, name in names if texels.ladder.model.get(name) == "lambert"])
+    return _of(scene, texels, [name for name, model in texels.ladder.model.items() if model == "lambert"])
+
+
+def _unfit(scene: SceneData, texels: SolvedTexelGrid) -> Bool:
+    """(h, w) texels of materials that no model explains."""
+    return _of(scene, texels, [name for name, found in texels.ladder.predictions.items() if not found.fits])
+
+
+def _of(scene: SceneData, texels: SolvedTexelGrid, materials: list[str]) -> Bool:
+    """(h, w) texels of some materials."""
+    return np.isin(texels.slots, [slot for slot, name in enumerate(scene.mesh.slot_names) if name in materials])
 
 
 def _filled_lobes(

@@ -45,7 +45,7 @@ class PartialSolve(SolveMask):
         texels = replace(new.texels, roughness=self.join(new.texels.roughness, "roughness", share),
                          solved=new.texels.solved | self.known)
         joined = replace(new, texels=texels, model={**start.model, **new.model}, why={**start.why, **new.why},
-                         levels={**start.levels, **new.levels})
+                         levels={**start.levels, **new.levels}, predictions={**start.predictions, **new.predictions})
         if new.lobes is not None or self.last.lobes is not None:
             weight = share[..., None]
             joined.lobes = weight * _lobes(new.texels.roughness, new.lobes) + (1 - weight) * _lobes(
@@ -131,7 +131,8 @@ def earlier_result_of(
         model={name: start.model[name] for name in taken} if settings.model == "auto" else {},
         levels={name: level for name, level in start.levels.items() if name in taken}, fixed=frozenset(shared),
         level=None if part.last is None else part.last.specular,
-        lobes=_seeds(region.resized(start.maps, settings.size)) if again else None)
+        lobes=_seeds(region.resized(start.maps, settings.size)) if again else None,
+        priors={name: prior for name, prior in start.priors().items() if name in taken})
 
 
 def _check_model(name: str, start: Solution, settings: SolveSettings) -> None:

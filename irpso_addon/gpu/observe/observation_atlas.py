@@ -22,7 +22,6 @@ import numpy as np
 from ...core.data import F32, Bool
 from ..device.context import Device, Inputs
 from ..device.occupied_cells import CELL
-from ..gbuffer.gbuffer import GBufferMaps
 from .observations import EDGE_QUALITY, Observations, ObservedView
 
 TILE = (512, 128)  # width and height, in texels
@@ -126,10 +125,24 @@ def tiles(atlas: ObservationAtlas, covered: Bool) -> list[Tile]:
     return [(x, y) for y in range(0, height, h) for x in range(0, width, w) if covered[y:y + h, x:x + w].any()]
 
 
+class TexelSurface(Protocol):
+    """Where texels lie: two textures, as of `GBufferMaps`."""
+
+    @property
+    def position(self) -> moderngl.Texture:
+        """World xyz, coverage."""
+        ...
+
+    @property
+    def normal(self) -> moderngl.Texture:
+        """Shading normal, material slot."""
+        ...
+
+
 class CameraSource:
     """Texels matched to the pixels of the cameras that see them."""
 
-    def __init__(self, device: Device, grid: GBufferMaps, observations: Observations, extent: float = 1.0) -> None:
+    def __init__(self, device: Device, grid: TexelSurface, observations: Observations, extent: float = 1.0) -> None:
         self.device, self.grid, self.observations = device, grid, observations
         channels = observations.channels
         groups = tuple(i * channels + channel for i, camera in enumerate(observations.cameras)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...core.data import F32, I32, Bool
+from ...core.data import F32, I32, Bool, JointPrior, MaterialPrediction
 from ...core.tiled.tiled_plan import Noise
 from .texel_records import SolvedTexels
 
@@ -34,6 +34,7 @@ class EarlierResult:
     fixed: frozenset[str] = frozenset()  # materials whose level must stay ...
     level: F32 | None = None  # ... (h, w) as it is here; None: 0.5
     lobes: F32 | None = None  # (h, w, 4) where the search begins: roughness1, roughness2, weight; whether known
+    priors: Mapping[str, JointPrior] = field(default_factory=dict)  # of materials whose ``model`` is given
 
 
 @dataclass
@@ -48,5 +49,6 @@ class LadderResult:
     level: F32 | None = None  # (h, w) Specular IOR Level
     base: F32 | None = None  # (h, w, 3) where the method searches it itself
     noise: dict[int, Noise] = field(default_factory=dict)  # of the data, by the number of lobes
+    predictions: dict[str, MaterialPrediction] = field(default_factory=dict)  # by material
     robust: bool = False  # whether outliers were disbelieved
     cancelled: bool = False

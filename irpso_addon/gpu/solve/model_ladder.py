@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.data import F32, Bool
+from ...core.data import F32, Bool, JointPrior
 from ...core.job import Progress
 from ...core.models import CELL, Fit, choose
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import PriorKnowledge
 from ..device.context import Device
-from ..observe.observation_atlas import Source, Tile, tiles
+from ..observe.observation_atlas import CameraSource, Source, Tile, tiles
 from .ladder_records import EarlierResult, LadderResult, Materials
+from .model_prediction import ModelPrediction
 from .paper_swarm import PaperSwarm
 from .solver import Solver
 from .specular_level import LevelSearch
@@ -38,6 +39,9 @@ class Ladder:
         self.solver = Solver(device, source, settings, start=self.start, before=before)
         self.masks = materials.masks()
         self.levels = LevelSearch(device, settings, self.last)
+        # By material, where prediction has chosen them:
+        self.priors: dict[str, JointPrior] = dict(self.last.priors)
+        self.decided_levels: dict[str, float] = {}
 
     def solve(self) -> Generator[Progress, None, LadderResult]:
         """Climb as far as the settings say, or the data pay for."""
@@ -104,13 +108,57 @@ class Ladder:
             result.model[name], result.why[name] = self._choose(texels, fitted.observations, lambert=none, one_lobe=one)
             if result.model[name] == "one-lobe" and not self.solver.cancelled:
                 result.model[name], result.why[name] = yield from self._try_larger(name, texels, result)
-                larger.setdefault(result.model[name], []).append(name)
+            if not self.solver.cancelled:
+                yield from self._predict(name, texels, result)
+            larger.setdefault(result.model[name], []).append(name)
+        for name in (name for name in larger.get("one-lobe", []) if name in self.priors):
+            self._put(result, (yield from self._one_lobe(name)), [name])
         for name in larger.get("one-lobe-specular", []):
-            self._put(result, (yield from self._specular([name])), [name])
+            solved = self._one_lobe(name) if name in self.decided_levels else self._specular([name])
+            self._put(result, (yield from solved), [name])
         if "two-lobe" in larger:
             names = larger["two-lobe"]
             maps = yield from self.solver.solve_two(self._tiles(self.solver, names))
             self._put(result, self._read(maps), names)
+
+    def _predict(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, None]:
+        """Keep the model, or take another one that predicts better what left-out lamps show."""
+        if not isinstance(self.source, CameraSource) or self.settings.method == "draft":
+            return
+        decision = yield from ModelPrediction(self.device, self.source, self.settings).decide(
+            texels, result.model[name])
+        result.why[name] = f"{decision.why}; within the fit, {result.model[name]} by {result.why[name]}"
+        result.model[name] = decision.model
+        if decision.prediction is not None:
+            result.predictions[name] = decision.prediction
+        if decision.prior is not None:
+            self.priors[name] = decision.prior
+        if decision.level is not None:
+            self.decided_levels[name] = decision.level
+
+    def _one_lobe(self, name: str) -> Generator[Progress, None, LadderResult]:
+        """One lobe of a material under its prior, at the Specular IOR Level that was decided (none: 0.5)."""
+        if name not in self.decided_levels:
+            return self._drawn(name, self._read((yield from self._under_prior(name))))
+        level = np.full(self.masks[name].shape, self.decided_levels[name], np.float32)
+        self.solver.use_level(level)
+        part = self._drawn(name, self._read((yield from self._under_prior(name))))
+        self.solver.use_level(None)
+        part.level, part.levels = level, {name: self.decided_levels[name]}
+        return part
+
+    def _under_prior(self, name: str) -> Generator[Progress, None, RoughnessMaps]:
+        self.solver.joint = self.priors.get(name)
+        maps = yield from self.solver.solve(self._tiles(self.solver, [name]))
+        self.solver.joint = None
+        return maps
+
+    def _drawn(self, name: str, part: LadderResult) -> LadderResult:
+        """With what is unsure of the material's one roughness."""
+        if name in self.priors:
+            sigma = np.hypot(part.texels.sigma, np.float32(self.priors[name].sigma)).astype(np.float32)
+            part.texels = replace(part.texels, sigma=sigma)
+        return part
 
     def _choose(self, texels: Bool, observations: F32, **fits: Fit) -> tuple[str, str]:
         h, w = texels.shape
@@ -177,7 +225,10 @@ class Ladder:
         level = yield from self._level(masks, by_texel)
         self.solver.use_level(level)
         self.solver.shown = True
-        result = self._read((yield from self.solver.solve(self._tiles(self.solver, names))))
+        if len(names) == 1 and names[0] in self.priors:  # of an earlier result
+            result = self._drawn(names[0], self._read((yield from self._under_prior(names[0]))))
+        else:
+            result = self._read((yield from self.solver.solve(self._tiles(self.solver, names))))
         self.solver.use_level(None)
         result.level = level
         if not by_texel:

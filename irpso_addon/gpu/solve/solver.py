@@ -5,11 +5,12 @@ The search of a texel is one draw of one fused kernel (shaders/solve/search.kern
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 
 import moderngl
 import numpy as np
 
+from ...core.data import F32, JointPrior
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import Noise, PriorKnowledge
@@ -62,6 +63,7 @@ class Solver(TilePasses):
         self.robust = False  # whether the last solve of one lobe disbelieved outliers
         self.noise_of: dict[int, Noise] = {}  # by lobes, of the last solve
         self.noise = 0.0  # relative, as the last solve found it (median)
+        self.joint: JointPrior | None = None  # of one lobe; None: texels know their neighbours alone
         self.noise_map: moderngl.Texture | None = None  # log variance of it, see neighbours.noise_map
         method = settings.method if settings.method in METHODS else "refined"
         self.knobs: dict[int, Uniforms] = {1: METHODS[method], 2: TWO_LOBES[method]}  # by lobes
@@ -76,19 +78,46 @@ class Solver(TilePasses):
         chosen = tiles(self.atlas, self.covered) if only is None else only
         roughness, detail = self.textures(2)
         with self.device.scope() as owned:
-            searched = self.textures(3)
-            done = yield from self._search(chosen, searched, 1)
-            chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
-            variance = self._noise(searched[0], searched[1], 1)
-            searched, variance = yield from self._believed(chosen, searched, variance)
-            if self._asks_neighbours(1, variance, self._unsure(variance, searched[1])):
-                yield from self._with_neighbours(chosen, searched, variance, [roughness, detail])
-            else:
-                inputs = Inputs({**self._valleys(searched), "u_extra": searched[2]}, self._floor(variance))
-                with self.device.target([roughness, detail]) as target:
-                    self.device.kernel("solve/finish.kernel", target, inputs, (0, 0, *self.source.size))
+            chosen, searched, variance = yield from self._searched(chosen)
+            yield from self._finish(chosen, searched, variance, [roughness, detail])
             owned.hand_over(self.noise_map)
         return RoughnessMaps(roughness, detail)
+
+    def under_priors(self, priors: Sequence[JointPrior | None]) -> Generator[Progress, None, list[F32]]:
+        """(h, w) roughness of one lobe under each prior of the material, from one search."""
+        results = []
+        with self.device.scope() as owned:
+            chosen, searched, variance = yield from self._searched(tiles(self.atlas, self.covered))
+            outputs = self.textures(2)
+            for prior in priors:
+                self.joint = prior
+                yield from self._finish(chosen, searched, variance, outputs)
+                results.append(self.device.read(outputs[0])[..., 0].copy())
+            self.joint = None
+            owned.hand_over(self.noise_map)
+        return results
+
+    def _searched(
+        self, chosen: list[Tile],
+    ) -> Generator[Progress, None, tuple[list[Tile], list[moderngl.Texture], float]]:
+        """(tiles that are done, outputs of the search, variance of the noise); fewer tiles when stopped."""
+        searched = self.textures(3)
+        done = yield from self._search(chosen, searched, 1)
+        chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
+        variance = self._noise(searched[0], searched[1], 1)
+        searched, variance = yield from self._believed(chosen, searched, variance)
+        return chosen, searched, variance
+
+    def _finish(
+        self, chosen: list[Tile], searched: list[moderngl.Texture], variance: float, outputs: list[moderngl.Texture],
+    ) -> Generator[Progress, None, None]:
+        """From what the search has found to roughness and detail."""
+        if self._asks_neighbours(1, variance, self._unsure(variance, searched[1])) or self.joint is not None:
+            yield from self._with_neighbours(chosen, searched, variance, outputs)
+        else:
+            inputs = Inputs({**self._valleys(searched), "u_extra": searched[2]}, self._floor(variance))
+            with self.device.target(outputs) as target:
+                self.device.kernel("solve/finish.kernel", target, inputs, (0, 0, *self.source.size))
 
     def _valleys(self, searched: list[moderngl.Texture]) -> dict[str, Textures]:
         """What the search has found, and its noise, as later kernels read them."""
@@ -98,7 +127,7 @@ class Solver(TilePasses):
         self, chosen: list[Tile], searched: list[moderngl.Texture], variance: float, outputs: list[moderngl.Texture],
     ) -> Generator[Progress, None, None]:
         """Pool what texels say, and polish each under its neighbours' prior."""
-        valleys, floor = self._valleys(searched), self._floor(variance)
+        valleys, floor = self._valleys(searched), {**self._floor(variance), **self._joint()}
         with self.device.scope():
             tables = self.textures(8)
             yield from self.run(chosen, (0.5, 0.75), KernelPass(
@@ -108,6 +137,11 @@ class Solver(TilePasses):
             yield from self.run(chosen, (0.75, 1.0), KernelPass(
                 "solve/polish.kernel", outputs, {**valleys, "u_estimate": estimate, "u_prior": prior},
                 {**floor, "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": POLISH_STEPS}, robust=self.robust))
+
+    def _joint(self) -> Uniforms:
+        if self.joint is None:
+            return {}
+        return {"u_joint_roughness": self.joint.roughness, "u_joint_strength": self.joint.strength}
 
     def _believed(
         self, chosen: list[Tile], plain: list[moderngl.Texture], variance: float,

@@ -83,7 +83,7 @@ class TilePasses:
     def _defines(self, work: KernelPass) -> dict[str, str]:
         defines = {**self.source.layers.defines(), "LOBES": str(work.lobes)}
         switches = {"COLOUR": work.colour, "STARTED": "u_started" in work.uniforms, "SPECULAR": self.level is not None,
-                    "ROBUST": work.robust,
+                    "ROBUST": work.robust, "JOINT": "u_joint_strength" in work.uniforms,
                     "NDF_BECKMANN": work.lobes == 2 and self.settings.ndf == "beckmann"}
         if work.uniforms.get("u_moves", 0) > 0:
             defines["SWARM"] = str(work.uniforms["u_particles"])

@@ -1,0 +1,118 @@
+"""Prediction by folds: lamps (or cameras) are left out in turn, and what they should have shown is predicted.
+
+Evidence inside a fit cannot see that a model is wrong in a systematic way: the fit bends the model's numbers until the
+observations are explained.  What was left out cannot be bent to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data import F64, I32, Bool, PredictionError
+from .sampled_texels import SampledTexels
+
+FOLDS = 4
+LEAST_SETS = 3  # of lamps, or cameras: with fewer, leaving one out leaves too little
+LEAST_KNOWN = 2  # good observations that a texel keeps where it is predicted
+WHITE = 99.5  # per cent of the radiances that lie below white
+SAME = 0.02  # of the loss: so much worse is not clearly worse
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Which layers are left out in each fold."""
+
+    left_out: tuple[Bool, ...]  # (V,) each
+    of: str  # "lamps" or "cameras"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What one model predicted of every layer when it was left out."""
+
+    name: str
+    squares: F64  # (T,) of errors of radiance
+    lightness: F64  # (T,) squared errors of L*
+
+
+def split(texels: SampledTexels) -> Folds | None:
+    """Every FOLDS-th set of lamps, or camera where there are too few sets; None where there are too few of both."""
+    for of, labels in (("lamps", texels.lamps), ("cameras", texels.camera)):
+        names = np.unique(labels)
+        if len(names) >= LEAST_SETS:
+            count = min(FOLDS, len(names))
+            return Folds(tuple(np.isin(labels, names[k::count]) for k in range(count)), of)
+    return None
+
+
+class Judge:
+    """Collects what candidates predict, and says which one is to be taken."""
+
+    def __init__(self, texels: SampledTexels, folds: Folds) -> None:
+        self.texels, self.folds = texels, folds
+        self.radiance = texels.reflected * texels.irradiance
+        usable = texels.usable()
+        self.white = float(np.percentile(self.radiance[usable], WHITE)) if usable.any() else 1.0
+        self.judged = np.zeros_like(usable)  # (T, V) that count in all candidates alike
+        for left_out in folds.left_out:
+            enough = (usable & ~left_out).sum(1) >= LEAST_KNOWN
+            self.judged |= usable & left_out & enough[:, None]
+        self.candidates: dict[str, Candidate] = {}
+
+    def add(self, name: str, predictions: Sequence[F64]) -> None:
+        """``predictions``: (T, V) radiance / irradiance of each fold, of which the layers left out count."""
+        value = np.zeros_like(self.radiance)
+        for left_out, prediction in zip(self.folds.left_out, predictions, strict=True):
+            value[:, left_out] = prediction[:, left_out]
+        value = value * self.texels.irradiance
+        off = np.where(self.judged, value - self.radiance, 0.0)
+        light = np.where(self.judged, lightness(value / self.white) - lightness(self.radiance / self.white), 0.0)
+        self.candidates[name] = Candidate(name, (off**2).sum(1), (light**2).sum(1))
+
+    def error(self, name: str) -> PredictionError:
+        """Of a candidate, over all that was left out."""
+        candidate = self.candidates[name]
+        signal = float((np.where(self.judged, self.radiance, 0.0) ** 2).sum())
+        return PredictionError(float(np.sqrt(candidate.squares.sum() / max(signal, 1e-30))),
+                               float(np.sqrt(candidate.lightness.sum() / max(int(self.judged.sum()), 1))))
+
+    def choose(self, families: Sequence[Sequence[str]], clusters: I32, incumbent: str) -> str:
+        """The candidate to take: the incumbent, unless another predicts clearly better.
+
+        Then of the smallest family whose best is within the scatter of the best of all.  ``families``: names of
+        candidates, from the smallest models on.  Both errors count, each relative to the least: lightness alone misses
+        the texel that may flash under another lamp, radiance alone the body of dark things.  ``clusters``: (T,) groups
+        of neighbouring texels, which err alike.  ``incumbent``: what the evidence inside the fit prefers.  In the
+        fit's own world that sees differences which are too small to be predicted.
+        """
+        least = [max(min(float(getattr(c, part).sum()) for c in self.candidates.values()), 1e-30)
+                 for part in ("squares", "lightness")]
+        loss = {name: c.squares / least[0] + c.lightness / least[1] for name, c in self.candidates.items()}
+        total = {name: float(values.sum()) for name, values in loss.items()}
+        firsts = [min(family, key=lambda name: total[name]) for family in families]
+        best = min(firsts, key=lambda name: total[name])
+        if total[incumbent] <= (1 + SAME) * total[best]:
+            return incumbent
+        for name in firsts:
+            scatter = _scatter(loss[name] - loss[best], clusters)
+            if total[name] <= total[best] + min(scatter, SAME * total[best]):
+                return name
+        return best
+
+
+def _scatter(values: F64, clusters: I32) -> float:
+    """Standard error of the sum of (T,) values, whose clusters are independent."""
+    _, of = np.unique(clusters, return_inverse=True)
+    sums = np.bincount(of, values)
+    return float(np.sqrt(len(sums)) * sums.std()) if len(sums) > 1 else 0.0
+
+
+def lightness(relative: F64) -> F64:
+    """CIE L* of luminance relative to white, 0 to 1 (CIE 15:2004, eq. 8.1)."""
+    y = np.clip(relative, 0.0, 1.0)
+    value: F64 = np.where(y > 216 / 24389, 116 * np.cbrt(y) - 16, y * 24389 / 27)
+    return value
+

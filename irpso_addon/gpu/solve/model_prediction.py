@@ -1,0 +1,159 @@
+"""Which model of a material predicts best what left-out lamps or cameras show, on squares of its texels."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...core.data import F32, F64, I32, Bool, JointPrior, MaterialPrediction, PredictionError
+from ...core.evaluation.folds import Folds, Judge, split
+from ...core.evaluation.joint_material import Joint, JointSearch
+from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted
+from ...core.job import Progress
+from ...core.params import SolveSettings
+from ..device.context import Device
+from ..observe.observation_atlas import CameraSource
+from .material_sample import MaterialSample, spread_squares
+from .solver import Solver
+
+STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
+JUDGED = 1500  # texels, of a sample
+ONE = 1e5  # the same, where a material has one roughness
+APART, APART_LEVEL, TWO = "a value a texel", "a value a texel, one level", "two lobes"  # without a material's prior
+PLAIN_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 is 0.5
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What prediction says of a material."""
+
+    model: str  # a row of core.models.LADDER
+    why: str
+    level: float | None = None  # Specular IOR Level, where the fit is not to find it
+    prediction: MaterialPrediction | None = None  # None: there were too few lamps and cameras to leave one out
+
+    @property
+    def prior(self) -> JointPrior | None:
+        """That the texels are to be drawn with."""
+        return None if self.prediction is None else self.prediction.prior
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A way to describe the material."""
+
+    name: str
+    model: str
+    strength: float | None = None  # None: as the model is solved without a prior of the material
+    free_level: bool = False
+
+
+class ModelPrediction:
+    """Tries models of one material on its sample."""
+
+    def __init__(self, device: Device, source: CameraSource, settings: SolveSettings) -> None:
+        self.device, self.source, self.settings = device, source, replace(settings, loss="squares")
+
+    def decide(self, texels: Bool, model: str) -> Generator[Progress, None, Decision]:
+        """``texels``: (h, w) of the material that are observed; ``model``: what the fit's evidence chose."""
+        with self.device.scope():
+            sample = MaterialSample(self.device, self.source, texels, spread_squares(texels, self.settings.seed))
+            observed, places = sample.read(JUDGED)
+            folds = split(observed)
+            if folds is None:
+                return Decision(model, "too few lamps and cameras to leave one out")
+            return (yield from _Contest(self, sample, observed, places, folds, model).decide())
+
+
+class _Contest:
+    """One material's trials, fold by fold."""
+
+    def __init__(
+        self, owner: ModelPrediction, sample: MaterialSample, observed: SampledTexels, places: I32, folds: Folds,
+        model: str,
+    ) -> None:
+        self.sample, self.observed, self.places, self.folds, self.model = sample, observed, places, folds, model
+        self.settings = owner.settings
+        self.solver = Solver(owner.device, sample, self.settings)
+        self.solver.shown = False
+        self.search = JointSearch(observed)
+        self.judge = Judge(observed, folds)
+        self.predictions: dict[str, list[F64]] = {}
+        self.trials: dict[str, _Trial] = {}
+
+    def decide(self) -> Generator[Progress, None, Decision]:
+        joints = []
+        for left_out in self.folds.left_out:
+            self.sample.left_out = left_out
+            joints.append(self.search.fit(~left_out))
+            yield from self._fold(~left_out, joints[-1])
+        self.sample.left_out = np.zeros_like(self.folds.left_out[0])
+        for name, predictions in self.predictions.items():
+            self.judge.add(name, predictions)
+        errors = {name: self.judge.error(name) for name in self.predictions}
+        taken = self.judge.choose(self._families(), self.sample.clusters(self.places), self._incumbent())
+        return self._decision(self.trials[taken], errors, joints)
+
+    def _families(self) -> list[list[str]]:
+        """Names of trials from the smallest models on."""
+        apart = [name for name, trial in self.trials.items() if trial.model != "lambert" and trial.strength != ONE]
+        return [[name] for name in ("lambert", "one value", "one value and level")] + [apart]
+
+    def _incumbent(self) -> str:
+        return {"lambert": "lambert", "one-lobe": APART, "one-lobe-specular": APART_LEVEL, "two-lobe": TWO}[self.model]
+
+    def _fold(self, known: Bool, joint: Joint) -> Generator[Progress, None, None]:
+        count = len(self.places)
+        self._add(_Trial("lambert", "lambert"), None, known)
+        self._add(_Trial("one value", "one-lobe", ONE), one_lobe(np.full(count, joint.plain_roughness), 0.5), known)
+        self._add(_Trial("one value and level", "one-lobe-specular", ONE, True),
+                  one_lobe(np.full(count, joint.roughness), joint.level), known)
+        yield from self._lobe_a_texel(known, joint.plain_roughness, 0.5, APART)
+        if abs(joint.apart_level - 0.5) > PLAIN_LEVEL or self.model == "one-lobe-specular":
+            yield from self._lobe_a_texel(known, joint.roughness, joint.apart_level, APART_LEVEL)
+        if self.model == "two-lobe":
+            maps = yield from self.solver.solve_two()
+            pairs = maps.read_pairs(self.solver.device)
+            assert pairs is not None
+            lobes = pairs.reshape(-1, 3)[self.places].astype(np.float64)
+            self._add(_Trial(TWO, "two-lobe"), Lobes(
+                lobes[:, :2], lobes[:, 2], np.full(count, 0.5), self.settings.ndf == "beckmann"), known)
+            maps.release()
+
+    def _lobe_a_texel(self, known: Bool, roughness: float, level: float, name: str) -> Generator[Progress, None, None]:
+        free = level != 0.5
+        shape = self.sample.size[::-1]
+        self.solver.use_level(np.full(shape, level, np.float32) if free else None)
+        model = "one-lobe-specular" if free else "one-lobe"
+        maps = yield from self.solver.under_priors([None, *(JointPrior(roughness, s) for s in STRENGTHS)])
+        self.solver.use_level(None)
+        for strength, values in zip((None, *STRENGTHS), maps, strict=True):
+            label = name if strength is None else f"{name}, prior {strength:g}"
+            self._add(_Trial(label, model, strength, free), one_lobe(self._at(values), level), known)
+
+    def _at(self, values: F32) -> F64:
+        return np.clip(values.ravel()[self.places].astype(np.float64), 0.01, 1.0)
+
+    def _add(self, trial: _Trial, lobes: Lobes | None, known: Bool) -> None:
+        self.trials[trial.name] = trial
+        self.predictions.setdefault(trial.name, []).append(predicted(self.observed, lobes, known))
+
+    def _decision(self, taken: _Trial, errors: dict[str, PredictionError], joints: list[Joint]) -> Decision:
+        best = errors[taken.name]
+        why = (f"left-out {self.folds.of} are predicted to {best.relative_rms:.3g} of their radiance, L* "
+               f"{best.lightness:.2g} ({taken.name}); " + ", ".join(
+                   f"{name}: {error.relative_rms:.3g}, {error.lightness:.2g}" for name, error in errors.items()
+                   if name != taken.name))
+        joint = self.search.fit(np.ones(len(self.observed.camera), bool))
+        plain = not taken.free_level
+        roughness = joint.plain_roughness if plain else joint.roughness
+        values = np.array([j.plain_roughness if plain else j.roughness for j in joints])
+        # Jackknife (Quenouille 1956) over the folds.
+        sigma = float(np.sqrt((len(values) - 1) * values.var())) if taken.strength == ONE else 0.0
+        level = None
+        if taken.strength is not None and not plain:
+            level = joint.level if taken.strength == ONE else joint.apart_level
+        prior = None if taken.strength is None else JointPrior(roughness, taken.strength, sigma)
+        return Decision(taken.model, why, level, MaterialPrediction(self.folds.of, taken.name, errors, prior))
