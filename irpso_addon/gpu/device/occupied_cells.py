@@ -25,7 +25,7 @@ class OccupiedCells:
                 device.draw("device/occupied.frag", target, Inputs({"u_map": texture}, defines={"CELL": str(CELL)}))
             y, x = np.nonzero(device.read(squares)[..., 0])
         self.count = len(x)
-        self._ctx = device.ctx
+        self._device = device
         self.corners = device.buffer(np.stack([x, y], -1).astype(np.float32)) if len(x) else None
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
@@ -33,9 +33,10 @@ class OccupiedCells:
         """Run a program made with include/occupied_cells.vert on every pixel of some of the squares."""
         if self.corners is None:
             return
-        if program.glo not in self._arrays:
-            self._arrays[program.glo] = self._ctx.vertex_array(program, [(self.corners, "2f/i", "in_cell")])
-        array = self._arrays[program.glo]
+        array = self._arrays.get(program.glo)
+        if array is None or isinstance(array.mglo, moderngl.InvalidObject):  # freed with the scope of an earlier draw
+            array = self._device.vertex_array(program, [(self.corners, "2f/i", "in_cell")])
+            self._arrays[program.glo] = array
         # OpenGL 3.3 has no first instance
         place = program["in_cell"]
         assert isinstance(place, moderngl.Attribute)
