@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .check_records import Checks
 
-UNEXPLAINED = 0.6  # relative error of radiance that is left out, from which on no model fits (predicting black errs by 1)
+UNEXPLAINED = 0.6  # relative error of left-out radiance from which on no model fits; predicting black errs by 1
 F16 = NDArray[np.float16]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
