@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from .check_records import Checks
 
-UNEXPLAINED = 0.6  # relative error of left-out radiance from which on no model fits; predicting black errs by 1
+# Errors of left-out radiance from which on no model fits: relative (predicting black errs by 1), and of CIE L*.
+UNEXPLAINED, UNEXPLAINED_LIGHTNESS = 0.5, 12.0
 F16 = NDArray[np.float16]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -208,7 +209,7 @@ class MaterialPrediction:
     @property
     def fits(self) -> bool:
         """Whether the model explains the material at all."""
-        return self.error.relative_rms < UNEXPLAINED
+        return self.error.relative_rms < UNEXPLAINED and self.error.lightness < UNEXPLAINED_LIGHTNESS
 
 
 @dataclass(frozen=True)

@@ -235,8 +235,10 @@ def _checks(
 
 
 def _unfit(name: str, prediction: MaterialPrediction) -> str:
-    return (f"material '{name}': no model that was tried predicts what left-out {prediction.left_out} show "
-            f"({prediction.error.relative_rms:.0%} of the radiance is missed), so its confidence is 0; what is "
+    """What to say of a material that no model explains."""
+    error = prediction.error
+    return (f"material '{name}': no model that was tried predicts what left-out {prediction.left_out} show (off by "
+            f"{error.relative_rms:.0%} of the radiance, {error.lightness:.0f} L*), so its confidence is 0; what is "
             "translucent, moves, mirrors its surroundings or is lit by more than the lamps cannot be solved for")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..data import F64, I32, Bool, PredictionError
 from .sampled_texels import SampledTexels
 
-FOLDS = 4
+FOLDS = 3
 LEAST_SETS = 3  # of lamps, or cameras: with fewer, leaving one out leaves too little
 LEAST_KNOWN = 2  # good observations that a texel keeps where it is predicted
 WHITE = 99.5  # per cent of the radiances that lie below white
@@ -88,9 +88,7 @@ class Judge:
         of neighbouring texels, which err alike.  ``incumbent``: what the evidence inside the fit prefers.  In the
         fit's own world that sees differences which are too small to be predicted.
         """
-        least = [max(min(float(getattr(c, part).sum()) for c in self.candidates.values()), 1e-30)
-                 for part in ("squares", "lightness")]
-        loss = {name: c.squares / least[0] + c.lightness / least[1] for name, c in self.candidates.items()}
+        loss = self._losses()
         total = {name: float(values.sum()) for name, values in loss.items()}
         firsts = [min(family, key=lambda name: total[name]) for family in families]
         best = min(firsts, key=lambda name: total[name])
@@ -101,6 +99,18 @@ class Judge:
             if total[name] <= total[best] + min(scatter, SAME * total[best]):
                 return name
         return best
+
+
+    def leads(self, name: str, margin: float) -> bool:
+        """Whether a candidate's loss is smaller than all others' by so much of its own."""
+        total = {other: float(values.sum()) for other, values in self._losses().items()}
+        return all(total[name] * (1 + margin) < value for other, value in total.items() if other != name)
+
+    def _losses(self) -> dict[str, F64]:
+        """(T,) of each candidate: both squared errors, each relative to the least of them."""
+        least = [max(min(float(getattr(c, part).sum()) for c in self.candidates.values()), 1e-30)
+                 for part in ("squares", "lightness")]
+        return {name: c.squares / least[0] + c.lightness / least[1] for name, c in self.candidates.items()}
 
 
 def _scatter(values: F64, clusters: I32) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio
 JUDGED = 1500  # texels, of a sample
 ONE = 1e5  # the same, where a material has one roughness
 APART, APART_LEVEL, TWO = "a value a texel", "a value a texel, one level", "two lobes"  # without a material's prior
+CLEAR = 0.5  # of its loss: a fit that leads by so much over one value for the material needs no prior
 PLAIN_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 is 0.5
 
 
@@ -84,54 +85,75 @@ class _Contest:
         self.trials: dict[str, _Trial] = {}
 
     def decide(self) -> Generator[Progress, None, Decision]:
-        joints = []
-        for left_out in self.folds.left_out:
-            self.sample.left_out = left_out
-            joints.append(self.search.fit(~left_out))
-            yield from self._fold(~left_out, joints[-1])
-        self.sample.left_out = np.zeros_like(self.folds.left_out[0])
-        for name, predictions in self.predictions.items():
-            self.judge.add(name, predictions)
+        joints = [self.search.fit(~left_out) for left_out in self.folds.left_out]
+        yield from self._folds(joints, self._simple)
+        if not self.judge.leads(self._incumbent(), CLEAR):
+            yield from self._folds(joints, self._drawn)
         errors = {name: self.judge.error(name) for name in self.predictions}
         taken = self.judge.choose(self._families(), self.sample.clusters(self.places), self._incumbent())
         return self._decision(self.trials[taken], errors, joints)
 
+    def _folds(
+        self, joints: list[Joint], attempt: Callable[[Bool, Joint], Generator[Progress, None, None]],
+    ) -> Generator[Progress, None, None]:
+        """Some trials in every fold, with what they predict."""
+        for left_out, joint in zip(self.folds.left_out, joints, strict=True):
+            self.sample.left_out = left_out
+            yield from attempt(~left_out, joint)
+        self.sample.left_out = np.zeros_like(self.folds.left_out[0])
+        for name, predictions in self.predictions.items():
+            self.judge.add(name, predictions)
+
     def _families(self) -> list[list[str]]:
         """Names of trials from the smallest models on."""
         apart = [name for name, trial in self.trials.items() if trial.model != "lambert" and trial.strength != ONE]
-        return [[name] for name in ("lambert", "one value", "one value and level")] + [apart]
+        return [[name] for name in ("lambert", "one value", "one value and level")] + ([apart] if apart else [])
 
     def _incumbent(self) -> str:
         return {"lambert": "lambert", "one-lobe": APART, "one-lobe-specular": APART_LEVEL, "two-lobe": TWO}[self.model]
 
-    def _fold(self, known: Bool, joint: Joint) -> Generator[Progress, None, None]:
+    def _simple(self, known: Bool, joint: Joint) -> Generator[Progress, None, None]:
+        """No lobe, one value for the material, and the model that the fit prefers."""
         count = len(self.places)
         self._add(_Trial("lambert", "lambert"), None, known)
         self._add(_Trial("one value", "one-lobe", ONE), one_lobe(np.full(count, joint.plain_roughness), 0.5), known)
         self._add(_Trial("one value and level", "one-lobe-specular", ONE, True),
                   one_lobe(np.full(count, joint.roughness), joint.level), known)
-        yield from self._lobe_a_texel(known, joint.plain_roughness, 0.5, APART)
-        if abs(joint.apart_level - 0.5) > PLAIN_LEVEL or self.model == "one-lobe-specular":
-            yield from self._lobe_a_texel(known, joint.roughness, joint.apart_level, APART_LEVEL)
         if self.model == "two-lobe":
-            maps = yield from self.solver.solve_two()
-            pairs = maps.read_pairs(self.solver.device)
-            assert pairs is not None
-            lobes = pairs.reshape(-1, 3)[self.places].astype(np.float64)
-            self._add(_Trial(TWO, "two-lobe"), Lobes(
-                lobes[:, :2], lobes[:, 2], np.full(count, 0.5), self.settings.ndf == "beckmann"), known)
-            maps.release()
+            yield from self._two_lobes(known)
+        elif self.model != "lambert":
+            yield from self._lobe_a_texel(known, joint, self._incumbent(), (None,))
 
-    def _lobe_a_texel(self, known: Bool, roughness: float, level: float, name: str) -> Generator[Progress, None, None]:
-        free = level != 0.5
-        shape = self.sample.size[::-1]
-        self.solver.use_level(np.full(shape, level, np.float32) if free else None)
-        model = "one-lobe-specular" if free else "one-lobe"
-        maps = yield from self.solver.under_priors([None, *(JointPrior(roughness, s) for s in STRENGTHS)])
+    def _drawn(self, known: Bool, joint: Joint) -> Generator[Progress, None, None]:
+        """A value a texel, drawn to the material's or not."""
+        levels = [APART] if abs(joint.apart_level - 0.5) <= PLAIN_LEVEL else [APART, APART_LEVEL]
+        for name in levels:
+            yield from self._lobe_a_texel(
+                known, joint, name, STRENGTHS if name == self._incumbent() else (None, *STRENGTHS))
+
+    def _two_lobes(self, known: Bool) -> Generator[Progress, None, None]:
+        maps = yield from self.solver.solve_two()
+        pairs = maps.read_pairs(self.solver.device)
+        assert pairs is not None
+        lobes = pairs.reshape(-1, 3)[self.places].astype(np.float64)
+        self._add(_Trial(TWO, "two-lobe"), Lobes(
+            lobes[:, :2], lobes[:, 2], np.full(len(lobes), 0.5), self.settings.ndf == "beckmann"), known)
+        maps.release()
+
+    def _lobe_a_texel(
+        self, known: Bool, joint: Joint, name: str, strengths: tuple[float | None, ...],
+    ) -> Generator[Progress, None, None]:
+        """``name``: APART or APART_LEVEL; ``strengths``: of the material's prior, None for none."""
+        free = name == APART_LEVEL
+        level, roughness = (joint.apart_level, joint.roughness) if free else (0.5, joint.plain_roughness)
+        self.solver.use_level(np.full(self.sample.size[::-1], level, np.float32) if free else None)
+        maps = yield from self.solver.under_priors(
+            [None if strength is None else JointPrior(roughness, strength) for strength in strengths])
         self.solver.use_level(None)
-        for strength, values in zip((None, *STRENGTHS), maps, strict=True):
+        for strength, values in zip(strengths, maps, strict=True):
             label = name if strength is None else f"{name}, prior {strength:g}"
-            self._add(_Trial(label, model, strength, free), one_lobe(self._at(values), level), known)
+            self._add(_Trial(label, "one-lobe-specular" if free else "one-lobe", strength, free),
+                      one_lobe(self._at(values), level), known)
 
     def _at(self, values: F32) -> F64:
         return np.clip(values.ravel()[self.places].astype(np.float64), 0.01, 1.0)

@@ -1,0 +1,141 @@
+"""Prediction by folds: what is left out, how errors are measured, and which candidate is taken."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from irpso_addon.core.evaluation.folds import Judge, lightness, split
+from irpso_addon.core.evaluation.joint_material import JointSearch
+from irpso_addon.core.evaluation.sampled_texels import SampledTexels, one_lobe, predicted
+from irpso_addon.core.shading import brdf
+
+RNG = np.random.default_rng(5)
+
+
+def sampled(count: int, lamps: int, cameras: int, rough: np.ndarray, level: float = 0.5, noise: float = 0.0,
+            ) -> tuple[SampledTexels, np.ndarray]:
+    """Texels of random normals under lamps and cameras, and their base colours, by brdf.principled of three vectors."""
+    def directions(n: int, low: float) -> np.ndarray:
+        z = RNG.uniform(low, 1, n)
+        turn = RNG.uniform(0, 2 * np.pi, n)
+        return np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], -1)
+
+    L, V, N = directions(lamps, 0.7), directions(cameras, 0.8), directions(count, 0.85)
+    lamp, camera = (grid.ravel() for grid in np.meshgrid(np.arange(lamps), np.arange(cameras)))
+    order = np.argsort(camera, kind="stable")
+    lamp, camera = lamp[order], camera[order]
+    base = RNG.uniform(0.1, 0.8, count)
+    light, view, normal = L[lamp][None], V[camera][None], N[:, None]
+    half = light + view
+    half = half / np.linalg.norm(half, axis=-1, keepdims=True)
+    cos_l, cos_v, cos_vh = ((a * b).sum(-1) for a, b in ((light, normal), (view, normal), (view, half)))
+    grey = np.repeat(base[:, None], 3, 1)
+    f = brdf.principled(grey[:, None], rough[:, None], light, view, normal, level=level)[..., 0]
+    f = f * (1 + noise * RNG.standard_normal(f.shape))
+    sin2h = (np.cross(normal, half) ** 2).sum(-1)
+    lobes = np.stack([sin2h, np.zeros_like(sin2h), cos_l, brdf.F_dielectric(cos_vh) / (2 * cos_l * cos_v)], -1)
+    return SampledTexels(f, np.ones_like(f), cos_v, lobes[:, :, None], cos_l, camera.astype(np.int32),
+                         np.zeros(len(camera), np.int32), lamp.astype(np.int32)), base
+
+
+def test_predictions_of_the_true_material_are_exact() -> None:
+    rough = RNG.uniform(0.15, 0.8, 40)
+    for level in (0.5, 0.1):
+        texels, _ = sampled(40, 8, 2, rough, level)
+        known = texels.lamps % 4 != 0
+        got = predicted(texels, one_lobe(rough, level), known)
+        np.testing.assert_allclose(got, texels.reflected, rtol=2e-3)  # the table of energies is coarser than Cycles'
+
+
+def test_lambert_predicts_the_mean_of_what_is_known() -> None:
+    texels, _ = sampled(10, 6, 1, np.full(10, 0.5))
+    got = predicted(texels, None, np.ones(6, bool))
+    unit = np.maximum(texels.reflected, np.median(texels.reflected, axis=1, keepdims=True)) ** 2
+    np.testing.assert_allclose(got[:, 0], np.average(texels.reflected, axis=1, weights=1 / unit), rtol=1e-9)
+    assert np.ptp(got, axis=1).max() < 1e-12
+
+
+def test_each_lamp_is_left_out_once() -> None:
+    texels, _ = sampled(4, 7, 3, np.full(4, 0.4))
+    folds = split(texels)
+    assert folds is not None and folds.of == "lamps" and len(folds.left_out) == 4
+    assert (np.sum(folds.left_out, axis=0) == 1).all()
+    for left_out in folds.left_out:
+        assert not set(texels.lamps[left_out]) & set(texels.lamps[~left_out])
+
+
+def test_cameras_are_left_out_where_lamps_are_few() -> None:
+    texels, _ = sampled(4, 2, 5, np.full(4, 0.4))
+    folds = split(texels)
+    assert folds is not None and folds.of == "cameras"
+    assert split(sampled(4, 2, 2, np.full(4, 0.4))[0]) is None
+
+
+@given(st.floats(0, 1))
+def test_lightness_is_that_of_cie(y: float) -> None:
+    f = y ** (1 / 3) if y > (6 / 29) ** 3 else y / (3 * (6 / 29) ** 2) + 4 / 29  # CIE 15, written with deltas
+    assert lightness(np.asarray(y)) == pytest.approx(116 * f - 16, abs=1e-9)
+
+
+def test_errors_are_those_of_the_layers_left_out() -> None:
+    texels, _ = sampled(6, 4, 1, np.full(6, 0.4))
+    folds = split(texels)
+    assert folds is not None
+    judge = Judge(texels, folds)
+    judge.add("ten per cent too bright", [texels.reflected * np.where(out, 1.1, 5.0) for out in folds.left_out])
+    assert judge.error("ten per cent too bright").relative_rms == pytest.approx(0.1, rel=1e-9)
+
+
+def test_a_missed_shadow_judges_nobody() -> None:
+    texels, _ = sampled(6, 8, 1, np.full(6, 0.4))
+    texels.reflected[2, 3] *= 0.01
+    folds = split(texels)
+    assert folds is not None
+    judge = Judge(texels, folds)
+    assert not judge.judged[2, 3] and judge.judged.sum() == judge.judged.size - 1
+
+
+def contest(errors: dict[str, tuple[float, np.ndarray]], incumbent: str) -> str:
+    """What is taken where candidates err by so much everywhere, and by more at some texels."""
+    texels, _ = sampled(64, 8, 1, np.full(64, 0.4))
+    folds = split(texels)
+    assert folds is not None
+    judge = Judge(texels, folds)
+    for name, (share, more) in errors.items():
+        judge.add(name, [texels.reflected * (1 + share + more[:, None])] * len(folds.left_out))
+    return judge.choose([["lambert"], ["one value"], ["a texel", "a texel, prior"]],
+                        np.arange(64, dtype=np.int32) // 4, incumbent)
+
+
+@pytest.mark.parametrize(("lambert", "one", "apart", "prior", "incumbent", "taken"), [
+    (0.2, 0.05, 0.05, 0.05, "a texel", "a texel"),  # nothing predicts better than what the fit prefers
+    (0.2, 0.05, 0.3, 0.05, "a texel", "one value"),  # as well as the prior, and smaller
+    (0.2, 0.1, 0.3, 0.05, "a texel", "a texel, prior"),
+    (0.05, 0.2, 0.3, 0.2, "a texel", "lambert"),
+    (0.3, 0.05, 0.05, 0.05, "lambert", "one value"),
+])
+def test_the_simplest_of_the_best_wins(lambert: float, one: float, apart: float, prior: float, incumbent: str,
+                                       taken: str) -> None:
+    none = np.zeros(64)
+    values = dict(zip(("lambert", "one value", "a texel", "a texel, prior"), (lambert, one, apart, prior), strict=True))
+    assert contest({name: (share, none) for name, share in values.items()}, incumbent) == taken
+
+
+def test_one_texel_that_flashes_is_enough() -> None:
+    """A false sharp lobe at one texel in 64: the eye forgives it, radiance does not."""
+    flash = np.zeros(64)
+    flash[7] = 8.0
+    none = np.zeros(64)
+    errors = {"lambert": (0.2, none), "one value": (0.06, none), "a texel": (0.05, flash), "a texel, prior": (0.3, none)}
+    assert contest(errors, "a texel") == "one value"
+
+
+@pytest.mark.parametrize(("rough", "level"), [(0.18, 0.1), (0.4, 0.5), (0.7, 0.9)])
+def test_a_material_of_one_value_is_found(rough: float, level: float) -> None:
+    texels, _ = sampled(120, 10, 2, np.full(120, rough), level, noise=0.01)
+    joint = JointSearch(texels).fit(np.ones(20, bool))
+    assert joint.roughness == pytest.approx(rough, rel=0.1)
+    assert joint.level == pytest.approx(level, rel=0.3)

@@ -1,0 +1,100 @@
+"""What `auto` makes of materials that no model here describes: judged by what left-out lamps show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import Solution
+from irpso_addon.core.shading import brdf
+from tests.support import synthetic as syn
+from tests.support.shoots import errors, rig, run
+
+ROUGH, LEVEL = 0.2, 0.1
+
+
+def through_a_dielectric(base: np.ndarray, rough: np.ndarray, L: np.ndarray, V: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """A diffuse that light enters and leaves through a surface (Ashikhmin and Shirley 2000, eq. 5), and a weak lobe."""
+    cos_l, cos_v = (np.clip((x * N).sum(-1), 0, 1) for x in (L, V))
+    diffuse = 28 / (23 * np.pi) * base * ((1 - (1 - cos_l / 2) ** 5) * (1 - (1 - cos_v / 2) ** 5))[..., None]
+    return diffuse + brdf.principled(np.zeros_like(base), rough, L, V, N, level=LEVEL)
+
+
+REAL = replace(syn.PATCHES, roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), ROUGH),
+               reflect=through_a_dielectric)
+
+
+def shoot(truth: syn.Truth, cameras: int = 1, lamps: int = 24, noise: float = 0.005) -> syn.Shoot:
+    """Two thirds of the lamps."""
+    return syn.shoot(truth, [view for i, view in enumerate(rig(cameras, lamps)) if i % 3 != 2], noise=noise)
+
+
+@pytest.fixture(scope="module")
+def real() -> Solution:
+    return run(shoot(REAL), model="auto")
+
+
+def test_one_value_is_taken_where_texels_would_find_false_lobes(real):
+    prediction = real.predictions["Paint"]
+    assert prediction.taken == "one value and level" and prediction.left_out == "lamps"
+    assert prediction.tried["a value a texel"].relative_rms > 5 * prediction.error.relative_rms  # the fit's own choice
+    assert prediction.error.relative_rms < 0.5 * prediction.tried["lambert"].relative_rms
+    assert prediction.error.lightness < 0.6 * prediction.tried["lambert"].lightness
+    maps = real.maps
+    solved = maps.coverage & ~maps.filled
+    assert real.model == {"Paint": "one-lobe-specular"}
+    assert real.levels["Paint"] == pytest.approx(LEVEL, abs=0.03)
+    assert np.abs(maps.roughness[solved] - ROUGH).max() < 0.03
+    assert prediction.fits and maps.confidence[solved].mean() > 0.5
+
+
+def test_what_was_predicted_is_what_the_left_out_lamps_show(real):
+    """By vectors and brdf.principled, at the texels, with the maps as they came out."""
+    maps, n = real.maps, real.maps.roughness.shape[0]
+    at = (np.arange(n) + 0.5) / n
+    u, v = np.meshgrid(at, at)
+    low, high = syn.MARGIN, 1 - syn.MARGIN
+    x, y = (2 * (w - low) / (high - low) - 1 for w in (u, v))
+    points = np.stack([x, y, np.zeros_like(x)], -1)
+    away = maps.coverage & ~maps.filled & (np.abs(u - 0.5) > 0.05) & (np.abs(v - 0.5) > 0.05)
+    points = points[away]
+    found = replace(syn.PATCHES, base=lambda u, v: maps.base_color[away], roughness=lambda u, v: maps.roughness[away],
+                    reflect=lambda *given: brdf.principled(*given, level=real.levels["Paint"]))
+    square = signal = 0.0
+    for camera, lights in [view for i, view in enumerate(rig(1, 24)) if i % 3 == 2]:
+        toward = camera.position - points
+        toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
+        seen, shown = (syn.radiance(truth, points, toward, lights) for truth in (REAL, found))
+        square += float(((seen - shown) ** 2).sum())
+        signal += float((seen**2).sum())
+    assert np.sqrt(square / signal) == pytest.approx(real.predictions["Paint"].error.relative_rms, rel=0.5)
+
+
+def test_in_its_own_world_the_fit_decides():
+    exact = shoot(syn.PATCHES, cameras=2, noise=0.0)
+    found = run(exact, model="auto")
+    assert found.predictions["Paint"].taken == "a value a texel"
+    assert found.predictions["Paint"].prior is None
+    assert np.median(errors(found, syn.PATCHES).rough) < 1e-4
+
+
+def test_where_no_model_fits_the_result_says_so():
+    """Pictures that know nothing of the lamps: as of a body that glows."""
+    clean = shoot(syn.PATCHES)
+    rng = np.random.default_rng(1)
+    images = {name: replace(image, rgb=(image.rgb.mean() * rng.exponential(1.0, image.rgb.shape)).astype(np.float32))
+              for name, image in clean.images.items()}
+    found = run(replace(clean, images=images), model="auto")
+    prediction = found.predictions["Paint"]
+    assert not prediction.fits
+    assert found.maps.confidence.max() == 0
+    assert any("no model that was tried predicts" in line for line in found.warnings)
+    assert prediction.error.relative_rms <= 1.02 * prediction.tried["lambert"].relative_rms
+
+
+def test_two_lamps_and_one_camera_are_too_few():
+    found = run(syn.shoot(syn.PATCHES, rig(1, 2)), model="auto")
+    assert found.predictions == {}
+    assert "too few lamps and cameras" in found.why["Paint"]
