@@ -61,7 +61,7 @@ def test_lambert_predicts_the_mean_of_what_is_known() -> None:
 def test_each_lamp_is_left_out_once() -> None:
     texels, _ = sampled(4, 7, 3, np.full(4, 0.4))
     folds = split(texels)
-    assert folds is not None and folds.of == "lamps" and len(folds.left_out) == 4
+    assert folds is not None and folds.of == "lamps" and len(folds.left_out) == 3
     assert (np.sum(folds.left_out, axis=0) == 1).all()
     for left_out in folds.left_out:
         assert not set(texels.lamps[left_out]) & set(texels.lamps[~left_out])
@@ -129,7 +129,8 @@ def test_one_texel_that_flashes_is_enough() -> None:
     flash = np.zeros(64)
     flash[7] = 8.0
     none = np.zeros(64)
-    errors = {"lambert": (0.2, none), "one value": (0.06, none), "a texel": (0.05, flash), "a texel, prior": (0.3, none)}
+    errors = {"lambert": (0.2, none), "one value": (0.06, none), "a texel": (0.05, flash),
+              "a texel, prior": (0.3, none)}
     assert contest(errors, "a texel") == "one value"
 
 

@@ -15,7 +15,9 @@ from tests.support.shoots import errors, rig, run
 ROUGH, LEVEL = 0.2, 0.1
 
 
-def through_a_dielectric(base: np.ndarray, rough: np.ndarray, L: np.ndarray, V: np.ndarray, N: np.ndarray) -> np.ndarray:
+def through_a_dielectric(
+    base: np.ndarray, rough: np.ndarray, L: np.ndarray, V: np.ndarray, N: np.ndarray,
+) -> np.ndarray:
     """A diffuse that light enters and leaves through a surface (Ashikhmin and Shirley 2000, eq. 5), and a weak lobe."""
     cos_l, cos_v = (np.clip((x * N).sum(-1), 0, 1) for x in (L, V))
     diffuse = 28 / (23 * np.pi) * base * ((1 - (1 - cos_l / 2) ** 5) * (1 - (1 - cos_v / 2) ** 5))[..., None]

@@ -14,9 +14,9 @@ from ...core.shading.lights import light_irradiance
 from ..device.context import Device
 from ..observe.observation_atlas import CameraSource, ObservationAtlas, Tile, tiles
 
-SIDE = 32  # texels: width of a square
-SQUARES = 6
-COLUMNS = 3
+SIDE = 16  # texels: width of a square
+SQUARES = 24  # over which what differs from place to place shows
+COLUMNS = 6
 LEAST_SHARE = 0.25  # of a square that the material must cover
 CLUSTER = 8  # texels: width of the squares whose errors are taken to be alike
 MOST = 3_000_000  # lobes that the sample is read back with

@@ -10,8 +10,9 @@ import numpy as np
 from ...core.data import F32, F64, I32, Bool, JointPrior, MaterialPrediction, PredictionError
 from ...core.evaluation.folds import Folds, Judge, split
 from ...core.evaluation.joint_material import Joint, JointSearch
-from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted
+from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted, unseen_flash
 from ...core.job import Progress
+from ...core.models import LADDER
 from ...core.params import SolveSettings
 from ..device.context import Device
 from ..observe.observation_atlas import CameraSource
@@ -23,6 +24,7 @@ JUDGED = 1500  # texels, of a sample
 ONE = 1e5  # the same, where a material has one roughness
 APART, APART_LEVEL, TWO = "a value a texel", "a value a texel, one level", "two lobes"  # without a material's prior
 CLEAR = 0.5  # of its loss: a fit that leads by so much over one value for the material needs no prior
+LEVEL_PRICE = 0.15  # of the loss, of a level that the fit did not ask for: lamps' powers are given
 PLAIN_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 is 0.5
 
 
@@ -82,10 +84,13 @@ class _Contest:
         self.search = JointSearch(observed)
         self.judge = Judge(observed, folds)
         self.predictions: dict[str, list[F64]] = {}
+        self.spreads: dict[str, list[F64]] = {}
         self.trials: dict[str, _Trial] = {}
+        self.free_level = False  # whether the Specular IOR Level of texels apart may be another than 0.5
 
     def decide(self) -> Generator[Progress, None, Decision]:
         joints = [self.search.fit(~left_out) for left_out in self.folds.left_out]
+        self.free_level = abs(joints[0].apart_level - 0.5) > PLAIN_LEVEL
         yield from self._folds(joints, self._simple)
         if not self.judge.leads(self._incumbent(), CLEAR):
             yield from self._folds(joints, self._drawn)
@@ -102,12 +107,16 @@ class _Contest:
             yield from attempt(~left_out, joint)
         self.sample.left_out = np.zeros_like(self.folds.left_out[0])
         for name, predictions in self.predictions.items():
-            self.judge.add(name, predictions)
+            priced = self.trials[name].free_level and self.model != "one-lobe-specular"
+            self.judge.add(name, predictions, self.spreads[name], LEVEL_PRICE if priced else 0.0)
 
     def _families(self) -> list[list[str]]:
         """Names of trials from the smallest models on."""
-        apart = [name for name, trial in self.trials.items() if trial.model != "lambert" and trial.strength != ONE]
-        return [[name] for name in ("lambert", "one value", "one value and level")] + ([apart] if apart else [])
+        families = [[name] for name in ("lambert", "one value", "one value and level")]
+        for model in LADDER[1:]:
+            families.append([name for name, trial in self.trials.items()
+                             if trial.model == model and trial.strength != ONE])
+        return [family for family in families if family]
 
     def _incumbent(self) -> str:
         return {"lambert": "lambert", "one-lobe": APART, "one-lobe-specular": APART_LEVEL, "two-lobe": TWO}[self.model]
@@ -115,29 +124,30 @@ class _Contest:
     def _simple(self, known: Bool, joint: Joint) -> Generator[Progress, None, None]:
         """No lobe, one value for the material, and the model that the fit prefers."""
         count = len(self.places)
-        self._add(_Trial("lambert", "lambert"), None, known)
-        self._add(_Trial("one value", "one-lobe", ONE), one_lobe(np.full(count, joint.plain_roughness), 0.5), known)
+        self._add(_Trial("lambert", "lambert"), None, known, joint)
+        self._add(_Trial("one value", "one-lobe", ONE),
+                  one_lobe(np.full(count, joint.plain_roughness), 0.5), known, joint)
         self._add(_Trial("one value and level", "one-lobe-specular", ONE, True),
-                  one_lobe(np.full(count, joint.roughness), joint.level), known)
+                  one_lobe(np.full(count, joint.roughness), joint.level), known, joint)
         if self.model == "two-lobe":
-            yield from self._two_lobes(known)
+            yield from self._two_lobes(known, joint)
         elif self.model != "lambert":
             yield from self._lobe_a_texel(known, joint, self._incumbent(), (None,))
 
     def _drawn(self, known: Bool, joint: Joint) -> Generator[Progress, None, None]:
         """A value a texel, drawn to the material's or not."""
-        levels = [APART] if abs(joint.apart_level - 0.5) <= PLAIN_LEVEL else [APART, APART_LEVEL]
+        levels = [APART, APART_LEVEL] if self.free_level else [APART]
         for name in levels:
             yield from self._lobe_a_texel(
                 known, joint, name, STRENGTHS if name == self._incumbent() else (None, *STRENGTHS))
 
-    def _two_lobes(self, known: Bool) -> Generator[Progress, None, None]:
+    def _two_lobes(self, known: Bool, joint: Joint) -> Generator[Progress, None, None]:
         maps = yield from self.solver.solve_two()
         pairs = maps.read_pairs(self.solver.device)
         assert pairs is not None
         lobes = pairs.reshape(-1, 3)[self.places].astype(np.float64)
         self._add(_Trial(TWO, "two-lobe"), Lobes(
-            lobes[:, :2], lobes[:, 2], np.full(len(lobes), 0.5), self.settings.ndf == "beckmann"), known)
+            lobes[:, :2], lobes[:, 2], np.full(len(lobes), 0.5), self.settings.ndf == "beckmann"), known, joint)
         maps.release()
 
     def _lobe_a_texel(
@@ -153,14 +163,18 @@ class _Contest:
         for strength, values in zip(strengths, maps, strict=True):
             label = name if strength is None else f"{name}, prior {strength:g}"
             self._add(_Trial(label, "one-lobe-specular" if free else "one-lobe", strength, free),
-                      one_lobe(self._at(values), level), known)
+                      one_lobe(self._at(values), level), known, joint)
 
     def _at(self, values: F32) -> F64:
         return np.clip(values.ravel()[self.places].astype(np.float64), 0.01, 1.0)
 
-    def _add(self, trial: _Trial, lobes: Lobes | None, known: Bool) -> None:
+    def _add(self, trial: _Trial, lobes: Lobes | None, known: Bool, joint: Joint) -> None:
+        """What a trial predicts of a fold; ``known``: layers that are not left out."""
         self.trials[trial.name] = trial
         self.predictions.setdefault(trial.name, []).append(predicted(self.observed, lobes, known))
+        self.spreads.setdefault(trial.name, []).append(
+            np.zeros(len(self.places)) if lobes is None else
+            unseen_flash(self.observed, lobes, known, joint.roughness if trial.free_level else joint.plain_roughness))
 
     def _decision(self, taken: _Trial, errors: dict[str, PredictionError], joints: list[Joint]) -> Decision:
         best = errors[taken.name]
