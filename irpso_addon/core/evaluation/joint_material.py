@@ -18,7 +18,7 @@ ROUGHNESS = np.geomspace(0.05, 1.0, 18)  # nodes of the search
 LEVELS = np.array([0.02, 0.06, 0.12, 0.25, 0.5, 0.75, 1.0])
 PLAIN = 4  # of LEVELS: Blender's default
 COSINES = np.linspace(0.0, 1.0, 65)
-MOST = 40_000  # observations of the sample
+MOST = 20_000  # observations of the sample
 HELD_TOGETHER = 1.0  # nats per squared log ratio: how far texels may depart while their level is sought
 
 

@@ -20,7 +20,7 @@ from .material_sample import MaterialSample, spread_squares
 from .solver import Solver
 
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
-JUDGED = 1500  # texels, of a sample
+JUDGED = 1000  # texels, of a sample
 ONE = 1e5  # the same, where a material has one roughness
 APART, APART_LEVEL, TWO = "a value a texel", "a value a texel, one level", "two lobes"  # without a material's prior
 CLEAR = 0.5  # of its loss: a fit that leads by so much over one value for the material needs no prior
