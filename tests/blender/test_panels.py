@@ -64,6 +64,12 @@ def test_the_first_look_is_short(settings) -> None:
     assert panel_solve.shown(settings, advanced=True) == ["udim", "ndf", "loss", "registration", "exposures", "seed"]
 
 
+def test_the_error_of_left_out_views_is_in_per_cent_and_lightness() -> None:
+    prediction = MaterialPrediction("lamps", "one value", {"lambert": PredictionError(0.3, 4.0),
+                                                           "one value": PredictionError(0.1234, 1.44)})
+    assert panel_result.predicted(prediction) == "Left-out lamps: 12.3% off, 1.4 L*"
+
+
 def test_checks_have_a_row_each() -> None:
     """The worst camera and light by name; what nothing tells is unknown."""
     light = LightResidual("Key", 3, 0.9, 0.01, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)

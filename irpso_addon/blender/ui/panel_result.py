@@ -8,7 +8,7 @@ import bpy
 from bpy.types import Panel
 
 from ...core.check_records import Checks
-from ...core.data import Solution
+from ...core.data import MaterialPrediction, Solution
 from ...core.maps.map_set import MapFiles
 from ..jobs.session import session
 from ..panel_common import Tab, letters, split, wrapped
@@ -54,6 +54,8 @@ class IRPSO_PT_result(Tab, Panel):
         for slot, model in solution.model.items():
             level = f" {solution.levels[slot]:.3f}" if slot in solution.levels else ""
             box.label(text=f"{slot or name}: {model}{level}", icon="MATERIAL")
+            if slot in solution.predictions:
+                box.label(text=predicted(solution.predictions[slot]), icon="BLANK1")
         for warning in solution.warnings[:WARNINGS_SHOWN]:
             wrapped(box, warning, width)
         if len(solution.warnings) > WARNINGS_SHOWN:
@@ -84,6 +86,12 @@ class IRPSO_PT_checks(Tab, Panel):
             label.alignment = "RIGHT"
             label.label(text=name)
             row.label(text=value)
+
+
+def predicted(prediction: MaterialPrediction) -> str:
+    """How far the material's model errs about views that were left out."""
+    error = prediction.error
+    return f"Left-out {prediction.left_out}: {error.relative_rms:.1%} off, {error.lightness:.1f} L*"
 
 
 def figures(checks: Checks) -> list[tuple[str, str]]:
