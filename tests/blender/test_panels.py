@@ -12,6 +12,7 @@ import pytest
 from irpso_addon.blender import properties
 from irpso_addon.blender.ui import panel_result, panel_solve
 from irpso_addon.core.check_records import Checks, LightResidual
+from irpso_addon.core.data import MaterialPrediction, PredictionError
 from irpso_addon.core.params import SolveSettings
 
 CHOICES = {f.name: [key for key, _ in f.metadata["choices"]] for f in fields(SolveSettings)}
