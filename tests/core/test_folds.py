@@ -116,6 +116,7 @@ def contest(errors: dict[str, tuple[float, np.ndarray]], incumbent: str) -> str:
     (0.2, 0.1, 0.3, 0.05, "a texel", "a texel, prior"),
     (0.05, 0.2, 0.3, 0.2, "a texel", "lambert"),
     (0.3, 0.05, 0.05, 0.05, "lambert", "one value"),
+    (0.2, 0.05, 0.065, 0.05, "a texel", "a texel"),  # worse, but far from twice
 ])
 def test_the_simplest_of_the_best_wins(lambert: float, one: float, apart: float, prior: float, incumbent: str,
                                        taken: str) -> None:

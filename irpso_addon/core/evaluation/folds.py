@@ -18,7 +18,7 @@ FOLDS = 3
 LEAST_SETS = 3  # of lamps, or cameras: with fewer, leaving one out leaves too little
 LEAST_KNOWN = 2  # good observations that a texel keeps where it is predicted
 WHITE = 99.5  # per cent of the radiances that lie below white
-SAME = 0.02  # of the loss: so much worse is not clearly worse
+SAME = 1.0  # of the loss: so much worse than the best the fit's own choice may predict; false lobes are far worse
 ALIKE = 0.1  # the same, of a smaller model, where that is within the scatter
 
 
@@ -64,24 +64,19 @@ class Judge:
             self.judged |= usable & left_out & enough[:, None]
         self.candidates: dict[str, Candidate] = {}
 
-    def add(
-        self, name: str, predictions: Sequence[F64], spreads: Sequence[F64] | None = None, price: float = 0.0,
-    ) -> None:
+    def add(self, name: str, predictions: Sequence[F64], price: float = 0.0) -> None:
         """``predictions``: (T, V) radiance / irradiance of each fold, of which the layers left out count.
 
-        ``spreads``: (T,) of each fold, the mean square by which they may be off beside what the sample shows.
         ``price``: of its loss, that is added to it when candidates are compared.
         """
-        value, spread = np.zeros_like(self.radiance), np.zeros_like(self.radiance)
-        for k, left_out in enumerate(self.folds.left_out):
-            value[:, left_out] = predictions[k][:, left_out]
-            if spreads is not None:
-                spread[:, left_out] = spreads[k][:, None]
-        value, spread = value * self.texels.irradiance, spread * self.texels.irradiance**2
+        value = np.zeros_like(self.radiance)
+        for left_out, prediction in zip(self.folds.left_out, predictions, strict=True):
+            value[:, left_out] = prediction[:, left_out]
+        value = value * self.texels.irradiance
         off = np.where(self.judged, value - self.radiance, 0.0)
         light = np.where(self.judged, lightness(value / self.white) - lightness(self.radiance / self.white), 0.0)
         self.candidates[name] = Candidate(
-            name, (off**2 + np.where(self.judged, spread, 0.0)).sum(1), (light**2).sum(1), price)
+            name, (off**2).sum(1), (light**2).sum(1), price)
 
     def error(self, name: str) -> PredictionError:
         """Of a candidate, over all that was left out."""

@@ -11,12 +11,9 @@ import numpy as np
 
 from ..data import F64, I32, Bool
 from ..shading import brdf
-from ..shading.tables import F0
 
 MISSED_SHADOW = 0.3  # of a texel's typical reflection: darker is taken for a shadow that the shadow map missed
 OTHER_CAMERA = 0.02  # weight of another camera's pixels, which show another part of the texture, beside the own one's
-NEAR = 3.0  # alphas from its peak that an observation has come near a lobe
-DOUBTED = 0.7  # of the material's roughness: sharper lobes are doubted where nothing has come near
 LEAST = 1e-12
 
 
@@ -108,25 +105,6 @@ def cosine_to_half(texels: SampledTexels) -> F64:
     sin2h, cos_l = texels.lobes[..., 0], np.clip(texels.lobes[..., 2], 1e-3, 1)
     cosine: F64 = np.clip((cos_l + texels.cos_v[..., None]) / (2 * np.sqrt(np.maximum(1 - sin2h, 1e-6))), 0, 1)
     return cosine
-
-
-def unseen_flash(texels: SampledTexels, lobes: Lobes, known: Bool, roughness: float) -> F64:
-    """(T,) mean square, 1/sr^2, of lobes that no known observation has come near, under lamps from anywhere.
-
-    Few texels of a sample are caught by a left-out lamp in so narrow a lobe; many of the whole map are.  Lobes that are
-    as wide as the material's joint ``roughness`` are not doubted: its other texels have seen them.  GGX's mean square
-    over half vectors of the hemisphere is 1 / (6 pi^2 alpha^2) for small alpha.
-    """
-    assert lobes.level is not None
-    sin2h = np.where((texels.usable() & known)[:, :, None], texels.lobes[..., 0], np.inf)
-    nearest = sin2h.min((1, 2))
-    total = np.zeros(len(nearest))
-    for k, weight in ((0, lobes.weight), (1, 1 - lobes.weight)):
-        r = lobes.roughness[:, k]
-        unseen = (NEAR**2 * r**4 < nearest) & (r < DOUBTED * roughness)
-        fresnel = 2 * F0 * lobes.level
-        total += np.where(unseen, (weight * fresnel / 4) ** 2 / (6 * np.pi**2 * r**4), 0.0)
-    return total
 
 
 def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool) -> F64:

@@ -127,6 +127,9 @@ class Ladder:
             return
         decision = yield from ModelPrediction(self.device, self.source, self.settings).decide(
             texels, result.model[name])
+        if decision.cancelled:
+            self.solver.cancelled = True
+            return
         result.why[name] = f"{decision.why}; within the fit, {result.model[name]} by {result.why[name]}"
         result.model[name] = decision.model
         if decision.prediction is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from ...core.data import F32, F64, I32, Bool, JointPrior, MaterialPrediction, PredictionError
 from ...core.evaluation.folds import Folds, Judge, split
 from ...core.evaluation.joint_material import Joint, JointSearch
-from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted, unseen_flash
+from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted
 from ...core.job import Progress
 from ...core.models import LADDER
 from ...core.params import SolveSettings
@@ -36,6 +36,8 @@ class Decision:
     why: str
     level: float | None = None  # Specular IOR Level, where the fit is not to find it
     prediction: MaterialPrediction | None = None  # None: there were too few lamps and cameras to leave one out
+
+    cancelled: bool = False  # the trials were stopped
 
     @property
     def prior(self) -> JointPrior | None:
@@ -84,7 +86,6 @@ class _Contest:
         self.search = JointSearch(observed)
         self.judge = Judge(observed, folds)
         self.predictions: dict[str, list[F64]] = {}
-        self.spreads: dict[str, list[F64]] = {}
         self.trials: dict[str, _Trial] = {}
         self.free_level = False  # whether the Specular IOR Level of texels apart may be another than 0.5
 
@@ -92,8 +93,10 @@ class _Contest:
         joints = [self.search.fit(~left_out) for left_out in self.folds.left_out]
         self.free_level = abs(joints[0].apart_level - 0.5) > PLAIN_LEVEL
         yield from self._folds(joints, self._simple)
-        if not self.judge.leads(self._incumbent(), CLEAR):
+        if not self.solver.cancelled and not self.judge.leads(self._incumbent(), CLEAR):
             yield from self._folds(joints, self._drawn)
+        if self.solver.cancelled:
+            return Decision(self.model, "stopped before left-out views were predicted", cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
         taken = self.judge.choose(self._families(), self.sample.clusters(self.places), self._incumbent())
         return self._decision(self.trials[taken], errors, joints)
@@ -105,10 +108,12 @@ class _Contest:
         for left_out, joint in zip(self.folds.left_out, joints, strict=True):
             self.sample.left_out = left_out
             yield from attempt(~left_out, joint)
+            if self.solver.cancelled:
+                return
         self.sample.left_out = np.zeros_like(self.folds.left_out[0])
         for name, predictions in self.predictions.items():
             priced = self.trials[name].free_level and self.model != "one-lobe-specular"
-            self.judge.add(name, predictions, self.spreads[name], LEVEL_PRICE if priced else 0.0)
+            self.judge.add(name, predictions, LEVEL_PRICE if priced else 0.0)
 
     def _families(self) -> list[list[str]]:
         """Names of trials from the smallest models on."""
@@ -124,13 +129,13 @@ class _Contest:
     def _simple(self, known: Bool, joint: Joint) -> Generator[Progress, None, None]:
         """No lobe, one value for the material, and the model that the fit prefers."""
         count = len(self.places)
-        self._add(_Trial("lambert", "lambert"), None, known, joint)
+        self._add(_Trial("lambert", "lambert"), None, known)
         self._add(_Trial("one value", "one-lobe", ONE),
-                  one_lobe(np.full(count, joint.plain_roughness), 0.5), known, joint)
+                  one_lobe(np.full(count, joint.plain_roughness), 0.5), known)
         self._add(_Trial("one value and level", "one-lobe-specular", ONE, True),
-                  one_lobe(np.full(count, joint.roughness), joint.level), known, joint)
+                  one_lobe(np.full(count, joint.roughness), joint.level), known)
         if self.model == "two-lobe":
-            yield from self._two_lobes(known, joint)
+            yield from self._two_lobes(known)
         elif self.model != "lambert":
             yield from self._lobe_a_texel(known, joint, self._incumbent(), (None,))
 
@@ -141,13 +146,13 @@ class _Contest:
             yield from self._lobe_a_texel(
                 known, joint, name, STRENGTHS if name == self._incumbent() else (None, *STRENGTHS))
 
-    def _two_lobes(self, known: Bool, joint: Joint) -> Generator[Progress, None, None]:
+    def _two_lobes(self, known: Bool) -> Generator[Progress, None, None]:
         maps = yield from self.solver.solve_two()
         pairs = maps.read_pairs(self.solver.device)
         assert pairs is not None
         lobes = pairs.reshape(-1, 3)[self.places].astype(np.float64)
         self._add(_Trial(TWO, "two-lobe"), Lobes(
-            lobes[:, :2], lobes[:, 2], np.full(len(lobes), 0.5), self.settings.ndf == "beckmann"), known, joint)
+            lobes[:, :2], lobes[:, 2], np.full(len(lobes), 0.5), self.settings.ndf == "beckmann"), known)
         maps.release()
 
     def _lobe_a_texel(
@@ -163,18 +168,15 @@ class _Contest:
         for strength, values in zip(strengths, maps, strict=True):
             label = name if strength is None else f"{name}, prior {strength:g}"
             self._add(_Trial(label, "one-lobe-specular" if free else "one-lobe", strength, free),
-                      one_lobe(self._at(values), level), known, joint)
+                      one_lobe(self._at(values), level), known)
 
     def _at(self, values: F32) -> F64:
         return np.clip(values.ravel()[self.places].astype(np.float64), 0.01, 1.0)
 
-    def _add(self, trial: _Trial, lobes: Lobes | None, known: Bool, joint: Joint) -> None:
+    def _add(self, trial: _Trial, lobes: Lobes | None, known: Bool) -> None:
         """What a trial predicts of a fold; ``known``: layers that are not left out."""
         self.trials[trial.name] = trial
         self.predictions.setdefault(trial.name, []).append(predicted(self.observed, lobes, known))
-        self.spreads.setdefault(trial.name, []).append(
-            np.zeros(len(self.places)) if lobes is None else
-            unseen_flash(self.observed, lobes, known, joint.roughness if trial.free_level else joint.plain_roughness))
 
     def _decision(self, taken: _Trial, errors: dict[str, PredictionError], joints: list[Joint]) -> Decision:
         best = errors[taken.name]
