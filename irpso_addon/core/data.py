@@ -199,7 +199,6 @@ class MaterialPrediction:
     left_out: str  # "lamps" or "cameras"
     taken: str  # the row of ``tried`` that was solved for
     tried: dict[str, PredictionError]  # from the smallest model on
-    prior: JointPrior | None = None  # that the solve drew the texels with
 
     @property
     def error(self) -> PredictionError:
@@ -232,12 +231,9 @@ class Solution:
     ndf: str = "ggx"  # distribution of the two-lobe model, as in core/params.py
     checks: Checks | None = None  # what the views say of the maps
     pictures: tuple[ViewPicture, ...] = ()  # of each view, reduced: reference beside prediction
-    predictions: dict[str, MaterialPrediction] = field(default_factory=dict)  # material slot name -> its models' errors
+    predictions: dict[str, MaterialPrediction] = field(default_factory=dict)  # material slot name -> errors of models
+    priors: dict[str, JointPrior] = field(default_factory=dict)  # material slot name -> what its texels were drawn to
     resumed_blocks: int = 0  # of a solve in blocks: those that an earlier run had left
-
-    def priors(self) -> dict[str, JointPrior]:
-        """By material, where there is one."""
-        return {name: found.prior for name, found in self.predictions.items() if found.prior is not None}
 
     @classmethod
     def of_maps(

@@ -78,7 +78,7 @@ def test_in_its_own_world_the_fit_decides():
     exact = shoot(syn.PATCHES, cameras=2, noise=0.0)
     found = run(exact, model="auto")
     assert found.predictions["Paint"].taken == "a value a texel"
-    assert found.predictions["Paint"].prior is None
+    assert found.priors == {}
     assert np.median(errors(found, syn.PATCHES).rough) < 1e-4
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from ...core.errors import BadInput
 from ...core.images.mask import read_mask
 from ..files import read_maps
 from ..material.shader_nodes import find_shader
-from ..material.tags import SPECULAR_TAG, TAG, maps_of
+from ..material.tags import SPECULAR_TAG, TAG, maps_of, prior_of
 from ..material.two_lobe import is_two_lobe, parked
 from ..scene.scene_mesh import evaluated_mesh, integers, triangles
 from ..scene.scene_objects import world_matrix
@@ -149,10 +149,12 @@ def last_result(obj: bpy.types.Object) -> Solution | None:
     except BadInput:  # an image was deleted
         return None
     shown = {slot.material.name: _model(slot.material) for slot in obj.material_slots if slot.material is not None}
-    return Solution.of_maps(
+    priors = {slot.material.name: prior for slot in obj.material_slots
+              if slot.material is not None and (prior := prior_of(slot.material)) is not None}
+    return replace(Solution.of_maps(
         maps, {name: model for name, (model, _, _) in shown.items()},
         {name: level for name, (_, level, _) in shown.items() if level is not None},
-        next((ndf for _, _, ndf in shown.values() if ndf == "beckmann"), "ggx"), why="as its material has it")
+        next((ndf for _, _, ndf in shown.values() if ndf == "beckmann"), "ggx"), why="as its material has it"), priors=priors)
 
 
 def _by_present_names(obj: bpy.types.Object, solution: Solution) -> Solution:
@@ -160,9 +162,12 @@ def _by_present_names(obj: bpy.types.Object, solution: Solution) -> Solution:
     slots = [slot.material for slot in obj.material_slots if slot.material is not None]
     now = {str(material[TAG]): material.name for material in slots
            if TAG in material and material.name not in solution.model}
-    model, why, levels = ({now.get(name, name): value for name, value in told.items()}
-                          for told in (solution.model, solution.why, solution.levels))
-    return replace(solution, model=model, why=why, levels=levels)
+
+    def renamed(values: Mapping[str, Any]) -> dict[str, Any]:
+        return {now.get(name, name): value for name, value in values.items()}
+
+    return replace(solution, model=renamed(solution.model), why=renamed(solution.why), levels=renamed(solution.levels),
+                   predictions=renamed(solution.predictions), priors=renamed(solution.priors))
 
 
 def _model(material: bpy.types.Material) -> tuple[str, float | None, str]:

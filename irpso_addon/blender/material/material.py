@@ -22,7 +22,7 @@ from ...core.maps.map_set import UDIM, MapFiles
 from ...core.tiled.uv_blocks import FIRST_UDIM
 from .material_preflight import check_material, check_object
 from .shader_nodes import wire
-from .tags import TAG, maps_of
+from .tags import TAG, maps_of, tag_prior
 
 SUFFIXES = {"base_color": "basecolor"}  # role -> end of the name, where they differ
 UNKEPT = "filled"  # the layer without an image: the confidence tells which texels were filled
@@ -86,6 +86,7 @@ def wire_maps(
         found = wire(material, images, model=solution.model[name], lobes=solution.maps.lobes is not None,
                      level=solution.levels.get(name), ndf=solution.ndf)
         messages += [f"material '{material.name}': {text}" for text in found]
+        tag_prior(material, solution.priors.get(name))
     _drop_others(obj, images)
     return tuple(messages)
 

@@ -5,10 +5,29 @@ A file may hold anything under these names.
 
 import bpy
 
+from ...core.data import JointPrior
+
 TAG = "irpso"  # on objects: their images; on nodes and node groups: their role
 SPECULAR_TAG = "irpso_specular"  # on a Principled: its Specular IOR Level before we set it
 SPECULAR_LINK_TAG = "irpso_specular_link"  # and what was linked there: node, socket
+PRIOR_TAG = "irpso_prior"  # on a material: as JointPrior
 PARKED_TAG = "irpso_parked"  # on a Principled that a two-lobe group stands in for: how it was shown
+
+
+def tag_prior(material: bpy.types.Material, prior: JointPrior | None) -> None:
+    """Keep what the material's texels were drawn to."""
+    if prior is not None:
+        material[PRIOR_TAG] = [prior.roughness, prior.strength, prior.sigma]
+    elif PRIOR_TAG in material:
+        del material[PRIOR_TAG]
+
+
+def prior_of(material: bpy.types.Material) -> JointPrior | None:
+    """What the material's texels were drawn to, where that is known."""
+    values = material.get(PRIOR_TAG)
+    if not hasattr(values, "__len__") or len(values) != 3 or not all(isinstance(x, float) for x in values):
+        return None
+    return JointPrior(*values) if 0 < values[0] <= 1 and values[1] > 0 and values[2] >= 0 else None
 
 
 def maps_of(obj: bpy.types.Object) -> dict[str, bpy.types.Image]:

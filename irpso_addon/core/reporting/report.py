@@ -72,7 +72,7 @@ def _model(solution: Solution, slot: str) -> dict[str, Any]:
         found["prediction"] = {
             "left_out": prediction.left_out, "taken": prediction.taken, "fits": prediction.fits,
             **asdict(prediction.error), "tried": {name: asdict(error) for name, error in prediction.tried.items()},
-            "prior": asdict(prediction.prior) if prediction.prior else None}
+            "prior": asdict(solution.priors[slot]) if slot in solution.priors else None}
     return found
 
 

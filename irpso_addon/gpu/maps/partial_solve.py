@@ -45,7 +45,8 @@ class PartialSolve(SolveMask):
         texels = replace(new.texels, roughness=self.join(new.texels.roughness, "roughness", share),
                          solved=new.texels.solved | self.known)
         joined = replace(new, texels=texels, model={**start.model, **new.model}, why={**start.why, **new.why},
-                         levels={**start.levels, **new.levels}, predictions={**start.predictions, **new.predictions})
+                         levels={**start.levels, **new.levels}, predictions={**start.predictions, **new.predictions},
+                         priors={**start.priors, **new.priors})
         if new.lobes is not None or self.last.lobes is not None:
             weight = share[..., None]
             joined.lobes = weight * _lobes(new.texels.roughness, new.lobes) + (1 - weight) * _lobes(
@@ -132,7 +133,7 @@ def earlier_result_of(
         levels={name: level for name, level in start.levels.items() if name in taken}, fixed=frozenset(shared),
         level=None if part.last is None else part.last.specular,
         lobes=_seeds(region.resized(start.maps, settings.size)) if again else None,
-        priors={name: prior for name, prior in start.priors().items() if name in taken})
+        priors={name: prior for name, prior in start.priors.items() if name in taken})
 
 
 def _check_model(name: str, start: Solution, settings: SolveSettings) -> None:

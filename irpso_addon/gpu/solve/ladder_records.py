@@ -50,5 +50,6 @@ class LadderResult:
     base: F32 | None = None  # (h, w, 3) where the method searches it itself
     noise: dict[int, Noise] = field(default_factory=dict)  # of the data, by the number of lobes
     predictions: dict[str, MaterialPrediction] = field(default_factory=dict)  # by material
+    priors: dict[str, JointPrior] = field(default_factory=dict)  # by material, where there is one
     robust: bool = False  # whether outliers were disbelieved
     cancelled: bool = False

@@ -59,7 +59,7 @@ class Ladder:
         result.why = dict.fromkeys(present, "asked for")
         if model == "auto":
             yield from self._climb(result)
-        result.cancelled = self.solver.cancelled
+        result.cancelled, result.priors = self.solver.cancelled, self.priors
         result.noise, result.robust = self.solver.noise_of, self.solver.robust
         return result
 

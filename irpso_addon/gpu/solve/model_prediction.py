@@ -35,14 +35,9 @@ class Decision:
     model: str  # a row of core.models.LADDER
     why: str
     level: float | None = None  # Specular IOR Level, where the fit is not to find it
+    prior: JointPrior | None = None  # that the texels are to be drawn with
     prediction: MaterialPrediction | None = None  # None: there were too few lamps and cameras to leave one out
-
     cancelled: bool = False  # the trials were stopped
-
-    @property
-    def prior(self) -> JointPrior | None:
-        """That the texels are to be drawn with."""
-        return None if self.prediction is None else self.prediction.prior
 
 
 @dataclass(frozen=True)
@@ -194,4 +189,4 @@ class _Contest:
         if taken.strength is not None and not plain:
             level = joint.level if taken.strength == ONE else joint.apart_level
         prior = None if taken.strength is None else JointPrior(roughness, taken.strength, sigma)
-        return Decision(taken.model, why, level, MaterialPrediction(self.folds.of, taken.name, errors, prior))
+        return Decision(taken.model, why, level, prior, MaterialPrediction(self.folds.of, taken.name, errors))
