@@ -151,10 +151,11 @@ def last_result(obj: bpy.types.Object) -> Solution | None:
     shown = {slot.material.name: _model(slot.material) for slot in obj.material_slots if slot.material is not None}
     priors = {slot.material.name: prior for slot in obj.material_slots
               if slot.material is not None and (prior := prior_of(slot.material)) is not None}
-    return replace(Solution.of_maps(
+    solution = Solution.of_maps(
         maps, {name: model for name, (model, _, _) in shown.items()},
         {name: level for name, (_, level, _) in shown.items() if level is not None},
-        next((ndf for _, _, ndf in shown.values() if ndf == "beckmann"), "ggx"), why="as its material has it"), priors=priors)
+        next((ndf for _, _, ndf in shown.values() if ndf == "beckmann"), "ggx"), why="as its material has it")
+    return replace(solution, priors=priors)
 
 
 def _by_present_names(obj: bpy.types.Object, solution: Solution) -> Solution:
