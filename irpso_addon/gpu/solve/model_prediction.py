@@ -25,6 +25,7 @@ ONE = 1e5  # the same, where a material has one roughness
 APART, APART_LEVEL, TWO = "a value a texel", "a value a texel, one level", "two lobes"  # without a material's prior
 CLEAR = 0.5  # of its loss: a fit that leads by so much over one value for the material needs no prior
 LEVEL_PRICE = 0.15  # of the loss, of a level that the fit did not ask for: lamps' powers are given
+LEAST = 0.01  # roughness: of texels that are not observed it is 0
 PLAIN_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 is 0.5
 
 
@@ -146,6 +147,7 @@ class _Contest:
         pairs = maps.read_pairs(self.solver.device)
         assert pairs is not None
         lobes = pairs.reshape(-1, 3)[self.places].astype(np.float64)
+        lobes[:, :2] = np.clip(lobes[:, :2], LEAST, 1.0)
         self._add(_Trial(TWO, "two-lobe"), Lobes(
             lobes[:, :2], lobes[:, 2], np.full(len(lobes), 0.5), self.settings.ndf == "beckmann"), known)
         maps.release()
@@ -166,7 +168,7 @@ class _Contest:
                       one_lobe(self._at(values), level), known)
 
     def _at(self, values: F32) -> F64:
-        return np.clip(values.ravel()[self.places].astype(np.float64), 0.01, 1.0)
+        return np.clip(values.ravel()[self.places].astype(np.float64), LEAST, 1.0)
 
     def _add(self, trial: _Trial, lobes: Lobes | None, known: Bool) -> None:
         """What a trial predicts of a fold; ``known``: layers that are not left out."""
