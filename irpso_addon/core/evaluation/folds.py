@@ -86,9 +86,9 @@ class Judge:
                                float(np.sqrt(candidate.lightness.sum() / max(int(self.judged.sum()), 1))))
 
     def choose(self, families: Sequence[Sequence[str]], clusters: I32, incumbent: str) -> str:
-        """The candidate to take: the incumbent, unless another predicts clearly better.
+        """The candidate to take: the incumbent, unless one of the families predicts clearly better.
 
-        Then of the smallest family whose best is within the scatter of the best of all.  ``families``: names of
+        Then of the smallest family whose best is within the scatter of the families' best.  ``families``: names of
         candidates, from the smallest models on.  Both errors count, each relative to the least: lightness alone misses
         the texel that may flash under another lamp, radiance alone the body of dark things.  ``clusters``: (T,) groups
         of neighbouring texels, which err alike.  ``incumbent``: what the evidence inside the fit prefers.  In the

@@ -112,11 +112,14 @@ class _Contest:
             self.judge.add(name, predictions, LEVEL_PRICE if priced else 0.0)
 
     def _families(self) -> list[list[str]]:
-        """Names of trials from the smallest models on."""
+        """Names of trials from the smallest models on, but for fits that nothing holds together.
+
+        Where the fit's own choice finds false lobes, another free fit may seem better by luck.
+        """
         families = [[name] for name in ("lambert", "one value", "one value and level")]
         for model in LADDER[1:]:
             families.append([name for name, trial in self.trials.items()
-                             if trial.model == model and trial.strength != ONE])
+                             if trial.model == model and trial.strength in STRENGTHS])
         return [family for family in families if family]
 
     def _incumbent(self) -> str:
@@ -136,11 +139,9 @@ class _Contest:
             yield from self._lobe_a_texel(known, joint, self._incumbent(), (None,))
 
     def _drawn(self, known: Bool, joint: Joint) -> Generator[Progress, None, None]:
-        """A value a texel, drawn to the material's or not."""
-        levels = [APART, APART_LEVEL] if self.free_level else [APART]
-        for name in levels:
-            yield from self._lobe_a_texel(
-                known, joint, name, STRENGTHS if name == self._incumbent() else (None, *STRENGTHS))
+        """A value a texel, drawn to the material's."""
+        for name in [APART, APART_LEVEL] if self.free_level else [APART]:
+            yield from self._lobe_a_texel(known, joint, name, STRENGTHS)
 
     def _two_lobes(self, known: Bool) -> Generator[Progress, None, None]:
         maps = yield from self.solver.solve_two()
