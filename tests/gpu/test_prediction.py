@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.data import Solution
+from irpso_addon.core.evaluation import folds
 from irpso_addon.core.shading import brdf
 from tests.support import synthetic as syn
 from tests.support.shoots import errors, rig, run
@@ -100,3 +101,12 @@ def test_two_lamps_and_one_camera_are_too_few():
     found = run(syn.shoot(syn.PATCHES, rig(1, 2)), model="auto")
     assert found.predictions == {}
     assert "too few lamps and cameras" in found.why["Paint"]
+
+
+def test_where_nothing_can_be_judged_the_report_says_so(monkeypatch):
+    """As where no texel keeps good observations enough: no error of 0 is reported."""
+    monkeypatch.setattr(folds, "LEAST_KNOWN", 1000)
+    found = run(shoot(syn.PATCHES), model="auto")
+    assert found.predictions == {}
+    assert found.model == {"Paint": "one-lobe"}
+    assert "no texel has good observations enough to leave lamps out" in found.why["Paint"]

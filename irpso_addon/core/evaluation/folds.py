@@ -34,7 +34,6 @@ class Folds:
 class Candidate:
     """What one model predicted of every layer when it was left out."""
 
-    name: str
     squares: F64  # (T,) of errors of radiance
     lightness: F64  # (T,) squared errors of L*
     price: float  # of its loss, that is added to it
@@ -75,8 +74,7 @@ class Judge:
         value = value * self.texels.irradiance
         off = np.where(self.judged, value - self.radiance, 0.0)
         light = np.where(self.judged, lightness(value / self.white) - lightness(self.radiance / self.white), 0.0)
-        self.candidates[name] = Candidate(
-            name, (off**2).sum(1), (light**2).sum(1), price)
+        self.candidates[name] = Candidate((off**2).sum(1), (light**2).sum(1), price)
 
     def error(self, name: str) -> PredictionError:
         """Of a candidate, over all that was left out."""
@@ -105,7 +103,6 @@ class Judge:
             if total[name] <= total[best] + min(scatter, ALIKE * total[best]):
                 return name
         return best
-
 
     def leads(self, name: str, margin: float) -> bool:
         """Whether a candidate's loss is smaller than all others' by so much of its own."""

@@ -50,11 +50,11 @@ class SampledTexels:
 
 @dataclass(frozen=True)
 class Lobes:
-    """The material of T texels, base colour aside; no lobe at all where ``level`` is None."""
+    """The material of T texels, base colour aside."""
 
     roughness: F64  # (T, 2) of the two lobes, alike where there is one
     weight: F64  # (T,) of the first
-    level: F64 | None  # (T,) Specular IOR Level
+    level: F64  # (T,) Specular IOR Level
     beckmann: bool = False  # two lobes of Beckmann's distribution over a Lambert diffuse
 
 
@@ -65,7 +65,7 @@ def one_lobe(roughness: F64, level: float) -> Lobes:
 
 def parts(texels: SampledTexels, lobes: Lobes | None) -> tuple[F64, F64]:
     """(T, V) each: what a white diffuse reflects below the lobes, and what the lobes do; None: Lambert."""
-    if lobes is None or lobes.level is None:
+    if lobes is None:
         return np.full(texels.reflected.shape, 1 / np.pi), np.zeros(texels.reflected.shape)
     diffuse, specular = _lobe(texels, lobes.roughness[:, 0], lobes.level, lobes.beckmann)
     if np.any(lobes.weight < 1):

@@ -37,7 +37,7 @@ class Decision:
     why: str
     level: float | None = None  # Specular IOR Level, where the fit is not to find it
     prior: JointPrior | None = None  # that the texels are to be drawn with
-    prediction: MaterialPrediction | None = None  # None: there were too few lamps and cameras to leave one out
+    prediction: MaterialPrediction | None = None  # None: nothing could be left out
     cancelled: bool = False  # the trials were stopped
 
 
@@ -65,7 +65,10 @@ class ModelPrediction:
             folds = split(observed)
             if folds is None:
                 return Decision(model, "too few lamps and cameras to leave one out")
-            return (yield from _Contest(self, sample, observed, places, folds, model).decide())
+            contest = _Contest(self, sample, observed, places, folds, model)
+            if not contest.judge.judged.any():
+                return Decision(model, f"no texel has good observations enough to leave {folds.of} out")
+            return (yield from contest.decide())
 
 
 class _Contest:
