@@ -12,7 +12,8 @@ import numpy as np
 
 from ..data import F64, Bool
 from ..shading import brdf
-from .sampled_texels import LEAST, SampledTexels, cosine_to_half, shapes
+from .lobe_values import fresnel_ratio, lobe_values
+from .sampled_texels import LEAST, SampledTexels
 
 ROUGHNESS = np.geomspace(0.05, 1.0, 18)  # nodes of the search
 LEVELS = np.array([0.02, 0.06, 0.12, 0.25, 0.5, 0.75, 1.0])
@@ -79,9 +80,10 @@ def _nodes(texels: SampledTexels) -> tuple[F64, F64]:
     """(levels, roughnesses, T, V) each: what a white diffuse reflects, and what the lobe does."""
     shape = (len(LEVELS), len(ROUGHNESS), *texels.reflected.shape)
     diffuse, specular = np.empty(shape), np.empty(shape)
-    ratios = [brdf.F_level_ratio(cosine_to_half(texels), np.asarray(level)) for level in LEVELS]
+    cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
+    ratios = [fresnel_ratio(texels.lobes, cos_v, np.asarray(level)) for level in LEVELS]
     for j, roughness in enumerate(ROUGHNESS):
-        lobe = shapes(texels, np.full(len(texels.reflected), roughness))
+        lobe = lobe_values(texels.lobes, cos_v, np.full(len(texels.reflected), roughness))
         for i, level in enumerate(LEVELS):
             energy = brdf.principled_energy_level(roughness, COSINES, level)
             gain, taken = (np.interp(texels.cos_v, COSINES, energy[:, k]) for k in (0, 1))

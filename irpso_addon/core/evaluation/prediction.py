@@ -5,7 +5,6 @@ Independent of the shaders that solved, so that it can judge them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from ..data import F32, F64, I32, Bool, Maps, Solution
 from ..resampling import bilinear
 from ..shading import brdf
+from .lobe_values import fresnel_ratio, lobe_values
 
 TAPS = 4  # by TAPS, over a pixel's footprint
 
@@ -97,30 +97,11 @@ def _lobe(at: Surface, roughness: F64, view: PlaceView) -> tuple[F64, F64]:
     if other.any():
         energy[other] = brdf.principled_energy_level(roughness[other], cos_v[other], at.level[other])
     gain, taken = np.where(at.beckmann[:, None], np.array([1.0, 0.0]), energy).T
-    specular = _sum(brdf.D_ggx_spread, brdf.lambda_root, roughness, cos_v, view)
+    lobes, across = view.lobes.astype(np.float64), cos_v[:, None]
+    specular = lobe_values(lobes, across, roughness)
     if at.beckmann.any():
-        classic = _sum(brdf.D_beckmann_spread, brdf.lambda_root_beckmann, roughness, cos_v, view)
+        classic = lobe_values(lobes, across, roughness, beckmann=True)
         specular = np.where(at.beckmann[:, None, None], classic, specular)
     if other.any():
-        specular[other] *= _fresnel_ratio(view.lobes[other], cos_v[other], at.level[other])
+        specular[other] *= fresnel_ratio(lobes[other], across[other], at.level[other][:, None, None])
     return (1 - taken) / np.pi, gain[:, None] * specular.sum(-1)
-
-
-Distribution = Callable[[F64, F64, F64], F64]
-
-
-def _sum(D: Distribution, root: Callable[[F64, F64], F64], roughness: F64, cos_v: F64, view: PlaceView) -> F64:
-    """(T, 3, L) the lobe of each channel and light, without its gain."""
-    sin2h, spread, cos_l, factor = np.moveaxis(view.lobes.astype(np.float64), -1, 0)
-    cos_l = np.clip(cos_l, 1e-3, 1)
-    alpha2, cos_v = (roughness**4)[:, None, None], cos_v[:, None, None]
-    roots = root(alpha2, 1 / cos_l**2 - 1) + root(alpha2, 1 / cos_v**2 - 1)
-    value: F64 = D(alpha2, sin2h, spread) * factor / roots
-    return value
-
-
-def _fresnel_ratio(lobes: F32, cos_v: F64, level: F64) -> F64:
-    """(T, 3, L) Fresnel reflectance at a level over that at 0.5; V.H follows from the other cosines."""
-    sin2h, cos_l = lobes[..., 0].astype(np.float64), np.clip(lobes[..., 2].astype(np.float64), 1e-3, 1)
-    cos_vh = np.clip((cos_l + cos_v[:, None, None]) / (2 * np.sqrt(np.maximum(1 - sin2h, 1e-6))), 0, 1)
-    return np.asarray(brdf.F_level_ratio(cos_vh, level[:, None, None]), np.float64)

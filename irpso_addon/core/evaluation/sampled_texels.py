@@ -11,6 +11,7 @@ import numpy as np
 
 from ..data import F64, I32, Bool
 from ..shading import brdf
+from .lobe_values import fresnel_ratio, lobe_values
 
 MISSED_SHADOW = 0.3  # of a texel's typical reflection: darker is taken for a shadow that the shadow map missed
 OTHER_CAMERA = 0.02  # weight of another camera's pixels, which show another part of the texture, beside the own one's
@@ -77,34 +78,15 @@ def parts(texels: SampledTexels, lobes: Lobes | None) -> tuple[F64, F64]:
 
 def _lobe(texels: SampledTexels, roughness: F64, level: F64, beckmann: bool) -> tuple[F64, F64]:
     cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
-    shape = shapes(texels, roughness, beckmann)
+    shape = lobe_values(texels.lobes, cos_v, roughness, beckmann)
     if beckmann:
         return np.full(cos_v.shape, 1 / np.pi), shape.sum(-1)
     if np.all(level == 0.5):
         energy = brdf.principled_energy(roughness[:, None], cos_v)
     else:
         energy = brdf.principled_energy_level(roughness[:, None], cos_v, level[:, None])
-        shape = shape * brdf.F_level_ratio(cosine_to_half(texels), level[:, None, None])
+        shape = shape * fresnel_ratio(texels.lobes, cos_v, level[:, None, None])
     return (1 - energy[..., 1]) / np.pi, shape.sum(-1) * energy[..., 0]
-
-
-def shapes(texels: SampledTexels, roughness: F64, beckmann: bool = False) -> F64:
-    """(T, V, L) a lobe at Specular IOR Level 0.5 without its gain by multiple scattering; roughness: (T,)."""
-    sin2h, spread, cos_l, factor = np.moveaxis(texels.lobes, -1, 0)
-    alpha2 = (roughness**4)[:, None, None]
-    cos_l, cos_v = np.clip(cos_l, 1e-3, 1), np.clip(texels.cos_v, 1e-3, 1)[..., None]
-    root = brdf.lambda_root_beckmann if beckmann else brdf.lambda_root
-    spread_d = brdf.D_beckmann_spread if beckmann else brdf.D_ggx_spread
-    roots = root(alpha2, 1 / cos_l**2 - 1) + root(alpha2, 1 / cos_v**2 - 1)
-    value: F64 = spread_d(alpha2, sin2h, spread) * factor / roots
-    return value
-
-
-def cosine_to_half(texels: SampledTexels) -> F64:
-    """(T, V, L) V.H, from N.H = (N.L + N.V) / |L + V|."""
-    sin2h, cos_l = texels.lobes[..., 0], np.clip(texels.lobes[..., 2], 1e-3, 1)
-    cosine: F64 = np.clip((cos_l + texels.cos_v[..., None]) / (2 * np.sqrt(np.maximum(1 - sin2h, 1e-6))), 0, 1)
-    return cosine
 
 
 def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool) -> F64:

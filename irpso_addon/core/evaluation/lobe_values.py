@@ -1,0 +1,35 @@
+"""What lobes reflect at places whose geometry is given as the observations have it: sin2h, spread, cos_l, factor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..data import F64
+from ..shading import brdf
+
+
+def lobe_values(lobes: F64, cos_v: F64, roughness: F64, beckmann: bool = False) -> F64:
+    """(T, V, L) of each light at Specular IOR Level 0.5, without the gain by multiple scattering.
+
+    lobes: (T, V, L, 4).  cos_v: (T, V) or (T, 1), not 0.  roughness: (T,).
+    """
+    D: Callable[[F64, F64, F64], F64] = brdf.D_beckmann_spread if beckmann else brdf.D_ggx_spread
+    root: Callable[[F64, F64], F64] = brdf.lambda_root_beckmann if beckmann else brdf.lambda_root
+    sin2h, spread, cos_l, factor = np.moveaxis(lobes, -1, 0)
+    cos_l = np.clip(cos_l, 1e-3, 1)
+    alpha2 = (roughness**4)[:, None, None]
+    roots = root(alpha2, 1 / cos_l**2 - 1) + root(alpha2, 1 / cos_v[..., None] ** 2 - 1)
+    value: F64 = D(alpha2, sin2h, spread) * factor / roots
+    return value
+
+
+def fresnel_ratio(lobes: F64, cos_v: F64, level: F64) -> F64:
+    """(T, V, L) Fresnel reflectance at a level over that at 0.5; V.H follows from the other cosines.
+
+    level: whatever broadcasts to that.
+    """
+    sin2h, cos_l = lobes[..., 0], np.clip(lobes[..., 2], 1e-3, 1)
+    cos_vh = np.clip((cos_l + cos_v[..., None]) / (2 * np.sqrt(np.maximum(1 - sin2h, 1e-6))), 0, 1)
+    return np.asarray(brdf.F_level_ratio(cos_vh, level), np.float64)
