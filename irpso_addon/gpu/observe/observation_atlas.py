@@ -211,6 +211,9 @@ class ObservedTexels:
     cos_v: F32  # (h, w, K)
     lobes: F32  # (h, w, K, lights, 4) as the last blocks of the atlas
     groups: tuple[int, ...]  # (K) ascending, which camera
+    # Where models are to be judged by what left-out lamps show:
+    irradiance: F32 | None = None  # (h, w, K) without shadows, in any unit
+    lamps: tuple[int, ...] = ()  # (K) which set of lamps shone
 
 
 class ArraySource:
@@ -218,6 +221,7 @@ class ArraySource:
 
     def __init__(self, device: Device, texels: ObservedTexels, table: F32) -> None:
         """``table``: core.tables.principled_table()."""
+        self.texels = texels
         rgb, quality, cos_v, lobes = texels.rgb, texels.quality, texels.cos_v, texels.lobes
         h, w = quality.shape[:2]
         self.size = (w, h)

@@ -13,7 +13,7 @@ from ...core.models import CELL, Fit, choose
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import PriorKnowledge
 from ..device.context import Device
-from ..observe.observation_atlas import CameraSource, Source, Tile, tiles
+from ..observe.observation_atlas import Source, Tile, tiles
 from .ladder_records import EarlierResult, LadderResult, Materials
 from .model_prediction import ModelPrediction
 from .paper_swarm import PaperSwarm
@@ -123,7 +123,7 @@ class Ladder:
 
     def _predict(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, None]:
         """Keep the model, or take another one that predicts better what left-out lamps show."""
-        if not isinstance(self.source, CameraSource) or self.settings.method == "draft":
+        if self.settings.method == "draft":
             return
         decision = yield from ModelPrediction(self.device, self.source, self.settings).decide(
             texels, result.model[name])

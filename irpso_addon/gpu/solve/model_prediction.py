@@ -15,8 +15,8 @@ from ...core.job import Progress
 from ...core.models import LADDER
 from ...core.params import SolveSettings
 from ..device.context import Device
-from ..observe.observation_atlas import CameraSource
-from .material_sample import MaterialSample, spread_squares
+from ..observe.observation_atlas import Source
+from .material_sample import MaterialSample, clusters, read_sample, sampled
 from .solver import Solver
 
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
@@ -54,14 +54,16 @@ class _Trial:
 class ModelPrediction:
     """Tries models of one material on its sample."""
 
-    def __init__(self, device: Device, source: CameraSource, settings: SolveSettings) -> None:
+    def __init__(self, device: Device, source: Source, settings: SolveSettings) -> None:
         self.device, self.source, self.settings = device, source, replace(settings, loss="squares")
 
     def decide(self, texels: Bool, model: str) -> Generator[Progress, None, Decision]:
         """``texels``: (h, w) of the material that are observed; ``model``: what the fit's evidence chose."""
         with self.device.scope():
-            sample = MaterialSample(self.device, self.source, texels, spread_squares(texels, self.settings.seed))
-            observed, places = sample.read(JUDGED)
+            sample = sampled(self.device, self.source, texels, self.settings.seed)
+            if sample is None:
+                return Decision(model, "nothing says which lamps shone")
+            observed, places = read_sample(self.device, sample, JUDGED)
             folds = split(observed)
             if folds is None:
                 return Decision(model, "too few lamps and cameras to leave one out")
@@ -97,7 +99,7 @@ class _Contest:
         if self.solver.cancelled:
             return Decision(self.model, "stopped before left-out views were predicted", cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
-        taken = self.judge.choose(self._families(), self.sample.clusters(self.places), self._incumbent())
+        taken = self.judge.choose(self._families(), clusters(self.sample, self.places), self._incumbent())
         return self._decision(self.trials[taken], errors, joints)
 
     def _folds(

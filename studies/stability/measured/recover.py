@@ -67,7 +67,8 @@ class Recovered:
 
 def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: Any) -> Recovered:
     """Solve for one material's maps by ``model``, auto or one of the ladder's rungs."""
-    source = ArraySource(device, ObservedTexels(rgb, seen.quality, seen.cos_v, seen.lobes, seen.groups),
+    source = ArraySource(device, ObservedTexels(
+        rgb, seen.quality, seen.cos_v, seen.lobes, seen.groups, seen.irradiance, seen.lamps),
                          principled_table())
     # No model is exact here, as none is in pictures: those the sources of pictures allow for.
     source.model_error, source.least_gain = MODEL_ERROR, LEAST_GAIN

@@ -41,6 +41,7 @@ class View:
     """One lamp and one camera, at every texel, (h, w)."""
 
     camera: int
+    lamp: int
     L: F64  # (h, w, 3) unit, in the normal's frame (z)
     V: F64
     irradiance: F64
@@ -95,12 +96,12 @@ def views(surface: Surface, cameras: F64, lamps: F64) -> list[View]:
         V = np.einsum("...ij,...j->...i", frame, _unit(away))
         share = np.maximum(V[..., 2], 0) / (away**2).sum(-1)
         visible = _visible(surface, camera)
-        for lamp, lit in zip(lamps, shadows, strict=True):
+        for n, (lamp, lit) in enumerate(zip(lamps, shadows, strict=True)):
             toward = lamp - surface.position
             L = np.einsum("...ij,...j->...i", frame, _unit(toward))
             irradiance = np.maximum(L[..., 2], 0) / (toward**2).sum(-1)
             good = (L[..., 2] > LEAST_COSINE) & (V[..., 2] > LEAST_COSINE)
-            made.append(View(number, L, V, irradiance, surface.covered & visible & lit & good, share))
+            made.append(View(number, n, L, V, irradiance, surface.covered & visible & lit & good, share))
     return made
 
 
@@ -121,6 +122,8 @@ class Geometry:
     cos_v: F32
     lobes: F32  # (h, w, K, 1, 4): sin2h, its spread (0), cos_l, F / (2 cos_l cos_v)
     groups: tuple[int, ...]
+    irradiance: F32
+    lamps: tuple[int, ...]
 
 
 def geometry(of: list[View]) -> Geometry:
@@ -134,7 +137,9 @@ def geometry(of: list[View]) -> Geometry:
         factor = brdf.F_dielectric(at.cos_vh) / (2 * at.cos_l * at.cos_v)
         lobes.append(np.stack([at.sin2h, np.zeros_like(at.sin2h), at.cos_l, factor], -1)[..., None, :])
     arrays = [np.stack(a, axis=2).astype(np.float32) for a in (quality, cosines, lobes)]
-    return Geometry(of, arrays[0], arrays[1], arrays[2], tuple(v.camera for v in of))
+    irradiance = np.stack([v.irradiance for v in of], axis=2).astype(np.float32)
+    return Geometry(of, arrays[0], arrays[1], arrays[2], tuple(v.camera for v in of), irradiance,
+                    tuple(v.lamp for v in of))
 
 
 def observe(of: list[View], material: Reflectance, noise: float = 0.0, seed: int = 0) -> F32:
