@@ -37,8 +37,8 @@ def sampled(count: int, lamps: int, cameras: int, rough: np.ndarray, level: floa
     f = f * (1 + noise * RNG.standard_normal(f.shape))
     sin2h = (np.cross(normal, half) ** 2).sum(-1)
     lobes = np.stack([sin2h, np.zeros_like(sin2h), cos_l, brdf.F_dielectric(cos_vh) / (2 * cos_l * cos_v)], -1)
-    return SampledTexels(f, np.ones_like(f), cos_v, lobes[:, :, None], cos_l, camera.astype(np.int32),
-                         np.zeros(len(camera), np.int32), lamp.astype(np.int32)), base
+    return SampledTexels(f[..., None], np.ones_like(f), cos_v, lobes[:, :, None], cos_l[..., None],
+                         camera.astype(np.int32), np.zeros(len(camera), np.int32), lamp.astype(np.int32)), base
 
 
 def test_predictions_of_the_true_material_are_exact() -> None:
@@ -105,7 +105,7 @@ def contest(errors: dict[str, tuple[float, np.ndarray]], incumbent: str) -> str:
     assert folds is not None
     judge = Judge(texels, folds)
     for name, (share, more) in errors.items():
-        judge.add(name, [texels.reflected * (1 + share + more[:, None])] * len(folds.left_out))
+        judge.add(name, [texels.reflected * (1 + share + more[:, None, None])] * len(folds.left_out))
     return judge.choose([["lambert"], ["one value"], ["a texel", "a texel, prior"]],
                         np.arange(64, dtype=np.int32) // 4, incumbent)
 

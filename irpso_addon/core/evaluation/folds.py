@@ -18,8 +18,8 @@ FOLDS = 3
 LEAST_SETS = 3  # of lamps, or cameras: with fewer, leaving one out leaves too little
 LEAST_KNOWN = 2  # good observations that a texel keeps where it is predicted
 WHITE = 99.5  # per cent of the radiances that lie below white
-SAME = 1.0  # of the loss: so much worse than the best the fit's own choice may predict; false lobes are far worse
-ALIKE = 0.1  # the same, of a smaller model, where that is within the scatter
+SAME = 0.1  # of the loss: so much worse than the best the fit's own choice may predict
+ALIKE = 0.05  # the same, of a smaller model, where that is within the scatter
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,6 @@ class Candidate:
 
     squares: F64  # (T,) of errors of radiance
     lightness: F64  # (T,) squared errors of L*
-    price: float  # of its loss, that is added to it
 
 
 def split(texels: SampledTexels) -> Folds | None:
@@ -57,29 +56,27 @@ class Judge:
         self.radiance = texels.reflected * texels.irradiance
         usable = texels.usable()
         self.white = float(np.percentile(self.radiance[usable], WHITE)) if usable.any() else 1.0
-        self.judged = np.zeros_like(usable)  # (T, V) that count in all candidates alike
+        self.judged: Bool = np.zeros_like(usable)  # (T, V) that count in all candidates alike
         for left_out in folds.left_out:
             enough = (usable & ~left_out).sum(1) >= LEAST_KNOWN
             self.judged |= usable & left_out & enough[:, None]
         self.candidates: dict[str, Candidate] = {}
 
-    def add(self, name: str, predictions: Sequence[F64], price: float = 0.0) -> None:
-        """``predictions``: (T, V) radiance / irradiance of each fold, of which the layers left out count.
-
-        ``price``: of its loss, that is added to it when candidates are compared.
-        """
+    def add(self, name: str, predictions: Sequence[F64]) -> None:
+        """``predictions``: (T, V, C) radiance / irradiance of each fold, of which the layers left out count."""
         value = np.zeros_like(self.radiance)
         for left_out, prediction in zip(self.folds.left_out, predictions, strict=True):
             value[:, left_out] = prediction[:, left_out]
         value = value * self.texels.irradiance
-        off = np.where(self.judged, value - self.radiance, 0.0)
-        light = np.where(self.judged, lightness(value / self.white) - lightness(self.radiance / self.white), 0.0)
-        self.candidates[name] = Candidate((off**2).sum(1), (light**2).sum(1), price)
+        judged = self.judged[..., None]
+        off = np.where(judged, value - self.radiance, 0.0)
+        light = np.where(judged, lightness(value / self.white) - lightness(self.radiance / self.white), 0.0)
+        self.candidates[name] = Candidate((off**2).sum((1, 2)), (light**2).mean(2).sum(1))
 
     def error(self, name: str) -> PredictionError:
         """Of a candidate, over all that was left out."""
         candidate = self.candidates[name]
-        signal = float((np.where(self.judged, self.radiance, 0.0) ** 2).sum())
+        signal = float((self.radiance[self.judged] ** 2).sum())
         return PredictionError(float(np.sqrt(candidate.squares.sum() / max(signal, 1e-30))),
                                float(np.sqrt(candidate.lightness.sum() / max(int(self.judged.sum()), 1))))
 
@@ -113,8 +110,7 @@ class Judge:
         """(T,) of each candidate: both squared errors, each relative to the least of them."""
         least = [max(min(float(getattr(c, part).sum()) for c in self.candidates.values()), 1e-30)
                  for part in ("squares", "lightness")]
-        return {name: (1 + c.price) * (c.squares / least[0] + c.lightness / least[1])
-                for name, c in self.candidates.items()}
+        return {name: c.squares / least[0] + c.lightness / least[1] for name, c in self.candidates.items()}
 
 
 def _scatter(values: F64, clusters: I32) -> float:

@@ -1,7 +1,11 @@
-"""The one roughness and Specular IOR Level that explain all texels of a sample together, each with its own base colour.
+"""The one roughness, Specular IOR Level and Metallic that explain all texels of a sample, each with its base colour.
 
 A material whose texels hardly differ is told best by all of them: where no highlight passes a texel, its own numbers
 only bend to what the diffuse does not explain.
+
+What a texel reflects is b A + S with base colour b.  Under Metallic m, A and S are (1 - m) and m times those of a
+dielectric and of a metal.  So the squared residual is a polynomial in b and m, whose coefficients are sums over layers.
+They are taken once for all nodes of roughness and level, as products of matrices.
 """
 
 from __future__ import annotations
@@ -12,14 +16,16 @@ import numpy as np
 
 from ..data import F64, Bool
 from ..shading import brdf
-from .lobe_values import fresnel_ratio, lobe_values
-from .sampled_texels import LEAST, SampledTexels
+from .lobe_values import fresnel_ratio, lobe_values, metal_values
+from .sampled_texels import LEAST, SampledTexels, metal_gain
 
 ROUGHNESS = np.geomspace(0.05, 1.0, 18)  # nodes of the search
 LEVELS = np.array([0.02, 0.06, 0.12, 0.25, 0.5, 0.75, 1.0])
+METALLIC = np.linspace(0.0, 1.0, 11)
 PLAIN = 4  # of LEVELS: Blender's default
+METAL_BASE = 0.6  # base colour for which a metal's multiple scattering is taken: it changes the gain by a few per cent
 COSINES = np.linspace(0.0, 1.0, 65)
-MOST = 20_000  # observations of the sample
+MOST = 10_000  # observations of the sample
 HELD_TOGETHER = 1.0  # nats per squared log ratio: how far texels may depart while their level is sought
 
 
@@ -30,66 +36,120 @@ class Joint:
     roughness: float  # with the level
     level: float
     plain_roughness: float  # at Specular IOR Level 0.5
-    apart_level: float  # the level where each texel has its own roughness
+    apart_level: float  # the level where each texel has its own roughness ...
+    apart_roughness: float  # ... about this one
+    metal: Metal  # with Metallic
+
+
+@dataclass(frozen=True)
+class Metal:
+    """A material whose Metallic is free."""
+
+    roughness: float
+    level: float
+    metallic: float
 
 
 class JointSearch:
     """The model at all nodes, so that any part of the layers can be fitted at once."""
 
     def __init__(self, texels: SampledTexels) -> None:
-        count, layers = texels.reflected.shape
+        count, layers = texels.cos_v.shape
         most = max(MOST // max(layers, 1), 32)
         if count > most:
             texels = texels.part(np.linspace(0, count - 1, most).astype(np.int32))
         self.texels = texels
-        self.diffuse, self.specular = _nodes(texels)
-        unit = np.maximum(texels.reflected, texels.typical()[:, None])
+        self.nodes = _Nodes.of(texels)
+        unit = np.maximum(texels.reflected, texels.typical())
         # Errors of the cube root of radiance, which lightness is made of.
-        self.weight = np.where(texels.usable(), texels.quality * texels.irradiance ** (2 / 3) / unit ** (4 / 3), 0.0)
+        self.weight = np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance ** (2 / 3)
+                               / unit ** (4 / 3), 0.0)
 
     def fit(self, known: Bool) -> Joint:
         """From the layers that are ``known``, (V,)."""
-        cost = self._costs(known)
+        sums = [self._sums(known & (self.texels.channel == channel)) for channel in np.unique(self.texels.channel)]
+        cost = _costs(sums, 0.0)
         whole = cost.sum(2)
-        plain = _lowest(np.log(ROUGHNESS), whole[PLAIN])
+        rough = np.array([_lowest(np.log(ROUGHNESS), costs) for costs in whole])  # (levels,) in the logarithm
         best_level, best = np.unravel_index(whole.argmin(), whole.shape)
-        rough = _lowest(np.log(ROUGHNESS), whole[best_level])
         level = _lowest(LEVELS, whole[:, best])
-        degrees = np.maximum((self.weight[:, known] > 0).sum(1) - 2, 1)
+        degrees = np.maximum((self.weight[:, known] > 0).sum((1, 2)) - 2, 1)
         noise = max(float(np.median(cost[best_level].min(0) / degrees)), LEAST)
-        pull = 2 * HELD_TOGETHER * (np.log(ROUGHNESS) - rough) ** 2
-        apart = (cost / noise + pull[:, None]).min(1).sum(1)
-        return Joint(float(np.exp(rough)), float(np.clip(level, LEVELS[0], 1.0)), float(np.exp(plain)),
-                     float(np.clip(_lowest(LEVELS, apart), LEVELS[0], 1.0)))
+        pull = 2 * HELD_TOGETHER * (np.log(ROUGHNESS) - rough[:, None]) ** 2
+        apart = (cost / noise + pull[..., None]).min(1).sum(1)
+        return Joint(float(np.exp(rough[best_level])), _level(level), float(np.exp(rough[PLAIN])),
+                     _level(_lowest(LEVELS, apart)), float(np.exp(rough[apart.argmin()])), _metal(np.stack([whole, *(_costs(sums, m).sum(2) for m in METALLIC[1:])])))
 
-    def _costs(self, known: Bool) -> F64:
-        """(levels, roughnesses, T) weighted squared residual, base colour in closed form for each channel."""
-        w, d = self.weight[:, known], self.texels.reflected[:, known]
-        s, q = self.specular[:, :, :, known], self.diffuse[:, :, :, known]
-        channel = self.texels.channel[known]
-        total = np.zeros(s.shape[:3])
-        for c in np.unique(channel):
-            at = channel == c
-            off, a, v = d[:, at] - s[..., at], q[..., at], w[:, at]
-            base = np.clip((v * a * off).sum(-1) / np.maximum((v * a * a).sum(-1), LEAST), 0, 1)
-            total += (v * (off - base[..., None] * a) ** 2).sum(-1)
-        return total
+    def _sums(self, layers: Bool) -> dict[str, F64]:
+        """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.
+
+        (levels, roughnesses, T, C) each, or (1, ...) where no level is in it.
+        """
+        weight, f = self.weight[:, layers], self.texels.reflected[:, layers]
+        result = {"ff": (weight * f * f).sum(1)[None, None]}
+        for name, values in self.nodes.products.items():
+            factor = weight * f if len(name) == 1 else weight
+            total = np.moveaxis(values[:, :, layers] @ factor, 0, 1)  # (nodes, T, C)
+            result[name if len(name) == 2 else name + "f"] = total.reshape(-1, len(ROUGHNESS), *total.shape[1:])
+        return result
 
 
-def _nodes(texels: SampledTexels) -> tuple[F64, F64]:
-    """(levels, roughnesses, T, V) each: what a white diffuse reflects, and what the lobe does."""
-    shape = (len(LEVELS), len(ROUGHNESS), *texels.reflected.shape)
-    diffuse, specular = np.empty(shape), np.empty(shape)
-    cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
-    ratios = [fresnel_ratio(texels.lobes, cos_v, np.asarray(level)) for level in LEVELS]
-    for j, roughness in enumerate(ROUGHNESS):
-        lobe = lobe_values(texels.lobes, cos_v, np.full(len(texels.reflected), roughness))
-        for i, level in enumerate(LEVELS):
-            energy = brdf.principled_energy_level(roughness, COSINES, level)
-            gain, taken = (np.interp(texels.cos_v, COSINES, energy[:, k]) for k in (0, 1))
-            diffuse[i, j] = (1 - taken) / np.pi
-            specular[i, j] = (lobe * ratios[i]).sum(-1) * gain
-    return diffuse, specular
+@dataclass(frozen=True)
+class _Nodes:
+    """The model at all nodes."""
+
+    products: dict[str, F64]  # (T, levels roughnesses or roughnesses, V) each: a, s, A, S and their products in pairs
+
+    @classmethod
+    def of(cls, texels: SampledTexels) -> _Nodes:
+        """Of a sample."""
+        count, layers = texels.cos_v.shape
+        shape = (len(LEVELS), len(ROUGHNESS), count, layers)
+        a, s = np.empty(shape), np.empty(shape)
+        A, S = np.empty(shape[1:]), np.empty(shape[1:])
+        cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
+        ratios = [fresnel_ratio(texels.lobes, cos_v, np.asarray(level)) for level in LEVELS]
+        for j, roughness in enumerate(ROUGHNESS):
+            rough = np.full(count, roughness)
+            lobe = lobe_values(texels.lobes, cos_v, rough)
+            for i, level in enumerate(LEVELS):
+                energy = brdf.principled_energy_level(roughness, COSINES, level)
+                gain, taken = (np.interp(texels.cos_v, COSINES, energy[:, k]) for k in (0, 1))
+                a[i, j] = (1 - taken) / np.pi
+                s[i, j] = (lobe * ratios[i]).sum(-1) * gain
+            own, edge = metal_values(texels.lobes, cos_v, rough)
+            gain = metal_gain(rough, texels.cos_v, np.full((count, 1), METAL_BASE))[..., 0]
+            A[j], S[j] = own * gain, edge * gain
+        pairs = {"a": a, "s": s, "A": A, "S": S, "aa": a * a, "as": a * s, "ss": s * s, "aA": a * A, "aS": a * S,
+                 "sA": s * A, "sS": s * S, "AA": A * A, "AS": A * S, "SS": S * S}
+        return cls({name: np.ascontiguousarray(np.moveaxis(value.reshape(-1, count, layers), 0, 1))
+                    for name, value in pairs.items()})
+
+
+def _costs(sums: list[dict[str, F64]], metallic: float) -> F64:
+    """(levels, roughnesses, T) weighted squared residual, base colour in closed form for each channel."""
+    x, m, total = 1 - metallic, metallic, np.zeros(1)
+    for of in sums:
+        white_data = x * of["af"] + m * of["Af"]
+        rest_data = x * of["sf"] + m * of["Sf"]
+        white = x * x * of["aa"] + 2 * x * m * of["aA"] + m * m * of["AA"]
+        both = x * x * of["as"] + x * m * (of["aS"] + of["sA"]) + m * m * of["AS"]
+        rest = x * x * of["ss"] + 2 * x * m * of["sS"] + m * m * of["SS"]
+        base = np.clip((white_data - both) / np.maximum(white, LEAST), 0, 1)
+        cost = of["ff"] - 2 * rest_data + rest + base * (base * white - 2 * (white_data - both))
+        total = total + np.maximum(cost, 0.0).sum(-1)
+    return total
+
+
+def _metal(whole: F64) -> Metal:
+    """From (metallics, levels, roughnesses) costs."""
+    m, i, j = np.unravel_index(whole.argmin(), whole.shape)
+    return Metal(float(np.exp(_lowest(np.log(ROUGHNESS), whole[m, i]))), _level(_lowest(LEVELS, whole[m, :, j])),
+                 float(np.clip(_lowest(METALLIC, whole[:, i, j]), 0, 1)))
+
+
+def _level(level: float) -> float:
+    return float(np.clip(level, LEVELS[0], 1.0))
 
 
 def _lowest(nodes: F64, costs: F64) -> float:

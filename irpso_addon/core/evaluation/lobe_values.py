@@ -26,10 +26,25 @@ def lobe_values(lobes: F64, cos_v: F64, roughness: F64, beckmann: bool = False) 
 
 
 def fresnel_ratio(lobes: F64, cos_v: F64, level: F64) -> F64:
-    """(T, V, L) Fresnel reflectance at a level over that at 0.5; V.H follows from the other cosines.
+    """(T, V, L) Fresnel reflectance at a level over that at 0.5.
 
     level: whatever broadcasts to that.
     """
+    return np.asarray(brdf.F_level_ratio(half_cosine(lobes, cos_v), level), np.float64)
+
+
+def half_cosine(lobes: F64, cos_v: F64) -> F64:
+    """(T, V, L) V.H, from N.H = (N.L + N.V) / |L + V|."""
     sin2h, cos_l = lobes[..., 0], np.clip(lobes[..., 2], 1e-3, 1)
-    cos_vh = np.clip((cos_l + cos_v[..., None]) / (2 * np.sqrt(np.maximum(1 - sin2h, 1e-6))), 0, 1)
-    return np.asarray(brdf.F_level_ratio(cos_vh, level), np.float64)
+    return np.asarray(np.clip((cos_l + cos_v[..., None]) / (2 * np.sqrt(np.maximum(1 - sin2h, 1e-6))), 0, 1))
+
+
+def metal_values(lobes: F64, cos_v: F64, roughness: F64) -> tuple[F64, F64]:
+    """(T, V) each: what a metal's lobe adds for each unit of base colour, and whatever that is.
+
+    Schlick's reflectance b + (1 - b) (1 - V.H)^5 is linear in base colour b.  Without multiple scattering.
+    """
+    across = half_cosine(lobes, cos_v)
+    shape = lobe_values(lobes, cos_v, roughness) / brdf.F_dielectric(across)
+    edge = (1 - across) ** 5
+    return (shape * (1 - edge)).sum(-1), (shape * edge).sum(-1)

@@ -1,6 +1,7 @@
 """Texels of a sample with all that the views observe of them, and what a material predicts that they show.
 
-A view whose channels are kept apart counts once for each of them: V counts those *layers*.
+A *layer* is a view.  It holds C = 3 channels; or, where lamps are coloured and channels are kept apart, one of them, and
+a view counts as three layers of C = 1.
 """
 
 from __future__ import annotations
@@ -10,38 +11,41 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data import F64, I32, Bool
-from ..shading import brdf
-from .lobe_values import fresnel_ratio, lobe_values
+from ..shading import brdf, tables
+from .lobe_values import fresnel_ratio, lobe_values, metal_values
 
 MISSED_SHADOW = 0.3  # of a texel's typical reflection: darker is taken for a shadow that the shadow map missed
 OTHER_CAMERA = 0.02  # weight of another camera's pixels, which show another part of the texture, beside the own one's
+METAL_PASSES = 3  # in which a metal's multiple scattering, which depends on base colour, is found
 LEAST = 1e-12
 
 
 @dataclass(frozen=True)
 class SampledTexels:
-    """V layers at T texels."""
+    """V layers of C channels at T texels."""
 
-    reflected: F64  # (T, V) radiance / irradiance, 1/sr: the mean of R, G and B, or of the layer's channel
+    reflected: F64  # (T, V, C) radiance / irradiance, 1/sr
     quality: F64  # (T, V) 0 (not observed, or at an edge of shadow or silhouette) to 1
     cos_v: F64  # (T, V)
     lobes: F64  # (T, V, L, 4) per light: sin2h, its spread, cos_l, F / (2 cos_l cos_v) * share of the irradiance
-    irradiance: F64  # (T, V) W/m^2 without shadows
+    irradiance: F64  # (T, V, C) W/m^2 without shadows
     camera: I32  # (V,)
     channel: I32  # (V,) 0 to 2 where the channels are kept apart, else 0
     lamps: I32  # (V,) which set of lamps shone
 
     def typical(self) -> F64:
-        """(T,) median of what a texel reflects; 1 where it is not observed."""
-        seen = np.where(self.quality > 0, self.reflected, np.nan)
-        some = (self.quality > 0).any(1)
-        median = np.ones(len(seen))
-        median[some] = np.nanmedian(seen[some], axis=1)
-        return np.asarray(np.maximum(median, 1e-4))
+        """(T, V, C) median of what a texel reflects in the same channel; 1 where it is not observed."""
+        result = np.ones_like(self.reflected)
+        for channel in np.unique(self.channel):
+            same = self.channel == channel
+            seen = np.where(self.quality[:, same, None] > 0, self.reflected[:, same], np.nan)
+            some = (self.quality[:, same] > 0).any(1)
+            result[np.ix_(some, same)] = np.maximum(np.nanmedian(seen[some], axis=1), 1e-4)[:, None]
+        return result
 
     def usable(self) -> Bool:
         """(T, V) good observations that no missed shadow explains."""
-        return (self.quality > 0) & (self.reflected > MISSED_SHADOW * self.typical()[:, None])
+        return (self.quality > 0) & (self.reflected.mean(-1) > MISSED_SHADOW * self.typical().mean(-1))
 
     def part(self, texels: Bool | I32) -> SampledTexels:
         """Some of the texels."""
@@ -57,23 +61,53 @@ class Lobes:
     weight: F64  # (T,) of the first
     level: F64  # (T,) Specular IOR Level
     beckmann: bool = False  # two lobes of Beckmann's distribution over a Lambert diffuse
+    metallic: float = 0.0  # of one lobe
 
 
-def one_lobe(roughness: F64, level: float) -> Lobes:
+def one_lobe(roughness: F64, level: float, metallic: float = 0.0) -> Lobes:
     """(T,) roughness under one Specular IOR Level."""
-    return Lobes(np.stack([roughness, roughness], -1), np.ones(len(roughness)), np.full(len(roughness), level))
+    return Lobes(np.stack([roughness, roughness], -1), np.ones(len(roughness)), np.full(len(roughness), level),
+                 metallic=metallic)
 
 
-def parts(texels: SampledTexels, lobes: Lobes | None) -> tuple[F64, F64]:
-    """(T, V) each: what a white diffuse reflects below the lobes, and what the lobes do; None: Lambert."""
+def parts(texels: SampledTexels, lobes: Lobes | None, base: F64 | None = None) -> tuple[F64, F64]:
+    """What is reflected for each unit of base colour, and whatever that is; None: Lambert.
+
+    (T, V, 1) each, but (T, V, C) of a metal, whose multiple scattering is that of ``base``, (T, C).
+    """
     if lobes is None:
-        return np.full(texels.reflected.shape, 1 / np.pi), np.zeros(texels.reflected.shape)
+        shape = (*texels.cos_v.shape, 1)
+        return np.full(shape, 1 / np.pi), np.zeros(shape)
     diffuse, specular = _lobe(texels, lobes.roughness[:, 0], lobes.level, lobes.beckmann)
     if np.any(lobes.weight < 1):
         other = _lobe(texels, lobes.roughness[:, 1], lobes.level, lobes.beckmann)
         w = lobes.weight[:, None]
         diffuse, specular = w * diffuse + (1 - w) * other[0], w * specular + (1 - w) * other[1]
+    diffuse, specular = diffuse[..., None], specular[..., None]
+    if lobes.metallic > 0:
+        assert base is not None
+        gain = metal_gain(lobes.roughness[:, 0], texels.cos_v, base)
+        own, edge = (part[..., None] * gain for part in _metal(texels, lobes))
+        share = lobes.metallic
+        diffuse, specular = (1 - share) * diffuse + share * own, (1 - share) * specular + share * edge
     return diffuse, specular
+
+
+def _metal(texels: SampledTexels, lobes: Lobes) -> tuple[F64, F64]:
+    return metal_values(texels.lobes, np.clip(texels.cos_v, 1e-3, 1.0), lobes.roughness[:, 0])
+
+
+def metal_gain(roughness: F64, cos_v: F64, base: F64) -> F64:
+    """(T, V, C) gain of a metal's lobe by multiple scattering.  Kulla and Conty 2017.
+
+    roughness: (T,).  cos_v: (T, V).  base: (T, C); the mean Fresnel reflectance is Schlick's.
+    """
+    nodes = tables.energy_nodes()
+    albedo = tables.bilinear(nodes.albedo, np.broadcast_to(roughness[:, None], cos_v.shape), cos_v)
+    mean = np.interp(roughness, np.linspace(0, 1, len(nodes.mean)), nodes.mean)[:, None]
+    single = base + (1 - base) / 21
+    multiple = single * mean / (1 - single * (1 - mean))
+    return np.asarray(1 + multiple[:, None] * (1 / albedo - 1)[..., None])
 
 
 def _lobe(texels: SampledTexels, roughness: F64, level: F64, beckmann: bool) -> tuple[F64, F64]:
@@ -90,23 +124,26 @@ def _lobe(texels: SampledTexels, roughness: F64, level: F64, beckmann: bool) -> 
 
 
 def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool) -> F64:
-    """(T, V) radiance / irradiance of all layers, base colour from the layers that are ``known``, (V,).
+    """(T, V, C) radiance / irradiance of all layers, base colour from the layers that are ``known``, (V,).
 
     Each camera's pixels cover the texture differently, so that a camera's own views say its base colour, and those of
     others where it has none.
     """
-    diffuse, specular = parts(texels, lobes)
-    unit = np.maximum(texels.reflected, texels.typical()[:, None])
-    weight = np.where(texels.usable() & known, texels.quality / unit**2, 0.0) * diffuse
-    off = weight * (texels.reflected - specular)
-    information = weight * diffuse
-    result = np.empty_like(diffuse)
-    for channel in np.unique(texels.channel):
-        same = texels.channel == channel
-        total = off[:, same].sum(1), information[:, same].sum(1)
-        for camera in np.unique(texels.camera[same]):
-            own = same & (texels.camera == camera)
-            share = off[:, own].sum(1), information[:, own].sum(1)
-            base = (share[0] + OTHER_CAMERA * total[0]) / np.maximum(share[1] + OTHER_CAMERA * total[1], LEAST)
-            result[:, own] = np.clip(base, 0, 1)[:, None]
-    return np.asarray(result * diffuse + specular)
+    unit = np.maximum(texels.reflected, texels.typical())
+    weight = np.where((texels.usable() & known)[..., None], texels.quality[..., None] / unit**2, 0.0)
+    base = np.full_like(texels.reflected[:, 0], 0.5)
+    passes = METAL_PASSES if lobes is not None and lobes.metallic > 0 else 1
+    for _ in range(passes):
+        white, rest = parts(texels, lobes, base)
+        off, information = weight * white * (texels.reflected - rest), weight * white * white
+        result = np.empty_like(texels.reflected)
+        for channel in np.unique(texels.channel):
+            same = texels.channel == channel
+            total = off[:, same].sum(1), information[:, same].sum(1)
+            base = np.clip(total[0] / np.maximum(total[1], LEAST), 0, 1)
+            for camera in np.unique(texels.camera[same]):
+                own = same & (texels.camera == camera)
+                share = off[:, own].sum(1), information[:, own].sum(1)
+                shown = (share[0] + OTHER_CAMERA * total[0]) / np.maximum(share[1] + OTHER_CAMERA * total[1], LEAST)
+                result[:, own] = np.clip(shown, 0, 1)[:, None]
+    return np.asarray(result * white + rest)

@@ -65,7 +65,7 @@ class MaterialSample(Source, Protocol):
 class LayerLight:
     """Of V layers."""
 
-    irradiance: F64  # (T, V) W/m^2 without shadows
+    irradiance: F64  # (T, V, C) W/m^2 without shadows
     lamps: I32  # (V,) which set of lamps shone
 
 
@@ -98,9 +98,11 @@ def read_sample(device: Device, sample: MaterialSample, most: int) -> tuple[Samp
     first, lobes = blocks[:, :, 0].astype(np.float64), blocks[:, :, 2:].astype(np.float64)
     edge = first[..., 3].astype(int) % 2 == 1
     light = sample.layer_light(covered)
+    dark = (light.irradiance <= 0).any(-1)
+    reflected = blocks[:, :, 1, :3].astype(np.float64) if layers.channels == 1 else first[..., :1]
     return SampledTexels(
-        first[..., 0], np.where(edge | (light.irradiance <= 0), 0.0, first[..., 1]), first[..., 2], lobes,
-        light.irradiance, groups // layers.channels, groups % layers.channels, light.lamps), covered
+        reflected, np.where(edge | dark, 0.0, first[..., 1]), first[..., 2], lobes, light.irradiance,
+        groups // layers.channels, groups % layers.channels, light.lamps), covered
 
 
 def _blocks(device: Device, sample: MaterialSample, texels: I32) -> F32:
@@ -111,7 +113,7 @@ def _blocks(device: Device, sample: MaterialSample, texels: I32) -> F32:
         w, h = atlas.tile
         grid = np.zeros((layers.blocks, height, width, 4), np.float32)
         for x, y in tiles(atlas, sample.covered):
-            for _ in sample.gather(atlas, (x, y), False):
+            for _ in sample.gather(atlas, (x, y), layers.channels == 1):
                 pass
             part = device.read(atlas.texture).reshape(layers.blocks, h, w, 4)
             grid[:, y:y + h, x:x + w] = part[:, :min(h, height - y), :min(w, width - x)]
@@ -152,9 +154,9 @@ class CameraSample(CameraSource):
         position = self.places.reshape(-1, 4)[texels, :3].astype(np.float64)
         normal = self.normals.reshape(-1, 4)[texels, :3].astype(np.float64)
         irradiance = np.stack([
-            sum((light_irradiance(light, position, normal)
-                 * (light.power.mean() if channels == 1 else light.power[channel[n]]) for light in view.lights),
-                np.zeros(len(texels)))
+            sum((light_irradiance(light, position, normal)[:, None]
+                 * (light.power if channels == 1 else light.power[channel[n]]) for light in view.lights),
+                np.zeros((len(texels), 3 if channels == 1 else 1)))
             for n, view in enumerate(views)], 1)
         return LayerLight(irradiance, np.array([order[key] for key in sets], np.int32))
 
@@ -185,8 +187,8 @@ class ArraySample(ArraySource):
         """As of `MaterialSample`."""
         layers = len(self.layers.groups)
         assert self.texels.irradiance is not None
-        return LayerLight(self.texels.irradiance.reshape(-1, layers)[texels].astype(np.float64),
-                          np.array(self.texels.lamps, np.int32))
+        irradiance = self.texels.irradiance.reshape(-1, layers, 1)[texels].astype(np.float64)
+        return LayerLight(np.repeat(irradiance, 3, 2), np.array(self.texels.lamps, np.int32))
 
 
 def _pack(grid: np.ndarray, squares: list[Tile]) -> np.ndarray:

@@ -42,6 +42,7 @@ class Ladder:
         # By material, where prediction has chosen them:
         self.priors: dict[str, JointPrior] = dict(self.last.priors)
         self.decided_levels: dict[str, float] = {}
+        self.fitted_levels: dict[str, float] = {}  # by material, where evidence has tried another than 0.5
 
     def solve(self) -> Generator[Progress, None, LadderResult]:
         """Climb as far as the settings say, or the data pay for."""
@@ -126,7 +127,7 @@ class Ladder:
         if self.settings.method == "draft":
             return
         decision = yield from ModelPrediction(self.device, self.source, self.settings).decide(
-            texels, result.model[name])
+            texels, result.model[name], self.fitted_levels.get(name, 0.5))
         if decision.cancelled:
             self.solver.cancelled = True
             return
@@ -189,7 +190,9 @@ class Ladder:
                     "one_lobe": Fit(plain.residual, one),
                     "two_lobe": Fit(two.residual, one + two.determined - plain.determined)}
             if (yield from self.levels.differs(solver, sample, places)):
-                solver.use_level((yield from self.levels.levels(solver, {name: texels}, places)))
+                level = yield from self.levels.levels(solver, {name: texels}, places)
+                self.fitted_levels[name] = float(level[texels][0])
+                solver.use_level(level)
                 other = self._read((yield from solver.solve(places))).texels
                 fits["one_lobe_specular"] = Fit(other.residual, one)
         if solver.cancelled:

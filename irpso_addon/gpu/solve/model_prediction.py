@@ -24,7 +24,6 @@ JUDGED = 1000  # texels, of a sample
 ONE = 1e5  # the same, where a material has one roughness
 APART, APART_LEVEL, TWO = "a value a texel", "a value a texel, one level", "two lobes"  # without a material's prior
 CLEAR = 0.5  # of its loss: a fit that leads by so much over one value for the material needs no prior
-LEVEL_PRICE = 0.15  # of the loss, of a level that the fit did not ask for: lamps' powers are given
 LEAST = 0.01  # roughness: of texels that are not observed it is 0
 PLAIN_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 is 0.5
 
@@ -51,14 +50,25 @@ class _Trial:
     free_level: bool = False
 
 
+@dataclass(frozen=True)
+class _Fitted:
+    """What the fit's evidence chose."""
+
+    model: str
+    level: float  # Specular IOR Level
+
+
 class ModelPrediction:
     """Tries models of one material on its sample."""
 
     def __init__(self, device: Device, source: Source, settings: SolveSettings) -> None:
         self.device, self.source, self.settings = device, source, replace(settings, loss="squares")
 
-    def decide(self, texels: Bool, model: str) -> Generator[Progress, None, Decision]:
-        """``texels``: (h, w) of the material that are observed; ``model``: what the fit's evidence chose."""
+    def decide(self, texels: Bool, model: str, level: float) -> Generator[Progress, None, Decision]:
+        """``texels``: (h, w) of the material that are observed; ``model``: what the fit's evidence chose.
+
+        ``level``: the Specular IOR Level that the fit found.
+        """
         with self.device.scope():
             sample = sampled(self.device, self.source, texels, self.settings.seed)
             if sample is None:
@@ -67,7 +77,7 @@ class ModelPrediction:
             folds = split(observed)
             if folds is None:
                 return Decision(model, "too few lamps and cameras to leave one out")
-            contest = _Contest(self, sample, observed, places, folds, model)
+            contest = _Contest(self, sample, observed, places, folds, _Fitted(model, level))
             if not contest.judge.judged.any():
                 return Decision(model, f"no texel has good observations enough to leave {folds.of} out")
             return (yield from contest.decide())
@@ -78,9 +88,10 @@ class _Contest:
 
     def __init__(
         self, owner: ModelPrediction, sample: MaterialSample, observed: SampledTexels, places: I32, folds: Folds,
-        model: str,
+        fitted: _Fitted,
     ) -> None:
-        self.sample, self.observed, self.places, self.folds, self.model = sample, observed, places, folds, model
+        self.sample, self.observed, self.places, self.folds = sample, observed, places, folds
+        self.model, self.fitted_level = fitted.model, fitted.level
         self.settings = owner.settings
         self.solver = Solver(owner.device, sample, self.settings)
         self.solver.shown = False
@@ -113,8 +124,7 @@ class _Contest:
                 return
         self.sample.left_out = np.zeros_like(self.folds.left_out[0])
         for name, predictions in self.predictions.items():
-            priced = self.trials[name].free_level and self.model != "one-lobe-specular"
-            self.judge.add(name, predictions, LEVEL_PRICE if priced else 0.0)
+            self.judge.add(name, predictions)
 
     def _families(self) -> list[list[str]]:
         """Names of trials from the smallest models on, but for fits that nothing holds together.
@@ -163,7 +173,9 @@ class _Contest:
     ) -> Generator[Progress, None, None]:
         """``name``: APART or APART_LEVEL; ``strengths``: of the material's prior, None for none."""
         free = name == APART_LEVEL
-        level, roughness = (joint.apart_level, joint.roughness) if free else (0.5, joint.plain_roughness)
+        level, roughness = (joint.apart_level, joint.apart_roughness) if free else (0.5, joint.plain_roughness)
+        if free and strengths == (None,):
+            level = self.fitted_level
         self.solver.use_level(np.full(self.sample.size[::-1], level, np.float32) if free else None)
         maps = yield from self.solver.under_priors(
             [None if strength is None else JointPrior(roughness, strength) for strength in strengths])
