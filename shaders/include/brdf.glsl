@@ -1,5 +1,5 @@
 // The reflectance models, as Cycles renders them.  Twin: irpso_addon/core/shading/brdf.py.
-// Principled BSDF (metallic 0, IOR 1.5, multiscatter GGX) at any Specular IOR Level; Cook-Torrance with Beckmann.
+// Principled BSDF (IOR 1.5, multiscatter GGX) at any Specular IOR Level and Metallic; Cook-Torrance with Beckmann.
 //
 // alpha = roughness^2, alpha2 = alpha^2; cos_l, cos_v: N.L and N.V; cos_vh: V.H, H the half vector.
 // sin2h: 1 - (N.H)^2, from dot(cross(N,H), cross(N,H)): 1 - cos^2 cancels in float32 near the peak.
@@ -181,6 +181,40 @@ vec2 principled_energy_level(float roughness, float cos_v, float level) {
     vec2 value, unused, unused_too;
     principled_energy_level_d(roughness, cos_v, level, value, unused, unused_too);
     return value;
+}
+
+// (E1, Eavg) with its derivative by roughness: albedo of the lobe without Fresnel, and its mean over the hemisphere.
+void metal_energy_d(float roughness, float cos_v, out vec2 value, out vec2 d_roughness) {
+    interpolate_table(ivec2(0, TABLE_SIZE), float(LOBE_NODES - 1), roughness, cos_v, value, d_roughness);
+}
+
+vec2 metal_energy(float roughness, float cos_v) {
+    vec2 value, unused;
+    metal_energy_d(roughness, cos_v, value, unused);
+    return value;
+}
+
+// Gain of a metal's lobe by multiple scattering at a base colour, with its derivatives by roughness (`d_energy`: that
+// of energy) and by base colour. Kulla and Conty 2017; Schlick's reflectance has the mean b + (1 - b) / 21.
+void metal_gain_d(float base, vec2 energy, vec2 d_energy, out float value, out float d_roughness, out float d_base) {
+    float fss = base + (1.0 - base) / 21.0, inv_below = 1.0 / (1.0 - fss * (1.0 - energy.y));
+    float fms = fss * energy.y * inv_below, more = 1.0 / energy.x - 1.0;
+    value = 1.0 + fms * more;
+    d_roughness = fss * (1.0 - fss) * inv_below * inv_below * d_energy.y * more
+                - fms * d_energy.x / (energy.x * energy.x);
+    d_base = 20.0 / 21.0 * energy.y * inv_below * inv_below * more;
+}
+
+float metal_gain(float base, vec2 energy) {
+    float value, unused, unused_too;
+    metal_gain_d(base, energy, vec2(0.0), value, unused, unused_too);
+    return value;
+}
+
+// (1 - V.H)^5: a metal of base colour b reflects b + (1 - b) of it. Schlick 1994, "An Inexpensive BRDF Model", eq. 15.
+float F_schlick(float cos_vh) {
+    float c = 1.0 - cos_vh, c2 = c * c;
+    return c2 * c2 * c;
 }
 
 // D F comp / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)). Heitz 2014, "Understanding the Masking-Shadowing Function".

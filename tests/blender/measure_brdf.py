@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise, product
 from typing import Any
 
@@ -23,6 +24,7 @@ from . import cycles_rig as rig
 BASES = (0.05, 0.4, 0.95)
 ROUGHNESSES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 LEVELS = (0.0, 0.01, 0.2, 0.8, 1.0)  # Specular IOR Level
+METALLICS = (0.3, 1.0)
 Lobes = tuple[float, float, float]  # roughness of the first and second, weight of the first
 LOBES: Lobes = (0.2, 0.6, 0.3)
 DARK = 1e-6  # of the brightest pixel: below it, where a lobe stands alone, float32 has few digits
@@ -36,6 +38,7 @@ class Pixels:
 
     roughness: float
     level: float
+    metallic: float
     error: np.ndarray  # (n, 3) |twin / Cycles - 1| for BASES
     degrees: np.ndarray  # (n,) the larger of the angles to the light and to the viewer
     peak: np.ndarray  # (n,) bool
@@ -61,18 +64,17 @@ Model = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # L, V, N (n
 
 def measure(
     pixels: int = 72, few: bool = False, roughnesses: Sequence[float] = ROUGHNESSES, levels: Sequence[float] = (0.5,),
+    metallics: Sequence[float] = (0.0,),
 ) -> Iterator[Pixels]:
-    """The Principled in every scene at every roughness and Specular IOR Level."""
+    """The Principled in every scene at every roughness, Specular IOR Level and Metallic."""
     for eye in scenes(pixels, few):
         bsdf = principled_node()
-        for level, roughness in product(levels, roughnesses):
+        for metallic, level, roughness in product(metallics, levels, roughnesses):
             bsdf.inputs["Roughness"].default_value = roughness
             bsdf.inputs["Specular IOR Level"].default_value = level
-
-            def twin(L: np.ndarray, V: np.ndarray, N: np.ndarray, r: float = roughness, s: float = level) -> np.ndarray:
-                return brdf.principled(np.array(BASES), np.array(r), L, V, N, s)
-
-            yield compare(eye, roughness, level, twin)
+            bsdf.inputs["Metallic"].default_value = metallic
+            twin = partial(brdf.principled, np.array(BASES), np.array(roughness), level=level, metallic=metallic)
+            yield compare(eye, roughness, level, twin, metallic)
 
 
 def measure_two_lobes(
@@ -132,7 +134,7 @@ def conductor_is_exact() -> bool:
     return bpy.app.version >= (5, 0, 0)
 
 
-def compare(eye: np.ndarray, roughness: float, level: float, twin: Model) -> Pixels:
+def compare(eye: np.ndarray, roughness: float, level: float, twin: Model, metallic: float = 0.0) -> Pixels:
     """Render the scene and lay the twin's radiance beside Cycles'."""
     light = rig.as_light(bpy.data.objects["lamp"])
     image = rig.render()
@@ -148,8 +150,8 @@ def compare(eye: np.ndarray, roughness: float, level: float, twin: Model) -> Pix
     half = (L + V) / np.linalg.norm(L + V, axis=-1, keepdims=True)
     sin2h = (np.cross(N, half) ** 2).sum(-1)
     return Pixels(
-        roughness, level, np.abs(radiance[lit] / rgb[lit] - 1), np.degrees(np.arccos(np.minimum(cos_l, cos_v)[lit])),
-        np.sqrt(sin2h / (1 - sin2h))[lit] < PEAK * roughness**2,
+        roughness, level, metallic, np.abs(radiance[lit] / rgb[lit] - 1),
+        np.degrees(np.arccos(np.minimum(cos_l, cos_v)[lit])), np.sqrt(sin2h / (1 - sin2h))[lit] < PEAK * roughness**2,
     )
 
 
@@ -177,6 +179,11 @@ def main() -> None:
     head("level")
     for level in LEVELS:
         row(level, [p for p in found if p.level == level])
+    found = list(measure(metallics=METALLICS))
+    for metallic in METALLICS:
+        head(f"roughness, Metallic {metallic:g}")
+        for roughness in ROUGHNESSES:
+            row(roughness, [p for p in found if (p.metallic, p.roughness) == (metallic, roughness)])
     head(f"two lobes {LOBES}")
     for ndf in ["ggx"] + ["beckmann"] * conductor_is_exact():
         row(ndf, list(measure_two_lobes(ndf)))

@@ -76,6 +76,34 @@ def test_spread_approaches_the_mean_over_a_narrow_distribution():
     assert abs(got / mean - 1) < 0.1 * abs(brdf.D_ggx(alpha2, middle) / mean - 1)
 
 
+def test_a_metals_derivatives_equal_central_differences():
+    rng = np.random.default_rng(2)
+    r, cos_v, base = (np.floor(rng.uniform(0.1, 0.9, 200) * 31) + 0.5) / 31, rng.uniform(0.1, 1, 200), rng.random(200)
+    energy, slope = brdf.metal_energy_d(r, cos_v)
+    _, by_r, by_base = brdf.metal_gain_d(base, energy, slope)
+    h = 1e-5
+    low, high = (brdf.metal_gain(base, brdf.metal_energy(r + d, cos_v)) for d in (-h, h))
+    np.testing.assert_allclose(by_r, (high - low) / (2 * h), rtol=1e-6, atol=1e-8)
+    low, high = (brdf.metal_gain(base + d, energy) for d in (-h, h))
+    np.testing.assert_allclose(by_base, (high - low) / (2 * h), rtol=1e-6)
+
+
+@pytest.mark.parametrize("roughness", ROUGHNESSES)
+def test_a_white_metal_reflects_all_light(roughness):
+    """The gain by multiple scattering returns what the lobe loses, to the nodes' own error."""
+    (x, w_x), (phi, w_phi) = gauss(0, 1, 400), gauss(0, 2 * np.pi, 200)
+    u = 2 * x - x**2  # denser near the normal's tangent plane, du = 2 (1 - x) dx
+    for cos_v in (0.3, 0.8):
+        sin_h, cos_h = np.sqrt(1 - u**2)[:, None], u[:, None]  # over half vectors: dw_l = 4 V.H dw_h
+        cos_vh = sin_h * np.cos(phi) * np.sqrt(1 - cos_v**2) + cos_h * cos_v
+        cos_l = 2 * cos_vh * cos_h - cos_v
+        seen = (cos_l > 0) & (cos_vh > 0)
+        f = brdf.metal(np.ones((1, 1, 1)), roughness, np.broadcast_to(sin_h**2, cos_l.shape), 0.0,
+                       np.where(seen, cos_l, 1.0), cos_v, np.where(seen, cos_vh, 1.0))[..., 0]
+        weights = (w_x * 2 * (1 - x))[:, None] * w_phi
+        assert (np.where(seen, f * cos_l * 4 * cos_vh, 0.0) * weights).sum() == pytest.approx(1, abs=0.01)
+
+
 def test_derivatives_equal_central_differences():
     rng = np.random.default_rng(1)
     a2, s = rng.uniform(0.01, 0.9, 500), rng.uniform(0, 1, 500)

@@ -28,7 +28,7 @@ def arguments() -> dict[str, np.ndarray]:
         "roughness": roughness, "alpha2": roughness**4, "sin2h": sin2h, "spread": sin2h * rng.uniform(0, 1.5, COUNT),
         "cos_l": rng.uniform(0.03, 1, COUNT), "cos_v": rng.uniform(0.03, 1, COUNT),
         "cos_vh": rng.uniform(0.01, 1, COUNT), "tan2": 10 ** rng.uniform(-3, 3, COUNT),
-        "level": rng.uniform(0.005, 1, COUNT),
+        "level": rng.uniform(0.005, 1, COUNT), "base": rng.uniform(0, 1, COUNT),
     }
     return {name: values.astype(np.float32) for name, values in columns.items()}
 
@@ -45,6 +45,7 @@ def columns(arguments: dict[str, np.ndarray], *names: str) -> tuple[np.ndarray, 
     ("lambda_root_beckmann", ("alpha2", "tan2")),
     ("F_dielectric", ("cos_vh",)),
     ("F_level_ratio", ("cos_vh", "level")),
+    ("F_schlick", ("cos_vh",)),
     ("diffuse_principled", ("roughness", "cos_v")),
     ("specular_principled", ("roughness", "sin2h", "spread", "cos_l", "cos_v", "cos_vh")),
 ])
@@ -147,6 +148,22 @@ def test_energy_of_a_level_and_its_derivatives_equal_their_twin(evaluate, argume
     assert inside.mean() > 0.99
     np.testing.assert_allclose(by_r[inside, :2], twin[1][inside], rtol=RTOL, atol=1e-5)
     np.testing.assert_allclose(got[inside, 2:], twin[2][inside], rtol=RTOL, atol=1e-5)
+
+
+def test_a_metals_gain_and_its_derivatives_equal_their_twin(evaluate, arguments):
+    packed, (r, cos_v, base) = columns(arguments, "roughness", "cos_v", "base")
+    energy, slope = brdf.metal_energy_d(r, cos_v)
+    value, by_r, by_base = brdf.metal_gain_d(base, energy, slope)
+    call = "vec2 v, d; metal_energy_d(a.x, a.y, v, d); "
+    got = evaluate(BRDF, call + "metal_gain_d(a.z, v, d, o.x, o.y, o.z); o.w = metal_gain(a.z, v);", packed)
+    np.testing.assert_allclose(got[:, 0], value, rtol=RTOL)
+    np.testing.assert_array_equal(got[:, 3], got[:, 0])
+    np.testing.assert_allclose(got[:, 2], by_base, rtol=RTOL, atol=1e-6)  # at no loss it is 0
+    inside = np.all([np.abs((31 * x + 0.5) % 1 - 0.5) > 1e-4 for x in (r, cos_v)], axis=0)  # slopes jump at the nodes
+    np.testing.assert_allclose(got[inside, 1], by_r[inside], rtol=RTOL, atol=2e-5)
+    got = evaluate(BRDF, call + "o = vec4(v, metal_energy(a.x, a.y));", packed)
+    np.testing.assert_allclose(got[:, :2], energy, rtol=RTOL)
+    np.testing.assert_array_equal(got[:, 2:], got[:, :2])
 
 
 def test_level_zero_is_lambert_in_the_shader_too(evaluate, arguments):

@@ -1,7 +1,7 @@
 """The reflectance models, as Cycles renders them: float64 twin of ``shaders/include/brdf.glsl``.
 
-Principled BSDF (metallic 0, IOR 1.5, multiscatter GGX) at any Specular IOR Level, two of them mixed, and the
-classic two-lobe Cook-Torrance with Beckmann's distribution.
+Principled BSDF (IOR 1.5, multiscatter GGX) at any Specular IOR Level and Metallic, two of them mixed, and the classic
+two-lobe Cook-Torrance with Beckmann's distribution.
 
 Same names and arguments as there, vectorised over arrays that broadcast.  alpha = roughness^2, alpha2 = alpha^2;
 cos_l, cos_v: N.L and N.V; cos_vh: V.H with H the half vector; sin2h: 1 - (N.H)^2, kept as such because
@@ -198,11 +198,17 @@ def principled_energy_level_d(roughness: ArrayLike, cos_v: ArrayLike, level: Arr
     return value, by_r, by_level
 
 
+@cache
+def _lobe_nodes() -> F64:
+    """(E1, Eavg) on Cycles' nodes."""
+    nodes = energy_nodes()
+    return np.stack([nodes.albedo, np.broadcast_to(nodes.mean[:, None], nodes.albedo.shape)], -1)
+
+
 def _level_nodes(roughness: F64, cos_v: F64, z: F64) -> tuple[F64, ...]:
     """(E1, Eavg, s, their derivatives by roughness, that of s by z) with s between the slices beside z (0..8)."""
     nodes = energy_nodes()
-    lobes = np.stack([nodes.albedo, np.broadcast_to(nodes.mean[:, None], nodes.albedo.shape)], -1)
-    lobe, d_lobe = _bilinear_d(lobes, roughness, cos_v)
+    lobe, d_lobe = _bilinear_d(_lobe_nodes(), roughness, cos_v)
     k = np.minimum(z.astype(int), SLICES - 2)
     t = z - k
     pair = np.stack([k, k + 1], -1)
@@ -212,16 +218,55 @@ def _level_nodes(roughness: F64, cos_v: F64, z: F64) -> tuple[F64, ...]:
             d_s[..., 0] * (1 - t) + d_s[..., 1] * t, s[..., 1] - s[..., 0])
 
 
+def metal_energy(roughness: ArrayLike, cos_v: ArrayLike) -> F64:
+    """(E1, Eavg), shape (..., 2): albedo of the lobe without Fresnel at cos_v, and its mean over the hemisphere."""
+    return metal_energy_d(roughness, cos_v)[0]
+
+
+def metal_energy_d(roughness: ArrayLike, cos_v: ArrayLike) -> tuple[F64, F64]:
+    """(metal_energy, its derivative by roughness)."""
+    return _bilinear_d(_lobe_nodes(), *np.broadcast_arrays(np.asarray(roughness, np.float64), cos_v))
+
+
+def metal_gain(base: ArrayLike, energy: F64) -> F64:
+    """Gain of a metal's lobe by multiple scattering; ``energy``: (E1, Eavg) (..., 2), ``base`` broadcasts with (...)."""
+    return metal_gain_d(base, energy, np.zeros(2))[0]
+
+
+def metal_gain_d(base: ArrayLike, energy: F64, slope: F64) -> tuple[F64, F64, F64]:
+    """(metal_gain, its derivative by roughness, by base colour); ``slope``: that of ``energy``.  Kulla and Conty 2017.
+
+    Schlick's Fresnel reflectance about a base colour b has the mean b + (1 - b) / 21 over the hemisphere.
+    """
+    b = np.asarray(base, np.float64)
+    e1, mean = energy[..., 0], energy[..., 1]
+    fss = b + (1 - b) / 21
+    below = 1 - fss * (1 - mean)
+    fms, fms_by_mean = fss * mean / below, fss * (1 - fss) / below**2
+    return (np.asarray(1 + fms * (1 / e1 - 1)),
+            np.asarray(fms_by_mean * slope[..., 1] * (1 / e1 - 1) - fms * slope[..., 0] / e1**2),
+            np.asarray(20 / 21 * mean / below**2 * (1 / e1 - 1)))
+
+
+def F_schlick(cos_vh: ArrayLike) -> F64:
+    """(1 - V.H)^5: a metal reflects b + (1 - b) of it.  Schlick 1994, "An Inexpensive BRDF Model", eq. 15."""
+    return np.asarray((1 - np.asarray(cos_vh, np.float64)) ** 5)
+
+
+def lobe_ggx(roughness: ArrayLike, sin2h: ArrayLike, spread: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike) -> F64:
+    """D / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)): the lobe without Fresnel reflectance.  Heitz 2014, eq. 99."""
+    a2 = np.asarray(roughness, np.float64) ** 4
+    cl, cv = np.asarray(cos_l, np.float64), np.asarray(cos_v, np.float64)
+    roots = lambda_root(a2, 1 / (cl * cl) - 1) + lambda_root(a2, 1 / (cv * cv) - 1)
+    return np.asarray(D_ggx_spread(a2, sin2h, spread) / (2 * cl * cv * roots))
+
+
 def specular_principled(
     roughness: ArrayLike, sin2h: ArrayLike, spread: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike, cos_vh: ArrayLike,
 ) -> F64:
     """D F comp / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)).  Heitz 2014, eq. 99."""
-    a2 = np.asarray(roughness, np.float64) ** 4
-    cl, cv = np.asarray(cos_l, np.float64), np.asarray(cos_v, np.float64)
-    roots = lambda_root(a2, 1 / (cl * cl) - 1) + lambda_root(a2, 1 / (cv * cv) - 1)
-    gain = principled_energy(roughness, cv)[..., 0]
-    value: F64 = D_ggx_spread(a2, sin2h, spread) * F_dielectric(cos_vh) * gain / (2 * cl * cv * roots)
-    return value
+    gain = principled_energy(roughness, cos_v)[..., 0]
+    return np.asarray(lobe_ggx(roughness, sin2h, spread, cos_l, cos_v) * F_dielectric(cos_vh) * gain)
 
 
 def specular_beckmann(
@@ -264,10 +309,11 @@ def angles(L: ArrayLike, V: ArrayLike, N: ArrayLike) -> Angles:
 
 def principled(
     base: ArrayLike, roughness: ArrayLike, L: ArrayLike, V: ArrayLike, N: ArrayLike, level: ArrayLike = 0.5,
+    metallic: ArrayLike = 0.0,
 ) -> F64:
-    """The whole BRDF, 1/sr: base (..., 3 or 1) linear, roughness and Specular IOR Level (...), unit vectors (..., 3).
+    """The whole BRDF, 1/sr: base (..., 3 or 1) linear, unit vectors (..., 3), 0 below the horizon.
 
-    0 below the horizon.
+    Roughness, Specular IOR Level and Metallic: (...).
     """
     at = angles(L, V, N)
     geometry = roughness, at.sin2h, 0.0, at.cos_l, at.cos_v, at.cos_vh
@@ -278,8 +324,21 @@ def principled(
         diffuse = (1 - energy[..., 1]) / np.pi
         gain = energy[..., 0] / principled_energy(roughness, at.cos_v)[..., 0]
         specular = specular_principled(*geometry) * F_level_ratio(at.cos_vh, level) * gain
-    value: F64 = np.where(at.seen[..., None], np.asarray(base) * diffuse[..., None] + specular[..., None], 0.0)
-    return value
+    value = np.asarray(base) * diffuse[..., None] + specular[..., None]
+    if np.any(np.asarray(metallic) != 0):
+        share = np.asarray(metallic, np.float64)[..., None]
+        value = (1 - share) * value + share * metal(base, *geometry)
+    return np.where(at.seen[..., None], value, 0.0)
+
+
+def metal(
+    base: ArrayLike, roughness: ArrayLike, sin2h: ArrayLike, spread: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike,
+    cos_vh: ArrayLike,
+) -> F64:
+    """The Principled BSDF of Metallic 1, (..., 3 or 1) as ``base``: Cycles' F82 tint, white, is Schlick's Fresnel."""
+    b, w5 = np.asarray(base, np.float64), F_schlick(cos_vh)[..., None]
+    gain = metal_gain(b, metal_energy(roughness, cos_v)[..., None, :])
+    return np.asarray(lobe_ggx(roughness, sin2h, spread, cos_l, cos_v)[..., None] * (b + (1 - b) * w5) * gain)
 
 
 def two_lobe(base: ArrayLike, lobes: Iterable[ArrayLike], L: ArrayLike, V: ArrayLike, N: ArrayLike, ndf: str) -> F64:
