@@ -5,6 +5,7 @@
 // Views of one camera share pixels, hence cos_v and a: within such a group the projection is the
 // variance about the group's mean.  Groups may differ in rho a little, because their pixels cover
 // the texture differently: rho_group = rho + delta, delta ~ N(0, u_group_slack * noise).
+// (Of a metal a is not the same within a group: solve/metallic.glsl.)
 #include "solve/observations.glsl"
 #include "solve/nodes.glsl"
 
@@ -27,16 +28,8 @@ struct Total { CHANNEL w, r, rr, t, tt, rt, first; };  // r too is the differenc
 
 const Total NOTHING = Total(CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0));
 
-// Adds a group's inner variance to `fit` = (residual, gradient, curvature) and its albedo to `total`.
-void fold(Group g, float diffuse, float d_diffuse, CHANNEL channel, inout vec3 fit, inout Total total) {
-    if (g.w <= 0.0) return;
-    float mean = g.d / g.w, slope = g.s / g.w;
-    fit += vec3(max(g.dd - g.d * mean, 0.0), g.sd - g.s * mean, max(g.ss - g.s * slope, 0.0));
-    mean += g.first;
-    float rho = mean / diffuse;
-    float d_rho = -(slope + rho * d_diffuse) / diffuse;
-    float information = diffuse * diffuse * g.w;
-    float w = information / (1.0 + u_group_slack * g.w * mean * mean);
+// Adds a group's albedo, with its derivative by roughness, to `total`.
+void join(float rho, float d_rho, float w, CHANNEL channel, inout Total total) {
     total.first += (rho - total.first) * channel * (1.0 - step(CHANNEL(1e-20), total.w));
     CHANNEL off = rho - total.first;
     total.w += w * channel;
@@ -47,14 +40,44 @@ void fold(Group g, float diffuse, float d_diffuse, CHANNEL channel, inout vec3 f
     total.rt += w * off * d_rho * channel;
 }
 
+// Adds a group's inner variance to `fit` = (residual, gradient, curvature) and its albedo to `total`.
+void fold(Group g, float diffuse, float d_diffuse, CHANNEL channel, inout vec3 fit, inout Total total) {
+    if (g.w <= 0.0) return;
+    float mean = g.d / g.w, slope = g.s / g.w;
+    fit += vec3(max(g.dd - g.d * mean, 0.0), g.sd - g.s * mean, max(g.ss - g.s * slope, 0.0));
+    mean += g.first;
+    float rho = mean / diffuse;
+    float d_rho = -(slope + rho * d_diffuse) / diffuse;
+    float information = diffuse * diffuse * g.w;
+    join(rho, d_rho, information / (1.0 + u_group_slack * g.w * mean * mean), channel, total);
+}
+
 CHANNEL fit_slope, fit_information;
 float fit_squares;   // of the last evaluation: the residual without what outliers cost
 float fit_outliers;  // and how many good observations were not believed
 
+#if defined(ROBUST) || defined(METALLIC)
+float obs_off[LAYERS], obs_slope[LAYERS];  // f - s - the group's OFFSET, ds/dr
+Toward group_toward[GROUPS];
+#endif
+#ifdef ROBUST
+float obs_trust[LAYERS];  // how far believed 0..1
+#endif
+#ifdef METALLIC
+#include "solve/metallic.glsl"
+#define WEIGHT(n) metal_weight[n]
+#define OFFSET(k) group_own[k]
+#define DIFFUSE(k) 1.0
+#else
+#define WEIGHT(n) obs_weight[n]
+#define OFFSET(k) group_base[k]
+#define DIFFUSE(k) group_toward[k].diffuse
+#endif
 #ifdef ROBUST
 #include "solve/robust.glsl"
 #endif
 
+#ifndef METALLIC
 // One group's observations at roughness r.
 void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total total) {
     Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
@@ -83,14 +106,23 @@ void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total t
     g.first += group_base[k];
     fold(g, t.diffuse, t.d_diffuse, channel_of(k), fit, total);
 }
+#endif
 
 // Residual, Gauss-Newton gradient (-half the residual's slope) and curvature of the projected
 // problem at roughness r, with Kaufman's approximation (1975) of the projector's derivative.
 vec3 evaluate(float r) {
     vec3 fit = vec3(0.0);
     Total total = NOTHING;
+#if defined(METALLIC) && !defined(ROBUST)
+#define GROUP(k, first, end) prepare_metal(k, first, end, r);
+    EACH_GROUP
+#undef GROUP
+#endif
 #ifdef ROBUST
     float price = disbelieve(r);
+#endif
+#ifdef METALLIC
+    settle();
 #endif
 #define GROUP(k, first, end) add_group(k, first, end, r, fit, total);
     EACH_GROUP

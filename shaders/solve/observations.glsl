@@ -9,6 +9,7 @@
 // a loop around a loop).
 // NDF_BECKMANN: Cook-Torrance with Beckmann's distribution instead of the Principled BSDF.
 // SPECULAR: the Specular IOR Level of each texel is read from u_level; without, it is 0.5.
+// METALLIC: of one lobe; Metallic is u_metallic; without, it is 0.
 #include "include/kernel.glsl"
 #include "include/brdf.glsl"
 #include "solve/each_group.glsl"
@@ -21,6 +22,10 @@ uniform float u_group_slack;
 #ifdef SPECULAR
 uniform sampler2D u_level;
 float obs_level;
+#endif
+
+#ifdef METALLIC
+uniform float u_metallic;
 #endif
 
 #if LOBES == 2
@@ -37,6 +42,9 @@ float obs_f[LAYERS], obs_weight[LAYERS];
 float lobe_sin2h[LAYERS * LIGHTS], lobe_tan2[LAYERS * LIGHTS], lobe_factor[LAYERS * LIGHTS];
 #ifdef SPREAD
 float lobe_spread[LAYERS * LIGHTS];
+#endif
+#ifdef METALLIC
+vec2 lobe_metal[LAYERS * LIGHTS];  // u_metallic times the factor of a black metal, and what a white one's has beyond
 #endif
 float group_cos_v[GROUPS];
 float group_base[GROUPS];  // mean f of the group, subtracted from each: sums of squares keep their digits in float32
@@ -119,8 +127,15 @@ bool load_observations() {
 #endif
                 lobe_tan2[i] = 1.0 / (v.z * v.z + 1e-12) - 1.0;
                 lobe_factor[i] = v.w;
-#ifdef SPECULAR
+#if defined(SPECULAR) || defined(METALLIC)
                 float cos_vh = (v.z + o.z) / (2.0 * sqrt(max(1.0 - v.x, 1e-6)));  // from N.H = (N.L + N.V) / |L + V|
+#endif
+#ifdef METALLIC
+                float black = F_schlick(min(cos_vh, 1.0));
+                lobe_metal[i] = u_metallic * v.w / F_dielectric(min(cos_vh, 1.0)) * vec2(black, 1.0 - black);
+                lobe_factor[i] *= 1.0 - u_metallic;
+#endif
+#ifdef SPECULAR
                 lobe_factor[i] *= F_level_ratio(min(cos_vh, 1.0), obs_level);
 #endif
             }
@@ -139,7 +154,11 @@ bool load_observations() {
 
 // What a camera's direction makes of a roughness: the diffuse a and the gain of the lobe with their
 // derivatives, and of the masking term the camera's root.
+#ifdef METALLIC
+struct Toward { float diffuse, d_diffuse, comp, d_comp, root, d_root; vec2 metal, d_metal; };  // metal: metal_energy_d
+#else
 struct Toward { float diffuse, d_diffuse, comp, d_comp, root, d_root; };
+#endif
 
 Toward toward(float r, float cos_v) {
     float alpha2 = r * r * r * r, d_alpha2 = 4.0 * r * r * r;
@@ -165,6 +184,9 @@ Toward toward(float r, float cos_v) {
     t.d_diffuse = -d_energy.y / PI;
     t.root = lambda_root(alpha2, tan2);
     t.d_root = 0.5 * tan2 / t.root * d_alpha2;
+#endif
+#ifdef METALLIC
+    metal_energy_d(r, cos_v, t.metal, t.d_metal);
 #endif
     return t;
 }
@@ -202,3 +224,20 @@ void specular_d(int n, float r, Toward t, out float s, out float ds) {
     ds = ds * t.comp + s * t.d_comp;
     s *= t.comp;
 }
+
+#ifdef METALLIC
+// m (black, white - black) of observation n at roughness r, without their gain, and its derivative.
+void metal_d(int n, float r, Toward t, out vec2 lobe, out vec2 d_lobe) {
+    float alpha2 = r * r * r * r, d_alpha2 = 4.0 * r * r * r;
+    lobe = d_lobe = vec2(0.0);
+    for (int l = 0; l < LIGHTS; l++) {
+        int i = n * LIGHTS + l;
+        float value, slope;
+        D_ggx_spread_d(alpha2, lobe_sin2h[i], spread_of(i), value, slope);
+        float root_l = lambda_root(alpha2, lobe_tan2[i]);
+        float down = 1.0 / (root_l + t.root), d_root_l = 0.5 * lobe_tan2[i] / root_l * d_alpha2;
+        lobe += lobe_metal[i] * down * value;
+        d_lobe += lobe_metal[i] * down * (slope * d_alpha2 - value * down * (d_root_l + t.d_root));
+    }
+}
+#endif

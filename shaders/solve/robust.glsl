@@ -10,10 +10,12 @@ const float OUTLIER = 0.0025;
 const int CALMER = 4;  // steps of the falling scale
 
 float obs_variance;  // of the noise, relative
-float obs_off[LAYERS], obs_slope[LAYERS], obs_trust[LAYERS];  // f - s - the group's base, ds/dr, how far believed 0..1
-Toward group_toward[GROUPS];
 
 void prepare_group(int k, int first, int end, float r) {
+#ifdef METALLIC
+    prepare_metal(k, first, end, r);
+    for (int n = first; n < end; n++) obs_trust[n] = 1.0;
+#else
     group_toward[k] = toward(r, group_cos_v[k]);
     for (int n = first; n < end; n++) {
         float s;
@@ -21,18 +23,19 @@ void prepare_group(int k, int first, int end, float r) {
         obs_off[n] = obs_f[n] - s;
         obs_trust[n] = 1.0;
     }
+#endif
 }
 
 // A group's weight and mean under the present trust.
 vec2 group_mean(int k, int first, int end) {
     vec2 sum = vec2(1e-20, 0.0);
-    for (int n = first; n < end; n++) sum += obs_weight[n] * obs_trust[n] * vec2(1.0, obs_off[n]);
+    for (int n = first; n < end; n++) sum += WEIGHT(n) * obs_trust[n] * vec2(1.0, obs_off[n]);
     return vec2(sum.x, sum.y / sum.x);
 }
 
 void add_mean(int k, int first, int end, inout CHANNEL weight, inout CHANNEL albedo) {
     vec2 g = group_mean(k, first, end);
-    float mean = g.y + group_base[k], a = group_toward[k].diffuse;
+    float mean = g.y + OFFSET(k), a = DIFFUSE(k);
     float w = a * a * g.x / (1.0 + u_group_slack * g.x * mean * mean);
     weight += w * channel_of(k);
     albedo += w * mean / a * channel_of(k);
@@ -42,13 +45,13 @@ void add_mean(int k, int first, int end, inout CHANNEL weight, inout CHANNEL alb
 // say together, in units of the noise; under the scale, trust is set anew.
 vec3 trust_group(int k, int first, int end, float albedo, float scale) {
     vec2 g = group_mean(k, first, end);
-    float mean = g.y + group_base[k];
+    float mean = g.y + OFFSET(k);
     float prior = 1.0 / max(u_group_slack * mean * mean, 1e-12);
-    float centre = (g.x * mean + prior * albedo * group_toward[k].diffuse) / (g.x + prior) - group_base[k];
+    float centre = (g.x * mean + prior * albedo * DIFFUSE(k)) / (g.x + prior) - OFFSET(k);
     vec3 sums = vec3(0.0);
     for (int n = first; n < end; n++) {
         float off = obs_off[n] - centre;
-        float square = obs_weight[n] * off * off / obs_variance;
+        float square = WEIGHT(n) * off * off / obs_variance;
         sums.x += square;
         if (scale <= 0.0) continue;  // asked for the spread alone
         float likely = exp(-0.5 * square / scale);
@@ -68,6 +71,9 @@ float disbelieve(float r) {
     vec3 sums = vec3(0.0);
     float spread = 1.0;
     for (int i = 0; i <= CALMER; i++) {
+#ifdef METALLIC
+        settle();
+#endif
         CHANNEL weight = CHANNEL(1e-20), albedo = CHANNEL(0.0);
 #define GROUP(k, first, end) add_mean(k, first, end, weight, albedo);
         EACH_GROUP

@@ -126,6 +126,42 @@ def test_one_lobe_is_its_twin(on_gl, layout, level):
     assert not fit.reshape(-1, 4)[~seen].any()
 
 
+METALS = [("one group", 0.3, None), ("slack", 0.3, None), ("slack", 0.7, 0.3), ("one group", 1.0, None), ("first slack", 0.6, None),
+          ("colours", 0.5, None), ("too many to unroll", 0.3, None)]
+
+
+@pytest.mark.parametrize(("layout", "metallic", "level"), METALS)
+def test_a_metals_lobe_is_its_twin(on_gl, layout, metallic, level):
+    """As of one lobe; with the base colour at its fixed point, and its change with roughness in the slopes."""
+    c = case(layout)
+    c.at[..., 0] = np.float32((np.round(c.at[..., 0] * 31 * 15 + 0.5) - 0.5) / (31 * 15))  # between all tables' nodes
+    fit, albedo = on_gl(lambda d: evaluate(d, c.texels, "fit_one.kernel", c.at, 2, c.slack, level, metallic))
+    twin, seen = Twin(c.texels, c.slack, level=level, metallic=metallic), known(c.texels)
+    r = c.at[..., 0].ravel().astype(np.float64)
+    a, s = twin.parts(r)
+    _, own, information = twin.groups(a, s)
+    got, power = fit.reshape(-1, 4)[seen], (twin.errors(a, s) ** 2).sum(-1)[seen]
+    close(got[:, 0], power, 2e-3, 1e-3)
+
+    def half(at: np.ndarray) -> np.ndarray:
+        return np.asarray((twin.errors(*twin.parts(at, information), information) ** 2).sum(-1) / 2)
+
+    def line(at: np.ndarray) -> np.ndarray:
+        """s of the problem linear about the groups' base colours, with the same a: what Kaufman's derivatives are of.
+
+        The groups' base colours change as they do in the true problem.
+        """
+        there = twin.parts(at, information)
+        straight = there[1] + twin.by_layer(own) * (there[0] - a)
+        off = twin.groups(*there)[1] - twin.groups(a, straight)[1]
+        return np.asarray(straight - a * twin.by_layer(off))
+
+    free = slope(lambda at: twin.errors(a, line(at), information, bounded=False), r)
+    curvature = (free**2).sum(-1)[seen]
+    close(got[:, 2], curvature, 5e-3, 1e-3)
+    close(got[:, 1], -slope(half, r)[seen], 5e-3, np.maximum(2e-2 * np.sqrt(power * curvature), 1e-4))
+
+
 def test_slope_of_a_single_group_is_the_residuals_own(on_gl):
     """Nothing is left out of the slope where there is but one group: central differences of the residual itself."""
     c = case("one group")

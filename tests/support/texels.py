@@ -86,7 +86,7 @@ def exact(**spec: Any) -> tuple[bench.Problem, Texels]:
 
 
 def evaluate(device: Device, texels: Texels, kernel: str, at: np.ndarray, outputs: int, slack: float = 0.0,
-             level: float | None = None, **defines: str) -> list[np.ndarray]:
+             level: float | None = None, metallic: float = 0.0, **defines: str) -> list[np.ndarray]:
     """Outputs (h, w, 4) of a kernel beside this file at given numbers ``at`` (h, w, up to 4) of each texel."""
     source = texels.source(device)
     atlas = ObservationAtlas(device, source)
@@ -99,13 +99,16 @@ def evaluate(device: Device, texels: Texels, kernel: str, at: np.ndarray, output
     if level is not None:
         given["u_level"] = device.texture(w, h, 1, np.full((h, w), level, np.float32))
         defines["SPECULAR"] = "1"
+    uniforms = {**atlas.uniforms, "u_group_slack": slack, "u_tile": (0, 0)}
+    if metallic:
+        uniforms["u_metallic"] = metallic
+        defines["METALLIC"] = "1"
     made = [device.texture(w, h) for _ in range(outputs)]
     target = device.framebuffer(made)
     device.kernel(str(HERE / kernel), target, Inputs(textures={
         "u_texel_position": source.position, "u_observations": atlas.texture,
         "u_principled_table": source.principled_table, **given,
-    }, uniforms={**atlas.uniforms, "u_group_slack": slack, "u_tile": (0, 0)},
-        defines={**source.layers.defines(), "LOBES": "1", **defines}), region=(0, 0, w, h))
+    }, uniforms=uniforms, defines={**source.layers.defines(), "LOBES": "1", **defines}), region=(0, 0, w, h))
     result = [device.read(texture).astype(np.float64) for texture in made]
     for thing in (target, atlas, source, *made, *given.values()):
         thing.release()
@@ -115,8 +118,9 @@ def evaluate(device: Device, texels: Texels, kernel: str, at: np.ndarray, output
 class Twin:
     """The fit of solve/fit.glsl and solve/fit_two.glsl from their definition, float64; arrays are (texels, ...)."""
 
-    def __init__(self, texels: Texels, slack: float, ndf: str = "ggx", level: float | None = None) -> None:
-        self.slack, self.ndf, self.level = slack, ndf, level
+    def __init__(self, texels: Texels, slack: float, ndf: str = "ggx", level: float | None = None,
+                 metallic: float = 0.0) -> None:
+        self.slack, self.ndf, self.level, self.metallic = slack, ndf, level, metallic
         count = len(texels.groups)
         self.f = texels.observed().reshape(-1, count).astype(np.float64)
         self.cos_v = texels.cos_v.reshape(-1, count).astype(np.float64)
@@ -128,7 +132,7 @@ class Twin:
         names = list(dict.fromkeys(texels.groups))
         self.members = [np.array([n for n in range(count) if texels.groups[n] == name]) for name in names]
         self.channel = np.array([name % texels.channels for name in names])
-        self.weight = self._dropped(self.whole)
+        self.weight = self.whole if metallic else self._dropped(self.whole)
 
     def _weights(self, quality: np.ndarray, edge: np.ndarray) -> np.ndarray:
         """Relative to the observation where it is a highlight, else to the texel's typical one (docs/method.md)."""
@@ -149,8 +153,48 @@ class Twin:
                 weight[:, members[:i]] = np.where((before.sum(-1) < 1e-5 * weight[:, n])[:, None], 0, before)
         return weight
 
-    def parts(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(a, s) of f = rho a + s at roughness r (texels)."""
+    def parts(self, r: np.ndarray, information: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(a, s) of f = rho a + s at roughness r (texels); of a metal at the base colour that then comes out.
+
+        ``information`` of its groups: frozen where given.
+        """
+        a, s = self.dielectric(r)
+        if not self.metallic:
+            return a, s
+        black, white, energy = self.metal(r)
+        base = np.full((len(r), self.channel.max() + 1), 0.5)
+        for _ in range(300):
+            gain = brdf.metal_gain(self.by_layer(base[:, self.channel]), energy)
+            found = self.with_metal(a, s, black, white, gain)
+            rho, own = self.groups(*found)[1:]
+            said = self.between(rho, own if information is None else information, bounded=True)[1]
+            base = 0.7 * base + 0.3 * np.clip(said, 0, 1)
+        return found
+
+    def with_metal(self, a: np.ndarray, s: np.ndarray, black: np.ndarray, white: np.ndarray, gain: np.ndarray,
+                   ) -> tuple[np.ndarray, np.ndarray]:
+        """(a, s) of the mixture from those of the dielectric, and what black and white metals return once."""
+        m = self.metallic
+        return (1 - m) * a + m * gain * (white - black), (1 - m) * s + m * gain * black
+
+    def by_layer(self, values: np.ndarray) -> np.ndarray:
+        """(texels, G) -> (texels, K)."""
+        result = np.zeros_like(self.f)
+        for group, members in enumerate(self.members):
+            result[:, members] = values[:, [group]]
+        return result
+
+    def metal(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(black, white, energy): the lobe of a black and of a white metal without gain; (E1, Eavg)."""
+        sin2h, spread, cos_l, factor = np.moveaxis(self.lobes, -1, 0)
+        alpha2, cos_v = r[:, None, None] ** 4, self.cos_v[..., None]
+        roots = brdf.lambda_root(alpha2, 1 / cos_l**2 - 1) + brdf.lambda_root(alpha2, 1 / cos_v**2 - 1)
+        cos_vh = np.minimum((cos_l + cos_v) / (2 * np.sqrt(1 - sin2h)), 1)
+        lobe = factor / brdf.F_dielectric(cos_vh) * brdf.D_ggx_spread(alpha2, sin2h, spread) / roots
+        return (lobe * brdf.F_schlick(cos_vh)).sum(-1), lobe.sum(-1), brdf.metal_energy(r[:, None], self.cos_v)
+
+    def dielectric(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(a, s) without metal."""
         r, cos_v = r[:, None], self.cos_v
         sin2h, spread, cos_l, factor = np.moveaxis(self.lobes, -1, 0)
         alpha2 = r[..., None] ** 4
@@ -180,13 +224,13 @@ class Twin:
         """
         within, rho, information = np.zeros_like(self.f), [], []
         for members in self.members:
-            w, d = self.weight[:, members], (self.f - s)[:, members]
-            total = w.sum(-1)
-            mean = (w * d).sum(-1) / np.where(total > 0, total, 1)
-            within[:, members] = np.sqrt(w) * (d - mean[:, None])
-            rho.append(mean / a[:, members[0]])
-            of_mean = np.where(total > 0, 1 / np.where(total > 0, total, 1), np.inf)
-            information.append(a[:, members[0]] ** 2 / (of_mean + self.slack * mean**2))
+            w, d, own_a = self.weight[:, members], (self.f - s)[:, members], a[:, members]
+            total = (w * own_a**2).sum(-1)
+            own = (w * own_a * d).sum(-1) / np.where(total > 0, total, 1)
+            within[:, members] = np.sqrt(w) * (d - own[:, None] * own_a)
+            rho.append(own)
+            of_own = np.where(total > 0, 1 / np.where(total > 0, total, 1), np.inf)
+            information.append(1 / (of_own + self.slack * own**2))
         return within, np.stack(rho, -1), np.stack(information, -1)
 
     def between(self, rho: np.ndarray, information: np.ndarray, bounded: bool) -> tuple[np.ndarray, np.ndarray]:

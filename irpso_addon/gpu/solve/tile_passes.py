@@ -44,6 +44,7 @@ class TilePasses:
         self.atlas = ObservationAtlas(device, source, tile)
         self.slack = 0.0  # between-camera variance of albedo in units of the noise's
         self.level: moderngl.Texture | None = None  # Specular IOR Level of each texel; None: 0.5
+        self.metallic = 0.0
         self.cancelled = False
         self.shown = True  # whether what kernels find may be looked at; not where something is only tried
         self._work: dict[Tile, F32] = {}  # of each row of a tile, see ObservationAtlas.work
@@ -53,6 +54,10 @@ class TilePasses:
         if self.level is not None:
             self.level.release()
         self.level = None if level is None else self.device.texture(level.shape[1], level.shape[0], 1, level)
+
+    def use_metallic(self, metallic: float) -> None:
+        """Metallic of all texels from now on, where they are solved for one lobe."""
+        self.metallic = metallic
 
     def run(
         self, chosen: list[Tile], span: tuple[float, float], work: KernelPass,
@@ -83,6 +88,7 @@ class TilePasses:
     def _defines(self, work: KernelPass) -> dict[str, str]:
         defines = {**self.source.layers.defines(), "LOBES": str(work.lobes)}
         switches = {"COLOUR": work.colour, "STARTED": "u_started" in work.uniforms, "SPECULAR": self.level is not None,
+                    "METALLIC": work.lobes == 1 and self.metallic > 0.0,
                     "ROBUST": work.robust, "JOINT": "u_joint_strength" in work.uniforms,
                     "NDF_BECKMANN": work.lobes == 2 and self.settings.ndf == "beckmann"}
         if work.uniforms.get("u_moves", 0) > 0:
@@ -102,7 +108,8 @@ class TilePasses:
             "u_principled_table": self.source.principled_table,
             **({"u_level": self.level} if self.level else {}),
             **({"u_start": self.start} if "STARTED" in defines else {}), **work.textures,
-        }, {**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile, **work.uniforms}, defines),
+        }, {**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile,
+            **({"u_metallic": self.metallic} if "METALLIC" in defines else {}), **work.uniforms}, defines),
             region, self._work[tile][:region[3]])
 
     def textures(self, count: int) -> list[moderngl.Texture]:

@@ -1,0 +1,77 @@
+"""Materials that are in part metals: roughness and base colour from observations of which everything is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import JointPrior
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.shading import brdf
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.solve.solver import Solver
+from tests.support import texel_problem as bench
+from tests.support.texels import Texels, Twin, evaluate, exact, finish
+
+
+def as_metal(problem: bench.Problem, metallic: float, level: float = 0.5) -> Texels:
+    """What one lobe of the problem's roughness and base colour reflects where it is in part a metal."""
+    sin2h, spread, cos_l, factor = np.moveaxis(problem.lobes[..., 0, :].astype(np.float64), -1, 0)
+    cos_v, r = problem.cos_v.astype(np.float64), problem.truth.roughness[..., None]
+    cos_vh = np.minimum((cos_l + cos_v) / (2 * np.sqrt(1 - sin2h)), 1)
+    base = problem.truth.base[:, :, None]
+    energy = brdf.principled_energy_level(r, cos_v, level)
+    lobe = brdf.lobe_ggx(r, sin2h, spread, cos_l, cos_v)
+    dielectric = base * ((1 - energy[..., 1]) / np.pi)[..., None] + (
+        lobe * brdf.F_level(cos_vh, level) * energy[..., 0])[..., None]
+    rgb = (1 - metallic) * dielectric + metallic * brdf.metal(base, r, sin2h, spread, cos_l, cos_v, cos_vh)
+    rgb = np.where(problem.quality[..., None] > 0, rgb, 0).astype(np.float32)
+    return Texels(rgb, problem.quality, problem.cos_v, problem.lobes, problem.groups)
+
+
+def by_channel(texels: Texels) -> Texels:
+    """The same where each channel is observed by itself."""
+    groups = tuple(3 * group + channel for group in dict.fromkeys(texels.groups) for channel in range(3)
+                   for other in texels.groups if other == group)
+    order = [k for group in dict.fromkeys(texels.groups) for _ in range(3)
+             for k, other in enumerate(texels.groups) if other == group]
+    return Texels(texels.rgb[:, :, order], texels.quality[:, :, order], texels.cos_v[:, :, order],
+                  texels.lobes[:, :, order], groups, channels=3)
+
+
+def solved(on_gl: Any, texels: Texels, metallic: float, level: float | None = None, joint: JointPrior | None = None,
+           **chosen: Any) -> tuple[np.ndarray, np.ndarray]:
+    """(roughness (h, w), base colour (h, w, 3)) of one lobe at a Metallic that is given."""
+    shape = texels.quality.shape[:2]
+
+    def run(device: Device) -> tuple[np.ndarray, np.ndarray]:
+        solver = Solver(device, texels.source(device), SolveSettings(size=max(16, shape[0]), **chosen))
+        solver.use_metallic(metallic)
+        if level is not None:
+            solver.use_level(np.full(shape, level, np.float32))
+        solver.joint = joint
+        maps = finish(solver.solve())
+        base = finish(solver.albedo(maps.roughness))
+        found = device.read(maps.roughness)[..., 0].copy(), device.read(base)[..., :3].copy()
+        solver.use_level(None)
+        for thing in (maps.roughness, maps.detail, base, solver, solver.source):
+            thing.release()
+        return found
+
+    return on_gl(run)
+
+
+@pytest.mark.parametrize(("metallic", "level", "loss"), [
+    (0.3, None, "auto"), (0.7, 0.3, "auto"), (1.0, None, "auto"), (0.4, None, "robust"), (0.4, 0.8, "robust")])
+def test_roughness_and_base_colour_come_out(on_gl, metallic, level, loss):
+    """Each channel by itself: the model is exact there."""
+    problem, _ = exact()
+    texels = by_channel(as_metal(problem, metallic, 0.5 if level is None else level))
+    rough, base = solved(on_gl, texels, metallic, level, loss=loss)
+    off, colour = np.abs(rough - problem.truth.roughness), np.abs(base - problem.truth.base).max(-1)
+    assert (np.quantile(off, 0.99), np.quantile(colour, 0.99)) < (1e-3, 2e-3), (off.max(), colour.max())
+    assert np.quantile(colour, 0.99) < 2e-3
+    assert (off > 0.02).mean() < 0.005
