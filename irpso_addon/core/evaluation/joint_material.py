@@ -30,24 +30,22 @@ HELD_TOGETHER = 1.0  # nats per squared log ratio: how far texels may depart whi
 
 
 @dataclass(frozen=True)
-class Joint:
-    """A material as one."""
+class OneMaterial:
+    """A material as one, base colour aside."""
 
-    roughness: float  # with the level
-    level: float
-    plain_roughness: float  # at Specular IOR Level 0.5
-    apart_level: float  # the level where each texel has its own roughness ...
-    apart_roughness: float  # ... about this one
-    metal: Metal  # with Metallic
+    roughness: float
+    level: float = 0.5  # Specular IOR Level
+    metallic: float = 0.0
 
 
 @dataclass(frozen=True)
-class Metal:
-    """A material whose Metallic is free."""
+class Joint:
+    """What explains a material's texels together, by what is free."""
 
-    roughness: float
-    level: float
-    metallic: float
+    plain: OneMaterial  # roughness
+    specular: OneMaterial  # and Specular IOR Level
+    metal: OneMaterial  # and Metallic
+    apart: OneMaterial  # the level where each texel has its own roughness, and what those lie about
 
 
 class JointSearch:
@@ -77,8 +75,11 @@ class JointSearch:
         noise = max(float(np.median(cost[best_level].min(0) / degrees)), LEAST)
         pull = 2 * HELD_TOGETHER * (np.log(ROUGHNESS) - rough[:, None]) ** 2
         apart = (cost / noise + pull[..., None]).min(1).sum(1)
-        return Joint(float(np.exp(rough[best_level])), _level(level), float(np.exp(rough[PLAIN])),
-                     _level(_lowest(LEVELS, apart)), float(np.exp(rough[apart.argmin()])), _metal(np.stack([whole, *(_costs(sums, m).sum(2) for m in METALLIC[1:])])))
+        free = np.stack([whole, *(_costs(sums, metallic).sum(2) for metallic in METALLIC[1:])])
+        return Joint(
+            plain=OneMaterial(float(np.exp(rough[PLAIN]))),
+            specular=OneMaterial(float(np.exp(rough[best_level])), _level(level)), metal=_metal(free),
+            apart=OneMaterial(float(np.exp(rough[apart.argmin()])), _level(_lowest(LEVELS, apart))))
 
     def _sums(self, layers: Bool) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.
@@ -141,11 +142,11 @@ def _costs(sums: list[dict[str, F64]], metallic: float) -> F64:
     return total
 
 
-def _metal(whole: F64) -> Metal:
+def _metal(whole: F64) -> OneMaterial:
     """From (metallics, levels, roughnesses) costs."""
     m, i, j = np.unravel_index(whole.argmin(), whole.shape)
-    return Metal(float(np.exp(_lowest(np.log(ROUGHNESS), whole[m, i]))), _level(_lowest(LEVELS, whole[m, :, j])),
-                 float(np.clip(_lowest(METALLIC, whole[:, i, j]), 0, 1)))
+    return OneMaterial(float(np.exp(_lowest(np.log(ROUGHNESS), whole[m, i]))), _level(_lowest(LEVELS, whole[m, :, j])),
+                       float(np.clip(_lowest(METALLIC, whole[:, i, j]), 0, 1)))
 
 
 def _level(level: float) -> float:

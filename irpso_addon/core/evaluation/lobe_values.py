@@ -46,5 +46,5 @@ def metal_values(lobes: F64, cos_v: F64, roughness: F64) -> tuple[F64, F64]:
     """
     across = half_cosine(lobes, cos_v)
     shape = lobe_values(lobes, cos_v, roughness) / brdf.F_dielectric(across)
-    edge = (1 - across) ** 5
+    edge = brdf.F_schlick(across)
     return (shape * (1 - edge)).sum(-1), (shape * edge).sum(-1)

@@ -1,7 +1,7 @@
 """Texels of a sample with all that the views observe of them, and what a material predicts that they show.
 
-A *layer* is a view.  It holds C = 3 channels; or, where lamps are coloured and channels are kept apart, one of them, and
-a view counts as three layers of C = 1.
+A *layer* is a view and holds C = 3 channels.  Where lamps are coloured and channels are kept apart, a view counts as
+three layers of C = 1.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data import F64, I32, Bool
-from ..shading import brdf, tables
+from ..shading import brdf
 from .lobe_values import fresnel_ratio, lobe_values, metal_values
 
 MISSED_SHADOW = 0.3  # of a texel's typical reflection: darker is taken for a shadow that the shadow map missed
@@ -98,16 +98,8 @@ def _metal(texels: SampledTexels, lobes: Lobes) -> tuple[F64, F64]:
 
 
 def metal_gain(roughness: F64, cos_v: F64, base: F64) -> F64:
-    """(T, V, C) gain of a metal's lobe by multiple scattering.  Kulla and Conty 2017.
-
-    roughness: (T,).  cos_v: (T, V).  base: (T, C); the mean Fresnel reflectance is Schlick's.
-    """
-    nodes = tables.energy_nodes()
-    albedo = tables.bilinear(nodes.albedo, np.broadcast_to(roughness[:, None], cos_v.shape), cos_v)
-    mean = np.interp(roughness, np.linspace(0, 1, len(nodes.mean)), nodes.mean)[:, None]
-    single = base + (1 - base) / 21
-    multiple = single * mean / (1 - single * (1 - mean))
-    return np.asarray(1 + multiple[:, None] * (1 / albedo - 1)[..., None])
+    """(T, V, C) gain of a metal's lobe by multiple scattering.  roughness: (T,).  cos_v: (T, V).  base: (T, C)."""
+    return brdf.metal_gain(base[:, None], brdf.metal_energy(roughness[:, None], cos_v)[:, :, None])
 
 
 def _lobe(texels: SampledTexels, roughness: F64, level: F64, beckmann: bool) -> tuple[F64, F64]:

@@ -15,7 +15,7 @@ from ...core.tiled.tiled_plan import PriorKnowledge
 from ..device.context import Device
 from ..observe.observation_atlas import Source, Tile, tiles
 from .ladder_records import EarlierResult, LadderResult, Materials
-from .model_prediction import ModelPrediction
+from .model_prediction import Fitted, ModelPrediction
 from .paper_swarm import PaperSwarm
 from .solver import Solver
 from .specular_level import LevelSearch
@@ -42,6 +42,7 @@ class Ladder:
         # By material, where prediction has chosen them:
         self.priors: dict[str, JointPrior] = dict(self.last.priors)
         self.decided_levels: dict[str, float] = {}
+        self.decided_metallic: dict[str, float] = {}
         self.fitted_levels: dict[str, float] = {}  # by material, where evidence has tried another than 0.5
 
     def solve(self) -> Generator[Progress, None, LadderResult]:
@@ -127,7 +128,7 @@ class Ladder:
         if self.settings.method == "draft":
             return
         decision = yield from ModelPrediction(self.device, self.source, self.settings).decide(
-            texels, result.model[name], self.fitted_levels.get(name, 0.5))
+            texels, Fitted(result.model[name], self.fitted_levels.get(name, 0.5)))
         if decision.cancelled:
             self.solver.cancelled = True
             return
@@ -139,6 +140,8 @@ class Ladder:
             self.priors[name] = decision.prior
         if decision.level is not None:
             self.decided_levels[name] = decision.level
+        if decision.metallic > 0:
+            self.decided_metallic[name] = decision.metallic
 
     def _one_lobe(self, name: str) -> Generator[Progress, None, LadderResult]:
         """One lobe of a material under its prior, at the Specular IOR Level that was decided (none: 0.5)."""
