@@ -66,7 +66,7 @@ float obs_trust[LAYERS];  // how far believed 0..1
 #ifdef METALLIC
 #include "solve/metallic.glsl"
 #define WEIGHT(n) metal_weight[n]
-#define OFFSET(k) group_own[k]
+#define OFFSET(k) group_own[k].x
 #define DIFFUSE(k) 1.0
 #else
 #define WEIGHT(n) obs_weight[n]
@@ -122,7 +122,7 @@ vec3 evaluate(float r) {
     float price = disbelieve(r);
 #endif
 #ifdef METALLIC
-    settle();
+    settle(SETTLED);
 #endif
 #define GROUP(k, first, end) add_group(k, first, end, r, fit, total);
     EACH_GROUP

@@ -6,7 +6,8 @@
 // a differs from one observation of a group to the next, so each is divided by it: (f - s) / a is the base colour that
 // it shows, and weighs w a^2.  g is that of the base colour which all together say, a fixed point found by Newton's
 // steps from that of the last evaluation; its derivative by roughness is part of the slopes.
-const int SETTLED = 3;  // steps to the fixed point: from a start 0.3 off, 1e-6 is left
+const int SETTLED = 4;  // steps to the fixed point: digits are left from any start
+const int SETTLED_ROUGHLY = 1;  // while outliers are sought
 const float LEAST_A = 1e-6;  // 1/sr: a metal reflects no light there
 
 #ifdef ROBUST
@@ -18,15 +19,19 @@ const float LEAST_A = 1e-6;  // 1/sr: a metal reflects no light there
 float metal_weight[LAYERS];                           // w a^2
 float metal_other[LAYERS], metal_d_other[LAYERS];     // (1 - m) spec, and its derivative by roughness
 vec2 metal_lobe[LAYERS], metal_d_lobe[LAYERS];        // m (black, white - black)
-float group_own[GROUPS], group_own_slope[GROUPS];     // base colour that the group alone says, and its derivative
+vec3 group_own[GROUPS];  // base colour that the group alone says, its derivatives by roughness and by that of all
 CHANNEL texel_base = CHANNEL(0.5), texel_base_slope;  // of the fixed point, and its derivative by roughness
 
 void prepare_metal(int k, int first, int end, float r) {
     Toward t = toward(r, group_cos_v[k]);
     group_toward[k] = t;
     for (int n = first; n < end; n++) {
-        specular_d(n, r, t, metal_other[n], metal_d_other[n]);
-        metal_d(n, r, t, metal_lobe[n], metal_d_lobe[n]);
+        vec3 parts, slopes;
+        metal_parts_d(n, r, t, parts, slopes);
+        metal_other[n] = parts.x;
+        metal_d_other[n] = slopes.x;
+        metal_lobe[n] = parts.yz;
+        metal_d_lobe[n] = slopes.yz;
     }
 }
 
@@ -47,7 +52,7 @@ vec4 parts_of(int n, int k, float gain, float d_gain) {
                 obs_f[n] + group_base[k] - metal_other[n] - lobe.x, metal_d_other[n] + d_lobe.x);
 }
 
-struct Settling { CHANNEL weight, base, bend, slope; };  // sums; bend: minus the derivative by the base colour assumed
+struct Settling { CHANNEL weight, base, by_base, by_roughness; };  // sums, and their derivatives at fixed weights
 
 void settle_group(int k, int first, int end, inout Settling all) {
     Gain g = gain_of(k);
@@ -66,46 +71,39 @@ void settle_group(int k, int first, int end, inout Settling all) {
     float w = information / (1.0 + u_group_slack * information * own * own);
     all.weight += w * channel_of(k);
     all.base += w * own * channel_of(k);
-    all.bend -= w * g.d_base * dot(by_gain, of_own) * channel_of(k);
-    all.slope += w * dot(by_roughness, of_own) * channel_of(k);
+    vec2 slope = vec2(g.d_base * dot(by_gain, of_own), dot(by_roughness, of_own));
+    all.by_base += w * slope.x * channel_of(k);
+    all.by_roughness += w * slope.y * channel_of(k);
+    group_own[k] = vec3(own, slope.yx);
 }
 
 // Each observation in the form that it has where a is the same for all: about its group's base colour, and that one's
 // derivative.
 void share_out(int k, int first, int end) {
     Gain g = gain_of(k);
-    float d_gain = g.d_roughness + g.d_base * sum(texel_base_slope * channel_of(k));
-    float information = 1e-20, off = 0.0;
-    for (int n = first; n < end; n++) {
-        vec4 p = parts_of(n, k, g.value, d_gain);
-        information += TRUSTED(n) * p.x * p.x;
-        off += TRUSTED(n) * p.x * p.z;
-    }
-    float own = off / information, straight = 0.0, turned = 0.0;
+    float base_slope = sum(texel_base_slope * channel_of(k)), d_gain = g.d_roughness + g.d_base * base_slope;
+    vec3 own = group_own[k];
+    own.y += own.z * base_slope;
+    group_own[k] = own;
     for (int n = first; n < end; n++) {
         vec4 p = parts_of(n, k, g.value, d_gain);
         metal_weight[n] = obs_weight[n] * p.x * p.x;
-        obs_off[n] = p.z / p.x - own;
-        obs_slope[n] = (p.w + own * p.y) / p.x;
-        straight += TRUSTED(n) * p.x * (p.w + own * p.y);
-        turned += TRUSTED(n) * (p.z - own * p.x) * p.y;  // weights change with a too
+        obs_off[n] = p.z / p.x - own.x;
+        obs_slope[n] = (p.w + own.x * p.y) / p.x + own.y;
     }
-    group_own[k] = own;
-    group_own_slope[k] = (turned - straight) / information;
-    for (int n = first; n < end; n++) obs_slope[n] -= straight / information;
 }
 
-// To the fixed point under the present trust.
-void settle() {
-    for (int i = 0; i < SETTLED; i++) {
+// To the fixed point under the present trust, where observations are shared out.
+void settle(int steps) {
+    for (int i = 0; i < steps; i++) {
         Settling all = Settling(CHANNEL(1e-20), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0));
 #define GROUP(k, first, end) settle_group(k, first, end, all);
         EACH_GROUP
 #undef GROUP
         CHANNEL said = all.base / all.weight, inside = step(CHANNEL(0.0), said) * step(said, CHANNEL(1.0));
-        CHANNEL steep = 1.0 + inside * all.bend / all.weight;
+        CHANNEL steep = 1.0 - inside * all.by_base / all.weight;
         texel_base = clamp(texel_base + (clamp(said, 0.0, 1.0) - texel_base) / steep, 0.0, 1.0);
-        texel_base_slope = inside * all.slope / (all.weight * steep);
+        texel_base_slope = inside * all.by_roughness / (all.weight * steep);
     }
 #define GROUP(k, first, end) share_out(k, first, end);
     EACH_GROUP
@@ -114,17 +112,21 @@ void settle() {
 
 // One group's observations, as the last settle() has left them.
 void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total total) {
-    float information = 0.0;
+    vec3 squares = vec3(0.0), sums = vec3(0.0);
     for (int n = first; n < end; n++) {
 #ifdef ROBUST
         float w = metal_weight[n] * obs_trust[n];
 #else
         float w = metal_weight[n];
 #endif
-        information += w;
-        fit += w * vec3(obs_off[n] * obs_off[n], obs_slope[n] * obs_off[n], obs_slope[n] * obs_slope[n]);
+        float d = obs_off[n], ds = obs_slope[n];
+        sums += w * vec3(1.0, d, ds);
+        squares += w * vec3(d * d, ds * d, ds * ds);
     }
-    if (information <= 0.0) return;
-    float own = group_own[k];
-    join(own, group_own_slope[k], information / (1.0 + u_group_slack * information * own * own), channel_of(k), total);
+    if (sums.x <= 0.0) return;
+    vec2 mean = sums.yz / sums.x;
+    squares -= vec3(mean.x * sums.y, mean.x * sums.z, mean.y * sums.z);
+    fit += vec3(max(squares.x, 0.0), squares.y, max(squares.z, 0.0));
+    float own = group_own[k].x + mean.x;
+    join(own, group_own[k].y, sums.x / (1.0 + u_group_slack * sums.x * own * own), channel_of(k), total);
 }

@@ -226,18 +226,21 @@ void specular_d(int n, float r, Toward t, out float s, out float ds) {
 }
 
 #ifdef METALLIC
-// m (black, white - black) of observation n at roughness r, without their gain, and its derivative.
-void metal_d(int n, float r, Toward t, out vec2 lobe, out vec2 d_lobe) {
+// Specular part of observation n at roughness r, and m (black, white - black) without the gain; with derivatives.
+void metal_parts_d(int n, float r, Toward t, out vec3 parts, out vec3 slopes) {
     float alpha2 = r * r * r * r, d_alpha2 = 4.0 * r * r * r;
-    lobe = d_lobe = vec2(0.0);
+    parts = slopes = vec3(0.0);
     for (int l = 0; l < LIGHTS; l++) {
         int i = n * LIGHTS + l;
         float value, slope;
         D_ggx_spread_d(alpha2, lobe_sin2h[i], spread_of(i), value, slope);
         float root_l = lambda_root(alpha2, lobe_tan2[i]);
         float down = 1.0 / (root_l + t.root), d_root_l = 0.5 * lobe_tan2[i] / root_l * d_alpha2;
-        lobe += lobe_metal[i] * down * value;
-        d_lobe += lobe_metal[i] * down * (slope * d_alpha2 - value * down * (d_root_l + t.d_root));
+        vec3 term = down * vec3(lobe_factor[i], lobe_metal[i]);
+        parts += term * value;
+        slopes += term * (slope * d_alpha2 - value * down * (d_root_l + t.d_root));
     }
+    slopes.x = slopes.x * t.comp + parts.x * t.d_comp;
+    parts.x *= t.comp;
 }
 #endif

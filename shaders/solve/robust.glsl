@@ -72,7 +72,7 @@ float disbelieve(float r) {
     float spread = 1.0;
     for (int i = 0; i <= CALMER; i++) {
 #ifdef METALLIC
-        settle();
+        settle(SETTLED_ROUGHLY);
 #endif
         CHANNEL weight = CHANNEL(1e-20), albedo = CHANNEL(0.0);
 #define GROUP(k, first, end) add_mean(k, first, end, weight, albedo);

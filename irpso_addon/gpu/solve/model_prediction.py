@@ -22,7 +22,7 @@ from .solver import Solver
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
 JUDGED = 1000  # texels, of a sample
 ONE = 1e5  # the same, where a material has one roughness
-CLEAR = 0.5  # of its loss: a fit that leads by so much over one value for the material needs no prior
+CLEAR = 0.2  # of its loss: a fit that leads by so much over one value for the material needs no prior
 LEAST = 0.01  # roughness: of texels that are not observed it is 0
 PLAIN_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 is 0.5
 PLAIN_METALLIC = 0.03  # a Metallic so near to 0 is 0

@@ -33,17 +33,18 @@ class Principled:
     roughness2: F64
     weight: F64  # of the lobe with ``roughness``
     level: F64
+    metallic: float = 0.0
 
     def __call__(self, L: F64, V: F64) -> F64:
         """The BRDF, 1/sr, (..., 3)."""
         if self.model == "two-lobe":
             return brdf.two_lobe(self.base, (self.roughness, self.roughness2, self.weight), L, V, NORMAL, "ggx")
-        return brdf.principled(self.base, self.roughness, L, V, NORMAL, self.level)
+        return brdf.principled(self.base, self.roughness, L, V, NORMAL, self.level, self.metallic)
 
     def at(self, places: Any) -> Principled:
         """Those of some texels."""
         return Principled(self.model, self.base[places], self.roughness[places], self.roughness2[places],
-                          self.weight[places], self.level[places])
+                          self.weight[places], self.level[places], self.metallic)
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Recovered:
         near = self.solved & (self.nearest <= np.quantile(self.nearest[self.solved], NEAREST))
         of = self.maps.at(near)
         rest = (np.median(v) for v in (of.roughness, of.roughness2, of.weight, of.level))
-        return Principled(of.model, np.median(of.base, axis=0), *map(np.asarray, rest))
+        return Principled(of.model, np.median(of.base, axis=0), *map(np.asarray, rest), of.metallic)
 
 
 def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: Any) -> Recovered:
@@ -81,13 +82,14 @@ def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: An
     level = np.full((h, w), 0.5, np.float32) if fitted.level is None else fitted.level
     if chosen == "lambert":
         level = np.zeros((h, w), np.float32)
+    metallic = ladder.decided_metallic.get(NAME, 0.0)
     base = _base(device, ladder, fitted, level)
     for resource in (ladder, source):
         resource.release()
     rough = fitted.texels.roughness.astype(np.float64)
     lobes = fitted.lobes if fitted.lobes is not None else np.stack([rough, rough, np.ones_like(rough)], -1)
     first, second, weight = np.moveaxis(lobes.astype(np.float64), -1, 0)
-    maps = Principled(chosen, base, first, second, weight, level.astype(np.float64))
+    maps = Principled(chosen, base, first, second, weight, level.astype(np.float64), metallic)
     nearest = np.where(seen.quality > 0, seen.lobes[..., 0, 0], 1.0).min(-1).astype(np.float64)
     return Recovered(maps, fitted.texels.solved, nearest)
 
@@ -97,6 +99,7 @@ def _base(device: Device, ladder: Ladder, fitted: LadderResult, level: F32) -> F
     h, w = level.shape
     solver = ladder.solver
     solver.level = device.texture(w, h, 1, level) if np.any(level != 0.5) else None
+    solver.use_metallic(ladder.decided_metallic.get(NAME, 0.0))
     lobes = 1 if fitted.lobes is None else 2
     at = fitted.texels
     values = (np.stack([at.roughness, at.sigma, at.determined, at.solved], -1) if fitted.lobes is None
