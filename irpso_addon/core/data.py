@@ -228,6 +228,7 @@ class Solution:
     cancelled: bool = False  # True: only part of the texels was solved
     # material slot name -> its one Specular IOR Level, where a single value was solved for the material
     levels: dict[str, float] = field(default_factory=dict)
+    metallic: dict[str, float] = field(default_factory=dict)  # material slot name -> Metallic, where its model has it
     ndf: str = "ggx"  # distribution of the two-lobe model, as in core/params.py
     checks: Checks | None = None  # what the views say of the maps
     pictures: tuple[ViewPicture, ...] = ()  # of each view, reduced: reference beside prediction
@@ -238,10 +239,12 @@ class Solution:
     @classmethod
     def of_maps(
         cls, maps: Maps, model: dict[str, str], levels: dict[str, float] | None = None, ndf: str = "ggx", why: str = "",
+        metallic: dict[str, float] | None = None,
     ) -> Solution:
         """Of maps that no solve here has found: what materials show, and a search may start from; no figures.
 
         ``why``: of each material's model.
         """
         return cls(maps=maps, model=model, why=dict.fromkeys(model, why), texels={}, seconds={}, residual=0.0,
-                   views_used=(), views_skipped=(), warnings=(), device={}, levels=levels or {}, ndf=ndf)
+                   views_used=(), views_skipped=(), warnings=(), device={}, levels=levels or {}, metallic=metallic or {},
+                   ndf=ndf)

@@ -15,7 +15,7 @@ import numpy as np
 
 from .data import F32, I32, Bool
 
-LADDER = ("lambert", "one-lobe", "one-lobe-specular", "two-lobe")  # from the smallest
+LADDER = ("lambert", "one-lobe", "one-lobe-specular", "one-lobe-metallic", "two-lobe")  # from the smallest
 SCALE_IS_KNOWN = 1.0  # nats a texel that a level other than 0.5 must bring beyond all others: lamps' powers are given
 EXPLAINED = 0.75  # share of a cell's texels that is heard: those that some model explains best
 CELL = 32  # texels: width of the square over which noise is measured

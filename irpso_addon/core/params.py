@@ -50,6 +50,7 @@ class SolveSettings(Table):
         ("lambert", "Base colour only: a surface without highlight (Specular IOR Level 0)"),
         ("one-lobe", "Base colour and roughness of the Principled BSDF"),
         ("one-lobe-specular", "And its Specular IOR Level: for pictures without an absolute scale"),
+        ("one-lobe-metallic", "And its Metallic: one value for each material"),
         ("two-lobe", "Base colour, two roughnesses and the share of the first lobe"),
     ))
     specular: str = parameter("material", "Model one-lobe-specular: where the Specular IOR Level may differ",

@@ -87,7 +87,7 @@ def _last(plan: Plan, window: UvBlock, slots: I32) -> EarlierResult:
     solution = plan.solution
     chosen = solution.model if plan.settings.model == "auto" else {}
     return EarlierResult(chosen, solution.levels, frozenset(solution.model), plan.level_map(window, slots),
-                         priors=solution.priors)
+                         priors=solution.priors, metallic=solution.metallic)
 
 
 def _views(

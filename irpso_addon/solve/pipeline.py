@@ -209,6 +209,7 @@ def _solution(
     relative = made.relative[made.solved].astype(np.float64)
     return Solution(
         maps=maps, model=ladder.model, why=ladder.why, seconds={}, device={}, levels=ladder.levels,
+        metallic=ladder.metallic,
         predictions=ladder.predictions, priors=ladder.priors,
         residual=float(np.sqrt(np.mean(relative**2))) if len(relative) else 0.0,
         cancelled=ladder.cancelled or made.albedo.cancelled, ndf=settings.ndf,

@@ -1,10 +1,15 @@
 // The material that the search found, looked up at a pixel: two lobes (a single one: equal roughnesses), which may
-// be Principled or Beckmann's (NDF_BECKMANN), at a Specular IOR Level that is a map with SPECULAR, else 0.5.  With
-// ONE_LOBE no texel has two.
+// be Principled or Beckmann's (NDF_BECKMANN), at a Specular IOR Level that is a map with SPECULAR, else 0.5, and a
+// Metallic that is one with METALLIC, else 0.  With ONE_LOBE no texel has two.
 #include "include/brdf.glsl"
 uniform sampler2D u_lobes;  // texel grid, holes filled: roughness1, roughness2, weight of lobe 1
 #ifdef SPECULAR
 uniform sampler2D u_level;
+#endif
+
+#ifdef METALLIC
+uniform sampler2D u_metallic;  // 0 where there are two lobes
+float metallic_at(vec2 uv) { return texture(u_metallic, uv).r; }
 #endif
 
 struct Found { vec2 r; float weight, level; };
@@ -72,3 +77,22 @@ float specular_of(Found f, float cos_v, vec4 lobe) {
 #endif
     return s * lobe.w;
 }
+
+#ifdef METALLIC
+// Of a metal, what its lobe returns per irradiance, without the gain by multiple scattering: (black, white - black).
+vec2 metal_of(Found f, float cos_v, vec4 lobe) {
+    float alpha2 = f.r.x * f.r.x * f.r.x * f.r.x;
+    float tan2_l = 1.0 / (lobe.z * lobe.z + 1e-12) - 1.0, tan2_v = 1.0 / (cos_v * cos_v) - 1.0;
+    float cos_vh = min((lobe.z + cos_v) / (2.0 * sqrt(max(1.0 - lobe.x, 1e-6))), 1.0), black = F_schlick(cos_vh);
+    float s = lobe.w / F_dielectric(cos_vh) * D_ggx_spread(alpha2, lobe.x, lobe.y)
+            / (lambda_root(alpha2, tan2_l) + lambda_root(alpha2, tan2_v));
+    return s * vec2(black, 1.0 - black);
+}
+
+// The gain of each channel, with its derivative by base colour.
+void metal_gain_of(Found f, float cos_v, vec3 base, out vec3 gain, out vec3 d_base) {
+    vec2 energy = metal_energy(f.r.x, cos_v);
+    float unused;
+    for (int c = 0; c < 3; c++) metal_gain_d(base[c], energy, vec2(0.0), gain[c], unused, d_base[c]);
+}
+#endif

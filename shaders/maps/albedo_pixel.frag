@@ -2,12 +2,16 @@
 // least-squares albedo of VIEWS views, added over all the camera's views.  Errors count relative to what
 // the albedo of the pass before predicts, and views far from it (missed shadows) lose their weight
 // (Cauchy, by iteratively reweighted least squares; Holland and Welsch 1977).
+// Of a metal, whose multiple scattering depends on the albedo too, each pass is a step of Gauss and Newton.
 #include "include/lobes.glsl"
 uniform sampler2D u_position;   // pixel grid
 uniform sampler2D u_normal;
 uniform sampler2D u_uv;
 uniform sampler2D u_colour[VIEWS];    // f (1/sr), quality
 uniform sampler2D u_specular[VIEWS];  // of the view's lights, 1/sr
+#ifdef METALLIC
+uniform sampler2D u_metal[VIEWS];     // see maps/albedo_specular.frag
+#endif
 uniform sampler2D u_before;     // albedo sum of the pass before
 uniform sampler2D u_before_weight;
 uniform bool u_first_pass;
@@ -20,7 +24,14 @@ uniform vec3 u_tint[VIEWS];     // light per channel, mean 1
 layout(location = 0) out vec4 o_albedo;  // weighted albedo sum
 layout(location = 1) out vec4 o_weight;
 
-void add_view(vec4 colour, vec3 s, vec3 tint, float diffuse, vec3 before) {
+#ifdef METALLIC
+#define WHITE vec3  // what a channel of white returns, as each of them has it
+vec3 gain, d_gain;  // of a metal, and its derivative by base colour
+#else
+#define WHITE float
+#endif
+
+void add_view(vec4 colour, vec3 s, vec3 tint, WHITE diffuse, vec3 before) {
     if (colour.a <= 0.0) return;
     vec3 lit = vec3(greaterThan(colour.rgb, vec3(-100.0)));  // channels that the view's lights have
     vec3 expected = s + diffuse * before;
@@ -36,28 +47,46 @@ void add_view(vec4 colour, vec3 s, vec3 tint, float diffuse, vec3 before) {
     o_weight += vec4(weight * diffuse, 1.0);
 }
 
+#ifdef METALLIC
+// The same of a view with a metal's lobe, linear about the base colour of the pass before.
+void add_metal(vec4 colour, vec4 specular, vec4 metal, vec3 tint, float diffuse, vec3 before) {
+    vec3 black = metal.rgb * (specular.a / max(metal.a, 1e-20));  // of several lamps' colours: the mean share
+    vec3 bend = d_gain * (before * metal.rgb + black);
+    add_view(colour, specular.rgb + gain * black - before * bend, tint, diffuse + gain * metal.rgb + bend, before);
+}
+#endif
+
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     vec4 p = texelFetch(u_position, at, 0);
     if (p.w < 0.5) discard;
     vec3 V = u_orthographic ? -u_camera_forward : normalize(u_camera_position - p.xyz);
     float cos_v = clamp(dot(texelFetch(u_normal, at, 0).xyz, V), 1e-3, 1.0);
-    float diffuse = diffuse_of(found_at(texelFetch(u_uv, at, 0).xy), cos_v);
+    Found found = found_at(texelFetch(u_uv, at, 0).xy);
+    float diffuse = diffuse_of(found, cos_v);
     vec3 before = vec3(0.5);
     if (!u_first_pass) {
         before = texelFetch(u_before, at, 0).rgb / max(texelFetch(u_before_weight, at, 0).rgb, vec3(1e-12));
     }
     before = clamp(before, 0.0, 1.0);
     o_albedo = o_weight = vec4(0.0);
+#ifdef METALLIC
+    diffuse *= 1.0 - metallic_at(texelFetch(u_uv, at, 0).xy);
+    metal_gain_of(found, cos_v, before, gain, d_gain);
+#define ADD_VIEW(k) add_metal(texelFetch(u_colour[k], at, 0), texelFetch(u_specular[k], at, 0), \
+                              texelFetch(u_metal[k], at, 0), u_tint[k], diffuse, before)
+#else
+#define ADD_VIEW(k) add_view(texelFetch(u_colour[k], at, 0), texelFetch(u_specular[k], at, 0).rgb, u_tint[k], diffuse, before)
+#endif
     // An array of samplers takes constant indices alone.
-    add_view(texelFetch(u_colour[0], at, 0), texelFetch(u_specular[0], at, 0).rgb, u_tint[0], diffuse, before);
+    ADD_VIEW(0);
 #if VIEWS > 1
-    add_view(texelFetch(u_colour[1], at, 0), texelFetch(u_specular[1], at, 0).rgb, u_tint[1], diffuse, before);
+    ADD_VIEW(1);
 #endif
 #if VIEWS > 2
-    add_view(texelFetch(u_colour[2], at, 0), texelFetch(u_specular[2], at, 0).rgb, u_tint[2], diffuse, before);
+    ADD_VIEW(2);
 #endif
 #if VIEWS > 3
-    add_view(texelFetch(u_colour[3], at, 0), texelFetch(u_specular[3], at, 0).rgb, u_tint[3], diffuse, before);
+    ADD_VIEW(3);
 #endif
 }

@@ -9,7 +9,14 @@ uniform vec3 u_camera_position;
 uniform vec3 u_camera_forward;
 uniform bool u_orthographic;
 
-layout(location = 0) out vec4 o_specular;  // 1/sr
+#ifdef SHOWN
+uniform sampler2D u_shown;  // pixel grid: base colour
+#endif
+
+layout(location = 0) out vec4 o_specular;  // 1/sr; with METALLIC alone, alpha: what a black metal adds to o_metal's
+#if defined(METALLIC) && !defined(SHOWN)
+layout(location = 1) out vec4 o_metal;     // what a white metal returns beyond a black one, without gain; alpha: mean
+#endif
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
@@ -20,4 +27,18 @@ void main() {
     Found found = found_at(texelFetch(u_uv, at, 0).xy);
     o_specular.rgb = u_channel * specular_of(found, cos_v, texelFetch(u_lobe, at, 0));
     o_specular.a = 0.0;
+#ifdef METALLIC
+    float metallic = metallic_at(texelFetch(u_uv, at, 0).xy);
+    vec2 metal = metallic * metal_of(found, cos_v, texelFetch(u_lobe, at, 0));
+    o_specular.rgb *= 1.0 - metallic;
+#ifdef SHOWN
+    vec3 base = texelFetch(u_shown, at, 0).rgb, gain, unused;
+    metal_gain_of(found, cos_v, base, gain, unused);
+    o_specular.rgb += u_channel * gain * (metal.x + base * metal.y);
+#else
+    float share = dot(u_channel, vec3(1.0 / 3.0));
+    o_specular.a = share * metal.x;
+    o_metal = vec4(u_channel * metal.y, share * metal.y);
+#endif
+#endif
 }

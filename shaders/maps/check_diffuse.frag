@@ -12,6 +12,9 @@ uniform vec3 u_camera_forward;
 uniform bool u_orthographic;
 
 layout(location = 0) out vec4 o_diffuse;  // RGB, cos_v
+#ifdef METALLIC
+layout(location = 1) out vec4 o_base;     // its metal's lobe is another for each view
+#endif
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
@@ -27,4 +30,8 @@ void main() {
         mean += texture(u_base, uv + d.x * slope.xy + d.y * slope.zw).rgb / 16.0;
     }
     o_diffuse = vec4(mean * diffuse_of(found_at(uv), cos_v), cos_v);
+#ifdef METALLIC
+    o_diffuse.rgb *= 1.0 - metallic_at(uv);
+    o_base = vec4(mean, 1.0);
+#endif
 }

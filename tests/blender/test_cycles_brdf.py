@@ -11,7 +11,15 @@ import bpy
 
 from irpso_addon.core.shading import brdf, lights
 from tests.blender import cycles_rig as rig
-from tests.blender.measure_brdf import LEVELS, METALLICS, ROUGHNESSES, Pixels, conductor_is_exact, measure, measure_two_lobes
+from tests.blender.measure_brdf import (
+    LEVELS,
+    METALLICS,
+    ROUGHNESSES,
+    Pixels,
+    conductor_is_exact,
+    measure,
+    measure_two_lobes,
+)
 
 
 @pytest.fixture(scope="module")

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import JointPrior
+from irpso_addon.core.data import JointPrior, Solution
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve.solver import Solver
+from tests.support import shoots
+from tests.support import synthetic as syn
 from tests.support import texel_problem as bench
-from tests.support.texels import Texels, Twin, evaluate, exact, finish
+from tests.support.texels import Texels, exact, finish
 
 
 def as_metal(problem: bench.Problem, metallic: float, level: float = 0.5) -> Texels:
     """What one lobe of the problem's roughness and base colour reflects where it is in part a metal."""
-    sin2h, spread, cos_l, factor = np.moveaxis(problem.lobes[..., 0, :].astype(np.float64), -1, 0)
+    sin2h, spread, cos_l, _ = np.moveaxis(problem.lobes[..., 0, :].astype(np.float64), -1, 0)
     cos_v, r = problem.cos_v.astype(np.float64), problem.truth.roughness[..., None]
     cos_vh = np.minimum((cos_l + cos_v) / (2 * np.sqrt(1 - sin2h)), 1)
     base = problem.truth.base[:, :, None]
@@ -75,3 +78,28 @@ def test_roughness_and_base_colour_come_out(on_gl, metallic, level, loss):
     assert (np.quantile(off, 0.99), np.quantile(colour, 0.99)) < (1e-3, 2e-3), (off.max(), colour.max())
     assert np.quantile(colour, 0.99) < 2e-3
     assert (off > 0.02).mean() < 0.005
+
+
+METALLIC = 0.4
+
+
+@pytest.fixture(scope="module")
+def shoot() -> syn.Shoot:
+    return syn.shoot(replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=METALLIC)), shoots.rig(lamps=10),
+                     (56, 56))
+
+
+@pytest.fixture(scope="module")
+def found(shoot: syn.Shoot) -> Solution:
+    """Solved at the right Metallic, which an earlier result gives."""
+    earlier = shoots.run(shoot, model="one-lobe", loss="squares")
+    earlier = replace(earlier, model={"Paint": "one-lobe-metallic"}, metallic={"Paint": METALLIC})
+    return shoots.run(replace(shoot, scene=replace(shoot.scene, start=earlier)), start="last")
+
+
+def test_maps_of_a_metal_come_out(shoot, found):
+    off = shoots.errors(found, shoot.truth)
+    assert (found.model, found.metallic) == ({"Paint": "one-lobe-metallic"}, {"Paint": METALLIC})
+    assert found.levels == {}
+    assert np.median(off.rough) < 1e-3 and np.quantile(off.rough, 0.9) < 0.005
+    assert np.median(off.base) < 1e-3 and np.quantile(off.base, 0.9) < 0.01

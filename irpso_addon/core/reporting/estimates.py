@@ -34,12 +34,12 @@ FIXED = {"start": 1.5, "gbuffer": 0.1, "observe": 0.8, "maps": 0.4}
 # More for programs that were never compiled on this machine (drivers keep them); those of the search are made for a
 # number of views and cameras.
 COMPILING = {"observe": 1.0, "solve": 2.0, "maps": 1.0}  # of the search: for each of
-PROGRAMS = {"lambert": ("one",), "one-lobe": ("one",), "one-lobe-specular": ("one",), "two-lobe": ("two",),
-            "auto": ("one", "two")}
+PROGRAMS = {"lambert": ("one",), "one-lobe": ("one",), "one-lobe-specular": ("one",), "one-lobe-metallic": ("one",),
+            "two-lobe": ("two",), "auto": ("one", "two")}
 COMPILED = "compiled "  # begins the keys that remember for which
 # Of the search: seconds in any case, microseconds a texel, and more for each view.
 SEARCH = {"lambert": (0.4, 2.0, 0.2), "one-lobe": (0.4, 2.0, 0.2), "one-lobe-specular": (1.6, 1.7, 0.2),
-          "two-lobe": (0.8, 4.0, 0.4), "auto": (0.6, 4.5, 0.3)}
+          "one-lobe-metallic": (0.4, 4.0, 0.4), "two-lobe": (0.8, 4.0, 0.4), "auto": (0.6, 4.5, 0.3)}
 METHODS = {"refined": 1.0, "draft": 0.8, "swarm": 3.5}  # times the above; "paper" goes by its iterations
 PAPER = 0.04  # microseconds a texel, view and iteration
 PICTURE_SECONDS = 1.0  # of indirect light, by Cycles

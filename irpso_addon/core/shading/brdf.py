@@ -229,7 +229,7 @@ def metal_energy_d(roughness: ArrayLike, cos_v: ArrayLike) -> tuple[F64, F64]:
 
 
 def metal_gain(base: ArrayLike, energy: F64) -> F64:
-    """Gain of a metal's lobe by multiple scattering; ``energy``: (E1, Eavg) (..., 2), ``base``: of (...)."""
+    """Gain of a metal's lobe by multiple scattering; ``energy``: (E1, Eavg) (..., 2), ``base``: (...)."""
     return metal_gain_d(base, energy, np.zeros(2))[0]
 
 

@@ -30,6 +30,7 @@ SHARP = 4  # iterations after which the texture is worth a look: at first it is 
 STEP_SLACK = 0.1  # of 1, the weight of a good pixel seen head on: holds back texels seen at a grazing angle
 ROBUST_PASSES = 4
 VIEWS_AT_ONCE = 4  # in one draw: their two textures each and eight more are what every GL 3.3 driver offers
+METALS_AT_ONCE = 2  # of metals three each, and nine more
 OUTLIER = 0.05  # relative error at which a view loses half its weight in a pixel's albedo
 
 Textures = Mapping[str, moderngl.Texture | None]
@@ -43,6 +44,7 @@ class Gloss:
 
     lobes: moderngl.Texture  # roughness1, roughness2, weight of lobe 1
     level: moderngl.Texture | None = None  # Specular IOR Level; None: 0.5
+    metallic: moderngl.Texture | None = None  # None: 0
     beckmann: bool = False
 
 
@@ -54,11 +56,14 @@ class AlbedoSolver:
     ) -> None:
         """``around``: base colour of coarse cells, see `Filler`."""
         self.device, self.grid, self.observations = device, grid, observations
-        self.known = {"u_lobes": gloss.lobes, **({"u_level": gloss.level} if gloss.level else {})}
+        self.known = {"u_lobes": gloss.lobes, **({"u_level": gloss.level} if gloss.level else {}),
+                      **({"u_metallic": gloss.metallic} if gloss.metallic else {})}
+        self.metal = gloss.metallic is not None
         pairs = device.read(gloss.lobes)
         one = bool((pairs[..., 0] == pairs[..., 1]).all())
         self.defines = {name: "1" for name, true in (
-            ("SPECULAR", gloss.level is not None), ("NDF_BECKMANN", gloss.beckmann), ("ONE_LOBE", one)) if true}
+            ("SPECULAR", gloss.level is not None), ("METALLIC", self.metal), ("NDF_BECKMANN", gloss.beckmann),
+            ("ONE_LOBE", one)) if true}
         self.around = around
         self.cancelled = False
 
@@ -116,8 +121,9 @@ class AlbedoSolver:
             before: Shown | None = None
             for _ in range(ROBUST_PASSES):
                 with device.target(shown, clear=True) as target, device.adding():
-                    for n in range(0, len(specular), VIEWS_AT_ONCE):
-                        group = slice(n, n + VIEWS_AT_ONCE)
+                    at_once = METALS_AT_ONCE if self.metal else VIEWS_AT_ONCE
+                    for n in range(0, len(specular), at_once):
+                        group = slice(n, n + at_once)
                         device.draw("maps/albedo_pixel.frag", target,
                                     self._inputs(camera, camera.views[group], specular[group], before),
                                     cells=camera.maps.cells)
@@ -127,14 +133,16 @@ class AlbedoSolver:
             return before
 
     def _inputs(
-        self, camera: ObservedCamera, views: list[ObservedView], specular: list[moderngl.Texture], before: Shown | None,
+        self, camera: ObservedCamera, views: list[ObservedView], specular: list[list[moderngl.Texture]],
+        before: Shown | None,
     ) -> Inputs:
         """Of a draw that adds some views to a camera's albedo; ``before``: what the last pass found."""
         tints = [view.tint for view in views]
         return Inputs({
             **self.looked_up(camera), "u_before": before[0] if before else None,
             "u_before_weight": before[1] if before else None,
-            "u_colour": tuple(view.colour for view in views), "u_specular": tuple(specular),
+            "u_colour": tuple(view.colour for view in views), "u_specular": tuple(parts[0] for parts in specular),
+            **({"u_metal": tuple(parts[1] for parts in specular)} if self.metal else {}),
         }, {**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
             "u_tint": tints if len(tints) > 1 else tints[0]}, {**self.defines, "VIEWS": str(len(views))})
 
@@ -147,17 +155,24 @@ class AlbedoSolver:
         """Two textures of the camera's size."""
         return self.device.texture(*camera.maps.position.size), self.device.texture(*camera.maps.position.size)
 
-    def specular(self, camera: ObservedCamera, view: ObservedView) -> moderngl.Texture:
-        """Specular radiance per irradiance of the view's lights at each pixel, 1/sr."""
+    def specular(
+        self, camera: ObservedCamera, view: ObservedView, base: moderngl.Texture | None = None,
+    ) -> list[moderngl.Texture]:
+        """Specular radiance per irradiance of the view's lights at each pixel, 1/sr.
+
+        Of metals in two textures, which the base colour is to go into, or in one, where ``base`` gives that at pixels.
+        """
         device, grid = self.device, self.looked_up(camera)
         masks = channel_masks(self.observations.channels)
-        specular = device.texture(*camera.maps.position.size)
-        with device.target([specular], clear=True) as target, device.adding():
+        shown = {"u_shown": base} if self.metal and base is not None else {}
+        defines = {**self.defines, **({"SHOWN": "1"} if shown else {})}
+        parts = [device.texture(*camera.maps.position.size) for _ in range(2 if self.metal and not shown else 1)]
+        with device.target(parts, clear=True) as target, device.adding():
             for n, lobe in enumerate(view.lobes):
                 device.draw("maps/albedo_specular.frag", target, Inputs(
-                    {**grid, "u_lobe": lobe}, {**camera.viewpoint, "u_channel": masks[n % len(masks)]}, self.defines),
-                    cells=camera.maps.cells)
-        return specular
+                    {**grid, **shown, "u_lobe": lobe}, {**camera.viewpoint, "u_channel": masks[n % len(masks)]},
+                    defines), cells=camera.maps.cells)
+        return parts
 
 
 class _Canvas:

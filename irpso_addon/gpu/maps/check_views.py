@@ -30,10 +30,12 @@ def check_views(albedo: AlbedoSolver, base: moderngl.Texture) -> Iterator[Checke
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
     for camera in albedo.observations.cameras:
         part = _viewport(camera)
-        diffuse = _diffuse(albedo, camera, base, part)
-        window = _window(device, camera, part, diffuse[..., 3])
-        for view in camera.views:
-            yield _check(albedo, camera, view, window, part, diffuse[..., :3])
+        with device.scope():
+            drawn = _diffuse(albedo, camera, base)
+            diffuse = device.read(drawn[0], part)
+            window = _window(device, camera, part, diffuse[..., 3])
+            for view in camera.views:
+                yield _check(albedo, camera, view, window, part, diffuse[..., :3], drawn[-1])
     for texture in (base, *albedo.known.values()):
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
@@ -68,25 +70,25 @@ def _window(device: Device, camera: ObservedCamera, part: Rectangle, cos_v: F32)
                        slot=normal[..., 3], cos_v=cos_v)
 
 
-def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Texture, part: Rectangle) -> F32:
-    """(h, w, 4): what the base colour shows, and cos_v; the same in all the camera's views."""
+def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Texture) -> list[moderngl.Texture]:
+    """What the base colour shows, and cos_v; the same in all the camera's views.  Of metals also the base colour."""
     device, maps = albedo.device, camera.maps
     inputs = Inputs({**albedo.looked_up(camera), "u_uv_slope": maps.uv_slope, "u_base": base},
                     {**camera.viewpoint, "u_footprint": camera.uniforms["u_footprint"]}, albedo.defines)
-    with device.scope():
-        texture = device.texture(*maps.position.size)
-        with device.target([texture], clear=True) as target:
-            device.draw("maps/check_diffuse.frag", target, inputs, cells=maps.cells)
-        return device.read(texture, part)
+    textures = [device.texture(*maps.position.size) for _ in range(2 if albedo.metal else 1)]
+    with device.target(textures, clear=True) as target:
+        device.draw("maps/check_diffuse.frag", target, inputs, cells=maps.cells)
+    return textures
 
 
 def _check(
     albedo: AlbedoSolver, camera: ObservedCamera, view: ObservedView, window: PixelWindow, part: Rectangle,
-    diffuse: F32,
+    diffuse: F32, base: moderngl.Texture,
 ) -> CheckedView:
+    """``base``: colour at the camera's pixels, where there are metals."""
     device = albedo.device
     with device.scope():
-        specular = device.read(albedo.specular(camera, view), part)[..., :3]
+        specular = device.read(albedo.specular(camera, view, base)[0], part)[..., :3]
     colour = device.read(view.colour, part)
     observed, quality = colour[..., :3], colour[..., 3]
     x, y = part[0] - camera.window[0], part[1] - camera.window[1]

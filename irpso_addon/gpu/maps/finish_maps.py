@@ -66,8 +66,8 @@ def make_maps(
     joined = part.join_ladder(texels.ladder, scene.start)
     lobes, level = _filled_lobes(device, joined, lambert, around)
     beckmann = texels.ndf == "beckmann" and "two-lobe" in joined.model.values()
-    albedo = AlbedoSolver(device, texels.grid, texels.observations, Gloss(lobes, level, beckmann),
-                          around.base if around else None)
+    gloss = Gloss(lobes, level, _filled_metallic(device, scene, texels, joined), beckmann)
+    albedo = AlbedoSolver(device, texels.grid, texels.observations, gloss, around.base if around else None)
     if joined.base is None:
         base = device.read((yield from albedo.solve(iterations=0 if joined.cancelled else ITERATIONS)))
     else:  # the method has searched it itself
@@ -132,6 +132,19 @@ def _filled_lobes(
         level = np.where(lambert, np.float32(0.0), level)
         filled_level = filled(device, np.stack([level, level, level, known], -1), around.level if around else None)
     return filled(device, lobes, around.lobes if around else None), filled_level
+
+
+def _filled_metallic(
+    device: Device, scene: SceneData, texels: SolvedTexelGrid, ladder: LadderResult,
+) -> moderngl.Texture | None:
+    """Metallic, where some material has any: one value for each, also where nothing was solved."""
+    if not any(ladder.metallic.values()):
+        return None
+    values = np.zeros(texels.slots.shape, np.float32)
+    for name, value in ladder.metallic.items():
+        values[_of(scene, texels, [name])] = value
+    known = (texels.slots >= 0).astype(np.float32)
+    return filled(device, np.stack([values, values, values, known], -1))
 
 
 def filled(device: Device, values: F32, around: F32 | None = None) -> moderngl.Texture:

@@ -46,7 +46,9 @@ class PartialSolve(SolveMask):
                          solved=new.texels.solved | self.known)
         joined = replace(new, texels=texels, model={**start.model, **new.model}, why={**start.why, **new.why},
                          levels={**start.levels, **new.levels}, predictions={**start.predictions, **new.predictions},
-                         priors={**start.priors, **new.priors})
+                         priors={**start.priors, **new.priors},
+                         metallic={**{name: value for name, value in start.metallic.items() if name not in new.model},
+                                   **new.metallic})
         if new.lobes is not None or self.last.lobes is not None:
             weight = share[..., None]
             joined.lobes = weight * _lobes(new.texels.roughness, new.lobes) + (1 - weight) * _lobes(
@@ -133,7 +135,8 @@ def earlier_result_of(
         levels={name: level for name, level in start.levels.items() if name in taken}, fixed=frozenset(shared),
         level=None if part.last is None else part.last.specular,
         lobes=_seeds(region.resized(start.maps, settings.size)) if again else None,
-        priors={name: prior for name, prior in start.priors.items() if name in taken})
+        priors={name: prior for name, prior in start.priors.items() if name in taken},
+        metallic={name: value for name, value in start.metallic.items() if name in taken})
 
 
 def _check_model(name: str, start: Solution, settings: SolveSettings) -> None:

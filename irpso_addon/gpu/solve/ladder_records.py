@@ -35,6 +35,7 @@ class EarlierResult:
     level: F32 | None = None  # ... (h, w) as it is here; None: 0.5
     lobes: F32 | None = None  # (h, w, 4) where the search begins: roughness1, roughness2, weight; whether known
     priors: Mapping[str, JointPrior] = field(default_factory=dict)  # of materials whose ``model`` is given
+    metallic: Mapping[str, float] = field(default_factory=dict)  # of materials whose Metallic was solved for
 
 
 @dataclass
@@ -45,6 +46,7 @@ class LadderResult:
     model: dict[str, str] = field(default_factory=dict)  # by material
     why: dict[str, str] = field(default_factory=dict)
     levels: dict[str, float] = field(default_factory=dict)
+    metallic: dict[str, float] = field(default_factory=dict)  # of materials whose model has it
     lobes: F32 | None = None  # (h, w, 3) roughness1, roughness2, weight
     level: F32 | None = None  # (h, w) Specular IOR Level
     base: F32 | None = None  # (h, w, 3) where the method searches it itself

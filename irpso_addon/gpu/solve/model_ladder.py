@@ -41,8 +41,9 @@ class Ladder:
         self.levels = LevelSearch(device, settings, self.last)
         # By material, where prediction has chosen them:
         self.priors: dict[str, JointPrior] = dict(self.last.priors)
-        self.decided_levels: dict[str, float] = {}
-        self.decided_metallic: dict[str, float] = {}
+        self.decided_metallic: dict[str, float] = dict(self.last.metallic)
+        self.decided_levels: dict[str, float] = {
+            name: level for name, level in self.last.levels.items() if name in self.last.metallic}
         self.fitted_levels: dict[str, float] = {}  # by material, where evidence has tried another than 0.5
 
     def solve(self) -> Generator[Progress, None, LadderResult]:
@@ -54,6 +55,8 @@ class Ladder:
             result = self._read((yield from self.solver.solve_two()))
         elif model == "one-lobe-specular":
             result = yield from self._specular(list(self.masks))
+        elif model == "one-lobe-metallic":
+            result = yield from self._metallic(list(self.masks))
         else:
             result = self._read((yield from self.solver.solve()))
         present = [name for name, mask in self.masks.items() if mask.any()]
@@ -118,6 +121,9 @@ class Ladder:
         for name in larger.get("one-lobe-specular", []):
             solved = self._one_lobe(name) if name in self.decided_levels else self._specular([name])
             self._put(result, (yield from solved), [name])
+        if "one-lobe-metallic" in larger:
+            names = larger["one-lobe-metallic"]
+            self._put(result, (yield from self._metallic(names)), names)
         if "two-lobe" in larger:
             names = larger["two-lobe"]
             maps = yield from self.solver.solve_two(self._tiles(self.solver, names))
@@ -144,15 +150,37 @@ class Ladder:
             self.decided_metallic[name] = decision.metallic
 
     def _one_lobe(self, name: str) -> Generator[Progress, None, LadderResult]:
-        """One lobe of a material under its prior, at the Specular IOR Level that was decided (none: 0.5)."""
-        if name not in self.decided_levels:
-            return self._drawn(name, self._read((yield from self._under_prior(name))))
-        level = np.full(self.masks[name].shape, self.decided_levels[name], np.float32)
+        """One lobe of a material under its prior, at the Specular IOR Level and Metallic decided (else 0.5 and 0)."""
+        level = None
+        if name in self.decided_levels:
+            level = np.full(self.masks[name].shape, self.decided_levels[name], np.float32)
         self.solver.use_level(level)
+        self.solver.use_metallic(self.decided_metallic.get(name, 0.0))
         part = self._drawn(name, self._read((yield from self._under_prior(name))))
         self.solver.use_level(None)
-        part.level, part.levels = level, {name: self.decided_levels[name]}
+        self.solver.use_metallic(0.0)
+        if level is not None:
+            part.level = np.where(self.masks[name], level, np.float32(0.5))
+            part.levels = {name: self.decided_levels[name]}
+        if name in self.decided_metallic:
+            part.metallic = {name: self.decided_metallic[name]}
         return part
+
+    def _metallic(self, names: list[str]) -> Generator[Progress, None, LadderResult]:
+        """One lobe of each material with its Metallic (none was decided: 0) and Specular IOR Level."""
+        names = [name for name in names if self.masks[name].any()] or names
+        result: LadderResult | None = None
+        for name in names:
+            self.decided_metallic.setdefault(name, 0.0)
+            part = yield from self._one_lobe(name)
+            if result is None:
+                result = part
+            else:
+                self._put(result, part, [name])
+            if self.solver.cancelled:
+                break
+        assert result is not None
+        return result
 
     def _under_prior(self, name: str) -> Generator[Progress, None, RoughnessMaps]:
         self.solver.joint = self.priors.get(name)
@@ -223,6 +251,7 @@ class Ladder:
             result.level = np.where(inside, part.level, before)
         result.texels = result.texels.where(inside, part.texels)
         result.levels |= part.levels
+        result.metallic |= part.metallic
 
     # ---- Specular IOR Level
 
