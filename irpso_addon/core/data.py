@@ -246,5 +246,5 @@ class Solution:
         ``why``: of each material's model.
         """
         return cls(maps=maps, model=model, why=dict.fromkeys(model, why), texels={}, seconds={}, residual=0.0,
-                   views_used=(), views_skipped=(), warnings=(), device={}, levels=levels or {}, metallic=metallic or {},
-                   ndf=ndf)
+                   views_used=(), views_skipped=(), warnings=(), device={}, levels=levels or {},
+                   metallic=metallic or {}, ndf=ndf)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.blender import files
+from irpso_addon.blender.jobs import solve_region
 from irpso_addon.blender.material import material
 from irpso_addon.blender.scene.scene_material import read_normal_maps
 from irpso_addon.core.data import Maps, Solution
@@ -104,7 +105,8 @@ def test_back_and_forth_between_the_models(empty) -> None:
     material.write_maps(obj, one)
     before = tree_state(tree)
     level = replace(make_solution({"Skin": "one-lobe-specular"}, make_maps()), levels={"Skin": 0.75})
-    for between in (two_lobe(), two_lobe("beckmann"), make_solution({"Skin": "lambert"}), level):
+    metal = replace(make_solution({"Skin": "one-lobe-metallic"}, make_maps()), metallic={"Skin": 0.5})
+    for between in (two_lobe(), two_lobe("beckmann"), make_solution({"Skin": "lambert"}), level, metal):
         material.write_maps(obj, between)
         material.write_maps(obj, two_lobe())
         assert group_of(shader).inputs["Specular IOR Level"].default_value == 0.5
@@ -216,6 +218,27 @@ def test_a_map_of_the_specular_level_comes_and_goes(empty) -> None:
     material.write_maps(obj, replace(make_solution({"Skin": "one-lobe-specular"}), levels={"Skin": 0.125}))
     assert not socket.is_linked and socket.default_value == 0.125
     assert "Plane_specular" not in bpy.data.images and "specular" not in obj["irpso"]
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert tree_state(tree) == before  # the user's own link is back
+
+
+def test_metallic_comes_goes_and_is_read_back(empty) -> None:
+    obj, shader = rich_plane()
+    tree, inputs = shader.node_tree, principled_of(shader).inputs
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    before = tree_state(tree)
+    metal = replace(make_solution({"Skin": "one-lobe-metallic"}), metallic={"Skin": 0.75}, levels={"Skin": 0.25})
+    (message,) = material.write_maps(obj, metal)
+    assert "Metallic was linked; unlinked and set to 0.75" in message
+    once = tree_state(tree)
+    assert material.write_maps(obj, metal) == ()
+    assert tree_state(tree) == once
+    assert (inputs["Metallic"].default_value, inputs["Specular IOR Level"].default_value) == (0.75, 0.25)
+    read = solve_region.last_result(obj)
+    assert (read.model, read.metallic, read.levels) == ({"Skin": "one-lobe-metallic"}, {"Skin": 0.75}, {"Skin": 0.25})
+    material.write_maps(obj, replace(metal, levels={}, metallic={"Skin": 0.5}))
+    assert (inputs["Metallic"].default_value, inputs["Specular IOR Level"].default_value) == (0.5, 0.5)
+    assert solve_region.last_result(obj).levels == {}
     material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
     assert tree_state(tree) == before  # the user's own link is back
 

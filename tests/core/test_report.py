@@ -40,13 +40,16 @@ def test_figures_follow_from_the_solution():
 
 
 def test_each_model_says_what_only_it_has():
-    model = {"Cup": "one-lobe-specular", "Jug": "one-lobe-specular", "Skin": "two-lobe", "Chalk": "lambert"}
-    solution = replace(SOLUTION, model=model, why={}, levels={"Cup": np.float32(0.25)}, ndf="beckmann")
+    model = {"Cup": "one-lobe-specular", "Jug": "one-lobe-specular", "Skin": "two-lobe", "Chalk": "lambert",
+             "Tin": "one-lobe-metallic"}
+    solution = replace(SOLUTION, model=model, why={}, levels={"Cup": np.float32(0.25)}, ndf="beckmann",
+                       metallic={"Tin": np.float32(0.75)})
     models = build_report(solution, SolveSettings(), [])["models"]
     assert models == {
         "Cup": {"model": "one-lobe-specular", "why": "", "level": 0.25},
         "Jug": {"model": "one-lobe-specular", "why": "", "level": None},  # a map
-        "Skin": {"model": "two-lobe", "why": "", "ndf": "beckmann"}, "Chalk": {"model": "lambert", "why": ""}}
+        "Skin": {"model": "two-lobe", "why": "", "ndf": "beckmann"}, "Chalk": {"model": "lambert", "why": ""},
+        "Tin": {"model": "one-lobe-metallic", "why": "", "metallic": 0.75, "level": 0.5}}
     json.dumps(models, allow_nan=False)
 
 

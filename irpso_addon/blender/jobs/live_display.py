@@ -74,7 +74,9 @@ class LiveMaps:
             return None
         none = np.zeros((1, 1), np.float32)
         maps = Maps(np.zeros((1, 1, 3), np.float32), none, none, none, none > 0, none > 0, none, none)
-        return Solution.of_maps(maps, self.model, self.start.levels if self.start is not None else {})
+        if self.start is None:
+            return Solution.of_maps(maps, self.model)
+        return Solution.of_maps(maps, self.model, self.start.levels, metallic=self.start.metallic)
 
     @property
     def seconds(self) -> float:
@@ -207,6 +209,7 @@ class LiveMaps:
                           roughness_sigma=np.where(known, sigma, 0).astype(np.float32),
                           base_sigma=np.where(known, UNKNOWN_SIGMA, 0).astype(np.float32)),
                 model=self.model, why=dict.fromkeys(self.model, "stopped early"), seconds={}, device={},
+                metallic=self.start.metallic if self.start is not None else {},
                 texels={"covered": covered, "observed": solved, "solved": solved, "filled": covered - solved},
                 residual=float(np.sqrt(np.mean(maps["error"][known] ** 2))) if solved else 0.0,
                 views_used=self.views, views_skipped=(), warnings=(KEPT if self.start else PARTIAL,), cancelled=True,

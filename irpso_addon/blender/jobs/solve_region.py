@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -15,7 +15,8 @@ from ...core.errors import BadInput
 from ...core.images.mask import read_mask
 from ..files import read_maps
 from ..material.shader_nodes import find_shader
-from ..material.tags import SPECULAR_TAG, TAG, maps_of, prior_of
+from ..material.solved_socket import LEVEL, METALLIC
+from ..material.tags import TAG, maps_of, prior_of
 from ..material.two_lobe import is_two_lobe, parked
 from ..scene.scene_mesh import evaluated_mesh, integers, triangles
 from ..scene.scene_objects import world_matrix
@@ -152,9 +153,10 @@ def last_result(obj: bpy.types.Object) -> Solution | None:
     priors = {slot.material.name: prior for slot in obj.material_slots
               if slot.material is not None and (prior := prior_of(slot.material)) is not None}
     solution = Solution.of_maps(
-        maps, {name: model for name, (model, _, _) in shown.items()},
-        {name: level for name, (_, level, _) in shown.items() if level is not None},
-        next((ndf for _, _, ndf in shown.values() if ndf == "beckmann"), "ggx"), why="as its material has it")
+        maps, {name: found.model for name, found in shown.items()},
+        {name: found.level for name, found in shown.items() if found.level is not None},
+        next((found.ndf for found in shown.values() if found.ndf == "beckmann"), "ggx"), why="as its material has it",
+        metallic={name: found.metallic for name, found in shown.items() if found.metallic is not None})
     return replace(solution, priors=priors)
 
 
@@ -168,22 +170,36 @@ def _by_present_names(obj: bpy.types.Object, solution: Solution) -> Solution:
         return {now.get(name, name): value for name, value in values.items()}
 
     return replace(solution, model=renamed(solution.model), why=renamed(solution.why), levels=renamed(solution.levels),
-                   predictions=renamed(solution.predictions), priors=renamed(solution.priors))
+                   predictions=renamed(solution.predictions), priors=renamed(solution.priors),
+                   metallic=renamed(solution.metallic))
 
 
-def _model(material: bpy.types.Material) -> tuple[str, float | None, str]:
-    """(model, its one Specular IOR Level where there is one, distribution) that ``wiring.wire`` has left."""
+class _Wired(NamedTuple):
+    """What ``shader_nodes.wire`` has left on a material."""
+
+    model: str
+    level: float | None = None  # its one Specular IOR Level, where there is one
+    metallic: float | None = None  # where it was solved for
+    ndf: str = "ggx"
+
+
+def _model(material: bpy.types.Material) -> _Wired:
     shader = find_shader(material.node_tree) if material.node_tree is not None else None
     if shader is not None and is_two_lobe(shader):
-        return "two-lobe", None, "beckmann" if str(shader.node_tree.get(TAG)).startswith("beckmann") else "ggx"
+        beckmann = str(shader.node_tree.get(TAG)).startswith("beckmann")
+        return _Wired("two-lobe", ndf="beckmann" if beckmann else "ggx")
     principled = shader or parked(material.node_tree) if material.node_tree is not None else None
-    if principled is None or SPECULAR_TAG not in principled:
-        return "one-lobe", None, "ggx"
-    socket = principled.inputs["Specular IOR Level"]
-    if any(link.from_node.get(TAG) == "specular" for link in socket.links):
-        return "one-lobe-specular", None, "ggx"
-    level = float(socket.default_value)
-    return ("lambert", None, "ggx") if level == 0.0 else ("one-lobe-specular", level, "ggx")
+    if principled is None:
+        return _Wired("one-lobe")
+    socket = principled.inputs[LEVEL.name]
+    level = float(socket.default_value) if LEVEL.tag in principled else None
+    if METALLIC.tag in principled:
+        return _Wired("one-lobe-metallic", level, float(principled.inputs[METALLIC.name].default_value))
+    if level is None:
+        return _Wired("one-lobe")
+    if any(link.from_node.get(TAG) == LEVEL.role for link in socket.links):
+        return _Wired("one-lobe-specular")
+    return _Wired("lambert") if level == 0.0 else _Wired("one-lobe-specular", level)
 
 
 # ---- the panel's rows

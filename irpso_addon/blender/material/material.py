@@ -84,7 +84,7 @@ def wire_maps(
     solved = {_own_material(obj, target.slot, copies, messages): target.solved for target in targets}
     for material, name in solved.items():
         found = wire(material, images, model=solution.model[name], lobes=solution.maps.lobes is not None,
-                     level=solution.levels.get(name), ndf=solution.ndf)
+                     level=solution.levels.get(name), metallic=solution.metallic.get(name, 0.0), ndf=solution.ndf)
         messages += [f"material '{material.name}': {text}" for text in found]
         tag_prior(material, solution.priors.get(name))
     _drop_others(obj, images)

@@ -10,19 +10,19 @@ from collections.abc import Iterator, Mapping
 import bpy
 
 from . import two_lobe
-from .tags import SPECULAR_LINK_TAG, SPECULAR_TAG, TAG
-
-LEVEL = "Specular IOR Level"
+from .solved_socket import LEVEL, METALLIC
+from .tags import TAG
 
 
 def wire(
     material: bpy.types.Material, images: Mapping[str, bpy.types.Image], *,
-    model: str, lobes: bool, level: float | None, ndf: str,
+    model: str, lobes: bool, level: float | None, metallic: float, ndf: str,
 ) -> list[str]:
     """Image Texture nodes into the Principled BSDF, or the group in its place; the rest of the tree stays.
 
     ``lobes``: the roughness image holds (roughness1, roughness2, weight).  ``level``: the material's one Specular
-    IOR Level; None: the image's, where there is one.  Returns what the user should know.
+    IOR Level; None: the image's, where there is one.  ``metallic``: of model one-lobe-metallic.  Returns what the user
+    should know.
 
     The textures need no UV Map node: by itself an Image Texture takes the UV map that `scene.read_scene` reads,
     the one whose camera icon is on.
@@ -37,8 +37,11 @@ def wire(
         level_source = 0.0
     elif model == "one-lobe-specular":
         solved = level is None and "specular" in images
-        level_source = textures.add("specular", LEVEL, 2).outputs["Color"] if solved else level
-    messages = _set_specular(tree, principled, level_source)
+        level_source = textures.add("specular", LEVEL.name, 2).outputs["Color"] if solved else level
+    elif model == "one-lobe-metallic":
+        level_source = level
+    messages = LEVEL.set(tree, principled, level_source)
+    messages += METALLIC.set(tree, principled, metallic if model == "one-lobe-metallic" else None)
     if not isinstance(level_source, bpy.types.NodeSocket):
         _remove(tree, "specular")
     shader, more = _wire_roughness(tree, principled, textures, model, lobes, ndf)
@@ -184,47 +187,3 @@ def _remove(tree: bpy.types.ShaderNodeTree, role: str) -> None:
         tree.nodes.remove(node)
         if group is not None and group.users == 0 and group.get(TAG):
             bpy.data.node_groups.remove(group)
-
-
-def _set_specular(
-    tree: bpy.types.ShaderNodeTree, principled: bpy.types.Node, source: bpy.types.NodeSocket | float | None,
-) -> list[str]:
-    """Specular IOR Level from a socket, a value, or None: as it was before we set it.  Says if a link went."""
-    socket = principled.inputs[LEVEL]
-    if source is None:
-        _restore_specular(tree, principled, socket)
-        return []
-    if SPECULAR_TAG not in principled:
-        principled[SPECULAR_TAG] = socket.default_value
-    users = [link for link in socket.links if link.from_node.get(TAG) != "specular"]
-    if users:
-        principled[SPECULAR_LINK_TAG] = [users[0].from_node.name, users[0].from_socket.identifier]
-    for link in list(socket.links):
-        tree.links.remove(link)
-    if isinstance(source, float):
-        socket.default_value = source
-        now = f"unlinked and set to {source:.3g}"
-    else:
-        tree.links.new(source, socket)
-        now = "linked to the solved map instead"
-    return [f"{LEVEL} was linked; {now}"] if users else []
-
-
-def _restore_specular(
-    tree: bpy.types.ShaderNodeTree, principled: bpy.types.Node, socket: bpy.types.NodeSocket,
-) -> None:
-    if SPECULAR_TAG not in principled:
-        return
-    if isinstance(principled[SPECULAR_TAG], (int, float)):
-        socket.default_value = principled[SPECULAR_TAG]
-    del principled[SPECULAR_TAG]
-    for link in [link for link in socket.links if link.from_node.get(TAG) == "specular"]:
-        tree.links.remove(link)
-    if SPECULAR_LINK_TAG in principled:
-        before = principled[SPECULAR_LINK_TAG]
-        name, identifier = before if isinstance(before, list) and len(before) == 2 else ("", "")
-        del principled[SPECULAR_LINK_TAG]
-        node = tree.nodes.get(str(name))
-        output = next((o for o in node.outputs if o.identifier == identifier), None) if node else None
-        if output is not None and not socket.is_linked:
-            tree.links.new(output, socket)

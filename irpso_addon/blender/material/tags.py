@@ -10,6 +10,8 @@ from ...core.data import JointPrior
 TAG = "irpso"  # on objects: their images; on nodes and node groups: their role
 SPECULAR_TAG = "irpso_specular"  # on a Principled: its Specular IOR Level before we set it
 SPECULAR_LINK_TAG = "irpso_specular_link"  # and what was linked there: node, socket
+METALLIC_TAG = "irpso_metallic"  # the same of its Metallic
+METALLIC_LINK_TAG = "irpso_metallic_link"
 PRIOR_TAG = "irpso_prior"  # on a material: as JointPrior
 PARKED_TAG = "irpso_parked"  # on a Principled that a two-lobe group stands in for: how it was shown
 

@@ -12,7 +12,7 @@ import numpy as np
 from ...core.data import F32
 from ...core.errors import BadInput
 from ...core.images.colour import known_space, to_linear_rec709
-from ..material.tags import SPECULAR_TAG
+from ..material.solved_socket import LEVEL, METALLIC
 from ..material.two_lobe import is_two_lobe, lobe_of
 
 Warn = Callable[[str], None]
@@ -84,8 +84,8 @@ def _name_differences(material: Any, principled: Any, warn: Warn) -> None:
         socket = principled.inputs.get(name)
         if socket is None:
             continue
-        if name == "Specular IOR Level" and SPECULAR_TAG in principled:
-            continue  # a Lambert solve has set it, and the next solve will decide anew
+        if any(name == solved.name and solved.tag in principled for solved in (LEVEL, METALLIC)):
+            continue  # a solve has set it, and the next one will decide anew
         if name == "Emission Strength" and not any(principled.inputs["Emission Color"].default_value[:3]):
             continue
         if _source(socket)[0] is not None:

@@ -53,7 +53,8 @@ class IRPSO_PT_result(Tab, Panel):
         box.label(text=f"{len(solution.views_used)} views used{skipped}", icon="CAMERA_DATA")
         for slot, model in solution.model.items():
             level = f" {solution.levels[slot]:.3f}" if slot in solution.levels else ""
-            box.label(text=f"{slot or name}: {model}{level}", icon="MATERIAL")
+            metallic = f", Metallic {solution.metallic[slot]:.3f}" if slot in solution.metallic else ""
+            box.label(text=f"{slot or name}: {model}{level}{metallic}", icon="MATERIAL")
             if slot in solution.predictions:
                 box.label(text=predicted(solution.predictions[slot]), icon="BLANK1")
         for warning in solution.warnings[:WARNINGS_SHOWN]:

@@ -65,6 +65,8 @@ def _model(solution: Solution, slot: str) -> dict[str, Any]:
     found: dict[str, Any] = {"model": solution.model[slot], "why": solution.why.get(slot, "")}
     if found["model"] == "one-lobe-specular":
         found["level"] = solution.levels.get(slot)
+    elif found["model"] == "one-lobe-metallic":
+        found |= {"metallic": solution.metallic.get(slot, 0.0), "level": solution.levels.get(slot, 0.5)}
     elif found["model"] == "two-lobe":
         found["ndf"] = solution.ndf
     prediction = solution.predictions.get(slot)

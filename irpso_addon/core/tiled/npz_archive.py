@@ -41,7 +41,7 @@ from ..storage.atomic_io import replacing
 from ..versions import version
 from .tiled_plan import Noise, Plan
 
-FORMAT = 4  # of the files; another one is refused
+FORMAT = 5  # of the files; another one is refused
 THING = "thing.json"
 # The records that a file may hold.  Their names and their fields' names are the file's format: raise FORMAT with them.
 RECORDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (
