@@ -3,7 +3,8 @@
 ``<object>_basecolor``, ``_roughness``, ``_confidence``, ``_error``, ``_filled``, ``_roughness_sigma``,
 ``_basecolor_sigma``, and ``_specular`` where it was solved for; row 0 of the file is the top
 (``core/images/image_writer.py`` flips).  EXR holds linear 32-bit floats; PNG and TIFF hold 16 bits, cut off at 1, and
-the base colour (that map alone) is sRGB-encoded there.  Either every file of a set appears, or none.
+the base colour (that map alone) is sRGB-encoded there.  Metallic has no file: it is a value of the material, in the
+report.  Either every file of a set appears, or none.
 """
 
 from __future__ import annotations
