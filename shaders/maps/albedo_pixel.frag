@@ -70,13 +70,13 @@ void main() {
     }
     before = clamp(before, 0.0, 1.0);
     o_albedo = o_weight = vec4(0.0);
+#define AT(image) texelFetch(image, at, 0)
 #ifdef METALLIC
     diffuse *= 1.0 - metallic_at(texelFetch(u_uv, at, 0).xy);
     metal_gain_of(found, cos_v, before, gain, d_gain);
-#define ADD_VIEW(k) add_metal(texelFetch(u_colour[k], at, 0), texelFetch(u_specular[k], at, 0), \
-                              texelFetch(u_metal[k], at, 0), u_tint[k], diffuse, before)
+#define ADD_VIEW(k) add_metal(AT(u_colour[k]), AT(u_specular[k]), AT(u_metal[k]), u_tint[k], diffuse, before)
 #else
-#define ADD_VIEW(k) add_view(texelFetch(u_colour[k], at, 0), texelFetch(u_specular[k], at, 0).rgb, u_tint[k], diffuse, before)
+#define ADD_VIEW(k) add_view(AT(u_colour[k]), AT(u_specular[k]).rgb, u_tint[k], diffuse, before)
 #endif
     // An array of samplers takes constant indices alone.
     ADD_VIEW(0);

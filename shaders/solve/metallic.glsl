@@ -1,7 +1,8 @@
 // Observations of a material that is in part a metal: f = b a + s with, per observation,
 //     a = (1 - m) (1 - A) / pi + m g (white - black),   s = (1 - m) spec + m g black
 // m: Metallic; b: base colour of the channel; black and white: what the lobe of a metal so coloured returns; g(b): its
-// gain by multiple scattering (metal_gain_d in include/brdf.glsl).
+// gain by multiple scattering (metal_gain_d in include/brdf.glsl).  TINTED: observations are means of R, G and B, which
+// are known too (COLOUR): the mean of g over them is then no g of the mean, and what black and white return gain apart.
 //
 // a differs from one observation of a group to the next, so each is divided by it: (f - s) / a is the base colour that
 // it shows, and weighs w a^2.  g is that of the base colour which all together say, a fixed point found by Newton's
@@ -21,6 +22,9 @@ float metal_other[LAYERS], metal_d_other[LAYERS];     // (1 - m) spec, and its d
 vec2 metal_lobe[LAYERS], metal_d_lobe[LAYERS];        // m (black, white - black)
 vec3 group_own[GROUPS];  // base colour that the group alone says, its derivatives by roughness and by that of all
 CHANNEL texel_base = CHANNEL(0.5), texel_base_slope;  // of the fixed point, and its derivative by roughness
+#ifdef TINTED
+vec3 texel_tint = vec3(1.0);  // R, G and B of the base colour over their mean
+#endif
 
 void prepare_metal(int k, int first, int end, float r) {
     Toward t = toward(r, group_cos_v[k]);
@@ -35,35 +39,54 @@ void prepare_metal(int k, int first, int end, float r) {
     }
 }
 
-struct Gain { float value, d_roughness, d_base; };
+// Of the black part and of what white adds: the same, but where an observation is the mean of three channels.
+struct Gain { vec2 value, d_roughness, d_base; };
 
 Gain gain_of(int k) {
-    Gain g;
     float base = sum(texel_base * channel_of(k));
-    metal_gain_d(base, group_toward[k].metal, group_toward[k].d_metal, g.value, g.d_roughness, g.d_base);
+#ifdef TINTED
+    Gain g = Gain(vec2(0.0), vec2(0.0), vec2(0.0));
+    for (int c = 0; c < 3; c++) {
+        float value, d_roughness, d_base;
+        vec2 share = vec2(1.0, texel_tint[c]) / 3.0;
+        metal_gain_d(min(base * texel_tint[c], 1.0), group_toward[k].metal, group_toward[k].d_metal, value, d_roughness,
+                     d_base);
+        g.value += share * value;
+        g.d_roughness += share * d_roughness;
+        g.d_base += share * texel_tint[c] * d_base;
+    }
     return g;
+#else
+    float value, d_roughness, d_base;
+    metal_gain_d(base, group_toward[k].metal, group_toward[k].d_metal, value, d_roughness, d_base);
+    return Gain(vec2(value), vec2(d_roughness), vec2(d_base));
+#endif
 }
 
 // (a, its derivative by roughness; f - s, the same of s) of an observation, f in 1/sr.
-vec4 parts_of(int n, int k, float gain, float d_gain) {
+vec4 parts_of(int n, int k, vec2 gain, vec2 d_gain) {
     vec2 lobe = gain * metal_lobe[n], d_lobe = gain * metal_d_lobe[n] + d_gain * metal_lobe[n];
     float rest = 1.0 - u_metallic;
     return vec4(max(rest * group_toward[k].diffuse + lobe.y, LEAST_A), rest * group_toward[k].d_diffuse + d_lobe.y,
                 obs_f[n] + group_base[k] - metal_other[n] - lobe.x, metal_d_other[n] + d_lobe.x);
 }
 
-struct Settling { CHANNEL weight, base, by_base, by_roughness; };  // sums, and their derivatives at fixed weights
+struct Settling { CHANNEL weight, base, by_base, by_roughness; vec3 tint; };  // sums; derivatives at fixed weights
 
 void settle_group(int k, int first, int end, inout Settling all) {
     Gain g = gain_of(k);
     float information = 1e-20, off = 0.0;
-    vec3 by_gain = vec3(0.0), by_roughness = vec3(0.0);  // derivatives of sums that own is made of
+    vec3 tint = vec3(0.0), by_gain = vec3(0.0), by_roughness = vec3(0.0);  // derivatives of sums that own is made of
     for (int n = first; n < end; n++) {
         vec4 p = parts_of(n, k, g.value, g.d_roughness);
         float w = TRUSTED(n);
         information += w * p.x * p.x;
         off += w * p.x * p.z;
-        by_gain += w * vec3(metal_lobe[n].y * p.z, p.x * metal_lobe[n].yx);
+        vec2 by_base = g.d_base * metal_lobe[n];
+        by_gain += w * vec3(by_base.y * p.z, p.x * by_base.yx);
+#ifdef TINTED
+        tint += w * p.x * (obs_rgb[n] - obs_f[n] - group_base[k]);
+#endif
         by_roughness += w * vec3(p.y * p.z, p.x * p.yw);
     }
     float own = off / information;
@@ -71,9 +94,10 @@ void settle_group(int k, int first, int end, inout Settling all) {
     float w = information / (1.0 + u_group_slack * information * own * own);
     all.weight += w * channel_of(k);
     all.base += w * own * channel_of(k);
-    vec2 slope = vec2(g.d_base * dot(by_gain, of_own), dot(by_roughness, of_own));
+    vec2 slope = vec2(dot(by_gain, of_own), dot(by_roughness, of_own));
     all.by_base += w * slope.x * channel_of(k);
     all.by_roughness += w * slope.y * channel_of(k);
+    all.tint += w / information * tint;
     group_own[k] = vec3(own, slope.yx);
 }
 
@@ -81,7 +105,8 @@ void settle_group(int k, int first, int end, inout Settling all) {
 // derivative.
 void share_out(int k, int first, int end) {
     Gain g = gain_of(k);
-    float base_slope = sum(texel_base_slope * channel_of(k)), d_gain = g.d_roughness + g.d_base * base_slope;
+    float base_slope = sum(texel_base_slope * channel_of(k));
+    vec2 d_gain = g.d_roughness + g.d_base * base_slope;
     vec3 own = group_own[k];
     own.y += own.z * base_slope;
     group_own[k] = own;
@@ -96,13 +121,17 @@ void share_out(int k, int first, int end) {
 // To the fixed point under the present trust, where observations are shared out.
 void settle(int steps) {
     for (int i = 0; i < steps; i++) {
-        Settling all = Settling(CHANNEL(1e-20), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0));
+        Settling all = Settling(CHANNEL(1e-20), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), vec3(0.0));
 #define GROUP(k, first, end) settle_group(k, first, end, all);
         EACH_GROUP
 #undef GROUP
         CHANNEL said = all.base / all.weight, inside = step(CHANNEL(0.0), said) * step(said, CHANNEL(1.0));
         CHANNEL steep = 1.0 - inside * all.by_base / all.weight;
         texel_base = clamp(texel_base + (clamp(said, 0.0, 1.0) - texel_base) / steep, 0.0, 1.0);
+#ifdef TINTED
+        vec3 said_of = max(said + all.tint / all.weight, 0.0);
+        texel_tint = 3.0 * said_of / max(dot(said_of, vec3(1.0)), 1e-6);
+#endif
         texel_base_slope = inside * all.by_roughness / (all.weight * steep);
     }
 #define GROUP(k, first, end) share_out(k, first, end);

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import JointPrior, Solution
+from irpso_addon.core.data import JointPrior, Region, Solution
+from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
@@ -67,17 +68,42 @@ def solved(on_gl: Any, texels: Texels, metallic: float, level: float | None = No
     return on_gl(run)
 
 
-@pytest.mark.parametrize(("metallic", "level", "loss"), [
-    (0.3, None, "auto"), (0.7, 0.3, "auto"), (1.0, None, "auto"), (0.4, None, "robust"), (0.4, 0.8, "robust")])
-def test_roughness_and_base_colour_come_out(on_gl, metallic, level, loss):
-    """Each channel by itself: the model is exact there."""
-    problem, _ = exact()
-    texels = by_channel(as_metal(problem, metallic, 0.5 if level is None else level))
-    rough, base = solved(on_gl, texels, metallic, level, loss=loss)
+@pytest.mark.parametrize("separate", [False, True], ids=["grey", "channels"])
+@pytest.mark.parametrize(("metallic", "level", "cameras"), [(0.3, None, 1), (0.7, 0.3, 3), (1.0, None, 1)])
+def test_roughness_and_base_colour_come_out(on_gl, metallic, level, cameras, separate):
+    """Of strong colours; where the mean of the channels is observed, their multiple scattering is approximated."""
+    problem, _ = exact(cameras=cameras)
+    texels = as_metal(problem, metallic, 0.5 if level is None else level)
+    rough, base = solved(on_gl, by_channel(texels) if separate else texels, metallic, level)
     off, colour = np.abs(rough - problem.truth.roughness), np.abs(base - problem.truth.base).max(-1)
-    assert (np.quantile(off, 0.99), np.quantile(colour, 0.99)) < (1e-3, 2e-3), (off.max(), colour.max())
-    assert np.quantile(colour, 0.99) < 2e-3
-    assert (off > 0.02).mean() < 0.005
+    assert np.quantile(off, 0.99) < (1e-5 if separate else 5e-4)
+    assert np.quantile(colour, 0.99) < (1e-4 if separate else 1e-3)
+
+
+@pytest.mark.parametrize("level", [None, 0.8])
+def test_outliers_cost_a_metal_little(on_gl, level):
+    """A tenth of shadows taken for lit: disbelieved, they leave a third of the error at the most."""
+    problem, _ = exact()
+    texels = as_metal(problem, 0.4, 0.5 if level is None else level)
+    rng = np.random.default_rng(5)
+    shadow = np.where(rng.random(texels.quality.shape) < 0.1, 0.05, 1.0)[..., None]
+    noisy = texels.rgb * (1 + 0.01 * rng.standard_normal(texels.rgb.shape)) * shadow
+    texels = replace(texels, rgb=noisy.astype(np.float32))
+    off = {loss: np.abs(solved(on_gl, texels, 0.4, level, loss=loss)[0] - problem.truth.roughness).mean()
+           for loss in ("squares", "auto")}
+    assert off["auto"] < off["squares"] / 3 and off["auto"] < 0.015
+
+
+def test_a_prior_about_the_material_draws_a_metal_too(on_gl):
+    """Of all texels one roughness, found in spite of noise."""
+    problem, _ = exact()
+    one = replace(problem, truth=replace(problem.truth, roughness=np.full_like(problem.truth.roughness, 0.3)))
+    texels = as_metal(one, 0.4)
+    noisy = texels.rgb * (1 + 0.03 * np.random.default_rng(6).standard_normal(texels.rgb.shape))
+    texels = replace(texels, rgb=noisy.astype(np.float32))
+    alone, drawn = (np.abs(solved(on_gl, texels, 0.4, joint=joint)[0] - 0.3).mean()
+                    for joint in (None, JointPrior(0.3, 200.0, 0.01)))
+    assert drawn < alone / 2
 
 
 METALLIC = 0.4
@@ -99,7 +125,34 @@ def found(shoot: syn.Shoot) -> Solution:
 
 def test_maps_of_a_metal_come_out(shoot, found):
     off = shoots.errors(found, shoot.truth)
+    assert off.share > 0.98
     assert (found.model, found.metallic) == ({"Paint": "one-lobe-metallic"}, {"Paint": METALLIC})
     assert found.levels == {}
     assert np.median(off.rough) < 1e-3 and np.quantile(off.rough, 0.9) < 0.005
     assert np.median(off.base) < 1e-3 and np.quantile(off.base, 0.9) < 0.01
+
+
+def test_views_show_what_a_metals_maps_predict(found):
+    """Gain of each view, and what is left: the prediction that checks go by has the metal's lobe."""
+    assert found.warnings == ()
+    for view in found.checks.views:
+        assert view.residual.gain == pytest.approx(1, abs=1e-3) and view.residual.structure < 1e-3
+
+
+def test_a_part_keeps_metallic(shoot, found):
+    corners = (shoot.scene.mesh.uvs[..., 0] > 0.5).astype(np.float32)
+    part = shoots.run(replace(shoot, scene=replace(shoot.scene, start=found, region=Region(corners=corners))))
+    assert (part.model, part.metallic) == (found.model, found.metallic)
+    off = np.abs(part.maps.roughness - found.maps.roughness)[part.maps.coverage & ~part.maps.filled]
+    assert np.median(off) < 1e-5
+    with pytest.raises(BadInput, match="its other part was solved as one-lobe-metallic"):
+        shoots.run(replace(shoot, scene=replace(shoot.scene, start=found, region=Region(corners=corners))),
+                   model="one-lobe")
+
+
+def test_asked_for_without_a_value_it_is_no_metal(shoot):
+    asked = shoots.run(shoot, model="one-lobe-metallic", loss="squares")
+    one = shoots.run(shoot, model="one-lobe", loss="squares")
+    assert asked.metallic == {"Paint": 0.0}
+    np.testing.assert_array_equal(asked.maps.roughness, one.maps.roughness)
+    np.testing.assert_array_equal(asked.maps.base_color, one.maps.base_color)

@@ -72,7 +72,7 @@ class TilePasses:
         look = partial(LOOKS[work.kernel, work.lobes], self.device, work.outputs) if shown else None
         with self.device.target(work.outputs, clear=True) as target:
             for i, tile in enumerate(chosen):
-                for step in (self.source.gather(self.atlas, tile, work.colour),
+                for step in (self.source.gather(self.atlas, tile, "COLOUR" in defines),
                              self._run_tile(work, target, tile, defines)):
                     for _ in step:
                         try:
@@ -87,8 +87,10 @@ class TilePasses:
 
     def _defines(self, work: KernelPass) -> dict[str, str]:
         defines = {**self.source.layers.defines(), "LOBES": str(work.lobes)}
-        switches = {"COLOUR": work.colour, "STARTED": "u_started" in work.uniforms, "SPECULAR": self.level is not None,
-                    "METALLIC": work.lobes == 1 and self.metallic > 0.0,
+        metal = work.lobes == 1 and self.metallic > 0.0
+        tinted = metal and self.source.layers.channels == 1
+        switches = {"COLOUR": work.colour or tinted, "STARTED": "u_started" in work.uniforms,
+                    "SPECULAR": self.level is not None, "METALLIC": metal, "TINTED": tinted,
                     "ROBUST": work.robust, "JOINT": "u_joint_strength" in work.uniforms,
                     "NDF_BECKMANN": work.lobes == 2 and self.settings.ndf == "beckmann"}
         if work.uniforms.get("u_moves", 0) > 0:
