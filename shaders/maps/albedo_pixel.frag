@@ -26,6 +26,7 @@ layout(location = 1) out vec4 o_weight;
 
 #ifdef METALLIC
 #define WHITE vec3  // what a channel of white returns, as each of them has it
+const float DARK = 0.25;  // beside its highlight a metal is dark: of Lambert's, below which errors are not relative
 vec3 gain, d_gain;  // of a metal, and its derivative by base colour
 #else
 #define WHITE float
@@ -36,6 +37,9 @@ void add_view(vec4 colour, vec3 s, vec3 tint, WHITE diffuse, vec3 before) {
     vec3 lit = vec3(greaterThan(colour.rgb, vec3(-100.0)));  // channels that the view's lights have
     vec3 expected = s + diffuse * before;
     float grey = max(dot(expected, vec3(1.0 / 3.0)), 1e-4);
+#ifdef METALLIC
+    grey = max(grey, DARK / PI * dot(before, vec3(1.0 / 3.0)));
+#endif
     float w = colour.a / (grey * grey);
     if (!u_first_pass) {
         float off = dot(lit, colour.rgb - expected) / (max(dot(lit, vec3(1.0)), 1.0) * grey);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -144,6 +145,20 @@ def test_specular_level(level: float | None) -> None:
     material.write_maps(obj, solution("one-lobe-specular", values, level=level))
     error = errors(values, lambda L, V, N, maps: brdf.principled(
         maps["base"], maps["roughness"], L, V, N, level=maps["specular"]))
+    assert error.max() < 0.001 and error.mean() < 0.00002, (error.max(), error.mean())
+
+
+@pytest.mark.parametrize(("metallic", "level"), [(0.3, None), (0.6, 0.8), (1.0, None)])
+def test_metallic(metallic: float, level: float | None) -> None:
+    """One value for the material, with a Specular IOR Level that was found too, or the usual one."""
+    rng = np.random.default_rng(6)
+    values = {"base": rng.uniform(0.05, 0.9, (TEXELS, TEXELS, 3)),
+              "roughness": rng.uniform(0.2, 0.9, (TEXELS, TEXELS))}
+    obj = stage("square", (0.4, 0.8, 1.1), eye=(0, -2, 1.2), degrees=50)
+    found = replace(solution("one-lobe-metallic", values, level=level), metallic={"material": metallic})
+    material.write_maps(obj, found)
+    error = errors(values, lambda L, V, N, maps: brdf.principled(
+        maps["base"], maps["roughness"], L, V, N, level=0.5 if level is None else level, metallic=metallic))
     assert error.max() < 0.001 and error.mean() < 0.00002, (error.max(), error.mean())
 
 
