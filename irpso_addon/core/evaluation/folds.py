@@ -19,7 +19,7 @@ LEAST_SETS = 3  # of lamps, or cameras: with fewer, leaving one out leaves too l
 LEAST_KNOWN = 2  # good observations that a texel keeps where it is predicted
 WHITE = 99.5  # per cent of the radiances that lie below white
 SAME = 0.1  # of the loss: so much worse than the best the fit's own choice may predict
-ALIKE = 0.02, 0.05  # the same, of a smaller model, where that is within the scatter
+ALIKE = 0.02, 0.05  # the same, of a smaller model: the scatter, but between these
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ class Judge:
         if total[incumbent] <= (1 + SAME) * total[best]:
             return incumbent
         for name in firsts:
-            scatter = _scatter(loss[name] - loss[best], clusters)
-            if total[name] <= total[best] + np.clip(scatter, *(share * total[best] for share in ALIKE)):
+            scatter = _scatter(loss[name] - loss[best], clusters) / total[best]
+            if total[name] <= (1 + min(max(scatter, ALIKE[0]), ALIKE[1])) * total[best]:
                 return name
         return best
 

@@ -21,6 +21,9 @@ from .fill import fill
 from .partial_solve import PartialSolve
 
 
+MIXED = 3  # texels: over which pixels are taken to mix
+
+
 @dataclass(frozen=True)
 class CoarseSurroundings:
     """What is known of a block's coarse cells from before, (h, w, 3) each: its larger holes are filled from it."""
@@ -95,7 +98,8 @@ def _certainty(texels: SolvedTexels, observations: F32, lambert: Bool, good: Boo
 
     Without a lobe no roughness was solved for: what can be trusted or not is the base colour.
     """
-    rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), texels.sigma)
+    mixed = np.sqrt(texels.sigma**2 + mixture(texels.roughness, texels.sigma, texels.solved))
+    rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), mixed)
     doubt = np.where(lambert, texels.base_sigma, sigma)
     sure = confidence(rough, doubt, observations, good)
     return {"confidence": np.where(good & ~unfit, sure, np.float32(0)),
@@ -154,6 +158,28 @@ def filled(device: Device, values: F32, around: F32 | None = None) -> moderngl.T
         result = fill(device, known, around)
         owned.hand_over(result)
         return result
+
+
+def mixture(roughness: F32, sigma: F32, solved: Bool) -> F32:
+    """(h, w) variance of roughness because pixels mix texels: where it changes faster than its standard errors tell.
+
+    Of 3 x 3 texels, MIXED apart, what a plane through them leaves beyond their own variance, twice: once for the pixel's
+    mean, which is not the texel's, and once for what is finer than the pixels and cannot be seen.
+    """
+    h, w = roughness.shape
+    values = np.pad(np.where(solved, roughness, np.nan), MIXED, mode="edge")
+    variances = np.pad(np.where(solved, sigma * sigma, np.nan), MIXED, mode="edge")
+    total, squares, along_x, along_y, own = (np.zeros((h, w), np.float32) for _ in range(5))
+    for y, x in np.ndindex(3, 3):
+        at = np.s_[MIXED * y:MIXED * y + h, MIXED * x:MIXED * x + w]
+        off = np.nan_to_num(values[at] - roughness)
+        total += off
+        squares += off * off
+        along_x += (x - 1) * off
+        along_y += (y - 1) * off
+        own += np.where(np.isnan(variances[at]), sigma * sigma, variances[at]) / 9
+    left = (squares - total**2 / 9 - (along_x**2 + along_y**2) / 6) / 6  # six degrees of freedom
+    return np.asarray(np.where(solved, 2 * np.maximum(left - own, 0), 0), np.float32)
 
 
 def confidence(roughness: F32, sigma: F32, observations: F32, solved: Bool) -> F32:

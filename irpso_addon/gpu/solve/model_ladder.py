@@ -167,11 +167,13 @@ class Ladder:
         return part
 
     def _metallic(self, names: list[str]) -> Generator[Progress, None, LadderResult]:
-        """One lobe of each material with its Metallic (none was decided: 0) and Specular IOR Level."""
+        """One lobe of each material with its Metallic and Specular IOR Level."""
         names = [name for name in names if self.masks[name].any()] or names
         result: LadderResult | None = None
         for name in names:
-            self.decided_metallic.setdefault(name, 0.0)
+            if name not in self.decided_metallic:
+                one = ModelPrediction(self.device, self.source, self.settings).metal(self.masks[name])
+                self.decided_metallic[name], self.decided_levels[name] = one.metallic, one.level
             part = yield from self._one_lobe(name)
             if result is None:
                 result = part

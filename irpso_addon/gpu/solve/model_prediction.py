@@ -98,6 +98,16 @@ class ModelPrediction:
             return (yield from contest.decide())
 
 
+    def metal(self, texels: Bool) -> OneMaterial:
+        """The material that explains all texels together with Metallic free."""
+        with self.device.scope():
+            sample = sampled(self.device, self.source, texels, self.settings.seed)
+            if sample is None:
+                return OneMaterial(0.5)
+            observed, _ = read_sample(self.device, sample, JUDGED)
+            return JointSearch(observed).fit(np.ones(len(observed.camera), bool)).metal
+
+
 class _Contest:
     """One material's trials, fold by fold."""
 
