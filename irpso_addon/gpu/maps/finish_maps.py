@@ -20,7 +20,6 @@ from .albedo import ITERATIONS, AlbedoSolver, Gloss
 from .fill import fill
 from .partial_solve import PartialSolve
 
-
 MIXED = 3  # texels: over which pixels are taken to mix
 
 
@@ -161,7 +160,7 @@ def filled(device: Device, values: F32, around: F32 | None = None) -> moderngl.T
 
 
 def mixture(roughness: F32, sigma: F32, solved: Bool) -> F32:
-    """(h, w) variance of roughness because pixels mix texels: where it changes faster than its standard errors tell.
+    """(h, w) variance of roughness because pixels mix texels: it changes faster than its standard errors explain.
 
     Of 3 x 3 texels, MIXED apart, what a plane through them leaves beyond their own variance, twice: once for the pixel's
     mean, which is not the texel's, and once for what is finer than the pixels and cannot be seen.
