@@ -256,8 +256,9 @@ Exposures that drift do the same everywhere: a view that is brighter than its li
 (`registration.py`). The paint cannot tell where a camera looks, because the maps are what the views agree on; so
 it is eliminated, and shading, shadows, highlights and the silhouette (where the images have alpha or a mask) tell the
 shift. One view of a camera that moved by itself stands out against the others and is named. What is beyond doubt (four
-standard errors, 0.02 pixels) is put right, and the solve repeated, up to four rounds. Exposures are put right only
-when asked (`exposures` solve): a lamp that is dimmer than the scene says, or stands farther away, looks the same.
+standard errors, 0.02 pixels) is put right, and the solve repeated, up to four rounds; a round whose maps do not
+explain the views better than those before it is not kept. Exposures are put right only when asked (`exposures`
+solve): a lamp that is dimmer than the scene says, or stands farther away, looks the same.
 
 **What it cannot do.** The brightness that all views have in common is the paint's. Only shifts are found: no turn about
 the viewing axis, no zoom, no lens distortion. A camera with a single view, without alpha or mask, is held only by

@@ -18,7 +18,7 @@ from ..core.checks.residuals import is_indirect
 from ..core.checks.solve_checks import TexelFit, measure, worse
 from ..core.checks.warnings import grouped, mended, warnings
 from ..core.cpu_solver import solver
-from ..core.data import F32, I32, Bool, Bounced, Maps, MaterialPrediction, SceneData, Solution, ViewPicture
+from ..core.data import F32, Bool, Bounced, Maps, MaterialPrediction, SceneData, Solution, ViewPicture
 from ..core.errors import BadInput, Cancelled
 from ..core.images.reference_image import read_reference
 from ..core.job import Progress
@@ -26,6 +26,7 @@ from ..core.params import SolveSettings
 from ..core.tiled.tiled_plan import Noise
 from ..gpu.device import thread
 from ..gpu.device.context import Device
+from ..gpu.gbuffer.drawn_outline import DrawnOutline
 from ..gpu.gbuffer.gbuffer import overlap_counts
 from ..gpu.maps.check_views import check_views, with_view_pictures
 from ..gpu.maps.finish_maps import FinishedMaps
@@ -120,7 +121,8 @@ def outcome(
         return best
     small = replace(settings, size=min(settings.size, ROUND_SIZE))  # of rounds that only the next one needs
     try:
-        rough = yield from _align(best, settings, partial(_round, settings=small, read_image=read_image, clock=clock))
+        again = partial(_round, settings=small, read_image=read_image, clock=clock)
+        rough = yield from _align(best, settings, again)
         aligned = rough.scene
         if bounce is not None and _bounced(settings, rough.solution):
             for part in (small, settings):
@@ -146,20 +148,29 @@ def _warned(best: Outcome, lines: tuple[str, ...]) -> Outcome:
 def _align(
     best: Outcome, settings: SolveSettings, again: Callable[[SceneData], Generator[Progress, None, Outcome]],
 ) -> Generator[Progress, None, Outcome]:
-    """The scene with cameras and exposures put right as far as the settings let, and what it gives."""
-    for _ in range(ALIGN_ROUNDS):
-        checks = best.solution.checks
-        assert checks is not None
-        better = corrected(best.scene, checks.registration, shifts=settings.registration == "auto",
+    """The scene with cameras and exposures put right as far as the settings let, and what it gives.
+
+    What does not make the maps explain the views better is not kept: one light in the wrong place looks like a shift.
+    """
+    for n in range(ALIGN_ROUNDS):
+        assert best.solution.checks is not None
+        aligned = corrected(best.scene, best.solution.checks.registration, shifts=settings.registration == "auto",
                            gains=settings.exposures == "solve")
-        if better is best.scene:
+        if aligned is best.scene:
             break
-        after = yield from again(better)
-        assert after.solution.checks is not None
-        if worse(after.solution.checks, checks):
+        if n == 0 and settings.size > ROUND_SIZE:  # coarser maps explain less: like is compared with like
+            best = yield from again(best.scene)
+        after = yield from again(aligned)
+        if not _better(after, best):
             break
         best = after
     return best
+
+
+def _better(after: Outcome, before: Outcome) -> bool:
+    """Whether maps explain the views better than others of the same size."""
+    assert after.solution.checks is not None and before.solution.checks is not None
+    return not worse(after.solution.checks, before.solution.checks)
 
 
 def _bounced(settings: SolveSettings, solution: Solution) -> bool:
@@ -182,7 +193,7 @@ def _round(
         last = earlier_result_of(part, scene, settings, grid.slots)
         solved = yield from solve_grid(
             device, grid, Given(scene, settings, read_image, part, last, bounced), clock)
-        checks, pictures = yield from clock.stage("maps", _checks(scene, settings, solved.made, grid.slots))
+        checks, pictures = yield from clock.stage("maps", _checks(scene, settings, solved.made, grid))
         solution = _solution(scene, settings, gbuffer, solved, part)
         solution = replace(solution, seconds=clock.seconds, device=device.describe(), checks=checks, pictures=pictures,
                            warnings=(*solution.warnings, *warnings(checks),
@@ -223,12 +234,14 @@ def _solution(
 
 
 def _checks(
-    scene: SceneData, settings: SolveSettings, made: FinishedMaps, slots: I32,
+    scene: SceneData, settings: SolveSettings, made: FinishedMaps, grid: TexelGrid,
 ) -> Generator[Progress, None, tuple[Checks, tuple[ViewPicture, ...]]]:
     """What the views say of the maps, and how they look beside what those predict."""
     pictures: list[ViewPicture] = []
-    views = with_view_pictures(check_views(made.albedo, made.base), pictures)
-    texels = TexelFit(scene.mesh.name, made.ladder.model, slots, scene.mesh.slot_names, made.good,
+    outline = None if scene.region is not None else DrawnOutline(  # that of a part is not the object's
+        made.albedo.device, grid.mesh, scene.occluders, scene.pixel_filter)
+    views = with_view_pictures(check_views(made.albedo, made.base, outline), pictures)
+    texels = TexelFit(scene.mesh.name, made.ladder.model, grid.slots, scene.mesh.slot_names, made.good,
                       made.ladder.texels.observations, made.maps.roughness, made.maps.roughness_sigma,
                       sure=settings.method != "paper", chosen=settings.model == "auto")
     yield Progress(1.0, "maps", "checks")

@@ -147,15 +147,15 @@ def test_light_that_is_elsewhere_makes_doubt_not_a_shift():
 
 def test_a_mask_drawn_too_small_is_no_shift():
     covered = np.isfinite(ball()[2])
-    inner = silhouette(covered, drawn_over(shrunk=1.0))
+    inner = silhouette(covered.astype(np.float32), drawn_over(shrunk=1.0))
     assert inner is not None
     np.testing.assert_allclose(inner[0], 0, atol=0.02)
-    assert silhouette(covered, np.ones(covered.shape, np.float32)) is None
+    assert silhouette(covered.astype(np.float32), np.ones(covered.shape, np.float32)) is None
 
 
 def test_a_mask_of_something_else_says_nothing():
     half = drawn_over() * (np.arange(WIDTH) < WIDTH / 2)  # cut off through the middle: the right outline is gone
-    shift, covariance = silhouette(np.isfinite(ball()[2]), half.astype(np.float32))
+    shift, covariance = silhouette(np.isfinite(ball()[2]).astype(np.float32), half.astype(np.float32))
     assert np.all(np.abs(shift) < 4 * np.sqrt(np.diag(covariance)) + 0.05)
 
 

@@ -96,7 +96,7 @@ class _Collected:
         rows = np.stack([np.where(whole, a, np.nan).ravel()[self.at] for a in (predicted, right, up, observed)])
         self.seen.append(rows.astype(np.float32))
         if self._coverage is None or not np.array_equal(self._coverage, checked.coverage):
-            self._coverage, self._outline = checked.coverage, silhouette(self.window.covered, checked.coverage)
+            self._coverage, self._outline = checked.coverage, silhouette(self.window.drawn, checked.coverage)
         self.outlines.append(self._outline)
 
     def solve(self) -> _Estimate:

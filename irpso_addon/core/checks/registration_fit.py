@@ -117,13 +117,13 @@ def tiles_of(rows: I32, columns: I32) -> I32:
     return np.asarray(np.unique(rows // TILE * 65536 + columns // TILE, return_inverse=True)[1], np.int32)
 
 
-def silhouette(covered: Bool, coverage: F32) -> ViewFit | None:
+def silhouette(share: F32, coverage: F32) -> ViewFit | None:
     """Shift (2,) of the object's outline in an image and its covariance (2, 2), pixels; None where none can be seen.
 
-    ``covered`` (h, w): what a camera's pixel centres see of the object; ``coverage`` (h, w) 0..1: the image's alpha or
-    mask.  Along the outline the difference of the two areas is the shift's part across it.
+    ``share`` (h, w) 0..1: of each pixel's square, what the object should cover; ``coverage`` (h, w) 0..1: the image's
+    alpha or mask.  Along the outline the difference of the two areas is the shift's part across it.
     """
-    seen, drawn = blurred(blurred(coverage)), blurred(blurred(covered.astype(np.float32)))
+    seen, drawn = blurred(blurred(coverage)), blurred(blurred(share))
     (up, right), (up_drawn, right_drawn) = np.gradient(seen), np.gradient(drawn)
     steep, steep_drawn = np.hypot(up, right), np.hypot(up_drawn, right_drawn)
     alike = up * up_drawn + right * right_drawn > ALIKE * steep * steep_drawn  # not where a mask cuts the object
@@ -144,7 +144,7 @@ def silhouette(covered: Bool, coverage: F32) -> ViewFit | None:
         shift = inverse @ (slope @ (weight * left))
         remains = left - shift @ slope
         weight = 1.0 / (1.0 + (remains / (CAUCHY * _scale(remains))) ** 2)
-    tiles = tiles_of(*(np.stack(np.unravel_index(at, covered.shape)).astype(np.int32)))
+    tiles = tiles_of(*(np.stack(np.unravel_index(at, share.shape)).astype(np.int32)))
     scores = np.stack([_by_tile(weight * remains * part, tiles) for part in slope])
     return shift, inverse @ (scores @ scores.T) @ inverse
 

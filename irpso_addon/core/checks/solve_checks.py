@@ -16,7 +16,7 @@ from ..resampling import nearest
 from ..shading.brdf import ROUGHNESS_MIN
 from .light_checks import Places
 from .registration import Registration
-from .residuals import BLOCK, SMALL, BlockErrors, residual, sample, sample_view, shared_error
+from .residuals import BLOCK, LEAST, SMALL, BlockErrors, residual, sample, sample_view, shared_error
 from .view_check_data import CheckedView, PixelWindow
 
 WRONG = 0.15  # an error of roughness that a user would see
@@ -121,8 +121,17 @@ class _Measured:
 
 
 def worse(after: Checks, before: Checks) -> bool:
-    """Whether what was put right between the two made the maps explain less; beyond what coarser maps do."""
-    return after.structure > 2 * before.structure + 0.001
+    """Whether what was put right between two solves of one size was in vain: the maps explain no more of the views.
+
+    By what each view leaves over, its noise included: noise stays, so it decides nothing.
+    """
+    return _left_over(after) >= _left_over(before)
+
+
+def _left_over(checks: Checks) -> float:
+    """Logarithm of the relative errors of brightness that views leave over, the mean of them; of noise and gain too."""
+    errors = [np.hypot(r.spread, np.log(r.gain)) for r in (view.residual for view in checks.views) if r.pixels >= LEAST]
+    return float(np.mean(np.log(np.maximum(errors, 1e-9)))) if errors else np.inf
 
 
 def doubtful(sigma: F32) -> float:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..data import F32, Bool, View
 
 
@@ -19,6 +21,12 @@ class PixelWindow:
     uv: F32  # (h, w, 2)
     slot: F32  # (h, w) material slot
     cos_v: F32  # (h, w)
+    share: F32 | None = None  # (h, w) 0..1 of the pixel's square that the object covers; None: as ``covered``
+
+    @property
+    def drawn(self) -> F32:
+        """(h, w) 0..1: the object as its outline should be in a picture."""
+        return self.covered.astype(np.float32) if self.share is None else self.share
 
 
 @dataclass(frozen=True)

@@ -15,16 +15,23 @@ from ...core.checks.view_check_data import CheckedView, PixelWindow
 from ...core.data import F32, ViewPicture
 from ..device.context import Device, Inputs
 from ..device.draw_budget import Rectangle
+from ..gbuffer.drawn_outline import DrawnOutline
 from ..observe.observations import EDGE_QUALITY, HALF_MOST, ObservedCamera, ObservedView
 from .albedo import AlbedoSolver
 
 WINDOW = 1_500_000  # pixels of a view that are looked at, at most: its middle rows
 MIN_COS_V = 0.2  # of a pixel that is unlit: seen flatter, shaders/include/observed.glsl says nothing of it
 PICTURE_SIDE = 512  # pixels
+OUTLINED = 0.5  # coverage below which a reference has an outline; the middle
 
 
-def check_views(albedo: AlbedoSolver, base: moderngl.Texture) -> Iterator[CheckedView]:
-    """Each view in turn, by cameras; runs on the GL thread.  ``base``: the texture found, holes filled."""
+def check_views(
+    albedo: AlbedoSolver, base: moderngl.Texture, outline: DrawnOutline | None = None,
+) -> Iterator[CheckedView]:
+    """Each view in turn, by cameras; runs on the GL thread.  ``base``: the texture found, holes filled.
+
+    ``outline``: draws the object's where references have one; None: nobody asks for it.
+    """
     device = albedo.device
     for texture in (base, *albedo.known.values()):
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
@@ -33,7 +40,7 @@ def check_views(albedo: AlbedoSolver, base: moderngl.Texture) -> Iterator[Checke
         with device.scope():
             drawn = _diffuse(albedo, camera, base)
             diffuse = device.read(drawn[0], part)
-            window = _window(device, camera, part, diffuse[..., 3])
+            window = _window(device, camera, part, diffuse[..., 3], outline)
             for view in camera.views:
                 yield _check(albedo, camera, view, window, part, diffuse[..., :3], drawn[-1])
     for texture in (base, *albedo.known.values()):
@@ -61,13 +68,18 @@ def _viewport(camera: ObservedCamera) -> Rectangle:
     return x, y + (h - rows) // 2, w, rows
 
 
-def _window(device: Device, camera: ObservedCamera, part: Rectangle, cos_v: F32) -> PixelWindow:
+def _window(
+    device: Device, camera: ObservedCamera, part: Rectangle, cos_v: F32, outline: DrawnOutline | None,
+) -> PixelWindow:
     maps = camera.maps
     assert maps.uv is not None
     position, normal = device.read(maps.position, part), device.read(maps.normal, part)
-    return PixelWindow(corner=part[:2], image=maps.position.size, covered=position[..., 3] > 0.5,
+    covered = position[..., 3] > 0.5
+    outlined = any(bool((view.reference[..., 3] < OUTLINED).any()) for view in camera.views)
+    share = outline.shares(camera.camera, maps.position.size, part) if outline is not None and outlined else None
+    return PixelWindow(corner=part[:2], image=maps.position.size, covered=covered,
                        position=position[..., :3], normal=normal[..., :3], uv=device.read(maps.uv, part),
-                       slot=normal[..., 3], cos_v=cos_v)
+                       slot=normal[..., 3], cos_v=cos_v, share=share)
 
 
 def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Texture) -> list[moderngl.Texture]:

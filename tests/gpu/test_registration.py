@@ -1,0 +1,87 @@
+"""Outlines that run through pixels' centres, as of a height field with a vertex at each pixel of its camera.
+
+The bumpy plane (synthetic.py) straight from above: 48 pixels wide in a picture of 73, so that its sides lie at the
+centres of pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.checks.registration import moved
+from irpso_addon.core.data import Camera
+from irpso_addon.gpu.gbuffer.drawn_outline import DrawnOutline
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
+from tests.support import shoots
+from tests.support import synthetic as syn
+
+PIXELS, WIDE = 73, 48
+NOTHING = np.zeros((0, 3, 3), np.float32)
+
+
+def above(width: float = 2 * PIXELS / WIDE) -> Camera:
+    """Orthographic, its picture's middle above the plane's."""
+    return syn.camera((0, 0, 4), width=width)
+
+
+def shot(shift: tuple[float, float] = (0.0, 0.0)) -> syn.Shoot:
+    """Pictures of areas, not of points; their content lies ``shift`` pixels beside what the scene says."""
+    there = moved(above(), shift, (PIXELS, PIXELS))
+    made = syn.shoot(syn.PATCHES, [(there, [light]) for light in syn.lamps(8)], (PIXELS, PIXELS), samples=6)
+    views = tuple(replace(view, camera=above()) for view in made.scene.views)
+    return replace(made, scene=replace(made.scene, views=views))
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.5, 0.25)])
+def test_vertices_at_pixel_centres_are_no_shift(shift: tuple[float, float]) -> None:
+    """And a shift of such a camera is found as it is."""
+    found = shoots.run(shot(shift), model="one-lobe", registration="given", indirect="off").checks
+    assert found is not None
+    for misfit in found.registration:
+        assert misfit.shifted == (shift != (0.0, 0.0))
+        np.testing.assert_allclose(misfit.shift, shift, atol=0.03)
+
+
+def test_only_what_explains_the_pictures_better_is_put_right() -> None:
+    """Pictures beside where they should be are; masks beside their pictures, drawn so by hand, are not."""
+    beside = shot((0.75, -0.5))
+    masked = shot()
+    images = {name: replace(image, coverage=np.roll(image.coverage, 1, 1)) for name, image in masked.images.items()}
+    for made, mended in ((beside, True), (replace(masked, images=images), False)):
+        found = shoots.run(made, model="one-lobe", registration="auto", indirect="off")
+        assert any("put right" in warning for warning in found.warnings) == mended
+        assert found.checks is not None
+        assert all(misfit.shifted != mended for misfit in found.checks.registration)
+
+
+@pytest.mark.parametrize("width", [2 * PIXELS / WIDE, 2 * PIXELS / (WIDE + 1), 3.0])
+def test_shares_are_areas(on_gl, width: float) -> None:
+    """Of the plane: its sides lie at pixels' centres, between pixels, and anywhere; by four points."""
+    def draw(device):
+        mesh = MeshBuffer(device, syn.plane_mesh())
+        try:
+            return DrawnOutline(device, mesh, NOTHING, 1.0).shares(above(width), (PIXELS, PIXELS), (3, 2, 60, 50))
+        finally:
+            mesh.release()
+
+    edges = (np.arange(PIXELS + 1) / PIXELS - 0.5) * width
+    inside = np.maximum(np.minimum(edges[1:], 1) - np.maximum(edges[:-1], -1), 0) / np.diff(edges)
+    np.testing.assert_allclose(on_gl(draw), np.outer(inside[2:52], inside[3:63]), atol=0.2)
+
+
+def test_what_stands_in_front_is_not_the_objects(on_gl) -> None:
+    def draw(device):
+        mesh = MeshBuffer(device, syn.plane_mesh())
+        try:
+            outline = DrawnOutline(device, mesh, syn.box((-2, -2, 1), (0, 2, 2)).astype(np.float32), 1.0)
+            return outline.shares(above(), (PIXELS, PIXELS), (0, 0, PIXELS, PIXELS))
+        finally:
+            mesh.release()
+
+    shares = on_gl(draw)
+    assert shares[20:50, :36].max() == 0
+    np.testing.assert_allclose(shares[20:50, 36], 0.5)
+    assert shares[20:50, 37:60].min() == 1
