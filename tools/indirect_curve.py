@@ -60,16 +60,21 @@ as it was, other work included.
 ## What is done
 
 1. The maps are solved for as if there were direct light only.
-2. Where no lamp's light arrives, such pictures are black. If they are not, or with `indirect` `on`, a second Blender
-   opens the scene (a copy of it, in the add-on), puts the maps on the object, and renders for each view what Cycles
-   calls diffuse indirect light, without its colour (indirect irradiance over pi), and glossy indirect light: {side}
+2. Where no lamp's light arrives, such pictures are black. If they are not, light has bounced, or the camera has a black
+   level, or something shines that the scene does not hold. A second Blender therefore renders four views first, small,
+   and `auto` leaves it at that where indirect light is less than 0.5 % of the lamps' light on the object, or less than
+   3 % of it and less than a quarter of what the references show in shadows. A warning then says so.
+3. If it is worth the time, or with `indirect` `on`, that Blender opens the scene (a copy of it, in the add-on), puts
+   the maps on the object, and renders for each view what Cycles calls diffuse indirect light, without its colour
+   (indirect irradiance over pi), and glossy indirect light: {side}
    pixels wide, {paths} paths a pixel, smoothed along the surface. With it comes what a world or glowing things give.
-3. The maps are solved for again. The irradiance of a pixel is that of its lamps plus the indirect one, a lamp's
+4. The maps are solved for again. The irradiance of a pixel is that of its lamps plus the indirect one, a lamp's
    highlight counts by its lamp's share, and the glossy light is taken off the picture. Places that no lamp reaches tell
    their base colour too, with little weight.
-4. Steps 2 and 3 are done twice. The first maps are too bright, and so is the light that they bounce; after the second
-   round hardly anything changes. (Subtracting paint times irradiance instead would not settle where there is as much
-   indirect light as direct.)
+5. Steps 3 and 4 are done twice, the first time with small maps; where these do not explain the views better than
+   without indirect light, `auto` keeps the maps of step 1. The first maps are too bright, and so is the light that they
+   bounce; after the second round hardly anything changes. (Subtracting paint times irradiance instead would not settle
+   where there is as much indirect light as direct.)
 
 ## What it needs
 

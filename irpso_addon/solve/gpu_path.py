@@ -32,7 +32,7 @@ from ..gpu.solve.model_ladder import Ladder
 Result = TypeVar("Result")
 ReadImage = Callable[[View], RadianceImage]
 STAGES = {"pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85),
-          "maps": (0.85, 1.0), "indirect": (0.0, 1.0)}  # share of a round's progress
+          "maps": (0.85, 1.0), "indirect": (0.0, 1.0), "indirect_test": (0.0, 1.0)}  # share of a round's progress
 
 
 def reference_key(view: View) -> Hashable:

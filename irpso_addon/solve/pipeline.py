@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
 from ..core import log
 from ..core.check_records import Checks
+from ..core.checks.bounced_light import BouncedSample, why_not
 from ..core.checks.registration import corrected
 from ..core.checks.residuals import is_indirect
 from ..core.checks.solve_checks import TexelFit, measure, worse
@@ -34,11 +36,22 @@ from ..gpu.maps.partial_solve import PartialSolve, earlier_result_of, partial_so
 from ..gpu.observe.picture_memory import most_pixels
 from .gpu_path import Clock, Given, ReadImage, Solved, TexelGrid, draw_texels, solve_grid
 
-Bounce = Callable[[SceneData, Solution], Generator[Progress, None, Mapping[int, Bounced]]]
 ALIGN_ROUNDS = 4  # of finding where cameras look
 ROUND_SIZE = 512  # texels: of maps that only the next round needs
 NO_CONFIDENCE = "method paper: says nothing of how sure it is; confidence is 0, the standard errors are 0.5 everywhere"
 
+
+
+class Bounce(Protocol):
+    """Renders the indirect light of a scene's views from the maps so far."""
+
+    def __call__(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, Mapping[int, Bounced]]:
+        """Of all views, by their place in the scene."""
+        ...
+
+    def sample(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, BouncedSample]:
+        """How much there is of it: of a few views, quickly."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -123,14 +136,15 @@ def outcome(
     try:
         again = partial(_round, settings=small, read_image=read_image, clock=clock)
         rough = yield from _align(best, settings, again)
-        aligned = rough.scene
+        aligned, lit, why = rough.scene, None, ""
         if bounce is not None and _bounced(settings, rough.solution):
-            for part in (small, settings):
-                rough = yield from _round(aligned, part, read_image, clock, (
-                    yield from clock.stage("indirect", bounce(scene, rough.solution))))
-            best = rough
+            lit, why = yield from _take_out_indirect(
+                rough, scene, settings, bounce, partial(_round, read_image=read_image, clock=clock), clock)
+        if lit is not None:
+            best = lit
         elif aligned is not scene:
             best = rough if small == settings else (yield from _round(aligned, settings, read_image, clock))
+        best = _not_bounced(best, why)
         if aligned is not scene and first.checks is not None:
             lines = mended(first.checks, settings.registration == "auto", settings.exposures == "solve")
             best = _warned(best, (*lines, *best.solution.warnings))
@@ -177,6 +191,44 @@ def _bounced(settings: SolveSettings, solution: Solution) -> bool:
     """Whether indirect light is to be rendered."""
     assert solution.checks is not None
     return settings.indirect == "on" or (settings.indirect == "auto" and is_indirect(solution.checks.unlit_share))
+
+
+def _take_out_indirect(
+    best: Outcome, scene: SceneData, settings: SolveSettings, bounce: Bounce,
+    solve_round: Callable[..., Generator[Progress, None, Outcome]], clock: Clock,
+) -> Generator[Progress, None, tuple[Outcome | None, str]]:
+    """The whole round after indirect light was taken out; or none, and why not.
+
+    ``best``: the round so far; ``scene``: as it was given, whose cameras the .blend has.  With indirect 'on' it is
+    always taken out.  Else only where a few views say that it is worth the time, and where the maps then explain the
+    views better than without it.
+    """
+    auto, small = settings.indirect == "auto", replace(settings, size=min(settings.size, ROUND_SIZE))
+    if auto:
+        assert best.solution.checks is not None
+        sample = yield from clock.stage("indirect_test", bounce.sample(scene, best.solution))
+        if why := why_not(sample, best.solution.checks.unlit_share):
+            return None, why
+        if best.solution.maps.roughness.shape[0] > small.size:  # like is compared with like
+            best = yield from solve_round(best.scene, small)
+    bounced = yield from clock.stage("indirect", bounce(scene, best.solution))
+    rough = yield from solve_round(best.scene, small, bounced=bounced)
+    if auto and not _better(rough, best):
+        return None, "without the light that bounces between the scene's surfaces the maps explain the views no better"
+    bounced = yield from clock.stage("indirect", bounce(scene, rough.solution))
+    return (yield from solve_round(best.scene, settings, bounced=bounced)), ""
+
+
+def _not_bounced(best: Outcome, why: str) -> Outcome:
+    """With the reason, if there is one, for which indirect light was not taken out."""
+    checks = best.solution.checks
+    if not why or checks is None:
+        return best
+    log.info("indirect", why=why)
+    now = replace(checks, not_bounced=why)
+    changed = dict(zip(warnings(checks), warnings(now), strict=True))
+    return replace(best, solution=replace(
+        best.solution, checks=now, warnings=tuple(changed.get(line, line) for line in best.solution.warnings)))
 
 
 def _round(

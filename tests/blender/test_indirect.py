@@ -22,8 +22,11 @@ from irpso_addon.blender import files
 from irpso_addon.blender.jobs import indirect
 from irpso_addon.blender.sample import demo
 from irpso_addon.blender.scene.scene import read_scene
-from irpso_addon.core.data import Bounced, Maps, SceneData, Solution
+from irpso_addon.core.checks.bounced_light import BouncedSample
+from irpso_addon.core.data import Bounced, Maps, RadianceImage, SceneData, Solution, View
 from irpso_addon.core.errors import BadInput, Cancelled
+from irpso_addon.core.images.reference_image import read_reference
+from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline
@@ -179,6 +182,65 @@ def test_direct_light_is_left_alone(scenes: Path) -> None:
     for name in ("base_color", "roughness", "confidence", "error"):
         np.testing.assert_array_equal(getattr(found[0].maps, name), getattr(found[1].maps, name))
     assert not any("bounced" in warning for solution in found for warning in solution.warnings)
+
+
+def test_a_black_level_is_not_rendered(tmp_path: Path, monkeypatch) -> None:
+    """A ball alone, on which no light can bounce, in pictures that show some light everywhere: a few small renders.
+
+    Nor is light taken out that makes the maps explain the pictures worse, once that is seen.
+    """
+    monkeypatch.setattr(indirect, "TEST_SIDE", 48)
+    build(BASE, ROUGH, 0.5)
+    bpy.data.objects.remove(bpy.data.objects["Floor"])
+    references(tmp_path)
+    files.open_blend(tmp_path / "scene.blend")
+    data = read_scene(None, "Ball", tmp_path / "captures.json")
+    bouncer = indirect.IndirectRenderer.of_open_file(tmp_path / "scene.blend")
+
+    def lifted(view: View) -> RadianceImage:
+        image = read_reference(view)
+        return replace(image, rgb=image.rgb + np.float32(0.05 * np.quantile(image.rgb, 0.95)))
+
+    class Test:
+        """Of the renders, the few alone."""
+
+        sample = bouncer.sample
+
+        def __call__(self, scene: SceneData, solution: Solution) -> Iterator[object]:
+            raise AssertionError("rendered indirect light where there is none")
+            yield
+
+    solution = thread.run(lambda: pipeline.solve(data, SolveSettings(size=32), lifted, Test()))
+    assert solution.checks.not_bounced.startswith("no surface that the scene holds")
+    assert sum(solution.checks.not_bounced in warning for warning in solution.warnings) == 1
+    assert solution.checks.unlit_share > 0.02 and "indirect" not in solution.seconds
+    wrong = Wrong()
+    worse = thread.run(lambda: pipeline.solve(data, SolveSettings(size=32), lifted, wrong))
+    assert wrong.calls == 1 and "explain the views no better" in worse.checks.not_bounced
+    np.testing.assert_array_equal(worse.maps.base_color, solution.maps.base_color)
+
+
+class Wrong:
+    """Finds more light in some views than their lamps give."""
+
+    calls = 0
+
+    def sample(self, scene: SceneData, solution: Solution) -> Iterator[Progress]:
+        yield Progress(0.0, "indirect")
+        return BouncedSample(1.0, 1.0)
+
+    def __call__(self, scene: SceneData, solution: Solution) -> Iterator[Progress]:
+        self.calls += 1
+        yield Progress(0.0, "indirect")
+        return {n: Bounced(*(np.full((8, 8, 3), light, np.float32) for light in (20.0 * n, 0.0)))
+                for n in range(len(scene.views))}
+
+
+def test_the_sample_tells_what_all_pictures_do(scene: SceneData, bounced: Path) -> None:
+    """Of the true maps: the share of the radiance that Cycles' own pictures with and without bounces hold."""
+    bouncer = indirect.IndirectRenderer.of_open_file(bounced / "scene.blend")
+    found = finish(bouncer.sample(scene, solution_of(BASE, ROUGH, "one-lobe")))
+    assert 0.1 < found.share < 0.4 and 0.05 < found.unlit < 0.3
 
 
 class Kept(subprocess.Popen):

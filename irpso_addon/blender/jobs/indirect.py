@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import tempfile
 import time
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,17 +18,20 @@ from typing import TypeVar
 
 import numpy as np
 
-from ...core.data import F32, Bounced, SceneData, Solution
+from ...core.checks.bounced_light import BouncedSample, LightPicture, sampled
+from ...core.data import F32, Bounced, SceneData, Solution, View
 from ...core.errors import BadInput
 from ...core.job import Progress
 from . import second_blender
 
 SAMPLES = 32  # paths of a pixel
 SIDE = 256  # pixels of the longer side
+TEST_VIEWS, TEST_SIDE = 4, 96  # views that tell whether the others are worth rendering; pixels of their longer side
 POLL = 0.05  # seconds
 # Blender 4.5 abbreviates the names of passes, 5 writes them out.
-PASSES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "GlossDir": "Glossy Direct",
-          "GlossInd": "Glossy Indirect", "GlossCol": "Glossy Color"}
+PASSES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "DiffCol": "Diffuse Color",
+          "GlossDir": "Glossy Direct", "GlossInd": "Glossy Indirect", "GlossCol": "Glossy Color",
+          "IndexOB": "Object Index"}
 Result = TypeVar("Result")
 Picture = tuple[str, tuple[str, ...]]  # a camera and the lamps that shine; none: the world, and things that glow
 
@@ -65,12 +68,37 @@ class IndirectRenderer:
 
         Raises BadInput, one line, when the child fails.  Stopped, it ends the child.
         """
-        wanted = [(view.camera.name, tuple(light.name for light in view.lights)) for view in scene.views]
+        wanted = _pictures(scene.views)
+
+        def read(path: Path, picture: Picture) -> Bounced:
+            return read_light(path, "Ind" if picture[1] else "Dir")
+
+        found = yield from self._rendered(scene, solution, wanted, SIDE, read)
+        return {i: _sum(found[camera, ()], found[camera, lights]) for i, (camera, lights) in enumerate(wanted)}
+
+    def sample(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, BouncedSample]:
+        """What a few views, spread over all, hold of indirect light, by small pictures.
+
+        Raises BadInput, one line, when the child fails.  Stopped, it ends the child.
+        """
+        wanted = _pictures(scene.views[::-(-len(scene.views) // TEST_VIEWS)])
+
+        def read(path: Path, picture: Picture) -> dict[str, F32]:
+            return _read_passes(path)
+
+        found = yield from self._rendered(scene, solution, wanted, min(TEST_SIDE, SIDE), read)
+        return sampled(light_picture(found[camera, ()], found[camera, lights]) for camera, lights in wanted)
+
+    def _rendered(
+        self, scene: SceneData, solution: Solution, wanted: Sequence[Picture], side: int,
+        read: Callable[[Path, Picture], Result],
+    ) -> Generator[Progress, None, dict[Picture, Result]]:
+        """What ``read`` makes of each of the pictures, and of each of their cameras' without lamps."""
         pictures: list[Picture] = [*dict.fromkeys((camera, ()) for camera, _ in wanted), *dict.fromkeys(wanted)]
-        found: dict[Picture, Bounced] = {}
+        found: dict[Picture, Result] = {}
         with tempfile.TemporaryDirectory(prefix="irpso-indirect-") as name:
             folder = Path(name)
-            self._write_job(folder, scene, solution, pictures)
+            self._write_job(folder, scene, solution, pictures, side)
             with _child(self.command, folder) as renderer:
                 for n, picture in enumerate(pictures):
                     path = folder / f"{n}.exr"
@@ -80,9 +108,9 @@ class IndirectRenderer:
                                            f"({renderer.last_line()}); use Indirect Light off")
                         yield Progress(n / len(pictures), "indirect", f"picture {n + 1} of {len(pictures)}")
                         time.sleep(POLL)
-                    found[picture] = read_light(path, "Ind" if picture[1] else "Dir")
+                    found[picture] = read(path, picture)
                     path.unlink()
-        return {i: _sum(found[camera, ()], found[camera, lights]) for i, (camera, lights) in enumerate(wanted)}
+        return found
 
     def around(self, job: Generator[Progress, None, Result]) -> Generator[Progress, None, Result]:
         """The job; after it the copy is gone."""
@@ -92,7 +120,9 @@ class IndirectRenderer:
             if self.copy is not None:
                 self.copy.cleanup()
 
-    def _write_job(self, folder: Path, scene: SceneData, solution: Solution, pictures: Sequence[Picture]) -> None:
+    def _write_job(
+        self, folder: Path, scene: SceneData, solution: Solution, pictures: Sequence[Picture], side: int,
+    ) -> None:
         """What the child is to do: job.json, and the maps as maps.npz."""
         maps = solution.maps
         rough = maps.roughness if maps.lobes is None else maps.lobes
@@ -101,8 +131,13 @@ class IndirectRenderer:
         (folder / "job.json").write_text(json.dumps({
             "blend": str(self.blend), "scene": self.scene, "view_layer": self.view_layer, "object": scene.mesh.name,
             "model": solution.model, "levels": solution.levels, "ndf": solution.ndf,
-            "side": SIDE, "samples": SAMPLES, "pictures": pictures,
+            "side": side, "samples": SAMPLES, "pictures": pictures,
         }), encoding="utf-8")
+
+
+def _pictures(views: Sequence[View]) -> list[Picture]:
+    """Of each view."""
+    return [(view.camera.name, tuple(light.name for light in view.lights)) for view in views]
 
 
 @contextmanager
@@ -122,8 +157,19 @@ def read_light(path: Path, kind: str) -> Bounced:
     return Bounced(np.float32(np.pi) * np.nan_to_num(diffuse, posinf=0.0), np.nan_to_num(glossy, posinf=0.0))
 
 
+def light_picture(without: Mapping[str, F32], lit: Mapping[str, F32]) -> LightPicture:
+    """Of the passes of two pictures of one camera, without and with a view's lamps."""
+    def radiance(passes: Mapping[str, F32], kind: str) -> F32:
+        parts = (passes[f"{name}{kind}"] * passes[f"{name}Col"] for name in ("Diff", "Gloss"))
+        return np.asarray(np.nan_to_num(sum(parts), posinf=0.0).mean(-1), np.float32)
+
+    rest = radiance(without, "Dir")  # from the world and from what glows
+    return LightPicture(np.maximum(radiance(lit, "Dir") - rest, np.float32(0)), radiance(lit, "Ind") + rest,
+                        lit["IndexOB"][..., 0] > 0.5)
+
+
 def _read_passes(path: Path) -> dict[str, F32]:
-    """(h, w, 3) of each pass by its short name; row 0 at the bottom."""
+    """(h, w, 3) of each pass by its short name, (h, w, 1) of the object index; row 0 at the bottom."""
     import OpenImageIO
 
     long = {name: short for short, name in PASSES.items()}
@@ -136,7 +182,7 @@ def _read_passes(path: Path) -> dict[str, F32]:
         names = [channel.rsplit(".", 2)[1:] for channel in file.spec().channelnames]
         pixels = np.asarray(file.read_image(part, 0, 0, len(names), OpenImageIO.FLOAT), np.float32)
         for name in {name for name, _ in names}:
-            channels = [names.index([name, letter]) for letter in "RGB"]
+            channels = [names.index([name, letter]) for letter in "RGBX" if [name, letter] in names]
             found[long.get(name, name)] = pixels[::-1, :, channels]
         part += 1
     file.close()

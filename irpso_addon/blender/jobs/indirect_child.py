@@ -76,5 +76,8 @@ def _set_up(scene: Any, job: dict[str, Any]) -> None:
         cycles.diffuse_bounces, cycles.glossy_bounces = BOUNCES, BOUNCES
     for layer in scene.view_layers:
         layer.use = layer.name == job["view_layer"]
-        for name in ("diffuse_direct", "diffuse_indirect", "glossy_direct", "glossy_indirect", "glossy_color"):
+        for name in ("diffuse_direct", "diffuse_indirect", "diffuse_color", "glossy_direct", "glossy_indirect",
+                     "glossy_color", "object_index"):
             setattr(layer, f"use_pass_{name}", True)
+    for obj in scene.objects:
+        obj.pass_index = int(obj.name == job["object"])

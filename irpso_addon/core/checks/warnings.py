@@ -68,8 +68,12 @@ def _off(checks: Checks) -> list[Misfit]:
 def _indirect(checks: Checks) -> list[str]:
     if not is_indirect(checks.unlit_share):
         return []
-    return [f"{checks.name}: where no light arrives the views show {checks.unlit_share:.1%} of what lit places do; "
-            "bounced light (or a black level) is in them: solve with indirect light 'on', or darken the surroundings"]
+    line = f"{checks.name}: where no light arrives the views show {checks.unlit_share:.1%} of what lit places do; "
+    if checks.not_bounced:
+        return [f"{line}{checks.not_bounced}, so it was not taken out: subtract the camera's black level, darken the "
+                "surroundings, or add what stood around the object to the scene"]
+    return [f"{line}bounced light (or a black level) is in them: solve with indirect light 'on', or darken the "
+            "surroundings"]
 
 
 LINEAR = ("not 1; check that they are linear (no sRGB curve, no view transform), their colour space, and that no other "
