@@ -18,6 +18,7 @@ from .check_records import Checks
 
 # Errors of left-out radiance from which on no model fits: relative (predicting black errs by 1), and of CIE L*.
 UNEXPLAINED, UNEXPLAINED_LIGHTNESS = 0.5, 12.0
+ONE_VALUE = 1e5  # strength of a material's prior that leaves its texels no choice
 F16 = NDArray[np.float16]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -180,8 +181,13 @@ class JointPrior:
     """What a material as a whole says of its texels' roughness: normal about it, in the logarithm."""
 
     roughness: float
-    strength: float  # nats that a texel pays per squared log ratio
+    strength: float  # nats that a texel pays per squared log ratio; ONE_VALUE and more: all texels have that roughness
     sigma: float = 0.0  # standard error of ``roughness``, where all texels have that one
+
+    @property
+    def one_value(self) -> bool:
+        """Whether all texels have that roughness."""
+        return self.strength >= ONE_VALUE
 
 
 @dataclass(frozen=True)

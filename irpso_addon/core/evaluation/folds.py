@@ -101,6 +101,12 @@ class Judge:
                 return name
         return best
 
+    def near(self, names: Sequence[str], margin: float) -> list[str]:
+        """Those whose loss is larger than the least of theirs by no more than so much of it."""
+        total = {name: float(values.sum()) for name, values in self._losses().items()}
+        least = min(total[name] for name in names)
+        return [name for name in names if total[name] <= (1 + margin) * least]
+
     def leads(self, name: str, margin: float) -> bool:
         """Whether a candidate's loss is smaller than all others' by so much of its own."""
         total = {other: float(values.sum()) for other, values in self._losses().items()}

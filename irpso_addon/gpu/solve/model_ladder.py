@@ -156,7 +156,7 @@ class Ladder:
             level = np.full(self.masks[name].shape, self.decided_levels[name], np.float32)
         self.solver.use_level(level)
         self.solver.use_metallic(self.decided_metallic.get(name, 0.0))
-        part = self._drawn(name, self._read((yield from self._under_prior(name))))
+        part = self._read((yield from self._under_prior(name)))
         self.solver.use_level(None)
         self.solver.use_metallic(0.0)
         if level is not None:
@@ -189,13 +189,6 @@ class Ladder:
         maps = yield from self.solver.solve(self._tiles(self.solver, [name]))
         self.solver.joint = None
         return maps
-
-    def _drawn(self, name: str, part: LadderResult) -> LadderResult:
-        """With what is unsure of the material's one roughness."""
-        if name in self.priors:
-            sigma = np.hypot(part.texels.sigma, np.float32(self.priors[name].sigma)).astype(np.float32)
-            part.texels = replace(part.texels, sigma=sigma)
-        return part
 
     def _choose(self, texels: Bool, observations: F32, **fits: Fit) -> tuple[str, str]:
         h, w = texels.shape
@@ -266,7 +259,7 @@ class Ladder:
         self.solver.use_level(level)
         self.solver.shown = True
         if len(names) == 1 and names[0] in self.priors:  # of an earlier result
-            result = self._drawn(names[0], self._read((yield from self._under_prior(names[0]))))
+            result = self._read((yield from self._under_prior(names[0])))
         else:
             result = self._read((yield from self.solver.solve(self._tiles(self.solver, names))))
         self.solver.use_level(None)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...core.data import F32, F64, I32, Bool, JointPrior, MaterialPrediction, PredictionError
+from ...core.data import F32, F64, I32, ONE_VALUE, Bool, JointPrior, MaterialPrediction, PredictionError
 from ...core.evaluation.folds import Folds, Judge, split
 from ...core.evaluation.joint_material import Joint, JointSearch, OneMaterial
 from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted
@@ -21,10 +21,9 @@ from .solver import Solver
 
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
 JUDGED = 1000  # texels, of a sample
-ONE = 1e5  # the same, where a material has one roughness
 CLEAR = 0.2  # of its loss: a fit that leads by so much over one value for the material needs no prior
+HOPEFUL = 0.25  # the same: one value that is not worse than the best one value by more is tried a texel, too
 LEAST = 0.01  # roughness: of texels that are not observed it is 0
-PLAIN_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 is 0.5
 PLAIN_METALLIC = 0.03  # a Metallic so near to 0 is 0
 
 
@@ -64,10 +63,10 @@ def _trials(name: str, model: str, material: Callable[[Joint], OneMaterial]) -> 
 
 
 UNIFORM = (
-    _Trial("one value", "one-lobe", ONE, lambda joint: joint.plain),
-    _Trial("one value and level", "one-lobe-specular", ONE, lambda joint: joint.specular),
+    _Trial("one value", "one-lobe", ONE_VALUE, lambda joint: joint.plain),
+    _Trial("one value and level", "one-lobe-specular", ONE_VALUE, lambda joint: joint.specular),
 )
-UNIFORM_METAL = _Trial("one value, level and metallic", "one-lobe-metallic", ONE, lambda joint: joint.metal)
+UNIFORM_METAL = _Trial("one value, level and metallic", "one-lobe-metallic", ONE_VALUE, lambda joint: joint.metal)
 DRAWN = _trials("a value a texel", "one-lobe", lambda joint: joint.plain)
 DRAWN_LEVEL = _trials("a value a texel, one level", "one-lobe-specular", lambda joint: joint.apart)
 DRAWN_METAL = _trials("a value a texel, one metallic", "one-lobe-metallic", lambda joint: joint.metal)
@@ -128,13 +127,13 @@ class _Contest:
     def decide(self) -> Generator[Progress, None, Decision]:
         metal = min(joint.metal.metallic for joint in self.joints) > PLAIN_METALLIC
         yield from self._folds(self._own)
-        yield from self._folds(self._uniform, [*UNIFORM, *([UNIFORM_METAL] if metal else [])])
+        uniform = {trial.name: trial for trial in (*UNIFORM, *([UNIFORM_METAL] if metal else []))}
+        yield from self._folds(self._uniform, list(uniform.values()))
         incumbent = FITTED[self.fitted.model]
         if not self.solver.cancelled and not self.judge.leads(incumbent, CLEAR):
-            level = abs(self.joints[0].apart.level - 0.5) > PLAIN_LEVEL
-            yield from self._folds(self._drawn, DRAWN)
-            yield from self._folds(self._drawn, DRAWN_LEVEL if level else [])
-            yield from self._folds(self._drawn, DRAWN_METAL if metal else [])
+            drawn = dict(zip(uniform, (DRAWN, DRAWN_LEVEL, DRAWN_METAL), strict=False))
+            for name in self.judge.near(list(drawn), HOPEFUL):
+                yield from self._folds(self._drawn, drawn[name])
         if self.solver.cancelled:
             return Decision(self.fitted.model, "stopped before left-out views were predicted", cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
@@ -164,8 +163,8 @@ class _Contest:
 
         Where the fit's own choice finds false lobes, another free fit may seem better by luck.
         """
-        uniform = [[trial.name] for trial in self.trials.values() if trial.strength == ONE]
-        drawn = [[trial.name for trial in self.trials.values() if trial.model == model and trial.strength != ONE]
+        uniform = [[trial.name] for trial in self.trials.values() if trial.strength == ONE_VALUE]
+        drawn = [[trial.name for trial in self.trials.values() if trial.model == model and trial.strength != ONE_VALUE]
                  for model in LADDER]
         return [["lambert"], *uniform, *(family for family in drawn if family)]
 
@@ -232,6 +231,6 @@ class _Contest:
         one = trial.material(self.search.fit(np.ones(len(self.observed.camera), bool)))
         values = np.array([trial.material(joint).roughness for joint in self.joints])
         # Jackknife (Quenouille 1956) over the folds.
-        sigma = float(np.sqrt((len(values) - 1) * values.var())) if trial.strength == ONE else 0.0
+        sigma = float(np.sqrt((len(values) - 1) * values.var())) if trial.strength == ONE_VALUE else 0.0
         return Decision(trial.model, why, None if one.level == 0.5 else one.level, one.metallic,
                         JointPrior(one.roughness, trial.strength, sigma), prediction)

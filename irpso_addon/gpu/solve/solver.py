@@ -5,7 +5,8 @@ The search of a texel is one draw of one fused kernel (shaders/solve/search.kern
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
 
 import moderngl
 import numpy as np
@@ -42,6 +43,7 @@ TWO_LOBES = {  # the valleys of two lobes are long and curved: more steps
 STARTED = {  # the same where a texel's last roughness is known and is the first particle
     "refined": {"u_started": 3}, "draft": {"u_started": 2}, "swarm": {"u_started": 6},
 }
+GIVEN: Uniforms = {"u_particles": 1, "u_moves": 0, "u_race_steps": 0, "u_final_steps": 0, "u_started": 1}
 STARTED_TWO = {"refined": {"u_started": 3}, "draft": {"u_started": 2}, "swarm": {"u_started": 6}}
 
 
@@ -77,11 +79,27 @@ class Solver(TilePasses):
         """
         chosen = tiles(self.atlas, self.covered) if only is None else only
         roughness, detail = self.textures(2)
-        with self.device.scope() as owned:
+        with self.device.scope() as owned, self._given():
             chosen, searched, variance = yield from self._searched(chosen)
             yield from self._finish(chosen, searched, variance, [roughness, detail])
             owned.hand_over(self.noise_map)
         return RoughnessMaps(roughness, detail)
+
+    @contextmanager
+    def _given(self) -> Iterator[None]:
+        """Where the material has one roughness: what a search of that alone says of noise and base colour."""
+        if self.joint is None or not self.joint.one_value:
+            yield
+            return
+        knobs, start = self.knobs, self.start
+        width, height = self.source.size
+        value = np.array([self.joint.roughness, self.joint.roughness, 1.0, 1.0], np.float32)
+        self.knobs, self.start = {**knobs, 1: GIVEN}, self.device.texture(
+            width, height, data=np.broadcast_to(value, (height, width, 4)))
+        try:
+            yield
+        finally:
+            self.knobs, self.start = knobs, start
 
     def under_priors(self, priors: Sequence[JointPrior | None]) -> Generator[Progress, None, list[F32]]:
         """(h, w) roughness of one lobe under each prior of the material, from one search."""
@@ -112,10 +130,14 @@ class Solver(TilePasses):
         self, chosen: list[Tile], searched: list[moderngl.Texture], variance: float, outputs: list[moderngl.Texture],
     ) -> Generator[Progress, None, None]:
         """From what the search has found to roughness and detail."""
-        if self._asks_neighbours(1, variance, self._unsure(variance, searched[1])) or self.joint is not None:
+        given = self.joint is not None and self.joint.one_value
+        asked = self._asks_neighbours(1, variance, self._unsure(variance, searched[1])) or self.joint is not None
+        if asked and not given:
             yield from self._with_neighbours(chosen, searched, variance, outputs)
         else:
-            inputs = Inputs({**self._valleys(searched), "u_extra": searched[2]}, self._floor(variance))
+            sigma = self.joint.sigma if self.joint is not None else -1.0
+            inputs = Inputs({**self._valleys(searched), "u_extra": searched[2]},
+                            {**self._floor(variance), "u_given_sigma": sigma})
             with self.device.target(outputs) as target:
                 self.device.kernel("solve/finish.kernel", target, inputs, (0, 0, *self.source.size))
 
