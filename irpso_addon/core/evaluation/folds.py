@@ -6,7 +6,7 @@ observations are explained.  What was left out cannot be bent to.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ LEAST_SETS = 3  # of lamps, or cameras: with fewer, leaving one out leaves too l
 LEAST_KNOWN = 2  # good observations that a texel keeps where it is predicted
 WHITE = 99.5  # per cent of the radiances that lie below white
 SAME = 0.1  # of the loss: so much worse than the best the fit's own choice may predict
-ALIKE = 0.02, 0.05  # the same, of a smaller model: the scatter, but between these
+ALIKE = 0.05, 0.08  # the same, of a smaller model: the scatter, but between these
 
 
 @dataclass(frozen=True)
@@ -107,10 +107,10 @@ class Judge:
         least = min(total[name] for name in names)
         return [name for name in names if total[name] <= (1 + margin) * least]
 
-    def leads(self, name: str, margin: float) -> bool:
-        """Whether a candidate's loss is smaller than all others' by so much of its own."""
+    def leads(self, name: str, margin: float, among: Iterable[str]) -> bool:
+        """Whether a candidate's loss is smaller than all others' of some by so much of its own."""
         total = {other: float(values.sum()) for other, values in self._losses().items()}
-        return all(total[name] * (1 + margin) < value for other, value in total.items() if other != name)
+        return name in total and all(total[name] * (1 + margin) < total[other] for other in among if other != name)
 
     def _losses(self) -> dict[str, F64]:
         """(T,) of each candidate: both squared errors, each relative to the least of them."""

@@ -162,8 +162,8 @@ def filled(device: Device, values: F32, around: F32 | None = None) -> moderngl.T
 def mixture(roughness: F32, sigma: F32, solved: Bool) -> F32:
     """(h, w) variance of roughness because pixels mix texels: it changes faster than its standard errors explain.
 
-    Of 3 x 3 texels, MIXED apart, what a plane through them leaves beyond their own variance, twice: once for the pixel's
-    mean, which is not the texel's, and once for what is finer than the pixels and cannot be seen.
+    Of 3 x 3 texels, MIXED apart, what a plane through them leaves beyond their own variance, twice: once because a
+    pixel's mean is not the texel's, and once for what is finer than the pixels.
     """
     h, w = roughness.shape
     values = np.pad(np.where(solved, roughness, np.nan), MIXED, mode="edge")

@@ -24,7 +24,9 @@ from ..observe.observation_atlas import (
 )
 
 SIDE = 16  # texels: width of a square
-SQUARES = 24  # over which what differs from place to place shows
+SQUARES = 24  # over which what differs from place to place shows ...
+FEWEST = 10  # ... or, to bound the time, so few
+LAYERS = 36  # with which a sample still has all its squares
 COLUMNS = 6
 LEAST_SHARE = 0.25  # of a square that the material must cover
 CLUSTER = 8  # texels: width of the squares whose errors are taken to be alike
@@ -39,13 +41,14 @@ class PackedTexels:
     normal: moderngl.Texture
 
 
-def spread_squares(texels: Bool, seed: int) -> list[Tile]:
-    """First texels of squares that show the material, spread over it as its area is."""
+def spread_squares(texels: Bool, layers: int, seed: int) -> list[Tile]:
+    """First texels of squares that show the material, spread over it as its area is; fewer for many layers."""
     h, w = texels.shape
     corners = [(x, y) for y in range(0, h, SIDE) for x in range(0, w, SIDE)]
     counts = np.array([texels[y:y + SIDE, x:x + SIDE].sum() for x, y in corners], np.float64)
     counts[counts < min(LEAST_SHARE * SIDE**2, counts.max())] = 0.0
-    count = min(SQUARES, int((counts > 0).sum()))
+    most = max(min(SQUARES, SQUARES * LAYERS // layers), FEWEST)
+    count = min(most, int((counts > 0).sum()))
     chosen = np.random.default_rng(seed).choice(len(corners), count, replace=False, p=counts / counts.sum())
     return [corners[i] for i in sorted(chosen)]
 
@@ -71,7 +74,7 @@ class LayerLight:
 
 def sampled(device: Device, source: Source, texels: Bool, seed: int) -> MaterialSample | None:
     """Squares of a material; None where nothing says which lamps shone.  ``texels``: (h, w) those of the material."""
-    squares = spread_squares(texels, seed)
+    squares = spread_squares(texels, len(source.layers.groups), seed)
     if isinstance(source, CameraSource):
         return CameraSample(device, source, texels, squares)
     if isinstance(source, ArraySource) and source.texels.irradiance is not None:

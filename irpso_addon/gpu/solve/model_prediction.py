@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.data import F32, F64, I32, ONE_VALUE, Bool, JointPrior, MaterialPrediction, PredictionError
-from ...core.evaluation.folds import Folds, Judge, split
+from ...core.evaluation.folds import ALIKE, Folds, Judge, split
 from ...core.evaluation.joint_material import Joint, JointSearch, OneMaterial
 from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted
 from ...core.job import Progress
@@ -130,8 +130,10 @@ class _Contest:
         uniform = {trial.name: trial for trial in (*UNIFORM, *([UNIFORM_METAL] if metal else []))}
         yield from self._folds(self._uniform, list(uniform.values()))
         incumbent = FITTED[self.fitted.model]
-        if not self.solver.cancelled and not self.judge.leads(incumbent, CLEAR):
+        if not self.solver.cancelled and not self.judge.leads(incumbent, CLEAR, self.predictions):
             drawn = dict(zip(uniform, (DRAWN, DRAWN_LEVEL, DRAWN_METAL), strict=False))
+            if not self.judge.leads(UNIFORM_METAL.name, ALIKE[0], drawn):
+                drawn.pop(UNIFORM_METAL.name, None)  # slow to solve for, and not needed
             for name in self.judge.near(list(drawn), HOPEFUL):
                 yield from self._folds(self._drawn, drawn[name])
         if self.solver.cancelled:
