@@ -46,6 +46,7 @@ class Joint:
     specular: OneMaterial  # and Specular IOR Level
     metal: OneMaterial  # and Metallic
     apart: OneMaterial  # the level where each texel has its own roughness, and what those lie about
+    apart_metal: OneMaterial  # and Metallic
 
 
 class JointSearch:
@@ -66,20 +67,17 @@ class JointSearch:
     def fit(self, known: Bool) -> Joint:
         """From the layers that are ``known``, (V,)."""
         sums = [self._sums(known & (self.texels.channel == channel)) for channel in np.unique(self.texels.channel)]
-        cost = _costs(sums, 0.0)
-        whole = cost.sum(2)
-        rough = np.array([_lowest(np.log(ROUGHNESS), costs) for costs in whole])  # (levels,) in the logarithm
-        best_level, best = np.unravel_index(whole.argmin(), whole.shape)
-        level = _lowest(LEVELS, whole[:, best])
+        plain = _costs(sums, 0.0)
         degrees = np.maximum((self.weight[:, known] > 0).sum((1, 2)) - 2, 1)
-        noise = max(float(np.median(cost[best_level].min(0) / degrees)), LEAST)
-        pull = 2 * HELD_TOGETHER * (np.log(ROUGHNESS) - rough[:, None]) ** 2
-        apart = (cost / noise + pull[..., None]).min(1).sum(1)
-        free = np.stack([whole, *(_costs(sums, metallic).sum(2) for metallic in METALLIC[1:])])
+        together = plain[plain.sum(2).min(1).argmin()].min(0)  # (T,) at the best level
+        noise = max(float(np.median(together / degrees)), LEAST)
+        tried = [_Tried.of(plain if metallic == 0 else _costs(sums, metallic), noise) for metallic in METALLIC]
+        whole, apart = np.stack([t.whole for t in tried]), np.stack([t.apart for t in tried])
+        level = int(whole[0].min(1).argmin())
         return Joint(
-            plain=OneMaterial(float(np.exp(rough[PLAIN]))),
-            specular=OneMaterial(float(np.exp(rough[best_level])), _level(level)), metal=_metal(free),
-            apart=OneMaterial(float(np.exp(rough[apart.argmin()])), _level(_lowest(LEVELS, apart))))
+            plain=OneMaterial(tried[0].roughness(PLAIN)),
+            specular=OneMaterial(tried[0].roughness(level), _level(_lowest(LEVELS, whole[0][:, whole[0][level].argmin()]))),
+            metal=_metal(whole.min(2), tried), apart=_metal(apart[:1], tried), apart_metal=_metal(apart, tried))
 
     def _sums(self, layers: Bool) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.
@@ -142,11 +140,31 @@ def _costs(sums: list[dict[str, F64]], metallic: float) -> F64:
     return total
 
 
-def _metal(whole: F64) -> OneMaterial:
-    """From (metallics, levels, roughnesses) costs."""
-    m, i, j = np.unravel_index(whole.argmin(), whole.shape)
-    return OneMaterial(float(np.exp(_lowest(np.log(ROUGHNESS), whole[m, i]))), _level(_lowest(LEVELS, whole[m, :, j])),
-                       float(np.clip(_lowest(METALLIC, whole[:, i, j]), 0, 1)))
+@dataclass(frozen=True)
+class _Tried:
+    """Costs under one Metallic."""
+
+    whole: F64  # (levels, roughnesses) where all texels have one roughness
+    apart: F64  # (levels,) where each has its own
+
+    @classmethod
+    def of(cls, cost: F64, noise: float) -> _Tried:
+        """``cost``: (levels, roughnesses, T); ``noise``: its unit, of one observation."""
+        whole = cost.sum(2)
+        centre = np.array([_lowest(np.log(ROUGHNESS), costs) for costs in whole])
+        pull = 2 * HELD_TOGETHER * (np.log(ROUGHNESS) - centre[:, None]) ** 2
+        return cls(whole, (cost / noise + pull[..., None]).min(1).sum(1))
+
+    def roughness(self, level: int) -> float:
+        """Of all texels, at one of LEVELS."""
+        return float(np.exp(_lowest(np.log(ROUGHNESS), self.whole[level])))
+
+
+def _metal(costs: F64, tried: list[_Tried]) -> OneMaterial:
+    """The best of (metallics, levels) costs; one metallic: that is not free."""
+    m, level = np.unravel_index(costs.argmin(), costs.shape)
+    metallic = float(np.clip(_lowest(METALLIC, costs[:, level]), 0, 1)) if len(costs) > 1 else 0.0
+    return OneMaterial(tried[m].roughness(int(level)), _level(_lowest(LEVELS, costs[m])), metallic)
 
 
 def _level(level: float) -> float:

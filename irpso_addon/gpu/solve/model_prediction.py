@@ -69,7 +69,7 @@ UNIFORM = (
 UNIFORM_METAL = _Trial("one value, level and metallic", "one-lobe-metallic", ONE_VALUE, lambda joint: joint.metal)
 DRAWN = _trials("a value a texel", "one-lobe", lambda joint: joint.plain)
 DRAWN_LEVEL = _trials("a value a texel, one level", "one-lobe-specular", lambda joint: joint.apart)
-DRAWN_METAL = _trials("a value a texel, one metallic", "one-lobe-metallic", lambda joint: joint.metal)
+DRAWN_METAL = _trials("a value a texel, one metallic", "one-lobe-metallic", lambda joint: joint.apart_metal)
 # The fit's own, without a prior of the material:
 FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specular": "a value a texel, one level",
           "two-lobe": "two lobes"}
@@ -98,13 +98,13 @@ class ModelPrediction:
 
 
     def metal(self, texels: Bool) -> OneMaterial:
-        """The material that explains all texels together with Metallic free."""
+        """The level and Metallic that explain all texels together, where each has its own roughness."""
         with self.device.scope():
             sample = sampled(self.device, self.source, texels, self.settings.seed)
             if sample is None:
                 return OneMaterial(0.5)
             observed, _ = read_sample(self.device, sample, JUDGED)
-            return JointSearch(observed).fit(np.ones(len(observed.camera), bool)).metal
+            return JointSearch(observed).fit(np.ones(len(observed.camera), bool)).apart_metal
 
 
 class _Contest:
