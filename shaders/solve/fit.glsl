@@ -122,7 +122,7 @@ vec3 evaluate(float r) {
     float price = disbelieve(r);
 #endif
 #ifdef METALLIC
-    settle(SETTLED);
+    settle();
 #endif
 #define GROUP(k, first, end) add_group(k, first, end, r, fit, total);
     EACH_GROUP

@@ -7,8 +7,13 @@
 // a differs from one observation of a group to the next, so each is divided by it: (f - s) / a is the base colour that
 // it shows, and weighs w a^2.  g is that of the base colour which all together say, a fixed point found by Newton's
 // steps from that of the last evaluation; its derivative by roughness is part of the slopes.
-const int SETTLED = 4;  // steps to the fixed point: digits are left from any start
-const int SETTLED_ROUGHLY = 1;  // while outliers are sought
+// Steps to the fixed point, each from where the last ended: digits are left from any start.  Where outliers are sought
+// there are such steps before; llvmpipe ends a shader's loops after 65535 rounds in all.
+#ifdef ROBUST
+const int SETTLED = 1;
+#else
+const int SETTLED = 4;
+#endif
 const float LEAST_A = 1e-6;  // 1/sr: a metal reflects no light there
 
 #ifdef ROBUST
@@ -119,8 +124,8 @@ void share_out(int k, int first, int end) {
 }
 
 // To the fixed point under the present trust, where observations are shared out.
-void settle(int steps) {
-    for (int i = 0; i < steps; i++) {
+void settle() {
+    for (int i = 0; i < SETTLED; i++) {
         Settling all = Settling(CHANNEL(1e-20), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), vec3(0.0));
 #define GROUP(k, first, end) settle_group(k, first, end, all);
         EACH_GROUP

@@ -10,6 +10,7 @@ const float OUTLIER = 0.0025;
 const int CALMER = 4;  // steps of the falling scale
 
 float obs_variance;  // of the noise, relative
+vec2 group_said[GROUPS];  // weight and mean of each, under the trust that add_mean() has met
 
 void prepare_group(int k, int first, int end, float r) {
 #ifdef METALLIC
@@ -35,6 +36,7 @@ vec2 group_mean(int k, int first, int end) {
 
 void add_mean(int k, int first, int end, inout CHANNEL weight, inout CHANNEL albedo) {
     vec2 g = group_mean(k, first, end);
+    group_said[k] = g;
     float mean = g.y + OFFSET(k), a = DIFFUSE(k);
     float w = a * a * g.x / (1.0 + u_group_slack * g.x * mean * mean);
     weight += w * channel_of(k);
@@ -44,7 +46,7 @@ void add_mean(int k, int first, int end, inout CHANNEL weight, inout CHANNEL alb
 // (sum of squares, what outliers cost, how many there are) of one group about what its own mean and the albedo of all
 // say together, in units of the noise; under the scale, trust is set anew.
 vec3 trust_group(int k, int first, int end, float albedo, float scale) {
-    vec2 g = group_mean(k, first, end);
+    vec2 g = group_said[k];
     float mean = g.y + OFFSET(k);
     float prior = 1.0 / max(u_group_slack * mean * mean, 1e-12);
     float centre = (g.x * mean + prior * albedo * DIFFUSE(k)) / (g.x + prior) - OFFSET(k);
@@ -72,7 +74,7 @@ float disbelieve(float r) {
     float spread = 1.0;
     for (int i = 0; i <= CALMER; i++) {
 #ifdef METALLIC
-        settle(SETTLED_ROUGHLY);
+        if (i == 0 || i == CALMER) settle();
 #endif
         CHANNEL weight = CHANNEL(1e-20), albedo = CHANNEL(0.0);
 #define GROUP(k, first, end) add_mean(k, first, end, weight, albedo);

@@ -132,6 +132,18 @@ def test_maps_of_a_metal_come_out(shoot, found):
     assert np.median(off.base) < 1e-3 and np.quantile(off.base, 0.9) < 0.01
 
 
+def test_metallic_and_specular_level_go_together():
+    shoot = syn.shoot(replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=0.7, level=0.8)),
+                      shoots.rig(lamps=10), (56, 56))
+    earlier = shoots.run(shoot, model="one-lobe", loss="squares")
+    earlier = replace(earlier, model={"Paint": "one-lobe-metallic"}, metallic={"Paint": 0.7}, levels={"Paint": 0.8})
+    found = shoots.run(replace(shoot, scene=replace(shoot.scene, start=earlier)), start="last")
+    off = shoots.errors(found, shoot.truth)
+    assert (found.metallic, found.levels, found.warnings) == ({"Paint": 0.7}, {"Paint": 0.8}, ())
+    assert np.median(off.rough) < 1e-3 and np.quantile(off.rough, 0.9) < 0.005
+    assert np.median(off.base) < 1e-3 and np.quantile(off.base, 0.9) < 0.02
+
+
 def test_views_show_what_a_metals_maps_predict(found):
     """Gain of each view, and what is left: the prediction that checks go by has the metal's lobe."""
     assert found.warnings == ()

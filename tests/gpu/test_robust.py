@@ -80,13 +80,14 @@ def test_slope_is_that_of_the_cost(on_gl):
     assert np.quantile(off / scale, 0.9) < 0.1
 
 
-def test_without_outliers_it_is_the_squares(on_gl):
+@pytest.mark.parametrize(("metallic", "wide"), [(0.0, 5), (0.4, 100)])  # the second's errors are the model's
+def test_without_outliers_it_is_the_squares(on_gl, metallic, wide):
     """All trust is near 1 where nothing is off: cost, slope and curvature are those of least squares."""
     problem, texels = spoiled()
     r = problem.truth.roughness.astype(np.float32)
-    at = np.stack([r, np.full_like(r, (5 * NOISE) ** 2)], -1)  # noise far below what is expected
-    robust = on_gl(lambda d: evaluate(d, texels, "fit_robust.kernel", at, 2, ROBUST="1"))[0]
-    plain = on_gl(lambda d: evaluate(d, texels, "fit_one.kernel", at, 2))[0]
+    at = np.stack([r, np.full_like(r, (wide * NOISE) ** 2)], -1)  # noise far below what is expected
+    robust = on_gl(lambda d: evaluate(d, texels, "fit_robust.kernel", at, 2, metallic=metallic, ROBUST="1"))[0]
+    plain = on_gl(lambda d: evaluate(d, texels, "fit_one.kernel", at, 2, metallic=metallic))[0]
     assert np.allclose(robust[..., :3], plain[..., :3], rtol=0.01, atol=1e-5)
 
 
