@@ -7,6 +7,7 @@
 // a differs from one observation of a group to the next, so each is divided by it: (f - s) / a is the base colour that
 // it shows, and weighs w a^2.  g is that of the base colour which all together say, a fixed point found by Newton's
 // steps from that of the last evaluation; its derivative by roughness is part of the slopes.
+
 // Steps to the fixed point, each from where the last ended: digits are left from any start.  Where outliers are sought
 // there are such steps before; llvmpipe ends a shader's loops after 65535 rounds in all.
 #ifdef ROBUST
