@@ -69,15 +69,13 @@ class JointSearch:
         sums = [self._sums(known & (self.texels.channel == channel)) for channel in np.unique(self.texels.channel)]
         plain = _costs(sums, 0.0)
         degrees = np.maximum((self.weight[:, known] > 0).sum((1, 2)) - 2, 1)
-        together = plain[plain.sum(2).min(1).argmin()].min(0)  # (T,) at the best level
-        noise = max(float(np.median(together / degrees)), LEAST)
+        least = plain[plain.sum(2).min(1).argmin()].min(0)  # (T,) at the best level
+        noise = max(float(np.median(least / degrees)), LEAST)
         tried = [_Tried.of(plain if metallic == 0 else _costs(sums, metallic), noise) for metallic in METALLIC]
         whole, apart = np.stack([t.whole for t in tried]), np.stack([t.apart for t in tried])
-        level = int(whole[0].min(1).argmin())
-        return Joint(
-            plain=OneMaterial(tried[0].roughness(PLAIN)),
-            specular=OneMaterial(tried[0].roughness(level), _level(_lowest(LEVELS, whole[0][:, whole[0][level].argmin()]))),
-            metal=_metal(whole.min(2), tried), apart=_metal(apart[:1], tried), apart_metal=_metal(apart, tried))
+        together = whole.min(2)
+        return Joint(plain=OneMaterial(tried[0].roughness(PLAIN)), specular=_best(together[:1], tried),
+                     metal=_best(together, tried), apart=_best(apart[:1], tried), apart_metal=_best(apart, tried))
 
     def _sums(self, layers: Bool) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.
@@ -160,7 +158,7 @@ class _Tried:
         return float(np.exp(_lowest(np.log(ROUGHNESS), self.whole[level])))
 
 
-def _metal(costs: F64, tried: list[_Tried]) -> OneMaterial:
+def _best(costs: F64, tried: list[_Tried]) -> OneMaterial:
     """The best of (metallics, levels) costs; one metallic: that is not free."""
     m, level = np.unravel_index(costs.argmin(), costs.shape)
     metallic = float(np.clip(_lowest(METALLIC, costs[:, level]), 0, 1)) if len(costs) > 1 else 0.0
