@@ -178,11 +178,15 @@ class ViewPicture:
 
 @dataclass(frozen=True)
 class JointPrior:
-    """What a material as a whole says of its texels' roughness: normal about it, in the logarithm."""
+    """What a material as a whole says of its texels' roughness: normal about it, in the logarithm.
+
+    Or about one of several values, where parts of the material differ.
+    """
 
     roughness: float
     strength: float  # nats that a texel pays per squared log ratio; ONE_VALUE and more: all texels have that roughness
     sigma: float = 0.0  # standard error of ``roughness``, where all texels have that one
+    others: tuple[float, ...] = ()  # roughnesses that some texels lie about instead, at most two
 
     @property
     def one_value(self) -> bool:

@@ -47,12 +47,19 @@ float noise_around(sampler2D noise, ivec2 texel, ivec2 size) {
 }
 
 #ifdef JOINT
-uniform float u_joint_roughness;  // of the material
+uniform vec3 u_joint_roughness;  // of the material; where its parts differ, of each
 uniform float u_joint_strength;
+
+// log(r / the nearest of the material's).
+float joint_off(float r) {
+    vec3 off = log(r / u_joint_roughness), far = abs(off);
+    float least = min(far.x, min(far.y, far.z));
+    return far.x == least ? off.x : (far.y == least ? off.y : off.z);
+}
 
 // Minus the logarithm of the material's prior: its texels' roughness is normal about the joint one, in the logarithm.
 float joint_cost(float r) {
-    float off = log(r / u_joint_roughness);
+    float off = joint_off(r);
     return u_joint_strength * off * off;
 }
 #endif

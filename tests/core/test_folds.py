@@ -98,7 +98,7 @@ def test_a_missed_shadow_judges_nobody() -> None:
     assert not judge.judged[2, 3] and judge.judged.sum() == judge.judged.size - 1
 
 
-def contest(errors: dict[str, tuple[float, np.ndarray]], incumbent: str) -> str:
+def contest(errors: dict[str, tuple[float, np.ndarray]]) -> str:
     """What is taken where candidates err by so much everywhere, and by more at some texels."""
     texels, _ = sampled(64, 8, 1, np.full(64, 0.4))
     folds = split(texels)
@@ -106,24 +106,21 @@ def contest(errors: dict[str, tuple[float, np.ndarray]], incumbent: str) -> str:
     judge = Judge(texels, folds)
     for name, (share, more) in errors.items():
         judge.add(name, [texels.reflected * (1 + share + more[:, None, None])] * len(folds.left_out))
-    return judge.choose([["lambert"], ["one value"], ["a texel", "a texel, prior"]],
-                        np.arange(64, dtype=np.int32) // 4, incumbent)
+    return judge.choose([["lambert"], ["one value"], ["a texel, prior"], ["a texel"]],
+                        np.arange(64, dtype=np.int32) // 4)
 
 
-@pytest.mark.parametrize(("lambert", "one", "apart", "prior", "incumbent", "taken"), [
-    (0.2, 0.05, 0.05, 0.05, "a texel", "a texel"),  # nothing predicts better than what the fit prefers
-    (0.2, 0.05, 0.3, 0.05, "a texel", "one value"),  # as well as the prior, and smaller
-    (0.2, 0.1, 0.3, 0.05, "a texel", "a texel, prior"),
-    (0.05, 0.2, 0.3, 0.2, "a texel", "lambert"),
-    (0.3, 0.05, 0.05, 0.05, "lambert", "one value"),
-    (0.2, 0.05, 0.052, 0.05, "a texel", "a texel"),  # hardly worse
-    (0.2, 0.05, 0.06, 0.05, "a texel", "one value"),
+@pytest.mark.parametrize(("lambert", "one", "prior", "apart", "taken"), [
+    (0.2, 0.05, 0.05, 0.05, "one value"),
+    (0.2, 0.0512, 0.05, 0.05, "one value"),  # hardly worse
+    (0.2, 0.06, 0.05, 0.05, "a texel, prior"),
+    (0.2, 0.1, 0.06, 0.05, "a texel"),
+    (0.05, 0.2, 0.3, 0.2, "lambert"),
 ])
-def test_the_simplest_of_the_best_wins(lambert: float, one: float, apart: float, prior: float, incumbent: str,
-                                       taken: str) -> None:
+def test_the_simplest_of_the_best_wins(lambert: float, one: float, prior: float, apart: float, taken: str) -> None:
     none = np.zeros(64)
-    values = dict(zip(("lambert", "one value", "a texel", "a texel, prior"), (lambert, one, apart, prior), strict=True))
-    assert contest({name: (share, none) for name, share in values.items()}, incumbent) == taken
+    values = dict(zip(("lambert", "one value", "a texel, prior", "a texel"), (lambert, one, prior, apart), strict=True))
+    assert contest({name: (share, none) for name, share in values.items()}) == taken
 
 
 def test_one_texel_that_flashes_is_enough() -> None:
@@ -133,7 +130,7 @@ def test_one_texel_that_flashes_is_enough() -> None:
     none = np.zeros(64)
     errors = {"lambert": (0.2, none), "one value": (0.06, none), "a texel": (0.05, flash),
               "a texel, prior": (0.3, none)}
-    assert contest(errors, "a texel") == "one value"
+    assert contest(errors) == "one value"
 
 
 @pytest.mark.parametrize(("rough", "level"), [(0.18, 0.1), (0.4, 0.5), (0.7, 0.9)])
@@ -166,3 +163,11 @@ def test_predictions_of_a_true_metal_are_exact() -> None:
     texels, _ = sampled(40, 8, 2, rough, 0.5, metallic=0.7)
     got = predicted(texels, one_lobe(rough, 0.5, 0.7), texels.lamps % 4 != 0)
     np.testing.assert_allclose(got, texels.reflected, rtol=4e-3)
+
+
+def test_two_parts_are_told_apart() -> None:
+    rough = np.where(np.arange(120) % 3 == 0, 0.22, 0.6)
+    texels, _ = sampled(120, 16, 2, rough, 0.5, noise=0.01)
+    two, _ = JointSearch(texels).fit(np.ones(32, bool)).parts
+    assert sorted((two.roughness, *two.others)) == pytest.approx([0.22, 0.6], rel=0.15)
+    assert two.level == pytest.approx(0.5, abs=0.15)

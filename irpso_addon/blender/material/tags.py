@@ -19,7 +19,7 @@ PARKED_TAG = "irpso_parked"  # on a Principled that a two-lobe group stands in f
 def tag_prior(material: bpy.types.Material, prior: JointPrior | None) -> None:
     """Keep what the material's texels were drawn to."""
     if prior is not None:
-        material[PRIOR_TAG] = [prior.roughness, prior.strength, prior.sigma]
+        material[PRIOR_TAG] = [prior.roughness, prior.strength, prior.sigma, *prior.others]
     elif PRIOR_TAG in material:
         del material[PRIOR_TAG]
 
@@ -27,9 +27,11 @@ def tag_prior(material: bpy.types.Material, prior: JointPrior | None) -> None:
 def prior_of(material: bpy.types.Material) -> JointPrior | None:
     """What the material's texels were drawn to, where that is known."""
     values = material.get(PRIOR_TAG)
-    if not hasattr(values, "__len__") or len(values) != 3 or not all(isinstance(x, float) for x in values):
+    if not hasattr(values, "__len__") or not 3 <= len(values) <= 5 or not all(isinstance(x, float) for x in values):
         return None
-    return JointPrior(*values) if 0 < values[0] <= 1 and values[1] > 0 and values[2] >= 0 else None
+    roughness, strength, sigma, *others = values
+    good = all(0 < value <= 1 for value in (roughness, *others)) and strength > 0 and sigma >= 0
+    return JointPrior(roughness, strength, sigma, tuple(others)) if good else None
 
 
 def maps_of(obj: bpy.types.Object) -> dict[str, bpy.types.Image]:

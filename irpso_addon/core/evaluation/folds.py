@@ -18,8 +18,7 @@ FOLDS = 3
 LEAST_SETS = 3  # of lamps, or cameras: with fewer, leaving one out leaves too little
 LEAST_KNOWN = 2  # good observations that a texel keeps where it is predicted
 WHITE = 99.5  # per cent of the radiances that lie below white
-SAME = 0.1  # of the loss: so much worse than the best the fit's own choice may predict
-ALIKE = 0.05, 0.08  # the same, of a smaller model: the scatter, but between these
+ALIKE = 0.05, 0.08  # of the loss, by which a smaller model may be worse: the scatter, but between these
 
 
 @dataclass(frozen=True)
@@ -80,21 +79,17 @@ class Judge:
         return PredictionError(float(np.sqrt(candidate.squares.sum() / max(signal, 1e-30))),
                                float(np.sqrt(candidate.lightness.sum() / max(int(self.judged.sum()), 1))))
 
-    def choose(self, families: Sequence[Sequence[str]], clusters: I32, incumbent: str) -> str:
-        """The candidate to take: the incumbent, unless one of the families predicts clearly better.
+    def choose(self, families: Sequence[Sequence[str]], clusters: I32) -> str:
+        """The best of the smallest family that predicts about as well as the best one.
 
-        Then of the smallest family whose best is within the scatter of the families' best.  ``families``: names of
-        candidates, from the smallest models on.  Both errors count, each relative to the least: lightness alone misses
-        the texel that may flash under another lamp, radiance alone the body of dark things.  ``clusters``: (T,) groups
-        of neighbouring texels, which err alike.  ``incumbent``: what the evidence inside the fit prefers.  In the
-        fit's own world that sees differences which are too small to be predicted.
+        ``families``: names of candidates, from the smallest models on.  Both errors count, each relative to the least:
+        lightness alone misses the texel that may flash under another lamp, radiance alone the body of dark things.
+        ``clusters``: (T,) groups of neighbouring texels, which err alike.
         """
         loss = self._losses()
         total = {name: float(values.sum()) for name, values in loss.items()}
         firsts = [min(family, key=lambda name: total[name]) for family in families]
         best = min(firsts, key=lambda name: total[name])
-        if total[incumbent] <= (1 + SAME) * total[best]:
-            return incumbent
         for name in firsts:
             scatter = _scatter(loss[name] - loss[best], clusters) / total[best]
             if total[name] <= (1 + min(max(scatter, ALIKE[0]), ALIKE[1])) * total[best]:

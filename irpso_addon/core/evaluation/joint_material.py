@@ -36,6 +36,7 @@ class OneMaterial:
     roughness: float
     level: float = 0.5  # Specular IOR Level
     metallic: float = 0.0
+    others: tuple[float, ...] = ()  # roughness of further parts
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class Joint:
     metal: OneMaterial  # and Metallic
     apart: OneMaterial  # the level where each texel has its own roughness, and what those lie about
     apart_metal: OneMaterial  # and Metallic
+    parts: tuple[OneMaterial, ...]  # two and three parts, each of one roughness: a texel belongs to the one that suits
 
 
 class JointSearch:
@@ -75,7 +77,8 @@ class JointSearch:
         whole, apart = np.stack([t.whole for t in tried]), np.stack([t.apart for t in tried])
         together = whole.min(2)
         return Joint(plain=OneMaterial(tried[0].roughness(PLAIN)), specular=_best(together[:1], tried),
-                     metal=_best(together, tried), apart=_best(apart[:1], tried), apart_metal=_best(apart, tried))
+                     metal=_best(together, tried), apart=_best(apart[:1], tried), apart_metal=_best(apart, tried),
+                     parts=_parts(plain))
 
     def _sums(self, layers: Bool) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.
@@ -136,6 +139,17 @@ def _costs(sums: list[dict[str, F64]], metallic: float) -> F64:
         cost = of["ff"] - 2 * rest_data + rest + base * (base * white - 2 * (white_data - both))
         total = total + np.maximum(cost, 0.0).sum(-1)
     return total
+
+
+def _parts(cost: F64) -> tuple[OneMaterial, ...]:
+    """Two and three roughnesses at one level, of (levels, roughnesses, T) costs of which each texel has its least."""
+    pairs = np.stack([np.minimum(at[:, None], at[None]).sum(-1) for at in cost])
+    level, first, second = np.unravel_index(pairs.argmin(), pairs.shape)
+    two = np.minimum(cost[level, first], cost[level, second])
+    third = np.minimum(cost[level], two).sum(-1).argmin()
+    free = _level(_lowest(LEVELS, pairs[:, first, second]))
+    one, *others = (float(ROUGHNESS[k]) for k in (first, second, third))
+    return OneMaterial(one, free, others=(others[0],)), OneMaterial(one, free, others=tuple(others))
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ from .solver import Solver
 
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
 JUDGED = 1000  # texels, of a sample
-CLEAR = 0.2  # of its loss: a fit that leads by so much over one value for the material needs no prior
+CLEAR = 0.15  # of its loss: a fit that leads by so much over one value for the material needs no prior
+CLEAR_TWO = 0.5  # the same of two lobes, which have no prior: false ones flash so seldom that samples miss it
 HOPEFUL = 0.25  # the same: one value that is not worse than the best one value by more is tried a texel, too
 LEAST = 0.01  # roughness: of texels that are not observed it is 0
 PLAIN_METALLIC = 0.03  # a Metallic so near to 0 is 0
@@ -57,6 +58,11 @@ class _Trial:
     strength: float  # of the prior about the joint roughness
     material: Callable[[Joint], OneMaterial]
 
+    def prior(self, joint: Joint, sigma: float = 0.0) -> JointPrior:
+        """That its texels are drawn with."""
+        one = self.material(joint)
+        return JointPrior(one.roughness, self.strength, sigma, one.others)
+
 
 def _trials(name: str, model: str, material: Callable[[Joint], OneMaterial]) -> list[_Trial]:
     return [_Trial(f"{name}, prior {strength:g}", model, strength, material) for strength in STRENGTHS]
@@ -70,6 +76,8 @@ UNIFORM_METAL = _Trial("one value, level and metallic", "one-lobe-metallic", ONE
 DRAWN = _trials("a value a texel", "one-lobe", lambda joint: joint.plain)
 DRAWN_LEVEL = _trials("a value a texel, one level", "one-lobe-specular", lambda joint: joint.apart)
 DRAWN_METAL = _trials("a value a texel, one metallic", "one-lobe-metallic", lambda joint: joint.apart_metal)
+PARTS = [_Trial("two parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[0]),
+         _Trial("three parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[1])]
 # The fit's own, without a prior of the material:
 FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specular": "a value a texel, one level",
           "two-lobe": "two lobes"}
@@ -130,16 +138,20 @@ class _Contest:
         uniform = {trial.name: trial for trial in (*UNIFORM, *([UNIFORM_METAL] if metal else []))}
         yield from self._folds(self._uniform, list(uniform.values()))
         incumbent = FITTED[self.fitted.model]
-        if not self.solver.cancelled and not self.judge.leads(incumbent, CLEAR, self.predictions):
+        clear = CLEAR_TWO if self.fitted.model == "two-lobe" else CLEAR
+        if not self.solver.cancelled and not self.judge.leads(incumbent, clear, self.predictions):
             drawn = dict(zip(uniform, (DRAWN, DRAWN_LEVEL, DRAWN_METAL), strict=False))
             if not self.judge.leads(UNIFORM_METAL.name, ALIKE[0], drawn):
                 drawn.pop(UNIFORM_METAL.name, None)  # slow to solve for, and not needed
+            yield from self._folds(self._drawn, PARTS)
             for name in self.judge.near(list(drawn), HOPEFUL):
                 yield from self._folds(self._drawn, drawn[name])
         if self.solver.cancelled:
             return Decision(self.fitted.model, "stopped before left-out views were predicted", cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
-        taken = self.judge.choose(self._families(), clusters(self.sample, self.places), incumbent)
+        taken = incumbent
+        if not self.judge.leads(incumbent, clear, self.predictions):
+            taken = self.judge.choose(self._families(), clusters(self.sample, self.places))
         return self._decision(taken, errors)
 
     def _folds(
@@ -161,14 +173,13 @@ class _Contest:
             self.judge.add(name, self.predictions[name])
 
     def _families(self) -> list[list[str]]:
-        """Names of trials from the smallest models on, but for fits that nothing holds together.
-
-        Where the fit's own choice finds false lobes, another free fit may seem better by luck.
-        """
+        """Names of trials from the smallest models on; the last is the fit's own, where its texels know no prior."""
         uniform = [[trial.name] for trial in self.trials.values() if trial.strength == ONE_VALUE]
-        drawn = [[trial.name for trial in self.trials.values() if trial.model == model and trial.strength != ONE_VALUE]
-                 for model in LADDER]
-        return [["lambert"], *uniform, *(family for family in drawn if family)]
+        parts = [[trial.name] for trial in PARTS if trial.name in self.trials]
+        drawn = [[trial.name for trial in self.trials.values() if trial.model == model and trial not in PARTS
+                  and trial.strength != ONE_VALUE] for model in LADDER]
+        own = [[FITTED[self.fitted.model]]] if self.fitted.model in ("one-lobe", "one-lobe-specular") else []
+        return [["lambert"], *uniform, *parts, *(family for family in drawn if family), *own]
 
     def _own(self, known: Bool, joint: Joint, trials: list[_Trial]) -> Generator[Progress, None, None]:
         """No lobe, and the model that the fit prefers."""
@@ -190,11 +201,11 @@ class _Contest:
             self._add(trial.name, one_lobe(np.full(len(self.places), one.roughness), one.level, one.metallic), known)
 
     def _drawn(self, known: Bool, joint: Joint, trials: list[_Trial]) -> Generator[Progress, None, None]:
-        """A value a texel, drawn to the material's; of one material under several priors."""
+        """A value a texel, drawn to the material's, under several priors at one level and Metallic."""
         one = trials[0].material(joint)
         self.solver.use_level(self._grid(one.level) if one.level != 0.5 else None)
         self.solver.use_metallic(one.metallic)
-        maps = yield from self.solver.under_priors([JointPrior(one.roughness, trial.strength) for trial in trials])
+        maps = yield from self.solver.under_priors([trial.prior(joint) for trial in trials])
         self.solver.use_metallic(0.0)
         for trial, values in zip(trials, maps, strict=True):
             self._add(trial.name, one_lobe(self._at(values), one.level, one.metallic), known)
@@ -230,9 +241,10 @@ class _Contest:
             model = "lambert" if taken == "lambert" else self.fitted.model
             return Decision(model, why, prediction=prediction)
         trial = self.trials[taken]
-        one = trial.material(self.search.fit(np.ones(len(self.observed.camera), bool)))
+        joint = self.search.fit(np.ones(len(self.observed.camera), bool))
+        one = trial.material(joint)
         values = np.array([trial.material(joint).roughness for joint in self.joints])
         # Jackknife (Quenouille 1956) over the folds.
         sigma = float(np.sqrt((len(values) - 1) * values.var())) if trial.strength == ONE_VALUE else 0.0
         return Decision(trial.model, why, None if one.level == 0.5 else one.level, one.metallic,
-                        JointPrior(one.roughness, trial.strength, sigma), prediction)
+                        trial.prior(joint, sigma), prediction)

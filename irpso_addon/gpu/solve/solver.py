@@ -163,7 +163,9 @@ class Solver(TilePasses):
     def _joint(self) -> Uniforms:
         if self.joint is None:
             return {}
-        return {"u_joint_roughness": self.joint.roughness, "u_joint_strength": self.joint.strength}
+        values = (self.joint.roughness, *self.joint.others)
+        return {"u_joint_roughness": (*values, *[values[0]] * (3 - len(values))),
+                "u_joint_strength": self.joint.strength}
 
     def _believed(
         self, chosen: list[Tile], plain: list[moderngl.Texture], variance: float,

@@ -16,7 +16,7 @@ from ..device.context import Device, Inputs, Textures
 from ..observe.observation_atlas import ObservationAtlas, Source, Tile
 from .live_readback import LOOKS
 
-Uniforms = Mapping[str, float | int]
+Uniforms = Mapping[str, float | int | tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class TilePasses:
                     "SPECULAR": self.level is not None, "METALLIC": metal, "TINTED": tinted,
                     "ROBUST": work.robust, "JOINT": "u_joint_strength" in work.uniforms,
                     "NDF_BECKMANN": work.lobes == 2 and self.settings.ndf == "beckmann"}
-        if work.uniforms.get("u_moves", 0) > 0:
+        if work.uniforms.get("u_moves"):
             defines["SWARM"] = str(work.uniforms["u_particles"])
         return {**defines, **{name: "1" for name, on in switches.items() if on}}
 
