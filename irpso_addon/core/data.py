@@ -209,6 +209,7 @@ class MaterialPrediction:
     left_out: str  # "lamps" or "cameras"
     taken: str  # the row of ``tried`` that was solved for
     tried: dict[str, PredictionError]  # from the smallest model on
+    clear: bool = True  # whether the model that the fit prefers leads clearly: in its own world it does
 
     @property
     def error(self) -> PredictionError:

@@ -295,7 +295,8 @@ def _checks(
     views = with_view_pictures(check_views(made.albedo, made.base, outline), pictures)
     texels = TexelFit(scene.mesh.name, made.ladder.model, grid.slots, scene.mesh.slot_names, made.good,
                       made.ladder.texels.observations, made.maps.roughness, made.maps.roughness_sigma,
-                      sure=settings.method != "paper", chosen=settings.model == "auto")
+                      sure=settings.method != "paper", chosen=settings.model == "auto",
+                      misfit=any(not found.clear for found in made.ladder.predictions.values()))
     yield Progress(1.0, "maps", "checks")
     return measure(views, texels), tuple(pictures)
 

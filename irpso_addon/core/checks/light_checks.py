@@ -16,6 +16,7 @@ from .view_check_data import PixelWindow
 
 PLACES = 5000  # pixels of a camera that the regressions look at
 FEWEST = 50  # of them that a regression needs
+LEAST_SPREAD = 0.1  # of log irradiance, by which an exponent is told
 MIN_COS_L = 0.2  # below it the derivative of irradiance is mostly the facets' error
 STEP = 1e-4  # of the light's distance, for derivatives
 CORRELATED = 3.0  # standard errors of regressions, times what independent pixels would have
@@ -185,7 +186,7 @@ def _slope(x: F64, y: F64, weight: F64) -> float:
 def _exponent(moments: F64, squares: F64) -> Slope | None:
     """From sums over views."""
     xx, xy, n = moments.sum(0)
-    if n < FEWEST or xx / n < 1e-3:  # all under about the same light: nothing can be told
+    if n < FEWEST or xx / n < LEAST_SPREAD**2:  # all under about the same light: nothing can be told
         return None
     return Slope(1.0 + float(xy / xx), CORRELATED * float(np.sqrt(squares.sum() / n / xx)))
 

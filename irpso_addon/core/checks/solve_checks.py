@@ -42,6 +42,7 @@ class TexelFit:
     sigma: F32  # its standard error
     sure: bool = True  # False: the method knows no standard errors
     chosen: bool = False  # whether the models were chosen by the data, and not asked for
+    misfit: bool = False  # whether some material is not clearly what its model says
 
 
 def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
@@ -112,7 +113,7 @@ class _Measured:
             no_highlight=float(np.mean(least[solved] > NO_HIGHLIGHT)) if solved.any() else 0.0,
             nearest=float(np.median(least[solved])) if solved.any() else float("inf"),
             doubtful=doubtful(texels.sigma[texels.solved]) if texels.sure else float("nan"), sure=texels.sure,
-            pixels_per_texel=self._pixels_per_texel(), registration=self.registration.estimate())
+            pixels_per_texel=self._pixels_per_texel(), registration=self.registration.estimate(), misfit=texels.misfit)
 
     def _pixels_per_texel(self) -> float:
         if not self.views:

@@ -18,6 +18,7 @@ from .residuals import is_indirect, scale_of
 LEAST_GAIN, LEAST_MOVE = 0.015, 0.01  # relative errors of brightness, of shading, below which nothing is said
 EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move must explain; that leaves no doubt
 LEAST_POWER, LEAST_POWER_ALONE = 0.02, 0.1  # how far from 1 an exponent must be: of all views, of one
+LEAST_POWER_MISFIT = 0.3  # the same where a material is not what its model says: real diffuse reflection bends, too
 SIGMAS, SIGMAS_POWER = 6.0, 3.0
 LEAST_SHIFT = 0.1  # pixels
 PER_PIXEL = 0.05  # relative error of brightness that a pixel of misregistration makes
@@ -86,9 +87,15 @@ def _curve(checks: Checks) -> list[str]:
         return []
     # A curve is the same in all views; lights in wrong places bend each view in its own way.
     scatter = scale_of(np.array([v.slope.exponent for v in checks.views if v.slope]))
-    if abs(slope.exponent - 1) <= max(LEAST_POWER + _floor(checks), SIGMAS_POWER * slope.error, scatter):
+    least = max(LEAST_POWER + _floor(checks), _bent(checks))
+    if abs(slope.exponent - 1) <= max(least, SIGMAS_POWER * slope.error, scatter):
         return []
     return [f"all views: brightness follows light to the power {slope.exponent:.2f}, {LINEAR}"]
+
+
+def _bent(checks: Checks) -> float:
+    """How far from 1 a material that is not what its model says may move an exponent."""
+    return LEAST_POWER_MISFIT if checks.misfit else 0.0
 
 
 def _curved(checks: Checks) -> dict[str, float]:
@@ -97,7 +104,8 @@ def _curved(checks: Checks) -> dict[str, float]:
     off = {m.image.name for m in checks.registration if m.shifted}
     return {v.view: v.slope.exponent for v in checks.views
             if v.slope
-            and abs(v.slope.exponent - 1) > max(LEAST_POWER_ALONE + _floor(checks), SIGMAS_POWER * v.slope.error)
+            and abs(v.slope.exponent - 1) > max(
+                LEAST_POWER_ALONE + _floor(checks), SIGMAS_POWER * v.slope.error, _bent(checks))
             and not elsewhere & set(v.lights) and v.view not in off}
 
 

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...core.data import F32, F64, I32, ONE_VALUE, Bool, JointPrior, MaterialPrediction, PredictionError
+from ...core.data import F32, F64, I32, ONE_VALUE, Bool, JointPrior, MaterialPrediction
 from ...core.evaluation.folds import ALIKE, Folds, Judge, split
 from ...core.evaluation.joint_material import Joint, JointSearch, OneMaterial
 from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted
 from ...core.job import Progress
-from ...core.models import LADDER
 from ...core.params import SolveSettings
 from ..device.context import Device
 from ..observe.observation_atlas import Source
@@ -83,6 +82,15 @@ FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specula
           "two-lobe": "two lobes"}
 
 
+def _by_size(trials: list[_Trial]) -> list[list[str]]:
+    """Names of one value for the material, of parts, and of texels that are drawn, by model."""
+    uniform = [[trial.name] for trial in trials if trial.strength == ONE_VALUE]
+    parts = [[trial.name] for trial in trials if trial in PARTS]
+    drawn = [trial for trial in trials if trial.strength != ONE_VALUE and trial not in PARTS]
+    return [*uniform, *parts, *([trial.name for trial in drawn if trial.model == model]
+                                for model in dict.fromkeys(trial.model for trial in drawn))]
+
+
 class ModelPrediction:
     """Tries models of one material on its sample."""
 
@@ -149,10 +157,9 @@ class _Contest:
         if self.solver.cancelled:
             return Decision(self.fitted.model, "stopped before left-out views were predicted", cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
-        taken = incumbent
-        if not self.judge.leads(incumbent, clear, self.predictions):
-            taken = self.judge.choose(self._families(), clusters(self.sample, self.places))
-        return self._decision(taken, errors)
+        leads = self.judge.leads(incumbent, clear, self.predictions)
+        taken = incumbent if leads else self.judge.choose(self._families(), clusters(self.sample, self.places))
+        return self._decision(MaterialPrediction(self.folds.of, taken, errors, leads))
 
     def _folds(
         self, attempt: Callable[[Bool, Joint, list[_Trial]], Generator[Progress, None, None]],
@@ -173,13 +180,14 @@ class _Contest:
             self.judge.add(name, self.predictions[name])
 
     def _families(self) -> list[list[str]]:
-        """Names of trials from the smallest models on; the last is the fit's own, where its texels know no prior."""
-        uniform = [[trial.name] for trial in self.trials.values() if trial.strength == ONE_VALUE]
-        parts = [[trial.name] for trial in PARTS if trial.name in self.trials]
-        drawn = [[trial.name for trial in self.trials.values() if trial.model == model and trial not in PARTS
-                  and trial.strength != ONE_VALUE] for model in LADDER]
+        """Names of trials from the smallest models on; the last is the fit's own, where its texels know no prior.
+
+        Metals come late: a Metallic that is none misleads more than a roughness too many.
+        """
+        metal = [trial for trial in self.trials.values() if trial.model == "one-lobe-metallic"]
+        plain = [trial for trial in self.trials.values() if trial not in metal]
         own = [[FITTED[self.fitted.model]]] if self.fitted.model in ("one-lobe", "one-lobe-specular") else []
-        return [["lambert"], *uniform, *parts, *(family for family in drawn if family), *own]
+        return [["lambert"], *_by_size(plain), *_by_size(metal), *own]
 
     def _own(self, known: Bool, joint: Joint, trials: list[_Trial]) -> Generator[Progress, None, None]:
         """No lobe, and the model that the fit prefers."""
@@ -230,13 +238,12 @@ class _Contest:
         """What a trial predicts of a fold; ``known``: layers that are not left out."""
         self.predictions.setdefault(name, []).append(predicted(self.observed, lobes, known))
 
-    def _decision(self, taken: str, errors: dict[str, PredictionError]) -> Decision:
-        best = errors[taken]
+    def _decision(self, prediction: MaterialPrediction) -> Decision:
+        taken, errors, best = prediction.taken, prediction.tried, prediction.error
         why = (f"left-out {self.folds.of} are predicted to {best.relative_rms:.3g} of their radiance, L* "
                f"{best.lightness:.2g} ({taken}); " + ", ".join(
                    f"{name}: {error.relative_rms:.3g}, {error.lightness:.2g}" for name, error in errors.items()
                    if name != taken))
-        prediction = MaterialPrediction(self.folds.of, taken, errors)
         if taken not in self.trials:
             model = "lambert" if taken == "lambert" else self.fitted.model
             return Decision(model, why, prediction=prediction)
