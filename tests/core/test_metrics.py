@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from irpso_addon.core.data import Maps, Solution
+from irpso_addon.core.evaluation import prediction
 from irpso_addon.core.evaluation.metrics import map_errors, psnr
 from irpso_addon.core.evaluation.prediction import Pixels, PlaceView, Surface, predict, shown
 from irpso_addon.core.resampling import at_size
@@ -80,6 +84,32 @@ def test_one_lobe_is_the_principled_model(level):
     at = surface(level=level)
     want = brdf.principled(at.base, at.lobes[:, 0], L, V, N, level)
     assert np.abs(predict(at, view) / want - 1).max() < 2e-4
+
+
+@pytest.mark.parametrize("level", [0.5, 0.8])
+def test_metallic_is_the_principled_model(level):
+    """Of each texel its own, from none to all."""
+    view, (L, V, N) = one_light()
+    metallic = np.random.default_rng(3).uniform(0, 1, 200)
+    metallic[:20], metallic[20:40] = 0.0, 1.0
+    at = replace(surface(level=level), metallic=metallic)
+    want = brdf.principled(at.base, at.lobes[:, 0], L, V, N, level, metallic)
+    assert np.abs(predict(at, view) / want - 1).max() < 2e-4
+
+
+def test_a_solutions_metallic_is_its_materials():
+    """By slot; texels of no slot count as the first's, pixels show what their texel has."""
+    grid = np.full((4, 4), 0.5, np.float32)
+    none = np.zeros((4, 4), bool)
+    found = Solution.of_maps(
+        Maps(np.full((4, 4, 3), 0.5, np.float32), grid, grid, grid, none, none, grid, grid),
+        {"Brass": "one-lobe-metallic", "Paint": "one-lobe"}, metallic={"Brass": 0.75})
+    slots = np.array([[1, 1, 0, 0]] * 4, np.int32)
+    whole = prediction.surface(found, "ggx", slots, ("Paint", "Brass"))
+    assert np.array_equal(whole.metallic.reshape(4, 4), np.where(slots == 1, 0.75, 0.0))
+    uv = np.array([[0.1, 0.5], [0.9, 0.5]], np.float32)
+    pixels = Pixels(uv, np.zeros((2, 4), np.float32), 1.0)
+    assert list(shown(whole, pixels).metallic) == [0.75, 0.0]
 
 
 def test_level_zero_is_lambert():

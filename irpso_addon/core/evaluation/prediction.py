@@ -12,7 +12,7 @@ import numpy as np
 from ..data import F32, F64, I32, Bool, Maps, Solution
 from ..resampling import bilinear
 from ..shading import brdf
-from .lobe_values import fresnel_ratio, lobe_values
+from .lobe_values import fresnel_ratio, lobe_values, metal_values
 
 TAPS = 4  # by TAPS, over a pixel's footprint
 
@@ -35,6 +35,7 @@ class Surface:
     lobes: F64  # (T, 3) roughness1, roughness2, weight of lobe 1
     level: F64  # (T,) Specular IOR Level
     beckmann: Bool  # (T,) two lobes of Beckmann's distribution over a diffuse
+    metallic: F64 | None = None  # (T,) of one lobe; None: 0 everywhere
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,14 @@ def surface(solution: Solution, ndf: str, slots: I32, names: tuple[str, ...]) ->
     rough = maps.roughness
     lobes = np.stack([rough, rough, np.ones_like(rough)], -1) if maps.lobes is None else maps.lobes
     level = np.full_like(rough, 0.5) if maps.specular is None else maps.specular
-    model = np.array([solution.model.get(name, "one-lobe") for name in names])[np.maximum(slots, 0)]
+    material = np.maximum(slots, 0)
+    model = np.array([solution.model.get(name, "one-lobe") for name in names])[material]
+    metallic = np.array([solution.metallic.get(name, 0.0) for name in names], np.float64)[material]
     level = np.where(model == "lambert", 0.0, level)
     return Surface(
         base=maps.base_color.reshape(-1, 3).astype(np.float64), lobes=lobes.reshape(-1, 3).astype(np.float64),
-        level=level.ravel().astype(np.float64), beckmann=((model == "two-lobe") & (ndf == "beckmann")).ravel())
+        level=level.ravel().astype(np.float64), beckmann=((model == "two-lobe") & (ndf == "beckmann")).ravel(),
+        metallic=metallic.ravel())
 
 
 def shown(maps: Surface, pixels: Pixels) -> Surface:
@@ -74,7 +78,8 @@ def shown(maps: Surface, pixels: Pixels) -> Surface:
     x, y = np.clip((pixels.uv * size).astype(int), 0, size - 1).T
     texel = y * size + x
     lobes = bilinear(maps.lobes.reshape(size, size, 3), pixels.uv)
-    return Surface(mean, lobes, maps.level[texel], maps.beckmann[texel])
+    metallic = None if maps.metallic is None else maps.metallic[texel]
+    return Surface(mean, lobes, maps.level[texel], maps.beckmann[texel], metallic)
 
 
 def predict(at: Surface, view: PlaceView) -> F64:
@@ -86,6 +91,18 @@ def predict(at: Surface, view: PlaceView) -> F64:
         diffuse = weight * diffuse + (1 - weight) * other[0]
         specular = weight[:, None] * specular + (1 - weight)[:, None] * other[1]
     value: F64 = at.base * diffuse[:, None] + specular
+    if at.metallic is not None and np.any(at.metallic > 0):
+        share = at.metallic[:, None]
+        value = (1 - share) * value + share * _metal(at, r1, view)
+    return value
+
+
+def _metal(at: Surface, roughness: F64, view: PlaceView) -> F64:
+    """(T, 3) what a metal of that base colour reflects."""
+    cos_v = np.clip(view.cos_v.astype(np.float64), 1e-3, 1)
+    own, edge = metal_values(view.lobes.astype(np.float64), cos_v[:, None], roughness)
+    gain = brdf.metal_gain(at.base, brdf.metal_energy(roughness, cos_v)[:, None])
+    value: F64 = gain * (at.base * own + edge)
     return value
 
 
