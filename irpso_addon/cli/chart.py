@@ -62,6 +62,8 @@ def _panel(axes: Any, panel: Panel) -> None:
             axes.axhline(curve.values[0], color=GREY, linestyle=(0, (4, 3)), linewidth=1)
             continue
         axes.plot(curve.seconds, curve.values, color=colour, marker=marker, markersize=4.5, linewidth=1.4)
+        for x, y in curve.hollows():
+            axes.plot([x], [y], color=colour, marker=marker, markersize=6.5, markerfacecolor="none")
         for x, y, note in zip(curve.seconds, curve.values, curve.notes, strict=False):
             axes.annotate(note, (x, y), (-4, 1), textcoords="offset points", fontsize=6, color=colour, ha="right")
     axes.set_title(f"{panel.title} ({'higher' if panel.up else 'lower'} is better)", fontsize=9, loc="left")
@@ -99,7 +101,8 @@ def _name(axes: Any, curves: Sequence[Curve]) -> None:
 
     last = max((s for curve in curves for s in curve.seconds or ()), default=1.0)
     ends = [(last if curve.seconds is None else curve.seconds[-1], curve.values[-1]) for curve in curves]
-    points = [spot(x, y) for curve in curves for x, y in zip(curve.seconds or (), curve.values, strict=False)]
+    points = [spot(x, y) for curve in curves
+              for x, y in [*zip(curve.seconds or (), curve.values, strict=False), *curve.hollows()]]
     top = axes.bbox.y1 * 72 / axes.figure.dpi
     taken = [(x - 3, x + 3, y) for x, y in points]  # left, right, height
     for curve, end in sorted(zip(curves, ends, strict=True), key=lambda pair: pair[1][1]):

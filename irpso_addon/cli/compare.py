@@ -64,13 +64,17 @@ def print_report(report: dict[str, Any], out: Path, drawn: bool) -> None:
     """The table, and what lies in the folder."""
     truth = any(row["truth"] for row in report["rows"])
     held = any(row["held_out"] is not None for row in report["rows"])
+    foretold = any(row["predicted"] for row in report["rows"])
     head = ["method", "solve s", "whole s", *(["held out %"] if held else []),
+            *(["RMS %, L*"] if held and foretold else []), *(["predicted"] if foretold else []),
             *(["base RMSE", "roughness MAE", "informed"] if truth else []), "base: to refined", "roughness"]
     rows = []
     for row in report["rows"]:
         seconds = row["seconds"]
         cells = [row["method"], _number(seconds.get("solve"), 2), _number(seconds["total"], 2)]
         cells += [f"{100 * row['held_out']:.2f}"] if held else []
+        cells += [_error(row["held_out_error"])] if held and foretold else []
+        cells += [_error(row["predicted"])] if foretold else []
         for part, keys in (("truth", TRUTH_COLUMNS if truth else ()), ("from_refined", ("base_rmse", "rough_mae"))):
             cells += [_number(row[part].get(key)) for key in keys]
         rows.append(cells)
@@ -91,6 +95,11 @@ def draw(made: Chart, stem: Path) -> bool:
     except ImportError:
         return False
     return True
+
+
+def _error(found: dict[str, Any] | None) -> str:
+    """Relative RMS in per cent, and L*."""
+    return "-" if found is None else f"{100 * found['relative_rms']:.2f}, {found['lightness']:.2f}"
 
 
 def _number(value: float | None, digits: int = 4) -> str:

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..core.data import F32, F64, I32, Bool, RadianceImage, SceneData, View
+from ..core.data import F32, F64, I32, Bool, PredictionError, RadianceImage, SceneData, View
 from ..core.errors import BadInput
-from ..core.evaluation.metrics import map_errors
+from ..core.evaluation.metrics import map_errors, prediction_error
 from ..core.evaluation.prediction import Pixels, PlaceView, Surface, predict, shown
 from ..core.job import Progress
 from ..core.resampling import at_size
@@ -53,19 +53,31 @@ class Judge:
                        np.zeros(r.shape, bool))
 
     def errors(self, maps: Surface) -> dict[str, Any]:
-        """``held_out`` and ``truth`` of the report; None for what there is nothing to judge by."""
-        return {"held_out": self.held_out(maps) if self.held else None,
+        """``held_out``, ``held_out_error`` and ``truth`` of the report; None for what there is nothing to judge by."""
+        share, error = self.held_out(maps) if self.held else (None, None)
+        return {"held_out": share, "held_out_error": None if error is None else asdict(error),
                 "truth": self._truth(maps) if self.truth else None}
 
-    def held_out(self, maps: Surface) -> float:
-        """Sum of the absolute errors of all predictions over the sum of what was seen, in radiance / irradiance."""
+    def held_out(self, maps: Surface) -> tuple[float, PredictionError | None]:
+        """How far all predictions are off, twice.
+
+        Sum of the absolute errors over the sum of what was seen, in radiance / irradiance.  And that of radiances, as
+        a solve predicts it by leaving out lamps.
+        """
         off = seen = 0.0
+        radiance: list[tuple[F64, F64]] = []
         for pixels, views in self.held:
             at = shown(maps, pixels)
             for view in views:
-                off += float(np.sum(view.weight * np.abs(predict(at, view) - view.rgb)))
+                told = predict(at, view)
+                off += float(np.sum(view.weight * np.abs(told - view.rgb)))
                 seen += float(np.sum(view.weight * view.rgb))
-        return off / max(seen, 1e-20)
+                if view.irradiance is not None:
+                    good = (view.weight > 0).all(-1) & np.isfinite(view.irradiance).all(-1)
+                    light = view.irradiance[good].astype(np.float64)
+                    radiance.append((view.rgb[good] * light, told[good] * light))
+        error = prediction_error(*map(np.concatenate, zip(*radiance, strict=True))) if radiance else None
+        return off / max(seen, 1e-20), error
 
     def _truth(self, maps: Surface) -> dict[str, float]:
         assert self.truth is not None
@@ -126,4 +138,5 @@ def _choose(pixels: Pixels, views: list[PlaceView], where: Bool) -> tuple[Pixels
     x, y = np.clip((pixels.uv * size).astype(int), 0, size - 1).T
     part = where[y, x]
     return Pixels(pixels.uv[part], pixels.slope[part], pixels.footprint), [
-        PlaceView(view.rgb[part], view.weight[part], view.cos_v[part], view.lobes[part]) for view in views]
+        PlaceView(view.rgb[part], view.weight[part], view.cos_v[part], view.lobes[part],
+                  None if view.irradiance is None else view.irradiance[part]) for view in views]

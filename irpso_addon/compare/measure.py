@@ -9,7 +9,7 @@ import os
 import platform
 import time
 from collections.abc import Generator, Hashable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,8 +32,10 @@ from .judge import Judge, ReadImage, make_judge
 FEWEST_VIEWS = 4  # of which one is held out
 REFERENCE = "refined"  # the method from which the others' differences are reported
 PLACES = {"refined": 0, "draft": 1, "swarm": 2, "paper": 3}  # colours on the chart
+PREDICTED = "held-out views, RMS in % (hollow: predicted)"  # a panel where some method predicts its error
 PANELS = (  # title, part of the row, its key, scale
     ("held-out views, relative error in %", "held_out", None, 100.0),
+    (PREDICTED, "held_out_error", "relative_rms", 100.0),
     ("base colour, RMS error", "truth", "albedo_rmse", 1.0),
     ("roughness, mean error", "truth", "rough_mae", 1.0))
 Result = TypeVar("Result")
@@ -76,6 +78,7 @@ def measure(
     step = 1 / (1 + len(warm) + len(entries))
     judge: Judge = yield from _part(make_judge(fit, held, truth, read_image, base.size), 0.0, step, "observing")
     surfaces, seconds = {"no solver": judge.no_solver()}, {"no solver": {"total": judge.seconds}}
+    foretold: dict[str, Any] = {"no solver": None}
     done = step
     for method in warm:
         once = replace(base, method=method, iterations=1)
@@ -85,6 +88,7 @@ def measure(
         solution: Solution = yield from _part(_solve(fit, settings, read_image), done, step, label)
         surfaces[label] = surface(solution, base.ndf, judge.grid.slots, fit.mesh.slot_names)
         seconds[label] = {**solution.seconds, "total": sum(solution.seconds.values())}
+        foretold[label] = predicted(solution)
         done += step
     true = judge.true_maps()
     return {
@@ -92,8 +96,8 @@ def measure(
         "scene": fit.name, "object": fit.mesh.name, "size": base.size, "model": base.model, "reading_seconds": reading,
         "views": {"solved_from": [view.image.name for view in fit.views],
                   "held_out": [view.image.name for view in held.views] if held else []},
-        "texels": int(judge.where.sum()), "truth_held_out": judge.held_out(true) if judge.held and true else None,
-        "rows": [{"method": label, "seconds": seconds[label], **judge.errors(maps),
+        "texels": int(judge.where.sum()), "truth_held_out": judge.held_out(true)[0] if judge.held and true else None,
+        "rows": [{"method": label, "seconds": seconds[label], **judge.errors(maps), "predicted": foretold[label],
                   "from_refined": difference(maps, surfaces[REFERENCE], judge.where)}
                  for label, maps in surfaces.items()]}
 
@@ -133,6 +137,14 @@ def difference(maps: Surface, reference: Surface, where: Bool) -> dict[str, floa
             "rough_mae": float(np.abs((maps.lobes - reference.lobes)[part, 0]).mean())}
 
 
+def predicted(solution: Solution) -> dict[str, Any] | None:
+    """What a solve itself expects of views that it has not seen: of its material that predicts worst."""
+    if not solution.predictions:
+        return None
+    material, found = max(solution.predictions.items(), key=lambda item: item[1].error.relative_rms)
+    return {"material": material, "left_out": found.left_out, "taken": found.taken, **asdict(found.error)}
+
+
 def machine() -> dict[str, Any]:
     """Processor, cores, system."""
     processor = platform.processor() or platform.machine()
@@ -149,8 +161,10 @@ def machine() -> dict[str, Any]:
 
 def figure(report: dict[str, Any]) -> Chart:
     """The report's errors against its seconds."""
-    panels = [Panel(title, _curves(report["rows"], part, key, scale), log=True)
-              for title, part, key, scale in PANELS if all(row[part] is not None for row in report["rows"])]
+    rows = report["rows"]
+    foretold = any(row["predicted"] for row in rows)
+    panels = [Panel(title, _curves(rows, part, key, scale), log=True) for title, part, key, scale in PANELS
+              if all(row[part] is not None for row in rows) and (foretold or title != PREDICTED)]
     if report["truth_held_out"] is not None:
         panels[0].curves.append(Curve("true maps", 6, None, [100 * report["truth_held_out"]]))
     at = report["machine"]
@@ -173,6 +187,8 @@ def _curves(rows: list[dict[str, Any]], part: str, key: str | None, scale: float
         if mine:
             notes = [row["method"].split(", ")[1].split()[0] for row in mine] if len(mine) > 1 else ()
             seconds = [row["seconds"]["total"] for row in mine]
-            curves.append(Curve(method, place, seconds, [value(row) for row in mine], notes))
+            hollow = [scale * row["predicted"][key] if row["predicted"] else None
+                      for row in mine] if part == "held_out_error" else ()
+            curves.append(Curve(method, place, seconds, [value(row) for row in mine], notes, hollow))
     bare = next(row for row in rows if row["method"] == "no solver")
     return [*curves, Curve("no solver", 6, None, [value(bare)])]

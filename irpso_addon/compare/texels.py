@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
-from ..core.data import F32, I32, Bool, RadianceImage, SceneData, View
+from ..core.data import F32, I32, Bool, Light, RadianceImage, SceneData, View
 from ..core.evaluation.prediction import Pixels, PlaceView
 from ..core.job import Progress
+from ..core.shading.lights import light_irradiance
 from ..gpu.device import thread
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import MeshBuffer
@@ -18,6 +19,7 @@ from ..gpu.observe.observation_atlas import CameraSource, Layers, ObservationAtl
 from ..gpu.observe.observations import EDGE_QUALITY, ObservedCamera, observe
 from ..solve.gpu_path import draw_texels
 
+MOST = 10_000  # pixels of a view whose irradiance is found
 Result = TypeVar("Result")
 
 
@@ -73,11 +75,12 @@ def _camera(device: Device, camera: ObservedCamera, footprint: float) -> tuple[P
     assert maps.uv is not None and maps.uv_slope is not None
     position = device.read(maps.position)
     inside = position[..., 3] > 0.5
-    towards = camera.camera.position - position[inside, :3]
+    position, normal = position[inside, :3], device.read(maps.normal)[inside, :3]
+    towards = camera.camera.position - position
     towards = towards / np.linalg.norm(towards, axis=-1, keepdims=True)
     if camera.camera.orthographic:
         towards = np.broadcast_to(-camera.camera.forward, towards.shape)
-    cos_v = (towards * device.read(maps.normal)[inside, :3]).sum(-1).astype(np.float32)
+    cos_v = (towards * normal).sum(-1).astype(np.float32)
     pixels = Pixels(device.read(maps.uv)[inside], device.read(maps.uv_slope)[inside], footprint)
     views = []
     for view in camera.views:
@@ -88,8 +91,18 @@ def _camera(device: Device, camera: ObservedCamera, footprint: float) -> tuple[P
         lobes = lobes.reshape(len(lobes), len(view.view.lights), -1, 4).swapaxes(1, 2)
         views.append(PlaceView(
             rgb=np.where(good, colour[:, :3], 0), weight=(good * colour[:, 3:]).astype(np.float32), cos_v=cos_v,
-            lobes=np.broadcast_to(lobes, (len(lobes), 3, *lobes.shape[2:]))))
+            lobes=np.broadcast_to(lobes, (len(lobes), 3, *lobes.shape[2:])),
+            irradiance=_irradiance(view.view.lights, position, normal)))
     return pixels, views
+
+
+def _irradiance(lights: Sequence[Light], position: F32, normal: F32) -> F32:
+    """(P, 3) at some of the places, NaN at the others: that of a wide lamp takes time."""
+    some = np.unique(np.linspace(0, max(len(position) - 1, 0), min(len(position), MOST)).astype(int))
+    result = np.full((len(position), 3), np.nan, np.float32)
+    result[some] = sum((light_irradiance(light, position[some], normal[some])[:, None] * light.power
+                        for light in lights), np.zeros((len(some), 3)))
+    return result
 
 
 def _views(blocks: F32, layers: Layers) -> list[PlaceView]:

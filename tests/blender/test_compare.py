@@ -80,12 +80,31 @@ def test_solvers_find_the_paint_and_predict_the_views_held_out(compared):
     assert found["refined"]["from_refined"] == {"base_rmse": 0.0, "rough_mae": 0.0}
 
 
+def test_what_a_solve_expected_stands_beside_what_was_measured(scenes, irpso, tmp_path):
+    """Model auto leaves lamps out; methods that do not have no such figure, and other models no such column."""
+    done = irpso(*command(scenes, tmp_path / "out", "--model", "auto", "--passes"))
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "out" / "compare.json").read_text())
+    found = rows(report)
+    assert found["draft"]["predicted"] is None and found["no solver"]["predicted"] is None
+    predicted, measured = found["refined"]["predicted"], found["refined"]["held_out_error"]
+    assert predicted["left_out"] == "lamps" and predicted["material"] == "Paint"
+    assert predicted["relative_rms"] < 0.1 and measured["relative_rms"] < 0.1
+    assert predicted["lightness"] < 3 and measured["lightness"] < 3
+    table = [line.split() for line in done.stdout.splitlines()]
+    row = next(cells for cells in table if cells and cells[0] == "refined")
+    assert f"{100 * measured['relative_rms']:.2f}," in row and f"{100 * predicted['relative_rms']:.2f}," in row
+    assert "-" in next(cells for cells in table if cells and cells[0] == "draft")
+    assert "hollow: predicted" in (tmp_path / "out" / "compare.svg").read_text()
+
+
 def test_nothing_predicts_better_than_the_truth(compared):
     """The judge blames the true maps for less than any estimate: what is left is its own error."""
     report = compared[2]
     assert report["truth_held_out"] < 0.02
     assert report["truth_held_out"] <= 1.01 * min(row["held_out"] for row in report["rows"])
     assert "the true maps themselves are off by" in compared[1].stdout
+    assert "predicted" not in compared[1].stdout and "hollow" not in (compared[0] / "compare.svg").read_text()
 
 
 def test_more_passes_find_more(compared):

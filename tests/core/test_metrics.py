@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.data import Maps, Solution
-from irpso_addon.core.evaluation import prediction
-from irpso_addon.core.evaluation.metrics import map_errors, psnr
+from irpso_addon.core.evaluation import folds, prediction
+from irpso_addon.core.evaluation.metrics import map_errors, prediction_error, psnr
 from irpso_addon.core.evaluation.prediction import Pixels, PlaceView, Surface, predict, shown
+from irpso_addon.core.evaluation.sampled_texels import SampledTexels
 from irpso_addon.core.resampling import at_size
 from irpso_addon.core.shading import brdf
 
@@ -45,6 +46,26 @@ def test_no_number_is_the_worst_number():
     base, rough = at_size(np.full((4, 4, 3), np.nan, np.float32), 2), at_size(np.full((4, 4), np.inf, np.float32), 2)
     found = map_errors(base, rough[..., 0], np.full((2, 2, 3), 0.2), np.full((2, 2), 0.7), np.ones((2, 2), bool))
     assert found.albedo_rmse == pytest.approx(0.8) and found.rough_mae == pytest.approx(0.7)
+
+
+def test_views_held_out_are_judged_as_lamps_left_out_are():
+    """The same radiances and predictions give the error that the solve's own folds give."""
+    rng = np.random.default_rng(5)
+    texels, layers = 40, 6
+    seen = rng.uniform(0.5, 1.0, (texels, layers, 3))
+    light = rng.uniform(1.0, 4.0, (texels, layers, 3))
+    told = seen * rng.normal(1.0, 0.1, seen.shape)
+    ones = np.ones((texels, layers))
+    sampled = SampledTexels(seen, ones, ones, np.ones((texels, layers, 1, 4)), light, np.zeros(layers, np.int32),
+                            np.zeros(layers, np.int32), np.arange(layers, dtype=np.int32))
+    parted = folds.split(sampled)
+    judge = folds.Judge(sampled, parted)
+    assert judge.judged.all()
+    judge.add("it", [told] * len(parted.left_out))
+    want = judge.error("it")
+    found = prediction_error((seen * light).reshape(-1, 3), (told * light).reshape(-1, 3))
+    assert found.relative_rms == pytest.approx(want.relative_rms) and found.lightness == pytest.approx(want.lightness)
+    assert 0.08 < found.relative_rms < 0.12 and prediction_error(np.zeros((0, 3)), np.zeros((0, 3))) is None
 
 
 # ---- prediction

@@ -207,7 +207,7 @@ def _panel(panel: Panel, box: Box, theme: Theme) -> None:
     title = f"{panel.title[:1].upper()}{panel.title[1:]}"
     write(fitted(title, box.right - box.left - 12 * unit, theme), (box.left + 12 * unit, box.top - 14 * unit), theme)
     seconds = [s for curve in panel.curves for s in curve.seconds or ()]
-    values = [v for curve in panel.curves for v in curve.values]
+    values = [v for curve in panel.curves for v in (*curve.values, *(v for _, v in curve.hollows()))]
     low, high = span(seconds, 1.5)
     names = max(width_of(curve.label, theme) for curve in panel.curves) + 16 * unit
     room = max(1 - names / (inner.right - inner.left), 0.35)  # the names stand right of the last points
@@ -242,6 +242,9 @@ def _curve(curve: Curve, box: Box, x: Scale, y: Scale, theme: Theme) -> None:
         disc(point, 4.5 * unit, color, 3 + curve.place if curve.place else 20)
         if note:
             write(note, (point[0] + 4 * unit, point[1] + 7 * unit), theme, color, size=9)
+    for s, v in curve.hollows():
+        disc((x(s), y(v)), 5.5 * unit, color, 20)
+        disc((x(s), y(v)), 3.5 * unit, theme.back, 20)
 
 
 def _names(curves: Sequence[Curve], box: Box, x: Scale, y: Scale, theme: Theme) -> None:

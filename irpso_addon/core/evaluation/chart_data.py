@@ -20,6 +20,11 @@ class Curve:
     seconds: Sequence[float] | None
     values: Sequence[float]
     notes: Sequence[str] = ()  # beside each point
+    hollow: Sequence[float | None] = ()  # another value of each point, or none: a mark that is not filled
+
+    def hollows(self) -> list[tuple[float, float]]:
+        """(seconds, value) of the marks that are not filled."""
+        return [(s, v) for s, v in zip(self.seconds or (), self.hollow, strict=False) if v is not None]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data import F64, Bool
+from ..data import F64, Bool, PredictionError
 from ..resampling import BAD
+from .folds import WHITE, lightness
 
 FAIL = 0.1  # a roughness that is off by more counts as failed
 
@@ -36,6 +37,16 @@ def map_errors(base: F64, rough: F64, true_base: F64, true_rough: F64, where: Bo
     return MapErrors(
         albedo_rmse=square**0.5, albedo_psnr=psnr(square), rough_mae=float(off.mean()),
         rough_median=float(np.median(off)), rough_fail=float((off > FAIL).mean()))
+
+
+def prediction_error(seen: F64, told: F64) -> PredictionError | None:
+    """Of radiances (T, 3) beside those seen, as folds.py has it; None without any."""
+    if not len(seen):
+        return None
+    white = max(float(np.percentile(seen, WHITE)), 1e-20)
+    light = lightness(told / white) - lightness(seen / white)
+    return PredictionError(float(np.sqrt(((told - seen) ** 2).sum() / max(float((seen**2).sum()), 1e-30))),
+                           float(np.sqrt((light**2).mean())))
 
 
 def psnr(mean_square: float) -> float:
