@@ -35,7 +35,7 @@ from tests.support.texels import finish
 BASE, ROUGH, PIXELS = (0.7, 0.35, 0.15), 0.4, 96
 
 
-def build(base, rough, level) -> bpy.types.Scene:
+def build(base, rough, level, metallic=0.0) -> bpy.types.Scene:
     """Ball, floor, two cameras, three lamps; the ball has the given material."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
@@ -46,7 +46,7 @@ def build(base, rough, level) -> bpy.types.Scene:
     bpy.ops.mesh.primitive_plane_add(size=6, location=(0, 0, -0.8))
     floor = bpy.context.object
     floor.name = "Floor"
-    paint(ball, "Paint", base, rough, level)
+    paint(ball, "Paint", base, rough, level, metallic)
     paint(floor, "Floor", (0.6, 0.6, 0.5), 1.0, 0.0)
     for i, x in enumerate((-1.2, 1.2)):
         add(f"Camera {i}", bpy.data.cameras.new("Camera"), (x, -4.0, 0.9)).data.lens = 75
@@ -65,12 +65,12 @@ def add(name, data, place) -> bpy.types.Object:
     return demo._add(name, data, demo.Vector(place))
 
 
-def paint(obj, name, base, rough, level) -> None:
+def paint(obj, name, base, rough, level, metallic=0.0) -> None:
     if not obj.data.materials:
         obj.data.materials.append(demo._material(name))
     inputs = obj.data.materials[0].node_tree.nodes["Principled BSDF"].inputs
     inputs["Base Color"].default_value, inputs["Roughness"].default_value = (*base, 1), rough
-    inputs["Specular IOR Level"].default_value = level
+    inputs["Specular IOR Level"].default_value, inputs["Metallic"].default_value = level, metallic
 
 
 def references(folder: Path) -> None:
@@ -87,13 +87,13 @@ def references(folder: Path) -> None:
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
 
 
-def solution_of(base, rough, model) -> Solution:
+def solution_of(base, rough, model, metallic=0.0) -> Solution:
     """Constant maps."""
     shape, none = (8, 8), np.zeros((8, 8), np.float32)
     maps = Maps(base_color=np.broadcast_to(np.array(base, np.float32), (*shape, 3)), roughness=none + np.float32(rough),
                 confidence=none, error=none, filled=none > 0, coverage=none > 0, roughness_sigma=none, base_sigma=none)
     return Solution(maps=maps, model={"Paint": model}, why={}, texels={}, seconds={}, residual=0.0, views_used=(),
-                    views_skipped=(), warnings=(), device={})
+                    views_skipped=(), warnings=(), device={}, metallic={"Paint": metallic} if metallic else {})
 
 
 def digest(path: Path) -> str:
@@ -117,15 +117,16 @@ def scene(bounced: Path, monkeypatch) -> SceneData:
     return read_scene(None, "Ball", bounced / "captures.json")
 
 
-@pytest.mark.parametrize(("base", "model", "level"), [(0.5, "lambert", 0.0), (0.0, "one-lobe", 0.5)])
-def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level) -> None:
-    """White paint without highlight: rho / pi times the irradiance; black paint with one: the glossy light alone.
+@pytest.mark.parametrize(("base", "model", "level", "metallic"), [
+    (0.5, "lambert", 0.0, 0.0), (0.0, "one-lobe", 0.5, 0.0), (0.5, "one-lobe-metallic", 0.5, 1.0)])
+def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level, metallic) -> None:
+    """White paint without highlight: rho / pi times the irradiance; black paint with one, and a metal: the glossy light.
 
     Beside them the same paint by Cycles with 4 bounces minus without any.  Means over the ball: noise is averaged.
     """
     monkeypatch.setattr(indirect, "SIDE", PIXELS)
     monkeypatch.setattr(indirect, "SAMPLES", 64)
-    scene = build((base,) * 3, ROUGH, level)
+    scene = build((base,) * 3, ROUGH, level, metallic)
     scene.render.resolution_x = scene.render.resolution_y = 48
     scene.cycles.samples = 64
     light = {}
@@ -139,13 +140,14 @@ def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level
     file = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     found = finish(indirect.IndirectRenderer.of_open_file(file)(
-        read_scene(None, "Ball", captures), solution_of((base,) * 3, ROUGH, model)))
+        read_scene(None, "Ball", captures), solution_of((base,) * 3, ROUGH, model, metallic)))
     assert list(found) == [0]
-    drawn = base / math.pi * found[0].irradiance if base else found[0].glossy
+    matt = model == "lambert"
+    drawn = base / math.pi * found[0].irradiance if matt else found[0].glossy
     ball = np.hypot(*np.mgrid[-1:1:48j, -1:1:48j]) < 0.3  # around the picture's middle
     want = (light[4] - light[0])[ball].mean(0)
     assert (want > 0.002 * light[0][ball].mean()).all()
-    np.testing.assert_allclose(drawn[ball].mean(0), want, rtol=0.05 if base else 0.12)
+    np.testing.assert_allclose(drawn[ball].mean(0), want, rtol=0.05 if matt else 0.12)
 
 
 def test_albedo_is_recovered_where_direct_light_alone_fails(scene: SceneData, bounced: Path) -> None:

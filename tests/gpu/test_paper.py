@@ -415,6 +415,7 @@ def test_through_the_pipeline(model):
 @pytest.mark.parametrize(("model", "chosen", "says"), [
     ("lambert", {}, "method paper: .* one-lobe and two-lobe, not lambert"),
     ("one-lobe-specular", {}, "not one-lobe-specular"),
+    ("one-lobe-metallic", {}, "not one-lobe-metallic"),
     ("one-lobe", {"window": 4}, "window: 4 .* odd"),
 ])
 def test_what_it_cannot_do_is_said(on_gl, model, chosen, says):

@@ -13,6 +13,7 @@ import pytest
 
 from irpso_addon.core.cpu_solver import solver
 from irpso_addon.core.data import Solution
+from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import DeviceSettings, SolveSettings
 from irpso_addon.gpu.device import thread
 from tests.support import synthetic as syn
@@ -87,6 +88,14 @@ def test_the_pipeline_takes_it_when_told(numpy_device):
     assert found.device["renderer"].startswith("numpy")
     assert found.model == {"Paint": "one-lobe"}
     np.testing.assert_array_equal(found.maps.roughness, drained(shoot, size=16).maps.roughness)
+
+
+@pytest.mark.parametrize("model", ["one-lobe-specular", "one-lobe-metallic", "two-lobe"])
+def test_models_that_it_has_not_are_refused_in_one_line(numpy_device, model):
+    shoot = syn.shoot(syn.PATCHES, rig(1, 4), (48, 48))
+    with pytest.raises(BadInput, match=f"model {model} needs OpenGL; with device numpy choose one-lobe") as caught:
+        run(shoot, size=16, model=model)
+    assert "\n" not in str(caught.value)
 
 
 def test_lamberts_error_is_that_of_its_own_fit():

@@ -130,7 +130,7 @@ class IndirectRenderer:
         np.savez(folder / "maps.npz", **arrays, **({} if maps.specular is None else {"specular": maps.specular}))
         (folder / "job.json").write_text(json.dumps({
             "blend": str(self.blend), "scene": self.scene, "view_layer": self.view_layer, "object": scene.mesh.name,
-            "model": solution.model, "levels": solution.levels, "ndf": solution.ndf,
+            "model": solution.model, "levels": solution.levels, "metallic": solution.metallic, "ndf": solution.ndf,
             "side": side, "samples": SAMPLES, "pictures": pictures,
         }), encoding="utf-8")
 

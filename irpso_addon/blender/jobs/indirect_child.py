@@ -48,7 +48,7 @@ def _solution(job: dict[str, Any], arrays: dict[str, Any]) -> Solution:
         base_color=arrays["base_color"], roughness=rough if rough.ndim == 2 else rough[..., 0], confidence=none,
         error=none, filled=none > 0, coverage=none > 0, roughness_sigma=none, base_sigma=none,
         lobes=None if rough.ndim == 2 else rough, specular=arrays.get("specular"))
-    return Solution.of_maps(maps, job["model"], job["levels"], job["ndf"])
+    return Solution.of_maps(maps, job["model"], job["levels"], job["ndf"], metallic=job["metallic"])
 
 
 def _set_up(scene: Any, job: dict[str, Any]) -> None:
