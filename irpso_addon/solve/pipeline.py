@@ -282,7 +282,7 @@ def _solution(
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
         views_skipped=scene.skipped + observations.skipped,
         warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps, settings.udim),
-                  *(_unfit(name, found) for name, found in ladder.predictions.items() if not found.fits)))
+                  *(unfit(name, found) for name, found in ladder.predictions.items() if not found.fits)))
 
 
 def _checks(
@@ -301,7 +301,7 @@ def _checks(
     return measure(views, texels), tuple(pictures)
 
 
-def _unfit(name: str, prediction: MaterialPrediction) -> str:
+def unfit(name: str, prediction: MaterialPrediction) -> str:
     """What to say of a material that no model explains."""
     error = prediction.error
     return (f"material '{name}': no model that was tried predicts what left-out {prediction.left_out} show (off by "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -43,6 +44,9 @@ def record(
         low = worst_half(told)
         found |= {"failed": int(wrong.sum()), "failed_low": int((wrong & low).sum()),
                   "failed_told": int((wrong & (low | (told < UNSURE))).sum()), "unsure": _mean(told < UNSURE)}
+    if answer.prediction is not None:
+        found |= {"taken": answer.prediction.taken, "predicted": answer.prediction.error.relative_rms,
+                  "lightness": answer.prediction.error.lightness}
     if warnings is not None:
         found["warnings"] = warnings
     return {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in found.items()}
@@ -67,6 +71,10 @@ def summary(records: Sequence[Record]) -> Record:
     told = [r for r in records if r["texels"]]
     found: Record = {"seeds": len(records), "nan": sum(r["nan"] for r in records),
                      "seen": float(np.mean([r["seen"] for r in records]))}
+    judged = [r for r in told if "taken" in r]
+    if judged:
+        found |= {key: float(np.mean([r[key] for r in judged])) for key in ("predicted", "lightness")}
+        found["taken"] = _counts(r["taken"] for r in judged)
     for key in ("roughness", "failures", "gross", "worst", "albedo"):
         values = np.array([r[key] for r in told]) if told else np.zeros(1)
         found[key], found[f"{key}_spread"] = float(values.mean()), float(values.std())
@@ -91,8 +99,9 @@ def is_gross(r: Record) -> bool:
 
 def _kinds(records: Iterable[Record]) -> dict[str, int]:
     """How many maps each kind of warning was given for."""
-    count: dict[str, int] = {}
-    for r in records:
-        for kind in {kind for kind, _ in r["warnings"]}:
-            count[kind] = count.get(kind, 0) + 1
-    return dict(sorted(count.items(), key=lambda item: -item[1]))
+    return _counts(kind for r in records for kind in {kind for kind, _ in r["warnings"]})
+
+
+def _counts(names: Iterable[str]) -> dict[str, int]:
+    """How often each is there, the most frequent first."""
+    return dict(Counter(names).most_common())

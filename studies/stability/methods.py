@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from irpso_addon.core.data import F32, F64
+from irpso_addon.core.data import F32, F64, MaterialPrediction
 from irpso_addon.core.evaluation.prediction import PlaceView, Surface, predict
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading.tables import principled_table
@@ -30,6 +30,7 @@ from studies.bench.opengl import SHADERS, result
 from .problem import Problem
 
 CROP, GUTTER = 12, 2  # method paper: texels of each seed's map; between them, wider than its window reaches
+BASE_PASSES = 3  # in which a metal's multiple scattering, which depends on base colour, is found
 ADAM = {"u_steps": 100, "u_rate": 0.02}
 
 
@@ -46,16 +47,20 @@ class Answer:
     lobes: F64 | None = None  # (h, w, 3) both roughnesses and the first's weight, where the model has them
     level: F64 | None = None  # (h, w) Specular IOR Level, where the model has one
     model: str = "one-lobe"
+    metallic: float = 0.0
+    prediction: MaterialPrediction | None = None  # of left-out lamps, where the method judges by that
 
 
 class PictureSource(ArraySource):
     """Arrays treated as the product treats pictures (CameraSource): channels apart where lamps are coloured."""
 
     def __init__(self, device: Device, problem: Problem) -> None:
+        apart = problem.channels == 3
         super().__init__(device, ObservedTexels(
-            problem.rgb, problem.quality, problem.cos_v, problem.lobes, problem.groups), principled_table())
+            problem.rgb, problem.quality, problem.cos_v, problem.lobes, problem.groups,
+            None if apart else problem.irradiance.mean(-1), tuple(range(problem.trial.views))), principled_table())
         self.camera_slack, self.pool_gain, self.model_error = CAMERA_SLACK, POOL_GAIN, MODEL_ERROR
-        if problem.channels == 3:
+        if apart:
             self._apart(problem)
 
     def _apart(self, problem: Problem) -> None:
@@ -106,15 +111,16 @@ class Table:
         ladder = Ladder(self.device, self.source, settings, Materials(np.zeros(shape, np.int32), ("Paint",)))
         found = result(ladder.solve())
         ladder.release()
-        solved, model = found.texels.solved, found.model.get("Paint", "one-lobe")
-        rough = found.texels.roughness.astype(np.float64)
+        at, model, prediction = found.texels, found.model.get("Paint", "one-lobe"), found.predictions.get("Paint")
+        rough, sigma = at.roughness.astype(np.float64), at.sigma
         level = None if found.level is None else found.level.astype(np.float64)
-        at, sigma = found.texels, found.texels.sigma
         if model == "lambert":  # what is in doubt is the base colour, as in gpu/maps/finish_maps.py
             rough, level, sigma = np.ones(shape), np.zeros(shape), at.base_sigma
-        sure = np.where(solved, confidence(rough.astype(np.float32), sigma, at.observations, solved), 0.0)
-        answer = Answer(np.zeros((*shape, 3)), rough, solved, sigma, sure.astype(np.float32), at.observations,
-                        None if found.lobes is None else found.lobes.astype(np.float64), level, model)
+        trusted = at.solved & (prediction is None or prediction.fits)
+        sure = np.where(trusted, confidence(rough.astype(np.float32), sigma, at.observations, at.solved), 0.0)
+        answer = Answer(np.zeros((*shape, 3)), rough, at.solved, sigma, sure.astype(np.float32), at.observations,
+                        None if found.lobes is None else found.lobes.astype(np.float64), level, model,
+                        found.metallic.get("Paint", 0.0), prediction)
         return replace(answer, base=base_of(self.problem, answer))
 
     def rival(self, shader: str, uniforms: dict[str, float]) -> Answer:
@@ -143,7 +149,10 @@ class Table:
 
 
 def predicted(problem: Problem, answer: Answer, k: int) -> tuple[F64, F64]:
-    """(specular (h, w, 3), what a white diffuse gives (h, w, 1)) of view k in the believed geometry, 1/sr."""
+    """(specular (h, w, 3), what a white diffuse gives (h, w, 1)) of view k in the believed geometry, 1/sr.
+
+    Of a metal: what black gives, and what each channel adds for each unit of base colour, (h, w, 3), at the answer's.
+    """
     shape = answer.roughness.shape
     r = np.clip(answer.roughness, 0.05, 1.0)
     lobes = np.stack([r, r, np.ones_like(r)], -1) if answer.lobes is None else answer.lobes
@@ -151,20 +160,28 @@ def predicted(problem: Problem, answer: Answer, k: int) -> tuple[F64, F64]:
     rgb = problem.rgb[:, :, k].reshape(-1, 3)
     geometry = np.repeat(problem.lobes[:, :, k].reshape(-1, 1, 1, 4), 3, 1)
     view = PlaceView(rgb, np.ones_like(rgb), problem.cos_v[..., k].ravel(), geometry)
-    black, white = (predict(Surface(np.full((r.size, 3), base), lobes.reshape(-1, 3), level.ravel(),
-                                    np.zeros(r.size, bool)), view).reshape(*shape, 3) for base in (0.0, 1.0))
-    return black, (white - black)[..., :1]
+    metallic = np.full(r.size, answer.metallic)
+    base = np.maximum(answer.base, 0.01) if answer.metallic > 0 else np.ones((*shape, 3))
+    black, shown = (predict(Surface(values.reshape(-1, 3), lobes.reshape(-1, 3), level.ravel(),
+                                    np.zeros(r.size, bool), metallic), view).reshape(*shape, 3)
+                    for values in (np.zeros_like(base), base))
+    each = (shown - black) / base
+    return black, each if answer.metallic > 0 else each[..., :1]
 
 
 def base_of(problem: Problem, answer: Answer) -> F64:
     """Base colour (h, w, 3) by least squares at the lobes found."""
-    total, weight = np.zeros((*answer.roughness.shape, 3)), np.full((*answer.roughness.shape, 1), 1e-12)
-    for k in range(problem.trial.views):
-        specular, white = predicted(problem, answer, k)
-        quality = problem.quality[..., k, None]
-        total += quality * white * (problem.rgb[:, :, k] - specular)
-        weight += quality * white**2
-    return np.clip(total / weight, 0.0, 1.0)
+    shape = (*answer.roughness.shape, 3)
+    answer = replace(answer, base=np.full(shape, 0.5))
+    for _ in range(BASE_PASSES if answer.metallic > 0 else 1):
+        total, weight = np.zeros(shape), np.full(shape, 1e-12)
+        for k in range(problem.trial.views):
+            specular, white = predicted(problem, answer, k)
+            quality = problem.quality[..., k, None]
+            total += quality * white * (problem.rgb[:, :, k] - specular)
+            weight += quality * white**2
+        answer = replace(answer, base=np.clip(total / weight, 0.0, 1.0))
+    return answer.base
 
 
 def paper(device: Device, problems: Sequence[Problem]) -> list[Answer]:
@@ -237,8 +254,9 @@ METHODS = (
     Method("exposed", "exposures solved", lambda t: t.product("refined", "auto"), (*_SOLVE, *_CHECKS),
            rounds=True, needs="drifts"),
     Method("auto", "model auto", lambda t: t.whole(),
-           (*_SOLVE, *_CHECKS, _LIBRARY + "gpu/solve/model_ladder.py", _LIBRARY + "gpu/solve/specular_level.py",
-            _LIBRARY + "core/models.py"), rounds=True, needs="other"),
+           (*_SOLVE, *_CHECKS, *(_LIBRARY + file for file in (
+               "gpu/solve/model_ladder.py", "gpu/solve/model_prediction.py", "gpu/solve/material_sample.py",
+               "gpu/solve/specular_level.py", "core/evaluation", "core/models.py"))), rounds=True, needs="other"),
     Method("single", "LM, one start", lambda t: t.rival("single.kernel", {"u_steps": 16}),
            (*_FIT, "studies/bench/shaders")),
     Method("adam", "Adam", lambda t: t.rival("adam.kernel", ADAM),

@@ -25,35 +25,57 @@ Summaries = Mapping[str, Any]  # {point: {method: summary}}
 
 
 def publish(device: Device, seeds: int, out: Path = OUT) -> list[Path]:
-    """Everything, from what the store holds; axes without records are left out."""
+    """What the store holds; axes without records stay as an earlier run has left them, or are left out."""
     out.mkdir(parents=True, exist_ok=True)
     by_axis = {axis.key: Store(axis).summaries(seeds) for axis in (*AXES, ROW)}
     by_axis = {key: points for key, points in by_axis.items() if points}
     written = [out / "atlas.json"]
-    measured = {"machine": machine(device), "seeds": seeds, "axes": by_axis}
+    before = json.loads(written[0].read_text("utf-8")) if written[0].exists() else {}
+    measured = joined(before, {"machine": machine(device), "seeds": seeds, "axes": by_axis, "identical": _identical()})
     lines = json.dumps(measured).replace('{"seeds"', '\n{"seeds"')
     written[0].write_text(lines + "\n", encoding="utf-8")
-    worst = {}
     for axis in AXES:
         if axis.key not in by_axis:
             continue
         written.append(chart.draw(axis, by_axis[axis.key], out / f"{axis.key}.png"))
         records = {p.label: Store(axis).seeds(p, BY_KEY["refined"], any_age=True) for p in axis.points}
         if any(records.values()):
-            worst[axis.key] = chart.worst_map(device, axis, records, out / f"{axis.key}_worst.png")
+            chart.worst_map(device, axis, records, out / f"{axis.key}_worst.png")
             written.append(out / f"{axis.key}_worst.png")
     written.append(out / "README.md")
     written[-1].write_text(page(measured, out), encoding="utf-8")
     return written
 
 
+def joined(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, Any]:
+    """What an earlier run measured with what this one did; ``apart``: when, of axes that were not part of the former.
+
+    The machine and the number of seeds stay those of the run that measured most.
+    """
+    kept = {key: points for key, points in before.get("axes", {}).items() if key not in now["axes"]}
+    if not kept:
+        return dict(now)
+    order = [axis.key for axis in (*AXES, ROW)]
+    axes = {**kept, **now["axes"]}
+    made = {"commit": now["machine"]["commit"], "date": now["machine"]["date"], "seeds": now["seeds"]}
+    apart = {**before.get("apart", {}), **dict.fromkeys(now["axes"], made)}
+    return {"machine": before["machine"], "seeds": before["seeds"], "apart": apart,
+            "identical": now["identical"] or before.get("identical"),
+            "axes": {key: axes[key] for key in order if key in axes}}
+
+
+def _identical() -> str | None:
+    """What came of the runs that must not differ; None where there were none."""
+    path = FOLDER / "identical.json"
+    return str(json.loads(path.read_text("utf-8"))["words"]) if path.exists() else None
+
+
 def page(measured: Mapping[str, Any], out: Path) -> str:
     """README.md."""
     by_axis = measured["axes"]
-    identical = FOLDER / "identical.json"
-    same = json.loads(identical.read_text("utf-8"))["words"] if identical.exists() else "not run"
     words = parts()
-    head = words["head"].strip().format(seeds=measured["seeds"], identical=same, **measured["machine"])
+    head = words["head"].strip().format(
+        seeds=measured["seeds"], identical=measured.get("identical") or "not run", **measured["machine"])
     text = [wrapped(head) + "\n"]
     beside = [f"[{title}]({name})" for name, title in BESIDE.items() if (out / name).exists()]
     if beside:
@@ -65,8 +87,11 @@ def page(measured: Mapping[str, Any], out: Path) -> str:
         text.append(f"\n## {title}\n")
         for axis in axes:
             if axis.key in by_axis:
+                when = measured.get("apart", {}).get(axis.key)
+                made = when and f"Measured apart: {when['seeds']} seeds, commit {when['commit']}, {when['date']}."
                 text.append(f"\n### {axis.title}\n\n![{axis.title}]({axis.key}.png)\n\n"
                             f"{filled(words.get(axis.key, ''), by_axis[axis.key])}\n\n"
+                            f"{made + chr(10) * 2 if made else ''}"
                             f"![The worst map]({axis.key}_worst.png)\n")
     return "".join(text)
 

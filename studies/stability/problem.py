@@ -15,6 +15,7 @@ from irpso_addon.core.observation_quality import DARK_SHARE, MIN_COS_L, MIN_COS_
 from irpso_addon.core.shading import brdf
 from tests.support.texel_problem import BUMP, LAMP_DISTANCE, PATCH_RADIUS, Estimate, lamp_positions, smooth_map
 
+from .material import GGX, reflected
 from .spoil import Pictures, develop, shifted
 
 CAMERA_DISTANCE, CAMERA_ANGLE = 5.0, 25.0  # half widths of the patch; degrees from the patch's normal
@@ -55,6 +56,10 @@ class Trial:
     known: bool = True  # and the solver knows it
     beckmann: float = 0.0  # share of Beckmann's distribution in the lobe
     fresnel: str = "1.5"  # IOR, "Schlick", or "metal"
+    diffuse: float = 0.0  # share of a diffuse that is not Lambert's: light enters and leaves through a surface
+    tail: float = GGX  # exponent of generalised Trowbridge-Reitz: the smaller, the longer the lobe's tail
+    metallic: float = 0.0
+    coat: float = 0.0  # weight of a sharp clear lobe above it all
     colour: float = 0.0  # of the lamps: 0 white, 1 one channel without light
     seed: int = 0
 
@@ -152,16 +157,6 @@ def angles(geometry: Geometry, k: int, camera: int, normal: F64) -> Angles:
                   (LAMP_DISTANCE / distance) ** 2)
 
 
-def fresnel(kind: str, cos_vh: F64) -> F64:
-    """Reflectance: unpolarised at an IOR, Schlick's with F0 = .04, or a metal's with F0 = .7."""
-    if kind in ("Schlick", "metal"):
-        f0 = 0.04 if kind == "Schlick" else 0.7
-        return np.asarray(f0 + (1 - f0) * (1 - cos_vh) ** 5)
-    g = np.sqrt(float(kind) ** 2 - 1 + cos_vh**2)
-    parallel = (cos_vh * (g + cos_vh) - 1) / (cos_vh * (g - cos_vh) + 1)
-    return np.asarray(0.5 * ((g - cos_vh) / (g + cos_vh)) ** 2 * (1 + parallel**2))
-
-
 def _truth(trial: Trial, rng: np.random.Generator) -> Estimate:
     n = trial.size
     base = np.stack([smooth_map(n, rng, 0.08, 0.75, 12.0) for _ in range(3)], -1)
@@ -253,19 +248,10 @@ def _picture(trial: Trial, truth: Estimate, true: Geometry, k: int, camera: int,
     for lamp in lamps:
         at = angles(lamp, 0, camera, normal)
         lit = np.where(at.seen, at.cos_l, 0.0)
-        cos_l, cos_v = np.maximum(at.cos_l, 1e-3), np.maximum(at.cos_v, 1e-3)
-        r = truth.roughness
-        lobe = brdf.specular_principled(r, at.sin2h, 0.0, cos_l, cos_v, at.cos_vh)
-        if trial.beckmann:
-            gain = brdf.principled_energy(r, cos_v)[..., 0]
-            classic = gain * brdf.specular_beckmann(r, at.sin2h, 0.0, cos_l, cos_v, at.cos_vh)
-            lobe = (1 - trial.beckmann) * lobe + trial.beckmann * classic
-        if trial.fresnel != "1.5":
-            lobe = lobe * fresnel(trial.fresnel, at.cos_vh) / brdf.F_dielectric(at.cos_vh)
-        share = np.pi * at.reach * lit / len(lamps)
-        white = (share * brdf.diffuse_principled(r, cos_v)).mean(0)
-        diffuse += truth.base * white[..., None] * true.power[k]
-        specular += (share * lobe).mean(0)[..., None] * true.power[k]
+        white, lobe = reflected(trial, truth, at)
+        share = (np.pi * at.reach * lit / len(lamps))[..., None]
+        diffuse += truth.base * (share * white).mean(0) * true.power[k]
+        specular += (share * lobe).mean(0) * true.power[k]
     return diffuse, specular
 
 

@@ -16,7 +16,8 @@ from .methods import METHODS, Method
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "stability"
-COMMON = ("studies/stability/problem.py", "studies/stability/spoil.py", "tests/support/texel_problem.py",
+COMMON = ("studies/stability/problem.py", "studies/stability/material.py", "studies/stability/spoil.py",
+          "tests/support/texel_problem.py",
           "irpso_addon/core/shading/brdf.py", "irpso_addon/core/observation_quality.py",
           "irpso_addon/core/images/colour.py")
 EDITION = 2  # raised when measure.py or methods.py make other records of the same answers

@@ -12,6 +12,7 @@ from irpso_addon.core.checks.solve_checks import TexelFit, measure
 from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
 from irpso_addon.core.checks.warnings import warnings
 from irpso_addon.core.data import Camera, Light, View
+from irpso_addon.solve.pipeline import unfit
 
 from .methods import Answer, predicted
 from .problem import Problem
@@ -20,7 +21,8 @@ KINDS = {  # words of a warning -> its kind in the atlas; the first that fits
     "to the power": "not linear", "pixels off": "registration", "check its p": "light", "stand elsewhere": "light",
     "exposure": "exposure", "brighter or darker": "exposure", "no light arrives": "indirect light",
     "clipped": "clipped", "highlights are off": "misfit", "unexplained": "misfit",
-    "good observations": "few observations", "highlight": "no highlight", "lit by no view": "not seen",
+    "no model that was tried": "no model fits", "good observations": "few observations", "highlight": "no highlight",
+    "lit by no view": "not seen",
 }
 UNSEEN = 0.05  # irpso_addon/solve/pipeline.py: share of texels seen by no view
 
@@ -28,6 +30,8 @@ UNSEEN = 0.05  # irpso_addon/solve/pipeline.py: share of texels seen by no view
 def warned(answer: Answer, checks: Checks, mended: Sequence[str] = ()) -> list[tuple[str, str]]:
     """(kind, text) of each warning; ``mended``: what was put right before these checks."""
     found = [*mended, *warnings(checks)]
+    if answer.prediction is not None and not answer.prediction.fits:
+        found.append(unfit("Paint", answer.prediction))
     if (~answer.solved).mean() > UNSEEN:
         found = [f"patch: {(~answer.solved).mean():.0%} of its texels are seen lit by no view", *found]
     return [(kind_of(text), text) for text in found]

@@ -33,6 +33,6 @@ def _figure(points: Mapping[str, Any], method: str, what: str, label: str) -> st
     value = points.get(label, {}).get(method, {}).get(what)
     if value is None:
         return "-"
-    if what not in ("failures", "gross", "unsure"):
+    if what not in ("failures", "gross", "unsure", "predicted"):
         return f"{value:.3f}"
     return f"{100 * value:.2g} %" if value < 0.1 else f"{100 * value:.0f} %"

@@ -120,7 +120,7 @@ def scene(bounced: Path, monkeypatch) -> SceneData:
 @pytest.mark.parametrize(("base", "model", "level", "metallic"), [
     (0.5, "lambert", 0.0, 0.0), (0.0, "one-lobe", 0.5, 0.0), (0.5, "one-lobe-metallic", 0.5, 1.0)])
 def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level, metallic) -> None:
-    """White paint without highlight: rho / pi times the irradiance; black paint with one, and a metal: the glossy light.
+    """White paint without highlight: rho / pi times the irradiance; black paint with one, and metal: the glossy light.
 
     Beside them the same paint by Cycles with 4 bounces minus without any.  Means over the ball: noise is averaged.
     """

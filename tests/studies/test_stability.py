@@ -16,9 +16,10 @@ from irpso_addon.gpu.device.context import Device
 from studies.stability import page, store
 from studies.stability.axes import AXES, ROW, Axis, Point
 from studies.stability.identical import _arrays
+from studies.stability.material import COAT, GGX, fresnel, reflected, tail_ratio, through_a_surface
 from studies.stability.measure import record, summary
 from studies.stability.methods import BY_KEY, METHODS, Answer, Table, middle, paper
-from studies.stability.problem import CAMERA_ANGLE, Problem, Trial, fresnel, make
+from studies.stability.problem import CAMERA_ANGLE, Angles, Problem, Trial, make
 from studies.stability.spoil import shifted, stored
 from studies.stability.sweep import answered, sweep
 from studies.stability.warned import checked_views, checks_of, kind_of, views_of
@@ -138,6 +139,44 @@ def test_fresnel() -> None:
     assert fresnel("Schlick", np.array(1.0)) == pytest.approx(0.04)
 
 
+def slopes_of(cos: np.ndarray) -> Angles:
+    """Light from all sides, the view along the normal: sin2h is that of half the light's angle."""
+    half = np.sqrt((1 + cos) / 2)
+    return Angles(cos, np.ones_like(cos), half, 1 - half**2, np.ones_like(cos))
+
+
+def test_a_longer_tail_has_as_many_facets() -> None:
+    """The distribution's projected area is 1 whatever the exponent, and its tail is longer."""
+    cos = (np.arange(200_000) + 0.5) / 200_000
+    for r in (0.2, 0.5, 0.9):
+        D = brdf.D_ggx(r**4, 1 - cos**2)
+        assert np.mean(2 * np.pi * D * cos) == pytest.approx(1.0, rel=1e-3)
+        for exponent in (1.9, 1.5, 1.2):
+            longer = D * tail_ratio(exponent, np.array(r), 1 - cos**2)
+            assert np.mean(2 * np.pi * longer * cos) == pytest.approx(1.0, rel=1e-3), (r, exponent)
+            assert longer[100] > D[100] and longer[-1] < D[-1]
+    assert tail_ratio(GGX, np.array(0.4), np.array(0.3)) == pytest.approx(1.0)
+
+
+def test_materials_that_no_model_describes() -> None:
+    """Against what they are made of: a metal is Cycles', a diffuse through a surface is darker at grazing angles."""
+    cos = (np.arange(100) + 0.5) / 100
+    at, p = slopes_of(cos), make(TINY)
+    truth = replace(p.truth, base=p.truth.base[:1, :1], roughness=np.full((1, 1), 0.4))
+    plain, metal, coat, matt = (reflected(replace(TINY, **more), truth, at) for more in (
+        {}, {"metallic": 0.6}, {"coat": 1.0}, {"diffuse": 1.0}))
+    L, V = (np.stack([np.sqrt(1 - c**2), np.zeros_like(c), c], -1) for c in (cos, np.ones_like(cos)))
+    N = np.array([0.0, 0.0, 1.0])
+    want = brdf.principled(truth.base[0], np.full(cos.shape, 0.4), L, V, N, metallic=0.6)
+    np.testing.assert_allclose((truth.base * metal[0] + metal[1])[0], want, rtol=1e-6)
+    clear = brdf.principled(np.zeros(3), np.full(cos.shape, COAT), L, V, N)
+    np.testing.assert_allclose(coat[1] - clear[None, :, :1], plain[1] * (coat[0] / plain[0]), atol=1e-9)
+    assert (coat[0] < plain[0]).all() and (coat[0] > 0.9 * plain[0]).all()
+    np.testing.assert_array_equal(matt[0][0, :, 0], through_a_surface(cos, np.ones_like(cos)))
+    albedo = [np.mean(2 * np.pi * cos * through_a_surface(cos, np.full_like(cos, view))) for view in (0.2, 0.7, 1.0)]
+    assert albedo[0] < 0.5 < albedo[1] < albedo[2] < 1.0  # the rest is the surface's own
+
+
 def test_believed_and_true_differ_by_as_much_as_told() -> None:
     a, b = (make(replace(TINY, size=32, normal=n)) for n in (0.0, 2.0))
     np.testing.assert_array_equal(a.believed.normal, b.believed.normal)  # the believed ones are given
@@ -163,6 +202,25 @@ def test_clean_problems_are_solved(device: Device) -> None:
             told = record(table.problem, run(table))
             assert told["nan"] == 0 and told["failures"] <= most, (trial, key)
         table.release()
+
+
+def test_auto_is_judged_by_left_out_lamps(device: Device) -> None:
+    """A metal is found with its base colour; a diffuse that is not Lambert's is predicted worse, and recorded so."""
+    told = {}
+    for name, trial in {"plain": TINY, "metal": replace(TINY, size=32, metallic=1.0, noise=0.002),
+                        "matt": replace(TINY, diffuse=0.5)}.items():
+        table = Table(device, make(trial))
+        answer = BY_KEY["auto"].run(table)
+        told[name] = record(table.problem, answer)
+        if name == "metal":
+            assert answer.metallic == pytest.approx(1.0, abs=0.05) and told[name]["albedo"] < 0.02
+        table.release()
+    assert told["plain"]["taken"] == "a value a texel" and told["plain"]["predicted"] < 0.05
+    assert "metallic" in told["metal"]["taken"] and told["metal"]["failures"] < 0.05
+    assert told["matt"]["predicted"] > 3 * told["plain"]["predicted"]
+    whole = summary([told["plain"], told["matt"]])
+    assert whole["predicted"] == pytest.approx((told["plain"]["predicted"] + told["matt"]["predicted"]) / 2, rel=1e-4)
+    assert sum(whole["taken"].values()) == 2
 
 
 def test_paper_in_one_map_is_paper_alone(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -259,6 +317,19 @@ def test_sweep_resumes_and_forgets_what_changed(
     assert "### Noise in proportion" in text and "noise.png" in text
     assert json.loads(written[0].read_text())["axes"]["noise"]["0"]["single"]["seeds"] == 2
     assert written[1].stat().st_size > 5000
+
+
+def test_an_axis_measured_later_joins_the_others() -> None:
+    """What is there stays with its machine and seeds; what is new is told apart; the order is the axes'."""
+    old = {"machine": {"commit": "a", "date": "x"}, "seeds": 20, "identical": "all alike",
+           "axes": {"noise": {"0": 1}, "coat": {"0": 2}, "row": {"none": 3}}}
+    new = {"machine": {"commit": "b", "date": "y"}, "seeds": 6, "identical": None,
+           "axes": {"coat": {"0": 4}, "views": {"1": 5}}}
+    both = page.joined(old, new)
+    assert list(both["axes"]) == ["views", "noise", "coat", "row"] and both["axes"]["coat"] == {"0": 4}
+    assert both["machine"] == old["machine"] and both["seeds"] == 20 and both["identical"] == "all alike"
+    assert both["apart"] == {key: {"commit": "b", "date": "y", "seeds": 6} for key in ("coat", "views")}
+    assert page.joined({}, new) == new and page.joined(new, both) == both
 
 
 def test_words_are_filled() -> None:
