@@ -42,7 +42,8 @@ def checks_of(problem: Problem, answer: Answer, views: Sequence[View] = ()) -> C
     assert answer.observed is not None and answer.sigma is not None
     return measure(checked_views(problem, answer, views or views_of(problem)), TexelFit(
         "patch", {"Paint": answer.model}, np.zeros(answer.solved.shape, np.int32), ("Paint",), answer.solved,
-        answer.observed, answer.roughness.astype(np.float32), answer.sigma))
+        answer.observed, answer.roughness.astype(np.float32), answer.sigma,
+        misfit=answer.prediction is not None and not answer.prediction.clear))
 
 
 def kind_of(text: str) -> str:

@@ -26,7 +26,7 @@ def test_chart_and_report(opened, tmp_path):
     opened.compare_size, opened.compare_save = 32, True
     assert bpy.ops.irpso.compare() == {"FINISHED"}
     chart = sys.modules["irpso_ext.irpso_addon.blender.viewer.views"].chart(bpy.context)
-    assert opened.show == "CHART" and [panel.title[:14] for panel in chart.panels] == ["held-out views"]
+    assert opened.show == "CHART" and [panel.title[:14] for panel in chart.panels] == 2 * ["held-out views"]
     curves = {curve.label: curve for curve in chart.panels[0].curves}
     assert set(curves) == {"refined", "draft", "swarm", "no solver"}
     assert curves["refined"].values[0] < 0.5 * curves["no solver"].values[0]  # in per cent; division leaves highlights
