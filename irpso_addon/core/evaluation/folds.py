@@ -48,7 +48,11 @@ def split(texels: SampledTexels) -> Folds | None:
 
 
 class Judge:
-    """Collects what candidates predict, and says which one is to be taken."""
+    """Collects what candidates predict, and says which one is to be taken.  The first must have no lobe.
+
+    Where a picture is dark though the scene says that it is lit, nobody can be blamed for the diffuse.  But a lobe that
+    flashes there is an error: normals and shadows that are off put it in the wrong place.
+    """
 
     def __init__(self, texels: SampledTexels, folds: Folds) -> None:
         self.texels, self.folds = texels, folds
@@ -56,9 +60,12 @@ class Judge:
         usable = texels.usable()
         self.white = float(np.percentile(self.radiance[usable], WHITE)) if usable.any() else 1.0
         self.judged: Bool = np.zeros_like(usable)  # (T, V) that count in all candidates alike
+        self.dark: Bool = np.zeros_like(usable)  # (T, V) in shadows that the scene does not explain
         for left_out in folds.left_out:
             enough = (usable & ~left_out).sum(1) >= LEAST_KNOWN
             self.judged |= usable & left_out & enough[:, None]
+            self.dark |= (texels.quality > 0) & ~usable & left_out & enough[:, None]
+        self.plain = np.zeros_like(self.radiance)  # what the first candidate predicts
         self.candidates: dict[str, Candidate] = {}
 
     def add(self, name: str, predictions: Sequence[F64]) -> None:
@@ -67,8 +74,11 @@ class Judge:
         for left_out, prediction in zip(self.folds.left_out, predictions, strict=True):
             value[:, left_out] = prediction[:, left_out]
         value = value * self.texels.irradiance
+        if not self.candidates:
+            self.plain = value
         judged = self.judged[..., None]
         off = np.where(judged, value - self.radiance, 0.0)
+        off += np.where(self.dark[..., None], np.maximum(value - self.plain, 0.0), 0.0)
         light = np.where(judged, lightness(value / self.white) - lightness(self.radiance / self.white), 0.0)
         self.candidates[name] = Candidate((off**2).sum((1, 2)), (light**2).mean(2).sum(1))
 
