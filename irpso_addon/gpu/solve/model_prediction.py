@@ -24,7 +24,8 @@ CLEAR = 0.15  # of its loss: a fit that leads by so much over one value for the 
 CLEAR_TWO = 0.5  # the same of two lobes, which have no prior: false ones flash so seldom that samples miss it
 HOPEFUL = 0.25  # the same: one value that is not worse than the best one value by more is tried a texel, too
 LEAST = 0.01  # roughness: of texels that are not observed it is 0
-PLAIN_METALLIC = 0.03  # a Metallic so near to 0 is 0
+PLAIN_METALLIC = 0.03  # a Metallic so near to 0 is 0 ...
+SOME_METALLIC = 0.08  # ... and one above this worth the time to try it where texels differ
 
 
 @dataclass(frozen=True)
@@ -143,17 +144,18 @@ class _Contest:
     def decide(self) -> Generator[Progress, None, Decision]:
         metal = min(joint.metal.metallic for joint in self.joints) > PLAIN_METALLIC
         yield from self._folds(self._own)
-        uniform = {trial.name: trial for trial in (*UNIFORM, *([UNIFORM_METAL] if metal else []))}
-        yield from self._folds(self._uniform, list(uniform.values()))
+        yield from self._folds(self._uniform, [*UNIFORM, *([UNIFORM_METAL] if metal else [])])
         incumbent = FITTED[self.fitted.model]
         clear = CLEAR_TWO if self.fitted.model == "two-lobe" else CLEAR
         if not self.solver.cancelled and not self.judge.leads(incumbent, clear, self.predictions):
-            drawn = dict(zip(uniform, (DRAWN, DRAWN_LEVEL, DRAWN_METAL), strict=False))
-            if not self.judge.leads(UNIFORM_METAL.name, ALIKE[0], drawn):
-                drawn.pop(UNIFORM_METAL.name, None)  # slow to solve for, and not needed
             yield from self._folds(self._drawn, PARTS)
-            for name in self.judge.near(list(drawn), HOPEFUL):
-                yield from self._folds(self._drawn, drawn[name])
+            near = self.judge.near([trial.name for trial in UNIFORM], HOPEFUL)
+            for uniform_trial, drawn in zip(UNIFORM, (DRAWN, DRAWN_LEVEL), strict=True):
+                yield from self._folds(self._drawn, drawn if uniform_trial.name in near else [])
+        # A metal's roughness may differ from texel to texel: then one value says little of it.
+        apart = min(joint.apart_metal.metallic for joint in self.joints) > SOME_METALLIC
+        if apart or self.judge.leads(UNIFORM_METAL.name, ALIKE[0], self.predictions):
+            yield from self._folds(self._drawn, DRAWN_METAL)
         if self.solver.cancelled:
             return Decision(self.fitted.model, "stopped before left-out views were predicted", cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
@@ -166,7 +168,7 @@ class _Contest:
         trials: list[_Trial] | None = None,
     ) -> Generator[Progress, None, None]:
         """Some trials in every fold, with what they predict."""
-        if trials == []:
+        if trials == [] or self.solver.cancelled:
             return
         before = set(self.predictions)
         for left_out, joint in zip(self.folds.left_out, self.joints, strict=True):
