@@ -26,6 +26,7 @@ PLAIN = 4  # of LEVELS: Blender's default
 METAL_BASE = 0.6  # base colour for which a metal's multiple scattering is taken: it changes the gain by a few per cent
 COSINES = np.linspace(0.0, 1.0, 65)
 MOST = 10_000  # observations of the sample
+UNSEEN = 0.25  # alpha squared over the least squared sine of the half vector: sharper lobes pass by a texel
 HELD_TOGETHER = 1.0  # nats per squared log ratio: how far texels may depart while their level is sought
 
 
@@ -62,6 +63,9 @@ class JointSearch:
         self.texels = texels
         self.nodes = _Nodes.of(texels)
         unit = np.maximum(texels.reflected, texels.typical())
+        # Half vectors come as near to a texel's normal as this, in the median: lobes that are half as wide stay unseen.
+        nearest = np.where(texels.usable()[..., None], texels.lobes[..., 0], 1.0).min((1, 2))
+        self.seen: Bool = ROUGHNESS**4 >= UNSEEN * min(float(np.median(nearest)), 1.0)
         # Errors of the cube root of radiance, which lightness is made of.
         self.weight = np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance ** (2 / 3)
                                / unit ** (4 / 3), 0.0)
@@ -78,7 +82,7 @@ class JointSearch:
         together = whole.min(2)
         return Joint(plain=OneMaterial(tried[0].roughness(PLAIN)), specular=_best(together[:1], tried),
                      metal=_best(together, tried), apart=_best(apart[:1], tried), apart_metal=_best(apart, tried),
-                     parts=_parts(plain))
+                     parts=_parts(plain, self.seen))
 
     def _sums(self, layers: Bool) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.
@@ -141,14 +145,18 @@ def _costs(sums: list[dict[str, F64]], metallic: float) -> F64:
     return total
 
 
-def _parts(cost: F64) -> tuple[OneMaterial, ...]:
-    """Two and three roughnesses at one level, of (levels, roughnesses, T) costs of which each texel has its least."""
+def _parts(cost: F64, seen: Bool) -> tuple[OneMaterial, ...]:
+    """Two and three roughnesses at one level, of (levels, roughnesses, T) costs of which each texel has its least.
+
+    ``seen``: of ROUGHNESS; a texel alone cannot tell a sharper lobe from none.
+    """
+    cost, nodes = cost[:, seen], ROUGHNESS[seen]
     pairs = np.stack([np.minimum(at[:, None], at[None]).sum(-1) for at in cost])
     level, first, second = np.unravel_index(pairs.argmin(), pairs.shape)
     two = np.minimum(cost[level, first], cost[level, second])
     third = np.minimum(cost[level], two).sum(-1).argmin()
     free = _level(_lowest(LEVELS, pairs[:, first, second]))
-    one, *others = (float(ROUGHNESS[k]) for k in (first, second, third))
+    one, *others = (float(nodes[k]) for k in (first, second, third))
     return OneMaterial(one, free, others=(others[0],)), OneMaterial(one, free, others=tuple(others))
 
 

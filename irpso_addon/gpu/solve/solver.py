@@ -176,7 +176,9 @@ class Solver(TilePasses):
         and the plain search stands.
         """
         self.robust, loss = False, self.settings.loss
-        if loss == "squares":
+        # Under a material's prior outliers are believed, as they were when it was judged: a lobe that flashes may not make
+        # outliers of what it contradicts.
+        if loss == "squares" or (loss == "auto" and self.joint is not None):
             return plain, variance
         support = read_support(self.device, plain[1])
         observed = support.observed
