@@ -176,7 +176,7 @@ class Solver(TilePasses):
         and the plain search stands.
         """
         self.robust, loss = False, self.settings.loss
-        # Under a material's prior outliers are believed, as they were when it was judged: a lobe that flashes may not make
+        # Under a material's prior outliers are believed, as when it was judged: a lobe that flashes may not make
         # outliers of what it contradicts.
         if loss == "squares" or (loss == "auto" and self.joint is not None):
             return plain, variance
