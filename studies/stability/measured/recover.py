@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from irpso_addon.core.data import F32, F64, Bool
+from irpso_addon.core.data import F32, F64, Bool, MaterialPrediction
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.core.shading.tables import principled_table
@@ -25,18 +25,18 @@ NEAREST = 0.15  # share of the texels by which a uniform material is told
 
 @dataclass(frozen=True)
 class Principled:
-    """Numbers of the product's models, each (...); of one texel or of many."""
+    """Numbers of the product's models: of one texel, (), or of many, (n,) or (h, w)."""
 
-    model: str
+    model: str  # a rung of core.models.LADDER
     base: F64  # (..., 3)
-    roughness: F64
-    roughness2: F64
-    weight: F64  # of the lobe with ``roughness``
-    level: F64
-    metallic: float = 0.0
+    roughness: F64  # (...)
+    roughness2: F64  # (...) that of the other lobe, where there are two
+    weight: F64  # (...) of the lobe with ``roughness``
+    level: F64  # (...) Specular IOR Level
+    metallic: float = 0.0  # one number for the material
 
     def __call__(self, L: F64, V: F64) -> F64:
-        """The BRDF, 1/sr, (..., 3)."""
+        """The BRDF, 1/sr, (..., 3), of directions (..., 3)."""
         if self.model == "two-lobe":
             return brdf.two_lobe(self.base, (self.roughness, self.roughness2, self.weight), L, V, NORMAL, "ggx")
         return brdf.principled(self.base, self.roughness, L, V, NORMAL, self.level, self.metallic)
@@ -54,6 +54,7 @@ class Recovered:
     maps: Principled
     solved: Bool
     nearest: F64  # (h, w) 1 - (N.H)^2 of the texel's observation that came nearest to the half vector
+    prediction: MaterialPrediction | None = None  # by which ``auto`` chose the rung
 
     def uniform(self) -> Principled:
         """One value for the whole material: medians over the texels that came nearest to a highlight.
@@ -62,15 +63,16 @@ class Recovered:
         """
         near = self.solved & (self.nearest <= np.quantile(self.nearest[self.solved], NEAREST))
         of = self.maps.at(near)
-        rest = (np.median(v) for v in (of.roughness, of.roughness2, of.weight, of.level))
-        return Principled(of.model, np.median(of.base, axis=0), *map(np.asarray, rest), of.metallic)
+        roughness, roughness2, weight, level = (
+            np.asarray(np.median(v)) for v in (of.roughness, of.roughness2, of.weight, of.level))
+        return Principled(of.model, np.median(of.base, axis=0), roughness, roughness2, weight, level, of.metallic)
 
 
 def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: Any) -> Recovered:
-    """Solve for one material's maps by ``model``, auto or one of the ladder's rungs."""
-    source = ArraySource(device, ObservedTexels(
-        rgb, seen.quality, seen.cos_v, seen.lobes, seen.groups, seen.irradiance, seen.lamps),
-                         principled_table())
+    """Solve for one material's maps by ``model``, auto or one of the ladder's rungs.  rgb: (h, w, K, 3), 1/sr."""
+    # Lamps and irradiance let ``auto`` leave lamps out and predict the radiance that they show.
+    observed = ObservedTexels(rgb, seen.quality, seen.cos_v, seen.lobes, seen.groups, seen.irradiance, seen.lamps)
+    source = ArraySource(device, observed, principled_table())
     # No model is exact here, as none is in pictures: those the sources of pictures allow for.
     source.model_error, source.least_gain = MODEL_ERROR, LEAST_GAIN
     h, w = seen.quality.shape[:2]
@@ -91,11 +93,11 @@ def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: An
     first, second, weight = np.moveaxis(lobes.astype(np.float64), -1, 0)
     maps = Principled(chosen, base, first, second, weight, level.astype(np.float64), metallic)
     nearest = np.where(seen.quality > 0, seen.lobes[..., 0, 0], 1.0).min(-1).astype(np.float64)
-    return Recovered(maps, fitted.texels.solved, nearest)
+    return Recovered(maps, fitted.texels.solved, nearest, fitted.predictions.get(NAME))
 
 
 def _base(device: Device, ladder: Ladder, fitted: LadderResult, level: F32) -> F64:
-    """Base colour of each texel from its own observations."""
+    """Base colour (h, w, 3) of each texel from its own observations."""
     h, w = level.shape
     solver = ladder.solver
     solver.level = device.texture(w, h, 1, level) if np.any(level != 0.5) else None
