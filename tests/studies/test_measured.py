@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import F64
+from irpso_addon.core.data import F64, MaterialPrediction, PredictionError
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
-from studies.stability.measured import fit, merl, rig
-from studies.stability.measured.judge import Judge, Shown
-from studies.stability.measured.recover import recover
+from studies.stability.measured import fit, foreseen, merl, rig
+from studies.stability.measured.judge import Judge, Judgement, Shown
+from studies.stability.measured.recover import Principled, recover
+from studies.stability.measured.run import Material
 
 UP = np.array([[0.0, 0.0, 1.0]])
 DATA = os.environ.get("IRPSO_MERL", "")
@@ -153,11 +154,23 @@ def test_judge() -> None:
     def grey(scale: float) -> Shown:
         return lambda v, m: np.full((int(m.sum()), 3), scale / np.pi)
 
-    judge = Judge(views, grey(0.2), surface.covered)
+    judge = Judge(views, grey(0.2), surface.covered, 1.0)
     assert judge(grey(0.2)).display == judge(grey(0.2)).relative == 0
+    assert judge(grey(0.2)).as_predicted == PredictionError(0.0, 0.0)
     assert judge(grey(0.22)).relative == pytest.approx(0.1)
     # sRGB is about x^(1/2.4): 10 % more is 4 % of values that are .9 and less.
     assert 0.01 < judge(grey(0.22)).display < 0.04
+    assert judge(grey(0.22)).as_predicted.relative_rms == pytest.approx(0.1)
+
+
+def test_judge_sees_lightness() -> None:
+    """All white for 18 % grey under one irradiance: L* 100 for 49.5 (CIE 15:2004)."""
+    at = np.full((1, 1, 3), [0.0, 0.0, 1.0])
+    view = rig.View(0, 0, at, at, np.full((1, 1), 2.0), np.ones((1, 1), bool), np.ones((1, 1)))
+    judge = Judge([view], lambda v, m: np.full((1, 3), 0.09), np.ones((1, 1), bool), 1.0)
+    shown = judge(lambda v, m: np.full((1, 3), 0.5)).as_predicted
+    assert shown.lightness == pytest.approx(100 - 49.5, abs=0.05)
+    assert shown.relative_rms == pytest.approx((1 - 0.18) / 0.18)
 
 
 def test_product_recovers_what_it_can_make() -> None:
@@ -170,5 +183,43 @@ def test_product_recovers_what_it_can_make() -> None:
     assert float(one.roughness) == pytest.approx(0.4, abs=2e-3)
     np.testing.assert_allclose(one.base, [0.5, 0.3, 0.2], atol=2e-3)
     held_out = rig.views(surface, rig.HELD_OUT_CAMERA[None], rig.lamps(4, turn=1.3))
-    judge = Judge(held_out, lambda v, m: truth(v.L[m], v.V[m]), (seen.quality > 0).sum(-1) >= 3)
+    judge = Judge(held_out, lambda v, m: truth(v.L[m], v.V[m]), (seen.quality > 0).sum(-1) >= 3, 1.0)
     assert judge(lambda v, m: found.maps.at(m)(v.L[m], v.V[m])).display < 2e-3
+
+
+def test_auto_says_what_it_foresaw() -> None:
+    """Metal that the model can make: ``auto`` takes it by prediction, and its numbers come with the maps."""
+    truth = fit.Fitted("metallic", np.array([[0.5, 0.3, 0.2]]), np.array([0.4, 0.5, 0.6]), 0.0)
+    seen = rig.geometry(rig.views(rig.sphere(24), rig.CAMERAS, rig.lamps(rig.LAMPS)))
+    found = recover(Device(), seen, rig.observe(seen.views, truth), "auto", loss="auto")
+    assert found.prediction is not None
+    assert found.prediction.taken in foreseen.TRIALS
+    assert found.maps.model == foreseen.TRIALS[found.prediction.taken] == "one-lobe-metallic"
+    one = found.uniform()
+    assert one.metallic == pytest.approx(0.6, abs=0.02)
+    L, V = directions(100, 10), directions(100, 11)
+    np.testing.assert_allclose(one(L, V), truth(L, V), rtol=0.1)
+
+
+def test_foreseen_beside_the_truth() -> None:
+    """Two materials of which one is foreseen rightly, and one taken where a smaller rung is better."""
+    materials = [told("right", 0.1, 0.1, 0.2), told("wrong", 0.1, 0.3, 0.2)]
+    ratios = [case.ratio("relative RMS of radiance") for case in foreseen.foreseen(materials, "auto")]
+    np.testing.assert_allclose(ratios, [1.0, 3.0])
+    beside = foreseen.beside(materials, lambda j: j.as_predicted.relative_rms, foreseen.smaller)
+    np.testing.assert_allclose([case.ratio for case in beside], [0.5, 1.5])
+    text = foreseen.text(materials)
+    assert "| one value | one-lobe | 2 | 0 | 0 | 0 |" in text
+    assert "wrong, sphere, no noise: 1.50 times" in text
+
+
+def told(name: str, predicted: float, true: float, lambert: float) -> Material:
+    """A material of one scene, on which ``auto`` took one lobe; by relative RMS."""
+    scene, nothing = "sphere, no noise", np.zeros(3)
+    material = Material(name, "metal", merl.Network(name, (), ()), {})
+    material.predictions[scene] = MaterialPrediction("lamps", "one value", {
+        "lambert": PredictionError(lambert, 1.0), "one value": PredictionError(predicted, 1.0)})
+    for what, error in (("auto", true), ("lambert", lambert)):
+        material.errors[f"{scene}: {what}"] = Judgement(0.1, 0.1, PredictionError(error, 1.0))
+    material.uniform[f"{scene}: auto"] = Principled("one-lobe", *[nothing] * 5)
+    return material

@@ -1,4 +1,4 @@
-"""``python -m studies.stability.measured --data DIR``: makes docs/stability/measured.md with its chart and picture."""
+"""``python -m studies.stability.measured --data DIR``: makes docs/stability/measured.md with its charts and picture."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from irpso_addon.gpu.device.context import Device
 
-from . import merl, page, picture
+from . import foreseen, merl, page, picture
 from .run import run
 
 OUT = Path(__file__).resolve().parents[3] / "docs" / "stability"
@@ -22,7 +22,7 @@ def main() -> int:
                         help=f"folder with {merl.NETWORKS} and {', '.join(merl.FITS.values())}")
     parser.add_argument("--cow", type=Path, metavar="OBJ", help="a mesh with UVs: solved beside the sphere")
     parser.add_argument("--only", default="", metavar="TEXT", help="materials with this in their names")
-    parser.add_argument("--out", type=Path, default=OUT, help="folder for measured.md, .png and -spheres.jpg")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder for measured.md and its pictures")
     options = parser.parse_args()
     start, device, materials = time.perf_counter(), Device(), []
     for material in run(device, options.data, options.cow, lambda name: options.only in name):
@@ -31,6 +31,7 @@ def main() -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     picture.chart(materials, options.out / "measured.png")
     picture.spheres(materials, options.out / "measured-spheres.jpg")
+    foreseen.chart(materials, options.out / "measured-foreseen.png")
     text = page.page(materials, device.describe()["renderer"], time.process_time())
     (options.out / "measured.md").write_text(text, encoding="utf-8")
     return 0

@@ -16,7 +16,7 @@ from irpso_addon.core.shading import tables
 from . import fit, rig
 from .judge import BRIGHT, EXPOSED, LUMINANCE, encode
 from .recover import Principled, Recovered
-from .run import KINDS, LOSS_MODELS, MAPS, PUBLISHED, SPHERE, Material
+from .run import AUTO, KINDS, LEVEL, LOSS_MODELS, PUBLISHED, SPHERE, Material
 
 # Okabe and Ito's palette, told apart by the colour-blind.
 COLOURS = ("#D55E00", "#E69F00", "#CC79A7", "#009E73", "#0072B2", "#000000", "#56B4E9")
@@ -49,11 +49,13 @@ def chart(materials: Sequence[Material], out: Path) -> None:
 def _quality(axis: Axes, materials: Sequence[Material]) -> None:
     for kind, colour in zip(KINDS, COLOURS, strict=True):
         of = [m for m in materials if m.kind == kind]
-        axis.scatter([best_published(m) for m in of], [m.display(MAPS) for m in of], s=18, color=colour, label=kind)
+        axis.scatter([best_published(m) for m in of], [m.display(AUTO) for m in of], s=18, color=colour, label=kind)
     ends = (0.008, 1.0)
     axis.plot(ends, ends, color="#777777", linewidth=1)
     axis.set(xscale="log", yscale="log", xlim=ends, ylim=ends, xlabel="best published fit: display error",
-             ylabel=f"{MAPS}, maps: display error", title="Relighting: below the line the product is nearer")
+             ylabel=f"{AUTO}, maps: display error", title="Relighting: below the line the product is nearer")
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_formatter("{x:g}")
     axis.legend(fontsize=8, loc="upper left")
 
 
@@ -78,11 +80,11 @@ def _losses(axis: Axes, materials: Sequence[Material]) -> None:
 
 
 def _roughness(axis: Axes, materials: Sequence[Material]) -> None:
-    order = sorted(materials, key=lambda m: float(m.fitted[f"{MAPS}: relative"].shared[0]))
+    order = sorted(materials, key=lambda m: float(m.fitted[f"{LEVEL}: relative"].shared[0]))
     for loss in fit.LOSSES:
-        axis.plot([m.fitted[f"{MAPS}: {loss}"].shared[0] for m in order], ".", color=LOSS_COLOURS[loss], label=loss)
-    axis.plot([m.uniform[f"sphere, no noise: {MAPS}"].roughness for m in order], "x", color="#000000", markersize=4,
-              label="maps, one value")
+        axis.plot([m.fitted[f"{LEVEL}: {loss}"].shared[0] for m in order], ".", color=LOSS_COLOURS[loss], label=loss)
+    axis.plot([m.uniform[f"sphere, no noise: {LEVEL}"].roughness for m in order], "x", color="#000000", markersize=4,
+              label="maps of the rung")
     axis.plot([m.published["Low E2"].roughness if "Low E2" in m.published else np.nan for m in order], "+",
               color="#777777", markersize=5, label="Low E2, sqrt(m)")
     axis.set(xlabel="material, by roughness", ylabel="roughness", title="Roughness, by the loss", ylim=(0, 1.02))
@@ -90,8 +92,8 @@ def _roughness(axis: Axes, materials: Sequence[Material]) -> None:
 
 
 def spheres(materials: Sequence[Material], out: Path) -> None:
-    """Truth, maps, one value and the best published fit of a dozen, from where the product does best to worst."""
-    order = sorted(materials, key=lambda m: m.display(MAPS) / best_published(m))
+    """Truth, maps, one value and the best published fit of a dozen, from where ``auto`` does best to worst."""
+    order = sorted(materials, key=lambda m: m.display(AUTO) / best_published(m))
     chosen = [order[i] for i in np.unique(np.linspace(0, len(order) - 1, SHOWN).round().astype(int))]
     figure = Figure(figsize=(11.2, 1.62 * -(-len(chosen) // 2)), layout="constrained")
     FigureCanvasAgg(figure)
@@ -112,8 +114,8 @@ def _strip(material: Material) -> tuple[F64, list[str]]:
     source = min(material.published, key=material.display)
     assert material.maps is not None
     shown: list[tuple[str, Reflectance | Recovered]] = [
-        ("measured", material.truth), (f"maps {material.display(MAPS):.3f}", material.maps),
-        (f"one value {material.display(MAPS + ', one value'):.3f}", material.maps.uniform()),
+        ("measured", material.truth), (f"{AUTO} {material.display(AUTO):.3f}", material.maps),
+        (f"one value {material.display(AUTO + ', one value'):.3f}", material.maps.uniform()),
         (f"{source} {material.display(source):.3f}", material.published[source])]
     pictures = [_render(reflectance) for _, reflectance in shown]
     on = _seen(rig.HELD_OUT_CAMERA)[1]
@@ -166,6 +168,8 @@ def _looked_up(texels: Recovered, normal: F64) -> Principled:
         filled = np.where(texels.solved[..., None], grid, else_)
         return np.where(on[:, None], tables.bilinear(filled, at[:, 1], at[:, 0]), else_)
 
-    names = ("roughness", "roughness2", "weight", "level")
-    rest = [look(getattr(maps, n)[..., None], getattr(one, n)[None])[:, 0] for n in names]
-    return Principled(maps.model, look(maps.base, one.base), *rest)
+    roughness, roughness2, weight, level = (
+        look(grid[..., None], else_[None])[:, 0] for grid, else_ in
+        ((maps.roughness, one.roughness), (maps.roughness2, one.roughness2), (maps.weight, one.weight),
+         (maps.level, one.level)))
+    return Principled(maps.model, look(maps.base, one.base), roughness, roughness2, weight, level, maps.metallic)

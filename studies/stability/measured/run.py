@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from irpso_addon.core.data import F64
+from irpso_addon.core.data import F32, F64, MaterialPrediction
+from irpso_addon.core.evaluation.folds import WHITE
 from irpso_addon.gpu.device.context import Device
 
 from . import fit, merl, rig
@@ -17,9 +18,11 @@ from .recover import Principled, Recovered, recover
 
 SPHERE, COW = 32, 48  # width of the maps
 NOISE = 0.01
-LOSS_MODELS = ("one-lobe-specular", "cook-torrance")
 PUBLISHED = tuple(merl.FITS)
-MAPS = "one-lobe-specular"  # the rung that the page compares with what is published
+AUTO = "auto"  # the default, which the page compares with what is published
+LEVEL = "one-lobe-specular"  # the rung whose numbers are also fitted jointly, by every loss
+METALLIC = "one-lobe-metallic"
+LOSS_MODELS = (LEVEL, "cook-torrance")
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,9 @@ class Solve:
 
 
 SOLVES = (
-    Solve("lambert", "lambert"), Solve("one-lobe", "one-lobe"), Solve(MAPS, MAPS, everywhere=True),
-    Solve("two-lobe", "two-lobe"), Solve("auto", "auto", "auto", everywhere=True), Solve("robust", MAPS, "robust"),
+    Solve("lambert", "lambert", everywhere=True), Solve("one-lobe", "one-lobe", everywhere=True),
+    Solve(LEVEL, LEVEL, everywhere=True), Solve(METALLIC, METALLIC, everywhere=True), Solve("two-lobe", "two-lobe"),
+    Solve(AUTO, AUTO, "auto", everywhere=True), Solve("robust", LEVEL, "robust"),
 )
 
 
@@ -64,7 +68,9 @@ class Material:
     errors: dict[str, Judgement] = field(default_factory=dict)  # by "scene: method"
     uniform: dict[str, Principled] = field(default_factory=dict)  # by "scene: solve"
     fitted: dict[str, fit.Fitted] = field(default_factory=dict)  # by "model: loss"
-    maps: Recovered | None = None  # of MAPS on the sphere without noise
+    predictions: dict[str, MaterialPrediction] = field(default_factory=dict)  # by scene, where ``auto`` could make one
+    largest: dict[str, float] = field(default_factory=dict)  # by scene, see ``largest_share``
+    maps: Recovered | None = None  # of AUTO on the sphere without noise
 
     def display(self, method: str) -> float:
         """Display error on the sphere without noise."""
@@ -97,9 +103,18 @@ def run(device: Device, folder: Path, cow: Path | None, only: Callable[[str], bo
         yield material
 
 
-def _judge(material: Material, scene: Scene) -> Judge:
-    told = (scene.seen.quality > 0).sum(-1) >= 3
-    return Judge(scene.held_out, lambda v, m: material.truth(v.L[m], v.V[m]), told)
+def largest_share(scene: Scene, rgb: F32) -> float:
+    """How much of the sum of squared radiances one observation makes up.  rgb: (h, w, K, 3), 1/sr."""
+    squares = ((rgb * scene.seen.irradiance[..., None]) ** 2).sum(-1)[scene.seen.quality > 0]
+    return float(squares.max() / squares.sum())
+
+
+def _judge(material: Material, scene: Scene, rgb: F32) -> Judge:
+    """``rgb``: (h, w, K, 3) what is observed, by which prediction finds the radiance that is white."""
+    seen = scene.seen.quality > 0
+    white = np.percentile((rgb * scene.seen.irradiance[..., None])[seen], WHITE)
+    told = seen.sum(-1) >= 3
+    return Judge(scene.held_out, lambda v, m: material.truth(v.L[m], v.V[m]), told, float(white))
 
 
 def _everywhere(reflectance: Callable[[F64, F64], F64]) -> Callable[[rig.View, np.ndarray], F64]:
@@ -111,8 +126,9 @@ def _by_texel(maps: Principled) -> Callable[[rig.View, np.ndarray], F64]:
 
 
 def _solve(device: Device, material: Material, scene: Scene) -> None:
-    judge = _judge(material, scene)
     rgb = rig.observe(scene.seen.views, material.truth, scene.noise)
+    judge = _judge(material, scene, rgb)
+    material.largest[scene.title] = largest_share(scene, rgb)
     first = scene.name == "sphere" and not scene.noise
     for name, reflectance in material.published.items():
         material.errors[f"{scene.title}: {name}"] = judge(_everywhere(reflectance))
@@ -124,14 +140,16 @@ def _solve(device: Device, material: Material, scene: Scene) -> None:
         material.errors[key] = judge(_by_texel(found.maps))
         material.errors[f"{key}, one value"] = judge(_everywhere(one))
         material.uniform[key] = one
-        if first and solve.name == MAPS:
+        if found.prediction is not None:
+            material.predictions[scene.title] = found.prediction
+        if first and solve.name == AUTO:
             material.maps = found
 
 
 def _fit(material: Material, scene: Scene) -> None:
     """One value by every loss."""
-    judge = _judge(material, scene)
     rgb = rig.observe(scene.seen.views, material.truth, scene.noise)
+    judge = _judge(material, scene, rgb)
     of = fit.samples(scene.seen.views, rgb, scene.seen.quality)
     for model in LOSS_MODELS:
         scale = 0.0
