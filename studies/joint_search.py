@@ -1,8 +1,8 @@
 """``python -m studies.joint_search``: makes docs/joint_search.md, which search finds a material's joint values best.
 
 A material's roughness, Specular IOR Level and Metallic are three numbers for all texels of a sample; two parts of a
-material have six.  Base colour is in closed form.  The materials are drawn at random; a second lobe and a diffuse that is
-not Lambert's make sure that no search can explain one exactly.
+material have six.  Base colour is in closed form.  The materials are drawn at random.  A second lobe and a diffuse that
+is not Lambert's make sure that no search can explain one exactly.
 """
 
 from __future__ import annotations

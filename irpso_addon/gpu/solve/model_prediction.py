@@ -154,7 +154,8 @@ class _Contest:
                 yield from self._folds(self._drawn, drawn if uniform_trial.name in near else [])
         # A metal's roughness may differ from texel to texel: then one value says little of it.
         apart = min(joint.apart_metal.metallic for joint in self.joints) > SOME_METALLIC
-        if apart or self.judge.leads(UNIFORM_METAL.name, ALIKE[0], self.predictions):
+        if not self.solver.cancelled and (
+                apart or self.judge.leads(UNIFORM_METAL.name, ALIKE[0], self.predictions)):
             yield from self._folds(self._drawn, DRAWN_METAL)
         if self.solver.cancelled:
             return Decision(self.fitted.model, "stopped before left-out views were predicted", cancelled=True)

@@ -48,10 +48,10 @@ clipped, so that highlights weigh as much as their light.
 
 **`auto`** begins with the rung that the evidence inside the fit prefers. Then a third of the lamps is left out, three
 times, and several models predict the radiance that they show: Lambert, that rung, one value for the whole material
-(without and with Specular IOR Level and, where Metallic is not 0, Metallic), and a value a texel drawn to the
-material's. The rung of the evidence stays if its loss is within a tenth of the best's; else the smallest model within
-the scatter (5 to 8 %) is solved for ([0014](../decisions/0014-prediction-has-the-last-word.md)). It sees neither the
-held-out lamps nor the published fits.
+(without and with Specular IOR Level and, where Metallic is not 0, Metallic), parts of it, and a value a texel drawn to
+the material's. The rung of the evidence stays if it leads clearly; else the smallest model within the scatter (5 to
+8 %) is solved for ([0014](../decisions/0014-prediction-has-the-last-word.md)). It sees neither the held-out lamps nor
+the published fits.
 
 **One value**: a measured material is uniform, so its maps are one value: the medians over the 15 % of texels that came
 nearest to a highlight. **Joint fit**: all observations of all texels fitted at once in float64, not by the product.
