@@ -15,6 +15,8 @@ from ..data import F64, I32, Bool, PredictionError
 from .sampled_texels import SampledTexels
 
 FOLDS = 3
+NUMBERS = 2  # that a fit of one lobe finds in each texel: base colour and roughness
+MANY = 1.5  # ratio of the variances for many observations, a third left out
 LEAST_SETS = 3  # of lamps, or cameras: with fewer, leaving one out leaves too little
 LEAST_KNOWN = 2  # good observations that a texel keeps where it is predicted
 WHITE = 99.5  # per cent of the radiances that lie below white
@@ -105,6 +107,21 @@ class Judge:
             if total[name] <= (1 + min(max(scatter, ALIKE[0]), ALIKE[1])) * total[best]:
                 return name
         return best
+
+    def spared(self) -> float:
+        """Of its loss: by so much folds make a fit a texel look worse, because it has fewer observations there.
+
+        The variance of n observations with NUMBERS fitted goes as 1 / (n - NUMBERS).
+        """
+        usable = self.texels.usable().sum(1)
+        count = float(np.median(usable[usable > 0])) if usable.any() else 0.0
+        kept = count * (1 - 1 / len(self.folds.left_out))
+        return max((count - NUMBERS) / max(kept - NUMBERS, 0.5) - MANY, 0.0)
+
+    def stays(self, name: str, margin: float) -> bool:
+        """Whether a candidate's loss is no larger than the first's, nor than the least by more than so much of it."""
+        total = {other: float(values.sum()) for other, values in self._losses().items()}
+        return total[name] <= min(next(iter(total.values())), (1 + margin) * min(total.values()))
 
     def near(self, names: Sequence[str], margin: float) -> list[str]:
         """Those whose loss is larger than the least of theirs by no more than so much of it."""

@@ -66,6 +66,7 @@ class AlbedoSolver:
             ("ONE_LOBE", one)) if true}
         self.around = around
         self.cancelled = False
+        self.pixels_per_texel = 1.0  # area; known after a solve
 
     def solve(self, iterations: int = ITERATIONS) -> Generator[Progress, None, moderngl.Texture]:
         """Returns RGBA32F: linear base colour, and how far pixels showed the texel (1: wholly)."""
@@ -73,6 +74,7 @@ class AlbedoSolver:
             sources = yield from self._pixel_albedos()
             canvas = _Canvas(self.device, self.grid, sources, self.around)
             yield from self._back_project(canvas, 0 if self.cancelled else iterations)
+            self.pixels_per_texel = canvas.pixels_per_texel()
             owned.hand_over(canvas.texture)
             return canvas.texture
 

@@ -20,7 +20,7 @@ from .albedo import ITERATIONS, AlbedoSolver, Gloss
 from .fill import fill
 from .partial_solve import PartialSolve
 
-MIXED = 3  # texels: over which pixels are taken to mix
+ALONE, MIXED = 0.75, 4  # texels: widths of a pixel up to which it mixes none, and up to which it is told from texels
 
 
 @dataclass(frozen=True)
@@ -86,18 +86,21 @@ def make_maps(
         coverage=texels.slots >= 0,
         lobes=pairs if joined.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and joined.level is not None else None,
-        **_certainty(joined.texels, own.observations, lambert, good, _unfit(scene, texels)),
+        **_certainty(joined.texels, own.observations, lambert, good, _unfit(scene, texels),
+                     albedo.pixels_per_texel**-0.5),
     )
     maps = part.join_maps(maps, part.share(good))
     return FinishedMaps(maps, joined, good, own.solved, shown, relative, albedo, base_texture)
 
 
-def _certainty(texels: SolvedTexels, observations: F32, lambert: Bool, good: Bool, unfit: Bool) -> dict[str, F32]:
-    """The maps that say how sure each texel is, by role.
+def _certainty(
+    texels: SolvedTexels, observations: F32, lambert: Bool, good: Bool, unfit: Bool, pixel: float,
+) -> dict[str, F32]:
+    """The maps that say how sure each texel is, by role; ``pixel``: its width in texels.
 
     Without a lobe no roughness was solved for: what can be trusted or not is the base colour.
     """
-    mixed = np.sqrt(texels.sigma**2 + mixture(texels.roughness, texels.sigma, texels.solved))
+    mixed = np.sqrt(texels.sigma**2 + mixture(texels.roughness, texels.sigma, texels.solved, pixel))
     rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), mixed)
     doubt = np.where(lambert, texels.base_sigma, sigma)
     sure = confidence(rough, doubt, observations, good)
@@ -159,18 +162,21 @@ def filled(device: Device, values: F32, around: F32 | None = None) -> moderngl.T
         return result
 
 
-def mixture(roughness: F32, sigma: F32, solved: Bool) -> F32:
+def mixture(roughness: F32, sigma: F32, solved: Bool, pixel: float) -> F32:
     """(h, w) variance of roughness because pixels mix texels: it changes faster than its standard errors explain.
 
-    Of 3 x 3 texels, MIXED apart, what a plane through them leaves beyond their own variance, twice: once because a
+    Of 3 x 3 texels, a pixel apart, what a plane through them leaves beyond their own variance, twice: once because a
     pixel's mean is not the texel's, and once for what is finer than the pixels.
     """
     h, w = roughness.shape
-    values = np.pad(np.where(solved, roughness, np.nan), MIXED, mode="edge")
-    variances = np.pad(np.where(solved, sigma * sigma, np.nan), MIXED, mode="edge")
+    if pixel < ALONE:
+        return np.zeros_like(roughness)
+    apart = int(np.clip(round(pixel), 1, MIXED))
+    values = np.pad(np.where(solved, roughness, np.nan), apart, mode="edge")
+    variances = np.pad(np.where(solved, sigma * sigma, np.nan), apart, mode="edge")
     total, squares, along_x, along_y, own = (np.zeros((h, w), np.float32) for _ in range(5))
     for y, x in np.ndindex(3, 3):
-        at = np.s_[MIXED * y:MIXED * y + h, MIXED * x:MIXED * x + w]
+        at = np.s_[apart * y:apart * y + h, apart * x:apart * x + w]
         off = np.nan_to_num(values[at] - roughness)
         total += off
         squares += off * off

@@ -161,6 +161,9 @@ class _Contest:
             return Decision(self.fitted.model, "stopped before left-out views were predicted", cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
         leads = self.judge.leads(incumbent, clear, self.predictions)
+        if self.fitted.model in ("one-lobe", "one-lobe-specular"):
+            spared = self.judge.spared()
+            leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
         taken = incumbent if leads else self.judge.choose(self._families(), clusters(self.sample, self.places))
         return self._decision(MaterialPrediction(self.folds.of, taken, errors, leads))
 
