@@ -26,7 +26,7 @@ from irpso_addon.core.shading import brdf
 from studies.stability.measured import rig
 
 OUT = Path(__file__).resolve().parents[1] / "docs"
-TEXELS, MATERIALS = 30, 16
+TEXELS, MATERIALS = 30, 6
 BUDGET = {3: 400, 6: 1200}  # evaluations, by numbers that are searched
 CHI, PULL = 0.7298, 2.05  # Clerc and Kennedy 2002
 Search = Callable[["Problem", np.random.Generator], None]
