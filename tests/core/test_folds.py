@@ -171,3 +171,41 @@ def test_two_parts_are_told_apart() -> None:
     two, _ = JointSearch(texels).fit(np.ones(32, bool)).parts
     assert sorted((two.roughness, *two.others)) == pytest.approx([0.35, 0.75], rel=0.15)
     assert two.level == pytest.approx(0.5, abs=0.15)
+
+
+def test_a_lobe_that_flashes_in_a_missed_shadow_is_an_error() -> None:
+    """Diffuse light that the shadow hides is nobody's fault; what a lobe adds there is."""
+    texels, _ = sampled(6, 8, 1, np.full(6, 0.4))
+    seen = texels.reflected[2, 3].copy()
+    texels.reflected[2, 3] *= 0.01
+    folds = split(texels)
+    assert folds is not None
+    judge = Judge(texels, folds)
+    flash = texels.reflected.copy()
+    flash[2, 3] = 5 * seen
+    plain = texels.reflected.copy()
+    plain[2, 3] = seen
+    judge.add("lambert", [plain] * 3)
+    judge.add("flash", [flash] * 3)
+    assert judge.dark.sum() == 1 and judge.dark[2, 3]
+    assert judge.error("lambert").relative_rms == 0
+    signal = float(((texels.reflected * texels.irradiance)[judge.judged] ** 2).sum())
+    off = float((4 * seen * texels.irradiance[2, 3]).item())
+    assert judge.error("flash").relative_rms == pytest.approx(off / np.sqrt(signal), rel=1e-9)
+
+
+def test_few_observations_spare_the_fit() -> None:
+    def judge(lamps: int) -> Judge:
+        texels, _ = sampled(6, lamps, 1, np.full(6, 0.4))
+        folds = split(texels)
+        assert folds is not None
+        made = Judge(texels, folds)
+        for name, share in (("lambert", 0.2), ("one value", 0.1), ("a texel", 0.12)):
+            made.add(name, [texels.reflected * (1 + share)] * 3)
+        return made
+
+    few, many = judge(4), judge(60)
+    assert few.spared() == pytest.approx(2 / (4 * 2 / 3 - 2) - 1.5)  # variances go as 1 / (n - 2)
+    assert many.spared() < 0.05
+    assert few.stays("a texel", few.spared()) and not many.stays("a texel", many.spared())
+    assert not few.stays("lambert", 0.1)

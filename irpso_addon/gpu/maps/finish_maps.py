@@ -87,7 +87,7 @@ def make_maps(
         lobes=pairs if joined.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and joined.level is not None else None,
         **_certainty(joined.texels, own.observations, lambert, good, _unfit(scene, texels),
-                     albedo.pixels_per_texel**-0.5),
+                     max(albedo.pixels_per_texel, MIXED**-2) ** -0.5),
     )
     maps = part.join_maps(maps, part.share(good))
     return FinishedMaps(maps, joined, good, own.solved, shown, relative, albedo, base_texture)

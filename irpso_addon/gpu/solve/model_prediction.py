@@ -182,8 +182,9 @@ class _Contest:
                 return
         self.sample.left_out = np.zeros_like(self.folds.left_out[0])
         self.trials |= {trial.name: trial for trial in trials or []}
-        for name in self.predictions.keys() - before:
-            self.judge.add(name, self.predictions[name])
+        for name, predictions in self.predictions.items():  # in order: Lambert is the first
+            if name not in before:
+                self.judge.add(name, predictions)
 
     def _families(self) -> list[list[str]]:
         """Names of trials from the smallest models on; the last is the fit's own, where its texels know no prior.
