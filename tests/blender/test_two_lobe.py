@@ -13,7 +13,7 @@ from irpso_addon.blender import files
 from irpso_addon.blender.jobs import solve_region
 from irpso_addon.blender.material import material
 from irpso_addon.blender.scene.scene_material import read_normal_maps
-from irpso_addon.core.data import Maps, Solution
+from irpso_addon.core.data import JointPrior, Maps, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.maps.export import layers
 from tests.blender.materials import (
@@ -328,3 +328,16 @@ def test_nodes_that_are_animated_are_said(empty) -> None:
     principled_of(shader).inputs["Coat Weight"].keyframe_insert("default_value")
     (message,) = material.write_maps(obj, two_lobe())
     assert "Skin" in message and "animated" in message
+
+
+def test_what_texels_were_drawn_to_is_read_back(empty) -> None:
+    obj, _ = rich_plane()
+    skin = next(slot.material for slot in obj.material_slots if slot.material.name == "Skin")
+    for prior in (JointPrior(0.25, 200.0), JointPrior(0.5, 1e5, 0.125), JointPrior(0.25, 200.0, 0.0, (0.75, 0.5))):
+        material.write_maps(obj, replace(make_solution({"Skin": "one-lobe"}), priors={"Skin": prior}))
+        assert solve_region.last_result(obj).priors == {"Skin": prior}
+    for odd in ([0.25, 200.0], [0.25, -1.0, 0.0], [2.0, 200.0, 0.0], [0.25, 200.0, 0.0, 5.0], "sharp"):
+        skin["irpso_prior"] = odd  # a file may hold anything
+        assert solve_region.last_result(obj).priors == {}
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert "irpso_prior" not in skin
