@@ -12,8 +12,7 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve.solver import Solver
 from irpso_addon.gpu.solve.texel_records import SolvedTexels
-from tests.gpu.test_metallic import as_metal
-from tests.support.texels import Texels, exact, finish
+from tests.support.texels import Texels, as_metal, exact, finish
 
 PARTS = 0.3, 0.7
 

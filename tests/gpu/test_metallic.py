@@ -17,23 +17,7 @@ from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve.solver import Solver
 from tests.support import shoots
 from tests.support import synthetic as syn
-from tests.support import texel_problem as bench
-from tests.support.texels import Texels, exact, finish
-
-
-def as_metal(problem: bench.Problem, metallic: float, level: float = 0.5) -> Texels:
-    """What one lobe of the problem's roughness and base colour reflects where it is in part a metal."""
-    sin2h, spread, cos_l, _ = np.moveaxis(problem.lobes[..., 0, :].astype(np.float64), -1, 0)
-    cos_v, r = problem.cos_v.astype(np.float64), problem.truth.roughness[..., None]
-    cos_vh = np.minimum((cos_l + cos_v) / (2 * np.sqrt(1 - sin2h)), 1)
-    base = problem.truth.base[:, :, None]
-    energy = brdf.principled_energy_level(r, cos_v, level)
-    lobe = brdf.lobe_ggx(r, sin2h, spread, cos_l, cos_v)
-    dielectric = base * ((1 - energy[..., 1]) / np.pi)[..., None] + (
-        lobe * brdf.F_level(cos_vh, level) * energy[..., 0])[..., None]
-    rgb = (1 - metallic) * dielectric + metallic * brdf.metal(base, r, sin2h, spread, cos_l, cos_v, cos_vh)
-    rgb = np.where(problem.quality[..., None] > 0, rgb, 0).astype(np.float32)
-    return Texels(rgb, problem.quality, problem.cos_v, problem.lobes, problem.groups)
+from tests.support.texels import Texels, as_metal, exact, finish
 
 
 def by_channel(texels: Texels) -> Texels:
