@@ -3,7 +3,8 @@ VENV ?= .venv
 PYTHON ?=
 RUN = $(VENV)/bin/python
 # tests/NAME, or tests/studies/test_NAME.py
-SUITES = blender gpu core studies-stability studies-measured studies-resilience studies-fuzz studies-bench
+SUITES = blender gpu core studies-stability studies-measured studies-intervals \
+	studies-resilience studies-fuzz studies-bench studies-rungs studies-environment studies-pages
 
 .PHONY: setup demo test $(SUITES:%=test-%) test-gui screenshots lint lint-systems docs site bench stability zip release clean
 
@@ -39,6 +40,7 @@ screenshots: setup
 
 lint: setup
 	$(RUN) -m ruff check .
+	$(RUN) tools/style_check.py
 	$(VENV)/bin/lint-imports --no-cache --no-logo
 	@if $(RUN) -c 'import sys; sys.exit(sys.version_info < (3, 13))'; then echo $(RUN) -m mypy; $(RUN) -m mypy; \
 	else echo "lint: mypy runs on Python 3.13 alone (this one's numpy 1.26 types too little)"; fi

@@ -18,6 +18,7 @@ from .core import log
 from .core.errors import BadInput, Cancelled, StoppedWithWork
 from .core.reporting.report import peak_memory
 
+MODULES = {"import": "import_shoot"}  # commands whose names are Python's own words
 WITHOUT_BLENDER = ("tile", "merge")  # commands of a farm's workers, which have none
 
 
@@ -47,7 +48,8 @@ def _run(arguments: argparse.Namespace) -> int:
                 importlib.import_module(".blender.oiio", __package__).ensure_openimageio()
             given = [log.name_alone(argument) for argument in arguments.given]
             importlib.import_module(".blender.logs", __package__).begin("command", arguments=given)
-        importlib.import_module(f".cli.{arguments.command}", __package__).run(arguments)
+        module = MODULES.get(arguments.command, arguments.command)
+        importlib.import_module(f".cli.{module}", __package__).run(arguments)
     except BadInput as error:
         log.failure("refused", error)
         console.warn(str(error))
@@ -58,7 +60,7 @@ def _run(arguments: argparse.Namespace) -> int:
     except Exception as error:
         log.failure("bug", error)
         traceback.print_exc()
-        console.warn("this is a bug: please report the lines above and what 'irpso doctor' prints")
+        console.warn("this is a bug: report the lines above and the output of 'irpso doctor'")
         return 1
     finally:
         log.info("end", peak_memory_bytes=peak_memory())
@@ -68,10 +70,10 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _what_is_kept(stop: Cancelled | KeyboardInterrupt) -> str:
     if isinstance(stop, StoppedWithWork):
-        return (f"the plan and {stop.blocks} finished blocks are kept in {stop.folder}; the same command goes on from "
-                "there")
+        return (f"the plan and {stop.blocks} finished blocks are kept in {stop.folder}; the same command continues "
+                "from them")
     if isinstance(stop, Cancelled) and stop.partial is not None:
-        return "the maps found until then are kept"
+        return "the maps found so far are kept"
     return "nothing was written"
 
 

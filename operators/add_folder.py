@@ -1,4 +1,4 @@
-"""Add the images of a folder to the list of views, each with the camera and lights that its name speaks of."""
+"""Add the images of a folder to the list of views, each with the camera and lights that its name contains."""
 
 import os
 from collections.abc import Sequence
@@ -11,23 +11,26 @@ from ..irpso_addon.blender import properties
 from ..irpso_addon.core.capture.file_preview import same_file
 from ..irpso_addon.core.capture.matching import Match, match
 from ..irpso_addon.core.errors import BadInput
+from ..irpso_addon.core.images.oiio_reader import SUFFIXES
+from ..irpso_addon.core.images.raw_reader import is_raw
+from ..irpso_addon.core.maps.own_files import is_own
+from ..irpso_addon.core.phrases import counted, some
 from .helpers.paths import absolute, stored
 
-SUFFIXES = {".exr", ".hdr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".webp", ".tga", ".bmp", ".dpx", ".cin", ".jp2"}
+JPEG = {".jpg", ".jpeg"}
 MOST = 2000  # images of one folder
-NAMED = 3  # files that a message names
 
 
 class IRPSO_OT_add_folder(bpy.types.Operator):
-    """Add a view for each image in a folder and its sub-folders; camera and lights are those that the file's path
-    names, else they are taken in order where the counts fit"""
+    """Add a view for each image in a folder and its sub-folders. Files whose names contain a camera or lamp name are \
+matched by name; the rest are assigned in order if the counts fit"""
 
     bl_idname = "irpso.add_folder"
     bl_label = "Add Folder of Images"
     bl_options = {"REGISTER", "UNDO"}
 
     directory: bpy.props.StringProperty(
-        name="Folder", subtype="DIR_PATH", description="Folder that holds the reference images",
+        name="Folder", subtype="DIR_PATH", description="Folder of the reference images",
         options={"SKIP_SAVE", *properties.RELATIVE})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
     filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
@@ -68,13 +71,21 @@ def _images(folder: Path) -> list[Path]:
     try:
         inside = [folder, *(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))]
         found = [path.relative_to(folder) for place in inside for path in place.iterdir()
-                 if path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()]
+                 if (path.suffix.lower() in SUFFIXES or is_raw(path)) and path.is_file()
+                 and not path.name.startswith(".")]
     except OSError as error:
         raise BadInput(f"{folder}: cannot be read ({error.strerror}); choose a folder of images") from None
+    raw = {path.with_suffix("") for path in found if is_raw(path)}  # a camera may write a JPEG of the same picture
+    found = [path for path in found if path.suffix.lower() not in JPEG or path.with_suffix("") not in raw]
+    pictures = [path for path in found if not is_own(folder / path)] if len(found) <= MOST else found
+    maps, found = len(found) - len(pictures), pictures
+    if maps and not found:
+        raise BadInput(f"{folder}: holds no image but {counted(maps, 'exported map')}; choose the folder of the "
+                       "reference images")
     if not found:
-        raise BadInput(f"{folder}: holds no image; choose the folder of the reference images")
+        raise BadInput(f"{folder}: has no image; choose the folder of the reference images")
     if len(found) > MOST:
-        raise BadInput(f"{folder}: holds {len(found)} images; choose a folder of at most {MOST}")
+        raise BadInput(f"{folder}: has {len(found)} images; choose a folder of at most {MOST}")
     return found
 
 
@@ -117,9 +128,8 @@ def _summary(fresh: Sequence[Match], known: int, lights: int) -> tuple[str, str]
         ("mask", sum(m.mask is not None for m in fresh)),
         ("already in the list", known),
     ]
-    text = f"Added {len(fresh)} views" + "".join(f"; {what}: {count}" for what, count in counts if count)
+    text = f"Added {counted(len(fresh), 'view')}" + "".join(f"; {what}: {count}" for what, count in counts if count)
     if not lost:
         return "INFO", text
-    more = f" and {len(lost) - NAMED} more" if len(lost) > NAMED else ""
-    names = ", ".join(m.file.name for m in lost[:NAMED]) + more
+    names = some([match.file.name for match in lost], mark="")
     return "WARNING", f"{text}; no camera for {names}: choose it in the list"

@@ -8,6 +8,7 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty
 from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.blender.sample import rigs
 from ..irpso_addon.core.errors import BadInput
+from ..irpso_addon.core.phrases import counted
 
 ITEMS = tuple((key, name, text) for key, (name, text) in rigs.KINDS.items())
 DEFAULTS = {  # cameras, lamps, low, high in degrees
@@ -28,8 +29,7 @@ def _angle(name: str, text: str, low: float, high: float, default: float) -> obj
 
 
 class IRPSO_OT_add_rig(bpy.types.Operator):
-    """Add cameras and lamps around the active object, in a collection of their own, and a view in the list for each
-    picture to be taken"""
+    """Add cameras and lamps around the active object, and a view in the list for each picture to take"""
 
     bl_idname = "irpso.add_rig"
     bl_label = "Add Rig"
@@ -39,18 +39,19 @@ class IRPSO_OT_add_rig(bpy.types.Operator):
         self.cameras, self.lamps, low, high = DEFAULTS[self.kind]
         self.low, self.high = math.radians(low), math.radians(high)
 
-    kind: EnumProperty(name="Rig", description="How the pictures are taken", items=ITEMS, update=_set_defaults)
+    kind: EnumProperty(name="Rig", description="Arrangement of cameras and lamps", items=ITEMS, update=_set_defaults)
     cameras: IntProperty(
-        name="Cameras", description="Cameras, or turns of the turntable", default=DEFAULTS["FLASH"][0], min=1, max=500)
+        name="Cameras", description="Number of cameras, or of turns of the turntable", default=DEFAULTS["FLASH"][0],
+        min=1, max=500)
     lamps: IntProperty(
-        name="Lamps", description="Lamps of the dome, or beside the turntable", default=DEFAULTS["FLASH"][1], min=1,
-        max=26)
+        name="Lamps", description="Number of lamps of the dome, or beside the turntable", default=DEFAULTS["FLASH"][1],
+        min=1, max=26)
     low: _angle("Low", "Elevation of the lowest above the object's middle, in degrees", -80, 89, -10)
     high: _angle("High", "Elevation of the highest above the object's middle, in degrees", -80, 89, 60)
     distance: FloatProperty(
-        name="Distance", description="Distance from the object, in units of that at which it fills the picture",
+        name="Distance", description="Distance from the object, relative to the distance at which it fills the picture",
         default=1.0, min=0.2, max=10.0, soft_max=3.0, subtype="FACTOR", options={"SKIP_SAVE"})
-    offset: _angle("Flash Offset", "Between flash and camera, seen from the object, in degrees", 0, 45, 10)
+    offset: _angle("Flash Offset", "Angle between flash and camera, seen from the object, in degrees", 0, 45, 10)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -85,8 +86,9 @@ class IRPSO_OT_add_rig(bpy.types.Operator):
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, f"{rig.collection.name}: {len(rig.cameras)} cameras, {len(rig.lamps)} lamps, "
-                    f"{len(rig.shots)} views; their images belong into //{rig.collection.name}")
+        self.report({"INFO"}, f"{rig.collection.name}: {counted(len(rig.cameras), 'camera')}, "
+                    f"{counted(len(rig.lamps), 'lamp')}, {counted(len(rig.shots), 'view')}; put their images into "
+                    f"//{rig.collection.name}")
         return {"FINISHED"}
 
     def draw(self, _context: bpy.types.Context) -> None:

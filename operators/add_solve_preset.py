@@ -7,7 +7,7 @@ from ..irpso_addon.blender import presets
 
 
 class IRPSO_OT_add_solve_preset(AddPresetBase, bpy.types.Operator):
-    """Keep the settings of the Solve panel by a name, or remove the preset"""
+    """Save the settings of the Solve panel as a preset, or remove the preset"""
 
     bl_idname = "irpso.add_solve_preset"
     bl_label = "Add Solve Preset"

@@ -4,7 +4,7 @@ import bpy
 
 
 class IRPSO_OT_add_view(bpy.types.Operator):
-    """Add a view without an image, of the scene's camera"""
+    """Add a view of the scene's camera, without an image"""
 
     bl_idname = "irpso.add_view"
     bl_label = "Add View"

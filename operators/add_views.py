@@ -4,10 +4,11 @@ from collections.abc import Iterator
 
 import bpy
 
+from ..irpso_addon.core.phrases import counted
+
 
 class IRPSO_OT_add_views(bpy.types.Operator):
-    """Add a view for each selected camera, or for every camera when none is selected; a camera's background
-    images become its reference images"""
+    """Add a view for each selected camera, or for every camera. Background images become reference images"""
 
     bl_idname = "irpso.add_views"
     bl_label = "Add from Cameras"
@@ -32,7 +33,7 @@ class IRPSO_OT_add_views(bpy.types.Operator):
             view = settings.views.add()
             view.camera, view.image = camera, image
             settings.active_view = len(settings.views) - 1
-        self.report({"INFO"}, f"added {len(fresh)} views")
+        self.report({"INFO"}, f"added {counted(len(fresh), 'view')}")
         return {"FINISHED"} if fresh else {"CANCELLED"}
 
 

@@ -10,20 +10,21 @@ import bpy
 from ..irpso_addon.blender import files, properties
 from ..irpso_addon.blender.jobs.jobs import Task
 from ..irpso_addon.blender.jobs.session import session
-from ..irpso_addon.blender.scene import readiness, scene
+from ..irpso_addon.blender.scene import scene
 from ..irpso_addon.blender.viewer import editors, views
 from ..irpso_addon.compare.measure import figure, hold_out
 from ..irpso_addon.core.errors import BadInput
+from ..irpso_addon.core.images.reference_image import with_raw_size
 from ..irpso_addon.core.reporting.report import write_report
-from .helpers.modal_job import ModalJob
+from .helpers.needs_ready_views import NeedsReadyViews
 from .helpers.paths import absolute, captures_path
 
 HOLD_OUT = 5  # every so many a view is predicted, not solved from
 PASSES = (100, 400, 1600)  # of the algorithm as published
 
 
-class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
-    """Solve with every method from four fifths of the views, predict the others, and chart error against time"""
+class IRPSO_OT_compare(NeedsReadyViews, bpy.types.Operator):
+    """Solve with every method from four fifths of the views, predict the other views, and chart error against time"""
 
     bl_idname = "irpso.compare"
     bl_label = "Compare Methods"
@@ -31,23 +32,14 @@ class IRPSO_OT_compare(ModalJob, bpy.types.Operator):
 
     _shown_message: str | None = None  # the message that the editor shows
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A mesh with views."""
-        if not super().poll(context):
-            return False
-        why = None if bpy.app.background else readiness.why_not(context)
-        if why is not None:
-            cls.poll_message_set(why)
-        return why is None
-
     def task(self, context: bpy.types.Context, obj: bpy.types.Object) -> Task:
         """Reads the scene; model and the like are the Solve panel's.  Proves that the report can be saved."""
         chosen = context.window_manager.irpso_views
         if chosen.compare_save:
             absolute(context.scene.irpso.out)
         settings = replace(properties.settings(context.scene.irpso), size=chosen.compare_size, start="anew")
-        fit, held = hold_out(scene.read_scene(context, obj.name, captures_path(context.scene)), HOLD_OUT, False)
+        data = with_raw_size(scene.read_scene(context, obj.name, captures_path(context.scene)), settings)
+        fit, held = hold_out(data, HOLD_OUT, False)
         return Task("compare.measure:measure", (fit, held, None, settings, PASSES if chosen.compare_paper else ()))
 
     def tick(self, _obj: bpy.types.Object) -> None:

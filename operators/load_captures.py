@@ -6,11 +6,12 @@ import bpy
 
 from ..irpso_addon.core.capture.captures import CaptureView, read_captures
 from ..irpso_addon.core.errors import BadInput
+from ..irpso_addon.core.phrases import counted
 from .helpers.paths import captures_path, stored
 
 
 class IRPSO_OT_load_captures(bpy.types.Operator):
-    """Replace the list of views by those of the captures file; the solve then uses the list"""
+    """Replace the list of views by those of the captures file. Solve then uses the list"""
 
     bl_idname = "irpso.load_captures"
     bl_label = "Load into List"
@@ -38,11 +39,13 @@ class IRPSO_OT_load_captures(bpy.types.Operator):
         for view, (camera, lights) in zip(captured, found, strict=True):
             item = scene.irpso.views.add()
             item.image, item.mask = stored(view.image), stored(view.mask)
+            item.ambient, item.flat = stored(view.ambient), stored(view.flat)
             item.camera, item.exposure, item.colorspace = camera, view.exposure, view.colorspace or ""
+            item.vignetting = view.vignetting
             for light in lights:
                 item.lights.add().light = light
         scene.irpso.captures, scene.irpso.active_view = "", 0
-        self.report({"INFO"}, f"loaded {len(captured)} views from {path.name}")
+        self.report({"INFO"}, f"loaded {counted(len(captured), 'view')} from {path.name}")
         return {"FINISHED"}
 
 

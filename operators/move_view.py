@@ -10,13 +10,14 @@ class IRPSO_OT_move_view(bpy.types.Operator):
     bl_label = "Move View"
     bl_options = {"REGISTER", "UNDO"}
 
-    up: bpy.props.BoolProperty(name="Up", description="Towards the first, else towards the last", default=True)
+    up: bpy.props.BoolProperty(name="Up", description="Move towards the first view. Off: towards the "
+                                                      "last", default=True)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """There is something to change places with."""
         if len(context.scene.irpso.views) < 2:
-            cls.poll_message_set("The list has no two views")
+            cls.poll_message_set("The list has fewer than two views")
             return False
         return True
 

@@ -6,11 +6,10 @@ from ..irpso_addon.blender.jobs import solve_region
 
 
 class IRPSO_OT_paint_part(bpy.types.Operator):
-    """Mark the part to solve: paint a vertex group's weights or an image white, or select faces. Again: back to
-    Object Mode"""
+    """Mark the region to solve: paint weights, paint an image white, or select faces. Click again for Object Mode"""
 
     bl_idname = "irpso.paint_part"
-    bl_label = "Mark Part"
+    bl_label = "Mark Region"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
@@ -22,7 +21,7 @@ class IRPSO_OT_paint_part(bpy.types.Operator):
         elif not (obj.is_editable and obj.data.is_editable):
             cls.poll_message_set("The object is linked from a library: make it local first")
         elif context.scene.irpso.region == "ALL":
-            cls.poll_message_set("Choose first by what the part is marked")
+            cls.poll_message_set("Choose first how to mark the region")
         else:
             return True
         return False
@@ -35,11 +34,11 @@ class IRPSO_OT_paint_part(bpy.types.Operator):
             bpy.ops.object.mode_set(mode="OBJECT")
             return {"FINISHED"}
         if settings.region == "GROUP":
-            group = obj.vertex_groups.get(settings.region_group) or obj.vertex_groups.new(name="Part")
+            group = obj.vertex_groups.get(settings.region_group) or obj.vertex_groups.new(name="Region")
             settings.region_group, obj.vertex_groups.active_index = group.name, group.index
         elif settings.region == "IMAGE":
             if settings.region_image is None:
-                settings.region_image = bpy.data.images.new("Part", settings.size, settings.size)
+                settings.region_image = bpy.data.images.new("Region", settings.size, settings.size)
             paint = context.tool_settings.image_paint
             paint.mode, paint.canvas = "IMAGE", settings.region_image
             # Blender 5 has them for each mode

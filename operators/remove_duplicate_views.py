@@ -3,6 +3,7 @@
 import bpy
 
 from ..irpso_addon.core.capture.file_preview import same_file
+from ..irpso_addon.core.phrases import counted
 from .helpers.needs_views import NeedsViews
 
 
@@ -21,5 +22,5 @@ class IRPSO_OT_remove_duplicate_views(NeedsViews, bpy.types.Operator):
         for index in reversed(again):
             settings.views.remove(index)
         settings.active_view -= sum(index <= settings.active_view for index in again)
-        self.report({"INFO"}, f"removed {len(again)} views")
+        self.report({"INFO"}, f"removed {counted(len(again), 'view')}")
         return {"FINISHED"} if again else {"CANCELLED"}

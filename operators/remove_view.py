@@ -6,13 +6,13 @@ from .helpers.needs_views import NeedsViews
 
 
 class IRPSO_OT_remove_view(NeedsViews, bpy.types.Operator):
-    """Remove the active view from the list, or all of them"""
+    """Remove the active view from the list, or all views"""
 
     bl_idname = "irpso.remove_view"
     bl_label = "Remove View"
     bl_options = {"REGISTER", "UNDO"}
 
-    all: bpy.props.BoolProperty(name="All", description="Empty the list", default=False, options={"SKIP_SAVE"})
+    all: bpy.props.BoolProperty(name="All", description="Remove all views", default=False, options={"SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Removes, and keeps the next view active."""

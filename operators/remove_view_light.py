@@ -4,7 +4,7 @@ import bpy
 
 
 class IRPSO_OT_remove_view_light(bpy.types.Operator):
-    """Remove this light from the active view; a view without lights is lit by every light that renders"""
+    """Remove this light from the active view. Every light that renders lights a view without lights"""
 
     bl_idname = "irpso.remove_view_light"
     bl_label = "Remove Light"

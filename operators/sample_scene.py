@@ -7,8 +7,7 @@ from ..irpso_addon.blender.sample import sample
 
 
 class IRPSO_OT_sample_scene(bpy.types.Operator):
-    """Open a painted vase with its pictures, cameras and lights, ready to be solved; made by Cycles the first time,
-    which takes some seconds"""
+    """Open a painted vase with pictures, cameras and lights. Cycles renders it the first time, in some seconds"""
 
     bl_idname = "irpso.sample_scene"
     bl_label = "Sample Scene"

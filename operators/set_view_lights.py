@@ -4,7 +4,7 @@ import bpy
 
 
 class IRPSO_OT_set_view_lights(bpy.types.Operator):
-    """Set the active view's lights to the selected light objects; none selected: every light that renders"""
+    """Set the active view's lights to the selected lights, or to every light that renders if none is selected"""
 
     bl_idname = "irpso.set_view_lights"
     bl_label = "Use Selected Lights"

@@ -6,7 +6,7 @@ from ..irpso_addon.blender.viewer import editors
 
 
 class IRPSO_OT_show_views(bpy.types.Operator):
-    """Show maps, views beside predictions and results in an Image Editor: this one, an open one, or a new window"""
+    """Show maps, predictions and results in this Image Editor, in an open one, or in a new window"""
 
     bl_idname = "irpso.show_views"
     bl_label = "Show in Image Editor"

@@ -25,19 +25,20 @@ from .helpers.paths import absolute, captures_path
 
 
 class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
-    """Recover base colour and roughness of the selected mesh objects from the reference images, one after another"""
+    """Find base colour and roughness of the selected mesh objects from the pictures, one object after another"""
 
     bl_idname = "irpso.solve"
     bl_label = "Solve"
     bl_options = {"UNDO"}  # not REGISTER: to repeat it would hold up the window
 
     write: bpy.props.BoolProperty(
-        name="Write Maps", description="Put the maps on the object's materials when done", default=True,
+        name="Write Maps", description="Connect the maps to the object's materials at the end", default=True,
         options={"HIDDEN", "SKIP_SAVE"})
 
     _live: live_display.LiveMaps | None = None
-    _held = False  # was paused: its times say nothing
-    _order: solve_object.Order
+    _held = False  # was paused: its stages' times say nothing
+    _expected: float | None = None  # seconds that one solve will take
+    _order: solve_object.Order | None = None
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -63,17 +64,20 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         if order.large:
             order = replace(order, folder=Path(absolute(panel.out)), kind=panel.format)
         solve_object.check(order)
-        solve_object.check_room(order, solve_speed.of(context))
+        estimate = solve_speed.of(context)
+        solve_object.check_room(order, estimate)
+        self._expected = estimate.seconds if estimate is not None and estimate.learnt else None
         self._order = order
         return solve_object.task(order)
 
     def start(self, task: Task, obj: bpy.types.Object) -> None:
         """The solve in one process, first looks at it in another."""
         order = self._order
+        session.secure(obj)
         settings = replace(order.settings, size=order.shown_size)
         maps = self._live = live_display.LiveMaps(order.data, settings)
-        running = session.start(task.start(maps.take), self.bl_label, obj.session_uid)
-        running.curve = maps.curve
+        running = session.start(task.start(maps.take), self.bl_label, obj.session_uid, self._expected)
+        running.curve, maps.time = maps.curve, running.time
         if order.udims != (uv_blocks.FIRST_UDIM,):
             return  # it looks at the 0-1 square
         with suppress(BadInput):  # looks are welcome, not needed
@@ -95,28 +99,31 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         """What was on show; of large maps nothing, they go on from what is finished."""
         work = self._order.work
         if work is not None and WorkFolder.has_plan(work):
-            self.report({"INFO"}, f"Finished blocks are kept in {work}; Solve goes on from there")
+            self.report({"INFO"}, f"Finished blocks are kept in {work}; Solve continues from them")
         return None if self._live is None or work is not None else self._live.solution()
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
         """Keeps the solution, wires the maps, says what happened."""
         solution: Solution = value
         name, live = obj.name, self._live
-        solve_object.remember(obj, self._order, solution)
+        result = solve_object.remember(obj, self._order, solution)
         if not (cancelled or self._held or live is None):
             solve_object.learn(self._order, solution, live.seconds)
         messages: tuple[str, ...] = ()
         if self.write:
             messages = yield from solve_object.place(
-                obj, self._order, solution, dict if live is None else live.images)
+                obj, self._order, result, dict if live is None else live.images)
         for warning in (*solution.warnings, *messages):
             self.report({"WARNING"}, warning)
         texels = solution.texels
         outcome = "stopped; kept" if cancelled else "solved"
-        self.report({"INFO"}, f"{name}: {outcome} {texels['solved']:,} of {texels['covered']:,} texels")
+        further = "Solve again" if cancelled else "Export Maps under Result"
+        counts = f"{texels['solved']:,} of {texels['covered']:,} texels"
+        self.report({"INFO"}, f"{name}: {outcome} {counts}; next: {further}")
 
     def settled(self) -> None:
         """The views show the result instead of the running job."""
         if self._live is not None:
             self._live.drop()
+        self._live = self._order = None  # their arrays: Blender keeps operators that have run, for its redo panel
         editors.refresh()

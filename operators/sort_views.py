@@ -9,7 +9,7 @@ from .helpers.needs_views import NeedsViews
 
 
 class IRPSO_OT_sort_views(NeedsViews, bpy.types.Operator):
-    """Sort the views by camera, then by file name; numbers count as numbers"""
+    """Sort the views by camera, then by file name with numbers in order"""
 
     bl_idname = "irpso.sort_views"
     bl_label = "Sort by Camera and Name"

@@ -13,7 +13,7 @@ class _WhileRunning:
 
 
 class IRPSO_OT_stop(_WhileRunning, bpy.types.Operator):
-    """Stop the running job and keep what was found; Esc in the viewport does the same"""
+    """Stop the running job and keep its result so far. Esc in the viewport does the same"""
 
     bl_idname = "irpso.stop"
     bl_label = "Stop"
@@ -26,7 +26,7 @@ class IRPSO_OT_stop(_WhileRunning, bpy.types.Operator):
 
 
 class IRPSO_OT_pause(_WhileRunning, bpy.types.Operator):
-    """Hold the running job, or let it go on; nothing is lost"""
+    """Pause or continue the running job. Nothing is lost"""
 
     bl_idname = "irpso.pause"
     bl_label = "Pause"

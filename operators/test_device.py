@@ -9,8 +9,7 @@ from ..irpso_addon.solve import device_test
 
 
 class IRPSO_OT_test_device(bpy.types.Operator):
-    """Solve a small scene whose maps are known, with these settings, and say what the device is and whether it
-    computes rightly"""
+    """Solve a small scene with known maps, using these settings, and check the result"""
 
     bl_idname = "irpso.test_device"
     bl_label = "Test"
@@ -19,7 +18,7 @@ class IRPSO_OT_test_device(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """Not while it is tested."""
         if preferences.testing():
-            cls.poll_message_set("The device is being looked at")
+            cls.poll_message_set("The device is being detected")
             return False
         return True
 

@@ -8,8 +8,6 @@ is not Lambert's make sure that no search can explain one exactly.
 from __future__ import annotations
 
 import argparse
-import platform
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +21,7 @@ from irpso_addon.core.evaluation.joint_material import LEVELS, METAL_BASE, METAL
 from irpso_addon.core.evaluation.lobe_values import fresnel_ratio, lobe_values, metal_values
 from irpso_addon.core.evaluation.sampled_texels import SampledTexels, metal_gain
 from irpso_addon.core.shading import brdf
+from studies import pages
 from studies.stability.measured import rig
 
 OUT = Path(__file__).resolve().parents[1] / "docs"
@@ -257,8 +256,13 @@ def draw(results: dict[int, dict[str, F64]], out: Path) -> None:
     figure.savefig(out, dpi=90, facecolor="white")
 
 
-def page(results: dict[int, dict[str, F64]], count: int, seconds: float) -> str:
-    """docs/joint_search.md."""
+HEAD = """\
+| numbers | search | evaluations | found | evaluations until found (median) | left in the end: median | worst |
+|---|---|---|---|---|---|---|"""
+
+
+def write(results: dict[int, dict[str, F64]], count: int, out: Path) -> None:
+    """The figures of the page."""
     rows = []
     for numbers, found in results.items():
         for name, excess in found.items():
@@ -267,31 +271,7 @@ def page(results: dict[int, dict[str, F64]], count: int, seconds: float) -> str:
             median = f"{np.median(solved):.0f}" if len(solved) * 2 > len(enough) else "-"
             rows.append(f"| {numbers} | {name} | {excess.shape[1]} | {len(solved)} of {count} | {median} | "
                         f"{np.median(excess[:, -1]) - 1:.1e} | {excess[:, -1].max() - 1:.1e} |")
-    table = "\n".join(rows)
-    made = f"numpy {np.__version__}, Python {platform.python_version()}, {platform.machine()}"
-    count_of_nodes = len(ROUGHNESS) * len(LEVELS) * len(METALLIC)
-    return f"""# Searches for a material's joint values
-
-Made by `python -m studies.joint_search` ({made}, {seconds / 60:.1f} minutes of processor time).
-
-`auto` asks which one roughness, Specular IOR Level and Metallic explain all texels of a material together
-([method](method.md)). Here several searches answer that for {count} random materials: {TEXELS} texels, 12 lamps, 2
-cameras, 1 % noise, a second lobe and a diffuse that is not Lambert's, so that no answer is exact. With two parts every
-texel belongs to the one of two such triples that suits it. Solid lines are medians, dotted ones the worst tenth.
-
-![Cost above the least found, against evaluations](joint_search.png)
-
-"Found": within 1 % of the least cost that any search found.
-
-| numbers | search | evaluations | found | evaluations until found (median) | left in the end: median | worst |
-|---|---|---|---|---|---|---|
-{table}
-
-The swarm makes the moves of equations (2) and (3) of Nagano et al. with constriction, led by rings of three. "Refined":
-it makes 6 moves, then its best particles take Levenberg-Marquardt steps. The product takes nodes and parabolas
-([decision 0015](decisions/0015-joint-values-by-nodes.md) says why). All {count_of_nodes} nodes share their sums over
-layers, for every fold too, so that an evaluation costs far less there than a single one here.
-"""
+    pages.fill(pages.DOCS / "joint_search.md", {"made": pages.measured(), "table": "\n".join([HEAD, *rows])}, out)
 
 
 def main() -> int:
@@ -300,11 +280,9 @@ def main() -> int:
     parser.add_argument("--materials", type=int, default=MATERIALS)
     parser.add_argument("--out", type=Path, default=OUT, help="folder for joint_search.md and .png")
     options = parser.parse_args()
-    start = time.process_time()
     results = {numbers: measure(numbers, options.materials) for numbers in BUDGET}
     draw(results, options.out / "joint_search.png")
-    text = page(results, options.materials, time.process_time() - start)
-    (options.out / "joint_search.md").write_text(text, encoding="utf-8")
+    write(results, options.materials, options.out / "joint_search.md")
     return 0
 
 

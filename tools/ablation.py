@@ -8,15 +8,11 @@ The references are the demo's, rendered once into build/bench.
 from __future__ import annotations
 
 import argparse
-import os
-import platform
 import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
-
-import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -29,6 +25,7 @@ from irpso_addon.core.params import SolveSettings  # noqa: E402
 from irpso_addon.core.samples import vase  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
+from studies import charts, pages  # noqa: E402
 
 VARIANTS: list[tuple[str, dict[str, float], bool]] = [
     ("all of it", {}, False),
@@ -43,14 +40,8 @@ VARIANTS: list[tuple[str, dict[str, float], bool]] = [
     ("base colour: mean of what the cameras show", {"maps.finish_maps.ITERATIONS": 0}, False),
 ]
 HEAD = """\
-# What each part is worth
-
-Made by `python tools/ablation.py`. The demo's vase, {views} views, {size} x {size} texels, method `refined`.
-Errors are those of the texels that the full method solved. Machine: {machine}; OpenGL: {renderer}.
-
-| | base colour (dB) | roughness mean | median | mean where it says it is sure |
-|---|---|---|---|---|
-"""
+| | base colour (dB) | roughness mean | median | mean of the confident texels |
+|---|---|---|---|---|"""
 
 
 def main() -> int:
@@ -73,14 +64,11 @@ def main() -> int:
         solved = solution.maps.filled if solved is None else solved  # the same texels are judged for all
         found = score(vase.truth(size), replace(solution.maps, filled=solved))
         rows.append(f"| {name} | {found.albedo_psnr:.1f} | {found.rough_mae:.4f} | {found.rough_median:.4f} "
-                    f"| {found.rough_mae_confident:.4f} |\n")
-        print(rows[-1], end="", flush=True)
-    page = HEAD.format(views=len(scene.views), size=size, renderer=solution.device["renderer"],
-                       machine=f"{os.cpu_count()} CPU cores, {platform.system()} {platform.machine()}, "
-                               f"numpy {np.__version__}")
-    place = ROOT / "docs" / "ablation.md"
-    discussion = place.read_text(encoding="utf-8").rpartition("|\n")[2]  # of the table: written by hand, check it
-    place.write_text(page + "".join(rows) + discussion, encoding="utf-8")
+                    f"| {found.rough_mae_confident:.4f} |")
+        print(rows[-1], flush=True)
+    pages.fill(pages.DOCS / "ablation.md", {
+        "made": pages.measured(solution.device["renderer"]), "table": "\n".join([HEAD, *rows])})
+    charts.draw("ablation")
     return 0
 
 

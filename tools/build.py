@@ -166,9 +166,10 @@ def blender_ext(command: str, *arguments: str) -> None:
     # Without this list the tool checks no tags.  The public command, `blender --command extension`, reads the same
     # file, but needs Blender's executable, which the bpy module lacks.
     tags = scripts / "modules" / "_bpy_internal" / "extensions" / "tags.py"
+    checked = ["--valid-tags", str(tags)] if command in ("build", "validate") else []
     done = subprocess.run(
         [sys.executable, str(scripts / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"), command,
-         "--valid-tags", str(tags), *arguments], capture_output=True, text=True)
+         *checked, *arguments], capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f"build: Blender's '{command}' refuses:\n{done.stdout}{done.stderr}")
 

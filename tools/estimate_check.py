@@ -2,7 +2,7 @@
 
     python tools/estimate_check.py
 
-Writes docs/estimate.md.
+Writes the figures of docs/estimate.md.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from irpso_addon.blender.files import open_blend  # noqa: E402
+from irpso_addon.blender.files import blender_version, open_blend  # noqa: E402
 from irpso_addon.blender.sample import demo  # noqa: E402  # the checkout is no installed package
 from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.cli.demo import make  # noqa: E402
@@ -25,29 +25,11 @@ from irpso_addon.core.data import SceneData, Solution  # noqa: E402
 from irpso_addon.core.params import DeviceSettings, SolveSettings  # noqa: E402
 from irpso_addon.core.reporting.estimates import ViewSize, estimate, learnt  # noqa: E402
 from irpso_addon.process.remote import Remote  # noqa: E402
+from studies import charts, pages  # noqa: E402
 
-PAGE = """\
-# The estimate before a solve
-
-The Solve panel estimates how long a solve will take and how much memory. The seconds are a sum over the work of each
-stage, times factors that the last solves on this machine have shown. The factors are stored in the user's
-configuration folder (`irpso_speed.json`; delete the file to reset them). A solve that was stopped or paused, a solve
-of a part, and a solve from the last result do not change them. The estimate includes indirect light where the user
-asks for it, or where the last solve rendered it. It includes compilation where the search's programs were not used
-before with as many views and cameras; half the time of a stage that compiled and was slow counts as compilation.
-
-Made by `python tools/estimate_check.py`: the demo's vase, pictures of {pixels} x {pixels} pixels, each solve in a new
-process, seconds from its start to its result. The first solve that needs a program compiles it. *First* is the
-estimate on a machine that has solved nothing yet. *Learnt* is the estimate after the first line's solve alone, from
-which other models and methods take the machine's speed.
-
+HEAD = """\
 | views | size | model | method | measured | first | learnt | learnt / measured |
-|---|---|---|---|---|---|---|---|
-{rows}
-
-Farthest off after one solve: a factor of {worst:.2f}. Memory of the device: within a factor of 1.5 of what the textures
-take (`tests/gpu/test_estimate.py`).
-"""
+|---|---|---|---|---|---|---|---|"""
 CASES = [  # the first is what is learnt from
     (16, 256, "auto", "refined"), (16, 256, "auto", "refined"), (16, 512, "auto", "refined"),
     (8, 256, "auto", "refined"), (31, 256, "auto", "refined"), (16, 1024, "auto", "refined"),
@@ -79,8 +61,11 @@ def main() -> None:
             rows.append(f"| {count} | {size} | {model} | {method} | {wall:.1f} s | {first:.1f} s | "
                         f"{learnt_words[0]} | {learnt_words[1]} |")
             print(rows[-1], flush=True)
-    (ROOT / "docs" / "estimate.md").write_text(
-        PAGE.format(pixels=demo.PIXELS, rows="\n".join(rows), worst=worst), encoding="utf-8")
+    pages.fill(pages.DOCS / "estimate.md", {
+        "made": pages.measured(solution.device["renderer"], f"Blender {blender_version()}"),
+        "table": "\n".join([HEAD, *rows]),
+        "worst": f"The largest error after one solve is a factor of {worst:.2f}."})
+    charts.draw("estimate")
 
 
 def solve(data: SceneData, settings: SolveSettings) -> tuple[Solution, float]:

@@ -14,6 +14,7 @@ import argparse
 import filecmp
 import json
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -21,6 +22,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from statistics import mean
 from typing import IO, Any
@@ -32,6 +34,7 @@ from irpso_addon.core.params import SolveSettings  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.solve import device_test, farm, tiled_solve  # noqa: E402  # the checkout is no installed package
 from irpso_addon.solve.plan_preparation import TiledRequest  # noqa: E402
+from studies import pages  # noqa: E402
 from tests.support.squares import write_scene  # noqa: E402
 from tools.farm_page import write_page  # noqa: E402
 from tools.farm_simulation import Costs  # noqa: E402
@@ -90,7 +93,9 @@ def measure(folder: Path) -> dict[str, Any]:
     session, dispatch = _openjd_times(folder)
     merge_start, merge = _merge_times(folder)
     costs = Costs(plan["seconds"], session, dispatch, start, tuple(blocks), merge_start, merge, tuple(slowness))
-    return {"device": plan["device"], "date": time.strftime("%Y-%m-%d"), "alone": alone["seconds"] - plan["seconds"],
+    return {"device": plan["device"], "date": pages.today(), "commit": pages.commit(), "cpu": pages.processors(),
+            "software": f"numpy {version('numpy')}, Python {platform.python_version()}",
+            "alone": alone["seconds"] - plan["seconds"],
             "workers": workers, "costs": asdict(costs), "size": SIZE, "tile": TILE, "views": CAMERAS * LAMPS,
             "pixels": PICTURES}
 

@@ -12,6 +12,8 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
+from irpso_addon.core.phrases import percent
+from studies import pages
 from tools.farm_simulation import KINDS, Costs, Outcome, Work, alone, knee, most, simulate
 
 SQUARES, SIZE, BLOCK = 63, 8192, 512  # texels
@@ -108,13 +110,13 @@ def _save(figure: Any, stem: Path) -> None:
 def _words(record: dict[str, Any], measured: Costs, costs: list[Costs], cases: dict[str, Runs]) -> dict[str, str]:
     """What the page's braces stand for."""
     rows = [f"| {count} | {seconds:.1f} | {record['alone'] / seconds:.2f} | "
-            f"{record['alone'] / seconds / int(count):.0%} |"
+            f"{percent(record['alone'] / seconds / int(count))} |"
             for count, seconds in record["workers"].items()]
-    table = [f"| {name} | {workers} | {_time(run.seconds)} | {run.efficiency:.0%} | {NAMES[most(run)]} |"
+    table = [f"| {name} | {workers} | {_time(run.seconds)} | {percent(run.efficiency)} | {NAMES[most(run)]} |"
              for name, runs in cases.items() for workers, run in runs[SHOWN_TILE].items()
              if workers in (1, 16, 64, 256)]
     tiles = [f"| {tile} | {SQUARES * (SIZE // tile) ** 2:,} | " + " | ".join(
-        f"{_time(runs[tile][256].seconds)}, {runs[tile][256].efficiency:.0%}, to {knee(list(runs[tile].items()))}"
+        f"{_time(runs[tile][256].seconds)}, {percent(runs[tile][256].efficiency)}, to {knee(list(runs[tile].items()))}"
         for runs in cases.values()) + " |" for tile in TILES]
     return {
         "measured": "\n".join(rows), "simulated": "\n".join(table), "tiles": "\n".join(tiles),
@@ -123,8 +125,9 @@ def _words(record: dict[str, Any], measured: Costs, costs: list[Costs], cases: d
         "block": f"{median(measured.blocks):.1f}",
         "blocks": f"{min(measured.blocks):.1f} to {max(measured.blocks):.1f}",
         "merge_start": f"{measured.merge_start:.1f}", "merge": f"{measured.merge:.2f}",
-        "slow": f"{max(measured.slowness):.2f}", "device": record["device"],
-        "date": record["date"], "size": str(record["size"]), "tile": str(record["tile"]), "views": str(record["views"]),
+        "slow": f"{max(measured.slowness):.2f}",
+        "made": pages.made(record["date"], record["commit"], record["cpu"], record["device"], record["software"]),
+        "size": str(record["size"]), "tile": str(record["tile"]), "views": str(record["views"]),
         "pixels": str(record["pixels"]), "squares": str(SQUARES), "gpu": f"{GPU:g}", "plan_times": f"{PLAN:g}",
         "alone_all": _time(alone(costs[0], _work(SHOWN_TILE))), "alone_gpu": _time(alone(costs[1], _work(SHOWN_TILE))),
     }

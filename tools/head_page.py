@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
-import os
-import platform
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +13,9 @@ from irpso_addon.blender.sample import contact_sheet
 from irpso_addon.core.data import F32, F64, Bool, Solution
 from irpso_addon.core.evaluation.metrics import FAIL, psnr
 from irpso_addon.core.images.colour import linear_to_srgb
+from irpso_addon.core.phrases import percent
 from irpso_addon.core.resampling import at_size
+from studies import pages
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "head.md"
@@ -224,7 +222,8 @@ def _table_many(record: Record) -> str:
         for result, group in zip(record.many, groups, strict=True):
             if group[name].any():
                 row = figures(result, group[name])
-                lines.append(f"| {name} | {row.texels / result.seen.sum():.0%} | `{result.method}` | {row.base:.1f} "
+                lines.append(f"| {name} | {percent(row.texels / result.seen.sum())} | `{result.method}` | "
+                             f"{row.base:.1f} "
                              f"| {_three(row.mae)} | {_percent(row.fail)} |")
     spent = [f"| `{result.method}` | {result.seconds:.1f} | {sum(result.solution.seconds.values()):.1f} |"
              for result in record.many if result.solution is not None]
@@ -238,7 +237,8 @@ def _table_renders(record: Record, results: Sequence[Result]) -> list[str]:
     for name, kind in (("the composite", "fit"), ("under another lamp", "relit")):
         for result in results:
             match = composite(getattr(result, kind), getattr(record.pixels, kind), result.view_seen)
-            lines.append(f"| {name} | `{result.method}` | {match.db:.1f} | {match.mean:.2%} | {match.visible:.1%} |")
+            lines.append(f"| {name} | `{result.method}` | {match.db:.1f} | {percent(match.mean, 2)} | "
+                         f"{percent(match.visible, 1)} |")
     return lines
 
 
@@ -253,7 +253,7 @@ def _three(values: Sequence[float]) -> str:
 
 
 def _percent(values: Sequence[float]) -> str:
-    return " | ".join(f"{value:.1%}" for value in values)
+    return " | ".join(f"{percent(value, 1)}" for value in values)
 
 
 def _table_auto(record: Record) -> str:
@@ -263,34 +263,13 @@ def _table_auto(record: Record) -> str:
 def _machine(record: Record) -> str:
     o, device = record.options, record.auto.device
     return "\n".join([
+        pages.measured(device["renderer"], f"Blender {bpy.app.version_string}"),
         f"{record.views} references of {o.pixels} x {o.pixels} pixels ({o.samples} samples), rendered in "
         f"{record.rendering:.0f} s. Maps of {o.size} x {o.size} texels.",
         f"Method `paper`: {o.one_passes} passes from one image; {o.many_passes} from many, on maps of {o.size // 2} x "
-        f"{o.size // 2}.",
-        f"{os.cpu_count()} CPU cores ({_processor()}), {platform.system()} {platform.machine()}; OpenGL: "
-        f"{device['renderer']}, {device['version']};",
-        f"Blender {bpy.app.version_string}, Python {platform.python_version()}, numpy {np.__version__}; commit "
-        f"{_commit()}; {datetime.datetime.now(datetime.UTC):%Y-%m-%d}."])
-
-
-def _processor() -> str:
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text(encoding="utf-8").splitlines() if info.is_file() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or "unknown"
-
-
-def _commit() -> str:
-    done = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True)
-    return done.stdout.strip() or "unknown"
+        f"{o.size // 2}."])
 
 
 def write(record: Record, page: Path = PAGE) -> None:
     """Put the tables between the page's marks."""
-    text = page.read_text(encoding="utf-8")
-    for name, table in tables(record).items():
-        begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
-        before, rest = text.split(begin)
-        text = f"{before}{begin}\n{table}\n{end}{rest.split(end)[1]}"
-    page.write_text(text, encoding="utf-8")
-
+    pages.fill(page, tables(record))

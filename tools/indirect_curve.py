@@ -23,7 +23,6 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from irpso_addon.blender.files import open_blend  # noqa: E402
-from irpso_addon.blender.jobs import indirect  # noqa: E402
 from irpso_addon.blender.jobs.indirect import IndirectRenderer  # noqa: E402
 from irpso_addon.blender.oiio import ensure_openimageio  # noqa: E402
 from irpso_addon.blender.sample import contact_sheet, demo  # noqa: E402
@@ -31,59 +30,21 @@ from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.cli.demo import make  # noqa: E402
 from irpso_addon.core.data import F32, Solution  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
+from irpso_addon.core.phrases import percent  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
+from studies import pages  # noqa: E402
 
-OUT = ROOT / "docs" / "stability"
+OUT = pages.DOCS / "stability"
 FOOT = -0.8  # metres: the vase's foot
 PIXELS, SAMPLES = 160, 64
 Colour = tuple[float, float, float]
 FLOORS: dict[str, Colour | None] = {
     "red": (0.8, 0.1, 0.05), "none": None, "0.3": (0.3, 0.3, 0.3)}
 SHOWN = "red"
-PAGE = """\
-# Light that bounced
-
-Made by `python tools/indirect_curve.py`. The demo's vase stands on a matt floor; Cycles renders {views} views of
-{pixels} x {pixels} pixels with 4 bounces and {samples} samples. Solved at {size} x {size} texels with `indirect` `off`
-and `auto`. Errors are medians over the texels solved by both: of base colour relative to the truth (then the error
-that 95 % of them stay below), of roughness absolute where it is sure (confidence above 0.5). *Shadows* is the radiance
-where no lamp's light arrives, as a share of the lit pixels' median, by which `auto` decides. Seconds are of the machine
-as it was, other work included.
-
+HEAD = """\
 | floor | shadows | base colour, off | auto | 95 % below, off | auto | roughness, off | auto | seconds, off | auto |
-|---|---|---|---|---|---|---|---|---|---|
-{rows}
-
-![The vase on a red floor: truth, bounced light ignored, bounced light rendered](indirect.jpg)
-
-## What is done
-
-1. The maps are solved for as if there were direct light only.
-2. Where no lamp's light arrives, such pictures are black. If they are not, light has bounced, or the camera has a black
-   level, or something shines that the scene does not hold. A second Blender therefore renders four views first, small,
-   and `auto` leaves it at that where indirect light is less than 0.5 % of the lamps' light on the object, or less than
-   3 % of it and less than a quarter of what the references show in shadows. A warning then says so.
-3. If it is worth the time, or with `indirect` `on`, that Blender opens the scene (a copy of it, in the add-on), puts
-   the maps on the object, and renders for each view what Cycles calls diffuse indirect light, without its colour
-   (indirect irradiance over pi), and glossy indirect light: {side}
-   pixels wide, {paths} paths a pixel, smoothed along the surface. With it comes what a world or glowing things give.
-4. The maps are solved for again. The irradiance of a pixel is that of its lamps plus the indirect one, a lamp's
-   highlight counts by its lamp's share, and the glossy light is taken off the picture. Places that no lamp reaches tell
-   their base colour too, with little weight.
-5. Steps 3 and 4 are done twice, the first time with small maps; where these do not explain the views better than
-   without indirect light, `auto` keeps the maps of step 1. The first maps are too bright, and so is the light that they
-   bounce; after the second round hardly anything changes. (Subtracting paint times irradiance instead would not settle
-   where there is as much indirect light as direct.)
-
-## What it needs
-
-The other objects must be in the scene, with the materials that they had when the pictures were taken. Number of
-bounces and caustics are as the file says (4 bounces where it says none). A lamp at the camera throws no shadow that
-`auto` could look into: say `on`. Where the second Blender fails, the maps of step 1 stay, with a warning.
-Noise of path-traced references stays in the maps: indirect light is the noisy part of them, so give them more samples
-than direct light needs.
-"""
+|---|---|---|---|---|---|---|---|---|---|"""
 
 
 def main() -> int:
@@ -110,9 +71,9 @@ def main() -> int:
         print(rows[-1], flush=True)
         if name == SHOWN:
             show(made, view, off, auto)
-        (OUT / "indirect.md").write_text(PAGE.format(
-            rows="\n".join(rows), views=len(scene.views), pixels=PIXELS, samples=SAMPLES, size=size,
-            side=indirect.SIDE, paths=indirect.SAMPLES), encoding="utf-8")
+    pages.fill(OUT / "indirect.md", {
+        "made": pages.measured(auto.device["renderer"], f"Blender {bpy.app.version_string}"),
+        "table": "\n".join([HEAD, *rows])})
     return 0
 
 
@@ -144,12 +105,12 @@ def row(name: str, made: demo.Demo, off: Solution, auto: Solution) -> str:
     solved = ~off.maps.filled & ~auto.maps.filled & off.maps.coverage
     cells: list[str] = []
     base = [relative(s.maps.base_color, made.base_color)[solved] for s in (off, auto)]
-    cells += [f"{np.median(e):.1%}" for e in base] + [f"{np.percentile(e, 95):.0%}" for e in base]
+    cells += [f"{percent(np.median(e), 1)}" for e in base] + [f"{percent(np.percentile(e, 95))}" for e in base]
     for s in (off, auto):
         sure = solved & (s.maps.confidence > 0.5)
         cells.append(f"{np.median(np.abs(s.maps.roughness - made.roughness)[sure]):.4f}")
     cells += [f"{sum(s.seconds.values()):.0f}" for s in (off, auto)]
-    return f"| {name} | {off.checks.unlit_share:.2%} | " + " | ".join(cells) + " |"
+    return f"| {name} | {percent(off.checks.unlit_share, 2)} | " + " | ".join(cells) + " |"
 
 
 def relative(estimate: F32, truth: F32) -> F32:

@@ -29,6 +29,7 @@ from irpso_addon.core.evaluation.metrics import psnr  # noqa: E402
 from irpso_addon.core.resampling import linear  # noqa: E402
 from irpso_addon.core.samples import vase  # noqa: E402  # the checkout is no installed package
 from irpso_addon.core.tiled.uv_blocks import BLOCK, ONE_PIECE  # noqa: E402
+from studies import pages  # noqa: E402
 
 PAINTED = 4096  # texels of the truth that Cycles renders
 SAMPLES = 4  # of a pixel
@@ -36,7 +37,7 @@ CAMERAS, LIGHTS = 4, 5  # 12 of their pairs are on the same side of the vase
 STRIP = 256  # rows of the maps that are read at a time
 OFTEN = 0.1  # seconds between two looks at the memory
 NEAR = 8  # texels: borders between blocks are compared with lines so far beside them
-PAGE, BEGIN, END = ROOT / "docs" / "large.md", "<!-- begin large_run -->", "<!-- end large_run -->"
+PAGE = pages.DOCS / "large.md"
 NAMES = {"basecolor": 3, "roughness": 1}
 
 
@@ -71,10 +72,8 @@ def main() -> int:
     if arguments.docs:
         lines = [f"| {name.strip()} | {value} |" for name, value in rows if name != "command"]
         table = "\n".join([f"`{' '.join(sys.argv)}`: {arguments.views} pictures of {arguments.pixels} x "
-                           f"{arguments.pixels} pixels.", "", "| | |", "|---|---|", *lines])
-        page = PAGE.read_text(encoding="utf-8")
-        before, _, rest = page.partition(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}\n{table}\n{END}{rest.partition(END)[2]}", encoding="utf-8", newline="\n")
+                           f"{arguments.pixels} pixels.", pages.measured(), "", "| | |", "|---|---|", *lines])
+        pages.fill(PAGE, {"large_run": table})
     return 0
 
 

@@ -1,11 +1,11 @@
-"""Write the pages that are made from the code: docs/parameters.md and docs/reference.md.
+"""Write the pages that are made from the code: docs/parameters.md, docs/reference.md, and a table of docs/export.md.
 
     python tools/make_docs.py            writes them
     python tools/make_docs.py --check    exit 1 when one is not what the code says
 
 docs/parameters.md is the table in irpso_addon/core/params.py, with the commands whose parsers have the flag.
 docs/reference.md is what Blender itself knows of the panels, operators, properties and preferences once the checkout is
-registered as an extension.
+registered as an extension.  The table of docs/export.md is irpso_addon/core/maps/targets.py.
 """
 
 from __future__ import annotations
@@ -25,10 +25,19 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from irpso_addon.cli import options  # noqa: E402  # the checkout is no installed package
-from irpso_addon.core.params import DeviceSettings, SolveSettings  # noqa: E402
+from irpso_addon.core.maps import targets  # noqa: E402
+from irpso_addon.core.params import (  # noqa: E402
+    DeviceSettings,
+    ExportSettings,
+    ShootSettings,
+    SolveSettings,
+    choice_name,
+)
 
 EXTENSION = "irpso_docs"  # the checkout's name as an extension
 HIDDEN = {"HIDDEN"}
+TARGETS_START, TARGETS_END = "<!-- made by `make docs` from irpso_addon/core/maps/targets.py -->\n", "\n<!-- end -->"
+TARGETS_HEAD = ("target", "file", "channels", "bits", "colour space", "when")
 EDITORS = {"VIEW_3D": "3D Viewport", "IMAGE_EDITOR": "Image Editor"}
 
 PARAMETERS = """\
@@ -43,6 +52,20 @@ DEVICE = """
 ## The graphics device
 
 Each row is one preference of the add-on, and one flag of the commands that the row names.
+
+"""
+EXPORT = """
+## Export
+
+The row is one property of the panel (`scene.irpso`), and one flag of the command that it names. [Export](export.md)
+lists each target's files.
+
+"""
+SHOOT = """
+## Import of a shoot
+
+Each row is one property of the panel *Shoot* (`scene.irpso.shoot`), and one flag of the command that it names.
+[From photographs to maps](shoots.md) describes their use.
 
 """
 PARAMETER_HEAD = "| name | flag | of `irpso` | default | range or choices | what it does |\n|---|---|---|---|---|---|\n"
@@ -62,9 +85,9 @@ panels are used: [the guide](guide.md).
 def parameters() -> str:
     """The whole page."""
     commands = settings_of_commands()
-    solve, device = ("".join(parameter_row(field, commands) for field in fields(table))
-                     for table in (SolveSettings, DeviceSettings))
-    return PARAMETERS + PARAMETER_HEAD + solve + DEVICE + PARAMETER_HEAD + device
+    tables = ((PARAMETERS, SolveSettings), (DEVICE, DeviceSettings), (EXPORT, ExportSettings), (SHOOT, ShootSettings))
+    return "".join(words + PARAMETER_HEAD + "".join(parameter_row(field, commands) for field in fields(table))
+                   for words, table in tables)
 
 
 def settings_of_commands() -> dict[str, dict[str, Any]]:
@@ -82,12 +105,13 @@ def parameter_row(field: Field[Any], commands: dict[str, dict[str, Any]]) -> str
     limits, what = "", meta["doc"]
     if meta["choices"]:
         limits = ", ".join(f"`{key}`" for key, _ in meta["choices"])
-        what += ": " + "; ".join(f"`{key}`: {doc}" for key, doc in meta["choices"])
+        what += ". " + ". ".join(f"`{key}` (*{choice_name(key)}*): {doc}" for key, doc in meta["choices"])
     elif meta["low"] is not None:
         limits = f"{meta['low']} to {meta['high']}{unit}"
     defaults = {name: known[field.name] for name, known in commands.items() if field.name in known}
-    default = f"{field.default}{unit}" + "".join(
-        f"; `{name}`: {value}{unit}" for name, value in defaults.items() if value != field.default)
+    mark = "`" if meta["choices"] else ""
+    default = f"{mark}{field.default}{mark}{unit}" + "".join(
+        f"; `{name}`: {mark}{value}{mark}{unit}" for name, value in defaults.items() if value != field.default)
     having = ", ".join(f"`{name}`" for name in defaults)
     return f"| {meta['label']} | `--{field.name.replace('_', '-')}` | {having} | {default} | {limits} | {what} |\n"
 
@@ -157,8 +181,9 @@ def operators() -> str:
 
 def scene() -> str:
     """What the .blend stores."""
-    known = {field.name for field in fields(SolveSettings)}
-    text = "## Properties\n\nStored in the .blend. Those of [a solve](parameters.md) have a page of their own.\n"
+    known = {field.name for table in (SolveSettings, ExportSettings, ShootSettings) for field in fields(table)}
+    text = ("## Properties\n\nStored in the .blend. Those of [a solve, an export and an import](parameters.md) have a "
+            "page of their own.\n")
     for cls in ours(bpy.types.PropertyGroup):
         rows = [row for row in property_rows(cls.bl_rna, set()) if row[1].strip("`") not in known]
         if rows:
@@ -219,6 +244,17 @@ def number(prop: bpy.types.Property, value: float) -> str:
     return f"{math.degrees(value):.4g}°" if prop.subtype == "ANGLE" else f"{value:.6g}"
 
 
+# ---- docs/export.md
+
+
+def export() -> str:
+    """The page as it is, its table of the export's files made anew."""
+    page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
+    before, rest = page.split(TARGETS_START)
+    _, after = rest.split(TARGETS_END)
+    return f"{before}{TARGETS_START}\n{rows_of(TARGETS_HEAD, targets.table())}{TARGETS_END}{after}"
+
+
 # ---- tables
 
 
@@ -239,7 +275,8 @@ def rows_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-PAGES: dict[str, Callable[[], str]] = {"parameters.md": parameters, "reference.md": reference}
+PAGES: dict[str, Callable[[], str]] = {
+    "parameters.md": parameters, "reference.md": reference, "export.md": export}
 
 
 def main() -> int:

@@ -27,12 +27,12 @@ from irpso_addon.core.shading.tables import principled_table  # noqa: E402
 from irpso_addon.gpu.device.context import Device  # noqa: E402
 from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservedTexels  # noqa: E402
 from irpso_addon.gpu.solve.paper_swarm import Limits, Swarms  # noqa: E402
+from studies import pages  # noqa: E402
 from studies.bench.measure import machine  # noqa: E402
 from tests.support.texel_problem import Estimate, Problem, Spec, make  # noqa: E402
 
 FIGURE = ROOT / "docs" / "images" / "paper_divergence.png"
 PAGE = ROOT / "docs" / "paper.md"
-MARKS = "<!-- tools/paper_divergence.py: begin -->", "<!-- end -->"
 SPEC = Spec(views=6, size=64)
 ANY = 1e30  # a speed that no float32 particle has
 FIRST, BOTTOM = 10, 0.02  # passes and |x| where the figure begins
@@ -135,7 +135,7 @@ def table(results: dict[Variant, list[Sample]], caption: str) -> str:
         s = samples[-1]
         rows.append(f"| {variant.label} | {s.position:.2g} | {s.spread:.2g} | {s.error:.2g} | {s.roughness:.3f} "
                     f"| {s.failures:.3f} |")
-    return "\n".join([*rows, "", caption + "."])
+    return "\n".join([*rows, "", caption])
 
 
 def main() -> int:
@@ -155,11 +155,7 @@ def main() -> int:
     caption = (f"{SPEC.title}, {SPEC.size} x {SPEC.size} texels, m = 16, H = 3, c3 = 0.05; seed 0.\n"
                f"{facts['cpu']}; {facts['gl']}, {facts['gl_version']}; numpy {np.__version__}; {facts['date']}")
     draw(results, caption)
-    shown = (f"{facts['cpu']}; {facts['gl']}, {facts['gl_version']}; {facts['system']}, "
-             f"moderngl {version('moderngl')}, numpy {np.__version__}; {facts['date']}")
-    text = PAGE.read_text(encoding="utf-8")
-    before, after = text.split(MARKS[0])[0], text.split(MARKS[1])[-1]
-    PAGE.write_text(f"{before}{MARKS[0]}\n{table(results, shown)}\n{MARKS[1]}{after}", encoding="utf-8")
+    pages.fill(PAGE, {"divergence": table(results, pages.measured(facts["gl"], f"moderngl {version('moderngl')}"))})
     return 0
 
 

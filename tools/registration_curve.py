@@ -1,4 +1,4 @@
-"""What cameras that are off and exposures that drift cost, before and after they are put right.
+"""What cameras that are off and exposures that drift cost, before and after they are corrected.
 
     python tools/registration_curve.py [--size 256] [--capture FOLDER ...]
 
@@ -36,12 +36,14 @@ from irpso_addon.core.checks.registration import moved  # noqa: E402
 from irpso_addon.core.data import F32, Bool, SceneData, Solution  # noqa: E402
 from irpso_addon.core.evaluation.metrics import map_errors, psnr  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
+from irpso_addon.core.phrases import percent  # noqa: E402
 from irpso_addon.core.resampling import at_size  # noqa: E402
 from irpso_addon.core.samples import vase  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
+from studies import pages  # noqa: E402
 
-OUT, PAGE = ROOT / "build" / "registration", ROOT / "docs" / "stability" / "registration.md"
+OUT, PAGE = ROOT / "build" / "registration", pages.DOCS / "stability" / "registration.md"
 RESULTS = OUT / "results"
 SHIFTS, DRIFTS = (0.0, 0.25, 0.5, 1.0, 2.0), (0.0, 0.02, 0.05, 0.10)
 MODES = {"shift": ({"registration": "given"}, {"registration": "auto"}),
@@ -83,11 +85,10 @@ def main() -> int:
     arguments = parser.parse_args()
     RESULTS.mkdir(parents=True, exist_ok=True)
     for subject in (lambda: painted_vase(arguments.size), *(lambda f=f: captured(f) for f in arguments.capture)):
-        measure(subject())
+        renderer = measure(subject())
     found = {p.stem: json.loads(p.read_text()) for p in sorted(RESULTS.glob("*.json"), key=lambda p: p.stem != "vase")}
-    PAGE.parent.mkdir(exist_ok=True)
     draw(found, PAGE.with_suffix(".png"))
-    PAGE.write_text(page(found), encoding="utf-8")
+    pages.fill(PAGE, {"made": pages.measured(renderer), "tables": tables(found)})
     return 0
 
 
@@ -116,8 +117,8 @@ def captured(folder: Path) -> Subject:
 # ---- measuring
 
 
-def measure(subject: Subject) -> None:
-    """Every amount on both axes, as given and put right; into a file."""
+def measure(subject: Subject) -> str:
+    """Every amount on both axes, as given and corrected; into a file.  Returns the graphics device."""
     rows: list[Row] = []
     where: Bool | None = None
     for axis, amounts in (("shift", SHIFTS), ("drift", DRIFTS)):
@@ -133,6 +134,7 @@ def measure(subject: Subject) -> None:
                 rows.append(row := Row(axis, amount, bool(mended), *score(subject, solution, where), named, error))
                 print(subject.name, row, flush=True)
     (RESULTS / f"{subject.name}.json").write_text(json.dumps([asdict(r) for r in rows], indent=1), encoding="utf-8")
+    return solution.device["renderer"]
 
 
 def spoiled(scene: SceneData, axis: str, amount: float) -> tuple[SceneData, np.ndarray]:
@@ -202,7 +204,7 @@ def relight(camera: str, light: str, picture: Path) -> float:
 
 
 def lines(results: dict[str, Any]) -> Iterator[tuple[str, str, bool, list[dict[str, Any]]]]:
-    """Subject, axis, put right, rows."""
+    """Subject, axis, corrected, rows."""
     for name, rows in results.items():
         for axis in MODES:
             for mended in (False, True):
@@ -218,18 +220,18 @@ def draw(results: dict[str, Any], out: Path) -> None:
         x = [r["amount"] * (100 if axis == "drift" else 1) for r in rows]
         style = {"color": colour[name], "linewidth": 2, "marker": "o", "markersize": 5,
                  "linestyle": "-" if mended else (0, (4, 2)), "markerfacecolor": colour[name] if mended else "white",
-                 "label": f"{name}, {'put right' if mended else 'as given'}"}
+                 "label": f"{name}, {'corrected' if mended else 'as given'}"}
         axes[0, column[axis]].plot(x, [r["relight"] for r in rows], **style)
         axes[1, column[axis]].plot(x, [r["rough"] for r in rows], **style)
     axes[0, 0].set(ylabel="relighting, dB", title="Cameras off")
     axes[0, 1].set(title="Exposures off")
-    axes[1, 0].set(ylabel="roughness error (mean)", xlabel="pixels, each camera in a direction of its own")
+    axes[1, 0].set(ylabel="roughness error (mean)", xlabel="error of each camera, pixels")
     axes[1, 1].set(xlabel="greatest error of a view's exposure, %")
     for panel in axes.flat:
         panel.grid(color="#dddddd", linewidth=0.6)
         panel.spines[["top", "right"]].set_visible(False)
     axes[1, 0].set_ylim(bottom=0)
-    axes[1, 0].set_xticks(SHIFTS)
+    axes[1, 0].set_xticks(SHIFTS, [f"{shift:g}" for shift in SHIFTS])
     axes[1, 1].set_xticks([100 * drift for drift in DRIFTS])
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=len(results), frameon=False, fontsize=9.5)
@@ -238,54 +240,22 @@ def draw(results: dict[str, Any], out: Path) -> None:
     plt.close(figure)
 
 
-HEAD = """\
-# Cameras that are off, exposures that drift
-
-Made by `python tools/registration_curve.py`{captures}. Every camera is off by so many pixels, each in a direction of
-its own; or every view's exposure by up to so much. Relighting: renders by Cycles under lights (and through a camera)
-that no view used, beside the truth, as displayed. Model `one-lobe`. "As given" believes the scene; "put right" is
-`registration` auto, or `exposures` solve.
-
-![Relighting and roughness error against misregistration and drift](registration.png)
-
-**Where it breaks and why.** Left alone, a quarter of a pixel is what limits a capture that is otherwise without error:
-pixels at borders of the paint are then given to the wrong texels, and what differs between views there reads as gloss.
-Exposures that drift do the same everywhere: a view that is brighter than its light explains looks like a highlight.
-
-**What is done.** After a solve each view is laid beside what the maps say that it should show
-(`registration.py`). The paint cannot tell where a camera looks, because the maps are what the views agree on; so
-it is eliminated, and shading, shadows, highlights and the silhouette (where the images have alpha or a mask) tell the
-shift. One view of a camera that moved by itself stands out against the others and is named. What is beyond doubt (four
-standard errors, 0.02 pixels) is put right, and the solve repeated, up to four rounds; a round whose maps do not
-explain the views better than those before it is not kept. Exposures are put right only when asked (`exposures`
-solve): a lamp that is dimmer than the scene says, or stands farther away, looks the same.
-
-**What it cannot do.** The brightness that all views have in common is the paint's. Only shifts are found: no turn about
-the viewing axis, no zoom, no lens distortion. A camera with a single view, without alpha or mask, is held only by
-what other cameras show of the same paint, which is partly its own: half a pixel then takes several rounds and may stay
-in doubt. Without silhouettes, lamps that are not where the scene says make shifts doubtful; they are then left alone.
-The exposure of a view that is lit from behind shows hardly anything but highlights, which a wrong roughness explains
-as well: such views keep part of their drift, and roughness part of its error.
-"""
-
-
-def page(results: dict[str, Any]) -> str:
-    """The page: prose and tables."""
-    text = [HEAD.format(captures=" with two captures of known truth" if len(results) > 1 else "")]
+def tables(results: dict[str, Any]) -> str:
+    """One of each capture, under its name."""
+    text = []
     for name, rows in results.items():
-        text.append(f"\n## {name}\n\n| | relighting, dB: as given | put right | base colour, dB: as given | put right "
-                    "| roughness error: as given | put right | views named | error of what was found |\n"
+        text.append(f"\n## {name}\n\n| | relighting, dB: as given | corrected | base colour, dB: as given | corrected "
+                    "| roughness error: as given | corrected | views named | error of what was found |\n"
                     "|---|---|---|---|---|---|---|---|---|\n")
         for axis, amount in dict.fromkeys((r["axis"], r["amount"]) for r in rows):
             given, right = (next(r for r in rows if (r["axis"], r["amount"], r["mended"]) == (axis, amount, m))
                             for m in (False, True))
-            what = f"{amount:g} pixels" if axis == "shift" else f"{amount:.0%} of exposure"
-            error = f"{given['error']:.3f} pixels" if axis == "shift" else f"{given['error']:.1%}"
+            what = f"{amount:g} pixels" if axis == "shift" else f"{percent(amount)} of exposure"
+            error = f"{given['error']:.3f} pixels" if axis == "shift" else f"{percent(given['error'], 1)}"
             text.append(f"| {what} | {given['relight']:.1f} | {right['relight']:.1f} | {given['albedo']:.1f} "
-                        f"| {right['albedo']:.1f} | {given['rough']:.4f} | {right['rough']:.4f} | {given['named']:.0%} "
+                        f"| {right['albedo']:.1f} | {given['rough']:.4f} | {right['rough']:.4f} | "
+                        f"{percent(given['named'])} "
                         f"| {error} |\n")
-    text.append("\nViews named: of those whose exposure is off by more than 1 % (or of all). The error is that of the "
-                "first look,\nthe greatest over the views; later rounds look again.\n")
     return "".join(text)
 
 

@@ -14,6 +14,7 @@ import hashlib
 import io
 import json
 import re
+import shutil
 import subprocess
 import sys
 import uuid
@@ -24,6 +25,19 @@ from typing import Any
 
 from tools import build
 
+# Libraries of others in the wheels, by how their files' names begin (on Windows LibRaw's holds some of them).
+# Their licences, as SPDX expressions: https://www.libraw.org/about, and the licence files of each.
+LIBRARIES = {
+    "libraw_r": (("LibRaw", "LGPL-2.1-only OR CDDL-1.0"),),
+    "raw_r": (("LibRaw", "LGPL-2.1-only OR CDDL-1.0"), ("libjpeg-turbo", "IJG AND BSD-3-Clause AND Zlib"),
+              ("Little CMS", "MIT"), ("zlib", "Zlib")),
+    "libjpeg": (("libjpeg-turbo", "IJG AND BSD-3-Clause AND Zlib"),),
+    "libjasper": (("JasPer", "JasPer-2.0"),),
+    "liblcms2": (("Little CMS", "MIT"),),
+    "libgomp": (("libgomp", "GPL-3.0-or-later WITH GCC-exception-3.1"),),
+    "vcomp140": (("Microsoft Visual C++ OpenMP Runtime", "LicenseRef-Microsoft-Visual-Cpp-Runtime"),),
+}
+LIBRARY = re.compile(r"([a-z0-9_]+)[^/]*\.(?:so|dylib|dll)(?:[.0-9]*)")  # a file's name; not Python's own modules
 SPACE = uuid.uuid5(uuid.NAMESPACE_URL, "https://cyclonedx.org/")  # of serial numbers, which follow from the zip's bytes
 
 
@@ -41,6 +55,7 @@ def main() -> int:
     whole = out / f"irpso-{version}.zip"
     files.append(out / f"irpso-{version}.cdx.json")
     files[-1].write_text(json.dumps(bill(whole), indent=2) + "\n", encoding="utf-8", newline="\n")
+    repository(out, [path for path in files if path.suffix == ".zip" and path != whole])
     sums = "".join(f"{build.sha256(path)}  {path.name}\n" for path in sorted(files))
     (out / "SHA256SUMS").write_text(sums, encoding="utf-8", newline="\n")
     print(sums, end="")
@@ -49,6 +64,17 @@ def main() -> int:
     if changed():
         print("release: not for publishing: there are changes that are not committed")
     return 0
+
+
+def repository(out: Path, zips: list[Path]) -> None:
+    """``out``/repository: an extension repository that a web server can offer as it is; Blender's own tool lists it."""
+    folder = out / "repository"
+    folder.mkdir(exist_ok=True)
+    for old in folder.glob("irpso-*.zip"):
+        old.unlink()
+    for path in zips:
+        shutil.copyfile(path, folder / path.name)
+    build.blender_ext("server-generate", "--repo-dir", str(folder))
 
 
 def changelog(text: str, version: str) -> str:
@@ -76,13 +102,16 @@ def changed() -> bool:
 
 
 def bill(path: Path) -> dict[str, Any]:
-    """A CycloneDX 1.6 document of what a zip holds beside our own code: wheels, by package.  Same zip, same text."""
+    """A CycloneDX 1.6 document of what a zip holds beside our own code: wheels, by package, with the
+    libraries of others that they hold.  Same zip, same text.
+    """
     about = build.manifest()
     packages: dict[str, dict[str, Any]] = {}
     with zipfile.ZipFile(path) as archive:
         for name in sorted(name for name in archive.namelist() if name.endswith(".whl")):
             content = archive.read(name)
-            told = metadata(zipfile.ZipFile(io.BytesIO(content)))
+            wheel = zipfile.ZipFile(io.BytesIO(content))
+            told = metadata(wheel)
             reference = f"pkg:pypi/{told['Name']}@{told['Version']}"
             package = packages.setdefault(reference, {
                 "type": "library", "bom-ref": reference, "name": told["Name"], "version": told["Version"],
@@ -90,7 +119,8 @@ def bill(path: Path) -> dict[str, Any]:
                 "purl": reference, "components": []})
             package["components"].append({
                 "type": "file", "bom-ref": name, "name": Path(name).name,
-                "hashes": [{"alg": "SHA-256", "content": hashlib.sha256(content).hexdigest()}]})
+                "hashes": [{"alg": "SHA-256", "content": hashlib.sha256(content).hexdigest()}],
+                "components": libraries(name, wheel)})
     own = f"{about['id']}@{about['version']}"
     return {
         "$schema": "http://cyclonedx.org/schema/bom-1.6.schema.json", "bomFormat": "CycloneDX", "specVersion": "1.6",
@@ -102,6 +132,25 @@ def bill(path: Path) -> dict[str, Any]:
         "components": list(packages.values()),
         "dependencies": [{"ref": own, "dependsOn": list(packages)}, *({"ref": name} for name in packages)],
     }
+
+
+def libraries(name: str, wheel: zipfile.ZipFile) -> list[dict[str, Any]]:
+    """Those of others in the wheel ``name``, each once.  Ends the program where the licence of one is not known."""
+    found: dict[str, dict[str, Any]] = {}
+    for path in sorted(wheel.namelist()):
+        file = path.rsplit("/", 1)[-1]
+        match = LIBRARY.fullmatch(file)
+        if not match or ".cpython-" in file:  # Python's modules are the package's own code
+            continue
+        if match[1] not in LIBRARIES:
+            raise SystemExit(f"release: {name} holds {path}, whose licence LIBRARIES in tools/release.py does not say")
+        for library, licence in LIBRARIES[match[1]]:
+            found.setdefault(library, {
+                "type": "library", "bom-ref": f"{name}#{library}", "name": library,
+                "licenses": [{"expression": licence}],
+                "hashes": [{"alg": "SHA-256", "content": hashlib.sha256(wheel.read(path)).hexdigest()}],
+                "properties": [{"name": "irpso:file", "value": path}]})
+    return list(found.values())
 
 
 def metadata(wheel: zipfile.ZipFile) -> Message:

@@ -33,9 +33,11 @@ from irpso_addon.blender.sample import contact_sheet, demo  # noqa: E402
 from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.core.data import F32, Solution  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
+from irpso_addon.core.phrases import percent  # noqa: E402
 from irpso_addon.core.samples import vase  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
+from studies import pages  # noqa: E402
 
 PAGE, PICTURES = ROOT / "docs" / "shooting.md", ROOT / "docs" / "images" / "shooting"
 PIXELS = TEXELS = 160
@@ -121,8 +123,8 @@ class Outcome:
         """Over the texels with a surface: medians of both errors, roughness far off, share that is confident."""
         on = self.solution.maps.coverage
         confident = (self.solution.maps.confidence[on] > 0.5).mean()
-        return [f"{np.median(self.base_error[on]):.1%}", f"{np.median(self.rough_error[on]):.3f}",
-                f"{(self.rough_error[on] > 0.1).mean():.0%}", f"{confident:.0%}"]
+        return [f"{percent(np.median(self.base_error[on]), 1)}", f"{np.median(self.rough_error[on]):.3f}",
+                f"{percent((self.rough_error[on] > 0.1).mean())}", f"{percent(confident)}"]
 
 
 def main() -> int:
@@ -143,6 +145,8 @@ def main() -> int:
         plain = {shoot.lamps: outcome for shoot, outcome in taken.items() if shoot == Shoot(shoot.title, shoot.lamps)}
         plain |= {n: take(Shoot("", lamps=n)) for n in COUNTS if n not in plain}
         fill({"problems": rows, "lights": [f"| {n} | {' | '.join(plain[n].figures())} |" for n in COUNTS]})
+        blender = f"Blender {bpy.app.version_string}"
+        pages.fill(PAGE, {"made": pages.measured(right.solution.device["renderer"], blender)})
     return 0
 
 

@@ -1,13 +1,14 @@
-"""What a solve of a part, and a start at the last result, save and cost: the demo's vase.
+"""What a solve of a region, and a start at the last result, save and cost: the demo's vase.
 
     python tools/steering.py [--size 512]
 
-Writes docs/steering.md.
+Fills a table of docs/guide.md; the size and the number of views stand in the text above it.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import tempfile
 import time
@@ -32,39 +33,11 @@ from irpso_addon.core.samples import vase  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
 
-PAGE = """\
-# Solving a part, and starting from the last result
-
-**Part** (Solve panel) solves only a region of an object: where a vertex group weighs more than 0.5, where an image
-over the UV map is white, or the faces selected in Edit Mode. The button below it enters the mode in which you mark
-the region. Elsewhere the object keeps the last result since the file was opened, or else the maps that the materials
-carry. At the border the new result fades into the old one over {seam} texels (at most 1/32 of the map). The distance
-is measured on the surface, so the fade crosses seams of the UV map, but it does not enter other materials. A material
-of which only a part is solved keeps its model and its Specular IOR Level.
-
-**Start: Last** begins the search of each texel at the last result. It uses half the particles: the first starts at
-the last result, the others start elsewhere in case that was wrong. With model Auto the materials keep their models.
-Method `paper` has no such start.
-
-On the command line: `irpso solve SCENE_irpso.blend --vertex-group NAME`, `--part-image FILE` or `--selected-faces`,
-and `--start last`.
-
-## What that saves
-
-Made by `python tools/steering.py`: the demo's vase at {size} x {size}, {views} views, after a solve that has compiled
-its shaders. Errors against the truth over the texels that the solve anew has solved.
-
-| | texels solved | seconds | of them solve | roughness, mean error | base colour, PSNR |
-|---|---|---|---|---|---|
-{rows}
-
-Without noise, the texels of the part agree with the whole solve to 0.001, and texels beyond the seam keep their values
-(`tests/gpu/test_part.py`).
-"""
+PAGE = ROOT / "docs" / "guide.md"
 
 
 def main() -> None:
-    """Solve and write the page."""
+    """Solve and fill the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", type=int, default=512)
     size = parser.parse_args().size
@@ -73,8 +46,10 @@ def main() -> None:
         open_blend(made.scene)
         scene = read_scene(None, demo.NAME, made.captures)
         rows = measure(scene, SolveSettings(size=size, indirect="off", registration="given"))
-    (ROOT / "docs" / "steering.md").write_text(PAGE.format(
-        size=size, views=len(scene.views), rows="\n".join(rows), seam=8), encoding="utf-8")
+    table = re.compile(r"(<!-- steering -->\n\n\|.*\n\|.*\n)(\|.*\n)*")
+    page, count = table.subn(lambda found: found[1] + "\n".join(rows) + "\n", PAGE.read_text(encoding="utf-8"))
+    assert count == 1, f"{PAGE}: no table 'steering'"
+    PAGE.write_text(page, encoding="utf-8")
 
 
 def measure(scene: SceneData, settings: SolveSettings) -> list[str]:
@@ -85,11 +60,11 @@ def measure(scene: SceneData, settings: SolveSettings) -> list[str]:
     truth = vase.truth(settings.size)
     last = replace(settings, start="last")
     ways: dict[str, tuple[SceneData, SolveSettings]] = {
-        "anew": (scene, settings),
+        "from scratch": (scene, settings),
         "from that result": (replace(scene, start=bare(anew)), last),
         "from a draft": (replace(scene, start=bare(draft)), last),
-        "a part of a twentieth": (replace(scene, start=bare(anew), region=nearest(scene, 0.05)), settings),
-        "a part of a fifth": (replace(scene, start=bare(anew), region=nearest(scene, 0.2)), settings),
+        "a twentieth of the object": (replace(scene, start=bare(anew), region=nearest(scene, 0.05)), settings),
+        "a fifth of the object": (replace(scene, start=bare(anew), region=nearest(scene, 0.2)), settings),
         "a fifth, from that result": (replace(scene, start=bare(anew), region=nearest(scene, 0.2)), last),
     }
     rows = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import bpy
@@ -17,6 +18,7 @@ from . import properties
 from .material.material import SUFFIXES
 from .material.tags import maps_of
 
+PICTURES = ("image", "mask", "ambient", "flat")  # of a view
 # A .blend starts so when plain, gzip (before 3.0) or Zstandard.
 MAGIC = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")
 
@@ -29,13 +31,20 @@ def blender_version() -> str:
 def open_blend(path: Path) -> None:
     """Open a .blend in place of what is open.  Raises BadInput when there is none or it cannot be read."""
     if not first_bytes(path, 7).startswith(MAGIC):
-        raise BadInput(f"{path}: is not a .blend file; save the scene from Blender and give that file")
+        raise BadInput(f"{path}: is not a .blend file; save the scene from Blender and choose that file")
     if not hasattr(bpy.types.Scene, "irpso"):  # in the bpy module nobody has registered the scene's view list
         properties.register()
     try:
         bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
     except RuntimeError as error:
-        raise BadInput(f"{path}: Blender cannot read it ({one_line(error)}); save it anew from Blender") from None
+        raise BadInput(f"{path}: Blender cannot read it ({one_line(error)}); save it again from Blender") from None
+
+
+def new_blend() -> None:
+    """An empty scene in place of what is open."""
+    if not hasattr(bpy.types.Scene, "irpso"):  # as in `open_blend`
+        properties.register()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 
 
 def save_copy(path: Path) -> None:
@@ -44,6 +53,23 @@ def save_copy(path: Path) -> None:
         bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), copy=True, compress=True)
     except RuntimeError as error:
         raise BadInput(f"{path.parent}: Blender cannot save there ({one_line(error)}); choose another folder") from None
+
+
+def relative_path(path: Path, folder: Path) -> str:
+    """As a .blend in ``folder`` keeps a path."""
+    try:
+        return "//" + os.path.relpath(path.resolve(), folder).replace("\\", "/")
+    except ValueError:  # on another drive
+        return str(path.resolve())
+
+
+def keep_pictures(folder: Path) -> None:
+    """Makes the relative paths of the open scene's views lead to the same files from a .blend in ``folder``."""
+    scene = bpy.context.scene.irpso
+    for group, names in ((scene, ("captures",)), *((view, PICTURES) for view in scene.views)):
+        for name in names:
+            if getattr(group, name).startswith("//"):
+                setattr(group, name, relative_path(Path(bpy.path.abspath(getattr(group, name))), folder))
 
 
 def object_named(name: str) -> bpy.types.Object:
@@ -77,7 +103,8 @@ def read_maps(obj: bpy.types.Object) -> Maps:
         base_color=base, roughness=roughness[..., 0].copy(), confidence=confidence[..., 0].copy(),
         error=error[..., 0].copy(), filled=filled, coverage=~filled, roughness_sigma=roughness_sigma[..., 0].copy(),
         base_sigma=base_sigma[..., 0].copy(), lobes=None if grey else roughness,
-        specular=_pixels(obj, "specular")[..., 0].copy() if "specular" in maps_of(obj) else None)
+        specular=_pixels(obj, "specular")[..., 0].copy() if "specular" in maps_of(obj) else None,
+        normal=_pixels(obj, "normal")[..., :3].copy() if "normal" in maps_of(obj) else None)
 
 
 def map_files(obj: bpy.types.Object) -> MapFiles | None:

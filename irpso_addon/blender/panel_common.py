@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import bpy
 
@@ -36,8 +37,48 @@ def wrapped(layout: bpy.types.UILayout, text: str, width: int, icon: str = "ERRO
         layout.label(text=line, icon="BLANK1" if row else icon)
 
 
+_closing: list[bool] = []  # while Blender closes windows, nothing of them may be touched
+
+
+@contextmanager
+def closing() -> Iterator[None]:
+    """Nothing is drawn anew inside: Blender takes an operator away, perhaps with its window."""
+    _closing.append(True)
+    try:
+        yield
+    finally:
+        _closing.pop()
+
+
+def is_closing() -> bool:
+    """Whether the windows must be left alone."""
+    return bool(_closing)
+
+
+def clear_status() -> None:
+    """The status bar is Blender's own again, in every workspace: the user may have changed to another meanwhile."""
+    windows = bpy.context.window_manager.windows
+    if not windows:
+        return
+    window = bpy.context.window or windows[0]  # without one Blender crashes
+    for workspace in bpy.data.workspaces:
+        with bpy.context.temp_override(window=window, workspace=workspace):
+            workspace.status_text_set(None)
+
+
+def clear_status_soon() -> None:
+    """`clear_status` and `redraw_sidebars`, once Blender has closed what it is closing."""
+    def call() -> None:
+        clear_status()
+        redraw_sidebars()
+
+    bpy.app.timers.register(call, first_interval=0.0, persistent=True)
+
+
 def redraw_sidebars() -> None:
     """Shows the new state in every sidebar that has our tab."""
+    if is_closing():
+        return
     for region in _sidebars():
         region.tag_redraw()
 

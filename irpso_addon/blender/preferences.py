@@ -34,7 +34,7 @@ _look = _Look()
 
 
 class IRPSO_AP_preferences(AddonPreferences):
-    """How the graphics device is used.  The fields of `DeviceSettings` are added below."""
+    """Preferences of the add-on.  The fields of `DeviceSettings` are added below."""
 
     bl_idname = EXTENSION
 
@@ -42,6 +42,7 @@ class IRPSO_AP_preferences(AddonPreferences):
         """The settings; beside them, what was detected."""
         if _look.asked != (self.device, self.kernels) and not bpy.app.timers.is_registered(detect):
             bpy.app.timers.register(detect)  # it may not be started while drawing
+        self.layout.label(text="To begin, press N in the 3D Viewport and open the tab IRPSO", icon="INFO")
         column = split(self.layout).column()
         for field in fields(DeviceSettings):
             unit = field.metadata["unit"]
@@ -70,10 +71,10 @@ def draw_offer(layout: bpy.types.UILayout) -> None:
     chosen = _chosen()
     if chosen is not None:
         box = layout.box().column()
-        box.label(text="The graphics device cannot do it", icon="ERROR")
+        box.label(text="The graphics device failed", icon="ERROR")
         box.prop(chosen, "device")
         if chosen.device == "numpy":
-            box.label(text="One lobe, maps of 64 texels, slow", icon="INFO")
+            box.label(text="One roughness, maps of 64 texels, slow", icon="INFO")
 
 
 def _chosen() -> AddonPreferences | None:
@@ -142,14 +143,14 @@ def _draw_device(box: bpy.types.UILayout) -> None:
     right.alignment = "RIGHT"
     right.operator("irpso.test_device", icon="PLAY")
     if testing() or answer is None:
-        box.label(text="Looking at the graphics device ...", icon="SORTTIME")
+        box.label(text="Detecting the graphics device ...", icon="SORTTIME")
     elif isinstance(answer, str):
         wrapped(box.column(align=True), answer, 90)
     else:
         device = answer.device if isinstance(answer, DeviceTest) else answer
         rows = [("Renderer", device.renderer), ("OpenGL", device.version),
-                ("Kernels", KERNELS[device.kernels])]
-        rows += [(name.title().replace(" A ", " a "), f"{limit:,}") for name, limit in device.limits.items()]
+                ("Shaders", KERNELS[device.kernels])]
+        rows += [(name.title().replace(" Per ", " per "), f"{limit:,}") for name, limit in device.limits.items()]
         if isinstance(answer, DeviceTest):
             rows.append(("Test", f"Passed in {answer.seconds:.1f} s"))
         column = box.column(align=True)

@@ -17,7 +17,7 @@ _SHIPPED = str(Path(__file__).resolve().parents[2])  # the extension's own folde
 
 
 class IRPSO_PT_solve_presets(PresetPanel, bpy.types.Panel):
-    """Choose settings of a solve by name, or keep the present ones."""
+    """Presets of the settings of a solve."""
 
     bl_label = "Solve Presets"
     preset_subdir = FOLDER

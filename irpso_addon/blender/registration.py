@@ -9,11 +9,12 @@ from typing import Any
 import bpy
 
 from . import preferences, presets, properties
-from .jobs import jobs, live_display
+from .jobs import jobs, live_display, stored_result
 from .jobs.session import on_load, session
 from .oiio import ensure_openimageio
 from .sample import sample
 from .scene import thumbnails
+from .shoot import picture_draw
 from .ui import panels
 from .viewer import editors, view_draw, view_properties, views
 
@@ -21,7 +22,7 @@ COMMAND = "irpso"
 
 _command_handle: Any = None
 _operators: Sequence[type] = ()
-_PARTS = (view_properties, views, editors, view_draw, sample, presets)  # that register more than classes
+_PARTS = (view_properties, views, editors, view_draw, picture_draw, sample, presets)  # that register more than classes
 
 
 def register(operators: Sequence[type], command: Callable[[list[str]], int]) -> None:
@@ -38,6 +39,8 @@ def register(operators: Sequence[type], command: Callable[[list[str]], int]) -> 
     for part in _PARTS:
         part.register()
     bpy.app.handlers.load_pre.append(on_load)
+    bpy.app.handlers.load_post.append(stored_result.on_load)
+    bpy.app.handlers.save_pre.append(stored_result.on_save)
     bpy.app.handlers.save_pre.append(live_display.on_save)
     bpy.app.handlers.undo_post.append(live_display.on_undo)
     bpy.app.handlers.redo_post.append(live_display.on_redo)
@@ -57,6 +60,8 @@ def unregister() -> None:
     preferences.forget()
     thumbnails.release()
     bpy.app.handlers.load_pre.remove(on_load)
+    bpy.app.handlers.load_post.remove(stored_result.on_load)
+    bpy.app.handlers.save_pre.remove(stored_result.on_save)
     bpy.app.handlers.save_pre.remove(live_display.on_save)
     bpy.app.handlers.undo_post.remove(live_display.on_undo)
     bpy.app.handlers.redo_post.remove(live_display.on_redo)

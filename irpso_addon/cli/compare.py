@@ -14,7 +14,9 @@ from ..blender.scene.scene import read_scene
 from ..compare.measure import figure, hold_out, measure
 from ..core.evaluation.chart_data import Chart
 from ..core.evaluation.ground_truth import read_truth
+from ..core.images.reference_image import with_raw_size
 from ..core.job import Progress
+from ..core.phrases import percent
 from ..core.reporting.report import write_report
 from ..core.storage.output_transaction import OutputTransaction
 from ..gpu.device import thread
@@ -30,11 +32,12 @@ def run(arguments: argparse.Namespace) -> None:
     out: Path = arguments.out or scene.parent / f"{scene.stem}_compare"
     with console.quiet():
         files.open_blend(scene)
-    data = read_scene(None, arguments.object, arguments.captures)
+    settings = options.settings(arguments)
+    data = with_raw_size(read_scene(None, arguments.object, arguments.captures), settings)
     fit, held = hold_out(data, arguments.hold_out, arguments.truth is not None)
     truth = read_truth(arguments.truth, data.mesh.name) if arguments.truth else None
     with OutputTransaction(out) as staging:
-        job = partial(measure, fit, held, truth, options.settings(arguments), arguments.passes)
+        job = partial(measure, fit, held, truth, settings, arguments.passes)
         report = thread.run(job, _method_lines())
         report["versions"]["blender"] = files.blender_version()
         report["command"] = ["irpso", *sys.argv[1:]]
@@ -82,10 +85,10 @@ def print_report(report: dict[str, Any], out: Path, drawn: bool) -> None:
                 f"{len(report['views']['solved_from'])} views, {len(report['views']['held_out'])} held out")
     console.table(head, rows)
     if report["truth_held_out"] is not None:
-        console.say(f"the true maps themselves are off by {report['truth_held_out']:.2%} on the views held out")
+        console.say(f"the true maps are off by {percent(report['truth_held_out'], 2)} on the views held out")
     console.say(f"{out}: compare.json" + (", compare.png, compare.svg" if drawn else ""))
     if not drawn:
-        console.warn("no chart: this Python has no matplotlib (nor has Blender's); compare.json holds it all")
+        console.warn("no chart: neither this Python nor Blender's has matplotlib; compare.json contains all figures")
 
 
 def draw(made: Chart, stem: Path) -> bool:

@@ -13,7 +13,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from ..core.errors import printable
-from ..core.job import Progress
+from ..core.job import Progress, doing
+from ..core.phrases import percent
 
 PATIENCE = 60.0  # seconds between two lines of a stage
 
@@ -30,7 +31,7 @@ def warn(text: str) -> None:
 
 def expect(text: str) -> None:
     """What a job will need, as the first line of its progress."""
-    print(f"irpso: {0.0:4.0%} {text}", file=sys.stderr, flush=True)
+    print(f"irpso: {percent(0.0):>5} {text}", file=sys.stderr, flush=True)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -65,7 +66,7 @@ def progress() -> Iterator[Callable[[Progress], None]]:
         return
     with bar:
         task = bar.add_task("start", total=1.0)
-        yield lambda p: bar.update(task, completed=p.fraction, description=f"{p.stage} {p.message}".strip())
+        yield lambda p: bar.update(task, completed=p.fraction, description=_said(p))
 
 
 def _rich_bar() -> Any:
@@ -79,6 +80,12 @@ def _rich_bar() -> Any:
         rich_progress.TextColumn("{task.description}"), console=Console(stderr=True), transient=True)
 
 
+def _said(p: Progress) -> str:
+    """What is done, once: the message alone where that says it."""
+    stage = doing(p.stage)
+    return ": ".join(filter(None, ["" if p.message.startswith(stage.split()[0]) else stage, p.message]))
+
+
 def _stage_lines() -> Callable[[Progress], None]:
     """A line whenever the stage changes, and one now and then."""
     last, shown = "", 0.0
@@ -88,6 +95,6 @@ def _stage_lines() -> Callable[[Progress], None]:
         now = time.monotonic()
         if p.stage != last or now - shown > PATIENCE:
             last, shown = p.stage, now
-            print(f"irpso: {p.fraction:4.0%} {p.stage} {p.message}".rstrip(), file=sys.stderr, flush=True)
+            print(f"irpso: {percent(p.fraction):>5} {_said(p)}", file=sys.stderr, flush=True)
 
     return show

@@ -17,13 +17,15 @@ from ..core.images.colour import linear_to_srgb
 from ..core.images.image_writer import write_image
 from ..core.job import Progress
 from ..core.params import SolveSettings
+from ..core.phrases import percent
 from ..core.storage.output_transaction import OutputTransaction
 from . import console
 from .solve import Request, solve
 
 CONFIDENT = 0.5
 TILE = 256  # pixels in the picture
-BASE_GAIN, ROUGH_GAIN, RELIT_GAIN = 5, 5, 5  # the picture's errors are shown so many times larger
+WHITE = 0.2  # error that the picture shows as white
+BAR = 10  # pixels: height of the colour bar below an error
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def _print_scores(scores: Scores, relight: float, solution: Solution, rendering:
         ("roughness, mean error", f"{scores.rough_mae:.4f}"),
         ("roughness, median error", f"{scores.rough_median:.4f}"),
         ("roughness, mean error where confident", f"{scores.rough_mae_confident:.4f}"),
-        ("confident texels", f"{scores.confident:.0%}"),
+        ("confident texels", f"{percent(scores.confident)}"),
         ("new light and camera, PSNR (dB)", f"{relight:.1f}"),
         ("rendering the references (s)", f"{rendering:.1f}"),
         ("solve stage (s)", f"{solution.seconds['solve']:.1f}"),
@@ -120,13 +122,14 @@ def _tiles(
     base_error = np.where(seen, np.abs(maps.base_color - made.base_color).max(-1), 0)
     rough_error = np.where(seen, np.abs(maps.roughness - made.roughness), 0)
     relit_error = np.abs(_display(solved) - _display(truth)).max(-1)
+    label = f"error, 0 to {WHITE:g}"
     return [
         [("Base colour: truth", _tile(_encode(made.base_color))), ("recovered", _tile(_encode(maps.base_color))),
-         (f"error x{BASE_GAIN}    ({scores.albedo_psnr:.1f} dB)", _tile(_heat(BASE_GAIN * base_error)))],
+         (f"{label}    ({scores.albedo_psnr:.1f} dB)", _with_bar(base_error))],
         [("Roughness: truth", _tile(_grey(made.roughness))), ("recovered", _tile(_grey(maps.roughness))),
-         (f"error x{ROUGH_GAIN}    (mean {scores.rough_mae:.3f})", _tile(_heat(ROUGH_GAIN * rough_error)))],
+         (f"{label}    (mean {scores.rough_mae:.3f})", _with_bar(rough_error))],
         [("New light: truth", _tile(_display(truth))), ("recovered", _tile(_display(solved))),
-         (f"error x{RELIT_GAIN}    ({relight:.1f} dB)", _tile(_heat(RELIT_GAIN * relit_error)))],
+         (f"{label}    ({relight:.1f} dB)", _with_bar(relit_error))],
     ]
 
 
@@ -158,6 +161,14 @@ def _encode(linear: F32) -> F32:
 def _display(render: F32) -> F32:
     """A render as shown, over black; both renders alike, for they share light and exposure."""
     return _encode(render[..., :3] * 1.6)
+
+
+def _with_bar(error: F32) -> F32:
+    """An error map with its colours from 0 to WHITE in a bar below it."""
+    tile = _tile(_heat(error / WHITE))
+    tile[:BAR + 2] = 0.11  # as around the tiles
+    tile[:BAR] = _heat(np.linspace(0, 1, TILE, dtype=np.float32))
+    return tile
 
 
 def _heat(value: F32) -> F32:

@@ -12,6 +12,7 @@ from ..blender import files
 from ..blender.jobs.indirect import IndirectRenderer
 from ..blender.material import material, material_preflight
 from ..blender.scene.scene import read_scene
+from ..core.images.reference_image import with_raw_size
 from ..core.tiled.tiled_plan import Plan
 from ..gpu.device import thread
 from ..solve import farm
@@ -26,12 +27,13 @@ def run(arguments: argparse.Namespace) -> None:
     folder: Path = arguments.out or scene.parent / f"{scene.stem}_job"
     with console.quiet():
         files.open_blend(scene)
-    data = read_scene(None, arguments.object, arguments.captures)
+    settings = options.settings(arguments)
+    data = with_raw_size(read_scene(None, arguments.object, arguments.captures), settings)
     subject = files.object_named(data.mesh.name)
     material_preflight.check(subject, data.mesh)
     with console.progress() as show:
         plan: Plan = thread.run(lambda: farm.plan_job(
-            data, options.settings(arguments), folder, IndirectRenderer.of_open_file(scene)), on_progress=show)
+            data, settings, folder, IndirectRenderer.of_open_file(scene)), on_progress=show)
     maps = folder / farm.MAPS
     for message in (*plan.solution.warnings, *material.link_maps(subject, plan.solution, maps, arguments.format,
                                                                  plan.udims)):

@@ -8,28 +8,66 @@ from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
-from ..core.params import DeviceSettings, SolveSettings, Table
+from ..core.params import DeviceSettings, ExportSettings, ShootSettings, SolveSettings, Table, choice_name
 
 KINDS = ("exr", "png", "tiff")
 TILES = (512, 1024, 2048, 4096, 8192)  # texels
 EXIT_CODES = """\
-exit codes: 0 done; 1 unexpected error; 2 wrong usage; 3 bad input (one line says which file or object, what is
-wrong, what to do); 130 cancelled (what was found is kept)"""
+exit codes: 0 done; 1 unexpected error; 2 wrong usage; 3 bad input (one line states which file or object, what is
+wrong, what to do); 130 cancelled (the maps found so far are kept)"""
 
 
 def parser() -> argparse.ArgumentParser:
     """The whole command line."""
     top = argparse.ArgumentParser(
-        prog="irpso", description="Recover base colour and roughness textures of a Blender object from pictures of it.",
+        prog="irpso", description="Recover base colour and roughness textures of a Blender object from pictures of it",
         epilog=EXIT_CODES, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
-    for add in (_add_solve, _add_compare, _add_export, _add_demo, _add_farm, _add_doctor):
+    for add in (_add_import, _add_lamps, _add_check, _add_solve, _add_compare, _add_export, _add_demo, _add_farm,
+                _add_doctor):
         add(commands)
     for command in commands.choices.values():
-        command.add_argument("--log", type=Path, metavar="FILE", help="write the log there too, one JSON object a line")
-        command.add_argument("-v", "--verbose", action="store_true", help="print the log's lines on standard error")
+        command.add_argument("--log", type=Path, metavar="FILE", help="also write the log to this file, one JSON "
+                                                                      "object per line")
+        command.add_argument("-v", "--verbose", action="store_true", help="print the log to standard error")
     return top
+
+
+def _add_import(commands: Any) -> None:
+    shoot = commands.add_parser("import", help="a photogrammetry project, its pictures and its mesh to a .blend",
+                                epilog=EXIT_CODES)
+    shoot.add_argument("project", type=Path, metavar="PROJECT", help="its cameras: Metashape XML, RealityScan CSV, the "
+                       "folder of a COLMAP model, Meshroom .sfm, transforms.json, Alembic, USD")
+    shoot.add_argument("--images", type=Path, metavar="DIR", required=True, help="folder of the pictures, RAW or "
+                       "developed")
+    shoot.add_argument("--mesh", type=Path, metavar="FILE", help="mesh that the program exported: OBJ, PLY, FBX, glTF, "
+                       "USD, Alembic (default: the one in the Alembic or USD file, or the only one beside the project)")
+    shoot.add_argument("--grey", nargs=5, metavar=("FILE", "X", "Y", "SIDE", "REFLECTANCE"), help="a grey card that "
+                       "the picture FILE shows sets the flash's power: the middle of a square on it and the side, "
+                       "pixels of the upright picture from its upper left corner; REFLECTANCE is from 0 to 1")
+    shoot.add_argument("--out", type=Path, metavar="FILE.blend", required=True, help="file to write")
+    add_settings(shoot, ShootSettings)
+
+
+def _add_lamps(commands: Any) -> None:
+    lamps = commands.add_parser("lamps", help="the lamps of a scene, by chrome balls in its pictures",
+                                epilog=EXIT_CODES)
+    lamps.add_argument("scene", type=Path, metavar="SCENE.blend", help="a file with views, each under one lamp")
+    lamps.add_argument("--ball", nargs=5, action="append", required=True, metavar=("CAMERA", "X", "Y", "R", "MM"),
+                       help="a ball that all pictures of CAMERA show: a circle around it (middle and radius, pixels of "
+                       "the upright picture from its upper left corner; 0 0 0: find it), and the ball's radius in mm; "
+                       "once for each ball")
+    lamps.add_argument("--out", type=Path, metavar="FILE.blend", required=True, help="file to write")
+
+
+def _add_check(commands: Any) -> None:
+    check = commands.add_parser("check", help="find what is wrong with pictures, cameras and lamps before a solve, "
+                                              "and show it as a picture", epilog=EXIT_CODES)
+    _add_scene(check)
+    check.add_argument("--out", type=Path, metavar="FILE.png", help="picture to write (default: SCENE_check.png beside "
+                       "the scene)")
+    add_settings(check, DeviceSettings, without=("device", "kernels"))
 
 
 def _add_solve(commands: Any) -> None:
@@ -38,12 +76,12 @@ def _add_solve(commands: Any) -> None:
     solve.add_argument("--out", type=Path, metavar="DIR", help="folder for maps, report and solved .blend "
                        "(default: SCENE_irpso beside the scene)")
     part = solve.add_mutually_exclusive_group()
-    part.add_argument("--vertex-group", metavar="NAME", help="solve where the weight of this vertex group is above 0.5 "
-                      "alone; elsewhere the maps that the object carries are kept")
-    part.add_argument("--part-image", type=Path, metavar="FILE", help="solve where this image over the UV map is white "
-                      "alone")
-    part.add_argument("--selected-faces", action="store_true", help="solve the faces that are selected alone")
-    solve.add_argument("--report", type=Path, metavar="FILE", help="write report.json here too")
+    part.add_argument("--vertex-group", metavar="NAME", help="solve where the weight of this vertex group is above "
+                                                             "0.5; elsewhere the maps that the object carries are kept")
+    part.add_argument("--part-image", type=Path, metavar="FILE", help="solve only where this image over the UV map is "
+                                                                      "white")
+    part.add_argument("--selected-faces", action="store_true", help="solve only the selected faces")
+    solve.add_argument("--report", type=Path, metavar="FILE", help="also write report.json to this file")
     _add_format(solve)
     add_settings(solve, SolveSettings)
     add_settings(solve, DeviceSettings)
@@ -60,7 +98,7 @@ def _add_compare(commands: Any) -> None:
                          "solves and predicted; 0: none, which needs --truth (default: 5)")
     compare.add_argument("--passes", type=_from(1), nargs="*", default=[100, 400, 1600], metavar="N",
                          help="method paper: its budgets; none: leave it out (default: 100 400 1600)")
-    add_settings(compare, SolveSettings, without=("udim", "method", "iterations", "start"),
+    add_settings(compare, SolveSettings, without=("udim", "method", "iterations", "start", "normals"),
                  defaults={"size": 256, "model": "one-lobe"})
     add_settings(compare, DeviceSettings, without=("device",))
 
@@ -70,7 +108,9 @@ def _add_export(commands: Any) -> None:
     export.add_argument("scene", type=Path, metavar="SCENE.blend", help="a file that 'solve' or the operators made")
     export.add_argument("--object", metavar="NAME", help="object whose maps are meant; needed where several have some")
     export.add_argument("--out", type=Path, metavar="DIR", help="folder for the maps (default: the scene's own)")
+    add_settings(export, ExportSettings)
     _add_format(export)
+    export.set_defaults(format=None)  # so that one that was asked for can be told
 
 
 def _add_demo(commands: Any) -> None:
@@ -124,7 +164,7 @@ def _from(low: int) -> Callable[[str], int]:
     def read(text: str) -> int:
         value = int(text)
         if value < low:
-            raise argparse.ArgumentTypeError(f"{text}: want {low} or more")
+            raise argparse.ArgumentTypeError(f"{text}: must be at least {low}")
         return value
 
     read.__name__ = "int"  # argparse: "invalid int value: ..."
@@ -147,10 +187,17 @@ def add_settings(
         default = (defaults or {}).get(field.name, field.default)
         meta = field.metadata
         unit = f", {meta['unit']}" if meta["unit"] else ""
-        help_text = f"{meta['doc']} (default: {default}{unit})".replace("%", "%%")
+        named = "".join(f". {_choice(key)}: {doc}" for key, doc in meta["choices"])
+        help_text = f"{meta['label']}: {meta['doc']} (default: {default}{unit}){named}".replace("%", "%%")
         choices = [key for key, _ in meta["choices"]] or None
         command.add_argument(f"--{field.name.replace('_', '-')}", dest=field.name, default=default,
                              type=_reader(field), choices=choices, help=help_text)
+
+
+def _choice(key: str) -> str:
+    """The key, and what the interface calls it where that differs."""
+    name = choice_name(key)
+    return key if name.lower() == key else f"{key} ({name})"
 
 
 def settings(arguments: argparse.Namespace) -> SolveSettings:
@@ -172,7 +219,7 @@ def _reader(field: Field[Any]) -> Callable[[str], Any]:
     def read(text: str) -> Any:
         value = field.type(text)  # type: ignore[operator]  # int, float or str: a class
         if low is not None and not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text}: want {low} to {high}")
+            raise argparse.ArgumentTypeError(f"{text}: must be between {low} and {high}")
         return value
 
     read.__name__ = getattr(field.type, "__name__", "value")  # argparse: "invalid int value: ..."

@@ -16,6 +16,7 @@ from ..core.errors import BadInput, Cancelled
 from ..core.job import Progress
 from ..core.maps.export import write_maps
 from ..core.params import SolveSettings
+from ..core.phrases import percent
 from ..core.reporting import estimates
 from ..core.reporting.estimates import gigabytes
 from ..core.reporting.report import build_report, write_report
@@ -62,7 +63,7 @@ def _part(arguments: argparse.Namespace) -> solve_object.Part:
 def solve(request: Request) -> Solution:
     """Open, solve, write everything or nothing, say what came out.  A cancelled solve is written as far as it got."""
     if request.report is not None and not os.path.isdir(request.report.resolve().parent):
-        raise BadInput(f"{request.report}: there is no such folder; make it or choose another")
+        raise BadInput(f"{request.report}: folder not found; create it or choose another")
     started = time.perf_counter()
     with console.quiet():
         files.open_blend(request.scene)
@@ -124,9 +125,11 @@ def print_summary(name: str, solution: Solution, out: Path) -> None:
     models = ", ".join(sorted(set(solution.model.values())))
     console.say(
         f"{name}: {models}, {texels['solved']:,} of {texels['covered']:,} texels from {len(solution.views_used)} views "
-        f"in {total:.1f} s (solve {solution.seconds.get('solve', 0.0):.1f} s), residual {solution.residual:.2%}")
+        f"in {total:.1f} s (solve {solution.seconds.get('solve', 0.0):.1f} s), residual "
+        f"{percent(solution.residual, 2)}")
     for material, prediction in solution.predictions.items():
         console.say(f"{material or 'no material'}: left-out {prediction.left_out} predicted to "
-                    f"{prediction.error.relative_rms:.1%} of their radiance, {prediction.error.lightness:.1f} L* "
+                    f"{percent(prediction.error.relative_rms, 1)} of their radiance, {prediction.error.lightness:.1f} "
+                    "L* "
                     f"({prediction.taken})")
     console.say(f"{out}: maps, report.json and the scene with the maps on its material")

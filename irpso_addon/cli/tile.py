@@ -15,5 +15,5 @@ def run(arguments: argparse.Namespace) -> None:
         solved, blocks = thread.run(
             lambda: farm.solve_tile(arguments.work, arguments.udim, arguments.tile, arguments.tile_size),
             on_progress=show)
-        openjd.status(f"UDIM {arguments.udim}, tile {arguments.tile}: {solved} of {blocks} blocks solved, "
-                      "the others were there")
+        openjd.status(f"UDIM {arguments.udim}, tile {arguments.tile}: {solved} of {blocks} blocks solved, the others "
+                      "were already there")

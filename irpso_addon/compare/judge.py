@@ -106,8 +106,8 @@ def make_judge(
     seconds = time.perf_counter() - started
     where = count >= GOOD_VIEWS
     if not where.any():
-        raise BadInput(f"{fit.mesh.name}: no texel is seen well by {GOOD_VIEWS} of the {len(fit.views)} views solved "
-                       "from; add views, or hold fewer out")
+        raise BadInput(f"{fit.mesh.name}: no texel is seen well in {GOOD_VIEWS} of the {len(fit.views)} views that "
+                       "are solved from; add views, or hold out fewer")
     cameras = [] if held is None else (yield from observe_pixels(held, read_image))
     return Judge(grid, where, [_choose(*camera, where) for camera in cameras], tan_h, filled, seconds, truth)
 
@@ -115,7 +115,7 @@ def make_judge(
 def _digest(inside: Bool, views: list[PlaceView]) -> tuple[Bool, I32, F32, F32]:
     """The texels of a tile, how many views show each well, its nearest highlight, its median of pi f (and known)."""
     good = np.stack([view.weight.min(-1) > 0 for view in views])  # (K, T)
-    sin2h = np.stack([view.lobes[:, :, :, 0].min((1, 2)) for view in views])
+    sin2h = np.stack([view.nearest() for view in views])
     tan_h = np.sqrt(np.where(good, sin2h / np.maximum(1 - sin2h, 1e-6), 1e6)).min(0)
     f = np.ma.array(np.stack([view.rgb for view in views]), mask=np.repeat(~good[..., None], 3, -1))
     median = np.pi * np.ma.median(f, axis=0).filled(0.0)
@@ -139,4 +139,5 @@ def _choose(pixels: Pixels, views: list[PlaceView], where: Bool) -> tuple[Pixels
     part = where[y, x]
     return Pixels(pixels.uv[part], pixels.slope[part], pixels.footprint), [
         PlaceView(view.rgb[part], view.weight[part], view.cos_v[part], view.lobes[part],
-                  None if view.irradiance is None else view.irradiance[part]) for view in views]
+                  None if view.irradiance is None else view.irradiance[part],
+                  None if view.nodes is None else view.nodes[part]) for view in views]

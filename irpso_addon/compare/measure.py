@@ -49,11 +49,11 @@ def hold_out(data: SceneData, every: int, has_truth: bool) -> tuple[SceneData, S
     """
     if every == 0:
         if not has_truth:
-            raise BadInput("--hold-out 0: leaves nothing to judge by; hold views out, or give the true maps (--truth)")
+            raise BadInput("--hold-out 0: leaves nothing to judge by; hold out views, or give the true maps (--truth)")
         return data, None
     if len(data.views) < FEWEST_VIEWS:
         raise BadInput(f"{data.name}: has {len(data.views)} usable views, too few to hold one out and solve from the "
-                       f"rest; give {FEWEST_VIEWS} or more")
+                       f"rest; use {FEWEST_VIEWS} or more")
     chosen = range(min(every, len(data.views)) // 2, len(data.views), every)
     return (replace(data, views=tuple(view for i, view in enumerate(data.views) if i not in chosen)),
             replace(data, views=tuple(data.views[i] for i in chosen)))
@@ -108,7 +108,8 @@ def _part(job: Job[Result], done: float, share: float, message: str) -> Job[Resu
 
 
 def _solve(scene: SceneData, settings: SolveSettings, read_image: ReadImage) -> Job[Solution]:
-    solution = yield from pipeline.solve(scene, settings, read_image)
+    # Held-out views are drawn with the mesh's normals, for all methods alike.
+    solution = yield from pipeline.solve(scene, replace(settings, normals="mesh"), read_image)
     if solution.cancelled:
         raise Cancelled
     return solution

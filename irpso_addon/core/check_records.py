@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 SIGMAS = 4.0  # a shift or gain so many standard errors off is beyond doubt
+GROWN = 4.0  # a growth must be so many times as sure as a shift: shapes that are off look like one
 LEAST_SHIFT, LEAST_GAIN = 0.02, 0.003  # less is not worth a second solve: pixels, relative
 
 
@@ -41,10 +42,11 @@ class LightResidual:
     views: int
     gain: float  # by which its irradiance should be multiplied
     gain_error: float
-    offset: tuple[float, float, float]  # metres by which it should be moved, from its shading
-    offset_share: float  # of its distance
+    offset: tuple[float, float, float]  # metres by which it should be moved, from its shading; SUN: radians
+    offset_share: float  # of its distance; SUN: radians
     effect: float  # relative: the errors of shading that the move would take away, root mean square
     explained: float  # share of the residual's variance that the move explains
+    sun: bool = False  # whether it is a SUN
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,9 @@ class Misfit:
     gain: float  # radiance of the image over the predicted; geometric mean over the views 1
     gain_error: float  # relative
     alone: bool  # it departs from the other views of its camera, which share their shift
+    growth: float = 0.0  # relative: by how much the content is larger than the prediction
+    growth_error: float = 0.0  # its standard error
+    centre: tuple[float, float] = (0.0, 0.0)  # of the object, where the shift was found: pixels from the image's middle
 
     @property
     def pixels(self) -> float:
@@ -69,6 +74,11 @@ class Misfit:
     def shifted(self) -> bool:
         """The shift is beyond doubt, and worth mending."""
         return self.pixels > max(LEAST_SHIFT, SIGMAS * self.shift_error)
+
+    @property
+    def grown(self) -> bool:
+        """The focal length is off beyond doubt, and worth mending: at the image's edges."""
+        return abs(self.growth) > max(LEAST_SHIFT / max(self.size), SIGMAS * self.growth_error) * GROWN
 
     @property
     def drifted(self) -> bool:

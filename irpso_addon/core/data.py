@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .check_records import Checks
+from .lens import Lens
 
 # Errors of left-out radiance from which on no model fits: relative (predicting black errs by 1), and of CIE L*.
-UNEXPLAINED, UNEXPLAINED_LIGHTNESS = 0.5, 12.0
+UNEXPLAINED, UNEXPLAINED_LIGHTNESS = 0.6, 12.0
 ONE_VALUE = 1e5  # strength of a material's prior that leaves its texels no choice
 F16 = NDArray[np.float16]
 F32 = NDArray[np.float32]
@@ -50,8 +51,10 @@ class MeshArrays:
     # Only where some slot has a normal map (else None / empty):
     object_normals: F32 | None = None  # (T, 3, 3) object space, unit corner normals
     tangents: F32 | None = None  # (T, 3, 4) object space MikkTSpace tangent xyz, w = bitangent sign
-    normal_matrix: F32 | None = None  # (3, 3) inverse transpose of the object's 3x3 world matrix
     normal_maps: dict[int, NormalMap] = field(default_factory=dict)  # slot -> map
+    # Always where the mesh is an object's:
+    normal_matrix: F32 | None = None  # (3, 3) inverse transpose of the object's 3x3 world matrix; None: of no turn
+    unit_normal: bool = False  # as of `NormalMap`
     grid: F32 | None = None  # (T, 3, 2) where triangles lie on the texel grid, 0..1, where that is not their UVs
     extent: float = 1.0  # width of the texel grid in UV squares
 
@@ -69,6 +72,7 @@ class Camera:
     aspect: float  # image width / height in pixels that the projection was made for
     whole: Camera | None = None  # the camera of which this one is a part ...
     part: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)  # ... : x, y, width, height, of 1
+    lens: Lens | None = None  # of a perspective camera, where it bends lines; then ``projection`` is its matrix
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,21 @@ class Light:
 
 
 @dataclass(frozen=True)
+class Environment:
+    """Light from far away, the same at every place."""
+
+    name: str
+    radiance: F32  # (h, w, 3) linear, equirectangular as Blender maps it, row 0 straight down; W/(m^2 sr)
+    rotation: F64  # (3, 3) directions in the world to directions in the picture
+    turn: float = 0.0  # radians about Z of it that a view asked for
+
+    @property
+    def key(self) -> tuple[str, float]:
+        """The same for views under the same light."""
+        return self.name, self.turn
+
+
+@dataclass(frozen=True)
 class View:
     """One reference image with the camera and the lights it was taken under."""
 
@@ -100,6 +119,18 @@ class View:
     mask: Path | None = None
     colorspace: str | None = None  # of the file's values; None: by file type (float linear, integer sRGB)
     gain: float = 1.0  # further factor from radiance to image (Cycles' film exposure)
+    vignetting: float = 0.0  # power of the cosine of the angle to the camera's axis by which the image is darker
+    ambient: Path | None = None  # the same picture without these lights: subtracted
+    flat: Path | None = None  # a picture of an even surface through the same lens: what it falls off is divided out
+    # Factors of red, green and blue for RAW files, the same in all views; None: those that the file says
+    white_balance: tuple[float, float, float] | None = None
+    full_raw: bool = False  # RAW files: a pixel for each sample, not binned
+    environment: Environment | None = None  # shines beside the lights
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All that its radiance is read from."""
+        return tuple(path for path in (self.image, self.mask, self.ambient, self.flat) if path is not None)
 
 
 @dataclass(frozen=True)
@@ -121,6 +152,7 @@ class SceneData:
     pixel_filter: float = 1.0  # width in pixels of the box over which a pixel averages (1: a sensor)
     warnings: tuple[str, ...] = ()
     skipped: tuple[tuple[str, str], ...] = ()  # (view, why) of views left out
+    scale_known: bool = True  # the lamps' powers are those of the pictures; else right but for one common factor
     region: Region | None = None  # None: all of the mesh
     start: Solution | None = None  # the last result: kept where the region is not, and where a search may begin
 
@@ -129,9 +161,9 @@ class SceneData:
 class RadianceImage:
     """A reference image, ready to use.  ``rgb`` is radiance, W/(m^2 sr), not premultiplied."""
 
-    rgb: F32  # (h, w, 3) linear; finite; 0 where not valid
+    rgb: F32  # (h, w, 3) linear; finite; slightly negative where noise or a colour space makes it so; 0 where not valid
     coverage: F32  # (h, w) 0..1: alpha times mask; 1 where the file has neither
-    valid: Bool  # (h, w) False: clipped, NaN or infinite, negative
+    valid: Bool  # (h, w) False: clipped, NaN or infinite
     warnings: tuple[str, ...] = ()
     clipped_share: float = 0.0  # share of pixels that are clipped
 
@@ -159,6 +191,7 @@ class Maps:
     # Only where the model of some material has them, else None:
     lobes: F32 | None = None  # (n, n, 3) roughness1 <= roughness2 and the weight of lobe 1; (r, r, 1) for one lobe
     specular: F32 | None = None  # (n, n) Specular IOR Level, 0..1; 0.5 where it was not solved for
+    normal: F32 | None = None  # (n, n, 3) tangent-space normal map, 0..1, green up; where normals were refined
 
 
 @dataclass(frozen=True)
@@ -174,6 +207,14 @@ class ViewPicture:
     reference: F16  # (h, w, 3)
     predicted: F16  # (h, w, 3)
     scale: float  # W/(m^2 sr) of the value 1
+
+
+@dataclass(frozen=True)
+class Coat:
+    """A clear, colourless layer above a material, the same everywhere: the Principled BSDF's at Coat IOR 1.5."""
+
+    weight: float  # Coat Weight, 0..1
+    roughness: float  # Coat Roughness, 0..1
 
 
 @dataclass(frozen=True)
@@ -200,6 +241,70 @@ class PredictionError:
 
     relative_rms: float  # square root of the sum of squared errors of radiance over that of squared radiances
     lightness: float  # root mean square error of CIE L*; about 1 is just noticeable
+
+
+@dataclass(frozen=True)
+class LampChange:
+    """A lamp, or the copies of a flash that cameras carry, put right."""
+
+    lights: tuple[str, ...]
+    offset: tuple[float, float, float]  # metres; of a flash in its camera's axes: right, up, backwards; SUN: radians
+    offset_error: float  # standard error of each
+    share: float  # length of the offset, of the distance to the object
+    power: float  # factor
+    power_error: float  # its standard error, relative
+    cameras: tuple[str, ...] = ()  # of a flash that cameras carry: those of ``lights``
+    sun: bool = False  # whether it is a SUN
+    sure_place: bool = True  # whether its place is off beyond doubt; else it is changed along with the others
+    sure_power: bool = True  # the same of its power
+
+    @property
+    def sure(self) -> bool:
+        """Whether something of it is off beyond doubt."""
+        return self.sure_place or self.sure_power
+
+
+@dataclass(frozen=True)
+class ExposureChange:
+    """A view whose exposure was put right."""
+
+    image: Path
+    camera: str
+    stops: float  # EV to be added to the view's exposure
+    error: float  # its standard error
+    sure: bool = True  # whether it is off beyond doubt; else it is changed along with the others
+
+
+@dataclass(frozen=True)
+class VignettingChange:
+    """Vignetting of all views that was put right."""
+
+    power: float  # to be added to the views'
+    error: float  # its standard error
+    stops: float  # EV by which it darkens the corners of the widest picture
+    sure: bool = True  # whether it is off beyond doubt
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What was put right of lamps and exposures, because left-out views are then predicted better."""
+
+    lamps: tuple[LampChange, ...]
+    exposures: tuple[ExposureChange, ...]
+    given: PredictionError  # of left-out views, highlights apart, as the scene was given
+    changed: PredictionError  # and after the change
+    vignetting: VignettingChange | None = None
+
+
+@dataclass(frozen=True)
+class RefinedNormals:
+    """Shading normals that were refined, because left-out views are then predicted better."""
+
+    tilt: float  # degrees: median angle between refined normals and those that were given
+    # Robust standard deviation of what predictions of left-out views are off by, relative; highlights apart, and
+    # without what normals of whole regions would explain:
+    given: float
+    refined: float
 
 
 @dataclass(frozen=True)
@@ -240,17 +345,21 @@ class Solution:
     # material slot name -> its one Specular IOR Level, where a single value was solved for the material
     levels: dict[str, float] = field(default_factory=dict)
     metallic: dict[str, float] = field(default_factory=dict)  # material slot name -> Metallic, where its model has it
+    coats: dict[str, Coat] = field(default_factory=dict)  # material slot name -> its coat, where it has one
     ndf: str = "ggx"  # distribution of the two-lobe model, as in core/params.py
     checks: Checks | None = None  # what the views say of the maps
     pictures: tuple[ViewPicture, ...] = ()  # of each view, reduced: reference beside prediction
     predictions: dict[str, MaterialPrediction] = field(default_factory=dict)  # material slot name -> errors of models
     priors: dict[str, JointPrior] = field(default_factory=dict)  # material slot name -> what its texels were drawn to
+    calibration: Calibration | None = None  # lamps and exposures that were put right; None: they are as given
+    normals: RefinedNormals | None = None  # shading normals that were refined; None: they are as given
+    normals_why: str = ""  # why they are as given; "": they were refined, or not to be
     resumed_blocks: int = 0  # of a solve in blocks: those that an earlier run had left
 
     @classmethod
     def of_maps(
         cls, maps: Maps, model: dict[str, str], levels: dict[str, float] | None = None, ndf: str = "ggx", why: str = "",
-        metallic: dict[str, float] | None = None,
+        metallic: dict[str, float] | None = None, coats: dict[str, Coat] | None = None,
     ) -> Solution:
         """Of maps that no solve here has found: what materials show, and a search may start from; no figures.
 
@@ -258,4 +367,4 @@ class Solution:
         """
         return cls(maps=maps, model=model, why=dict.fromkeys(model, why), texels={}, seconds={}, residual=0.0,
                    views_used=(), views_skipped=(), warnings=(), device={}, levels=levels or {},
-                   metallic=metallic or {}, ndf=ndf)
+                   metallic=metallic or {}, coats=coats or {}, ndf=ndf)

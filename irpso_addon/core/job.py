@@ -36,6 +36,17 @@ class Progress:
 
 
 Steps = Generator[Progress, None, Result]
+WORDS = {  # what users read of a stage; the others are words already
+    "gbuffer": "drawing the mesh", "observe": "reading pictures", "pictures": "developing pictures",
+    "calibrate": "checking lamps", "normals": "checking normals", "solve": "solving", "maps": "making maps",
+    "indirect": "rendering bounced light", "indirect_test": "looking for bounced light", "merge": "joining blocks",
+    "write": "writing files",
+}
+
+
+def doing(stage: str) -> str:
+    """What a stage does, in words."""
+    return WORDS.get(stage, stage)
 
 
 def mapped(steps: Steps[Result], transform: Callable[[Progress], Progress], *, keeps: bool = True) -> Steps[Result]:
@@ -66,6 +77,19 @@ def mapped(steps: Steps[Result], transform: Callable[[Progress], Progress], *, k
 def retold(steps: Steps[Result], transform: Callable[[Progress], Progress]) -> Steps[Result]:
     """`mapped`, of what has nothing to keep."""
     return mapped(steps, transform, keeps=False)
+
+
+def run_to_end(steps: Steps[Result], show: Callable[[Progress], object]) -> Result:
+    """A job on the calling thread, its progress shown.  Closed where ``show`` raises."""
+    try:
+        while True:
+            try:
+                show(next(steps))
+            except StopIteration as end:
+                result: Result = end.value
+                return result
+    finally:
+        steps.close()
 
 
 class Mailbox:

@@ -48,6 +48,11 @@ class Canvas:
         self._ranks: dict[str, NDArray[np.uint16]] = {}  # of the look that each texel has its value from
         self._finest = 0  # of coverage
 
+    def finest(self, role: str) -> Bool:
+        """(size, size) True where a map has its value from a look at full size that was no draft."""
+        ranks = self._ranks.get(role)
+        return np.zeros((self.size, self.size), bool) if ranks is None else ranks >= 2 * self.size
+
     def add(self, live: Live, preview: bool = False) -> dict[str, F32]:
         """Take over what a look knows where nothing finer is known; returns what is shown now.
 

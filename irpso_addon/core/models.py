@@ -18,6 +18,7 @@ from .data import F32, I32, Bool
 LADDER = ("lambert", "one-lobe", "one-lobe-specular", "one-lobe-metallic", "two-lobe")  # from the smallest
 SCALE_IS_KNOWN = 1.0  # nats a texel that a level other than 0.5 must bring beyond all others: lamps' powers are given
 EXPLAINED = 0.75  # share of a cell's texels that is heard: those that some model explains best
+NUMBERS_OF_TWO = 3  # that two lobes have, base colour aside
 CELL = 32  # texels: width of the square over which noise is measured
 
 
@@ -43,31 +44,33 @@ def evidence(observations: F32, fit: Fit, cells: I32, floor: float) -> float:
 
 def choose(
     observations: F32, fits: Mapping[str, Fit], cells: I32, floor: float, least_gain: float = 0.0,
+    scale_known: bool = True,
 ) -> tuple[str, str]:
     """The model for one material and why, from its texels under each model that was tried.
 
     ``least_gain``: of the criterion, a texel: what two lobes must bring, where the data hold errors that numbers
     found in each texel can mimic.  (A Specular IOR Level is one number for all of them.)
+    ``scale_known``: the lamps' powers are right, so that 0.5 is the level to expect.
     Texels with fewer than three observations say nothing, nor do those that no model explains (edges of shadow would
     drown all others); with none at all the smallest model is taken.
     """
     tried = [name for name in LADDER if name in fits]
     informed = _heard(observations, fits, cells)
     if not informed.any():
-        return tried[0], "no texel has three good observations: too few to tell a lobe from none"
+        return tried[0], "no texel has three good observations: too few to detect a highlight"
     texels = int(np.count_nonzero(informed))
     score = {}
     for name in tried:
         fit = Fit(fits[name].residual[informed], fits[name].searched[informed])
         score[name] = evidence(observations[informed], fit, cells[informed], floor) / texels
-    if "one-lobe-specular" in score:
+    if "one-lobe-specular" in score and scale_known:
         score["one-lobe-specular"] += SCALE_IS_KNOWN
     best = tried[0]
     for name in tried[1:]:
         if score[name] < score[best] - (least_gain if name == "two-lobe" else 0.0):
             best = name
     others = ", ".join(f"{name} {score[name] - score[best]:+.3g}" for name in tried if name != best)
-    return best, f"information criterion a texel, beside {best}: {others} ({texels} texels; smaller is better)"
+    return best, f"information criterion per texel, besides {best}: {others} ({texels} texels; smaller is better)"
 
 
 def _heard(observations: F32, fits: Mapping[str, Fit], cells: I32) -> Bool:

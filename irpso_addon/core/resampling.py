@@ -2,7 +2,8 @@
 
 Elsewhere on purpose: tables whose first and last node lie at 0 and 1 (core/shading/tables.py), the normal map, which
 repeats (core/cpu_solver/rasterise.py), masks and reference images, which arrive in bands (core/images/mask.py and
-reference_image.py), and what is shown small (core/evaluation/display.py, cli/demo.py).
+reference_image.py), what is shown small (core/evaluation/display.py, cli/demo.py), and lines across pictures
+(core/shoot/edge_lines.py), which end where the picture does.
 """
 
 from __future__ import annotations

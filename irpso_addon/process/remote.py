@@ -96,13 +96,7 @@ class Worker:
     def _read(self) -> None:
         try:
             while True:
-                answer: Answer | Logged = self._answers.receive()
-                if isinstance(answer, Logged):
-                    log.again(answer.level, answer.event, answer.fields)
-                    continue
-                job = self.job
-                if job is not None and job.number == answer.number:  # else it was cancelled
-                    job._hear(answer)
+                self._take(self._answers.receive())
         except BaseException as error:
             if not isinstance(error, Closed):  # what was sent cannot be taken: memory, most likely
                 self._fail(RuntimeError(f"{type(error).__name__}: {error}"))
@@ -111,8 +105,8 @@ class Worker:
             if self.job is not None:
                 log.warning("worker ended", status=code, message=self._last_words())
                 self._fail(DeviceLost(
-                    f"the worker process ended (status {code}): {self._last_words()}; solve again, with a smaller "
-                    "Memory or Size if it happens again"))
+                    f"the worker process ended (status {code}): {self._last_words()}; solve again; lower Memory or "
+                    "Size if it happens again"))
         for stream in (self._process.stdin, self._process.stdout):
             assert stream is not None
             try:
@@ -121,6 +115,13 @@ class Worker:
                 pass
         self.log.close()
         self._folder.cleanup()
+
+    def _take(self, answer: Answer | Logged) -> None:
+        """Here, because what a loop has in its hands would live until the next answer: a job with all its maps."""
+        if isinstance(answer, Logged):
+            log.again(answer.level, answer.event, answer.fields)
+        elif (job := self.job) is not None and job.number == answer.number:  # else it was cancelled
+            job._hear(answer)
 
     def _fail(self, error: Exception) -> None:
         """The running job, if there is one, ends so."""
@@ -131,7 +132,7 @@ class Worker:
     def _last_words(self) -> str:
         self.log.seek(0)
         lines = [line.strip() for line in self.log.read().decode(errors="replace").splitlines() if line.strip()]
-        return lines[-1][:200] if lines else "it said nothing"
+        return lines[-1][:200] if lines else "it left no message"
 
 
 class Remote:
@@ -165,7 +166,7 @@ class Remote:
         return self._latest
 
     def looks(self) -> list[Live]:
-        """What has been looked at since the last call, oldest first."""
+        """What has been looked at since the last call, oldest first; nothing where ``prepare`` takes the looks."""
         with self._lock:
             looks, self._looks = self._looks, []
         return looks
@@ -209,9 +210,11 @@ class Remote:
             case Reached():
                 self._latest = answer.progress
             case Looked():
-                looked = answer.live if self._prepare is None else self._prepare(answer.live)
+                if self._prepare is not None:  # whoever prepares them has them: hundreds of maps in a solve
+                    self._prepare(answer.live)
+                    return
                 with self._lock:
-                    self._looks.append(looked)
+                    self._looks.append(answer.live)
             case Done():
                 self._end(answer.value, None)
             case Failed():

@@ -18,6 +18,7 @@ from ..core.tiled.reference_cache import CachedReference
 from ..core.tiled.tiled_plan import Plan
 from ..core.tiled.uv_blocks import Crop, UvBlock
 from ..core.tiled.work_folder import WorkFolder
+from ..core.vignetting import brightened
 from ..gpu.device import thread
 from ..gpu.device.context import Device
 from ..gpu.maps.finish_maps import CoarseSurroundings, filled
@@ -87,7 +88,7 @@ def _last(plan: Plan, window: UvBlock, slots: I32) -> EarlierResult:
     solution = plan.solution
     chosen = solution.model if plan.settings.model == "auto" else {}
     return EarlierResult(chosen, solution.levels, frozenset(solution.model), plan.level_map(window, slots),
-                         priors=solution.priors, metallic=solution.metallic)
+                         priors=solution.priors, metallic=solution.metallic, coats=solution.coats)
 
 
 def _views(
@@ -104,7 +105,7 @@ def _views(
     parts: dict[tuple[str, int, int], Camera] = {
         key: uv_blocks.cropped(camera, *key[1:], crops[key]) for key, camera in cameras.items()}
     views = tuple(replace(view, camera=parts[key]) for view, key in zip(whole, keys, strict=True))
-    read: Pictures = {_picture_key(view): partial(_window, file, crops[key], scale / scale_of(view))
+    read: Pictures = {_picture_key(view): partial(_window, file, crops[key], scale / scale_of(view), view)
             for view, file, key, scale in zip(views, files, keys, plan.scales, strict=True)}
     return views, read, shrink > 1
 
@@ -118,14 +119,17 @@ def _shrink(plan: Plan, keys: list[tuple[str, int, int]], crops: Mapping[tuple[s
     """How many pixels must become one, so that a block's pictures fit into the memory."""
     views, channels = plan.scene.views, channels_needed(plan.scene.views)
     lights = {key: [len(view.lights) for view, other in zip(views, keys, strict=True) if other == key] for key in crops}
-    needed = sum(bytes_per_pixel(len(lights[key]), channels * sum(lights[key]), 1) * crop.pixels
+    lit = {key: len({view.environment.key for view, other in zip(views, keys, strict=True)
+                     if other == key and view.environment is not None}) for key in crops}
+    needed = sum(bytes_per_pixel(len(lights[key]), channels * sum(lights[key]), 1, lit[key]) * crop.pixels
                  for key, crop in crops.items())
     return max(1, int(np.ceil(np.sqrt(needed / (uv_blocks.PICTURES * plan.memory * 1e9)))))
 
 
-def _window(picture: CachedReference, crop: Crop, scale: float) -> RadianceImage:
+def _window(picture: CachedReference, crop: Crop, scale: float, view: View) -> RadianceImage:
     image = picture.window(crop.x, crop.y, crop.width, crop.height, crop.shrink)
-    return image if scale == 1.0 else replace(image, rgb=image.rgb * np.float32(scale))
+    rgb = brightened(image.rgb, view.camera, view.vignetting)  # which files of developed pictures still have
+    return replace(image, rgb=rgb if scale == 1.0 else rgb * np.float32(scale))
 
 
 def _around(plan: Plan, window: UvBlock) -> CoarseSurroundings:

@@ -23,8 +23,8 @@ from . import pipeline
 LIMITS = {
     "GL_MAX_TEXTURE_SIZE": "largest map (texels)",
     "GL_MAX_ARRAY_TEXTURE_LAYERS": "texture layers",
-    "GL_MAX_TEXTURE_IMAGE_UNITS": "textures a shader",
-    "GL_MAX_DRAW_BUFFERS": "outputs a shader",
+    "GL_MAX_TEXTURE_IMAGE_UNITS": "textures per shader",
+    "GL_MAX_DRAW_BUFFERS": "outputs per shader",
 }
 # llvmpipe is off by less than 0.0001; a driver that computes in half floats would be by some 0.005.
 TOLERANCE = 0.002

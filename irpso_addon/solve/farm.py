@@ -106,9 +106,9 @@ def _check_ours(folder: Path) -> None:
     """A job's program and template are made anew; those of somebody else are not.  Raises BadInput, OSError."""
     program, file = folder / PROGRAM, folder / TEMPLATE
     if os.path.lexists(program) and not _is_program(program):
-        raise BadInput(f"{folder}: holds a folder '{PROGRAM}' that is not irpso's; choose another folder")
+        raise BadInput(f"{folder}: contains a folder '{PROGRAM}' that is not irpso's; choose another folder")
     if os.path.lexists(file) and not _is_template(file):
-        raise BadInput(f"{folder}: holds a file '{TEMPLATE}' that is not irpso's; choose another folder")
+        raise BadInput(f"{folder}: contains a file '{TEMPLATE}' that is not irpso's; choose another folder")
 
 
 def _is_program(folder: Path) -> bool:

@@ -10,34 +10,48 @@ import time
 from collections.abc import Callable, Generator, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from threading import Lock
 from typing import TypeVar
 
 import numpy as np
 
-from ..core.data import F32, I32, Bool, Bounced, MeshArrays, RadianceImage, SceneData, View
+from ..core.calibration.calibrate import Judged, calibrate
+from ..core.calibration.put_right import put_right, told
+from ..core.calibration.rig import Rig
+from ..core.data import F32, I32, Bool, Bounced, Calibration, MeshArrays, RadianceImage, SceneData, View
 from ..core.errors import BadInput, Cancelled
 from ..core.job import Progress, mapped
 from ..core.live_maps import Live
+from ..core.normals.judge import NormalsJudged, judge_normals
+from ..core.normals.tilt_sample import TiltSample
 from ..core.params import SolveSettings
 from ..core.tiled.tiled_plan import PriorKnowledge
+from ..core.vignetting import brightened
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import GBufferMaps, MeshBuffer, draw_texel_grid
 from ..gpu.maps.finish_maps import CoarseSurroundings, FinishedMaps, SolvedTexelGrid, make_maps
 from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.observation_atlas import CameraSource
 from ..gpu.observe.observations import Observations, ObserveOptions, observe
+from ..gpu.solve.calibration_sample import calibration_sample
 from ..gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
 from ..gpu.solve.model_ladder import Ladder
+from ..gpu.solve.normal_texels import SAMPLE, refined_normals
 
 Result = TypeVar("Result")
 ReadImage = Callable[[View], RadianceImage]
-STAGES = {"pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.35), "solve": (0.35, 0.85),
-          "maps": (0.85, 1.0), "indirect": (0.0, 1.0), "indirect_test": (0.0, 1.0)}  # share of a round's progress
+KEPT_BYTES = 400_000_000
+STAGES = {  # share of a round's progress
+    "pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.3), "calibrate": (0.3, 0.33),
+    "normals": (0.33, 0.35),
+    "solve": (0.35, 0.85), "maps": (0.85, 1.0), "indirect": (0.0, 1.0), "indirect_test": (0.0, 1.0)}
 
 
 def reference_key(view: View) -> Hashable:
     """All that the radiance of a view's reference image follows from: what differs in nothing of it is read once."""
-    return view.image, view.mask, view.colorspace, view.exposure, view.gain
+    files = view.image, view.mask, view.ambient, view.flat
+    dark = (view.vignetting, view.camera.name) if view.vignetting else ()
+    return *files, view.colorspace, view.exposure, view.gain, view.white_balance, *dark
 
 
 @dataclass
@@ -47,10 +61,12 @@ class Clock:
     seconds: dict[str, float] = field(default_factory=dict)
     coverage: Bool | None = None
 
-    def stage(self, name: str, steps: Generator[Progress, None, Result]) -> Generator[Progress, None, Result]:
-        """Steps whose seconds are this stage's."""
+    def stage(
+        self, name: str, steps: Generator[Progress, None, Result], again: tuple[float, float] | None = None,
+    ) -> Generator[Progress, None, Result]:
+        """Steps whose seconds are this stage's.  ``again``: share of the progress where the stage comes twice."""
         start = time.perf_counter()
-        low, high = STAGES[name]
+        low, high = again or STAGES[name]
         reached = 0.0
 
         def placed(step: Progress) -> Progress:
@@ -66,6 +82,32 @@ class Clock:
 
     def _covered(self, look: Callable[[], Live]) -> Live:
         return replace(look(), coverage=self.coverage)
+
+
+class KeptImages:
+    """References as they were read, as many as KEPT_BYTES hold, for a second look under other exposures."""
+
+    def __init__(self, read_image: ReadImage) -> None:
+        self._read = read_image
+        self._kept: dict[Hashable, tuple[View, RadianceImage]] = {}  # as it was first read
+        self._lock, self._bytes = Lock(), 0
+
+    def __call__(self, view: View) -> RadianceImage:
+        """A view's radiance."""
+        key = reference_key(replace(view, gain=1.0, vignetting=0.0))
+        kept = self._kept.get(key)
+        if kept is not None:
+            first, image = kept
+            if (first.gain, first.vignetting) == (view.gain, view.vignetting):
+                return image
+            even = brightened(image.rgb, view.camera, view.vignetting - first.vignetting)
+            return replace(image, rgb=even * np.float32(first.gain / view.gain))
+        image = self._read(view)
+        with self._lock:  # references are read ahead by threads
+            self._bytes += image.rgb.nbytes + image.coverage.nbytes + image.valid.nbytes
+            if self._bytes <= KEPT_BYTES:
+                self._kept[key] = view, image
+        return image
 
 
 @dataclass(frozen=True)
@@ -105,6 +147,7 @@ class Given:
     before: PriorKnowledge | None = None
     around: CoarseSurroundings | None = None
     model: Mapping[str, str] | None = None  # by material, whatever the block would choose
+    calibrates: bool = False  # lamps and exposures may be put right, and normals refined, as the settings let
     keeps_partial: bool = True  # a stopped solve gives maps of what it has found; else it raises Cancelled
 
 
@@ -112,6 +155,10 @@ class Given:
 class Solved:
     """What a grid's solve has given."""
 
+    scene: SceneData  # lamps and exposures put right
+    calibration: Calibration | None  # what was
+    normals: NormalsJudged | str  # what was refined; or why normals are as given; "": they are to be
+    grid: TexelGrid  # normals refined
     observations: Observations
     ladder: LadderResult  # before it was joined to what a partial solve leaves as it was
     made: FinishedMaps
@@ -122,15 +169,14 @@ def solve_grid(
 ) -> Generator[Progress, None, Solved]:
     """Observe, solve and make maps.  Raises BadInput where no view is usable, Cancelled as ``given`` says."""
     scene, part = given.scene, given.part
-    observations: Observations = yield from clock.stage("observe", observe(
-        device, scene, grid.mesh, given.read_image, ObserveOptions(given.bounced, part, level=given.level)))
-    if not observations.cameras:
-        raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
+    views = yield from _observed(device, grid, given, clock)
+    scene, grid, observations = views.scene, views.grid, views.observations
     maps = part.grid(device, grid.maps)
     materials = Materials(np.where(part.solved, grid.slots, -1), scene.mesh.slot_names)
     source = CameraSource(device, maps, observations, scene.mesh.extent)
     ladder: LadderResult = yield from clock.stage("solve", Ladder(
-        device, source, given.settings, materials, given.last, given.before).solve())
+        device, source, given.settings, materials, given.last, given.before,
+        scale_known=scene.scale_known).solve())
     if ladder.cancelled and not given.keeps_partial:
         raise Cancelled
     if given.model is not None:
@@ -139,4 +185,72 @@ def solve_grid(
     made: FinishedMaps = yield from clock.stage("maps", make_maps(device, scene, texels, part, given.around))
     if made.albedo.cancelled and not given.keeps_partial:
         raise Cancelled
-    return Solved(observations, ladder, made)
+    return Solved(scene, views.calibration, views.normals, grid, observations, ladder, made)
+
+
+@dataclass(frozen=True)
+class _Views:
+    """What the views show, once all that may be is put right."""
+
+    scene: SceneData
+    calibration: Calibration | None
+    normals: NormalsJudged | str
+    grid: TexelGrid
+    observations: Observations
+
+
+def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Generator[Progress, None, _Views]:
+    """Observe; lamps and exposures put right and normals refined, where that is allowed and pays, observe again."""
+    scene, part, settings = given.scene, given.part, given.settings
+    allowed = given.calibrates and all(view.environment is None for view in scene.views)
+    calibrates, refines = allowed and "auto" in (settings.lamps, settings.exposures), allowed and (
+        settings.normals == "auto")
+    read_image = KeptImages(given.read_image) if calibrates or refines else given.read_image
+    observed = partial(observe, device, mesh=grid.mesh, read_image=read_image,
+                       limits=ObserveOptions(given.bounced, part, level=given.level))
+    observations: Observations = yield from clock.stage("observe", observed(scene=scene))
+    if not observations.cameras:
+        raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
+
+    def source() -> CameraSource:
+        return CameraSource(device, part.grid(device, grid.maps), observations, scene.mesh.extent)
+
+    texels = part.solved & grid.coverage
+    judged = None
+    normals: NormalsJudged | str = ""
+    if calibrates:
+        judged = yield from clock.stage("calibrate", _calibrated(source(), given, texels))
+    if judged is not None:
+        scene = put_right(scene, *judged)
+        observations.release()
+        observations = yield from clock.stage("observe", observed(scene=scene), (0.33, 0.35))
+    if refines:
+        normals = yield from clock.stage("normals", _refined(source(), given, texels, grid.mesh))
+    if isinstance(normals, NormalsJudged):
+        grid.maps.release()
+        grid = draw_texels(device, grid.mesh, len(grid.coverage))
+        observations.release()
+        observations = yield from clock.stage("observe", observed(scene=scene), (0.33, 0.35))
+    return _Views(scene, None if judged is None else told(*judged), normals, grid, observations)
+
+
+def _refined(
+    source: CameraSource, given: Given, texels: Bool, mesh: MeshBuffer,
+) -> Generator[Progress, None, NormalsJudged | str]:
+    """Give the mesh refined normals, where they predict left-out views better; else why not."""
+    known = given.scene.scale_known
+    sample = calibration_sample(source, texels, given.settings.seed, known, SAMPLE)
+    judged = yield from judge_normals(TiltSample.of(sample))
+    if isinstance(judged, NormalsJudged):
+        mesh.refine((yield from refined_normals(source, texels, judged, known)))
+    return judged
+
+
+def _calibrated(
+    source: CameraSource, given: Given, texels: Bool,
+) -> Generator[Progress, None, tuple[Rig, Judged] | None]:
+    """What is to be put right of lamps and exposures; None: nothing."""
+    settings = given.settings
+    sample = calibration_sample(source, texels, settings.seed, given.scene.scale_known)
+    judged = yield from calibrate(sample, settings.lamps == "auto", settings.exposures == "auto")
+    return None if judged is None else (sample.rig, judged)

@@ -15,16 +15,31 @@ import numpy as np
 from ..core import log
 from ..core.check_records import Checks
 from ..core.checks.bounced_light import BouncedSample, why_not
+from ..core.checks.calibration_lines import calibrated
+from ..core.checks.normals_line import refined
 from ..core.checks.registration import corrected
 from ..core.checks.residuals import is_indirect
 from ..core.checks.solve_checks import TexelFit, measure, worse
 from ..core.checks.warnings import grouped, mended, warnings
 from ..core.cpu_solver import solver
-from ..core.data import F32, Bool, Bounced, Maps, MaterialPrediction, SceneData, Solution, ViewPicture
+from ..core.data import (
+    F32,
+    Bool,
+    Bounced,
+    Calibration,
+    Maps,
+    MaterialPrediction,
+    RefinedNormals,
+    SceneData,
+    Solution,
+    ViewPicture,
+)
 from ..core.errors import BadInput, Cancelled
 from ..core.images.reference_image import read_reference
 from ..core.job import Progress
+from ..core.normals.tangent_map import encoded
 from ..core.params import SolveSettings
+from ..core.phrases import percent
 from ..core.tiled.tiled_plan import Noise
 from ..gpu.device import thread
 from ..gpu.device.context import Device
@@ -37,8 +52,9 @@ from ..gpu.observe.picture_memory import most_pixels
 from .gpu_path import Clock, Given, ReadImage, Solved, TexelGrid, draw_texels, solve_grid
 
 ALIGN_ROUNDS = 4  # of finding where cameras look
+FORETOLD = 1.1  # ratio of the products of both errors of left-out views: less is scatter of the samples
 ROUND_SIZE = 512  # texels: of maps that only the next round needs
-NO_CONFIDENCE = "method paper: says nothing of how sure it is; confidence is 0, the standard errors are 0.5 everywhere"
+NO_CONFIDENCE = "method paper: gives no uncertainty; confidence is 0 and the standard errors are 0.5 everywhere"
 
 
 
@@ -68,7 +84,8 @@ class GBuffer:
 class Outcome:
     """What a solve has found of its scene as a whole, beside the maps."""
 
-    scene: SceneData  # cameras and exposures put right
+    scene: SceneData  # cameras, lamps and exposures put right
+    given: SceneData  # the same, lamps and exposures as they were given
     solution: Solution
     level: float  # typical radiance of the views
     noise: Mapping[int, Noise]  # by the number of lobes
@@ -115,10 +132,27 @@ def solve(
 def _solved(
     scene: SceneData, settings: SolveSettings, read_image: ReadImage | None, bounce: Bounce | None,
 ) -> Generator[Progress, None, Solution]:
+    check_environments(scene, settings)
     if thread.settings().device == "numpy":
         read_image = read_image or partial(read_reference, max_pixels=solver.MOST_PIXELS)
         return (yield from solver.solve(scene, settings, read_image, thread.settings().memory))
     return (yield from outcome(scene, settings, read_image, bounce)).solution
+
+
+def check_environments(scene: SceneData, settings: SolveSettings) -> None:
+    """Raises BadInput where the world shines and what is asked for knows lamps alone."""
+    lit = next((view.environment.name for view in scene.views if view.environment is not None), None)
+    if lit is None:
+        return
+    for what, cure, asked in (
+        ("device numpy", "device opengl", thread.settings().device == "numpy"),
+        ("method paper", "another method", settings.method == "paper"),
+        ("ndf beckmann", "ndf ggx", settings.ndf == "beckmann" and settings.model in {"two-lobe", "auto"}),
+    ):
+        if asked:
+            raise BadInput(f"{what}: works with lamps only, but world '{lit}' shines on the views; choose {cure}, or "
+                           "take "
+                           "pictures under lamps with a black world")
 
 
 def outcome(
@@ -136,7 +170,7 @@ def outcome(
     try:
         again = partial(_round, settings=small, read_image=read_image, clock=clock)
         rough = yield from _align(best, settings, again)
-        aligned, lit, why = rough.scene, None, ""
+        aligned, lit, why = rough.given, None, ""
         if bounce is not None and _bounced(settings, rough.solution):
             lit, why = yield from _take_out_indirect(
                 rough, scene, settings, bounce, partial(_round, read_image=read_image, clock=clock), clock)
@@ -144,7 +178,7 @@ def outcome(
             best = lit
         elif aligned is not scene:
             best = rough if small == settings else (yield from _round(aligned, settings, read_image, clock))
-        best = _not_bounced(best, why)
+        best = _not_bounced(best, why, _tried(settings))
         if aligned is not scene and first.checks is not None:
             lines = mended(first.checks, settings.registration == "auto", settings.exposures == "solve")
             best = _warned(best, (*lines, *best.solution.warnings))
@@ -168,12 +202,12 @@ def _align(
     """
     for n in range(ALIGN_ROUNDS):
         assert best.solution.checks is not None
-        aligned = corrected(best.scene, best.solution.checks.registration, shifts=settings.registration == "auto",
-                           gains=settings.exposures == "solve")
-        if aligned is best.scene:
+        aligned = corrected(best.given, best.solution.checks.registration, shifts=settings.registration == "auto",
+                            gains=settings.exposures == "solve")
+        if aligned is best.given:
             break
         if n == 0 and settings.size > ROUND_SIZE:  # coarser maps explain less: like is compared with like
-            best = yield from again(best.scene)
+            best = yield from again(best.given)
         after = yield from again(aligned)
         if not _better(after, best):
             break
@@ -182,9 +216,19 @@ def _align(
 
 
 def _better(after: Outcome, before: Outcome) -> bool:
-    """Whether maps explain the views better than others of the same size."""
+    """Whether maps explain the views better than others of the same size, and predict left-out ones no worse."""
     assert after.solution.checks is not None and before.solution.checks is not None
-    return not worse(after.solution.checks, before.solution.checks)
+    foretold = [np.log(_foretold(after.solution.predictions[name]) / _foretold(found))
+                for name, found in before.solution.predictions.items() if name in after.solution.predictions]
+    # All materials together: a view that is put right seldom suits the small sample of each.
+    return not worse(after.solution.checks, before.solution.checks) and (
+        not foretold or float(np.mean(foretold)) < np.log(FORETOLD))
+
+
+def _foretold(prediction: MaterialPrediction) -> float:
+    """Error of what was left out, by radiance and lightness alike."""
+    error = prediction.error
+    return max(error.relative_rms * error.lightness, 1e-12)
 
 
 def _bounced(settings: SolveSettings, solution: Solution) -> bool:
@@ -210,23 +254,29 @@ def _take_out_indirect(
         if why := why_not(sample, best.solution.checks.unlit_share):
             return None, why
         if best.solution.maps.roughness.shape[0] > small.size:  # like is compared with like
-            best = yield from solve_round(best.scene, small)
+            best = yield from solve_round(best.given, small)
     bounced = yield from clock.stage("indirect", bounce(scene, best.solution))
-    rough = yield from solve_round(best.scene, small, bounced=bounced)
+    rough = yield from solve_round(best.given, small, bounced=bounced)
     if auto and not _better(rough, best):
-        return None, "without the light that bounces between the scene's surfaces the maps explain the views no better"
+        return None, "subtracting bounced light did not improve the fit"
     bounced = yield from clock.stage("indirect", bounce(scene, rough.solution))
-    return (yield from solve_round(best.scene, settings, bounced=bounced)), ""
+    return (yield from solve_round(best.given, settings, bounced=bounced)), ""
 
 
-def _not_bounced(best: Outcome, why: str) -> Outcome:
+def _tried(settings: SolveSettings) -> tuple[str, ...]:
+    """Settings by which the solve puts right what `warnings` are about."""
+    tried = {"registration": settings.registration == "auto", "exposures": settings.exposures == "solve"}
+    return tuple(name for name, does in tried.items() if does)
+
+
+def _not_bounced(best: Outcome, why: str, tried: tuple[str, ...]) -> Outcome:
     """With the reason, if there is one, for which indirect light was not taken out."""
     checks = best.solution.checks
     if not why or checks is None:
         return best
     log.info("indirect", why=why)
     now = replace(checks, not_bounced=why)
-    changed = dict(zip(warnings(checks), warnings(now), strict=True))
+    changed = dict(zip(warnings(checks, tried), warnings(now, tried), strict=True))
     return replace(best, solution=replace(
         best.solution, checks=now, warnings=tuple(changed.get(line, line) for line in best.solution.warnings)))
 
@@ -244,14 +294,46 @@ def _round(
         part = partial_solve_of(device, scene, settings.size, grid.position, grid.slots)
         last = earlier_result_of(part, scene, settings, grid.slots)
         solved = yield from solve_grid(
-            device, grid, Given(scene, settings, read_image, part, last, bounced), clock)
+            device, grid, Given(
+                scene, settings, read_image, part, last, bounced, calibrates=scene.region is None), clock)
         checks, pictures = yield from clock.stage("maps", _checks(scene, settings, solved.made, grid))
         solution = _solution(scene, settings, gbuffer, solved, part)
-        solution = replace(solution, seconds=clock.seconds, device=device.describe(), checks=checks, pictures=pictures,
-                           warnings=(*solution.warnings, *warnings(checks),
-                                     *([NO_CONFIDENCE] if settings.method == "paper" else [])))
+        normals = _normals(grid, solved)
+        if normals is not None or _keeps_normals(scene):
+            solution = replace(solution, maps=replace(
+                solution.maps, normal=encoded(scene.mesh, solved.grid.normal, grid.coverage)))
+        lines = (*calibrated(solved.calibration), *refined(normals), *solution.warnings,
+                 *warnings(checks, _tried(settings)), *([NO_CONFIDENCE] if settings.method == "paper" else []))
+        solution = replace(
+            solution, seconds=clock.seconds, device=device.describe(), checks=checks, pictures=pictures,
+            calibration=_calibration(scene, solved), warnings=lines, normals=normals,
+            normals_why=solved.normals if isinstance(solved.normals, str) else "")
         return Outcome(
-            scene, solution, solved.observations.level, solved.ladder.noise, solved.ladder.robust, bounced)
+            solved.scene, scene, solution, solved.observations.level, solved.ladder.noise, solved.ladder.robust,
+            bounced)
+
+
+def _normals(given: TexelGrid, solved: Solved) -> RefinedNormals | None:
+    """What is to be said of normals that were refined."""
+    judged = solved.normals
+    if isinstance(judged, str):
+        return None
+    texels = given.coverage & solved.grid.coverage
+    cosine = (given.normal[texels] * solved.grid.normal[texels]).sum(-1, dtype=np.float64)
+    tilt = float(np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))))
+    return RefinedNormals(tilt, judged.given, judged.refined)
+
+
+def _keeps_normals(scene: SceneData) -> bool:
+    """Whether a part is solved, under the normals that the last result has."""
+    return scene.region is not None and scene.start is not None and scene.start.maps.normal is not None
+
+
+def _calibration(scene: SceneData, solved: Solved) -> Calibration | None:
+    """What was put right; a part is lit as the rest was."""
+    if scene.region is not None and scene.start is not None:
+        return scene.start.calibration
+    return solved.calibration
 
 
 def _drawn(device: Device, scene: SceneData, size: int) -> Generator[Progress, None, tuple[TexelGrid, GBuffer]]:
@@ -272,7 +354,7 @@ def _solution(
     relative = made.relative[made.solved].astype(np.float64)
     return Solution(
         maps=maps, model=ladder.model, why=ladder.why, seconds={}, device={}, levels=ladder.levels,
-        metallic=ladder.metallic,
+        metallic=ladder.metallic, coats=ladder.coats,
         predictions=ladder.predictions, priors=ladder.priors,
         residual=float(np.sqrt(np.mean(relative**2))) if len(relative) else 0.0,
         cancelled=ladder.cancelled or made.albedo.cancelled, ndf=settings.ndf,
@@ -304,9 +386,10 @@ def _checks(
 def unfit(name: str, prediction: MaterialPrediction) -> str:
     """What to say of a material that no model explains."""
     error = prediction.error
-    return (f"material '{name}': no model that was tried predicts what left-out {prediction.left_out} show (off by "
-            f"{error.relative_rms:.0%} of the radiance, {error.lightness:.0f} L*), so its confidence is 0; what is "
-            "translucent, moves, mirrors its surroundings or is lit by more than the lamps cannot be solved for")
+    return (f"material '{name}': no model predicts left-out {prediction.left_out} (off by "
+            f"{percent(error.relative_rms)} of the radiance, {error.lightness:.0f} L*), so its confidence is 0; IRPSO "
+            "cannot solve for materials that are translucent, move or mirror their surroundings, or for other light "
+            "than the lamps'")
 
 
 def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, udim: str) -> list[str]:
@@ -317,15 +400,15 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, udim: str) -> list
     overlap = gbuffer.overlap.sum() / covered
     if overlap > 0.001:
         lines.append(f"{name}: {100 * overlap:.1f} % of its texels are claimed by more than one face "
-                     "(overlapping UVs); they hold one face's result")
+                     "(overlapping UVs); they show one face's result")
     grid = scene.mesh.uvs if scene.mesh.grid is None else scene.mesh.grid
     outside = np.mean(np.any((grid < -1e-4) | (grid > 1 + 1e-4), axis=(1, 2)))
     if outside > 0:
         where = "outside the 0-1 UV square" if udim == "first" else "in no UDIM square"
-        lines.append(f"{name}: {100 * outside:.1f} % of its faces lie {where} and are not solved"
-                     + ("; setting UDIM 'all' solves every square" if udim == "first" else ""))
+        lines.append(f"{name}: {100 * outside:.1f} % of its faces are {where} and are not solved"
+                     + ("; set UDIM to All to solve every square" if udim == "first" else ""))
     unseen = (gbuffer.coverage & maps.filled).sum() / covered
     if unseen > 0.05:
-        lines.append(f"{name}: {100 * unseen:.0f} % of its texels are seen lit by no view and were filled "
-                     "from their neighbours")
+        lines.append(f"{name}: {100 * unseen:.0f} % of its texels are lit in no view, so IRPSO filled them from their "
+                     "neighbours")
     return lines

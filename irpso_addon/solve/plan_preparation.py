@@ -24,7 +24,7 @@ from .gpu_path import Clock
 from .pipeline import Bounce, Outcome, outcome
 
 PLANNED = 0.25  # of the whole, once the plan is made
-NO_INDIRECT = "several UDIMs: indirect light is not rendered and taken out; darken the surroundings"
+NO_INDIRECT = "several UDIMs: indirect light is not subtracted; darken the surroundings"
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def check(scene: SceneData, settings: SolveSettings) -> None:
     """Raises BadInput for what is only done in one piece."""
     if scene.region is not None or settings.start != "anew":
         raise BadInput(f"{scene.mesh.name}: maps of more than {uv_blocks.ONE_PIECE} texels, or of several UDIMs, are "
-                       "solved whole and anew; solve all of it, or choose a smaller size")
+                       "solved whole and from scratch; solve the whole object, or lower Size")
     if thread.settings().device == "numpy":
         raise BadInput(f"{scene.mesh.name}: maps of more than {uv_blocks.ONE_PIECE} texels, or of several UDIMs, need "
                        "OpenGL; with device numpy choose a smaller size")
@@ -53,7 +53,7 @@ def prepare(request: TiledRequest, work: WorkFolder, clock: Clock | None = None)
     scene, settings = request.scene, request.settings
     check(scene, settings)
     memory = thread.settings().memory
-    sources = [path for view in scene.views for path in (view.image, view.mask) if path is not None]
+    sources = [path for view in scene.views for path in view.files]
     mark = npz_archive.fingerprint(
         scene, settings, (memory, request.block, request.halo), files=dict.fromkeys(sources))
     work.begin(mark)
@@ -108,7 +108,7 @@ def _with_every_material(
     missing = {name for name, square in zip(mesh.slot_names, squares, strict=True)
                if set(square) & set(udims)} - solution.model.keys()
     model = "one-lobe" if settings.model == "auto" else settings.model
-    warnings = tuple(f"material '{name}': shows too little for a model to be chosen; it is solved as {model}"
+    warnings = tuple(f"material '{name}': has too few data to choose a model; it is solved as {model}"
                      for name in sorted(missing))
     return replace(solution, model={**solution.model, **dict.fromkeys(missing, model)},
                    why={**solution.why, **dict.fromkeys(missing, "too small for the plan")},

@@ -230,7 +230,7 @@ class _Source(CameraSource):
     def gather(self, atlas: ObservationAtlas, tile: Tile, colour: bool) -> Iterator[None]:
         """And nothing in the layers that are left over."""
         yield from super().gather(atlas, tile, colour)
-        each = 2 + self.layers.lights
+        each = self.layers.each
         for number in range(self._used * each, len(self.layers.groups) * each):
             atlas.target.clear(viewport=atlas.block(number))
 

@@ -66,7 +66,7 @@ def _run(request: TiledRequest, folder: Path, work: Path, kind: str) -> Generato
             raise StoppedWithWork(work, WorkFolder.count_blocks(work))
         clock.seconds["merge"] = time.perf_counter() - began
         solution = total(plan, place)
-    resumed = (f"resumed: {there} of {len(blocks)} blocks were there",) if there else ()
+    resumed = (f"resumed: {there} of {len(blocks)} blocks were already solved",) if there else ()
     return replace(solution, seconds=clock.seconds, warnings=(*resumed, *solution.warnings), resumed_blocks=there)
 
 

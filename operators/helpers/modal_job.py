@@ -14,7 +14,7 @@ import bpy
 
 from ...irpso_addon.blender.jobs.jobs import Task
 from ...irpso_addon.blender.jobs.session import Running, object_by_uid, session
-from ...irpso_addon.blender.panel_common import redraw_sidebars
+from ...irpso_addon.blender.panel_common import clear_status, clear_status_soon, closing, redraw_sidebars
 from ...irpso_addon.core import log
 from ...irpso_addon.core.errors import BadInput, Cancelled
 from ...irpso_addon.core.job import Progress
@@ -106,7 +106,6 @@ class ModalJob:
             return {"CANCELLED"}
         manager = context.window_manager
         self._timer = manager.event_timer_add(TIMER_PERIOD, window=context.window)
-        manager.progress_begin(0, 100)
         manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -140,9 +139,11 @@ class ModalJob:
         return {"FINISHED"} if self._kept else {"CANCELLED"}
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Blender takes the operator away: a file is loaded or the window closed."""
+        """Blender takes the operator away: a file is loaded or the window closed, which must not be touched then."""
         session.cancel_running()
-        self._leave(context)
+        with closing():
+            self._end(context)
+        clear_status_soon()
 
     # ---- inner parts
 
@@ -165,7 +166,7 @@ class ModalJob:
                         running.job.cancel()
                         self.report({"WARNING"}, f"{self.bl_label}: the object was deleted; its result is dropped")
                         break
-                    running.progress = running.job.poll() or running.progress
+                    running.reached(running.job.poll() or running.progress)
                     self._fresh = self.tick(obj)
                     yield
                 value, cancelled = self._delivered(running)
@@ -205,29 +206,30 @@ class ModalJob:
         yield from self.finish(obj, value, cancelled)
 
     def _show(self, context: bpy.types.Context) -> None:
-        """Status bar, mouse cursor and the sidebar's bar."""
+        """Status bar and the sidebar's bar."""
         running, now = session.running, time.monotonic()
         if running is None or (now - self._drawn < REDRAW_PERIOD and not self._fresh):
             return
         self._drawn = now
         progress = running.progress
-        context.window_manager.progress_update(100 * progress.fraction)
         if context.workspace is not None:
             context.workspace.status_text_set(
                 f"IRPSO {self.bl_label}: {running.words()}  {progress.message}  Esc: stop")
         redraw_sidebars()
 
     def _leave(self, context: bpy.types.Context) -> None:
+        self._end(context)
+        clear_status()
+
+    def _end(self, context: bpy.types.Context) -> None:
         if self._flow is not None:
             self._flow.close()
+            self._flow = None
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None
-            context.window_manager.progress_end()
-        for workspace in bpy.data.workspaces:  # the user may have changed to another meanwhile
-            with context.temp_override(workspace=workspace):
-                workspace.status_text_set(None)
         session.end(self._running)
+        self._running = None
 
 
 def _outcome(result: Any) -> tuple[Any, bool]:

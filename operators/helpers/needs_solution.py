@@ -1,4 +1,4 @@
-"""Mix-in of operators that use the active object's last solution."""
+"""Mix-in of operators that use the last solution of the active object, or of the mesh that was active last."""
 
 import bpy
 
@@ -8,24 +8,29 @@ from ...irpso_addon.core.errors import BadInput
 
 
 class NeedsSolution:
-    """Enabled when the active object was solved since the file was opened."""
+    """Enabled when the object was solved, now or in an earlier session whose result the file has."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The active object has a solution."""
-        obj = context.active_object
+        """The object has a solution."""
+        obj = cls.subject(context)
         if obj is None or obj.type != "MESH":
             cls.poll_message_set("Make a mesh object active")
-        elif session.solution_of(obj) is None:
+        elif session.facts_of(obj) is None:
             cls.poll_message_set("Solve this object first")
         else:
             return True
         return False
 
     @staticmethod
+    def subject(context: bpy.types.Context) -> bpy.types.Object | None:
+        """The object that is meant."""
+        return session.subject(context)
+
+    @staticmethod
     def solution(obj: bpy.types.Object) -> Solution:
         """The object's solution.  Raises BadInput: while a file browser is open, another object may become active."""
         found = session.solution_of(obj)
         if found is None:
-            raise BadInput(f"{obj.name}: was not solved since the file was opened; solve it first")
+            raise BadInput(f"{obj.name}: has no result; solve it first")
         return found

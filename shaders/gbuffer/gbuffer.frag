@@ -11,6 +11,8 @@ uniform sampler2D u_normal_map;  // tangent space, 0..1
 uniform bool u_has_normal_map;
 uniform float u_normal_strength;
 uniform bool u_unit_normal;
+uniform sampler2D u_tilt;        // over the texel grid: what is added to unit normals, world
+uniform bool u_has_tilt;
 uniform mat3 u_normal_matrix;    // inverse transpose of the object's matrix
 uniform float u_slot;
 uniform float u_footprint;       // width of the box over which a pixel averages, in pixels; 0 for texels
@@ -42,8 +44,20 @@ vec3 mean_mapped_normal() {
     return sum;
 }
 
+// Mean over the same footprint of what refined normals add.
+vec3 mean_tilt() {
+    vec2 dx = dFdx(v_grid) * u_footprint, dy = dFdy(v_grid) * u_footprint;
+    vec3 sum = vec3(0.0);
+    for (int j = 0; j < 16; j++) {
+        vec2 d = (vec2(float(j & 3), float(j >> 2)) - 1.5) * 0.25;
+        sum += texture(u_tilt, v_grid + d.x * dx + d.y * dy).xyz;
+    }
+    return sum / 16.0;
+}
+
 void main() {
     vec3 n = normalize(u_has_normal_map ? mean_mapped_normal() : v_normal);
+    if (u_has_tilt) n = normalize(n + mean_tilt());
     o_position = vec4(v_position, 1.0);
     o_normal = vec4(n, u_slot);
     o_facet = vec4(v_facet.xyz * (dot(v_facet.xyz, v_normal) < 0.0 ? -1.0 : 1.0), v_facet.w);

@@ -1,4 +1,5 @@
 // The mesh, drawn over the texel grid or through a camera (the pixel grid).
+#include "include/projection.glsl"
 in vec3 in_position;       // world
 in vec3 in_normal;         // world, unit
 in vec2 in_uv;
@@ -8,7 +9,6 @@ in vec3 in_object_normal;  // object space, unit
 in vec4 in_tangent;        // object space, w = sign of the bitangent
 
 uniform bool u_in_uv;
-uniform mat4 u_clip;
 
 out vec3 v_position;
 out vec3 v_normal;
@@ -26,5 +26,5 @@ void main() {
     v_facet = in_facet;
     v_object_normal = in_object_normal;
     v_tangent = in_tangent;
-    gl_Position = u_in_uv ? vec4(in_grid * 2.0 - 1.0, 0.0, 1.0) : u_clip * vec4(in_position, 1.0);
+    gl_Position = u_in_uv ? vec4(in_grid * 2.0 - 1.0, 0.0, 1.0) : clip_of(in_position);
 }

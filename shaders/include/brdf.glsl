@@ -1,5 +1,5 @@
 // The reflectance models, as Cycles renders them.  Twin: irpso_addon/core/shading/brdf.py.
-// Principled BSDF (IOR 1.5, multiscatter GGX) at any Specular IOR Level and Metallic; Cook-Torrance with Beckmann.
+// Principled BSDF (IOR 1.5, multiscatter GGX) at any Specular IOR Level and Metallic, under a coat; Cook-Torrance with Beckmann.
 //
 // alpha = roughness^2, alpha2 = alpha^2; cos_l, cos_v: N.L and N.V; cos_vh: V.H, H the half vector.
 // sin2h: 1 - (N.H)^2, from dot(cross(N,H), cross(N,H)): 1 - cos^2 cancels in float32 near the peak.
@@ -236,4 +236,9 @@ float specular_beckmann(float roughness, float sin2h, float spread, float cos_l,
 // (1 - A) / pi: what the specular layer leaves to a white diffuse; depends on the view only, as in Cycles.
 float diffuse_principled(float roughness, float cos_v) {
     return (1.0 - principled_energy(roughness, cos_v).y) / PI;
+}
+
+// What a coat (weight, roughness) leaves of all that lies below it, toward the viewer: the layering of Cycles.
+float left_by_coat(vec2 coat, float cos_v) {
+    return 1.0 - coat.x * principled_energy(coat.y, cos_v).y;
 }

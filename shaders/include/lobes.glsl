@@ -1,6 +1,6 @@
 // The material that the search found, looked up at a pixel: two lobes (a single one: equal roughnesses), which may
 // be Principled or Beckmann's (NDF_BECKMANN), at a Specular IOR Level that is a map with SPECULAR, else 0.5, and a
-// Metallic that is one with METALLIC, else 0.  With ONE_LOBE no texel has two.
+// Metallic that is one with METALLIC, else 0, under a coat that is one with COAT.  With ONE_LOBE no texel has two.
 #include "include/brdf.glsl"
 uniform sampler2D u_lobes;  // texel grid, holes filled: roughness1, roughness2, weight of lobe 1
 #ifdef SPECULAR
@@ -10,6 +10,11 @@ uniform sampler2D u_level;
 #ifdef METALLIC
 uniform sampler2D u_metallic;  // 0 where there are two lobes
 float metallic_at(vec2 uv) { return texture(u_metallic, uv).r; }
+#endif
+
+#ifdef COAT
+uniform sampler2D u_coat;  // weight, roughness
+vec2 coat_at(vec2 uv) { return texture(u_coat, uv).rg; }
 #endif
 
 struct Found { vec2 r; float weight, level; };
@@ -94,5 +99,15 @@ void metal_gain_of(Found f, float cos_v, vec3 base, out vec3 gain, out vec3 d_ba
     vec2 energy = metal_energy(f.r.x, cos_v);
     float unused;
     for (int c = 0; c < 3; c++) metal_gain_d(base[c], energy, vec2(0.0), gain[c], unused, d_base[c]);
+}
+#endif
+
+#ifdef COAT
+// What the coat reflects per irradiance.
+float coat_of(vec2 coat, float cos_v, vec4 lobe) {
+    float alpha2 = coat.y * coat.y * coat.y * coat.y;
+    float tan2_l = 1.0 / (lobe.z * lobe.z + 1e-12) - 1.0, tan2_v = 1.0 / (cos_v * cos_v) - 1.0;
+    return coat.x * principled_energy(coat.y, cos_v).x * lobe.w * D_ggx_spread(alpha2, lobe.x, lobe.y)
+         / (lambda_root(alpha2, tan2_l) + lambda_root(alpha2, tan2_v));
 }
 #endif

@@ -1,4 +1,5 @@
 // A camera's pixel: the surface at its centre and over its footprint.
+#include "include/projection.glsl"
 uniform sampler2D u_position;       // pixel grid: world xyz, coverage
 uniform sampler2D u_normal;         // shading normal, slot
 uniform vec3 u_camera_position;
@@ -18,8 +19,14 @@ vec3 toward_camera(vec3 P) {
     return u_orthographic ? -u_camera_forward : normalize(u_camera_position - P);
 }
 
+// The twin of pixel_widths in core/projection.py.
 float pixel_width(vec3 P) {
+#ifdef LENS
+    vec3 local = (u_to_lens * vec4(P, 1.0)).xyz;
+    return u_pixel_width * max(lens_depth(local), 0.0) / least_scale(local);
+#else
     return u_orthographic ? u_pixel_width : u_pixel_width * max(dot(P - u_camera_position, u_camera_forward), 0.0);
+#endif
 }
 
 // Are two pixels `steps` apart on one stretch of surface?  Farther apart in space than a slanted

@@ -3,14 +3,13 @@
 uniform sampler2D u_texel_position;
 uniform sampler2D u_texel_normal;
 uniform sampler2D u_residual;  // pixel grid
-uniform mat4 u_clip;
 
 layout(location = 0) out vec4 o_update;  // weighted residual sum, weight
 
 void main() {
     ivec2 texel = ivec2(gl_FragCoord.xy);
     vec4 p = texelFetch(u_texel_position, texel, 0);
-    vec4 clip = u_clip * vec4(p.xyz, 1.0);
+    vec4 clip = clip_of(p.xyz);
     if (p.w < 0.5 || clip.w <= 0.0) discard;
     vec3 n = texelFetch(u_texel_normal, texel, 0).xyz;
     float cos_v = dot(n, toward_camera(p.xyz));

@@ -34,7 +34,7 @@ vec3 gain, d_gain;  // of a metal, and its derivative by base colour
 
 void add_view(vec4 colour, vec3 s, vec3 tint, WHITE diffuse, vec3 before) {
     if (colour.a <= 0.0) return;
-    vec3 lit = vec3(greaterThan(colour.rgb, vec3(-100.0)));  // channels that the view's lights have
+    vec3 lit = vec3(greaterThan(colour.rgb, vec3(UNLIT_BELOW)));  // channels that the view's lights have
     vec3 expected = s + diffuse * before;
     float grey = max(dot(expected, vec3(1.0 / 3.0)), 1e-4);
 #ifdef METALLIC
@@ -68,6 +68,9 @@ void main() {
     float cos_v = clamp(dot(texelFetch(u_normal, at, 0).xyz, V), 1e-3, 1.0);
     Found found = found_at(texelFetch(u_uv, at, 0).xy);
     float diffuse = diffuse_of(found, cos_v);
+#ifdef COAT
+    diffuse *= left_by_coat(coat_at(texelFetch(u_uv, at, 0).xy), cos_v);
+#endif
     vec3 before = vec3(0.5);
     if (!u_first_pass) {
         before = texelFetch(u_before, at, 0).rgb / max(texelFetch(u_before_weight, at, 0).rgb, vec3(1e-12));

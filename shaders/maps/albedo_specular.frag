@@ -41,4 +41,13 @@ void main() {
     o_metal = vec4(u_channel * metal.y, share * metal.y);
 #endif
 #endif
+#ifdef COAT
+    vec2 coat = coat_at(texelFetch(u_uv, at, 0).xy);
+    float left = left_by_coat(coat, cos_v);
+    o_specular *= left;
+    o_specular.rgb += u_channel * coat_of(coat, cos_v, texelFetch(u_lobe, at, 0));
+#if defined(METALLIC) && !defined(SHOWN)
+    o_metal *= left;
+#endif
+#endif
 }

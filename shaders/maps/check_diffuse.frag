@@ -30,6 +30,9 @@ void main() {
         mean += texture(u_base, uv + d.x * slope.xy + d.y * slope.zw).rgb / 16.0;
     }
     o_diffuse = vec4(mean * diffuse_of(found_at(uv), cos_v), cos_v);
+#ifdef COAT
+    o_diffuse.rgb *= left_by_coat(coat_at(uv), cos_v);
+#endif
 #ifdef METALLIC
     o_diffuse.rgb *= 1.0 - metallic_at(uv);
     o_base = vec4(mean, 1.0);

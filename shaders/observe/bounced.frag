@@ -10,6 +10,7 @@ layout(location = 0) out vec4 o_irradiance;  // RGB, W/m^2
 layout(location = 1) out vec4 o_glossy;      // RGB, W/(m^2 sr)
 
 uniform vec4 u_part;                 // of the small picture that the pixels show: x, y, width, height, of 1
+uniform mat4 u_small_clip;           // world to the small picture's clip space
 uniform int u_reach;                 // small pixels
 uniform float u_sigma;               // small pixels: width of the Gaussian
 
@@ -42,7 +43,12 @@ void main() {
     if (p.w < 0.5) discard;
     n = texelFetch(u_normal, at, 0).xyz;
     vec2 ratio = vec2(textureSize(u_position, 0)) / (vec2(small) * u_part.zw);
+#ifdef LENS
+    vec4 clip = u_small_clip * vec4(p.xyz, 1.0);
+    center = clamp(clip.xy / max(clip.w, 1e-20) * 0.5 + 0.5, 0.0, 1.0) * vec2(small);
+#else
     center = u_part.xy * vec2(small) + gl_FragCoord.xy / ratio;
+#endif
     width = u_sigma * max(ratio.x, ratio.y) * pixel_width(p.xyz);
     ivec2 first = max(ivec2(floor(center)) - u_reach, ivec2(0)), last = min(ivec2(floor(center)) + u_reach, small - 1);
     vec2 root = vec2(0.0);  // the mean of roots, squared, is a typical value that hardly hears of sparks

@@ -23,7 +23,8 @@ void main() {
 #ifdef BOUNCED
     vec3 bounced = texelFetch(u_bounced, at, 0).rgb;
     vec4 image = texelFetch(u_image, at, 0);
-    image.rgb = max(image.rgb - texelFetch(u_glossy, at, 0).rgb, 0.0);
+    // What is known to some per cent makes nothing negative that was not.
+    image.rgb = max(image.rgb - texelFetch(u_glossy, at, 0).rgb, min(image.rgb, 0.0));
     float share = dot(bounced, vec3(1.0)) / max(dot(bounced + irradiance.rgb, vec3(1.0)), 1e-20) / BOUNCED_SHARE;
     o_colour = observation(image, irradiance.rgb + bounced, cos_v, edge);
     o_colour.a /= 1.0 + share * share;

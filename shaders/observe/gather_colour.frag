@@ -13,11 +13,11 @@ void main() {
     if (match.w <= 0.0) return;
     vec4 colour = texelFetch(u_colour, ivec2(match.xy), 0);
     if (u_channel == 3) {
-        o_observation = vec4(max(colour.rgb, 0.0), 0.0);
+        o_observation = vec4(mix(colour.rgb, vec3(0.0), lessThan(colour.rgb, vec3(UNLIT_BELOW))), 0.0);  // 0: no light in it
         return;
     }
     float f = u_channel < 0 ? (colour.r + colour.g + colour.b) / 3.0 : colour[u_channel];
-    if (f < -100.0) return;  // no light in this channel
+    if (f < UNLIT_BELOW) return;  // no light in this channel
     float dim = min(u_tint, 1.0);  // the camera's own noise counts for more where there is little light
     float cos_v = clamp(match.z, 1e-3, 1.0);
     bool edge = colour.a < EDGE_QUALITY * cos_v * cos_v;  // cos_v^2 is what a good pixel has

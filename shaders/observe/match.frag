@@ -3,7 +3,6 @@
 #include "include/pixel.glsl"
 uniform sampler2D u_texel_position;
 uniform sampler2D u_texel_normal;
-uniform mat4 u_clip;
 uniform float u_reach; // texels: a pixel so far from a texel counts half
 uniform ivec2 u_tile;  // first texel of the tile
 
@@ -26,7 +25,7 @@ void main() {
     o_match = vec4(0.0);
     if (any(greaterThanEqual(texel, textureSize(u_texel_position, 0)))) return;
     vec4 p = texelFetch(u_texel_position, texel, 0);
-    vec4 clip = u_clip * vec4(p.xyz, 1.0);
+    vec4 clip = clip_of(p.xyz);
     if (p.w < 0.5 || clip.w <= 0.0) return;
     vec2 at = (clip.xy / clip.w * 0.5 + 0.5) * vec2(textureSize(u_position, 0));
     vec3 n = texelFetch(u_texel_normal, texel, 0).xyz;

@@ -10,11 +10,13 @@
 // NDF_BECKMANN: Cook-Torrance with Beckmann's distribution instead of the Principled BSDF.
 // SPECULAR: the Specular IOR Level of each texel is read from u_level; without, it is 0.5.
 // METALLIC: of one lobe; Metallic is u_metallic; without, it is 0.
+// ENVIRONMENT: layers have nodes of what lobes return of light from all around, after those of the lights.
+// COAT: of one lobe; what a coat reflects is taken off each observation, and the rest is what lies below it by itself.
 #include "include/kernel.glsl"
 #include "include/brdf.glsl"
 #include "solve/each_group.glsl"
 uniform sampler2D u_texel_position;
-uniform sampler2D u_observations;  // LAYERS x (2 + LIGHTS) blocks of u_tile_height rows
+uniform sampler2D u_observations;  // LAYERS x BLOCKS blocks of u_tile_height rows
 uniform int u_tile_height;
 uniform ivec2 u_tile;
 uniform float u_group_slack;
@@ -28,8 +30,40 @@ float obs_level;
 uniform float u_metallic;
 #endif
 
+#ifdef ENVIRONMENT
+#include "include/node_curve.glsl"
+ivec2 obs_at;  // the texel in the atlas
+
+// The nodes 4 k to 4 k + 3 of observation n; part 1: their cosines.
+vec4 nodes_of(int n, int k, int part) {
+    int block = n * BLOCKS + 2 + LIGHTS + part * (ENVIRONMENT_NODES / 4) + k;
+    return texelFetch(u_observations, obs_at + ivec2(0, block * u_tile_height), 0);
+}
+
+// What a lobe returns of the environment at IOR 1.5, without the gain by multiple scattering: (value, d/dr, V.H).
+vec3 environment_d(int n, float r) {
+    NodePlace p = node_place(r);
+    int from = max(p.node - 1, 0), last = min(p.node + 2, ENVIRONMENT_NODES - 1);
+    vec4 a = nodes_of(n, from / 4, 0), b = from / 4 == last / 4 ? a : nodes_of(n, last / 4, 0);
+#define NODE(k) ((k) / 4 == from / 4 ? a[(k) % 4] : b[(k) % 4])
+    float value, d_value, cos_vh = 1.0;
+    node_curve(p, vec4(NODE(from), NODE(p.node), NODE(p.node + 1), NODE(last)), value, d_value);
+#undef NODE
+#if defined(SPECULAR) || defined(METALLIC)
+    vec4 c = nodes_of(n, p.node / 4, 1), d = (p.node + 1) / 4 == p.node / 4 ? c : nodes_of(n, (p.node + 1) / 4, 1);
+    cos_vh = clamp(mix(c[p.node % 4], d[(p.node + 1) % 4], p.t), 0.0, 1.0);
+#endif
+    return vec3(value, d_value, cos_vh);
+}
+#endif
+
+#ifdef COAT
+uniform vec2 u_coat;     // weight, roughness
+float obs_coat[LAYERS];  // what was taken off, as f
+#endif
+
 #if LOBES == 2
-const float SEARCHED = 3.0;  // numbers that are neither base colour nor given
+const float SEARCHED = NUMBERS_OF_TWO;  // numbers that are neither base colour nor given
 #else
 const float SEARCHED = 1.0;
 #endif
@@ -39,12 +73,17 @@ const float NEGLIGIBLE = 1e-5;  // share of an observation's weight that another
 const int GROUP_START[GROUPS + 1] = int[](GROUP_STARTS);
 const int GROUP_CHANNEL[GROUPS] = int[](GROUP_CHANNELS);
 float obs_f[LAYERS], obs_weight[LAYERS];
-float lobe_sin2h[LAYERS * LIGHTS], lobe_tan2[LAYERS * LIGHTS], lobe_factor[LAYERS * LIGHTS];
+#if LIGHTS > 0
+#define LOBES_HELD (LAYERS * LIGHTS)
+#else
+#define LOBES_HELD 1  // no array is empty
+#endif
+float lobe_sin2h[LOBES_HELD], lobe_tan2[LOBES_HELD], lobe_factor[LOBES_HELD];
 #ifdef SPREAD
-float lobe_spread[LAYERS * LIGHTS];
+float lobe_spread[LOBES_HELD];
 #endif
 #ifdef METALLIC
-vec2 lobe_metal[LAYERS * LIGHTS];  // u_metallic times the factor of a black metal, and what a white one's has beyond
+vec2 lobe_metal[LOBES_HELD];  // u_metallic times the factor of a black metal, and what a white one's has beyond
 #endif
 float group_cos_v[GROUPS];
 float group_base[GROUPS];  // mean f of the group, subtracted from each: sums of squares keep their digits in float32
@@ -77,7 +116,11 @@ void weigh_observations(bool edges[LAYERS]) {
     for (int g = 0; g < GROUPS; g++) {
         float sum = 0.0, total = 1e-30;
         for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) {
+#ifdef COAT
+            float unit = max(obs_f[n] + obs_coat[n], typical);
+#else
             float unit = max(obs_f[n], typical);
+#endif
             obs_weight[n] *= (edges[n] ? edge : 1.0) / (unit * unit);
             sum += obs_weight[n] * obs_f[n];
             total += obs_weight[n];
@@ -94,6 +137,9 @@ bool load_observations() {
     if (any(greaterThanEqual(texel, textureSize(u_texel_position, 0)))) return false;
     if (texelFetch(u_texel_position, texel, 0).w < 0.5) return false;
     ivec2 at = texel - u_tile;
+#ifdef ENVIRONMENT
+    obs_at = at;
+#endif
 #ifdef SPECULAR
     obs_level = texelFetch(u_level, texel, 0).r;
 #endif
@@ -105,7 +151,7 @@ bool load_observations() {
         group_cos_v[g] = 1.0;
         float good_ones = 0.0;
         for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) {
-            vec4 o = texelFetch(u_observations, at + ivec2(0, n * (2 + LIGHTS) * u_tile_height), 0);
+            vec4 o = texelFetch(u_observations, at + ivec2(0, n * BLOCKS * u_tile_height), 0);
             bool seen = o.y > 0.0;
             obs_f[n] = o.x;
             obs_weight[n] = max(o.y, 0.0);
@@ -113,13 +159,17 @@ bool load_observations() {
             group_cos_v[g] = seen ? o.z : group_cos_v[g];
             group_seen[g] = group_seen[g] || seen;
 #ifdef COLOUR
-            obs_rgb[n] = texelFetch(u_observations, at + ivec2(0, (n * (2 + LIGHTS) + 1) * u_tile_height), 0).rgb;
+            obs_rgb[n] = texelFetch(u_observations, at + ivec2(0, (n * BLOCKS + 1) * u_tile_height), 0).rgb;
 #endif
             float good = seen && !edges[n] ? 1.0 : 0.0;
             obs_share += good * 2.0 * fract(o.w);
+#ifdef COAT
+            float coat_alpha2 = u_coat.y * u_coat.y * u_coat.y * u_coat.y, coat_lobe = 0.0;
+            float coat_root = lambda_root(coat_alpha2, 1.0 / (max(o.z, 1e-3) * max(o.z, 1e-3)) - 1.0);
+#endif
             good_ones += good;
             for (int l = 0; l < LIGHTS; l++) {
-                vec4 v = texelFetch(u_observations, at + ivec2(0, (n * (2 + LIGHTS) + 2 + l) * u_tile_height), 0);
+                vec4 v = texelFetch(u_observations, at + ivec2(0, (n * BLOCKS + 2 + l) * u_tile_height), 0);
                 int i = n * LIGHTS + l;
                 lobe_sin2h[i] = v.x;
 #ifdef SPREAD
@@ -127,6 +177,10 @@ bool load_observations() {
 #endif
                 lobe_tan2[i] = 1.0 / (v.z * v.z + 1e-12) - 1.0;
                 lobe_factor[i] = v.w;
+#ifdef COAT
+                coat_lobe += v.w * D_ggx_spread(coat_alpha2, v.x, v.y)
+                           / (coat_root + lambda_root(coat_alpha2, lobe_tan2[i]));
+#endif
 #if defined(SPECULAR) || defined(METALLIC)
                 float cos_vh = (v.z + o.z) / (2.0 * sqrt(max(1.0 - v.x, 1e-6)));  // from N.H = (N.L + N.V) / |L + V|
 #endif
@@ -139,6 +193,17 @@ bool load_observations() {
                 lobe_factor[i] *= F_level_ratio(min(cos_vh, 1.0), obs_level);
 #endif
             }
+#if defined(COAT) && defined(ENVIRONMENT)
+            coat_lobe += environment_d(n, u_coat.y).x;
+#endif
+#ifdef COAT
+            float left = seen ? left_by_coat(u_coat, o.z) : 1.0;
+            obs_coat[n] = seen ? u_coat.x * principled_energy(u_coat.y, o.z).x * coat_lobe / left : 0.0;
+            obs_f[n] = obs_f[n] / left - obs_coat[n];
+#ifdef COLOUR
+            obs_rgb[n] = obs_rgb[n] / left - obs_coat[n];
+#endif
+#endif
         }
         obs_total += good_ones;
         groups += min(good_ones, 1.0);
@@ -221,6 +286,17 @@ void specular_d(int n, float r, Toward t, out float s, out float ds) {
         s += term * value;
         ds += term * (slope * d_alpha2 - value * down * (d_root_l + t.d_root));
     }
+#ifdef ENVIRONMENT
+    vec3 around = environment_d(n, r);
+#ifdef SPECULAR
+    around.xy *= F_level_ratio(around.z, obs_level);
+#endif
+#ifdef METALLIC
+    around.xy *= 1.0 - u_metallic;
+#endif
+    s += around.x;
+    ds += around.y;
+#endif
     ds = ds * t.comp + s * t.d_comp;
     s *= t.comp;
 }
@@ -240,6 +316,16 @@ void metal_parts_d(int n, float r, Toward t, out vec3 parts, out vec3 slopes) {
         parts += term * value;
         slopes += term * (slope * d_alpha2 - value * down * (d_root_l + t.d_root));
     }
+#ifdef ENVIRONMENT
+    vec3 around = environment_d(n, r);
+    float black = F_schlick(around.z);
+    vec3 share = vec3(1.0 - u_metallic, u_metallic / F_dielectric(around.z) * vec2(black, 1.0 - black));
+#ifdef SPECULAR
+    share.x *= F_level_ratio(around.z, obs_level);
+#endif
+    parts += share * around.x;
+    slopes += share * around.y;
+#endif
     slopes.x = slopes.x * t.comp + parts.x * t.d_comp;
     parts.x *= t.comp;
 }

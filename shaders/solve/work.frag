@@ -11,7 +11,7 @@ void main() {
     for (int j = 0; j < 4; j++) {
         ivec2 at = min(first + 1 + 4 * ivec2(j & 1, j >> 1), last);
         for (int n = 0; n < LAYERS; n++)
-            if (texelFetch(u_observations, at + ivec2(0, n * (2 + LIGHTS) * u_tile_height), 0).y > 0.0) seen++;
+            if (texelFetch(u_observations, at + ivec2(0, n * BLOCKS * u_tile_height), 0).y > 0.0) seen++;
     }
     o_work = float(CELL * CELL) * (1.0 + 0.25 * float(seen));
 }

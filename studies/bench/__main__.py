@@ -20,7 +20,7 @@ os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")  # else compile times
 from irpso_addon.gpu.device.context import Device
 
 from . import chart, peak, special
-from .entrants import ENTRANTS, SAMPLE
+from .entrants import ENTRANTS
 from .measure import ROOT, curves, machine
 from .page import duration, write
 from .verdict import CLEAN_ONE, CLEAN_TWO, NOISY_ONE, NOISY_TWO, PLANE, Record, judge
@@ -62,7 +62,7 @@ def main() -> int:
     front = [c for c in record["curves"] if not c["problem"]["plane"]]
     if front:
         chart.draw(front, record["machine"], OUT / "front")
-    page = write(record, OUT, SAMPLE)
+    page = write(record, OUT)
     print(summary(record))
     for row in judge(record):
         print(f"{ {True: 'met', False: 'BELOW', None: ''}[row.met]:7}{row.comparison}")
@@ -86,7 +86,10 @@ def summary(record: Record) -> str:
 def measure(record: Record, chosen: argparse.Namespace, say: Callable[[str], None]) -> None:
     """Fill the record with the chosen parts."""
     device = Device()
-    record["machine"] = machine(device)
+    now = machine(device)
+    apart = "curves" not in chosen.parts and record["machine"]  # the rest is of an earlier run
+    record["machine"] = record["machine"] if apart else now
+    when = {key: now[key] for key in ("commit", "date")} if apart else {}
     entrants = [e for e in ENTRANTS if e.key in chosen.methods]
     for entrant in entrants:
         if entrant.missing:
@@ -102,7 +105,7 @@ def measure(record: Record, chosen: argparse.Namespace, say: Callable[[str], Non
     for name, table in TABLES.items():
         if name in chosen.parts:
             say(f"table: {name}")
-            record["tables"][name] = table(device, 3, chosen.size)
+            record["tables"][name] = {**table(device, 3, chosen.size), **when}
     device.release()
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import datetime
-import os
 import platform
-import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
@@ -14,6 +12,7 @@ from statistics import median
 from typing import Any
 
 from irpso_addon.gpu.device.context import Device
+from studies import pages
 from tests.support.texel_problem import Spec
 
 from .entrants import Entrant, Point, Stage, set_up
@@ -87,25 +86,9 @@ def machine(device: Device) -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return {
-        "cpu": f"{os.cpu_count()} x {_processor()}", "gl": f"{device.ctx.info['GL_RENDERER']}",
+        "cpu": pages.processors(), "gl": f"{device.ctx.info['GL_RENDERER']}",
         "gl_version": device.ctx.info["GL_VERSION"], "compute": "yes" if device.prefers_compute else "no",
         "system": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
-        "packages": ", ".join(f"{k} {v}" for k, v in packages.items()), "commit": _commit(),
+        "packages": ", ".join(f"{k} {v}" for k, v in packages.items()), "commit": pages.commit(),
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
     }
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or "unknown CPU"
-
-
-def _commit() -> str:
-    try:
-        return subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True,
-                              check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"

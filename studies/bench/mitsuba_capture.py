@@ -13,11 +13,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import subprocess
 import sys
-import time
 from dataclasses import asdict
 from pathlib import Path
 
@@ -27,6 +24,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 from irpso_addon.cli.chart import Curve, Panel, draw  # noqa: E402
 from irpso_addon.core.evaluation.metrics import map_errors  # noqa: E402
+from irpso_addon.core.phrases import percent  # noqa: E402
+from studies import pages  # noqa: E402
 
 HERE = Path(__file__).resolve().parent
 PARTS = ("judge", "irpso", "stock", "matched")
@@ -36,28 +35,8 @@ COLUMNS = (  # title, mask, error, log axis, more is better
     ("base colour, PSNR in dB", "seen", "albedo_psnr", False, True),
     ("roughness, mean error", "seen", "rough_mae", True, False),
     ("informed roughness, mean error", "informed", "rough_mae", True, False))
-PAGE = """\
-# Captures: accuracy against the time of the whole solve
-
-Objects rendered by Cycles with known maps, {views} views of {pixels} pixels each (one point light on in each); every
-method gets the same pictures and is judged on the same 256 x 256 texels by `studies/bench/capture_judge.py`: texels
-that at least three views see lit, and of those the *informed* ones, near which a highlight came.  {machine}
-
-![chart](captures.png)
-
-* **refined, draft**: `pipeline.solve` from the scene's arrays, every reference read from disk, to the maps; the points
-  are map sizes.  Starting Python, Blender and OpenGL and opening the .blend are not in the time.  The first solve in a
-  process, which also compiles the shaders, is the column *first*.
-* **Mitsuba, principled**: Mitsuba 3's own `principled` BSDF and Adam, as a practitioner would set it up; **matched**:
-  the same with a BSDF that equals Cycles'.  The settings are the best found by their score on the truth
-  (`studies/bench/capture_mitsuba.py`).  Seconds inside the optimisation's loop; importing Mitsuba and loading the scene
-  are not in the time.
-* **no solver**: each texel's median over the views of radiance divided by the irradiance of an unshadowed Lambert
-  surface, roughness 0.5.  It is drawn as a level.
-
-{tables}
-Made by `python studies/bench/mitsuba_capture.py CAPTURE...`; all figures in `captures.json`.
-"""
+HEAD = ("method", "setting", "seconds", "first", "base colour, dB", "roughness, mean error", "the same, informed",
+        "share off by > 0.1", "the same, informed")
 
 
 def main() -> None:
@@ -127,57 +106,50 @@ def picture_size(path):
 
 
 def machine(results):
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        processor = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        processor = platform.processor() or "unknown CPU"
     versions = next(iter(results.values()))["versions"]
-    return {"processor": processor, "cores": os.cpu_count(), "system": f"{platform.system()} {platform.machine()}",
-            "date": time.strftime("%Y-%m-%d"), **versions}
+    return {"cpu": pages.processors(), "date": pages.today(), "commit": pages.commit(), **versions}
 
 
 def machine_line(record):
     at = record["machine"]
-    return (f"{at['processor']}, {at['cores']} cores, {at['renderer']}; IRPSO {at['irpso']}, Blender {at['blender']}, "
-            f"Mitsuba {at['mitsuba']}; {at['date']}.")
+    return pages.made(at["date"], at["commit"], at["cpu"], at["renderer"],
+                      f"IRPSO {at['irpso']}, Blender {at['blender']}, Mitsuba {at['mitsuba']}")
 
 
 def chart(record, stem):
-    panels = []
+    columns = []
     for name, capture in record["captures"].items():
-        panels.append([Panel(f"{name}: {title}", [
+        columns.append([Panel(f"{name}: {title}", [
             Curve(LABELS[method], place, None if rows[0]["seconds"] is None else [row["seconds"] for row in rows],
                   [row[mask][error] for row in rows],
-                  [str(row["size"]) for row in rows] if method == "refined" else ())
+                  [str(row["size"]) if row in (rows[0], rows[-1]) else "" for row in rows]
+                  if method == "refined" else ())
             for place, (method, rows) in zip((0, 1, 4, 5, 6), capture["rows"].items(), strict=True)],
             log=log, up=up) for title, mask, error, log, up in COLUMNS])
     first = next(iter(record["captures"].values()))
-    draw(panels, f"Captures of {first['views']} views, {first['pixels']} pixels: accuracy against the time of the "
-                 "whole solve (refined: the points are map sizes)", machine_line(record), stem)
+    draw(list(zip(*columns, strict=True)),
+         f"Captures of {first['views']} views, {first['pixels']} pixels: accuracy against the time of the whole solve "
+         "(refined: the points are map sizes)", machine_line(record), stem)
 
 
 def page(record, path):
     tables = []
     for name, capture in record["captures"].items():
-        lines = [f"## {name}", "", f"{capture['texels']['seen']:,} texels seen, {capture['texels']['informed']:,} "
-                 "informed.", "", "| method | setting | seconds | first | base colour, dB | roughness, mean error | "
-                 "informed | share off by > 0.1 | informed |", "|---|---|---:|---:|---:|---:|---:|---:|---:|"]
-        for method, rows in capture["rows"].items():
-            lines += [table_row(method, row) for row in rows]
-        tables.append("\n".join([*lines, ""]))
-    first = next(iter(record["captures"].values()))
-    path.write_text(PAGE.format(views=first["views"], pixels=first["pixels"], machine=machine_line(record),
-                                tables="\n".join(tables)), encoding="utf-8")
+        rows = [table_row(method, row) for method, rows in capture["rows"].items() for row in rows]
+        texels = capture["texels"]
+        tables.append(f"## {name}\n\n{texels['seen']:,} texels seen, {texels['informed']:,} informed.\n\n"
+                      f"{pages.table(HEAD, rows)}\n")
+    pages.fill(pages.DOCS / "benchmarks" / "captures.md",
+               {"made": machine_line(record), "tables": "\n".join(tables)}, path)
 
 
 def table_row(method, row):
     seen, informed = row["seen"], row["informed"]
     number = lambda value, digits: "" if value is None else f"{value:.{digits}f}"  # noqa: E731
     setting = f"{row['size']} x {row['size']}" if "size" in row else ""
-    return " | ".join([f"| {LABELS[method]}", setting, number(row["seconds"], 2), number(row.get("first_seconds"), 2),
-                       number(seen["albedo_psnr"], 1), number(seen["rough_mae"], 3), number(informed["rough_mae"], 4),
-                       f"{seen['rough_fail']:.1%}", f"{informed['rough_fail']:.1%} |"])
+    return [LABELS[method], setting, number(row["seconds"], 2), number(row.get("first_seconds"), 2),
+            number(seen["albedo_psnr"], 1), number(seen["rough_mae"], 3), number(informed["rough_mae"], 4),
+            percent(seen["rough_fail"], 1), percent(informed["rough_fail"], 1)]
 
 
 if __name__ == "__main__":

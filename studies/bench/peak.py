@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.phrases import percent
 from irpso_addon.gpu.device.context import Device, Inputs
 from irpso_addon.gpu.solve.paper_swarm import Swarms
 from tests.support.texel_problem import Spec, make
@@ -78,8 +79,8 @@ def arithmetic(device: Device, rounds: int, size: int) -> dict[str, Any]:
         needs = {name: views * PER_OBSERVATION[name] + PER_EVALUATION[name] for name in OPERATIONS}
         bound = 1 / sum(count / probe.rates[name] for name, count in needs.items())
         flops = 2 * needs["multiply-add"] + needs["divide"] + needs["square root"]
-        rows.append([f"{views}", f"{rate / 1e6:.1f}", f"{bound / 1e6:.1f}", f"{rate / bound:.0%}",
-                     f"{flops * rate / 1e9:.1f}", f"{flops * rate / (2 * probe.rates['multiply-add']):.0%}"])
+        rows.append([f"{views}", f"{rate / 1e6:.1f}", f"{bound / 1e6:.1f}", f"{percent(rate / bound)}",
+                     f"{flops * rate / 1e9:.1f}", f"{percent(flops * rate / (2 * probe.rates['multiply-add']))}"])
     probe.release()
     rates = "; ".join(f"{name} {rate / 1e9:.1f}" for name, rate in probe.rates.items())
     return {
@@ -130,8 +131,8 @@ def throughput(device: Device, rounds: int, size: int) -> dict[str, Any]:
                          f"{4096**2 / speed:.3g}"])
     return {"title": "Texels a second", "rows": rows, "value": {"seconds": 4096**2 / rate, "gpu": is_gpu(device)},
             "head": ["noise", "texels across", "time (ms)", "M texels/s", "4096 x 4096 at that rate (s)"],
-            "note": "`refined`, one lobe, K = 12; with noise neighbours are asked as well. Least of the rounds. The "
-                    "largest is what one texture of observations holds."}
+            "note": "`refined`, one lobe, K = 12; with noise the search uses neighbours as well. Times are the "
+                    "least of the rounds. The largest size is the one that fits into one texture of observations."}
 
 
 def is_gpu(device: Device) -> bool:
@@ -170,8 +171,9 @@ def fused(device: Device, rounds: int, size: int) -> dict[str, Any]:
     return {"title": "A swarm in one draw against one particle a pass",
             "head": ["problem", "`swarm` (M evaluations/s)", "`paper` (M evaluations/s)", "ratio"], "rows": rows,
             "note": "The search kernel alone, and the passes alone; least of the rounds. A pass at K = 6 takes "
-                    f"{passing[0] * 1e3:.2f} ms; {fixed / passing[0]:.0%} of it would be left with no observation at "
-                    "all (from the times at 6 and 24): state read and written, random numbers, neighbours. An "
-                    "evaluation of the exact model is dear, so that this weighs less than with a plain one; and one "
-                    "of `swarm` finds the best base colour as well, where `paper`'s takes the particle's.",
+                    f"{passing[0] * 1e3:.2f} ms; {percent(fixed / passing[0])} of it would remain without any "
+                    "observation (from the times at 6 and 24): reading and writing the state, random numbers, "
+                    "neighbours. An evaluation of the exact model takes long, so that this weighs less than with a "
+                    "simple model. An evaluation of `swarm` also finds the best base colour; `paper`'s takes the "
+                    "particle's.",
             "value": ratios[0]}

@@ -10,6 +10,7 @@ import numpy as np
 
 from irpso_addon.core.data import F64
 from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.phrases import percent
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve.ladder_records import Materials
 from irpso_addon.gpu.solve.model_ladder import Ladder
@@ -40,8 +41,8 @@ def noise(device: Device, rounds: int, size: int) -> Table:
                 border.append((problem.roughness_error(found)[near] > FAILED).mean() if borders else np.nan)
             name = "sharp borders" if borders else "smooth"
             value[f"{views} {name}"] = float(np.mean(together))
-            rows.append([f"{views}", name, f"{np.mean(alone):.1%}", f"{np.mean(together):.2%}",
-                         f"{np.mean(border):.1%}" if borders else "", f"{np.mean(errors):.4f}"])
+            rows.append([f"{views}", name, f"{percent(np.mean(alone), 1)}", f"{percent(np.mean(together), 2)}",
+                         f"{percent(np.mean(border), 1)}" if borders else "", f"{np.mean(errors):.4f}"])
     return {"title": "One lobe at 1 % noise: failures", "value": value, "rows": rows,
             "head": ["K", "map", "a texel alone", "`refined`", "within 2 texels of a border", "roughness error (mean)"],
             "note": f"A failure is an error of roughness above {FAILED}. Mean of {SEEDS} scenes. The maps with sharp "
@@ -96,15 +97,15 @@ def confidence(device: Device, rounds: int, size: int) -> Table:
             held_base.append((base <= NINETY * more["base_sigma"]).mean())
         value[spec.title] = {"rank": float(np.mean(ranks)), "drawn": float(np.mean(drawn)),
                              "held": float(np.mean(held))}
-        rows.append([spec.title, f"{np.mean(ranks):.2f}", f"{np.mean(drawn):.2f}", f"{np.mean(held):.1%}",
-                     f"{np.mean(held_base):.1%}"])
+        rows.append([spec.title, f"{np.mean(ranks):.2f}", f"{np.mean(drawn):.2f}", f"{percent(np.mean(held), 1)}",
+                     f"{percent(np.mean(held_base), 1)}"])
     return {"title": "Confidence", "rows": rows, "value": value,
             "head": ["problem", "rank correlation of roughness_sigma with the error", "drawn",
                      "90 % intervals that hold: roughness", "base colour (mean of its channels)"],
             "note": f"`refined`; mean of {SEEDS} scenes. An interval is the value plus and minus 1.645 of its standard "
-                    "error; with two lobes that of the sharper. Drawn: the rank correlation that errors have which are "
-                    "drawn at random, normal, with just these standard errors. The more alike neighbours make the "
-                    "standard errors, the less there is to rank."}
+                    "error; with two lobes, that of the sharper lobe. *Drawn* is the rank correlation of errors that "
+                    "are drawn at random from normal distributions with these standard errors. Neighbours make the "
+                    "standard errors more alike, and fewer differences are left to rank."}
 
 
 def rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
@@ -135,7 +136,7 @@ def moves(device: Device, rounds: int, size: int) -> Table:
         for n in counts:
             errors = problem.score(found[n])
             rows.append([spec.title, f"{n}", f"{np.median(taken[n]) * 1e3:.1f}", f"{errors.roughness:.5f}",
-                         f"{errors.failures:.2%}", f"{errors.albedo:.5f}"])
+                         f"{percent(errors.failures, 2)}", f"{errors.albedo:.5f}"])
     return {"title": "Swarm moves between start and refinement", "rows": rows,
             "head": ["problem", "moves", "time (ms)", "roughness error (mean)", "failures", "albedo error (RMSE)"],
             "note": "`refined` with its own particles and steps; the first row of each problem is the default."}
@@ -158,7 +159,7 @@ def auto(device: Device, rounds: int, size: int) -> Table:
             bench.release()
         value[model] = chosen.count(model) / len(chosen)
         told = ("lambert", "one-lobe", "one-lobe-specular", "two-lobe")
-        rows.append([model, f"{len(chosen)}", *(f"{chosen.count(name) / len(chosen):.0%}" for name in told)])
+        rows.append([model, f"{len(chosen)}", *(f"{percent(chosen.count(name) / len(chosen))}" for name in told)])
     return {"title": "`auto`, by region", "rows": rows, "value": value,
             "head": ["truth", "regions", "lambert", "one-lobe", "one-lobe-specular", "two-lobe"],
             "note": f"K = 12, 1 % noise; each region of {region} x {region} texels decides for itself."}

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from irpso_addon.core.phrases import percent
 from tests.support.texel_problem import Spec
 
 Record = dict[str, Any]
@@ -48,7 +49,7 @@ def judge(record: Record) -> list[Row]:
     if two and paper_two:
         ratio = paper_two["seconds"] / two["seconds"]
         add(f"the same, two lobes, K = 12, {paper_two['setting']}", "150 times faster, failures 0.5 % or less",
-            f"{ratio:.0f} times, {two['failures']:.2%} ({paper_two['failures']:.0%})",
+            f"{ratio:.0f} times, {percent(two['failures'], 2)} ({percent(paper_two['failures'])})",
             ratio >= 150 and two["failures"] <= 0.005)
     for spec, method, name, wanted in (
         (PLANE, "mitsuba", "Mitsuba Adam, flat plane", 500), (PLANE, "torch-adam", "PyTorch Adam, flat plane", 60),
@@ -83,20 +84,20 @@ def judge(record: Record) -> list[Row]:
     if "noise" in tables:
         smooth, sharp = (tables["noise"]["value"][f"12 {name}"] for name in ("smooth", "sharp borders"))
         add("one lobe, K = 12, 1 % noise: failures", "smooth 1 % or less, sharp borders 3 % or less",
-            f"{smooth:.2%}, {sharp:.2%}", smooth <= 0.01 and sharp <= 0.03)
+            f"{percent(smooth, 2)}, {percent(sharp, 2)}", smooth <= 0.01 and sharp <= 0.03)
     if "confidence" in tables:
         value = tables["confidence"]["value"][NOISY_ONE.title]
         add("confidence at 1 % noise, K = 12", "rank correlation 0.75 or more; 90 % intervals hold 85 to 95 %",
             f"{value['rank']:.2f} (errors drawn from these standard errors have {value['drawn']:.2f}), "
-            f"{value['held']:.1%}", value["rank"] >= 0.75 and 0.85 <= value["held"] <= 0.95)
+            f"{percent(value['held'], 1)}", value["rank"] >= 0.75 and 0.85 <= value["held"] <= 0.95)
     if "auto" in tables:
         value = tables["auto"]["value"]
         wanted = {"lambert": 0.99, "one-lobe": 0.97, "two-lobe": 0.90}
         add("`auto` at 1 % noise, K = 12, by region", "Lambert 99 %, one lobe 97 %, two lobes 90 % right",
-            ", ".join(f"{value[name]:.0%}" for name in wanted), all(value[k] >= v for k, v in wanted.items()))
+            ", ".join(f"{percent(value[name])}" for name in wanted), all(value[k] >= v for k, v in wanted.items()))
     if "arithmetic" in tables:
         value = tables["arithmetic"]["value"]
-        add("fraction of the device's arithmetic that `refined` reaches", "60 % on llvmpipe", f"{value:.0%}",
+        add("fraction of the device's arithmetic that `refined` reaches", "60 % on llvmpipe", f"{percent(value)}",
             value >= 0.6)
     if "throughput" in tables and tables["throughput"]["value"]["gpu"]:
         value = tables["throughput"]["value"]["seconds"]

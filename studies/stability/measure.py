@@ -17,7 +17,7 @@ from .problem import Problem
 GROSS = 0.15  # an error of roughness above this, on more than ...
 GROSS_SHARE = 0.10  # ... this share of a map, must be warned of
 WORST = 0.01  # share of texels
-UNSURE = 0.5  # a confidence below says so: a standard error of roughness above 0.05
+UNSURE = 0.5  # a confidence below says so: a standard error of roughness above HALF_SURE
 Record = dict[str, Any]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from irpso_addon.core.data import F32, F64, MaterialPrediction
+from irpso_addon.core.data import F32, F64, Coat, MaterialPrediction
 from irpso_addon.core.evaluation.prediction import PlaceView, Surface, predict
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading.tables import principled_table
@@ -48,6 +48,7 @@ class Answer:
     level: F64 | None = None  # (h, w) Specular IOR Level, where the model has one
     model: str = "one-lobe"
     metallic: float = 0.0
+    coat: Coat | None = None
     prediction: MaterialPrediction | None = None  # of left-out lamps, where the method judges by that
 
 
@@ -120,7 +121,7 @@ class Table:
         sure = np.where(trusted, confidence(rough.astype(np.float32), sigma, at.observations, at.solved), 0.0)
         answer = Answer(np.zeros((*shape, 3)), rough, at.solved, sigma, sure.astype(np.float32), at.observations,
                         None if found.lobes is None else found.lobes.astype(np.float64), level, model,
-                        found.metallic.get("Paint", 0.0), prediction)
+                        found.metallic.get("Paint", 0.0), found.coats.get("Paint"), prediction)
         return replace(answer, base=base_of(self.problem, answer))
 
     def rival(self, shader: str, uniforms: dict[str, float]) -> Answer:
@@ -161,9 +162,10 @@ def predicted(problem: Problem, answer: Answer, k: int) -> tuple[F64, F64]:
     geometry = np.repeat(problem.lobes[:, :, k].reshape(-1, 1, 1, 4), 3, 1)
     view = PlaceView(rgb, np.ones_like(rgb), problem.cos_v[..., k].ravel(), geometry)
     metallic = np.full(r.size, answer.metallic)
+    coats = () if answer.coat is None else (np.zeros(r.size, np.int32), (answer.coat,))
     base = np.maximum(answer.base, 0.01) if answer.metallic > 0 else np.ones((*shape, 3))
     black, shown = (predict(Surface(values.reshape(-1, 3), lobes.reshape(-1, 3), level.ravel(),
-                                    np.zeros(r.size, bool), metallic), view).reshape(*shape, 3)
+                                    np.zeros(r.size, bool), metallic, *coats), view).reshape(*shape, 3)
                     for values in (np.zeros_like(base), base))
     each = (shown - black) / base
     return black, each if answer.metallic > 0 else each[..., :1]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from irpso_addon.core.phrases import percent
 from irpso_addon.gpu.device.context import Device
+from studies import pages
 from studies.bench.measure import machine
 
 from . import chart
@@ -18,6 +20,7 @@ from .words import filled, parts, wrapped
 
 OUT = ROOT / "docs" / "stability"
 LOW_SHARE = 0.95  # of failing texels in the worst-confidence half of their maps
+SHOWN = "tone"  # the axis whose chart opens the page
 PRODUCT = ("refined",)  # on axes of another material with model auto, as it comes
 BESIDE = {"registration.md": "Misregistration and drifting exposure, corrected", "indirect.md": "Indirect light",
           "measured.md": "Measured materials"}
@@ -42,6 +45,9 @@ def publish(device: Device, seeds: int, out: Path = OUT) -> list[Path]:
         if any(records.values()):
             chart.worst_map(device, axis, records, out / f"{axis.key}_worst.png")
             written.append(out / f"{axis.key}_worst.png")
+    written.append(out / "bars.csv")
+    rows = [[cell.replace("**", "") for cell in row] for row in bars(measured["axes"])]
+    pages.write_csv(written[-1], BARS, rows)
     written.append(out / "README.md")
     written[-1].write_text(page(measured, out), encoding="utf-8")
     return written
@@ -74,21 +80,24 @@ def page(measured: Mapping[str, Any], out: Path) -> str:
     """README.md."""
     by_axis = measured["axes"]
     words = parts()
+    m, first = measured["machine"], [axis for axis in AXES if axis.key in by_axis]
+    shown = next((axis for axis in first if axis.key == SHOWN), first[0])
     head = words["head"].strip().format(
-        seeds=measured["seeds"], identical=measured.get("identical") or "not run", **measured["machine"])
+        seeds=measured["seeds"], identical=measured.get("identical") or "not run", first=shown.title,
+        picture=f"{shown.key}.png", made=pages.made(m["date"], m["commit"], m["cpu"], m["gl"], m["packages"]))
     text = [wrapped(head) + "\n"]
     beside = [f"[{title}]({name})" for name, title in BESIDE.items() if (out / name).exists()]
     if beside:
-        text.append(f"\nBeside this page: {'; '.join(beside)}.\n")
-    text.append("\n## Whether it says so\n\n" + words["bars"] + "\n\n" + bars(by_axis))
+        text.append(f"\nSee also: {'; '.join(beside)}.\n")
+    text.append("\n## Whether it warns\n\n" + wrapped(words["bars"]) + "\n\n" + failing(bars(by_axis)))
     if ROW.key in by_axis:
-        text.append("\n## Outliers, the figure that was asked for\n\n" + row(by_axis[ROW.key]))
-    for title, axes in (("Each alone", ALONE), ("Nasty pairs", PAIRS)):
+        text.append("\n## Outliers\n\n" + row(by_axis[ROW.key]))
+    for title, axes in (("One error", ALONE), ("Two errors together", PAIRS)):
         text.append(f"\n## {title}\n")
         for axis in axes:
             if axis.key in by_axis:
                 when = measured.get("apart", {}).get(axis.key)
-                made = when and f"Measured apart: {when['seeds']} seeds, commit {when['commit']}, {when['date']}."
+                made = when and f"Measured {when['date'][:10]} at commit {when['commit']} with {when['seeds']} seeds."
                 text.append(f"\n### {axis.title}\n\n![{axis.title}]({axis.key}.png)\n\n"
                             f"{filled(words.get(axis.key, ''), by_axis[axis.key])}\n\n"
                             f"{made + chr(10) * 2 if made else ''}"
@@ -96,10 +105,18 @@ def page(measured: Mapping[str, Any], out: Path) -> str:
     return "".join(text)
 
 
-def bars(by_axis: Mapping[str, Summaries]) -> str:
-    """The table of what every axis must hold."""
-    lines = ["| axis | failing texels | in the less trusted half | or confidence below 0.5 | not a number | maps off "
-             "by more than 0.15 on > 10 % | of these unwarned | warned of |\n|---|---|---|---|---|---|---|---|\n"]
+BARS = ("axis", "failing texels", "in the less trusted half", "or confidence below 0.5", "not a number",
+        "maps off by more than 0.15 on > 10 %", "of these unwarned", "warned of")
+
+
+def failing(rows: Sequence[Sequence[str]]) -> str:
+    """The table of the axes that miss a bar, and of all together."""
+    return pages.table(BARS, [row for row in rows if any("**" in cell for cell in row)]) + "\n"
+
+
+def bars(by_axis: Mapping[str, Summaries]) -> list[list[str]]:
+    """What every axis must hold, in the columns BARS; bold where it does not."""
+    lines = []
     titles = {axis.key: axis.title for axis in (*AXES, ROW)}
     total = {"halved": 0, "halved_low": 0, "failed": 0, "failed_told": 0, "gross_maps": 0, "unwarned": 0}
     for key, points in by_axis.items():
@@ -115,20 +132,19 @@ def bars(by_axis: Mapping[str, Summaries]) -> str:
             kinds[kind] = kinds.get(kind, 0) + count
         words = ", ".join(f"{kind} ({count})" for kind, count in sorted(kinds.items(), key=lambda item: -item[1]))
         lines.append(_bar(titles[key], part, str(nan), words))
-    return "".join([*lines, _bar("**All**", total, "", "")])
+    return [*lines, _bar("**All**", total, "", "")]
 
 
-def _bar(title: str, part: Mapping[str, int], nan: str, words: str) -> str:
+def _bar(title: str, part: Mapping[str, int], nan: str, words: str) -> list[str]:
     low, warned = (_share(part[a], part[b]) for a, b in (("halved_low", "halved"), ("failed_told", "failed")))
     unwarned = f"**{part['unwarned']}**" if part["unwarned"] else "0"
-    cells = [title, str(part["failed"]), low, warned, nan, str(part["gross_maps"]), unwarned, words]
-    return f"| {' | '.join(cells)} |\n"
+    return [title, str(part["failed"]), low, warned, nan, str(part["gross_maps"]), unwarned, words]
 
 
 def _share(count: int, whole: int) -> str:
     if not whole:
         return "-"
-    text = f"{count / whole:.1%}"
+    text = f"{percent(count / whole, 1)}"
     return text if count / whole >= LOW_SHARE else f"**{text}**"
 
 
@@ -137,7 +153,7 @@ def row(points: Summaries) -> str:
     kept = [m for m in METHODS if any(m.key in s for s in points.values())]
     lines = ["| outliers | " + " | ".join(m.label for m in kept) + " |\n", "|---|" + "---|" * len(kept) + "\n"]
     for label, methods in points.items():
-        cells = [f"{methods[m.key]['failures']:.2%}" if m.key in methods else "" for m in kept]
+        cells = [f"{percent(methods[m.key]['failures'], 2)}" if m.key in methods else "" for m in kept]
         lines.append(f"| {label} | " + " | ".join(cells) + " |\n")
     return "".join(lines)
 
@@ -146,6 +162,6 @@ def table(axis: Axis, points: Summaries) -> str:
     """For the terminal: mean roughness error and failures of every method at every point."""
     lines = [f"\n{axis.title} ({axis.unit}): roughness error / failures"]
     for label, methods in points.items():
-        cells = [f"{key} {s['roughness']:.3f}/{s['failures']:.1%}" for key, s in methods.items()]
+        cells = [f"{key} {s['roughness']:.3f}/{percent(s['failures'], 1)}" for key, s in methods.items()]
         lines.append(f"  {label:>24}  " + "  ".join(cells))
     return "\n".join(lines)

@@ -12,17 +12,18 @@ from irpso_addon.core.checks.solve_checks import TexelFit, measure
 from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
 from irpso_addon.core.checks.warnings import warnings
 from irpso_addon.core.data import Camera, Light, View
+from irpso_addon.core.phrases import percent
 from irpso_addon.solve.pipeline import unfit
 
 from .methods import Answer, predicted
 from .problem import Problem
 
 KINDS = {  # words of a warning -> its kind in the atlas; the first that fits
-    "to the power": "not linear", "pixels off": "registration", "check its p": "light", "stand elsewhere": "light",
-    "exposure": "exposure", "brighter or darker": "exposure", "no light arrives": "indirect light",
+    "non-linear": "not linear", "pixels off": "registration", "check its p": "light", "appear elsewhere": "light",
+    "exposure": "exposure", "brighter or darker": "exposure", "shadows are": "indirect light",
     "clipped": "clipped", "highlights are off": "misfit", "unexplained": "misfit",
-    "no model that was tried": "no model fits", "good observations": "few observations", "highlight": "no highlight",
-    "lit by no view": "not seen",
+    "no model predicts": "no model fits", "good observations": "few observations", "highlight": "no highlight",
+    "lit in no view": "not seen",
 }
 UNSEEN = 0.05  # irpso_addon/solve/pipeline.py: share of texels seen by no view
 
@@ -33,7 +34,7 @@ def warned(answer: Answer, checks: Checks, mended: Sequence[str] = ()) -> list[t
     if answer.prediction is not None and not answer.prediction.fits:
         found.append(unfit("Paint", answer.prediction))
     if (~answer.solved).mean() > UNSEEN:
-        found = [f"patch: {(~answer.solved).mean():.0%} of its texels are seen lit by no view", *found]
+        found = [f"patch: {percent((~answer.solved).mean())} of its texels are lit in no view", *found]
     return [(kind_of(text), text) for text in found]
 
 

@@ -24,9 +24,13 @@ def filled(words: str, points: Mapping[str, Any]) -> str:
 
 
 def wrapped(text: str) -> str:
-    """Paragraphs in lines of 120."""
-    return "\n\n".join(part if part.startswith("#") else "\n".join(
-        textwrap.wrap(part, 120, break_long_words=False, break_on_hyphens=False)) for part in text.split("\n\n"))
+    """Paragraphs in lines of 120; a number stays with its %."""
+    return "\n\n".join(part if part.startswith("#") else _lines(part) for part in text.split("\n\n"))
+
+
+def _lines(paragraph: str) -> str:
+    kept = paragraph.replace(" %", "\0%")
+    return textwrap.fill(kept, 120, break_long_words=False, break_on_hyphens=False).replace("\0", " ")
 
 
 def _figure(points: Mapping[str, Any], method: str, what: str, label: str) -> str:

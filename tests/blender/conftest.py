@@ -28,8 +28,9 @@ def irpso_here(capfd):
 
 
 @pytest.fixture
-def empty():
-    """The current scene of an empty file."""
+def empty(monkeypatch):
+    """The current scene of an empty file, with nothing remembered of its objects."""
+    monkeypatch.setattr("irpso_addon.blender.jobs.session.session.stored", None)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     return bpy.context.scene
 

@@ -17,6 +17,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from irpso_addon.core.data import Coat
 from irpso_addon.core.shading import brdf, lights
 
 from . import cycles_rig as rig
@@ -25,6 +26,7 @@ BASES = (0.05, 0.4, 0.95)
 ROUGHNESSES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 LEVELS = (0.0, 0.01, 0.2, 0.8, 1.0)  # Specular IOR Level
 METALLICS = (0.3, 1.0)
+COATS = (Coat(0.3, 0.3), Coat(1.0, 0.6))
 Lobes = tuple[float, float, float]  # roughness of the first and second, weight of the first
 LOBES: Lobes = (0.2, 0.6, 0.3)
 DARK = 1e-6  # of the brightest pixel: below it, where a lobe stands alone, float32 has few digits
@@ -64,16 +66,20 @@ Model = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # L, V, N (n
 
 def measure(
     pixels: int = 72, few: bool = False, roughnesses: Sequence[float] = ROUGHNESSES, levels: Sequence[float] = (0.5,),
-    metallics: Sequence[float] = (0.0,),
+    metallics: Sequence[float] = (0.0,), coat: Coat | None = None,
 ) -> Iterator[Pixels]:
-    """The Principled in every scene at every roughness, Specular IOR Level and Metallic."""
+    """The Principled in every scene at every roughness, Specular IOR Level and Metallic, maybe below a coat."""
     for eye in scenes(pixels, few):
         bsdf = principled_node()
+        if coat is not None:
+            bsdf.inputs["Coat Weight"].default_value = coat.weight
+            bsdf.inputs["Coat Roughness"].default_value = coat.roughness
         for metallic, level, roughness in product(metallics, levels, roughnesses):
             bsdf.inputs["Roughness"].default_value = roughness
             bsdf.inputs["Specular IOR Level"].default_value = level
             bsdf.inputs["Metallic"].default_value = metallic
-            twin = partial(brdf.principled, np.array(BASES), np.array(roughness), level=level, metallic=metallic)
+            twin = partial(brdf.principled, np.array(BASES), np.array(roughness), level=level, metallic=metallic,
+                           coat=coat)
             yield compare(eye, roughness, level, twin, metallic)
 
 

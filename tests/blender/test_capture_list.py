@@ -142,7 +142,7 @@ def no_image(scene) -> str:
 
 
 def broken_file(scene) -> str:
-    (Path(bpy.data.filepath).parent / "refs" / "Camera 0, Light 0.exr").write_bytes(b"not an image")
+    (Path(bpy.data.filepath).parent / "refs" / "Camera 0, Light 0.exr").write_bytes(b"no image")
     return "cannot be read as an image"
 
 
@@ -196,7 +196,7 @@ def lost_mask(scene) -> str:
 
 def other_aspect(scene) -> str:
     scene.render.resolution_x *= 2
-    return "another aspect"
+    return "not the aspect of its camera's pictures"
 
 
 def no_uvs(scene) -> str:

@@ -75,14 +75,14 @@ def test_a_part_is_solved_beside_the_maps_that_the_file_has(solved, scenes, irps
         known = read(folder / "Ball_confidence.exr")[..., 0] > 0
         row = np.arange(128)[:, None]
         np.testing.assert_array_equal(now[known & (row > 72)], was[known & (row > 72)])
-        sure = read(folder / "Ball_confidence.exr")[..., 0] > 0.5
+        sure = read(folder / "Ball_confidence.exr")[..., 0] > 0.25  # one value for all: at most 0.5
         assert np.median(np.abs(now - was)[sure & (row < 64)]) < 1e-3
 
 
 def test_solve_finds_the_constant_paint(solved):
     """Constant truth, so every confident texel can be judged without any mapping."""
     out, _ = solved
-    confident = read(out / "Ball_confidence.exr")[..., 0] > 0.5
+    confident = read(out / "Ball_confidence.exr")[..., 0] > 0.25  # one value for all: at most 0.5
     sigma = read(out / "Ball_roughness_sigma.exr")[..., 0]
     assert confident.sum() > 2000
     assert (sigma[confident] < 0.05).all()
@@ -97,9 +97,11 @@ def test_report_has_its_keys(solved):
     report = json.loads((out / "report.json").read_text())
     assert set(report) == {field.name for field in fields(SolveSettings)} | {
         "versions", "command", "models", "seconds", "texels", "texels_per_second",
-        "views", "residual", "warnings", "checks", "device", "peak_memory_bytes", "cancelled"}
+        "views", "residual", "warnings", "calibration", "refined_normals", "normals_given_because", "checks", "device",
+        "peak_memory_bytes", "cancelled"}
     assert report["models"]["Paint"]["model"] == "one-lobe" and report["models"]["Paint"]["why"]
-    assert {"scene", "gbuffer", "observe", "solve", "maps", "write", "total"} == set(report["seconds"])
+    assert set(report["seconds"]) == {
+        "scene", "gbuffer", "observe", "calibrate", "normals", "solve", "maps", "write", "total"}
     assert {"covered", "observed", "solved", "filled", "kept"} == set(report["texels"])
     assert report["texels"]["solved"] + report["texels"]["filled"] == report["texels"]["covered"]
     assert len(report["views"]["used"]) == 10 and report["views"]["skipped"] == []
@@ -163,7 +165,7 @@ def test_exit_code(irpso, arguments, code, words):
     (("solve", "--help"), 0, "--captures"),
     (("solve",), 2, "SCENE.blend"),
     (("paint", "x.blend"), 2, "invalid choice"),
-    (("solve", "x.blend", "--size", "4"), 2, "want 16 to 8192"),
+    (("solve", "x.blend", "--size", "4"), 2, "must be between 16 and 8192"),
     (("solve", "x.blend", "--size", "many"), 2, "invalid int value"),
     (("solve", "x.blend", "--method", "guess"), 2, "refined"),
     (("export", "nowhere.blend"), 3, "nowhere.blend: cannot be opened"),
@@ -201,7 +203,7 @@ def assert_bad(done: subprocess.CompletedProcess[str], *words: str) -> None:
     """Exit 3 and one last line that names the culprit; warnings may stand before it."""
     assert done.returncode == 3, f"{done.returncode}\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr
-    complaint = [line for line in done.stderr.splitlines() if not re.match(r"irpso: (warning:| *\d+% )", line)]
+    complaint = [line for line in done.stderr.splitlines() if not re.match(r"irpso: (warning:| *\d+ % )", line)]
     assert len(complaint) == 1 and complaint[0].startswith("irpso: "), done.stderr
     for word in words:
         assert word in complaint[0], done.stderr
@@ -379,7 +381,7 @@ def test_cancel_keeps_what_was_found(scenes, tmp_path):
     process = subprocess.Popen(
         list(map(str, command)), cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     for line in process.stderr:
-        if " solve" in line:
+        if " solving" in line:
             break
     time.sleep(1.0)
     process.send_signal(signal.SIGINT)
@@ -388,7 +390,7 @@ def test_cancel_keeps_what_was_found(scenes, tmp_path):
     assert "Traceback" not in rest
     last = rest.splitlines()[-1]
     if out.exists():
-        assert last == "irpso: cancelled; the maps found until then are kept"
+        assert last == "irpso: cancelled; the maps found so far are kept"
         assert {p.name for p in out.iterdir()} == FILES
         assert json.loads((out / "report.json").read_text())["cancelled"] is True
     else:
@@ -443,7 +445,7 @@ def test_progress_bar_on_a_terminal(scenes, tmp_path):
     os.close(ours)
     told = process.communicate()[0]
     assert process.returncode == 0
-    assert "━".encode() in drawn and b"solve" in drawn
+    assert "━".encode() in drawn and b"solving" in drawn
     lines = told.splitlines()
     assert lines[0].startswith("Ball: ") and "left-out lamps predicted" in lines[1] and len(lines) == 3
 
@@ -456,4 +458,4 @@ def test_works_without_rich(scenes, irpso, tmp_path):
          str(scenes / "good" / "captures.json"), "--size", "32", "--out", str(tmp_path)],
         cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert re.search(r"^irpso: +\d+% solve", done.stderr, re.M)
+    assert re.search(r"^irpso: +\d+ % solving", done.stderr, re.M)

@@ -103,7 +103,7 @@ def test_nothing_predicts_better_than_the_truth(compared):
     report = compared[2]
     assert report["truth_held_out"] < 0.02
     assert report["truth_held_out"] <= 1.01 * min(row["held_out"] for row in report["rows"])
-    assert "the true maps themselves are off by" in compared[1].stdout
+    assert "the true maps are off by" in compared[1].stdout
     assert "predicted" not in compared[1].stdout and "hollow" not in (compared[0] / "compare.svg").read_text()
 
 
@@ -114,7 +114,7 @@ def test_more_passes_find_more(compared):
 
 def test_times_are_told_by_stage(compared):
     for method, row in rows(compared[2]).items():
-        stages = {"total"} if method == "no solver" else {"gbuffer", "observe", "solve", "maps", "total"}
+        stages = {"total"} if method == "no solver" else {"gbuffer", "observe", "calibrate", "solve", "maps", "total"}
         assert set(row["seconds"]) == stages
         assert row["seconds"]["total"] == pytest.approx(sum(row["seconds"][s] for s in stages - {"total"})) or not (
             stages - {"total"})
@@ -157,9 +157,9 @@ def test_png_truth_alone_judges(scenes, irpso, tmp_path):
 
 @pytest.mark.parametrize(("more", "code", "words"), [
     (["--hold-out", 0], 3, "--hold-out 0: leaves nothing to judge by"),
-    (["--hold-out", -1], 2, "want 0 or more"),
-    (["--passes", 0], 2, "want 1 or more"),
-    (["--truth", "nowhere"], 3, "nowhere: holds no Ball_basecolor.exr"),
+    (["--hold-out", -1], 2, "must be at least 0"),
+    (["--passes", 0], 2, "must be at least 1"),
+    (["--truth", "nowhere"], 3, "nowhere: has no Ball_basecolor.exr"),
     (["--object", "Nobody"], 3, "Nobody"),
     (["--method", "paper"], 2, "unrecognized arguments"),
 ])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.blender.material import material
-from irpso_addon.core.data import F64, Maps, Solution
+from irpso_addon.core.data import F64, Coat, Maps, Solution
 from irpso_addon.core.shading import brdf, lights
 from tests.blender import cycles_rig as rig
 
@@ -159,6 +159,24 @@ def test_metallic(metallic: float, level: float | None) -> None:
     material.write_maps(obj, found)
     error = errors(values, lambda L, V, N, maps: brdf.principled(
         maps["base"], maps["roughness"], L, V, N, level=0.5 if level is None else level, metallic=metallic))
+    assert error.max() < 0.001 and error.mean() < 0.00002, (error.max(), error.mean())
+
+
+@pytest.mark.parametrize("metallic", [0.0, 0.6])
+def test_coat(metallic: float) -> None:
+    """Above the maps; the IOR and the tint that the user's coat had are not this one's."""
+    rng = np.random.default_rng(7)
+    values = {"base": rng.uniform(0.05, 0.9, (TEXELS, TEXELS, 3)),
+              "roughness": rng.uniform(0.3, 0.9, (TEXELS, TEXELS))}
+    obj = stage("square", (0.4, 0.8, 1.1), eye=(0, -2, 1.2), degrees=50)
+    principled = next(n for n in obj.data.materials[0].node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    principled.inputs["Coat IOR"].default_value = 2.0
+    principled.inputs["Coat Tint"].default_value = (0.2, 0.9, 0.4, 1)
+    coat, model = Coat(0.7, 0.3), "one-lobe-metallic" if metallic else "one-lobe-specular"
+    found = replace(solution(model, values, level=0.4), metallic={"material": metallic}, coats={"material": coat})
+    material.write_maps(obj, found)
+    error = errors(values, lambda L, V, N, maps: brdf.principled(
+        maps["base"], maps["roughness"], L, V, N, level=0.4, metallic=metallic, coat=coat))
     assert error.max() < 0.001 and error.mean() < 0.00002, (error.max(), error.mean())
 
 

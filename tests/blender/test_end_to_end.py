@@ -94,7 +94,7 @@ def test_the_capture_is_read_whole(job):
 
 
 def test_the_maps_are_the_truth(job):
-    """Measured: base colour 33.3 dB; roughness 0.032 in the mean, 0.016 in the median, 0.027 where confident."""
+    """Measured: base colour 33.3 dB; roughness 0.032 in the mean, 0.016 in the median, below 0.02 where confident."""
     maps = job.solution.maps
     solved = maps.coverage & ~maps.filled
     assert solved.sum() > 0.8 * maps.coverage.sum()
@@ -103,8 +103,8 @@ def test_the_maps_are_the_truth(job):
     assert psnr(maps.base_color[solved], job.made.base_color[solved]) > 31.5
     assert off[solved].mean() < 0.042
     assert np.median(off[solved]) < 0.022
-    assert sure.sum() > 0.6 * solved.sum()
-    assert off[sure].mean() < 0.035
+    assert sure.sum() > 0.35 * solved.sum()
+    assert off[sure].mean() < 0.02
 
 
 def test_smooth_maps_come_back_exactly(smooth):
@@ -154,7 +154,8 @@ def test_the_same_capture_gives_the_same_bytes(job):
 
 def told(scene: SceneData) -> tuple[str, ...]:
     """What the checks say of scene and pictures."""
-    settings = SolveSettings(size=64, model="one-lobe", registration="given", indirect="off")
+    settings = SolveSettings(size=64, model="one-lobe", registration="given", lamps="given", exposures="given",
+                             indirect="off")
     solution = thread.run(lambda: pipeline.solve(scene, settings))
     assert solution.checks is not None
     return warnings(solution.checks)

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from mathutils import Matrix, Vector
 
+from irpso_addon.blender.material import material
 from irpso_addon.blender.scene.scene_mesh import read_mesh, read_occluders
 from irpso_addon.blender.scene.scene_objects import read_camera
-from irpso_addon.core.data import SceneData
+from irpso_addon.core.data import Maps, SceneData, Solution
 from irpso_addon.core.job import Progress
+from irpso_addon.core.normals.tangent_map import encoded
 from irpso_addon.core.samples import vase
 from irpso_addon.core.shading import lights
 from irpso_addon.gpu.device import thread
@@ -164,6 +166,32 @@ def test_mapped_normals_are_those_that_cycles_bakes():
     assert np.median(angle(smooth, normal)[inside]) > 5  # the map does something
     assert np.median(degrees) < 0.02
     assert np.quantile(degrees, 0.99) < 0.05
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_cycles_shows_the_normals_that_a_result_has(mirrored):
+    """From world normals to a tangent map, onto the material, and back: 0.05 degrees in the median, 0.3 at 99 %."""
+    rig.scene(16)
+    subject = potato()
+    if mirrored:
+        subject.matrix_world = subject.matrix_world @ Matrix.Diagonal((1, -1, 1, 1))
+    scene, got = read_all(subject), gbuffer(subject)
+    v, u = (np.mgrid[:TEXELS, :TEXELS] + 0.5) / TEXELS
+    wanted = got.normal + 0.15 * np.stack([np.sin(40 * u), np.cos(35 * v), np.sin(30 * (u - v))], -1)
+    wanted = (wanted / np.linalg.norm(wanted, axis=-1, keepdims=True)).astype(np.float32)
+    normal = encoded(scene.mesh, wanted, got.coverage)
+    none = np.zeros((TEXELS, TEXELS), np.float32)
+    maps = Maps(np.full((TEXELS, TEXELS, 3), 0.5, np.float32), none + 0.5, none, none, none > 0, got.coverage, none,
+                none, normal=normal)
+    material.write_maps(subject, Solution.of_maps(maps, {"Paint": "one-lobe"}))
+    tree = subject.data.materials[0].node_tree
+    principled = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shown = bake(subject, principled.inputs["Normal"].links[0].from_socket, 0.4)
+    inside = inner(np.isfinite(shown[..., 0]) & got.coverage)
+    degrees = angle(shown, wanted)[inside]
+    assert np.median(angle(got.normal, wanted)[inside]) > 5
+    assert np.median(degrees) < 0.05
+    assert np.quantile(degrees, 0.99) < 0.3
 
 
 # ---- light through the cameras

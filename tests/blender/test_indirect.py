@@ -23,7 +23,7 @@ from irpso_addon.blender.jobs import indirect
 from irpso_addon.blender.sample import demo
 from irpso_addon.blender.scene.scene import read_scene
 from irpso_addon.core.checks.bounced_light import BouncedSample
-from irpso_addon.core.data import Bounced, Maps, RadianceImage, SceneData, Solution, View
+from irpso_addon.core.data import Bounced, Coat, Maps, RadianceImage, SceneData, Solution, View
 from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.images.reference_image import read_reference
 from irpso_addon.core.job import Progress
@@ -35,7 +35,7 @@ from tests.support.texels import finish
 BASE, ROUGH, PIXELS = (0.7, 0.35, 0.15), 0.4, 96
 
 
-def build(base, rough, level, metallic=0.0) -> bpy.types.Scene:
+def build(base, rough, level, metallic=0.0, coat=None) -> bpy.types.Scene:
     """Ball, floor, two cameras, three lamps; the ball has the given material."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
@@ -47,6 +47,9 @@ def build(base, rough, level, metallic=0.0) -> bpy.types.Scene:
     floor = bpy.context.object
     floor.name = "Floor"
     paint(ball, "Paint", base, rough, level, metallic)
+    if coat is not None:
+        inputs = ball.data.materials[0].node_tree.nodes["Principled BSDF"].inputs
+        inputs["Coat Weight"].default_value, inputs["Coat Roughness"].default_value = coat.weight, coat.roughness
     paint(floor, "Floor", (0.6, 0.6, 0.5), 1.0, 0.0)
     for i, x in enumerate((-1.2, 1.2)):
         add(f"Camera {i}", bpy.data.cameras.new("Camera"), (x, -4.0, 0.9)).data.lens = 75
@@ -87,13 +90,14 @@ def references(folder: Path) -> None:
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
 
 
-def solution_of(base, rough, model, metallic=0.0) -> Solution:
+def solution_of(base, rough, model, metallic=0.0, coat=None) -> Solution:
     """Constant maps."""
     shape, none = (8, 8), np.zeros((8, 8), np.float32)
     maps = Maps(base_color=np.broadcast_to(np.array(base, np.float32), (*shape, 3)), roughness=none + np.float32(rough),
                 confidence=none, error=none, filled=none > 0, coverage=none > 0, roughness_sigma=none, base_sigma=none)
     return Solution(maps=maps, model={"Paint": model}, why={}, texels={}, seconds={}, residual=0.0, views_used=(),
-                    views_skipped=(), warnings=(), device={}, metallic={"Paint": metallic} if metallic else {})
+                    views_skipped=(), warnings=(), device={}, metallic={"Paint": metallic} if metallic else {},
+                    coats={"Paint": coat} if coat else {})
 
 
 def digest(path: Path) -> str:
@@ -117,16 +121,17 @@ def scene(bounced: Path, monkeypatch) -> SceneData:
     return read_scene(None, "Ball", bounced / "captures.json")
 
 
-@pytest.mark.parametrize(("base", "model", "level", "metallic"), [
-    (0.5, "lambert", 0.0, 0.0), (0.0, "one-lobe", 0.5, 0.0), (0.5, "one-lobe-metallic", 0.5, 1.0)])
-def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level, metallic) -> None:
+@pytest.mark.parametrize(("base", "model", "level", "metallic", "coat"), [
+    (0.5, "lambert", 0.0, 0.0, None), (0.0, "one-lobe", 0.5, 0.0, None), (0.5, "one-lobe-metallic", 0.5, 1.0, None),
+    (0.5, "one-lobe-metallic", 0.5, 1.0, Coat(1.0, 0.3))])
+def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level, metallic, coat) -> None:
     """White paint without highlight: rho / pi times the irradiance; black paint with one, and metal: the glossy light.
 
     Beside them the same paint by Cycles with 4 bounces minus without any.  Means over the ball: noise is averaged.
     """
     monkeypatch.setattr(indirect, "SIDE", PIXELS)
     monkeypatch.setattr(indirect, "SAMPLES", 64)
-    scene = build((base,) * 3, ROUGH, level, metallic)
+    scene = build((base,) * 3, ROUGH, level, metallic, coat)
     scene.render.resolution_x = scene.render.resolution_y = 48
     scene.cycles.samples = 64
     light = {}
@@ -140,7 +145,7 @@ def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level
     file = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     found = finish(indirect.IndirectRenderer.of_open_file(file)(
-        read_scene(None, "Ball", captures), solution_of((base,) * 3, ROUGH, model, metallic)))
+        read_scene(None, "Ball", captures), solution_of((base,) * 3, ROUGH, model, metallic, coat)))
     assert list(found) == [0]
     matt = model == "lambert"
     drawn = base / math.pi * found[0].irradiance if matt else found[0].glossy
@@ -160,7 +165,7 @@ def test_albedo_is_recovered_where_direct_light_alone_fails(scene: SceneData, bo
         solved = solution.maps.coverage & ~solution.maps.filled
         solved[32:] = False  # the ball's lower half, which sees the floor
         errors[mode] = np.median(np.abs(solution.maps.base_color[solved] / BASE - 1), axis=0).max()
-        sure = solution.maps.confidence > 0.5
+        sure = solution.maps.confidence > 0.25  # one half at most, where a material has one roughness
         rough[mode] = np.median(np.abs(solution.maps.roughness[sure] - ROUGH))
         assert any("bounced" in warning for warning in solution.warnings) == (mode == "off")
     assert errors["off"] > 0.3, errors
@@ -213,12 +218,12 @@ def test_a_black_level_is_not_rendered(tmp_path: Path, monkeypatch) -> None:
             yield
 
     solution = thread.run(lambda: pipeline.solve(data, SolveSettings(size=32), lifted, Test()))
-    assert solution.checks.not_bounced.startswith("no surface that the scene holds")
+    assert solution.checks.not_bounced.startswith("no surface in the scene")
     assert sum(solution.checks.not_bounced in warning for warning in solution.warnings) == 1
     assert solution.checks.unlit_share > 0.02 and "indirect" not in solution.seconds
     wrong = Wrong()
     worse = thread.run(lambda: pipeline.solve(data, SolveSettings(size=32), lifted, wrong))
-    assert wrong.calls == 1 and "explain the views no better" in worse.checks.not_bounced
+    assert wrong.calls == 1 and "did not improve the fit" in worse.checks.not_bounced
     np.testing.assert_array_equal(worse.maps.base_color, solution.maps.base_color)
 
 

@@ -40,7 +40,7 @@ def solved(scenes, irpso, tmp_path_factory):
 def test_each_udim_has_its_files(solved) -> None:
     out, done = solved
     assert {path.name for path in out.iterdir()} == MAPS | {"report.json", "scene_irpso.blend"}
-    assert re.search(r"^irpso:   0% about .* GPU memory, .* memory, .* of disk$", done.stderr, re.M)
+    assert re.search(r"^irpso:   0 % about .* GPU memory, .* memory, .* of disk$", done.stderr, re.M)
     report = json.loads((out / "report.json").read_text())
     assert report["udim"] == "all" and {"plan", "pictures", "observe", "solve", "merge"} <= set(report["seconds"])
     texels, seen = report["texels"], 0
@@ -49,7 +49,7 @@ def test_each_udim_has_its_files(solved) -> None:
             read(out / f"Ball_{role}.{udim}.exr") for role in ("basecolor", "roughness", "filled", "confidence"))
         assert base.shape == (SIZE, SIZE, 3)
         seen += int((filled < 0.5).sum())
-        sure = confidence[..., 0] > 0.5
+        sure = confidence[..., 0] > 0.25  # one value for all: at most 0.5
         if udim == 1001:  # the cameras look at this half
             assert sure.sum() > 300
             assert np.median(np.abs(base[sure] - np.array(BASE))) < 0.01

@@ -50,7 +50,7 @@ def test_maps_become_files_beside_the_scene(opened, module, tmp_path: Path) -> N
 def test_what_cannot_be_is_said_before_the_solve(opened, module, monkeypatch) -> None:
     _, folder = opened
     bpy.context.scene.irpso.start = "last"
-    with pytest.raises(RuntimeError, match="solved whole and anew"):
+    with pytest.raises(RuntimeError, match="solved whole and from scratch"):
         bpy.ops.irpso.solve()
     bpy.context.scene.irpso.start = "anew"
     solve_speed = module("blender.jobs.solve_speed")

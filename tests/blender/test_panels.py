@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields, replace
+from dataclasses import fields
 from itertools import product
 
 import bpy
@@ -11,9 +11,9 @@ import pytest
 
 from irpso_addon.blender import properties
 from irpso_addon.blender.ui import panel_result, panel_solve
-from irpso_addon.core.check_records import Checks, LightResidual
+from irpso_addon.core.checks.check_figures import Level
 from irpso_addon.core.data import MaterialPrediction, PredictionError
-from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.params import SolveSettings, choice_name
 
 CHOICES = {f.name: [key for key, _ in f.metadata["choices"]] for f in fields(SolveSettings)}
 
@@ -45,16 +45,16 @@ def test_every_row_of_the_table_is_a_property(settings) -> None:
 
 
 def test_options_of_a_model_or_method_show_with_it_alone(settings) -> None:
-    """What the table's text says an option is for ("Model two-lobe: ...") decides; nothing else is ever hidden."""
+    """What the table's text says an option is for ("...; for method Paper") decides; nothing else is ever hidden."""
     for model, method in product(CHOICES["model"], CHOICES["method"]):
         settings.model, settings.method = model, method
         for field in fields(SolveSettings):
-            said = re.match(r"(Model|Method) ([\w-]+):", field.metadata["doc"])
+            said = re.search(r"; for (model|method) (.+)$", field.metadata["doc"])
             want = True
             if said:
-                chosen = getattr(settings, said[1].lower())
+                chosen = getattr(settings, said[1])
                 # "auto" may choose two lobes; it never asks for the level.
-                want = chosen == said[2] or (chosen == "auto" and said[2] == "two-lobe")
+                want = choice_name(chosen) == said[2] or (chosen == "auto" and said[2] == choice_name("two-lobe"))
             advanced = field.metadata["advanced"]
             assert (field.name in panel_solve.shown(settings, advanced)) == want, (field.name, settings.model)
             assert field.name not in panel_solve.shown(settings, not advanced)
@@ -62,22 +62,18 @@ def test_options_of_a_model_or_method_show_with_it_alone(settings) -> None:
 
 def test_the_first_look_is_short(settings) -> None:
     assert panel_solve.shown(settings, advanced=False) == ["size", "model", "method", "start", "indirect"]
-    assert panel_solve.shown(settings, advanced=True) == ["udim", "ndf", "loss", "registration", "exposures", "seed"]
+    assert panel_solve.shown(settings, advanced=True) == [
+        "udim", "ndf", "loss", "registration", "lamps", "exposures", "normals", "raw_size", "seed"]
 
 
 def test_the_error_of_left_out_views_is_in_per_cent_and_lightness() -> None:
     prediction = MaterialPrediction("lamps", "one value", {"lambert": PredictionError(0.3, 4.0),
                                                            "one value": PredictionError(0.1234, 1.44)})
-    assert panel_result.predicted(prediction) == "Left-out lamps: 12.3% off, 1.4 L*"
+    assert panel_result.predicted(prediction) == "Left-out lamps: 12.3 % off, 1.4 L*"
 
 
-def test_checks_have_a_row_each() -> None:
-    """The worst camera and light by name; what nothing tells is unknown."""
-    light = LightResidual("Key", 3, 0.9, 0.01, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
-    checks = Checks(
-        name="Vase", views=(), lights=(replace(light, name="Rim", gain=1.01), light), materials=(), noise=0.012,
-        structure=0.0, highlight=0.0, slope=None, unlit_share=float("nan"), clipped=0.25, no_highlight=0.5, nearest=2.0,
-        doubtful=0.03, sure=True, pixels_per_texel=1.0)
-    rows = dict(panel_result.figures(checks))
-    assert rows["Noise"] == "1.2%" and rows["Clipped"] == "25.0%" and rows["Light in Shadows"] == "unknown"
-    assert rows["Light Power"] == "-10.0% (Key)" and "Registration" not in rows
+def test_each_level_of_a_check_has_a_traffic_light() -> None:
+    """Icons that this Blender has; a figure without a limit has none."""
+    icons = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys()
+    assert set(panel_result.LIGHTS) == set(Level) and set(panel_result.LIGHTS.values()) <= set(icons)
+    assert len(set(panel_result.LIGHTS.values())) == len(Level) and panel_result.LIGHTS[Level.NONE] == "BLANK1"

@@ -30,7 +30,7 @@ def choose(path: Path) -> None:
 
 
 def test_ours_are_found() -> None:
-    assert {path.stem for path in SHIPPED} == {"Exact", "Fast_Draft", "Photographs_without_Scale", "Two_Lobes"}
+    assert {path.stem for path in SHIPPED} == {"Exact", "Fast_Draft", "Photographs_without_Scale", "Two_Roughnesses"}
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import io
 import json
 import os
 import re
@@ -57,16 +58,27 @@ def test_the_same_bytes_from_another_folder(made: Path, tmp_path: Path) -> None:
     """There, and here: other paths, times, modes and clock, git's list of files or none, something that lies about."""
     done = make(ROOT, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert {path.name for path in made.iterdir()} == {*ZIPS, "SHA256SUMS", f"irpso-{VERSION}.cdx.json"}
-    for path in made.iterdir():
-        assert (tmp_path / path.name).read_bytes() == path.read_bytes(), path.name
+    assert {path.name for path in made.iterdir()} == {
+        *ZIPS, "SHA256SUMS", f"irpso-{VERSION}.cdx.json", "repository"}
+    for path in (path for path in made.rglob("*") if path.is_file()):
+        assert (tmp_path / path.relative_to(made)).read_bytes() == path.read_bytes(), path.name
 
 
 def test_checksums_are_those_of_the_files(made: Path) -> None:
     rows = dict(reversed(line.split("  ")) for line in (made / "SHA256SUMS").read_text().splitlines())
-    assert set(rows) == {path.name for path in made.iterdir()} - {"SHA256SUMS"}
+    assert set(rows) == {path.name for path in made.iterdir() if path.is_file()} - {"SHA256SUMS"}
     for name, digest in rows.items():
         assert hashlib.sha256((made / name).read_bytes()).hexdigest() == digest
+
+
+def test_the_extension_repository_lists_a_zip_for_each_system(made: Path) -> None:
+    """As Blender's own tool reads it: the list, the files beside it, their sizes and hashes."""
+    listed = json.loads((made / "repository" / "index.json").read_text(encoding="utf-8"))["data"]
+    assert {tuple(entry["platforms"]) for entry in listed} == {(name.replace("_", "-"),) for name in PLATFORMS}
+    for entry in listed:
+        content = (made / "repository" / entry["archive_url"]).read_bytes()
+        assert (entry["id"], entry["version"], entry["archive_size"]) == ("irpso", VERSION, len(content))
+        assert entry["archive_hash"] == f"sha256:{hashlib.sha256(content).hexdigest()}"
 
 
 def test_each_platform_gets_its_wheels_of_both_pythons(made: Path) -> None:
@@ -81,7 +93,7 @@ def test_each_platform_gets_its_wheels_of_both_pythons(made: Path) -> None:
         wheels = {file for file in own if file.endswith(".whl")}
         assert wheels == {file for file in whole if file.endswith(".whl") and tag in file}
         assert {re.split("[/-]", wheel)[1] + wheel.split("-")[2] for wheel in wheels} == {
-            "glcontextcp311", "glcontextcp313", "moderngl" "cp311", "moderngl" "cp313"}
+            "glcontextcp311", "glcontextcp313", "moderngl" "cp311", "moderngl" "cp313", "rawpycp311", "rawpycp313"}
         assert own - wheels == {file for file in whole if not file.endswith(".whl")}
         assert about["build"]["generated"]["platforms"] == [name.replace("_", "-")]
 
@@ -95,13 +107,44 @@ def test_the_bill_of_materials_is_of_what_is_in_the_zip(made: Path) -> None:
     assert own["hashes"][0]["content"] == hashlib.sha256(whole.read_bytes()).hexdigest()
     assert {(c["name"], c["version"], c["purl"], c["licenses"][0]["license"]["id"]) for c in bill["components"]} == {
         ("moderngl", "5.13.0", "pkg:pypi/moderngl@5.13.0", "MIT"),
-        ("glcontext", "3.1.0", "pkg:pypi/glcontext@3.1.0", "MIT")}
+        ("glcontext", "3.1.0", "pkg:pypi/glcontext@3.1.0", "MIT"),
+        ("rawpy", "0.28.0", "pkg:pypi/rawpy@0.28.0", "MIT")}
     with zipfile.ZipFile(whole) as archive:
         there = {name.split("/")[1]: hashlib.sha256(archive.read(name)).hexdigest()
                  for name in archive.namelist() if name.endswith(".whl")}
     told = {file["name"]: file["hashes"][0]["content"] for c in bill["components"] for file in c["components"]}
     assert told == there
-    assert len(told) == 12
+    assert len(told) == 18
+
+
+def test_the_libraries_in_the_wheels_have_licences(made: Path) -> None:
+    """Each library file of each wheel, found here by its first bytes: ELF, Mach-O, PE."""
+    bill = json.loads((made / f"irpso-{VERSION}.cdx.json").read_text())
+    told = {file["name"]: file["components"] for c in bill["components"] for file in c["components"]}
+    raw = {name: {each["name"]: each["licenses"][0]["expression"] for each in libraries}
+           for name, libraries in told.items() if name.startswith("rawpy")}
+    assert len(raw) == 6 and all(each["LibRaw"] == "LGPL-2.1-only OR CDDL-1.0" for each in raw.values())
+    assert all("libjpeg-turbo" in each for each in raw.values())
+    with zipfile.ZipFile(made / f"irpso-{VERSION}.zip") as archive:
+        for name in (name for name in archive.namelist() if name.endswith(".whl")):
+            wheel = zipfile.ZipFile(io.BytesIO(archive.read(name)))
+            digests = {hashlib.sha256(wheel.read(path)).hexdigest() for path in wheel.namelist()
+                       if wheel.read(path)[:4] in (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"MZ\x90\0", b"MZ\x78\0")
+                       and not re.search(r"\.(cpython-|cp3)\d", path)}
+            files = {each["hashes"][0]["content"] for each in told[name.split("/")[1]]}
+            assert files <= digests and (bool(files) == bool(digests)), name
+
+
+def test_a_library_without_a_licence_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.whl", "w") as wheel:
+        wheel.writestr("a.libs/libsecret-1234.so.2", b"\x7fELF")
+    with zipfile.ZipFile(tmp_path / "a.whl") as wheel, pytest.raises(SystemExit, match=r"libsecret-1234\.so\.2, whose"):
+        release.libraries("a.whl", wheel)
+    with zipfile.ZipFile(tmp_path / "b.whl", "w") as wheel:
+        wheel.writestr("b/_b.cpython-313-x86_64-linux-gnu.so", b"\x7fELF")
+        wheel.writestr("b/sounds.py", b"")
+    with zipfile.ZipFile(tmp_path / "b.whl") as wheel:
+        assert release.libraries("b.whl", wheel) == []
 
 
 def test_a_wheel_of_other_bytes_is_refused(copy: Path, tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ def test_pixels_as_the_shader_gets_them(stage):
 
 def test_no_map_no_tangents(stage):
     mesh = stage.read().mesh
-    assert mesh.tangents is None and mesh.object_normals is None and mesh.normal_matrix is None and not mesh.normal_maps
+    assert mesh.tangents is None and mesh.object_normals is None and not mesh.normal_maps
 
 
 def set_object_space(stage, node, texture):

@@ -254,5 +254,5 @@ def test_too_much_geometry(stage, monkeypatch):
 
     monkeypatch.setattr(scene_mesh, "MAX_TRIANGLES", 10_000)
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6)
-    with pytest.raises(BadInput, match="'Icosphere': with it the scene has more than"):
+    with pytest.raises(BadInput, match="'Icosphere': the scene has more than"):
         stage.read()

@@ -11,6 +11,7 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Matrix, Vector
 
+from irpso_addon.blender import properties
 from irpso_addon.core.errors import BadInput
 
 CAMERAS = {
@@ -226,6 +227,23 @@ def test_a_light_disabled_in_the_viewport_keeps_its_place(stage):
     view = stage.read().views[0]
     np.testing.assert_allclose(view.lights[0].matrix, wanted, atol=1e-6)
     np.testing.assert_allclose(view.camera.position, (0, 0, 4), atol=1e-6)
+
+
+def test_lamps_that_views_name_and_the_viewport_hides_keep_their_place(stage):
+    """A property that names an object pulls it into Blender's evaluation, but not into its transforms."""
+    properties.register()
+    try:
+        stage.camera.location, stage.key.parent, stage.key.location = (1, 2, 5), stage.camera, (0.5, 0, 0)
+        stage.key.hide_viewport = stage.key.hide_render = True
+        view = stage.scene.irpso.views.add()
+        view.image, view.camera = "//a.exr", stage.camera
+        view.lights.add().light = stage.key
+        bpy.ops.wm.save_mainfile()
+        bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
+        light = stage.read(captures=None).views[0].lights[0]
+        np.testing.assert_allclose(light.matrix, Matrix.Translation((1.5, 2, 5)), atol=1e-6)
+    finally:
+        properties.unregister()
 
 
 def test_a_flat_light(stage):

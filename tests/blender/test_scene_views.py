@@ -52,7 +52,7 @@ def test_object_by_name_active_or_only(stage):
 
 def test_wrong_objects(stage):
     assert bad(stage, name="Nobody").startswith("object 'Nobody': is not in scene 'Scene'; it has 'Subject'")
-    assert bad(stage, name="Cam") == "object 'Cam': is a camera, not a mesh; name a mesh"
+    assert bad(stage, name="Cam") == "object 'Cam': is a camera, not a mesh; choose a mesh"
     bpy.data.objects.remove(stage.subject)
     assert "has no mesh" in bad(stage, name=None)
 
@@ -69,7 +69,7 @@ def test_a_scene_never_saved(empty):
 def test_captures(stage):
     add_light(stage, "Sun", hide_render=True)  # named: it counts, though it is off now
     view = {"image": "refs/a.exr", "camera": "Cam", "lights": ["Key", "Sun"], "exposure": 2, "mask": "m.png",
-            "colorspace": "ACEScg"}
+            "colorspace": "ACEScg", "ambient": "dark.exr", "flat": "refs/flat.exr", "vignetting": 3.5}
     write_captures(stage, view, view)
     stage.scene.cycles.film_exposure = 0.5
     read = stage.read()
@@ -77,7 +77,8 @@ def test_captures(stage):
     found = read.views[0]
     assert found.image == stage.folder / "refs/a.exr" and found.mask == stage.folder / "m.png"
     assert [light.name for light in found.lights] == ["Key", "Sun"]
-    assert (found.exposure, found.gain, found.colorspace) == (2, 0.5, "ACEScg")
+    assert (found.exposure, found.gain, found.colorspace, found.vignetting) == (2, 0.5, "ACEScg", 3.5)
+    assert (found.ambient, found.flat) == (stage.folder / "dark.exr", stage.folder / "refs/flat.exr")
     stage.scene.render.engine = "BLENDER_WORKBENCH"
     assert stage.read().views[0].gain == 1
 
@@ -87,7 +88,7 @@ def test_captures(stage):
     ({"camera": "Key"}, "view 1: camera 'Key' is a light"),
     ({"lights": ["Key", "Moon"]}, "view 1: light 'Moon' does not exist in the scene; there are: 'Key'"),
     ({"lights": ["Cam"]}, "view 1: light 'Cam' is a camera"),
-    ({"lights": []}, "view 1: \"lights\" is missing or empty"),
+    ({"lights": []}, 'view 1: has no light and the world is black'),
 ])
 def test_captures_name_what_does_not_exist(stage, view, words):
     fine = {"image": "a.exr", "camera": "Cam", "lights": ["Key"]}
@@ -116,6 +117,9 @@ def view_list():
         lights: bpy.props.CollectionProperty(type=TestLight)
         exposure: bpy.props.FloatProperty()
         mask: bpy.props.StringProperty()
+        ambient: bpy.props.StringProperty()
+        vignetting: bpy.props.FloatProperty()
+        flat: bpy.props.StringProperty()
         enabled: bpy.props.BoolProperty(default=True)
         colorspace: bpy.props.StringProperty()
 
@@ -140,7 +144,8 @@ def test_the_scenes_own_list(stage, view_list):
     chosen = stage.scene.irpso.views.add()
     chosen.image, chosen.camera = "//b.exr", stage.camera
     chosen.lights.add().light = stage.key
-    chosen.colorspace = "ACEScg"
+    chosen.colorspace, chosen.ambient, chosen.flat = "ACEScg", "//dark.exr", "//flat.exr"
+    chosen.vignetting = 2.5
     off = stage.scene.irpso.views.add()
     off.image, off.enabled = "//c.exr", False
     read = stage.read(captures=None)
@@ -148,7 +153,9 @@ def test_the_scenes_own_list(stage, view_list):
     assert first.image == stage.folder / "refs/a.exr" and first.mask == stage.folder / "m.png" and first.exposure == 1
     assert [light.name for light in first.lights] == ["Key", "Sun"] and second.mask is None
     assert [light.name for light in second.lights] == ["Key"]
-    assert first.colorspace is None and second.colorspace == "ACEScg"
+    assert first.colorspace is None and second.colorspace == "ACEScg" and first.ambient is first.flat is None
+    assert (second.ambient, second.flat) == (stage.folder / "dark.exr", stage.folder / "flat.exr")
+    assert (first.vignetting, second.vignetting) == (0, 2.5)
     assert read.skipped == (("//c.exr", "switched off"),)
     chosen.lights.add()
     assert "view 1" in bad(stage, captures=None) and "empty light" in bad(stage, captures=None)
@@ -235,20 +242,35 @@ def test_pixel_filter_of_other_engines(stage):
     assert stage.read().pixel_filter == 1
 
 
-def test_what_is_not_modelled_is_named(stage):
+def test_beside_lamps_a_world_with_a_picture_or_nodes_alone_is_light(stage):
+    """Every new file has a world of one colour."""
+    def environment():
+        found = stage.read()
+        assert not found.warnings
+        return found.views[0].environment
+
     world = bpy.data.worlds.new("Sky")
     stage.scene.world = world
     if bpy.app.version < (5, 0, 0):
         world.use_nodes = True
     background = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND")
-    assert any("'Sky'" in w for w in stage.read().warnings)
-    background.inputs["Strength"].default_value = 0
-    assert not stage.read().warnings
-    background.inputs["Strength"].default_value = 1
-    background.inputs["Color"].default_value = (0, 0, 0, 1)
-    assert not stage.read().warnings
+    assert environment() is None
     world.node_tree.links.new(world.node_tree.nodes.new("ShaderNodeTexSky").outputs[0], background.inputs["Color"])
-    assert any("'Sky'" in w for w in stage.read().warnings)
+    assert environment().radiance.max() > 0
+    background.inputs["Strength"].default_value = 0
+    assert environment() is None
+
+
+def test_views_without_lamps_are_lit_by_the_world(stage):
+    stage.scene.world = bpy.data.worlds.new("Sky")
+    write_captures(stage, {"image": "a.exr", "camera": "Cam", "lights": []},
+                   {"image": "b.exr", "camera": "Cam", "lights": [], "turn": 90},
+                   {"image": "c.exr", "camera": "Cam", "lights": [], "world": "Sky"})
+    first, second, third = stage.read().views
+    assert first.lights == () and first.environment is third.environment is not None  # of one colour
+    assert second.environment is not first.environment
+    write_captures(stage, {"image": "a.exr", "camera": "Cam", "lights": [], "world": "Moon"})
+    assert "world 'Moon' does not exist" in bad(stage)
 
 
 def test_images_that_may_have_a_view_transform_are_named(stage):
@@ -349,7 +371,7 @@ def test_files_that_blender_writes(stage, form):
     np.testing.assert_allclose(found.rgb[seen], truth.rgb[seen], rtol=tolerance)
     if form != "HDR":
         np.testing.assert_allclose(found.coverage, truth.coverage, atol=1e-4)
-    assert not found.warnings
+    assert ["without a colour space" in line for line in found.warnings] == [True] * (form == "TIFF")
 
 
 def test_colour_spaces_are_blenders(stage):
@@ -373,7 +395,7 @@ def test_colour_spaces_are_blenders(stage):
         image.pixels.foreach_get(values)
         write_captures(stage, {"image": "a.exr", "camera": "Cam", "lights": ["Key"], "colorspace": space})
         found = read_reference(stage.read().views[0]).rgb
-        truth = np.maximum(values.reshape(2, 3, 4)[..., :3], 0)
+        truth = values.reshape(2, 3, 4)[..., :3]  # also what lies outside Rec.709, below 0
         np.testing.assert_allclose(found, truth, atol=2e-3, err_msg=space)
         bpy.data.images.remove(image)
         compared += 1

@@ -63,21 +63,21 @@ def test_a_vertex_group_is_weighed_at_the_corners(cube):
 
 @pytest.mark.parametrize("is_float", [False, True])
 def test_an_image_is_white_by_its_colour_and_alpha(empty, is_float):
-    image = bpy.data.images.new("Part", 4, 2, alpha=True, float_buffer=is_float)
+    image = bpy.data.images.new("Region", 4, 2, alpha=True, float_buffer=is_float)
     pixels = np.zeros((2, 4, 4), np.float32)
     pixels[0, 1], pixels[1, 2], pixels[1, 3] = (1, 1, 1, 1), (1, 1, 0, 1), (1, 1, 1, 0)
     image.pixels.foreach_set(pixels.ravel())
     region = solve_region.image_region(image)
     np.testing.assert_array_equal(region.image > 0.5, [[False, True, False, False], [False, False, True, False]])
     image.pixels.foreach_set(np.zeros(32, np.float32))
-    with pytest.raises(BadInput, match=r"Part.*nowhere white"):
+    with pytest.raises(BadInput, match=r"Region.*has no white"):
         solve_region.image_region(image)
     with pytest.raises(BadInput, match="no image is chosen"):
         solve_region.image_region(None)
 
 
 def test_an_image_file_is_white_as_the_image_is_that_blender_loads(empty, tmp_path):
-    made = bpy.data.images.new("Part", 4, 2, alpha=True)
+    made = bpy.data.images.new("Region", 4, 2, alpha=True)
     pixels = np.zeros((2, 4, 4), np.float32)
     pixels[0, 1], pixels[1, 2], pixels[1, 0] = (1, 1, 1, 1), (0.2, 0.8, 0.9, 1), (1, 1, 1, 0.2)
     made.pixels.foreach_set(pixels.ravel())
@@ -142,7 +142,7 @@ def test_starting_at_the_last_result_ends_where_it_was(scene):
     before = {name: pixels(f"Ball_{name}") for name in ("roughness", "basecolor")}
     scene.irpso.start = "last"
     assert bpy.ops.irpso.solve() == {"FINISHED"}
-    sure = pixels("Ball_confidence")[..., 0] > 0.5
+    sure = pixels("Ball_confidence")[..., 0] > 0.25  # one value for all: at most 0.5
     for name, values in before.items():
         off = np.abs(pixels(f"Ball_{name}") - values)[sure]
         assert np.median(off) < 1e-4 and np.quantile(off, 0.99) < 0.01
@@ -168,13 +168,13 @@ def test_a_part_is_marked_in_its_own_mode(scene):
         scene.irpso.region = region
         assert bpy.ops.irpso.paint_part() == {"FINISHED"} and ball.mode == mode
         assert bpy.ops.irpso.paint_part() == {"FINISHED"} and ball.mode == "OBJECT"
-    assert scene.irpso.region_group == "Part" and [group.name for group in ball.vertex_groups] == ["Part"]
+    assert scene.irpso.region_group == "Region" and [group.name for group in ball.vertex_groups] == ["Region"]
     assert tuple(scene.irpso.region_image.size) == (SIZE, SIZE)
     paint = scene.tool_settings.image_paint
     assert paint.canvas == scene.irpso.region_image
     unified = getattr(paint, "unified_paint_settings", None) or scene.tool_settings.unified_paint_settings
     assert tuple(unified.color) == (1, 1, 1)
-    ball.vertex_groups["Part"].add([vertex.index for vertex in ball.data.vertices], 1.0, "REPLACE")
+    ball.vertex_groups["Region"].add([vertex.index for vertex in ball.data.vertices], 1.0, "REPLACE")
     scene.irpso.region = "GROUP"
     bpy.ops.irpso.paint_part()
     assert bpy.ops.irpso.solve() == {"FINISHED"}  # while it is being painted, too

@@ -13,7 +13,7 @@ from irpso_addon.blender import files
 from irpso_addon.blender.jobs import solve_region
 from irpso_addon.blender.material import material
 from irpso_addon.blender.scene.scene_material import read_normal_maps
-from irpso_addon.core.data import JointPrior, Maps, Solution
+from irpso_addon.core.data import Coat, JointPrior, Maps, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.maps.export import layers
 from tests.blender.materials import (
@@ -241,6 +241,40 @@ def test_metallic_comes_goes_and_is_read_back(empty) -> None:
     assert solve_region.last_result(obj).levels == {}
     material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
     assert tree_state(tree) == before  # the user's own link is back
+
+
+def test_a_coat_comes_goes_and_is_read_back(empty) -> None:
+    """The user's own coat, with its links, comes back; the solved one follows the material's normals."""
+    obj, shader = rich_plane()
+    tree, principled = shader.node_tree, principled_of(shader)
+    inputs, noise = principled.inputs, tree.nodes.new("ShaderNodeTexNoise")
+    inputs["Coat IOR"].default_value, inputs["Coat Tint"].default_value = 1.8, (0.5, 0.25, 1.0, 1.0)
+    tree.links.new(noise.outputs[0], inputs["Coat Weight"])
+    tree.links.new(noise.outputs[0], inputs["Coat Normal"])
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    before = tree_state(tree)
+    coated = replace(make_solution({"Skin": "one-lobe-specular"}), levels={"Skin": 0.25},
+                     coats={"Skin": Coat(0.75, 0.125)})
+    (message,) = material.write_maps(obj, coated)
+    assert "Coat Weight was linked; unlinked and set to 0.75" in message
+    once = tree_state(tree)
+    assert material.write_maps(obj, coated) == ()
+    assert tree_state(tree) == once
+    assert [inputs[f"Coat {name}"].default_value for name in ("Weight", "Roughness", "IOR")] == [0.75, 0.125, 1.5]
+    assert tuple(inputs["Coat Tint"].default_value) == (1, 1, 1, 1)
+    (own,), (normal,) = inputs["Coat Normal"].links, inputs["Normal"].links
+    assert own.from_socket == normal.from_socket
+    read = solve_region.last_result(obj)
+    assert (read.model, read.coats, read.levels) == (
+        {"Skin": "one-lobe-specular"}, {"Skin": Coat(0.75, 0.125)}, {"Skin": 0.25})
+    metal = replace(coated, model={"Skin": "one-lobe-metallic"}, metallic={"Skin": 0.5})
+    material.write_maps(obj, metal)
+    read = solve_region.last_result(obj)
+    assert (read.model, read.coats, read.metallic) == (
+        {"Skin": "one-lobe-metallic"}, {"Skin": Coat(0.75, 0.125)}, {"Skin": 0.5})
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert tree_state(tree) == before
+    assert solve_region.last_result(obj).coats == {}
 
 
 @pytest.mark.parametrize("packed", [True, False])

@@ -72,7 +72,7 @@ def test_zip_holds_the_extension_and_nothing_else(built):
     shaders = {p.relative_to(ROOT).as_posix() for p in (ROOT / "shaders").rglob("*.*") if p.suffix != ".md"}
     assert shaders <= names
     assert not [n for n in names if "__pycache__" in n or n.endswith((".pyc", ".blend", ".so"))]
-    assert built.stat().st_size < 5e6
+    assert built.stat().st_size < 17e6  # 12 MB of it rawpy's six wheels, of which each system unpacks one
 
 
 def alone() -> list[str]:
@@ -98,7 +98,7 @@ def test_installed_zip_solves(built, zips, scenes, tmp_path):
     assert lines["linked"] == "[True, True]"
     assert lines["plain"] == "False"  # every import stayed inside bl_ext.user_default.irpso
     assert lines["command"] == "0", told
-    assert "glcontext" in lines["wheels"] and "moderngl" in lines["wheels"], told
+    assert all(name in lines["wheels"] for name in ("glcontext", "moderngl", "rawpy")), told
     assert lines["network"] == "[]"
     assert lines["gone"] == "True"
     assert (tmp_path / "maps" / "Ball_basecolor.exr").exists()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from irpso_addon.core.check_records import Checks, Residual, Slope, ViewCheck
@@ -26,5 +29,31 @@ def checks(exponent: float, misfit: bool) -> Checks:
     (1.0, False, False),
 ])
 def test_a_bent_exponent_is_proof_only_where_the_model_fits(exponent: float, misfit: bool, told: bool) -> None:
-    found = [line for line in warnings(checks(exponent, misfit)) if "brightness follows light" in line]
+    found = [line for line in warnings(checks(exponent, misfit)) if "non-linear" in line]
     assert bool(found) == told
+
+
+def of_views(exponents: list[float]) -> Checks:
+    """Of views whose brightness follows light each to a power of its own."""
+    one = checks(1.0, misfit=False)
+    (view,) = one.views
+    return replace(one, views=tuple(
+        replace(view, view=f"{i}.exr", slope=Slope(exponent, 0.001)) for i, exponent in enumerate(exponents)))
+
+
+def test_a_view_is_blamed_only_where_it_stands_out() -> None:
+    """One encoded picture among linear ones is named; the ends of a wide scatter are not."""
+    rng = np.random.default_rng(0)
+    encoded = warnings(of_views([*(1 + 0.01 * rng.normal(size=11)), 0.45]))
+    assert len(encoded) == 1 and encoded[0].startswith("'11.exr': looks non-linear (exponent 0.45)")
+    assert warnings(of_views([*(1 + 0.08 * rng.normal(size=30)), 0.71, 1.3])) == ()
+
+
+def test_structure_in_all_views_excuses_a_single_bent_one() -> None:
+    """A photographed figure: 7 % of structure, exponents of .71 to 1.08 with a scale of .04."""
+    rng = np.random.default_rng(1)
+    views = of_views([*(0.96 + 0.04 * rng.normal(size=60)), 0.71, 0.75, 0.76])
+    assert any("non-linear" in line for line in warnings(views))
+    assert not any("non-linear" in line for line in warnings(replace(views, structure=0.07)))
+    encoded = replace(of_views([*(0.96 + 0.04 * rng.normal(size=60)), 0.45]), structure=0.07)
+    assert any("'60.exr': looks non-linear" in line for line in warnings(encoded))

@@ -34,7 +34,7 @@ def test_without_lamps_or_shadows_nothing_tells() -> None:
 
 def test_little_light_and_light_of_another_kind_are_left() -> None:
     assert why_not(BouncedSample(0.2, 0.05), 0.05) == ""
-    assert "0.2% of the lamps'" in why_not(BouncedSample(0.002, 0.05), 0.05)
-    assert "makes 0.6% there" in why_not(BouncedSample(0.02, 0.006), 0.05)
+    assert "0.2 % of the lamps' light" in why_not(BouncedSample(0.002, 0.05), 0.05)
+    assert "only 0.6 % as bright" in why_not(BouncedSample(0.02, 0.006), 0.05)
     assert why_not(BouncedSample(0.02, math.nan), 0.05) == ""
     assert why_not(BouncedSample(0.2, 0.006), 0.05) == ""  # too much to be left, whatever else is there

@@ -17,7 +17,7 @@ VIEW = {"image": "refs/a.exr", "camera": "Cam", "lights": ["Key"]}
 
 names = st.text(st.characters(exclude_categories=["Cc", "Cs"]), min_size=1).filter(str.strip)
 views = st.fixed_dictionaries(
-    {"image": names, "camera": names, "lights": st.lists(names, min_size=1, max_size=4, unique=True)},
+    {"image": names, "camera": names, "lights": st.lists(names, max_size=4, unique=True)},
     optional={"exposure": st.floats(-64, 64), "mask": names, "colorspace": names, "made by": st.integers()},
 )
 json_values = st.recursive(
@@ -41,7 +41,7 @@ def test_reads_back_what_was_written(entries):
         CaptureView(
             image=FILE.parent / e["image"], camera=e["camera"], lights=tuple(e["lights"]),
             exposure=e.get("exposure", 0.0), mask=FILE.parent / e["mask"] if "mask" in e else None,
-            colorspace=e.get("colorspace"),
+            colorspace=e.get("colorspace"), world=e.get("world"), turn=e.get("turn", 0.0),
         )
         for e in entries
     ]
@@ -52,22 +52,28 @@ def test_anything_else_is_bad_input_and_nothing_worse(text):
     error_of(text)
 
 
-@given(views, st.sampled_from(["image", "camera", "lights", "exposure", "mask", "colorspace"]), json_values)
+@given(views, st.sampled_from(["image", "camera", "lights", "exposure", "mask", "colorspace", "world", "turn"]),
+       json_values)
 def test_any_value_under_any_key_is_read_or_bad_input(entry, key, value):
     try:
         [view] = parse_captures(json.dumps({"views": [entry | {key: value}]}), FILE)
     except BadInput as error:
         assert "\n" not in str(error) and "view 0" in str(error)
     else:
-        assert -64 <= view.exposure <= 64 and view.lights and view.camera.strip()
+        assert -64 <= view.exposure <= 64 and abs(view.turn) <= 3600 and view.camera.strip()
 
 
 @pytest.mark.parametrize(("change", "words"), [
     ({"image": None}, '"image" is missing'),
     ({"camera": 3}, '"camera" is not a name'),
     ({"camera": "a\nb"}, '"camera" is not a name'),
-    ({"lights": []}, '"lights" is missing or empty'),
-    ({"lights": "Key"}, '"lights" is missing or empty'),
+    ({"lights": None}, '"lights" is missing'),
+    ({"lights": "Key"}, '"lights" is missing'),
+    ({"turn": "left"}, '"turn" is not a number'),
+    ({"vignetting": "4"}, '"vignetting" is not a number'),
+    ({"vignetting": 17}, 'between -16 and 16 powers of the cosine'),
+    ({"turn": 1e9}, '"turn" is out of range'),
+    ({"world": 3}, '"world" is not a name'),
     ({"lights": ["Key", 2]}, "not a name"),
     ({"lights": ["Key", "Key"]}, "twice"),
     ({"exposure": "bright"}, "not a number"),

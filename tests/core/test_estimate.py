@@ -54,12 +54,26 @@ def test_one_solve_teaches_the_next(slower) -> None:
     took = truly(views(), settings, {})
     stages = {stage: s for stage, s in took.items() if stage != "start"}
     factors = learnt({}, views(), settings, stages, sum(took.values()))
-    assert set(factors) == {"start", "gbuffer", "observe", "solve refined auto", "maps",
+    assert set(factors) == {"start", "gbuffer", "observe", "solve refined auto", "maps", "whole refined auto",
                             "compiled one, 10 views, 3 cameras", "compiled two, 10 views, 3 cameras"}
     for taken, chosen in ((views(25), SolveSettings(size=1024)), (views(5), SolveSettings(size=128, model="two-lobe"))):
         found, exact = estimate(taken, chosen, factors, 2.0), sum(truly(taken, chosen, factors).values())
         assert found.learnt and 0.5 < found.seconds / exact <= 1 + 1e-6
         assert slower > 1 or found.seconds == pytest.approx(exact)
+
+
+@pytest.mark.parametrize(("compiling", "rest"), [(1.0, 4.0), (4.0, 1.0), (0.2, 0.3), (2.0, 2.0)])
+def test_after_one_solve_the_estimate_is_near(compiling, rest) -> None:
+    """Within a factor of 1.5, on a machine whose compiler is slow and on one where all of it is."""
+    settings = SolveSettings(size=512)
+    again = predicted(views(), settings, learnt({}, views(), settings, {}, 1.0))
+    once = {stage: rest * again[stage] + compiling * (s - again[stage])
+            for stage, s in predicted(views(), settings, {}).items()}
+    seconds = {stage: s for stage, s in once.items() if stage != "start"}
+    factors = learnt({}, views(), settings, seconds, sum(once.values()))
+    found = estimate(views(), settings, factors, 2.0).seconds
+    true = rest * sum(predicted(views(), settings, factors).values())
+    assert 1 / 1.5 < found / true < 1.5
 
 
 def test_surprises_are_halved_and_nonsense_is_not_learnt() -> None:

@@ -111,7 +111,7 @@ def test_what_is_not_a_jobs_stays(tmp_path: Path, name: str, kind: str) -> None:
     else:
         (job / name).write_text("specificationVersion: jobtemplate-2023-09\nname: mine\n")
     before = {path: path.is_symlink() or path.is_dir() or path.read_text() for path in tmp_path.rglob("*")}
-    with pytest.raises(BadInput, match=rf"job: holds a \w+ '{name}' that is not irpso's; choose another folder"):
+    with pytest.raises(BadInput, match=rf"job: contains a \w+ '{name}' that is not irpso's; choose another folder"):
         next(farm.plan_job(SceneData("", None, None, ()), SolveSettings(), job))
     assert {path: path.is_symlink() or path.is_dir() or path.read_text() for path in tmp_path.rglob("*")} == before
 

@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from irpso_addon.core.data import Coat
+from irpso_addon.core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
 from irpso_addon.core.evaluation.folds import Judge, lightness, split
 from irpso_addon.core.evaluation.joint_material import JointSearch
 from irpso_addon.core.evaluation.sampled_texels import SampledTexels, one_lobe, predicted
@@ -16,7 +18,7 @@ RNG = np.random.default_rng(5)
 
 
 def sampled(count: int, lamps: int, cameras: int, rough: np.ndarray, level: float = 0.5, noise: float = 0.0,
-            metallic: float = 0.0) -> tuple[SampledTexels, np.ndarray]:
+            metallic: float = 0.0, coat: Coat | None = None) -> tuple[SampledTexels, np.ndarray]:
     """Texels of random normals under lamps and cameras, and their base colours, by brdf.principled of three vectors."""
     def directions(n: int, low: float) -> np.ndarray:
         z = RNG.uniform(low, 1, n)
@@ -33,7 +35,8 @@ def sampled(count: int, lamps: int, cameras: int, rough: np.ndarray, level: floa
     half = half / np.linalg.norm(half, axis=-1, keepdims=True)
     cos_l, cos_v, cos_vh = ((a * b).sum(-1) for a, b in ((light, normal), (view, normal), (view, half)))
     grey = np.repeat(base[:, None], 3, 1)
-    f = brdf.principled(grey[:, None], rough[:, None], light, view, normal, level=level, metallic=metallic)[..., 0]
+    f = brdf.principled(grey[:, None], rough[:, None], light, view, normal, level=level, metallic=metallic,
+                       coat=coat)[..., 0]
     f = f * (1 + noise * RNG.standard_normal(f.shape))
     sin2h = (np.cross(normal, half) ** 2).sum(-1)
     lobes = np.stack([sin2h, np.zeros_like(sin2h), cos_l, brdf.F_dielectric(cos_vh) / (2 * cos_l * cos_v)], -1)
@@ -209,3 +212,21 @@ def test_few_observations_spare_the_fit() -> None:
     assert many.spared() < 0.05
     assert few.stays("a texel", few.spared()) and not many.stays("a texel", many.spared())
     assert not few.stays("lambert", 0.1)
+
+
+COAT = Coat(0.6, 0.2)
+
+
+@pytest.mark.parametrize(("kind", "metallic", "different"), [
+    (PLAIN, 0.0, False), (METAL, 0.6, False), (APART, 0.0, True)])
+def test_a_coat_is_found(kind: str, metallic: float, different: bool) -> None:
+    """Above one roughness, above one with Metallic, and above a roughness of its own for each texel; 1 % noise."""
+    rough = RNG.uniform(0.45, 0.8, 200) if different else np.full(200, 0.6)
+    texels, _ = sampled(200, 16, 2, rough, 0.5, noise=0.01, metallic=metallic, coat=COAT)
+    search, known = JointSearch(texels), np.ones(32, bool)
+    found = CoatSearch(search).fit(kind, known, search.fit(known), 0.5)
+    assert found.coat is not None
+    assert found.coat.weight == pytest.approx(COAT.weight, abs=0.1)
+    assert found.coat.roughness == pytest.approx(COAT.roughness, abs=0.03)
+    if not different:
+        assert found.roughness == pytest.approx(0.6, abs=0.06) and found.metallic == pytest.approx(metallic, abs=0.1)

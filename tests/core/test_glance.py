@@ -47,7 +47,7 @@ def test_a_large_picture_is_read_in_strips(tmp_path: Path, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize(("name", "content", "words"), [
-    ("none.exr", None, "no such image"), ("text.exr", b"not an image", "Cannot be read as an image"),
+    ("none.exr", None, "Image not found"), ("text.exr", b"no image", "Cannot be read as an image"),
     ("folder", "folder", "Is a folder"), ("cut.exr", "cut", "damaged or cut short"),
 ])
 def test_what_is_wrong_is_short(tmp_path: Path, name, content, words) -> None:

@@ -90,7 +90,7 @@ def test_names_that_are_no_text_are_told_all_the_same(written):
 
 
 def test_words_without_folders_stay():
-    for text in ("Vase: 20 % of its texels are seen lit by no view", "no", "", "view_01.exr: clipped, 3.4 %"):
+    for text in ("Vase: 20 % of its texels are lit in no view", "no", "", "view_01.exr: clipped, 3.4 %"):
         assert log.without_folders(text) == text
 
 

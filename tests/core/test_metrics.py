@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import Maps, Solution
+from irpso_addon.core.data import Coat, Maps, Solution
 from irpso_addon.core.evaluation import folds, prediction
 from irpso_addon.core.evaluation.metrics import map_errors, prediction_error, psnr
 from irpso_addon.core.evaluation.prediction import Pixels, PlaceView, Surface, predict, shown
@@ -131,6 +131,28 @@ def test_a_solutions_metallic_is_its_materials():
     uv = np.array([[0.1, 0.5], [0.9, 0.5]], np.float32)
     pixels = Pixels(uv, np.zeros((2, 4), np.float32), 1.0)
     assert list(shown(whole, pixels).metallic) == [0.75, 0.0]
+
+
+def test_coats_are_those_of_the_principled_model():
+    """Two of them, and places without."""
+    view, (L, V, N) = one_light()
+    coats, which = (Coat(0.3, 0.4), Coat(1.0, 0.2)), np.arange(200, dtype=np.int32) % 3 - 1
+    at = replace(surface(), coat=which, coats=coats)
+    want = np.stack([brdf.principled(at.base[i], at.lobes[i, 0], L[i], V[i], N[i],
+                                     coat=None if k < 0 else coats[k]) for i, k in enumerate(which)])
+    assert np.abs(predict(at, view) / want - 1).max() < 2e-4
+
+
+def test_a_solutions_coats_are_its_materials():
+    grid, none = np.full((4, 4), 0.5, np.float32), np.zeros((4, 4), bool)
+    found = Solution.of_maps(
+        Maps(np.full((4, 4, 3), 0.5, np.float32), grid, grid, grid, none, none, grid, grid),
+        {"Wood": "one-lobe-specular", "Paint": "one-lobe"}, coats={"Wood": Coat(0.5, 0.1)})
+    slots = np.array([[1, 1, 0, 0]] * 4, np.int32)
+    whole = prediction.surface(found, "ggx", slots, ("Paint", "Wood"))
+    assert np.array_equal(whole.coat.reshape(4, 4), np.where(slots == 1, 0, -1)) and whole.coats == (Coat(0.5, 0.1),)
+    pixels = Pixels(np.array([[0.1, 0.5], [0.9, 0.5]], np.float32), np.zeros((2, 4), np.float32), 1.0)
+    assert list(shown(whole, pixels).coat) == [0, -1]
 
 
 def test_level_zero_is_lambert():

@@ -102,7 +102,7 @@ def test_what_is_wrong_with_the_reference_is_said_and_leaves_nothing(tmp_path):
 def test_a_file_that_is_not_whole_is_refused(sample, spoil):
     path = sample[1]
     path.write_bytes(spoil(path.read_bytes()))
-    with pytest.raises(BadInput, match="no developed picture") as caught:
+    with pytest.raises(BadInput, match="not a developed picture") as caught:
         CachedReference(path)
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
 

@@ -73,7 +73,7 @@ def test_what_is_too_large_is_solved_small_and_said():
     small = replace(SQUARE.scene.mesh, uvs=SQUARE.scene.mesh.uvs / 4)  # most of the map is empty
     found = solved(replace(SQUARE.scene, mesh=small, views=SQUARE.scene.views[:3]), size=1024)
     assert found.maps.roughness.shape == (64, 64)
-    assert any("64 x 64 texels in place of 1024 x 1024" in warning for warning in found.warnings)
+    assert any("64 x 64 texels instead of 1024 x 1024" in warning for warning in found.warnings)
 
 
 def test_maps_that_do_not_fit_in_memory_are_solved_smaller_and_said():
@@ -85,7 +85,7 @@ def test_maps_that_do_not_fit_in_memory_are_solved_smaller_and_said():
             next(steps)
     found = stop.value.value
     assert found.maps.roughness.shape == (8, 8)
-    assert any("8 x 8 texels in place of 16 x 16" in line and "Memory" in line for line in found.warnings)
+    assert any("8 x 8 texels instead of 16 x 16" in line and "Memory" in line for line in found.warnings)
 
 
 def test_the_memory_foreseen_is_what_observations_take():
@@ -106,7 +106,7 @@ def test_the_memory_foreseen_is_what_observations_take():
 
 @pytest.mark.parametrize("scene, settings, words", [
     (SQUARE.scene, {"model": "two-lobe"}, "Square: model two-lobe needs OpenGL"),
-    (replace(SQUARE.scene, region=Region()), {}, "Square: a part alone needs OpenGL"),
+    (replace(SQUARE.scene, region=Region()), {}, "Square: solving a region needs OpenGL"),
     (replace(SQUARE.scene, mesh=replace(SQUARE.scene.mesh, uvs=SQUARE.scene.mesh.uvs + 3)), {}, "no face covers"),
     (replace(SQUARE.scene, mesh=replace(SQUARE.scene.mesh, uvs=SQUARE.scene.mesh.uvs * np.nan)), {}, "no face covers"),
     (replace(SQUARE.scene, mesh=replace(SQUARE.scene.mesh, positions=SQUARE.scene.mesh.positions + 50)), {},

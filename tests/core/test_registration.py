@@ -14,6 +14,7 @@ from irpso_addon.core.checks.registration import Registration, corrected
 from irpso_addon.core.checks.registration_fit import fit_views, gain_of_cameras, silhouette
 from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
 from irpso_addon.core.data import Camera, MeshArrays, SceneData, View
+from tests.support.synthetic import plane_mesh
 
 WIDTH, HEIGHT, RADIUS = 150, 120, 48.0
 SUNS = np.array([(0.5, 0.3, 0.8), (-0.6, 0.2, 0.8), (0.1, -0.7, 0.7), (0.0, 0.6, 0.8), (0.7, -0.4, 0.6),
@@ -149,14 +150,28 @@ def test_a_mask_drawn_too_small_is_no_shift():
     covered = np.isfinite(ball()[2])
     inner = silhouette(covered.astype(np.float32), drawn_over(shrunk=1.0))
     assert inner is not None
-    np.testing.assert_allclose(inner[0], 0, atol=0.02)
+    np.testing.assert_allclose(inner.shift, 0, atol=0.02)
+    assert inner.growth == pytest.approx(-1 / RADIUS, rel=0.1)
     assert silhouette(covered.astype(np.float32), np.ones(covered.shape, np.float32)) is None
 
 
 def test_a_mask_of_something_else_says_nothing():
     half = drawn_over() * (np.arange(WIDTH) < WIDTH / 2)  # cut off through the middle: the right outline is gone
-    shift, covariance = silhouette(np.isfinite(ball()[2]).astype(np.float32), half.astype(np.float32))
-    assert np.all(np.abs(shift) < 4 * np.sqrt(np.diag(covariance)) + 0.05)
+    found = silhouette(np.isfinite(ball()[2]).astype(np.float32), half.astype(np.float32))
+    assert found is not None
+    assert np.all(np.abs(found.shift) < 4 * np.sqrt(np.diag(found.covariance)) + 0.05)
+
+
+def test_a_focal_length_that_is_off() -> None:
+    """The ball lies 30 pixels to the right of the middle and is 0.5 % too large: so is the corrected camera's image."""
+    by, camera_ = 0.005, replace(camera(), projection=np.diag([2.0, 2.5, 1.0, 1.0]))
+    misfit = Misfit(Path("a.exr"), "Cam", (WIDTH, HEIGHT), (0.2, 0.1), 0.01, 1.0, 0.01, False, by, 1e-4, (30.0, -10.0))
+    scene = SceneData("s", plane_mesh(), np.zeros((0, 3, 3), np.float32), (View(Path("a.exr"), camera_, ()),))
+    new = corrected(scene, [misfit], shifts=True, gains=False).views[0].camera
+    place = np.array([0.3, 0.2, -1.0, 1.0])
+    before, after = ((c.projection @ place)[:2] * (WIDTH / 2, HEIGHT / 2) for c in (camera_, new))
+    np.testing.assert_allclose(after - before, (0.2, 0.1) + by * (before - (30.0, -10.0)), atol=1e-9)
+    assert not replace(misfit, growth_error=0.001).grown
 
 
 def test_the_pixels_factors_are_eliminated_exactly():

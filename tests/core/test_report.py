@@ -12,7 +12,7 @@ import pytest
 
 from irpso_addon.core.check_records import Checks, LightResidual, MaterialCheck, Misfit, Residual, Slope, ViewCheck
 from irpso_addon.core.checks.warnings import grouped
-from irpso_addon.core.data import Maps, Solution
+from irpso_addon.core.data import Coat, Maps, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.reporting.report import build_report, peak_memory, write_report
@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 NOTHING = np.zeros((1, 1), np.float32)
 SOLUTION = Solution(
     maps=Maps(np.zeros((1, 1, 3), np.float32), NOTHING, NOTHING, NOTHING, NOTHING > 0, NOTHING > 0, NOTHING, NOTHING),
-    model={"Glaze": "one-lobe", "": "lambert"}, why={"Glaze": "asked for"},
+    model={"Glaze": "one-lobe", "": "lambert"}, why={"Glaze": "chosen"},
     texels={"covered": 90, "observed": 80, "solved": 60, "filled": 30}, seconds={"observe": 1.0, "solve": 2.0},
     residual=0.02, views_used=("a.exr",), views_skipped=(("b.exr", "sees nothing"),), warnings=("Töpfe: wärm",),
     device={"renderer": "none"})
@@ -33,7 +33,7 @@ def test_figures_follow_from_the_solution():
     assert report["seconds"] == {"observe": 1.0, "solve": 2.0, "total": 3.0}
     assert report["texels_per_second"] == {"solve": 30.0, "total": 20.0}
     assert report["models"] == {
-        "Glaze": {"model": "one-lobe", "why": "asked for"}, "": {"model": "lambert", "why": ""}}
+        "Glaze": {"model": "one-lobe", "why": "chosen"}, "": {"model": "lambert", "why": ""}}
     assert report["views"] == {"used": ["a.exr"], "skipped": [{"view": "b.exr", "why": "sees nothing"}]}
     assert (report["size"], report["seed"], report["method"], report["model"]) == (64, 7, "refined", "auto")
     assert report["versions"]["blender"] == "5.2" and report["cancelled"] is False
@@ -43,13 +43,14 @@ def test_each_model_says_what_only_it_has():
     model = {"Cup": "one-lobe-specular", "Jug": "one-lobe-specular", "Skin": "two-lobe", "Chalk": "lambert",
              "Tin": "one-lobe-metallic"}
     solution = replace(SOLUTION, model=model, why={}, levels={"Cup": np.float32(0.25)}, ndf="beckmann",
-                       metallic={"Tin": np.float32(0.75)})
+                       metallic={"Tin": np.float32(0.75)}, coats={"Tin": Coat(0.5, 0.25)})
     models = build_report(solution, SolveSettings(), [])["models"]
     assert models == {
         "Cup": {"model": "one-lobe-specular", "why": "", "level": 0.25},
         "Jug": {"model": "one-lobe-specular", "why": "", "level": None},  # a map
         "Skin": {"model": "two-lobe", "why": "", "ndf": "beckmann"}, "Chalk": {"model": "lambert", "why": ""},
-        "Tin": {"model": "one-lobe-metallic", "why": "", "metallic": 0.75, "level": 0.5}}
+        "Tin": {"model": "one-lobe-metallic", "why": "", "metallic": 0.75, "level": 0.5,
+                "coat": {"weight": 0.5, "roughness": 0.25}}}
     json.dumps(models, allow_nan=False)
 
 

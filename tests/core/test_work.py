@@ -16,6 +16,7 @@ import pytest
 from irpso_addon.core.check_records import Checks
 from irpso_addon.core.data import Camera, Light, Maps, MeshArrays, NormalMap, SceneData, Solution, View, ViewPicture
 from irpso_addon.core.errors import BadInput
+from irpso_addon.core.lens import Lens
 from irpso_addon.core.maps.block_merge import Target, merge, steps
 from irpso_addon.core.maps.export import layers, write_maps
 from irpso_addon.core.params import SolveSettings
@@ -29,7 +30,8 @@ ROOT = Path(__file__).parents[2]
 
 def scene() -> SceneData:
     rng = np.random.default_rng(1)
-    camera = Camera("Käm", rng.random((4, 4)), rng.random((4, 4)), rng.random(3), rng.random(3), False, 1.5)
+    camera = Camera("Käm", rng.random((4, 4)), rng.random((4, 4)), rng.random(3), rng.random(3), False, 1.5,
+                    lens=Lens(60, 40, 40.2, 40.1, 30.3, 19.5, (-0.1, 0.09, -0.03, 0.0), (6e-4, -3e-4), 0.2))
     mesh = MeshArrays("vase", *rng.random((2, 5, 3, 3)).astype(np.float32), rng.random((5, 3, 2)).astype(np.float32),
                       np.arange(5, dtype=np.int32), ("a", ""), normal_maps={2: NormalMap(
                           np.asfortranarray(rng.random((3, 4, 3)).astype(np.float32)), 0.5)})
@@ -168,7 +170,7 @@ def test_work_keeps_what_is_of_the_same_solve(tmp_path):
         assert work.has_block("1001_y0_x0") and (work.pictures / "a").exists()
         work.begin("two")
         assert not work.has_block("1001_y0_x0") and work.read_plan() is None and not list(work.pictures.iterdir())
-        with pytest.raises(BadInput, match="w: the folder belongs to another solve by now; stop"):
+        with pytest.raises(BadInput, match="w: the folder now belongs to another solve; stop"):
             late.write_block("1001_y0_x0", BLOCK)  # of the solve before
         assert not work.has_block("1001_y0_x0")
         work.write_block("1001_y0_x1", {"roughness": 2 * BLOCK["roughness"]})
@@ -198,7 +200,7 @@ def test_two_at_once(tmp_path):
     other = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, stdin=subprocess.PIPE,
                              stdout=subprocess.PIPE, text=True)
     assert other.stdout is not None and other.stdout.readline() == "in\n"
-    with pytest.raises(BadInput, match=rf"another irpso \(process {other.pid} on [\w.-]+\) is working there; wait or"):
+    with pytest.raises(BadInput, match=rf"another irpso \(process {other.pid} on [\w.-]+\) is working there; wait, or"):
         WorkFolder(tmp_path).__enter__()
     other.kill()
     other.communicate()
@@ -234,10 +236,10 @@ def test_only_one_holds_a_lock_whoever_removes_it(tmp_path):
 
 def test_somebodys_own_folder_is_refused(tmp_path):
     (tmp_path / "novel.txt").write_text("text")
-    with pytest.raises(BadInput, match=r"holds 'novel\.txt' and is no work folder"):
+    with pytest.raises(BadInput, match=r"contains 'novel\.txt' and is not a work folder"):
         WorkFolder(tmp_path).__enter__()
     assert [p.name for p in tmp_path.iterdir()] == ["novel.txt"]
-    with pytest.raises(BadInput, match="is no work folder"):
+    with pytest.raises(BadInput, match="is not a work folder"):
         WorkFolder(tmp_path).write_block("k", BLOCK)
 
 
@@ -317,7 +319,7 @@ def test_who_cannot_be_read_is_still_told_of(tmp_path, monkeypatch):
 
     with FolderLock(tmp_path), monkeypatch.context() as patched:
         patched.setattr(os, "read", refused)
-        with pytest.raises(BadInput, match="another irpso is working there; wait or choose another folder"):
+        with pytest.raises(BadInput, match="another irpso is working there; wait, or choose another folder"):
             FolderLock(tmp_path).__enter__()
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from irpso_addon.core.data import Coat
 from irpso_addon.core.shading import brdf
 from irpso_addon.core.shading.tables import F0, SIZE
 
@@ -54,6 +55,13 @@ def test_function_equals_its_twin(evaluate, arguments, name, names):
     places = ["a.x", "a.y", "a.z", "a.w", "b.x", "b.y"][: len(names)]
     got = evaluate(BRDF, f"o = vec4({name}({', '.join(places)}));", packed)[:, 0]
     np.testing.assert_allclose(got, getattr(brdf, name)(*exact), rtol=RTOL)
+
+
+def test_what_a_coat_leaves_equals_its_twin(evaluate, arguments):
+    packed, (weight, roughness, cos_v) = columns(arguments, "level", "roughness", "cos_v")
+    got = evaluate(BRDF, "o = vec4(left_by_coat(a.xy, a.z));", packed)[:, 0]
+    want = [brdf.left_by_coat(Coat(*of), cos) for *of, cos in zip(weight, roughness, cos_v, strict=True)]
+    np.testing.assert_allclose(got, want, rtol=RTOL)
 
 
 def test_spread_derivative_equals_its_twin(evaluate, arguments):

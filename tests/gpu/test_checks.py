@@ -20,7 +20,7 @@ from tests.support import shoots
 from tests.support import synthetic as syn
 
 PIXELS = (96, 96)
-CAUSES = ("to the power", "pixels off", "stand", "check its power", "exposure", "no light arrives", "are clipped",
+CAUSES = ("non-linear", "pixels off", "appear", "check its power", "exposure", "shadows are", "are clipped",
           "unexplained", "highlights are off")
 
 
@@ -95,7 +95,7 @@ def test_silent_in_noise(noise) -> None:
 def test_a_lamp_of_wrong_power(plane) -> None:
     """The scene says 10 % more watts than there were: its views show 1 / 1.1 of the light."""
     line = only(solve(relit(plane, lambda x: replace(x, power=1.1 * x.power))), "check its power")
-    assert "'Light 3'" in line and "less" in line and percent(line) == pytest.approx(9.1, abs=0.6)  # 8.7 here
+    assert "'Light 3'" in line and "darker" in line and percent(line) == pytest.approx(9.1, abs=0.6)  # 8.7 here
 
 
 def test_a_lamp_in_the_wrong_place(plane) -> None:
@@ -131,7 +131,7 @@ def test_drifting_exposures(plane) -> None:
     spread = 1.4826 * np.median(np.abs(logs - np.median(logs)))  # 2.6 % of these draws
     assert percent(line) == pytest.approx(100 * spread, abs=0.4)  # 2.4 here
     worst = max(gains, key=lambda name: abs(np.log(gains[name])))
-    told = re.search(r"\(([-+][\d.]+)% in '(.+)'\)", line)
+    told = re.search(r"\(([-+][\d.]+) % in '(.+)'\)", line)
     assert told and told[2] == worst and float(told[1]) == pytest.approx(100 * (gains[worst] - 1), abs=0.3)
 
 
@@ -142,15 +142,15 @@ def srgb(value: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("curve", [srgb, lambda v: v**0.9, lambda v: 1 - np.exp(-8 * v)], ids=["sRGB", "gamma", "film"])
 def test_pictures_that_are_not_linear(plane, curve) -> None:
     """Read as linear they are too flat; the exponent is below 1, and about that of a gamma curve."""
-    line = only(solve(shown(plane, lambda rgb, _: curve(rgb))), "all views: brightness follows light to the power")
-    power = float(re.search(r"power ([\d.]+)", line)[1])
+    line = only(solve(shown(plane, lambda rgb, _: curve(rgb))), "all views: look non-linear")
+    power = float(re.search(r"exponent ([\d.]+)", line)[1])
     assert power < 0.97
     if curve(4.0) == pytest.approx(4**0.9):
         assert power == pytest.approx(0.9, abs=0.025)  # lobes take a part of it
 
 
 def test_one_picture_that_is_not_linear(plane) -> None:
-    line = only(solve(shown(plane, lambda rgb, _: srgb(rgb), ["view_02.exr"])), "to the power")
+    line = only(solve(shown(plane, lambda rgb, _: srgb(rgb), ["view_02.exr"])), "non-linear")
     assert line.startswith("'view_02.exr': ")
 
 
@@ -175,7 +175,7 @@ def test_light_where_there_is_none() -> None:
     filled = shown(shaded, lambda rgb, _: rgb + 0.05 * level * (rgb.any(-1, keepdims=True) | True))
     solution = solve(filled)
     line = causes(solution)[0]
-    assert "no light arrives" in line and percent(line) == pytest.approx(5, abs=1.2)  # 4.2 here
+    assert "shadows are" in line and percent(line) == pytest.approx(5, abs=1.2)  # 4.2 here
 
 
 def test_few_views() -> None:

@@ -158,7 +158,7 @@ def test_the_settings_decide(on_gl):
         kernels = len(device.programs._kernels)
         for name in ("compute", "fragment", "auto"):
             if name == "compute" and device.ctx.version_code < 430:
-                with pytest.raises(BadInput, match=r"kernels compute: .* compute shaders need 4\.3; choose auto"):
+                with pytest.raises(BadInput, match=r"Shaders Compute: .* shaders need 4\.3; set Shaders to Auto"):
                     device.configure(DeviceSettings(kernels=name))
                 found.append(True)
                 continue

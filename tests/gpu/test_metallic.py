@@ -17,17 +17,7 @@ from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve.solver import Solver
 from tests.support import shoots
 from tests.support import synthetic as syn
-from tests.support.texels import Texels, as_metal, exact, finish
-
-
-def by_channel(texels: Texels) -> Texels:
-    """The same where each channel is observed by itself."""
-    groups = tuple(3 * group + channel for group in dict.fromkeys(texels.groups) for channel in range(3)
-                   for other in texels.groups if other == group)
-    order = [k for group in dict.fromkeys(texels.groups) for _ in range(3)
-             for k, other in enumerate(texels.groups) if other == group]
-    return Texels(texels.rgb[:, :, order], texels.quality[:, :, order], texels.cos_v[:, :, order],
-                  texels.lobes[:, :, order], groups, channels=3)
+from tests.support.texels import Texels, as_metal, by_channel, exact, finish
 
 
 def solved(on_gl: Any, texels: Texels, metallic: float, level: float | None = None, joint: JointPrior | None = None,
@@ -141,7 +131,7 @@ def test_a_part_keeps_metallic(shoot, found):
     assert (part.model, part.metallic) == (found.model, found.metallic)
     off = np.abs(part.maps.roughness - found.maps.roughness)[part.maps.coverage & ~part.maps.filled]
     assert np.median(off) < 1e-5
-    with pytest.raises(BadInput, match="its other part was solved as one-lobe-metallic"):
+    with pytest.raises(BadInput, match="its other region was solved as Roughness \\+ Metallic"):
         shoots.run(replace(shoot, scene=replace(shoot.scene, start=found, region=Region(corners=corners))),
                    model="one-lobe")
 

@@ -140,3 +140,23 @@ def test_cells_of_nothing_draw_nothing(on_gl):
         return result
 
     assert (on_gl(work) == 7).all()
+
+
+@pytest.mark.parametrize("lamps", [1, 2])
+def test_negative_radiance_is_observed_as_it_is(on_gl, test, lamps):
+    """Noise about the black level: where a pixel shows -0.03 of what it did, so does its observation."""
+    views = tuple(replace(view, lights=halves(view.lights[0])) if lamps == 2 else view for view in test.scene.views)
+    scene = replace(test.scene, views=views)
+
+    def dark(view):
+        image = test.read_image(view_of(test, view))
+        rgb = image.rgb.copy()
+        rgb[::2] *= np.float32(-0.03)
+        return replace(image, rgb=rgb)
+
+    whole = observed(on_gl, scene, lambda view: test.read_image(view_of(test, view)))
+    for (colour, _), (below, _) in zip(whole, observed(on_gl, scene, dark), strict=True):
+        lit = (colour[::2, :, 3] > 0) & (colour[::2, :, :3] > -100).all(-1)
+        assert lit.sum() > 100
+        np.testing.assert_allclose(below[::2, :, :3][lit], -0.03 * colour[::2, :, :3][lit], rtol=1e-5, atol=2e-5)
+        np.testing.assert_array_equal(below[1::2, :, :3], colour[1::2, :, :3])

@@ -10,6 +10,7 @@ import pytest
 
 from irpso_addon.core.data import Region, Solution
 from irpso_addon.core.errors import BadInput
+from irpso_addon.core.params import choice_name
 from tests.support import shoots
 from tests.support import synthetic as syn
 
@@ -85,13 +86,13 @@ def test_an_image_marks_texels(patches: syn.Shoot, whole: Solution) -> None:
     assert np.median(off) < 1e-5
     assert part.texels["kept"] == 0
     nothing = replace(patches.scene, region=Region(image=np.zeros((4, 4), np.float32)))
-    with pytest.raises(BadInput, match="part to solve covers no texel"):
+    with pytest.raises(BadInput, match="region to solve covers no texel"):
         shoots.run(replace(patches, scene=nothing))
 
 
 @pytest.mark.parametrize("model", ["lambert", "two-lobe"])
 def test_a_material_has_one_model(patches: syn.Shoot, whole: Solution, model: str) -> None:
-    with pytest.raises(BadInput, match=f"'Paint': its other part was solved as one-lobe, not {model}"):
+    with pytest.raises(BadInput, match=f"'Paint': its other region was solved as Roughness, not {choice_name(model)}"):
         shoots.run(disc(patches, start=whole), model=model)
     assert shoots.run(disc(patches), model=model).model == {"Paint": model}  # nothing is kept
 

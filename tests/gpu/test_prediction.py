@@ -50,7 +50,8 @@ def test_one_value_is_taken_where_texels_would_find_false_lobes(real):
     assert real.model == {"Paint": "one-lobe-specular"}
     assert real.levels["Paint"] == pytest.approx(LEVEL, abs=0.03)
     assert np.abs(maps.roughness[solved] - ROUGH).max() < 0.03
-    assert prediction.fits and maps.confidence[solved].mean() > 0.5
+    # no texel tells its own roughness: confidence says so, though the value is right
+    assert prediction.fits and 0.4 < maps.confidence[solved].mean() <= maps.confidence.max() <= 0.5
 
 
 def test_what_was_predicted_is_what_the_left_out_lamps_show(real):
@@ -93,7 +94,7 @@ def test_where_no_model_fits_the_result_says_so():
     prediction = found.predictions["Paint"]
     assert not prediction.fits
     assert found.maps.confidence.max() == 0
-    assert any("no model that was tried predicts" in line for line in found.warnings)
+    assert any("no model predicts" in line for line in found.warnings)
     assert prediction.error.relative_rms <= 1.02 * prediction.tried["lambert"].relative_rms
 
 
@@ -109,4 +110,4 @@ def test_where_nothing_can_be_judged_the_report_says_so(monkeypatch):
     found = run(shoot(syn.PATCHES), model="auto")
     assert found.predictions == {}
     assert found.model == {"Paint": "one-lobe"}
-    assert "no texel has good observations enough to leave lamps out" in found.why["Paint"]
+    assert "no texel has enough good observations to leave lamps out" in found.why["Paint"]

@@ -52,7 +52,7 @@ def test_only_what_explains_the_pictures_better_is_put_right() -> None:
     images = {name: replace(image, coverage=np.roll(image.coverage, 1, 1)) for name, image in masked.images.items()}
     for made, mended in ((beside, True), (replace(masked, images=images), False)):
         found = shoots.run(made, model="one-lobe", registration="auto", indirect="off")
-        assert any("put right" in warning for warning in found.warnings) == mended
+        assert any("; corrected" in warning for warning in found.warnings) == mended
         assert found.checks is not None
         assert all(misfit.shifted != mended for misfit in found.checks.registration)
 

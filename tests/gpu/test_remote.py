@@ -116,7 +116,7 @@ def test_a_worker_that_dies_is_told_of(filed: SceneData) -> None:
     job = remote.Remote("solve.pipeline:solve", filed, replace(SETTINGS, size=1024))
     until(lambda: job.poll() is not None)
     os.kill(job.worker._process.pid, signal.SIGKILL)
-    with pytest.raises(DeviceLost, match=r"worker process ended \(status -9\).*smaller Memory"):
+    with pytest.raises(DeviceLost, match=r"worker process ended \(status -9\).*lower Memory"):
         job.result()
 
 

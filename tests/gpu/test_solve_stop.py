@@ -17,8 +17,9 @@ from tests.support.shoots import SIZE, errors, run, turned_away
 from tests.support.texels import held
 
 
-def stopped(shoot: syn.Shoot, stage: str, monkeypatch: pytest.MonkeyPatch, after: int = 3) -> Solution:
-    """Stop at the ``after``-th step of a stage; the pipeline's own answer to Cancelled."""
+def stopped(shoot: syn.Shoot, stage: str, monkeypatch: pytest.MonkeyPatch, after: int = 3,
+            message: str = "") -> Solution:
+    """Stop at the ``after``-th step of a stage whose message begins so; the pipeline's own answer to Cancelled."""
     monkeypatch.setattr(gpu_atlas, "TILE", (16, 16))
 
     def job():
@@ -27,7 +28,7 @@ def stopped(shoot: syn.Shoot, stage: str, monkeypatch: pytest.MonkeyPatch, after
         try:
             while True:
                 step = next(steps)
-                seen += step.stage == stage
+                seen += step.stage == stage and step.message.startswith(message)
                 if seen == after:
                     seen += 1
                     step = steps.throw(Cancelled())
@@ -54,6 +55,14 @@ def test_a_stop_in_the_search_keeps_what_was_found(patches, monkeypatch):
     assert found.texels["solved"] + found.texels["filled"] == found.texels["covered"]
 
 
+@pytest.mark.parametrize("after", [1, 3, 6])
+def test_a_stop_while_left_out_views_are_predicted_keeps_the_first_fit(patches, monkeypatch, after):
+    found = stopped(patches, "solve", monkeypatch, after, "predicting")
+    assert found.cancelled and not found.predictions
+    assert found.texels["solved"] == found.texels["observed"]
+    assert np.median(errors(found, syn.PATCHES).rough) < 1e-3
+
+
 @pytest.mark.parametrize("after", [1, 17, 33])
 def test_a_stop_at_any_step_of_the_search_gives_a_solution(patches, monkeypatch, after):
     found = stopped(patches, "solve", monkeypatch, after)
@@ -67,6 +76,12 @@ def test_a_stop_in_the_base_colour_keeps_the_roughness(patches, solved, monkeypa
     assert found.cancelled
     assert np.isfinite(found.maps.base_color).all()
     np.testing.assert_allclose(found.maps.roughness, solved["refined"].maps.roughness, atol=1e-6)
+
+
+def test_a_stop_before_the_standard_errors_keeps_them(patches, solved, monkeypatch):
+    found = stopped(patches, "maps", monkeypatch, 1, "standard errors")
+    assert found.cancelled
+    np.testing.assert_allclose(found.maps.confidence, solved["refined"].maps.confidence, atol=1e-6)
 
 
 @pytest.mark.parametrize("stage", ["gbuffer", "observe"])
@@ -93,7 +108,7 @@ def test_progress_only_grows(patches):
     assert 0 <= fractions[0]
     assert 0.99 < fractions[-1] <= 1
     stages = [step.stage for step in told]
-    assert list(dict.fromkeys(stages)) == ["gbuffer", "observe", "solve", "maps"]
+    assert list(dict.fromkeys(stages)) == ["gbuffer", "observe", "calibrate", "normals", "solve", "maps"]
 
 
 def test_nothing_is_left_on_the_device(on_gl, patches):

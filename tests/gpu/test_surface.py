@@ -14,7 +14,8 @@ import pytest
 from irpso_addon.core.data import Camera, MeshArrays, NormalMap, SceneData
 from irpso_addon.core.errors import BadInput
 from irpso_addon.gpu.device import thread
-from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, clip_matrix, draw_pixel_grid, facets
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid, facets
+from irpso_addon.gpu.gbuffer.projection import clip_matrix
 from irpso_addon.solve import pipeline
 from tests.support import synthetic as syn
 

@@ -155,7 +155,7 @@ def test_reading_and_looking_do_not_disturb_each_other(on_gl):
 
 
 def test_a_texture_larger_than_the_device_takes(on_gl):
-    with pytest.raises(OutOfDeviceMemory, match="pixels a side"):
+    with pytest.raises(OutOfDeviceMemory, match="per side"):
         on_gl(lambda device: device.texture(device.info["GL_MAX_TEXTURE_SIZE"] + 1, 1))
 
 
@@ -168,7 +168,7 @@ def test_a_texture_that_does_not_fit(on_gl):
 
 
 def test_arrays_that_do_not_fit(on_gl):
-    with pytest.raises(OutOfDeviceMemory, match=r"Unable to allocate .* choose a smaller Memory or Size"):
+    with pytest.raises(OutOfDeviceMemory, match=r"Unable to allocate .* lower Memory or Size"):
         on_gl(lambda device: np.empty((1 << 24, 1 << 24)))
 
 
@@ -208,7 +208,7 @@ def test_a_process_with_little_memory_says_so_and_goes_on():
     *told, last = done.stdout.strip().splitlines()
     assert last == "alive"
     assert len(told) == 2
-    assert all("choose a smaller Memory or Size" in line for line in told)
+    assert all("lower Memory or Size" in line for line in told)
 
 
 # ---- shaders

@@ -151,4 +151,4 @@ def test_chart_and_page(tmp_path: Any) -> None:
     assert row.met and row.reached.startswith("500 times")
     record["curves"][1]["points"][0]["seconds"] = 2.0
     assert not judge(record)[0].met
-    assert "**below**" in write(record, tmp_path, 10).read_text()
+    assert "**below**" in write(record, tmp_path).read_text()

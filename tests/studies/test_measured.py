@@ -208,9 +208,11 @@ def test_foreseen_beside_the_truth() -> None:
     np.testing.assert_allclose(ratios, [1.0, 3.0])
     beside = foreseen.beside(materials, lambda j: j.as_predicted.relative_rms, foreseen.smaller)
     np.testing.assert_allclose([case.ratio for case in beside], [0.5, 1.5])
-    text = foreseen.text(materials)
-    assert "| one value | one-lobe | 2 | 0 | 0 | 0 |" in text
-    assert "wrong, sphere, no noise: 1.50 times" in text
+    assert "| one value | one-lobe | 2 | 0 | 0 | 0 |" in foreseen.taken(materials)
+    (_, rows), _ = foreseen.beside_rungs(materials)
+    assert "wrong, sphere, no noise: 1.50 times" in [row[-1] for row in rows]
+    assert "wrong on the sphere, no noise" in foreseen.said_of_ratios(materials)
+    assert "1 of 2 by relative RMS error (wrong)" in foreseen.said_of_rungs(materials)
 
 
 def told(name: str, predicted: float, true: float, lambert: float) -> Material:

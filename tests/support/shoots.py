@@ -18,7 +18,8 @@ METHODS = ("refined", "swarm")
 
 
 def run(shoot: syn.Shoot, **settings: Any) -> Solution:
-    chosen = SolveSettings(**{"size": SIZE, **settings})
+    """Lamps, exposures and normals as given, where ``settings`` do not say otherwise: what is wrong is to be seen."""
+    chosen = SolveSettings(**{"size": SIZE, "lamps": "given", "exposures": "given", "normals": "mesh", **settings})
     return thread.run(lambda: pipeline.solve(shoot.scene, chosen, shoot.read_image))
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from irpso_addon.core.data import Camera, Light, MeshArrays, RadianceImage, SceneData, View
+from irpso_addon.core.lens import Lens
 from irpso_addon.core.shading import brdf, lights
 
 CELLS = 24
@@ -92,6 +93,11 @@ def camera(
     return Camera(name, world_to_camera, projection, place, forward, width is not None, aspect)
 
 
+def through(lens: Lens, cam: Camera) -> Camera:
+    """The camera with this lens."""
+    return replace(cam, lens=lens, projection=lens.matrix, aspect=lens.width / lens.height)
+
+
 def lamp(
     position: Sequence[float], target: Sequence[float] = (0, 0, 0), *, kind: str = "POINT", name: str = "lamp",
     power: float | Sequence[float] = 100.0, **settings: object,
@@ -112,6 +118,11 @@ def lamp(
 
 def pixel_rays(cam: Camera, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
     """Origins and unit directions (h, w, 3) through the pixels' centres; row 0 is the bottom."""
+    if cam.lens is not None:
+        u, v = np.meshgrid((np.arange(width) + 0.5) / width, 1 - (np.arange(height) + 0.5) / height)
+        local = cam.lens.rays(np.stack([u * cam.lens.width, v * cam.lens.height], -1)) * (1, -1, -1)
+        direction = local @ cam.world_to_camera[:3, :3]
+        return np.broadcast_to(cam.position, direction.shape).copy(), direction
     ndc_x = (np.arange(width) + 0.5) / width * 2 - 1
     ndc_y = (np.arange(height) + 0.5) / height * 2 - 1
     x, y = np.meshgrid(ndc_x, ndc_y)

@@ -79,6 +79,16 @@ def of_problem(problem: bench.Problem) -> Texels:
     return Texels(problem.rgb, problem.quality, problem.cos_v, problem.lobes, problem.groups)
 
 
+def by_channel(texels: Texels) -> Texels:
+    """The same where each channel is observed by itself."""
+    groups = tuple(3 * group + channel for group in dict.fromkeys(texels.groups) for channel in range(3)
+                   for other in texels.groups if other == group)
+    order = [k for group in dict.fromkeys(texels.groups) for _ in range(3)
+             for k, other in enumerate(texels.groups) if other == group]
+    return Texels(texels.rgb[:, :, order], texels.quality[:, :, order], texels.cos_v[:, :, order],
+                  texels.lobes[:, :, order], groups, channels=3)
+
+
 def as_metal(problem: bench.Problem, metallic: float, level: float = 0.5) -> Texels:
     """What one lobe of the problem's roughness and base colour reflects where it is in part a metal."""
     sin2h, spread, cos_l, _ = np.moveaxis(problem.lobes[..., 0, :].astype(np.float64), -1, 0)

@@ -22,7 +22,7 @@ from ...core.checks.bounced_light import BouncedSample, LightPicture, sampled
 from ...core.data import F32, Bounced, SceneData, Solution, View
 from ...core.errors import BadInput
 from ...core.job import Progress
-from . import second_blender
+from .. import second_blender
 
 SAMPLES = 32  # paths of a pixel
 SIDE = 256  # pixels of the longer side
@@ -33,7 +33,9 @@ PASSES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "DiffCol":
           "GlossDir": "Glossy Direct", "GlossInd": "Glossy Indirect", "GlossCol": "Glossy Color",
           "IndexOB": "Object Index"}
 Result = TypeVar("Result")
-Picture = tuple[str, tuple[str, ...]]  # a camera and the lamps that shine; none: the world, and things that glow
+# A camera, the lamps that shine, and the world that is known light beside them.  No lamps and no world: things that
+# glow, and the world where it is nobody's known light.
+Picture = tuple[str, tuple[str, ...], str]
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ class IndirectRenderer:
 
         folder = tempfile.TemporaryDirectory(prefix="irpso-copy-")
         blend = Path(folder.name) / Path(bpy.data.filepath).name
-        bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True, compress=False)
+        with _no_preview():
+            bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True, compress=False)
         return replace(cls.of_open_file(blend), copy=folder)
 
     @classmethod
@@ -71,10 +74,10 @@ class IndirectRenderer:
         wanted = _pictures(scene.views)
 
         def read(path: Path, picture: Picture) -> Bounced:
-            return read_light(path, "Ind" if picture[1] else "Dir")
+            return read_light(path, "Ind" if picture[1] or picture[2] else "Dir")
 
         found = yield from self._rendered(scene, solution, wanted, SIDE, read)
-        return {i: _sum(found[camera, ()], found[camera, lights]) for i, (camera, lights) in enumerate(wanted)}
+        return {i: _sum(found[picture[0], (), ""], found[picture]) for i, picture in enumerate(wanted)}
 
     def sample(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, BouncedSample]:
         """What a few views, spread over all, hold of indirect light, by small pictures.
@@ -87,14 +90,15 @@ class IndirectRenderer:
             return _read_passes(path)
 
         found = yield from self._rendered(scene, solution, wanted, min(TEST_SIDE, SIDE), read)
-        return sampled(light_picture(found[camera, ()], found[camera, lights]) for camera, lights in wanted)
+        return sampled(light_picture(found[picture[0], (), ""], found[picture]) for picture in wanted)
 
     def _rendered(
         self, scene: SceneData, solution: Solution, wanted: Sequence[Picture], side: int,
         read: Callable[[Path, Picture], Result],
     ) -> Generator[Progress, None, dict[Picture, Result]]:
         """What ``read`` makes of each of the pictures, and of each of their cameras' without lamps."""
-        pictures: list[Picture] = [*dict.fromkeys((camera, ()) for camera, _ in wanted), *dict.fromkeys(wanted)]
+        pictures: list[Picture] = [*dict.fromkeys((camera, (), "") for camera, _, _ in wanted),
+                                   *dict.fromkeys(wanted)]
         found: dict[Picture, Result] = {}
         with tempfile.TemporaryDirectory(prefix="irpso-indirect-") as name:
             folder = Path(name)
@@ -131,13 +135,32 @@ class IndirectRenderer:
         (folder / "job.json").write_text(json.dumps({
             "blend": str(self.blend), "scene": self.scene, "view_layer": self.view_layer, "object": scene.mesh.name,
             "model": solution.model, "levels": solution.levels, "metallic": solution.metallic, "ndf": solution.ndf,
+            "coats": {name: (coat.weight, coat.roughness) for name, coat in solution.coats.items()},
             "side": side, "samples": SAMPLES, "pictures": pictures,
+            "known_world": any(view.environment is not None for view in scene.views),
         }), encoding="utf-8")
 
 
 def _pictures(views: Sequence[View]) -> list[Picture]:
-    """Of each view."""
-    return [(view.camera.name, tuple(light.name for light in view.lights)) for view in views]
+    """Of each view.  Raises BadInput where a view's world is turned."""
+    if any(view.environment is not None and view.environment.turn for view in views):
+        raise BadInput("indirect light: cannot be rendered under a world that a view turns; use Indirect Light off")
+    return [(view.camera.name, tuple(light.name for light in view.lights),
+             view.environment.name if view.environment is not None else "") for view in views]
+
+
+@contextmanager
+def _no_preview() -> Iterator[None]:
+    """Files that are saved inside get no thumbnail: Blender would render one, in Material Preview for many seconds."""
+    import bpy
+
+    preferences = bpy.context.preferences
+    before, dirty = preferences.filepaths.file_preview_type, preferences.is_dirty
+    preferences.filepaths.file_preview_type = "NONE"
+    try:
+        yield
+    finally:
+        preferences.filepaths.file_preview_type, preferences.is_dirty = before, dirty
 
 
 @contextmanager

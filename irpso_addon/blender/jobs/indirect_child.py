@@ -10,9 +10,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...core.data import Maps, Solution
+from ...core.data import Coat, Maps, Solution
+from .. import properties
 from ..material import material
-from .second_blender import as_child
+from ..scene.camera_lens import read_lens
+from ..second_blender import as_child
 
 BOUNCES = 4  # where the file renders direct light alone
 
@@ -25,13 +27,21 @@ def main(name: str) -> None:
 def _render(folder: Path) -> None:
     """From job.json and maps.npz to 0.exr, 1.exr, ..."""
     job: dict[str, Any] = json.loads((folder / "job.json").read_text(encoding="utf-8"))
+    if not hasattr(bpy.types.Camera, "irpso_lens"):
+        properties.register()
     bpy.ops.wm.open_mainfile(filepath=job["blend"], load_ui=False)
     scene = bpy.data.scenes[job["scene"]]
     with np.load(folder / "maps.npz") as arrays:
         material.write_maps(bpy.data.objects[job["object"]], _solution(job, dict(arrays)))
     _set_up(scene, job)
-    for n, (camera, lamps) in enumerate(job["pictures"]):
+    rendered = scene.render.resolution_x, scene.render.resolution_y
+    for n, (camera, lamps, world) in enumerate(job["pictures"]):
+        if job["known_world"]:
+            scene.world = bpy.data.worlds[world] if world else None
         scene.camera = bpy.data.objects[camera]
+        lens = read_lens(scene.camera.data)
+        scene.render.resolution_x, scene.render.resolution_y = (
+            rendered if lens is None else _small(lens.width, lens.height, job["side"]))
         for obj in scene.objects:
             if obj.type == "LIGHT":
                 obj.hide_render = obj.name not in lamps
@@ -48,17 +58,23 @@ def _solution(job: dict[str, Any], arrays: dict[str, Any]) -> Solution:
         base_color=arrays["base_color"], roughness=rough if rough.ndim == 2 else rough[..., 0], confidence=none,
         error=none, filled=none > 0, coverage=none > 0, roughness_sigma=none, base_sigma=none,
         lobes=None if rough.ndim == 2 else rough, specular=arrays.get("specular"))
-    return Solution.of_maps(maps, job["model"], job["levels"], job["ndf"], metallic=job["metallic"])
+    coats = {name: Coat(*values) for name, values in job["coats"].items()}
+    return Solution.of_maps(maps, job["model"], job["levels"], job["ndf"], metallic=job["metallic"], coats=coats)
+
+
+def _small(width: float, height: float, side: int) -> tuple[int, int]:
+    """Of a picture whose longer side is at most ``side``."""
+    scale = min(1.0, side / max(width, height))
+    return max(4, round(width * scale)), max(4, round(height * scale))
 
 
 def _set_up(scene: Any, job: dict[str, Any]) -> None:
     """Small pictures of pixel centres: all light that there is, nothing clamped."""
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
-    scale = min(1.0, job["side"] * 100 / (max(render.resolution_x, render.resolution_y) * render.resolution_percentage))
-    scale *= render.resolution_percentage / 100
-    render.resolution_x, render.resolution_y = (
-        max(4, round(side * scale)) for side in (render.resolution_x, render.resolution_y))
+    render.resolution_x, render.resolution_y = _small(
+        render.resolution_x * render.resolution_percentage / 100,
+        render.resolution_y * render.resolution_percentage / 100, job["side"])
     render.resolution_percentage = 100
     render.use_border = render.use_multiview = render.use_compositing = render.use_sequencer = False
     render.use_motion_blur = render.use_freestyle = False

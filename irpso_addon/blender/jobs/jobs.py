@@ -77,7 +77,7 @@ class Task:
 def preview(arguments: tuple[Any, ...], prepare: Callable[[Live], Live]) -> Remote:
     """The first looks at a solve, in the worker that is warm.  Raises BadInput where there are none."""
     if device_settings().device == "numpy":
-        raise BadInput("device numpy: there are no looks before the end")
+        raise BadInput("device numpy: no maps can be shown before the end")
     return Remote("solve.preview:preview", *arguments, worker=_warm.get(), prepare=prepare)
 
 

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from math import isfinite
 
 import bpy
 import numpy as np
@@ -22,11 +23,12 @@ from ...core.data import F32, Maps, SceneData, Solution
 from ...core.errors import BadInput
 from ...core.live_maps import ROLES, Canvas, Live
 from ...core.maps import region
+from ...core.observation_quality import HALF_SURE
 from ...core.params import SolveSettings
 from ...core.resampling import block_means, nearest
-from ...gpu.solve.live_readback import HALF_SURE
 from ..material import material
 from ..material.tags import maps_of
+from .running_time import RunningTime
 
 SO_FAR = "irpso_so_far"  # custom property of an object in the undo step of `LiveMaps._link`: the solve's token
 SHOWN = 1024  # texels: larger maps are shown reduced until they are done
@@ -37,9 +39,10 @@ JUDGED = 512  # texels of the maps that the preview's worker judges, ...
 JUDGE_SECONDS = 1.5  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
 UNKNOWN_SIGMA = 0.5  # standard error of what nobody knows
-PARTIAL = "stopped early: maps as far as they had come, coarse where no tile was done"
-KEPT = "stopped early: the last result where no tile was done"
-UNCHANGED = "stopped early: the last result stays as it was"
+PARTIAL = "stopped early: the maps found so far, coarse where no tile was finished"
+COARSE = "stopped early: the roughness found so far; base color is still coarse"
+KEPT = "stopped early: the last result stays where no tile was finished"
+UNCHANGED = "stopped early: the last result is unchanged"
 
 _numbers = itertools.count()
 
@@ -60,8 +63,9 @@ class LiveMaps:
         self.latest: Live | None = None
         self.feed: Callable[[object], None] | None = None  # of the preview's worker
         self._judged = self._showed = 0.0  # when last
+        self._judged_pictures = 0  # that the points of the curve are of
+        self.time = RunningTime()
         self._drawing, self._wait = False, SHOW_SECONDS
-        self._began = time.monotonic()
         self._merging, self._handing = threading.Lock(), threading.Lock()  # the second is never held for long
         self._pixels: dict[str, F32] = {}  # role -> flat RGBA, not handed over yet
         self._uids: dict[str, int] = {}  # role -> session_uid of the image made here
@@ -76,12 +80,13 @@ class LiveMaps:
         maps = Maps(np.zeros((1, 1, 3), np.float32), none, none, none, none > 0, none > 0, none, none)
         if self.start is None:
             return Solution.of_maps(maps, self.model)
-        return Solution.of_maps(maps, self.model, self.start.levels, metallic=self.start.metallic)
+        return Solution.of_maps(maps, self.model, self.start.levels, metallic=self.start.metallic,
+                                 coats=self.start.coats)
 
     @property
     def seconds(self) -> float:
-        """Since it began."""
-        return time.monotonic() - self._began
+        """Since it began, pauses left out."""
+        return self.time.seconds
 
     def take(self, live: Live, preview: bool = False) -> Live:
         """On a thread that reads: the look with maps that are whole."""
@@ -101,9 +106,17 @@ class LiveMaps:
         if pixels:
             with self._handing:
                 self._pixels |= pixels
-        if live.pictures and (before is None or live.pictures is not before.pictures):
-            self.curve.append((self.seconds, live.error))
+        if preview and live.pictures and (before is None or live.pictures is not before.pictures):
+            self._note(len(live.pictures), live.error)
         return live
+
+    def _note(self, pictures: int, error: float) -> None:
+        """A point of the curve: the best error so far, of the same reduced pictures."""
+        if pictures > self._judged_pictures:  # the first look was at a few of them
+            self.curve.clear()
+        if pictures >= self._judged_pictures and isfinite(error):
+            self._judged_pictures = pictures
+            self.curve.append((self.seconds, min(error, self.curve[-1][1]) if self.curve else error))
 
     def take_preview(self, live: Live) -> Live:
         """The same of the coarse maps that come first: where there is a last result, it is better than they are."""
@@ -143,6 +156,8 @@ class LiveMaps:
             if cycles:
                 images[role].update_tag()  # its viewport hears of nothing else; costs a tenth of a second without a GPU
             self._showed, self._drawing = now, True
+        if pixels:
+            _wake_solid(obj)
         if not self._linked and "base_color" in self.canvas.maps:
             self._link(obj, images)
         return bool(pixels)
@@ -193,9 +208,10 @@ class LiveMaps:
                 return None
             if self.outline is None and self.start is not None:
                 return replace(self.start, cancelled=True, warnings=(UNCHANGED,))  # looks do not tell of these
-            size = self.canvas.size
+            size, why = self.canvas.size, KEPT if self.start else PARTIAL
             found = {role: self.canvas.maps.get(role, np.full((size, size), np.nan, np.float32)) for role in ROLES}
             known = np.isfinite(found["roughness"]) & np.isfinite(found["base_color"][..., 0]) & self.canvas.coverage
+            known &= self.canvas.finest("roughness")  # coarse looks and drafts count as filled
             if self.start is not None:
                 known &= ~self.start.maps.filled | (found["confidence"] > 0)  # it holds what was filled before as well
             maps = {role: np.nan_to_num(values, nan=UNKNOWN[role]) for role, values in found.items()}
@@ -203,16 +219,23 @@ class LiveMaps:
                 maps[role] = np.where(known, maps[role], np.float32(0))
             # the inverse of gpu.look.confidence, which is all that was told; of base colour nothing was
             sigma = HALF_SURE * np.sqrt(np.maximum(1.0 / np.maximum(maps["confidence"], 1e-2) - 1.0, 0.0))
-            covered, solved = int(self.canvas.coverage.sum()), int(known.sum())
+            covered, solved, kept = int(self.canvas.coverage.sum()), int(known.sum()), {}
+            if self.start is not None:
+                found_now = int((known & (maps["roughness"] != self.start.maps.roughness)).sum())
+                solved, kept = found_now, {"kept": solved - found_now}
+            elif not (self.canvas.finest("base_color") & known).any():
+                why = COARSE
             return Solution(
                 maps=Maps(**maps, filled=~known, coverage=self.canvas.coverage.copy(),
                           roughness_sigma=np.where(known, sigma, 0).astype(np.float32),
                           base_sigma=np.where(known, UNKNOWN_SIGMA, 0).astype(np.float32)),
                 model=self.model, why=dict.fromkeys(self.model, "stopped early"), seconds={}, device={},
                 metallic=self.start.metallic if self.start is not None else {},
-                texels={"covered": covered, "observed": solved, "solved": solved, "filled": covered - solved},
-                residual=float(np.sqrt(np.mean(maps["error"][known] ** 2))) if solved else 0.0,
-                views_used=self.views, views_skipped=(), warnings=(KEPT if self.start else PARTIAL,), cancelled=True,
+                coats=self.start.coats if self.start is not None else {},
+                texels={"covered": covered, "observed": solved, "solved": solved, **kept,
+                        "filled": covered - int(known.sum())},
+                residual=float(np.sqrt(np.mean(maps["error"][known] ** 2))) if known.any() else 0.0,
+                views_used=self.views, views_skipped=(), warnings=(why,), cancelled=True,
                 pictures=self.latest.pictures if self.latest else ())
 
 
@@ -279,6 +302,16 @@ def _cycles_is_on_show() -> bool:
     return any(area.type == "VIEW_3D" and area.spaces.active.shading.type == "RENDERED"
                and window.scene.render.engine == "CYCLES"
                for window in bpy.context.window_manager.windows for area in window.screen.areas)
+
+
+def _wake_solid(obj: bpy.types.Object) -> None:
+    """Has Solid and Texture viewports draw anew: once their smoothing is done they keep the picture that they have."""
+    areas = [area for window in bpy.context.window_manager.windows for area in window.screen.areas
+             if area.type == "VIEW_3D" and area.spaces.active.shading.type == "SOLID"]
+    if areas:
+        obj.update_tag(refresh={"OBJECT"})
+    for area in areas:
+        area.tag_redraw()
 
 
 def _rgba(values: F32, unknown: float) -> F32:

@@ -3,14 +3,15 @@
     order = read(...)                      what is solved; refused where its maps could go nowhere
     check(order), check_room(order, ...)   what else is refused before the work
     run(order, ...) or task(order)         here and now, or as a job for a worker process
-    place(...), remember(...), learn(...)  the maps on the materials; what the session keeps of it
+    remember(...), place(...), learn(...)  what the session keeps of it; the maps on the materials
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,10 @@ import bpy
 from ...core.data import SceneData, Solution
 from ...core.errors import BadInput, Cancelled, StoppedWithWork
 from ...core.images.image_file import open_image
+from ...core.images.reference_image import with_raw_size
 from ...core.job import Progress, Steps
 from ...core.maps.map_set import MapFiles
-from ...core.params import SolveSettings
+from ...core.params import SolveSettings, choice_name
 from ...core.reporting import estimates
 from ...core.reporting.estimates import Estimate, ViewSize
 from ...core.tiled import uv_blocks
@@ -31,11 +33,12 @@ from ...solve import pipeline, plan_preparation, tiled_solve
 from ...solve.plan_preparation import TiledRequest
 from ..files import object_named
 from ..material import material, material_preflight
+from ..scene import look_through
 from ..scene.scene import read_scene
-from . import solve_region, solve_speed
+from . import solve_region, solve_speed, stored_result
 from .indirect import IndirectRenderer
 from .jobs import Task
-from .session import object_by_uid, session
+from .session import Result, object_by_uid, session
 
 Part = tuple[str, Any]  # kind and choice, as solve_region.with_part has them
 ALL: Part = ("ALL", None)
@@ -50,6 +53,7 @@ class Order:
     udims: tuple[int, ...]  # that are solved
     folder: Path | None = None  # where files go; None: the maps are kept in the .blend alone
     kind: str = "exr"  # of the files
+    names: Mapping[int, str] = field(default_factory=dict)  # session_uids of its materials -> their names in ``data``
 
     @property
     def name(self) -> str:
@@ -71,11 +75,14 @@ class Order:
         """Texels across the maps that are seen while it runs: of a large one its plan's."""
         return uv_blocks.layout(self.settings.size, self.udims).size if self.large else self.settings.size
 
-    @property
-    def label(self) -> str:
-        """What its result is called."""
-        settings = self.settings
-        return f"{settings.method}, {settings.model}, {settings.size}{', part' if self.data.region else ''}"
+    def label(self, solution: Solution) -> str:
+        """What its result is called: when it was found, what it is, and how it was asked for."""
+        settings, models = self.settings, [*dict.fromkeys(solution.model.values())]
+        found = choice_name(models[0]) if len(models) == 1 else f"{len(models)} models"
+        model = f"Auto: {found}" if settings.model == "auto" else found
+        part = ", part" if self.data.region else ""
+        stopped = ", stopped early" if solution.cancelled else ""
+        return f"{time.strftime('%H:%M')}  {model}, {choice_name(settings.method)}, {settings.size}{part}{stopped}"
 
 
 def read(
@@ -84,15 +91,20 @@ def read(
 ) -> Order:
     """Scene, part and last result.  ``subject``: the object or its name; None: the one that can be meant.
 
-    ``writes``: the maps are to go onto its materials.  Raises BadInput, also where they could not.
+    ``writes``: the maps are to go onto its materials.  Look Through View ends.  Raises BadInput, also where they could
+    not.
     """
+    scene = (context or bpy.context).scene
+    if look_through.is_looking(scene):
+        look_through.look_back(scene)
     given = isinstance(subject, bpy.types.Object)
-    data = read_scene(context, subject.name if given else subject, captures)
+    data = with_raw_size(read_scene(context, subject.name if given else subject, captures), settings)
     obj = subject if given else object_named(data.mesh.name)
     if writes:
         material_preflight.check(obj, data.mesh)
     data = solve_region.with_part(context, obj, data, settings.start, *part)
-    return Order(data, settings, uv_blocks.solved_udims(settings.udim, data.mesh.uvs))
+    names = {slot.material.session_uid: slot.material.name for slot in obj.material_slots if slot.material is not None}
+    return Order(data, settings, uv_blocks.solved_udims(settings.udim, data.mesh.uvs), names=names)
 
 
 def check(order: Order) -> None:
@@ -113,7 +125,7 @@ def expected(order: Order) -> Estimate:
     taken = []
     for view in order.data.views:
         with suppress(BadInput):  # the solve says it
-            header = open_image(view.image)
+            header = open_image(view.image, view.full_raw)
             taken.append(ViewSize(header.width, header.height, view.camera.name, len(view.lights)))
     return estimates.estimate(taken, order.settings, solve_speed.factors(), thread.settings().memory,
                               rounds=order.settings.indirect == "on", udims=order.udims)
@@ -185,7 +197,7 @@ def _remove(work: Path) -> None:
 
 
 def place(
-    obj: bpy.types.Object, order: Order, solution: Solution,
+    obj: bpy.types.Object, order: Order, result: Result,
     shown: Callable[[], Mapping[str, bpy.types.Image]] = dict,
 ) -> Generator[None, None, tuple[str, ...]]:
     """The maps on its materials, an image a step, in the last one all that is linked; what the user should know.
@@ -193,9 +205,11 @@ def place(
     Large ones are linked to their files, which need not be there yet.  ``shown``: images that were made for it before,
     by role.  Between two steps the user may undo and delete.  Raises BadInput before anything is changed.
     """
+    result.settle(obj)
+    solution = result.solution
     files = files_of(order, solution)
     if files is not None:
-        return material.link_files(obj, solution, files)
+        return put(obj, result)
     material.check(obj, solution)
     uid, layers = obj.session_uid, material.layers_of(solution.maps)
     uids: dict[str, int] = {}
@@ -216,17 +230,50 @@ def place(
     now = object_by_uid(uid)
     if now is None:
         return ()
+    record = stored_result.packed(now, result)
+    yield
+    now = object_by_uid(uid)
+    if now is None:
+        return ()
     images = {role: _image(image_uid) for role, image_uid in uids.items()}
     for role, image in images.items():
         if image is None:  # Undo has taken it meanwhile
             images[role] = material.put_image(now, role, layers[role])
     material.adopt(now, images)
-    return material.wire_maps(now, solution, images)
+    result.settle(now)
+    messages = material.wire_maps(now, result.solution, images)
+    _note(now, result, record)
+    return messages
+
+
+def put(obj: bpy.types.Object, result: Result, packed: bool = True, directory: Path | None = None) -> tuple[str, ...]:
+    """A remembered result's maps on the materials of ``obj``, as `material.write_maps` does it.  Raises BadInput."""
+    session.secure(obj)  # what is there now stays remembered
+    result.settle(obj)
+    solution = result.solution
+    if result.files is not None:
+        messages = material.link_files(obj, solution, result.files)
+    else:
+        messages = material.write_maps(obj, solution, packed=packed, directory=directory)
+    _note(obj, result, stored_result.packed(obj, result))
+    return messages
+
+
+def is_placed(obj: bpy.types.Object) -> bool:
+    """Whether the materials of ``obj`` show its last result."""
+    results = session.results_of(obj)
+    return bool(results) and results[-1].number == max(stored_result.number_of(obj), 1) and material.are_shown(obj)
+
+
+def _note(obj: bpy.types.Object, result: Result, record: bytes) -> None:
+    """The maps of ``result`` are on ``obj``: the file says so, and follows materials that were made for it."""
+    result.settle(obj)
+    stored_result.attach(obj, result, record)
 
 
 def place_now(obj: bpy.types.Object, order: Order, solution: Solution) -> tuple[str, ...]:
-    """`place` in one go."""
-    steps = place(obj, order, solution)
+    """`remember` and `place` in one go."""
+    steps = place(obj, order, remember(obj, order, solution))
     while True:
         try:
             next(steps)
@@ -246,9 +293,9 @@ def files_of(order: Order, solution: Solution) -> MapFiles | None:
     return material.files_of(order.name, solution.maps, order.folder, order.kind, order.udims)
 
 
-def remember(obj: bpy.types.Object, order: Order, solution: Solution) -> None:
+def remember(obj: bpy.types.Object, order: Order, solution: Solution) -> Result:
     """The session's last result of the object."""
-    session.keep(obj, solution, order.label, files_of(order, solution))
+    return session.keep(obj, solution, order.label(solution), files_of(order, solution), order.names)
 
 
 def learn(order: Order, solution: Solution, seconds: float) -> None:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import bpy
 import numpy as np
 
+from ...core.calibration.put_right import applied
 from ...core.data import F32, Region, SceneData, Solution
 from ...core.errors import BadInput
 from ...core.images.mask import read_mask
+from ...core.normals.tangent_map import wearing
 from ..files import read_maps
-from ..material.shader_nodes import find_shader
-from ..material.solved_socket import LEVEL, METALLIC
-from ..material.tags import TAG, maps_of, prior_of
-from ..material.two_lobe import is_two_lobe, parked
+from ..material.shown_model import shown_solution
+from ..material.slot_names import names_of, present_names, renamed
+from ..material.tags import maps_of
 from ..scene.scene_mesh import evaluated_mesh, integers, triangles
 from ..scene.scene_objects import world_matrix
 from .session import session
@@ -54,8 +55,16 @@ def with_part(
         return data
     last = last_result(obj)
     if last is None and start == "last":
-        nothing = f"{obj.name}: has no result yet to start from; its search has begun anew"
+        nothing = f"{obj.name}: has no result to start from; the search started from scratch"
         data = replace(data, warnings=(*data.warnings, nothing))
+    if last is not None and last.calibration is not None and region is not None:
+        # The part is lit as the rest was, whose lamps and exposures the solve has put right.
+        if session.calibration_state((context or bpy.context).scene, obj) == "open":
+            data = applied(data, last.calibration)
+        else:  # the scene has them
+            last = replace(last, calibration=None)
+    if region is not None and last is not None and last.maps.normal is not None:  # the part's normals are the rest's
+        data = replace(data, mesh=wearing(data.mesh, last.maps.normal))
     return replace(data, region=region, start=last)
 
 
@@ -68,7 +77,7 @@ def group_region(obj: bpy.types.Object, depsgraph: Any, name: str) -> Region:
     if index < 0:
         have = ", ".join(f"'{group.name}'" for group in obj.vertex_groups) or "none"
         raise BadInput(f"object '{obj.name}': has no vertex group '{name}' (it has {have}); choose one" if name else
-                       f"object '{obj.name}': no vertex group is chosen for the part to solve; choose one")
+                       f"object '{obj.name}': no vertex group is chosen for the region to solve; choose one")
 
     def weights(mesh: bpy.types.Mesh) -> F32:
         told = np.zeros(len(mesh.vertices), np.float32)
@@ -78,7 +87,7 @@ def group_region(obj: bpy.types.Object, depsgraph: Any, name: str) -> Region:
                     told[vertex.index] = group.weight
         return told[triangles(mesh)[1]]
 
-    return _of_mesh(obj, depsgraph, weights, f"vertex group '{name}' is nowhere above 0.5; paint its weights")
+    return _of_mesh(obj, depsgraph, weights, f"vertex group '{name}' has no weight above 0.5; paint its weights")
 
 
 def faces_region(obj: bpy.types.Object, depsgraph: Any) -> Region:
@@ -89,16 +98,16 @@ def faces_region(obj: bpy.types.Object, depsgraph: Any) -> Region:
         faces = integers(mesh.loop_triangles, "polygon_index", 1)
         return np.repeat(chosen[faces], 3, axis=1).astype(np.float32)
 
-    return _of_mesh(obj, depsgraph, selected, "no face is selected; select the part in Edit Mode and leave it")
+    return _of_mesh(obj, depsgraph, selected, "no face is selected; select faces in Edit Mode, then leave Edit Mode")
 
 
 def image_region(image: bpy.types.Image | None) -> Region:
     """Where an image over the UV square is white: mean of its colours times alpha above a half.  Raises BadInput."""
     if image is None:
-        raise BadInput("no image is chosen for the part to solve; choose or paint one that is white there")
+        raise BadInput("no image is chosen for the region to solve; choose or paint one that is white there")
     width, height = image.size
     if not width or not height:
-        raise BadInput(f"image '{image.name}': cannot be read; find its file again or choose another")
+        raise BadInput(f"image '{image.name}': cannot be read; find its file or choose another image")
     flat = np.empty(width * height * image.channels, np.float32)
     image.pixels.foreach_get(flat)
     pixels = flat.reshape(height, width, image.channels)
@@ -107,7 +116,7 @@ def image_region(image: bpy.types.Image | None) -> Region:
     if image.channels == 4:
         white *= pixels[..., 3]
     if white.max() <= 0.5:
-        raise BadInput(f"image '{image.name}': is nowhere white; paint the part to solve white")
+        raise BadInput(f"image '{image.name}': has no white; paint the region to solve white")
     return Region(image=white)
 
 
@@ -115,7 +124,7 @@ def file_region(path: Path) -> Region:
     """The same of a file.  Raises BadInput."""
     white = read_mask(path)
     if white.max() <= 0.5:
-        raise BadInput(f"{path}: is nowhere white; paint the part to solve white")
+        raise BadInput(f"{path}: has no white; paint the region to solve white")
     return Region(image=white)
 
 
@@ -123,7 +132,7 @@ def _of_mesh(obj: bpy.types.Object, depsgraph: Any, weights: Callable[[bpy.types
     """A region by weights (T, 3) of the evaluated mesh's corners, in the order of scene_mesh.read_mesh."""
     with evaluated_mesh(obj, depsgraph) as mesh:
         if mesh is None or not mesh.polygons:
-            raise BadInput(f"object '{obj.name}': has no faces after its modifiers; give it some")
+            raise BadInput(f"object '{obj.name}': has no faces after its modifiers; add faces or change the modifiers")
         mesh.calc_loop_triangles()
         corners = weights(mesh)
     if not (corners > 0.5).any():
@@ -142,64 +151,18 @@ def last_result(obj: bpy.types.Object) -> Solution | None:
     if files is not None and files.tiled:  # the solution's maps hold all UDIMs side by side
         return None
     if solution is not None:
-        return _by_present_names(obj, replace(solution, checks=None, pictures=()))
+        return _as_wired(obj, replace(solution, checks=None, pictures=()))
     if not maps_of(obj):
         return None
     try:
-        maps = read_maps(obj)
+        return shown_solution(obj, read_maps(obj))
     except BadInput:  # an image was deleted
         return None
-    shown = {slot.material.name: _model(slot.material) for slot in obj.material_slots if slot.material is not None}
-    priors = {slot.material.name: prior for slot in obj.material_slots
-              if slot.material is not None and (prior := prior_of(slot.material)) is not None}
-    solution = Solution.of_maps(
-        maps, {name: found.model for name, found in shown.items()},
-        {name: found.level for name, found in shown.items() if found.level is not None},
-        next((found.ndf for found in shown.values() if found.ndf == "beckmann"), "ggx"), why="as its material has it",
-        metallic={name: found.metallic for name, found in shown.items() if found.metallic is not None})
-    return replace(solution, priors=priors)
 
 
-def _by_present_names(obj: bpy.types.Object, solution: Solution) -> Solution:
-    """Materials that `material.write_maps` made or copied have other names than when they were solved."""
-    slots = [slot.material for slot in obj.material_slots if slot.material is not None]
-    now = {str(material[TAG]): material.name for material in slots
-           if TAG in material and material.name not in solution.model}
-
-    def renamed(values: Mapping[str, Any]) -> dict[str, Any]:
-        return {now.get(name, name): value for name, value in values.items()}
-
-    return replace(solution, model=renamed(solution.model), why=renamed(solution.why), levels=renamed(solution.levels),
-                   predictions=renamed(solution.predictions), priors=renamed(solution.priors),
-                   metallic=renamed(solution.metallic))
-
-
-class _Wired(NamedTuple):
-    """What ``shader_nodes.wire`` has left on a material."""
-
-    model: str
-    level: float | None = None  # its one Specular IOR Level, where there is one
-    metallic: float | None = None  # where it was solved for
-    ndf: str = "ggx"
-
-
-def _model(material: bpy.types.Material) -> _Wired:
-    shader = find_shader(material.node_tree) if material.node_tree is not None else None
-    if shader is not None and is_two_lobe(shader):
-        beckmann = str(shader.node_tree.get(TAG)).startswith("beckmann")
-        return _Wired("two-lobe", ndf="beckmann" if beckmann else "ggx")
-    principled = shader or parked(material.node_tree) if material.node_tree is not None else None
-    if principled is None:
-        return _Wired("one-lobe")
-    socket = principled.inputs[LEVEL.name]
-    level = float(socket.default_value) if LEVEL.tag in principled else None
-    if METALLIC.tag in principled:
-        return _Wired("one-lobe-metallic", level, float(principled.inputs[METALLIC.name].default_value))
-    if level is None:
-        return _Wired("one-lobe")
-    if any(link.from_node.get(TAG) == LEVEL.role for link in socket.links):
-        return _Wired("one-lobe-specular")
-    return _Wired("lambert") if level == 0.0 else _Wired("one-lobe-specular", level)
+def _as_wired(obj: bpy.types.Object, solution: Solution) -> Solution:
+    """By the names that materials have, also those that were made for the object."""
+    return renamed(solution, present_names(obj, names_of(obj, solution.model)))
 
 
 # ---- the panel's rows
@@ -223,5 +186,5 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         layout.operator("irpso.paint_part", text="Done" if obj.mode == mode else text, icon=icon,
                         depress=obj.mode == mode)
     row = layout.row()
-    row.active = obj is not None and (session.solution_of(obj) is not None or bool(maps_of(obj)))
+    row.active = obj is not None and (session.facts_of(obj) is not None or bool(maps_of(obj)))
     row.prop(settings, "start")

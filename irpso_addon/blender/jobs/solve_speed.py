@@ -15,7 +15,9 @@ import numpy as np
 from ...core.capture.file_preview import same_file
 from ...core.data import F32, SceneData, Solution
 from ...core.errors import BadInput
+from ...core.images.raw_reader import is_raw
 from ...core.params import SolveSettings
+from ...core.phrases import percent
 from ...core.reporting import estimates
 from ...core.reporting.estimates import Estimate, ViewSize, gigabytes
 from ...core.tiled.uv_blocks import FIRST_UDIM, udims_of
@@ -57,16 +59,17 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if found.disk_bytes > TOLD:
         column.label(text=f"{gigabytes(found.disk_bytes)} of disk", icon="DISK_DRIVE")
     if found.reduced < 0.99:
-        column.label(text=f"Pictures reduced to {found.reduced ** 0.5:.0%} to fit", icon="INFO")
+        column.label(text=f"Pictures reduced to {percent(found.reduced ** 0.5)} to fit", icon="INFO")
 
 
 def of(context: bpy.types.Context) -> Estimate | None:
     """The next solve of the active object; None: not known (pictures whose sizes are not, or numpy solves)."""
-    taken = [ViewSize(v.file.width, v.file.height, v.camera, v.lights) for v in readiness.recent(context).views
-             if v.used and v.file is not None and v.file.width]
+    settings, obj = properties.settings(context.scene.irpso), context.active_object
+    full = settings.raw_size == "full"
+    taken = [_sized(v.file.width, v.file.height, v.camera, v.lights, full and is_raw(Path(v.image)))
+             for v in readiness.recent(context).views if v.used and v.file is not None and v.file.width]
     if not taken or by_numpy():
         return None
-    settings, obj = properties.settings(context.scene.irpso), context.active_object
     return estimates.estimate(taken, settings, factors(), preferences.device_settings().memory,
                              rounds=_rounds(obj, settings), udims=_udims(obj, settings))
 
@@ -102,7 +105,7 @@ def _middles(mesh: bpy.types.Mesh) -> F32:
 
 def _rounds(obj: bpy.types.Object | None, settings: SolveSettings) -> bool:
     """Whether indirect light is likely to be rendered: asked for, or found in the object's last solve."""
-    last = session.solution_of(obj)
+    last = session.facts_of(obj)
     return settings.indirect == "on" or (
         settings.indirect == "auto" and last is not None and "indirect" in last.seconds)
 
@@ -122,11 +125,17 @@ def learn(
     threading.Thread(target=_save, args=saved, name="irpso-speed", daemon=True).start()  # disks may be slow
 
 
+def _sized(width: int, height: int, camera: str, lights: int, full_raw: bool) -> ViewSize:
+    """Of a file whose size is known binned, 2 x 2 as most are."""
+    times = 2 if full_raw else 1
+    return ViewSize(times * width, times * height, camera, lights)
+
+
 def _sizes(data: SceneData) -> Sequence[ViewSize]:
     """The views as they were solved; sizes as the panels know them."""
     states = readiness.recent(bpy.context).views
     known = {same_file(state.image): state.file for state in states if state.file is not None}
-    return [ViewSize(file.width, file.height, view.camera.name, len(view.lights)) for view in data.views
+    return [_sized(file.width, file.height, view.camera.name, len(view.lights), view.full_raw) for view in data.views
             if (file := known.get(same_file(str(view.image)))) is not None]
 
 

@@ -21,12 +21,13 @@ from ...core.maps.export import write_maps as export_maps
 from ...core.maps.map_set import UDIM, MapFiles
 from ...core.tiled.uv_blocks import FIRST_UDIM
 from .material_preflight import check_material, check_object
-from .shader_nodes import wire
+from .shader_nodes import find_shader, has_nodes, wire
+from .slot_names import solved_name
 from .tags import TAG, maps_of, tag_prior
 
 SUFFIXES = {"base_color": "basecolor"}  # role -> end of the name, where they differ
 UNKEPT = "filled"  # the layer without an image: the confidence tells which texels were filled
-OPTIONAL = ("specular",)  # roles that only some models have
+OPTIONAL = ("specular", "normal")  # roles that only some models have
 NAME_BYTES = 63  # of a datablock in Blender 4.5; 5.x allows more
 
 
@@ -79,12 +80,14 @@ def wire_maps(
 ) -> tuple[str, ...]:
     """As `write_maps`, with images that are there already, by role."""
     messages: list[str] = []
-    copies: dict[bpy.types.Material, bpy.types.Material] = {}
     targets = check(obj, solution)
-    solved = {_own_material(obj, target.slot, copies, messages): target.solved for target in targets}
+    own = _Own(obj, share=bpy.context.scene.irpso.shared_material == "SHARE" if has_settings() else False)
+    solved = {own.material(target): target.solved for target in targets}
+    messages += own.messages
     for material, name in solved.items():
         found = wire(material, images, model=solution.model[name], lobes=solution.maps.lobes is not None,
-                     level=solution.levels.get(name), metallic=solution.metallic.get(name, 0.0), ndf=solution.ndf)
+                     level=solution.levels.get(name), metallic=solution.metallic.get(name, 0.0),
+                     coat=solution.coats.get(name), ndf=solution.ndf)
         messages += [f"material '{material.name}': {text}" for text in found]
         tag_prior(material, solution.priors.get(name))
     _drop_others(obj, images)
@@ -233,41 +236,81 @@ def _targets(obj: bpy.types.Object, model: Mapping[str, str]) -> list[_Target]:
         obj.data.materials.append(None)
     found = []
     for slot in obj.material_slots:
-        name = slot.material.name if slot.material else ""
-        # A material that we made or copied for the slot has another name than when it was solved.
-        keys = [key for key in (name, slot.material.get(TAG) if slot.material else None) if key in model]
-        if keys:
-            found.append(_Target(slot, keys[0]))
+        name = solved_name(slot, model)
+        if name is not None:
+            found.append(_Target(slot, name))
     if not found:
         solved = ", ".join(f"'{name}'" for name in model) or "none"
-        raise BadInput(f"{obj.name}: none of its materials is one that was solved ({solved}); solve again")
+        raise BadInput(f"{obj.name}: none of its materials was solved ({solved}); solve again")
     return found
 
 
-def _own_material(
-    obj: bpy.types.Object, slot: bpy.types.MaterialSlot,
-    copies: dict[bpy.types.Material, bpy.types.Material], messages: list[str],
-) -> bpy.types.Material:
-    """The slot's material, made if there is none, copied if another object shows it too."""
-    material = slot.material
-    if material is not None and material not in copies and not _is_shared(obj, material):
-        return material
-    if obj.data.users > 1:
-        slot.link = "OBJECT"  # else the slots of the other objects with this mesh would change as well
-    if material is None:
-        slot.material = bpy.data.materials.new(obj.name)
-        slot.material[TAG] = ""
-        messages.append(f"{obj.name}: had an empty material slot; made material '{slot.material.name}'")
-    else:
-        if material not in copies:
-            copies[material] = material.copy()
-            copies[material][TAG] = material.get(TAG, material.name)
-            messages.append(
-                f"material '{material.name}': other objects use it too; made '{copies[material].name}' for {obj.name}")
-        slot.material = copies[material]
-    return slot.material
+class _Own:
+    """Materials that the object may change: made where a slot has none, copied where other objects show them too."""
+
+    def __init__(self, obj: bpy.types.Object, share: bool) -> None:
+        """``share``: change also those that others show."""
+        self.obj, self.share = obj, share
+        self.messages: list[str] = []
+        self._copies: dict[bpy.types.Material, bpy.types.Material] = {}
+
+    def material(self, target: _Target) -> bpy.types.Material:
+        """The slot's."""
+        obj, slot, material = self.obj, target.slot, target.slot.material
+        if material is not None and material not in self._copies:
+            others = _others(obj, material)
+            if not others:
+                return material
+            if self.share:
+                self.messages.append(f"material '{material.name}': {named(others)} shows the maps too")
+                return material
+        if obj.data.users > 1:
+            slot.link = "OBJECT"  # else the slots of the other objects with this mesh would change as well
+        if material is None:
+            slot.material = bpy.data.materials.new(obj.name)
+            slot.material[TAG] = ""
+            self.messages.append(f"{obj.name}: had an empty material slot; made material '{slot.material.name}'")
+        else:
+            if material not in self._copies:
+                self._copies[material] = material.copy()
+                self._copies[material][TAG] = target.solved
+                self.messages.append(f"material '{material.name}': {named(others)} uses it too; made "
+                                     f"'{self._copies[material].name}' for {obj.name}")
+            slot.material = self._copies[material]
+        return slot.material
 
 
-def _is_shared(obj: bpy.types.Object, material: bpy.types.Material) -> bool:
-    return any(
-        slot.material == material for other in bpy.data.objects if other != obj for slot in other.material_slots)
+def has_settings() -> bool:
+    """Whether scenes have IRPSO's settings."""
+    return hasattr(bpy.types.Scene, "irpso")
+
+
+def shared_with(obj: bpy.types.Object) -> dict[str, list[str]]:
+    """The object's materials that others show too, with these objects' names; for panels, which are drawn often."""
+    alone = obj.data is None or obj.data.users < 2
+    materials = dict.fromkeys(slot.material for slot in obj.material_slots if slot.material is not None
+                              and not (alone and slot.material.users < 2))
+    found = {material.name: _others(obj, material) for material in materials}
+    return {name: others for name, others in found.items() if others}
+
+
+def named(others: Sequence[str]) -> str:
+    """"'Vase' and 2 more"."""
+    return f"'{others[0]}'" + (f" and {len(others) - 1} more" if len(others) > 1 else "")
+
+
+def _others(obj: bpy.types.Object, material: bpy.types.Material) -> list[str]:
+    """The names of the other objects that show it."""
+    return [other.name for other in bpy.data.objects if other != obj
+            and any(slot.material == material for slot in other.material_slots)]
+
+
+def are_shown(obj: bpy.types.Object) -> bool:
+    """Whether a material of the object shows its base colour by our node."""
+    image = maps_of(obj).get("base_color")
+    if image is None:
+        return False
+    return any(node.get(TAG) == "base_color" and node.bl_idname == "ShaderNodeTexImage" and node.image == image
+               and any(link.to_node == find_shader(slot.material.node_tree) for link in node.outputs["Color"].links)
+               for slot in obj.material_slots if slot.material is not None and has_nodes(slot.material)
+               for node in slot.material.node_tree.nodes)

@@ -9,20 +9,21 @@ from collections.abc import Iterator, Mapping
 
 import bpy
 
+from ...core.data import Coat
 from . import two_lobe
-from .solved_socket import LEVEL, METALLIC
-from .tags import TAG
+from .solved_socket import LEVEL, METALLIC, NORMAL, set_coat
+from .tags import NORMAL_ROLE, TAG
 
 
 def wire(
     material: bpy.types.Material, images: Mapping[str, bpy.types.Image], *,
-    model: str, lobes: bool, level: float | None, metallic: float, ndf: str,
+    model: str, lobes: bool, level: float | None, metallic: float, coat: Coat | None, ndf: str,
 ) -> list[str]:
     """Image Texture nodes into the Principled BSDF, or the group in its place; the rest of the tree stays.
 
     ``lobes``: the roughness image holds (roughness1, roughness2, weight).  ``level``: the material's one Specular
-    IOR Level; None: the image's, where there is one.  ``metallic``: of model one-lobe-metallic.  Returns what the user
-    should know.
+    IOR Level; None: the image's, where there is one.  ``metallic``: of model one-lobe-metallic.  ``coat``: of one lobe.
+    Returns what the user should know.
 
     The textures need no UV Map node: by itself an Image Texture takes the UV map that `scene.read_scene` reads,
     the one whose camera icon is on.
@@ -42,6 +43,11 @@ def wire(
         level_source = level
     messages = LEVEL.set(tree, principled, level_source)
     messages += METALLIC.set(tree, principled, metallic if model == "one-lobe-metallic" else None)
+    NORMAL.set(tree, principled, textures.normal() if "normal" in images else None)  # it holds what was linked there
+    if "normal" not in images:
+        _remove(tree, NORMAL_ROLE)
+        _remove(tree, "normal")
+    messages += set_coat(tree, principled, coat)
     if not isinstance(level_source, bpy.types.NodeSocket):
         _remove(tree, "specular")
     shader, more = _wire_roughness(tree, principled, textures, model, lobes, ndf)
@@ -69,7 +75,7 @@ def _wire_roughness(
     for name, channel in zip(two_lobe.LOBES, channels, strict=True):
         tree.links.new(channel, shader.inputs[name])
     animated = tree.animation_data is not None
-    return shader, ["its nodes are animated; the two-lobe group holds their present values"] if animated else []
+    return shader, ["its nodes are animated; the node group keeps their present values"] if animated else []
 
 
 def has_nodes(material: bpy.types.Material) -> bool:
@@ -152,6 +158,16 @@ class _Textures:
         texture = _node(self._tree, "ShaderNodeTexImage", role, self._frame, place)
         texture.image, texture.label = self._images[role], label
         return texture
+
+    def normal(self) -> bpy.types.NodeSocket:
+        """What a Normal Map node makes of the texture of the normals."""
+        texture = self.add("normal", "Normal", 3)
+        node = _node(self._tree, "ShaderNodeNormalMap", NORMAL_ROLE, self._frame,
+                     (self._place[0] + 280.0, self._place[1] - 900.0))
+        node.space, node.uv_map = "TANGENT", ""
+        node.inputs["Strength"].default_value = 1.0
+        self._tree.links.new(texture.outputs["Color"], node.inputs["Color"])
+        return node.outputs["Normal"]
 
     def separate(self, texture: bpy.types.Node) -> bpy.types.Node:
         """Its three channels, each by itself."""

@@ -12,6 +12,10 @@ SPECULAR_TAG = "irpso_specular"  # on a Principled: its Specular IOR Level befor
 SPECULAR_LINK_TAG = "irpso_specular_link"  # and what was linked there: node, socket
 METALLIC_TAG = "irpso_metallic"  # the same of its Metallic
 METALLIC_LINK_TAG = "irpso_metallic_link"
+COAT_TAG = "irpso_coat"  # the same of its Coat Weight, and with more behind it of the coat's other inputs
+NORMAL_TAG = "irpso_normal"  # the same of its Normal
+NORMAL_LINK_TAG = "irpso_normal_link"
+NORMAL_ROLE = "normal_map"  # of our Normal Map node
 PRIOR_TAG = "irpso_prior"  # on a material: as JointPrior
 PARKED_TAG = "irpso_parked"  # on a Principled that a two-lobe group stands in for: how it was shown
 

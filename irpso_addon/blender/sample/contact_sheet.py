@@ -38,12 +38,13 @@ def save(path: Path, rows: Sequence[Sequence[tuple[str, F32]]], *, quality: int 
             labels.append((label, x, y + height + 10))
     with tempfile.TemporaryDirectory() as folder:
         blank, labelled = Path(folder) / "tiles.png", Path(folder) / "labelled.png"
-        _save_png(blank, canvas)
-        _write_labels(blank, labelled, labels)
+        save_png(blank, canvas)
+        write_labels(blank, labelled, labels)
         _save_jpeg(labelled, path, quality)
 
 
-def _save_png(path: Path, canvas: F32) -> None:
+def save_png(path: Path, canvas: F32) -> None:
+    """A canvas (h, w, 4), display-encoded 0..1, row 0 at the bottom, as a PNG."""
     image = bpy.data.images.new(path.name, canvas.shape[1], canvas.shape[0])
     image.pixels.foreach_set(canvas.ravel())
     image.file_format, image.filepath_raw = "PNG", str(path)
@@ -51,7 +52,8 @@ def _save_png(path: Path, canvas: F32) -> None:
     bpy.data.images.remove(image)
 
 
-def _write_labels(source: Path, target: Path, labels: Sequence[tuple[str, int, int]]) -> None:
+def write_labels(source: Path, target: Path, labels: Sequence[tuple[str, int, int]]) -> None:
+    """The picture with texts in it, each at its place: pixels from the left and from the bottom."""
     picture = imbuf.load(str(source))
     blf.size(FONT, TEXT)
     blf.color(FONT, INK, INK, INK, 1.0)

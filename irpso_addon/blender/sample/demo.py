@@ -170,7 +170,7 @@ def _add_light(name: str, direction: Vector) -> bpy.types.Object:
 
 def _add_held_out() -> None:
     _add_camera(f"Camera {HELD_OUT}", 0.70, 0.25)
-    _add_light(f"Light {HELD_OUT}", Vector((0.28, -0.75, 0.60)))
+    _add_light(f"Light {HELD_OUT}", Vector((0.30, -0.80, 0.85)).normalized())
 
 
 def _add(name: str, data: bpy.types.ID, place: Vector) -> bpy.types.Object:

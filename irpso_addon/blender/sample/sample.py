@@ -13,22 +13,24 @@ from typing import Any
 import bpy
 import gpu
 from bpy.app.handlers import persistent
-from mathutils import Euler
+from mathutils import Euler, Vector
 
 from ...core.errors import BadInput
 from ...core.job import Progress
+from ...core.phrases import percent
 from ...core.versions import versions
-from ..jobs.second_blender import Child, command
 from ..jobs.session import session
 from ..panel_common import letters, redraw_sidebars, wrapped
 from ..preferences import EXTENSION
+from ..second_blender import Child, command
 from ..viewer import editors
 from .sample_child import SCENE
 
 POLL, REDRAW = 0.3, 0.05  # seconds
 PATIENCE = 40  # redraws until the sidebar must be there
 LOOK = Euler((math.radians(78), 0.0, math.radians(20))).to_quaternion()  # past the cameras, a little from above
-AIM, DISTANCE = (0.3, 0.0, 0.0), 4.2  # metres
+DISTANCE = 4.2  # metres
+SENSOR = 72.0  # mm: width of the viewport's own camera
 LEFT = 0.55  # share of the viewport that stays one, the Image Editor gets the rest
 
 class Making:
@@ -120,7 +122,7 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """The button, or how far the making is."""
     if state.making is not None:
         progress, row = state.making.poll(), layout.row(align=True)
-        row.progress(factor=progress.fraction, text=f"Making the Sample Scene: {progress.fraction:.0%}")
+        row.progress(factor=progress.fraction, text=f"Making the Sample Scene: {percent(progress.fraction)}")
         row.operator("irpso.stop_sample", text="", icon="X")
     else:
         layout.operator("irpso.sample_scene", icon="SCENE_DATA")
@@ -206,7 +208,7 @@ def _frame(_window: bpy.types.Window, area: bpy.types.Area) -> bool:
     space.shading.type, space.shading.color_type = "SOLID" if software else "MATERIAL", "TEXTURE"
     view = space.region_3d
     view.view_perspective, view.view_rotation = "PERSP", LOOK
-    view.view_location, view.view_distance = AIM, DISTANCE
+    view.view_location, view.view_distance = (0.0, 0.0, 0.0), DISTANCE
     return False
 
 
@@ -216,7 +218,17 @@ def _open_tab(_window: bpy.types.Window, area: bpy.types.Area) -> bool:
     if sidebar.width <= 1 or sidebar.active_panel_category == "UNSUPPORTED":
         return False
     sidebar.active_panel_category = "IRPSO"
+    if bpy.context.preferences.system.use_region_overlap:
+        _move_clear(area, sidebar.width - _region(area, "TOOLS").width)
     return True
+
+
+def _move_clear(area: bpy.types.Area, pixels: int) -> None:
+    """The vase is in the middle of what the sidebar, so much wider than the toolbar, leaves of the viewport."""
+    space: Any = area.spaces.active
+    region = _region(area, "WINDOW")
+    metres = DISTANCE * SENSOR / space.lens / max(region.width, region.height)  # in a pixel
+    space.region_3d.view_location = LOOK @ Vector((pixels / 2 * metres, 0.0, 0.0))
 
 
 def _region(area: bpy.types.Area, kind: str) -> bpy.types.Region:

@@ -14,7 +14,7 @@ from ...core.job import Progress
 from ...core.samples import vase
 from ...core.storage.atomic_io import FolderLock
 from .. import properties
-from ..jobs.second_blender import as_child, tell
+from ..second_blender import as_child, tell
 from . import demo
 
 SCENE = "IRPSO Sample.blend"

@@ -16,13 +16,13 @@ import bpy
 
 from ...core.capture.file_preview import ImagePreview, same_file
 from ...core.images.colour import known_space
+from ...core.images.mask import ASPECT
 from ..panel_common import letters, wrapped
 from . import thumbnails
 from .scene_views import NamedView, SceneViews
 
 FRESH = 0.05  # seconds: panels that are drawn together share one survey
 SHOWN = 3  # lines beside the button
-ASPECT = 0.01  # as core/images/reference_image.py
 
 Faults = list[str]
 
@@ -90,14 +90,16 @@ def why_not(context: bpy.types.Context) -> str | None:
     return problems[0] + more if problems else None
 
 
-def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """What is missing, beside the button that needs it."""
-    problems = recent(context).problems()
+def draw(layout: bpy.types.UILayout, context: bpy.types.Context, more: Sequence[str] = ()) -> None:
+    """What is missing, beside the button that needs it, the first of it in red; ``more``: what else is."""
+    problems = [*recent(context).problems(), *more]
     if not problems:
         return
     column = layout.column(align=True)
-    for problem in problems[:SHOWN]:
-        wrapped(column, problem, letters(context))
+    for number, problem in enumerate(problems[:SHOWN]):
+        lines = column.column(align=True)
+        lines.alert = number == 0
+        wrapped(lines, problem, letters(context))
     if len(problems) > SHOWN:
         column.label(text=f"And {len(problems) - SHOWN} more", icon="BLANK1")
 
@@ -113,9 +115,10 @@ def solve_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
 def survey(context: bpy.types.Context) -> Survey:
     """Everything about the scene that a solve of the active object needs."""
     views, faults = _views(context)
-    if not bpy.data.filepath:
-        faults.insert(0, "The file was never saved; save it first")
+    if not bpy.data.filepath:  # after what a new file lacks: whoever opens the sample scene need not save
+        faults.append("Save the file first")
     meshes = solve_objects(context)
+    faults += [f"{obj.name}: is in Edit Mode; leave it first" for obj in meshes if obj.mode == "EDIT"]
     faults += [fault for obj in meshes for fault in _mesh_faults(obj)] if meshes else ["No mesh object is active"]
     return Survey(views, faults)
 
@@ -143,38 +146,47 @@ def _views(context: bpy.types.Context) -> tuple[list[ViewState], Faults]:
         named = source.from_scene()
     render = context.scene.render
     aspect = (render.resolution_x / render.resolution_y) if render.resolution_y else 1.0
-    views = [_state(view, aspect) for view in named.views]
+    views = [_state(view, _aspect(context.scene, view.camera) or aspect) for view in named.views]
     if not captures and context.scene.irpso.views:
         _mark_duplicates(views)
     return views, [] if named.fault is None else [named.fault.line]
 
 
+def _aspect(scene: bpy.types.Scene, camera: str) -> float | None:
+    """Of the pictures of a photographed camera's lens."""
+    obj = scene.objects.get(camera)
+    lens = getattr(obj.data, "irpso_lens", None) if obj is not None and obj.type == "CAMERA" else None
+    return lens.width / lens.height if lens is not None and lens.use and lens.height else None
+
+
 def _state(named: NamedView, aspect: float) -> ViewState:
-    """A view with what its files say; ``aspect``: of a render."""
+    """A view with what its files say; ``aspect``: of its camera's pictures."""
+    light = "World" if not named.lights else "All lights" if named.every_light else _light(named.lights)
     view = ViewState(
-        named.image, named.camera, len(named.lights), "All lights" if named.every_light else _light(named.lights),
+        named.image, named.camera, len(named.lights), light,
         named.enabled, faults=[fault.line for fault in named.faults])
     if named.colorspace and known_space(named.colorspace) is None:
         view.faults.append(f"Color space '{named.colorspace}' is not known")
     if view.image:
         view.file = thumbnails.image(view.image)
         _check_file(view, named.colorspace, aspect)
-    if named.mask and (found := thumbnails.image(named.mask)) and found.problem:
-        view.faults.append(f"Mask: {found.problem[:1].lower()}{found.problem[1:]}")
+    for what, path in (("Mask", named.mask), ("Ambient", named.ambient), ("Flat field", named.flat)):
+        if path and (found := thumbnails.image(path)) and found.problem:
+            view.faults.append(f"{what}: {found.problem[:1].lower()}{found.problem[1:]}")
     return view
 
 
-def _check_file(view: ViewState, colorspace: str | None, render_aspect: float) -> None:
+def _check_file(view: ViewState, colorspace: str | None, aspect: float) -> None:
     found = view.file
     if found is None:
         return
     if found.problem:
         view.faults.append(found.problem)
         return
-    if abs(found.width / found.height / render_aspect - 1) > ASPECT:
-        view.faults.append(f"Is {found.width} x {found.height}, the render resolution has another aspect")
+    if abs(found.width / found.height / aspect - 1) > ASPECT:
+        view.faults.append(f"Is {found.width} x {found.height}, which is not the aspect of its camera's pictures")
     if found.bits <= 8:
-        view.notes.append("8 bits a channel: use EXR or 16 bits for exact maps")
+        view.notes.append("8 bits per channel: use EXR or 16 bits for exact maps")
     elif found.integer and not (colorspace or found.colorspace):
         view.notes.append("Read as sRGB: set the color space if its values are linear")
 

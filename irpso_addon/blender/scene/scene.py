@@ -6,19 +6,22 @@ What a render would show is what is read: evaluated meshes, world matrices, acti
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import bpy
 
 from ...core.capture.captures import read_captures
-from ...core.data import Camera, Light, SceneData, View
+from ...core.data import Camera, Environment, Light, SceneData, View
 from ...core.errors import BadInput
+from ...core.images.reference_image import with_one_white_balance
 from ..oiio import ensure_openimageio
 from .scene_material import read_normal_maps
 from .scene_mesh import read_mesh, read_occluders
 from .scene_objects import names_of, read_camera, read_light, rendered_objects
-from .scene_views import SceneViews
+from .scene_views import NamedView, SceneViews
+from .scene_world import is_black, is_pictured, read_environment
 
 _DISPLAY_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".tga"}
 
@@ -37,7 +40,7 @@ def read_scene(context: Any | None, object_name: str | None, captures: Path | No
     depsgraph = context.evaluated_depsgraph_get()
     reader = _Reader(context.scene, depsgraph)
     _check_working_space()
-    subject = _subject(context, object_name)
+    subject = subject_of(context, object_name)
     reader.name_unmodelled(subject)
     maps = read_normal_maps(subject, reader.warn)
     mesh = read_mesh(subject, depsgraph, maps, reader.warn)
@@ -45,9 +48,9 @@ def read_scene(context: Any | None, object_name: str | None, captures: Path | No
     reader.name_display_images(views)
     occluders = read_occluders(subject, depsgraph, reader.warn)
     return SceneData(
-        name=Path(bpy.data.filepath).stem, mesh=mesh, occluders=occluders, views=tuple(views),
+        name=Path(bpy.data.filepath).stem, mesh=mesh, occluders=occluders, views=views,
         pixel_filter=_pixel_filter(context.scene), warnings=tuple(dict.fromkeys(reader.warnings)),
-        skipped=tuple(reader.skipped),
+        skipped=tuple(reader.skipped), scale_known=reader.scale_known,
     )
 
 
@@ -59,21 +62,22 @@ def _check_working_space() -> None:
                        "set it to Linear Rec.709 (Scene > Color Management)")
 
 
-def _subject(context: Any, name: str | None) -> Any:
+def subject_of(context: Any, name: str | None) -> Any:
+    """The mesh that is solved: the one of that name, the active one, or the only one.  Raises BadInput."""
     if name is not None:
         obj = context.scene.objects.get(name)
         if obj is None:
             raise BadInput(f"object '{name}': is not in scene '{context.scene.name}'; "
                            f"it has {names_of(o for o in context.scene.objects if o.type == 'MESH') or 'no mesh'}")
         if obj.type != "MESH":
-            raise BadInput(f"object '{name}': is a {obj.type.lower()}, not a mesh; name a mesh")
+            raise BadInput(f"object '{name}': is a {obj.type.lower()}, not a mesh; choose a mesh")
         return obj
     active = context.view_layer.objects.active
     if active is not None and active.type == "MESH":
         return active
     meshes = [o for o in rendered_objects(context.view_layer).values() if o.type == "MESH"]
     if len(meshes) != 1:
-        raise BadInput(f"which object to solve? the scene has {names_of(meshes)}; name one" if meshes
+        raise BadInput(f"which object to solve? the scene has {names_of(meshes)}; choose one" if meshes
                        else f"scene '{context.scene.name}': has no mesh to solve; add one")
     return meshes[0]
 
@@ -87,18 +91,18 @@ class _Reader:
         self.skipped: list[tuple[str, str]] = []
         self._cameras: dict[str, Camera] = {}
         self._lights: dict[str, Light] = {}
-        self.gain = float(scene.cycles.film_exposure) if scene.render.engine == "CYCLES" else 1.0
-        if not 0 < self.gain < math.inf:
-            raise BadInput(f"scene '{scene.name}': its film exposure is {self.gain:g}; set it to 1 (Render > Film)")
+        self._environments: dict[tuple[str, float], Environment | None] = {}
+        self.scale_known = bool(getattr(getattr(scene, "irpso", None), "scale_known", True))
+        if not self.scale_known:
+            self.warn("the lamps' power is not known (Shoot): Specular IOR Level is free, and base colors are right "
+                      "up to one common factor; measure a grey card for absolute values")
+        self.gain = film_gain(scene)
 
     def warn(self, text: str) -> None:
         self.warnings.append(text)
 
     def name_unmodelled(self, subject: Any) -> None:
         """Warns of what lights or shapes the references but not the solver's model."""
-        if not _is_black(self.scene.world):
-            self.warn(f"world '{self.scene.world.name}': its light counts as indirect (setting indirect), which is "
-                      "less exact; make it black for the references")
         for modifier in subject.modifiers:
             if modifier.show_viewport != modifier.show_render or (
                 modifier.show_render and getattr(modifier, "levels", 0) != getattr(modifier, "render_levels", 0)
@@ -106,15 +110,17 @@ class _Reader:
                 self.warn(f"object '{subject.name}': modifier '{modifier.name}' differs between viewport and render; "
                           "the viewport's shape is used")
 
-    def name_display_images(self, views: list[View]) -> None:
+    def name_display_images(self, views: Sequence[View]) -> None:
         """Warns when images that may have gone through a view transform would be read as sRGB."""
         transform = self.scene.view_settings.view_transform
         suspects = [v for v in views if v.colorspace in {None, "sRGB"} and v.image.suffix.lower() in _DISPLAY_SUFFIXES]
-        if suspects and self.scene.render.engine == "CYCLES" and transform not in {"Standard", "Raw"}:
-            self.warn(f"{suspects[0].image.name}: read as plain sRGB; if Blender rendered it under this scene's view "
+        rendered = self.scene.render.engine == "CYCLES" and not are_photographs(self.scene)
+        if suspects and rendered and transform not in {"Standard", "Raw"}:
+            self.warn(f"{suspects[0].image.name}: is read as plain sRGB; if Blender rendered it under this scene's "
+                      "view "
                       f"transform {transform}, render to EXR instead")
 
-    def views(self, captures: Path | None) -> list[View]:
+    def views(self, captures: Path | None) -> tuple[View, ...]:
         """Those of a capture file, else of the scene."""
         source = SceneViews(self.scene, self.depsgraph.view_layer)
         named = source.from_scene() if captures is None else source.from_captures(read_captures(captures), captures)
@@ -129,16 +135,32 @@ class _Reader:
                 raise BadInput(view.faults[0].error)
             found.append(View(
                 image=Path(view.image), camera=self._camera(view.camera), lights=tuple(map(self._light, view.lights)),
-                exposure=view.exposure, mask=Path(view.mask) if view.mask else None, colorspace=view.colorspace,
-                gain=self.gain,
+                exposure=view.exposure, mask=_path(view.mask), colorspace=view.colorspace, gain=self.gain,
+                ambient=_path(view.ambient), flat=_path(view.flat), vignetting=view.vignetting,
+                environment=self._environment(view),
             ))
-        return found
+        return with_one_white_balance(found)
+
+    def _environment(self, view: NamedView) -> Environment | None:
+        """The world's light in a view: beside lamps only where somebody has given the world a picture.
+
+        Blender gives every new file a grey world.  Where references do show one, it is indirect light.
+        """
+        world = self.scene.world if view.world is None else bpy.data.worlds[view.world]
+        if is_black(world):
+            return None
+        if view.lights and not is_pictured(world):
+            return None
+        key = world.name, view.turn
+        if key not in self._environments:
+            self._environments[key] = read_environment(world, math.radians(view.turn), self.warn)
+        return self._environments[key]
 
     def _camera(self, name: str) -> Camera:
         if name not in self._cameras:
             obj = self.scene.objects[name]
             if obj.data.dof.use_dof:
-                self.warn(f"camera '{name}': depth of field is not modelled; switch it off for the references")
+                self.warn(f"camera '{name}': depth of field is not modelled; switch it off for the pictures")
             self._cameras[name] = read_camera(obj, self.scene, self.depsgraph)
         return self._cameras[name]
 
@@ -148,21 +170,22 @@ class _Reader:
         return self._lights[name]
 
 
-def _is_black(world: Any) -> bool:
-    if world is None:
-        return True
-    if world.node_tree is None or (bpy.app.version < (5, 0, 0) and not world.use_nodes):
-        return not any(world.color)
-    output = world.node_tree.get_output_node("CYCLES")
-    if output is None or not output.inputs["Surface"].is_linked:
-        return True
-    node = output.inputs["Surface"].links[0].from_node
-    if node.type != "BACKGROUND":
-        return False
-    strength, color = node.inputs["Strength"], node.inputs["Color"]
-    if not strength.is_linked and strength.default_value == 0:
-        return True
-    return not color.is_linked and not any(color.default_value[:3])
+def _path(name: str) -> Path | None:
+    return Path(name) if name else None
+
+
+def film_gain(scene: Any) -> float:
+    """The factor from radiance to the pictures of a scene that Cycles rendered; 1 for photographs.  Raises BadInput."""
+    rendered = scene.render.engine == "CYCLES" and not are_photographs(scene)
+    gain = float(scene.cycles.film_exposure) if rendered else 1.0
+    if not 0 < gain < math.inf:
+        raise BadInput(f"scene '{scene.name}': its film exposure is {gain:g}; set it to 1 (Render > Film)")
+    return gain
+
+
+def are_photographs(scene: Any) -> bool:
+    """Whether the scene's render settings say nothing of its pictures."""
+    return bool(getattr(getattr(scene, "irpso", None), "photographs", False))
 
 
 # Blackman-Harris window (Harris 1978): coefficients of its cosine series
@@ -176,7 +199,7 @@ def _pixel_filter(scene: Any) -> float:
     Gaussian's table reaches over 3 widths, Blackman-Harris' over 2, and the first sample of every pixel is
     its centre, so a render of one sample has no filter at all.
     """
-    if scene.render.engine != "CYCLES":
+    if scene.render.engine != "CYCLES" or are_photographs(scene):
         return 1.0
     if scene.cycles.samples == 1:
         return 0.01

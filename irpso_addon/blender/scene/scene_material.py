@@ -12,7 +12,8 @@ import numpy as np
 from ...core.data import F32
 from ...core.errors import BadInput
 from ...core.images.colour import known_space, to_linear_rec709
-from ..material.solved_socket import LEVEL, METALLIC
+from ..material.solved_socket import COAT_WEIGHT, LEVEL, METALLIC, NORMAL
+from ..material.tags import TAG
 from ..material.two_lobe import is_two_lobe, lobe_of
 
 Warn = Callable[[str], None]
@@ -49,7 +50,7 @@ def read_normal_maps(obj: Any, warn: Warn) -> dict[int, SlotNormalMap]:
         _name_differences(slot.material, principled, warn)
         if slot.material.node_tree.get_output_node("CYCLES").inputs["Displacement"].is_linked:
             warn(f"material '{slot.material.name}': Displacement is not modelled; the mesh is read without it")
-        normal_map = _normal_map(slot.material, principled, warn)
+        normal_map = normal_map_of(slot.material, principled, warn)
         if normal_map is not None:
             found[index] = normal_map
             if slot.material.cycles.use_bump_map_correction:
@@ -84,7 +85,7 @@ def _name_differences(material: Any, principled: Any, warn: Warn) -> None:
         socket = principled.inputs.get(name)
         if socket is None:
             continue
-        if any(name == solved.name and solved.tag in principled for solved in (LEVEL, METALLIC)):
+        if any(name == solved.name and solved.tag in principled for solved in (LEVEL, METALLIC, COAT_WEIGHT)):
             continue  # a solve has set it, and the next one will decide anew
         if name == "Emission Strength" and not any(principled.inputs["Emission Color"].default_value[:3]):
             continue
@@ -102,8 +103,14 @@ def _name_differences(material: Any, principled: Any, warn: Warn) -> None:
              "Multiscatter GGX is assumed")
 
 
-def _normal_map(material: Any, principled: Any, warn: Warn) -> SlotNormalMap | None:
+def normal_map_of(material: Any, principled: Any, warn: Warn, solved: bool = False) -> SlotNormalMap | None:
+    """The normal map that ``principled`` has; warns of one that cannot be read.  Raises BadInput for a broken image.
+
+    ``solved``: the one that a solve has made, too; else what was there before, because the next solve decides anew.
+    """
     node, _ = _source(principled.inputs["Normal"])
+    if node is not None and node.get(TAG) == NORMAL.role and not solved:
+        node = _before_solve(material.node_tree)
     if node is None:
         return None
 
@@ -125,11 +132,20 @@ def _normal_map(material: Any, principled: Any, warn: Warn) -> SlotNormalMap | N
         return unsupported(f"normal map '{node.name}' is fed by node '{texture.name}', not by an Image Texture")
     mapping, _ = _source(texture.inputs["Vector"])
     if mapping is not None and not (mapping.type == "UVMAP" and mapping.uv_map == node.uv_map):
-        return unsupported(f"Image Texture '{texture.name}' of the normal map has coordinates of its own")
+        return unsupported(f"Image Texture '{texture.name}' of the normal map has its own coordinates")
     if texture.projection != "FLAT" or texture.extension != "REPEAT":
         return unsupported(f"Image Texture '{texture.name}' of the normal map is not flat and repeating")
     pixels = _pixels(material, texture, warn)
     return None if pixels is None else SlotNormalMap(pixels, float(node.inputs["Strength"].default_value), node.uv_map)
+
+
+def _before_solve(tree: Any) -> Any | None:
+    """The node that was linked to Normal before a solve linked its own."""
+    for node in tree.nodes:
+        link = node.get(NORMAL.link_tag)
+        if isinstance(link, list) and link:
+            return tree.nodes.get(str(link[0]))
+    return None
 
 
 def _pixels(material: Any, texture: Any, warn: Warn) -> F32 | None:
@@ -144,13 +160,13 @@ def _pixels(material: Any, texture: Any, warn: Warn) -> F32 | None:
     width, height = image.size
     if not width or not height or image.channels < 3:
         raise BadInput(f"image '{image.name}' (normal map of material '{material.name}'): cannot be read as colour; "
-                       "find its file again or unlink it")
+                       "find its file or unlink it")
     flat = np.empty(width * height * image.channels, np.float32)
     image.pixels.foreach_get(flat)
     pixels = flat.reshape(height, width, image.channels)[..., :3].copy()
     space = known_space(image.colorspace_settings.name)
     if space not in {"Non-Color", "Linear Rec.709"} and not image.is_float:
         warn(f"image '{image.name}': a normal map with colour space '{image.colorspace_settings.name}'; "
-             "set it to Non-Color if that was not meant")
+             "set it to Non-Color if that is not intended")
         pixels = pixels if space is None else to_linear_rec709(pixels, space)
     return pixels

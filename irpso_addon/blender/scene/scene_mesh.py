@@ -41,7 +41,7 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
     world = world_matrix(obj, depsgraph)
     linear = world[:3, :3]
     if not np.isfinite(world).all() or abs(np.linalg.det(linear)) < 1e-20:
-        raise BadInput(f"object '{obj.name}': its scale is 0 or its matrix not finite; give it a size")
+        raise BadInput(f"object '{obj.name}': its scale is 0 or its matrix not finite; set its scale")
     normal_matrix = np.linalg.inv(linear).T
     mirrored = bool(np.linalg.det(linear) < 0)
     if mirrored:
@@ -51,7 +51,7 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
         positions = (local.positions @ linear.T + world[:3, 3]).astype(np.float32)
     normals = _unit(local.normals @ normal_matrix.T)
     if not ((np.abs(positions) <= FAR).all() and np.isfinite(normals).all()):
-        raise BadInput(f"object '{obj.name}': is too large or too far away to be computed with; scale it down")
+        raise BadInput(f"object '{obj.name}': is too large or too far away; scale it down or move it closer")
     order = [0, 2, 1] if mirrored else [0, 1, 2]
     unit = bpy.app.version >= (5, 0, 0)
     return MeshArrays(
@@ -61,7 +61,7 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
         slot_names=tuple(s.material.name if s.material else "" for s in obj.material_slots) or ("",),
         object_normals=local.normals[:, order].copy() if maps else None,
         tangents=None if local.tangents is None else local.tangents[:, order].copy(),
-        normal_matrix=normal_matrix.astype(np.float32) if maps else None,
+        normal_matrix=normal_matrix.astype(np.float32), unit_normal=unit,
         normal_maps={slot: NormalMap(m.pixels, m.strength, unit) for slot, m in maps.items()},
     )
 
@@ -69,7 +69,7 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
 def _read_corners(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Warn) -> _Corners:
     with evaluated_mesh(obj, depsgraph) as mesh:
         if mesh is None or not mesh.polygons:
-            raise BadInput(f"object '{obj.name}': has no faces after its modifiers; give it some")
+            raise BadInput(f"object '{obj.name}': has no faces after its modifiers; add faces or change the modifiers")
         layer = _active_uv(obj, mesh, warn)
         loops, vertices, slots = triangles(mesh)
         positions = _floats(mesh.vertices, "co", 3)[vertices]
@@ -183,8 +183,8 @@ def read_occluders(subject: Any, depsgraph: Any, warn: Warn) -> F32:
             shapes[key] = _local_triangles(obj)
         total += len(shapes[key])
         if total > MAX_TRIANGLES:
-            raise BadInput(f"object '{obj.name}': with it the scene has more than {MAX_TRIANGLES // 1_000_000} "
-                           "million triangles beside the object; hide some from renders")
+            raise BadInput(f"object '{obj.name}': the scene has more than {MAX_TRIANGLES // 1_000_000} "
+                           "million triangles besides the object; hide some objects from renders")
         found.append((shapes[key] @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
     everything = np.concatenate(found) if found else np.zeros((0, 3, 3), np.float32)
     return everything[(np.abs(everything) <= FAR).all((1, 2))]
@@ -202,7 +202,7 @@ def _solids(subject: Any, depsgraph: Any, warn: Warn) -> Iterator[tuple[Any, int
             own = instance.parent is None or instance.parent.original == original
             visible = (instance.parent or obj).original.name_full in shown and not original.hide_render
             if own and original == subject:
-                warn(f"object '{subject.name}': its modifiers make instances, which are left out; realize them")
+                warn(f"object '{subject.name}': its modifiers make instances, which are ignored; realize them")
                 continue
         else:
             # Curves, texts and metaballs follow as meshes; an instancer may be there for its instances alone.
@@ -216,7 +216,7 @@ def _solids(subject: Any, depsgraph: Any, warn: Warn) -> Iterator[tuple[Any, int
             continue
         evaluated = obj.evaluated_get(depsgraph)
         if not evaluated.is_evaluated and len(obj.modifiers):
-            warn(f"object '{obj.name}': is disabled in viewports, so it counts without its modifiers; enable it")
+            warn(f"object '{obj.name}': is disabled in viewports, so its modifiers are ignored; enable it")
         yield evaluated, hash((evaluated.as_pointer(), evaluated.data.as_pointer())), world_matrix(obj, depsgraph)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...core.data import F64, Camera, Light
 from ...core.errors import BadInput
+from .camera_lens import read_lens
 
 Warn = Callable[[str], None]
 FAR = 1e12  # metres: whose square single precision still holds
@@ -21,7 +22,8 @@ NARROWEST = math.radians(0.1)  # spread of an area lamp
 def world_matrix(obj: Any, depsgraph: Any) -> F64:
     """(4, 4) object to world.  Of an object that is not evaluated (disabled in viewports), by its parents."""
     evaluated = obj.evaluated_get(depsgraph)
-    if evaluated.is_evaluated:
+    # What a property alone refers to counts as evaluated, too, but was never placed.
+    if evaluated.is_evaluated and depsgraph.objects.get(obj.name) is not None:
         return np.array(evaluated.matrix_world, np.float64)
     own = np.array(obj.matrix_basis, np.float64)
     if obj.parent is None or obj.parent_type != "OBJECT":
@@ -52,8 +54,8 @@ def names_of(objects: Iterable[Any]) -> str:
 
 
 def read_camera(obj: Any, scene: Any, depsgraph: Any) -> Camera:
-    """``obj``, perspective or orthographic, with the scene's render resolution and pixel aspect."""
-    render = scene.render
+    """``obj``, perspective or orthographic, with the scene's render resolution and pixel aspect, or its own lens."""
+    render, lens = scene.render, read_lens(obj.data)
     width = max(1, render.resolution_x * render.resolution_percentage // 100)
     height = max(1, render.resolution_y * render.resolution_percentage // 100)
     projection = obj.evaluated_get(depsgraph).calc_matrix_camera(
@@ -62,15 +64,15 @@ def read_camera(obj: Any, scene: Any, depsgraph: Any) -> Camera:
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     if not np.isfinite(matrix).all() or lengths.min() < 1e-9:
         raise BadInput(f"camera '{obj.name}': its scale is 0 or its matrix not finite; clear its scale")
-    projection = np.array(projection, np.float64)
+    projection = np.array(projection, np.float64) if lens is None else lens.matrix
     finite = (np.abs(matrix) <= FAR).all() and (np.abs(projection) <= FAR).all()
     if not finite or not np.linalg.det(projection):
-        raise BadInput(f"camera '{obj.name}': its place, lens or shift is no number that makes a picture; reset it")
+        raise BadInput(f"camera '{obj.name}': its position, lens or shift is not a usable number; reset it")
     matrix[:3, :3] /= lengths  # Blender ignores a camera's scale
     return Camera(
         name=obj.name, world_to_camera=np.linalg.inv(matrix), projection=projection,
         position=matrix[:3, 3].copy(), forward=-matrix[:3, 2], orthographic=obj.data.type == "ORTHO",
-        aspect=width / height,
+        aspect=width / height if lens is None else lens.width / lens.height, lens=lens,
     )
 
 
@@ -83,7 +85,7 @@ def read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
         light = _read_light(obj, depsgraph, warn)
     sizes = [light.radius, light.spot_angle, light.spot_blend, *light.size, light.spread, *light.matrix.ravel()]
     if not (np.abs(sizes) <= FAR).all() or not (np.abs(light.power) <= BRIGHTEST).all():
-        raise BadInput(f"light '{obj.name}': its power, size or place is not finite or too large; set it anew")
+        raise BadInput(f"light '{obj.name}': its power, size or position is not finite or too large; set it again")
     if light.kind == "AREA" and light.spread < NARROWEST:
         raise BadInput(f"light '{obj.name}': its spread is below 0.1 degrees, which is not modelled; widen it")
     return light
@@ -99,11 +101,12 @@ def _read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
         power = power * np.array(lamp.temperature_color, np.float64)
     power = power * _emission(obj, warn)
     if obj.light_linking.receiver_collection or obj.light_linking.blocker_collection:
-        warn(f"light '{obj.name}': light linking is not modelled; unlink it for the references")
+        warn(f"light '{obj.name}': light linking is not modelled; unlink it for the pictures")
     if not (obj.visible_diffuse and obj.visible_glossy):
-        warn(f"light '{obj.name}': is hidden from diffuse or glossy rays, which is not modelled; show it to both")
+        warn(f"light '{obj.name}': is hidden from diffuse or glossy rays, which is not modelled; make it visible to "
+             "both")
     if getattr(lamp.cycles, "is_portal", False):
-        warn(f"light '{obj.name}': is a portal and gives no light of its own; leave it out")
+        warn(f"light '{obj.name}': is a portal, which gives no light; remove it from the views")
     common = {"name": obj.name, "kind": lamp.type, "matrix": matrix, "cast_shadow": bool(lamp.use_shadow)}
     if lamp.type in {"POINT", "SPOT"}:
         radius = float(lamp.shadow_soft_size)

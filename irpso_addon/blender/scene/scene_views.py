@@ -14,6 +14,7 @@ import bpy
 
 from ...core.capture.captures import MOST_EXPOSURE, CaptureView
 from .scene_objects import names_of, rendered_objects
+from .scene_world import is_black
 
 PROJECTIONS = {"PERSP", "ORTHO"}  # types of the cameras that are modelled
 
@@ -40,6 +41,11 @@ class NamedView:
     colorspace: str | None = None
     enabled: bool = True
     faults: tuple[Fault, ...] = ()
+    ambient: str = ""  # absolute path, "" where there is none
+    flat: str = ""
+    vignetting: float = 0.0
+    world: str | None = None  # of that name; None: the scene's
+    turn: float = 0.0  # degrees about Z
 
 
 @dataclass(frozen=True)
@@ -83,9 +89,12 @@ class SceneViews:
     def _captured(self, entry: CaptureView, where: str) -> NamedView:
         faults = self._camera_faults(entry.camera, where, "is not in the scene")
         faults += self._light_faults(entry.lights, where, "is not in the scene")
+        faults += self._world_faults(entry, where)
         image = str(entry.image)
         return NamedView(image, image, entry.camera, entry.lights, exposure=entry.exposure, mask=str(entry.mask or ""),
-                         colorspace=entry.colorspace, faults=tuple(faults))
+                         colorspace=entry.colorspace, faults=tuple(faults), ambient=str(entry.ambient or ""),
+                         flat=str(entry.flat or ""), vignetting=entry.vignetting, world=entry.world,
+                         turn=entry.turn)
 
     def _entry(self, entry: Any, where: str) -> NamedView:
         camera = entry.camera.name if entry.camera is not None else ""
@@ -97,10 +106,11 @@ class SceneViews:
         if not abs(entry.exposure) <= MOST_EXPOSURE:  # so is NaN
             faults.append(Fault(f"Exposure {entry.exposure:g} is out of range",
                                 f"{where}: exposure {entry.exposure:g} is out of range; "
-                                f"want EV from -{MOST_EXPOSURE} to {MOST_EXPOSURE}"))
+                                f"must be between -{MOST_EXPOSURE} and {MOST_EXPOSURE} EV"))
         return NamedView(
             entry.image or where, bpy.path.abspath(entry.image), camera, lights or self._rendered_lights(), not lights,
-            float(entry.exposure), bpy.path.abspath(entry.mask), entry.colorspace or None, entry.enabled, tuple(faults))
+            float(entry.exposure), bpy.path.abspath(entry.mask), entry.colorspace or None, entry.enabled, tuple(faults),
+            bpy.path.abspath(entry.ambient), bpy.path.abspath(entry.flat), float(entry.vignetting))
 
     def _backgrounds(self) -> Iterable[NamedView]:
         for camera in self._of_type("CAMERA"):
@@ -136,11 +146,25 @@ class SceneViews:
                 Fault("No light", f"{where}: has an empty light entry; choose a light or remove the entry")]
         return faults
 
+    def _world_faults(self, entry: CaptureView, where: str) -> list[Fault]:
+        """Of a capture file's view: a world that is not there, or no light at all."""
+        world = self._scene.world if entry.world is None else bpy.data.worlds.get(entry.world)
+        if entry.world is not None and world is None:
+            names = ", ".join(f"'{world.name}'" for world in bpy.data.worlds) or "none"
+            return [Fault(f"World '{entry.world}' is not in the file",
+                          f"{where}: world '{entry.world}' does not exist; there are: {names}")]
+        if not entry.lights and is_black(world):
+            return [Fault("No light, and the world is black",
+                          f"{where}: has no light and the world is black; name the lights that were on, or give the "
+                          "world its environment")]
+        return []
+
     def _dark_faults(self) -> list[Fault]:
         """Of a view that names no light."""
-        return [] if self._rendered_lights() else [Fault(
+        return [] if self._rendered_lights() or not is_black(self._scene.world) else [Fault(
             "No light in the scene renders",
-            f"scene '{self._scene.name}': has no light that renders; add those of the references")]
+            f"scene '{self._scene.name}': has no light that renders and its world is black; add those of the "
+            "references")]
 
     def _absence(self, name: str, kind: str, where: str, absent: str) -> list[Fault]:
         """What is wrong with an object that is named as a camera or light."""

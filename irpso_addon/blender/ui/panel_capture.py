@@ -10,13 +10,14 @@ from bpy.types import Menu, Panel, UIList
 
 from ..panel_common import Tab, letters, split, wrapped
 from ..sample import sample
-from ..scene import readiness, thumbnails
+from ..scene import look_through, readiness, thumbnails
 from ..scene.readiness import Survey, ViewState
 
 NO_PICTURE = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items["IMAGE_DATA"].value
 WIDE = 45  # letters of the sidebar from which whole names have room in a line of the list
-LONGEST = 20  # letters of a file's name that count for the width of its column
+BUTTONS = 13  # letters that switch and picture take, the scroll bar, and the buttons beside the list
 PADDING = 3  # letters between columns
+FAULTY = 0.45  # of a line with a fault: the name
 LARGE = 4.0  # height of the active view's picture, in buttons
 
 
@@ -32,9 +33,10 @@ class IRPSO_UL_views(UIList):
         row.prop(view, "enabled", text="")
         row.label(text="", icon_value=_picture(view, state))
         if state.faults:
-            parts = row.split(factor=0.42)
+            room = int(FAULTY * (letters(context) - BUTTONS)) - 2
+            parts = row.split(factor=FAULTY)
             parts.active = view.enabled
-            parts.label(text=Path(state.name).stem or "No image")
+            parts.label(text=_end(Path(state.name).stem, room) or "No image")
             parts.alert = True
             parts.label(text=state.faults[0])
         else:
@@ -61,16 +63,29 @@ def _picture(view: Any, state: ViewState) -> int:
 
 
 class _Columns:
-    """What stands in the list's columns, and how wide they are: a narrow sidebar shows only what tells views apart."""
+    """What stands in the list's columns, and how wide they are.
 
-    def __init__(self, found: Survey, wide: bool) -> None:
-        self.found, self.wide = found, wide
-        self.taken = [(v.camera, v.light) for v in found.views] if wide else found.shortened
-        name, camera, light = (max((len(text) for text in column), default=0) + PADDING for column in (
-            [Path(view.name).stem[:LONGEST] for view in found.views],
-            [camera for camera, _ in self.taken], [light for _, light in self.taken]))
-        self.name = name / (name + camera + light)
+    Where the sidebar is too narrow for all, camera and light go, which the panel of the active view tells; names that
+    have no room even then lose what all begin with.
+    """
+
+    def __init__(self, found: Survey, room: int) -> None:
+        """``room``: letters of a line."""
+        self.found, self.room = found, room
+        self.taken = [(v.camera, v.light) for v in found.views] if room > WIDE else found.shortened
+        names = [Path(view.name).stem for view in found.views]
+        widths = [max((len(text) for text in column), default=0) for column in (
+            names, [camera for camera, _ in self.taken], [light for _, light in self.taken])]
+        name, camera, light = (width + PADDING for width in widths)
+        self.narrow = name + camera + light > room - BUTTONS
+        self.name = 1.0 if self.narrow else name / (name + camera + light)
         self.camera = camera / (camera + light)
+        self.names = [_end(text, room - BUTTONS) for text in names]
+
+
+def _end(text: str, room: int) -> str:
+    """The end of a name, which tells pictures apart."""
+    return text if len(text) <= room else f"…{text[1 - room:]}"
 
 
 _columns: _Columns | None = None  # of the last survey
@@ -78,24 +93,26 @@ _columns: _Columns | None = None  # of the last survey
 
 def _columns_of(context: bpy.types.Context) -> _Columns:
     global _columns
-    found, wide = readiness.recent(context), letters(context) > WIDE
-    if _columns is None or _columns.found is not found or _columns.wide != wide:
-        _columns = _Columns(found, wide)
+    found, room = readiness.recent(context), letters(context)
+    if _columns is None or _columns.found is not found or _columns.room != room:
+        _columns = _Columns(found, room)
     return _columns
 
 
 def _draw_taken(layout: bpy.types.UILayout, columns: _Columns, view: Any, index: int) -> None:
-    """Which picture, by which camera, under which light."""
+    """Which picture, and where there is room, by which camera, under which light."""
     if index >= len(columns.taken):
         return
     state, (camera, light) = columns.found.views[index], columns.taken[index]
-    parts = layout.split(factor=columns.name)
+    parts = layout.row(align=True) if columns.narrow else layout.split(factor=columns.name)
     parts.active = view.enabled
-    parts.label(text=Path(state.name).stem)
-    rest = parts.split(factor=columns.camera)
-    rest.label(text=camera)
-    last = rest.row(align=True)
-    last.label(text=light)
+    parts.label(text=columns.names[index])
+    last = parts
+    if not columns.narrow:
+        rest = parts.split(factor=columns.camera)
+        rest.label(text=camera)
+        last = rest.row(align=True)
+        last.label(text=light)
     if state.notes:
         last.label(text="", icon="INFO")
 
@@ -106,6 +123,9 @@ def _draw_heads(layout: bpy.types.UILayout, columns: _Columns) -> None:
     row.active = False
     for _ in range(2):
         row.label(text="", icon="BLANK1")
+    if columns.narrow:
+        row.label(text="Image")
+        return
     parts = row.split(factor=0.87 * columns.name)  # the list's lines are shorter by its scroll bar
     parts.label(text="Image")
     rest = parts.split(factor=0.87 * columns.camera)
@@ -114,13 +134,15 @@ def _draw_heads(layout: bpy.types.UILayout, columns: _Columns) -> None:
 
 
 class IRPSO_MT_views(Menu):
-    """What is done to the whole list."""
+    """Changes to the whole list."""
 
-    bl_label = "Views"
+    bl_label = "List Specials"
 
     def draw(self, _context: bpy.types.Context) -> None:
         """Seldom used; the buttons have the rest."""
         layout = self.layout
+        layout.operator("irpso.edit_views", icon="COLOR")
+        layout.separator()
         layout.operator("irpso.sort_views", icon="SORTALPHA")
         layout.operator("irpso.remove_duplicate_views", icon="DUPLICATE")
         layout.separator()
@@ -128,7 +150,7 @@ class IRPSO_MT_views(Menu):
 
 
 class IRPSO_PT_capture(Tab, Panel):
-    """Where the pictures are."""
+    """Pictures, with their cameras and lights."""
 
     bl_label = "Capture"
 
@@ -136,14 +158,19 @@ class IRPSO_PT_capture(Tab, Panel):
         """captures.json, or the list of views."""
         layout, settings = split(self.layout), context.scene.irpso
         found = readiness.recent(context, renew=True)
-        layout.prop(settings, "captures")
+        row = layout.row(align=True)
+        row.prop(settings, "captures")
+        row.operator("irpso.choose_captures", text="", icon="FILE_FOLDER")
+        if look_through.is_looking(context.scene):
+            layout.operator("irpso.look_back", icon="LOOP_BACK")
         if settings.captures:
             _draw_file(layout, found.views)
             return
         if settings.views:
             self._draw_list(layout, context)
         else:
-            layout.label(text="No views yet: add the pictures", icon="INFO")
+            wrapped(layout.column(align=True), "No views yet: add the pictures, import a shoot (above), or open the "
+                                               "sample scene", letters(context), "INFO")
         column = layout.column(align=True)
         column.operator("irpso.add_folder", icon="FILE_FOLDER")
         column.operator("irpso.add_views", icon="CAMERA_DATA")
@@ -176,7 +203,7 @@ def _draw_file(layout: bpy.types.UILayout, views: list[ViewState]) -> None:
 
 
 class IRPSO_PT_view(Tab, Panel):
-    """The active view: its picture, what is wrong, everything that can be changed."""
+    """Picture, problems and settings of the active view."""
 
     bl_label = ""
     bl_parent_id = "IRPSO_PT_capture"
@@ -208,9 +235,10 @@ class IRPSO_PT_view(Tab, Panel):
         for text, icon in ((state.faults, "ERROR"), (state.notes, "INFO")):
             for line in text:
                 wrapped(says, line, letters(context) - 2, icon)
+        layout.operator("irpso.look_through_view", icon="CAMERA_DATA")
         column = layout.column()
         column.active = view.enabled
-        for name in ("image", "camera", "exposure", "mask", "colorspace"):
+        for name in ("image", "camera", "exposure", "vignetting", "mask", "ambient", "flat", "colorspace"):
             column.prop(view, name)
         _draw_lights(column, view, state)
 
@@ -236,7 +264,10 @@ def _draw_lights(layout: bpy.types.UILayout, view: Any, state: ViewState) -> Non
         row.prop(item, "light", text=" " if index else "Lights")
         row.operator("irpso.remove_view_light", text="", icon="REMOVE").index = index
     if not view.lights:
-        lights.label(text=f"Lights: all {state.lights} that render", icon="LIGHT")
+        if state.lights:
+            lights.label(text=f"Lights: all {state.lights} that render", icon="LIGHT")
+        else:
+            lights.label(text="Lit by the world", icon="WORLD")
     layout.operator("irpso.set_view_lights", icon="RESTRICT_SELECT_OFF")
 
 

@@ -11,7 +11,8 @@ from ...core.params import SolveSettings
 from .. import preferences, presets
 from ..jobs import jobs, solve_region, solve_speed
 from ..jobs.session import Running, session
-from ..panel_common import Tab, split
+from ..material import material, material_preflight
+from ..panel_common import Tab, letters, split, wrapped
 from ..scene import readiness
 
 # Settings that mean something for some choices of another alone: which one, and which choices.
@@ -30,7 +31,7 @@ def shown(settings: bpy.types.PropertyGroup, advanced: bool) -> list[str]:
 
 
 class IRPSO_PT_solve(Tab, Panel):
-    """What is solved for, and how."""
+    """Settings of the solve."""
 
     bl_label = "Solve"
 
@@ -49,40 +50,77 @@ class IRPSO_PT_solve(Tab, Panel):
         solve_region.draw(column, context)
         if session.running is not None:
             draw_running(layout, session.running)
+            draw_unseen(layout, context)
             return
+        _draw_shared(layout, context)
         column = layout.column()
         column.scale_y = 1.4
         count = len(readiness.solve_objects(context))
+        why_not = readiness.why_not(context)
+        unfit = None if why_not else _unfit(context)
+        last = session.facts_of(session.subject(context))
+        column.active_default = why_not is None and unfit is None and (last is None or last.cancelled)
         column.operator("irpso.solve", text=f"Solve {count} Objects" if count > 1 else "Solve", icon="PLAY")
         if session.device_trouble:
             preferences.draw_offer(layout)
         solve_speed.draw(layout, context)
-        readiness.draw(layout, context)
-        if readiness.why_not(context) is None:
+        readiness.draw(layout, context, [unfit] if unfit else [])
+        if why_not is None:
             jobs.warm_soon()
+
+
+def _unfit(context: bpy.types.Context) -> str | None:
+    """Why the maps could not go onto the active object."""
+    active = context.active_object
+    return material_preflight.why_not(active) if active is not None and active.type == "MESH" else None
+
+
+def _draw_shared(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """That other objects use a material too, and what becomes of it."""
+    shared = {name: others for obj in readiness.solve_objects(context)
+              for name, others in material.shared_with(obj).items()}
+    if not shared:
+        return
+    name, others = next(iter(shared.items()))
+    column = layout.column(align=True)
+    more = f" (and {len(shared) - 1} more materials)" if len(shared) > 1 else ""
+    wrapped(column, f"Material '{name}' is used by {material.named(others)} too{more}", letters(context), "INFO")
+    column.row().prop(context.scene.irpso, "shared_material", expand=True)
+
+
+def draw_unseen(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Where this viewport shows no materials: the button that makes it."""
+    shading = getattr(context.space_data, "shading", None)
+    if shading is None or shading.type in ("MATERIAL", "RENDERED") or (
+            shading.type == "SOLID" and shading.color_type == "TEXTURE"):
+        return
+    column = layout.column(align=True)
+    wrapped(column, "This viewport shows no materials", letters(context), "INFO")
+    column.operator("irpso.show_in_viewport", icon="MATERIAL")
 
 
 def draw_running(layout: bpy.types.UILayout, running: Running) -> None:
     """The bar of a running job, with Pause and Stop."""
     row = layout.row(align=True)
-    row.progress(factor=running.progress.fraction, text=running.words())
+    row.progress(factor=running.time.fraction, text=running.words())
     row.operator("irpso.pause", text="", icon="PLAY" if running.paused else "PAUSE", depress=running.paused)
     row.operator("irpso.stop", text="", icon="X")
 
 
 class IRPSO_PT_advanced(Tab, Panel):
-    """Settings that are seldom changed."""
+    """Settings for special cases."""
 
     bl_label = "Advanced"
     bl_parent_id = "IRPSO_PT_solve"
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """The table's advanced rows and the G-buffer."""
+        """The table's advanced rows; for developers the G-buffer."""
         layout = split(self.layout)
         for name in shown(context.scene.irpso, advanced=True):
             layout.prop(context.scene.irpso, name)
-        layout.operator("irpso.bake_gbuffer", icon="TEXTURE")
+        if context.preferences.view.show_developer_ui:  # for whoever looks into a solve
+            layout.operator("irpso.bake_gbuffer", icon="TEXTURE")
 
 
 CLASSES = (IRPSO_PT_solve, IRPSO_PT_advanced)

@@ -9,6 +9,7 @@ from bpy.types import Menu, Panel
 
 from ...core.data import ViewPicture
 from ...core.evaluation import chart_data
+from ...core.phrases import percent
 from ..jobs.session import session
 from ..panel_common import letters, split, wrapped
 from ..viewer import editors, views
@@ -28,9 +29,9 @@ class ViewsTab:
 
 
 class IRPSO_PT_open(ViewsTab, Panel):
-    """In an editor that shows another image."""
+    """Button that shows the viewer in this editor."""
 
-    bl_label = "Views"
+    bl_label = "Viewer"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -43,9 +44,9 @@ class IRPSO_PT_open(ViewsTab, Panel):
 
 
 class IRPSO_PT_views(ViewsTab, Panel):
-    """What is shown."""
+    """Choice of the maps, predictions or results to show."""
 
-    bl_label = "Views"
+    bl_label = "Viewer"
 
     def draw(self, context: bpy.types.Context) -> None:
         """What to show, and what belongs to it."""
@@ -55,7 +56,7 @@ class IRPSO_PT_views(ViewsTab, Panel):
         row.label(text=obj.name if obj else "No active object", icon="OBJECT_DATA")
         if known is not None and known.running:
             row.label(text="Solving", icon="SORTTIME")
-        _choices(layout, chosen, "show", 4)
+        _choices(layout, chosen, "show", 2)
         {"MAPS": self._maps, "VIEWS": self._views, "RESULTS": self._results, "CHART": self._chart}[chosen.show](
             layout, context, chosen)
 
@@ -85,22 +86,28 @@ class IRPSO_PT_views(ViewsTab, Panel):
     def _results(layout: bpy.types.UILayout, context: bpy.types.Context, chosen: bpy.types.PropertyGroup) -> None:
         both = views.pair(context)
         if both is None:
-            wrapped(layout.column(align=True), "Solve twice, say with another method or model, to compare two results",
+            wrapped(layout.column(align=True), "Solve again, for example with another method or model, to compare two "
+                                               "results",
                     letters(context), icon="INFO")
             return
         _choices(layout, chosen, "compared", 2)
         _choices(layout, chosen, "contrast", 2)
+        results = session.results_of(views.subject(context))
         for slot, result in zip("AB", both, strict=True):
-            layout.menu(f"IRPSO_MT_result_{slot.lower()}", text=f"{slot}: {result.label}")
+            row = layout.row(align=True)
+            row.menu(f"IRPSO_MT_result_{slot.lower()}", text=f"{slot}: {result.label}")
+            button = row.row(align=True)
+            button.enabled = result is not results[-1] and session.running is None
+            button.operator("irpso.restore_result", text="", icon="LOOP_BACK").index = results.index(result)
         a, b = (result.solution for result in both)
         apart = views.figures(a.maps, b.maps)
         column = layout.box().column(align=True)
         _figure(column, "Base Color", f"{apart.base_rms:.4f} RMS")
         _figure(column, "Roughness", f"{apart.rough_mean:.4f} mean")
         _figure(column, "95 % Below", f"{apart.rough_high:.4f}")
-        _figure(column, "Compared", f"{apart.texels:.0%} of texels")
+        _figure(column, "Compared", f"{percent(apart.texels)} of texels")
         _figure(column, "A / B Seconds", f"{sum(a.seconds.values()):.1f} / {sum(b.seconds.values()):.1f}")
-        _figure(column, "A / B Residual", f"{a.residual:.2%} / {b.residual:.2%}")
+        _figure(column, "A / B Residual", f"{percent(a.residual, 2)} / {percent(b.residual, 2)}")
 
     @staticmethod
     def _chart(layout: bpy.types.UILayout, context: bpy.types.Context, chosen: bpy.types.PropertyGroup) -> None:
@@ -115,7 +122,7 @@ class IRPSO_PT_views(ViewsTab, Panel):
         running = session.running
         if running is not None:
             row = layout.row(align=True)
-            row.progress(factor=running.progress.fraction, text=f"{running.progress.message or running.progress.stage}")
+            row.progress(factor=running.time.fraction, text=f"{running.progress.message or running.progress.stage}")
             row.operator("irpso.stop", text="", icon="X")
         made = views.chart(context)
         if made is not None:
@@ -123,7 +130,7 @@ class IRPSO_PT_views(ViewsTab, Panel):
 
 
 class IRPSO_PT_display(ViewsTab, Panel):
-    """How it is shown."""
+    """Exposure, error scale, and position of the line."""
 
     bl_label = "Display"
 
@@ -193,11 +200,11 @@ def _figure(column: bpy.types.UILayout, name: str, value: str) -> None:
 
 def _percent(shown: ViewPicture) -> str:
     value = views.error(shown)
-    return f"Prediction off by {value:.1%}" if math.isfinite(value) else "Nothing to compare"
+    return f"Prediction off by {percent(value, 1)}" if math.isfinite(value) else "Nothing to compare"
 
 
 class IRPSO_MT_pictures(Menu):
-    """Every view, to choose one."""
+    """List of every view."""
 
     bl_label = "View"
 

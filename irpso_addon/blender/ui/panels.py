@@ -2,7 +2,7 @@
 
 from .. import presets
 from ..viewer import wipe_gizmo
-from . import panel_capture, panel_result, panel_solve, panel_views
+from . import panel_capture, panel_result, panel_shoot, panel_solve, panel_views
 
-CLASSES = (*panel_capture.CLASSES, *panel_solve.CLASSES, *panel_result.CLASSES, *panel_views.CLASSES,
-           *wipe_gizmo.CLASSES, *presets.CLASSES)
+CLASSES = (*panel_shoot.CLASSES, *panel_capture.CLASSES, *panel_solve.CLASSES, *panel_result.CLASSES,
+           *panel_views.CLASSES, *wipe_gizmo.CLASSES, *presets.CLASSES)

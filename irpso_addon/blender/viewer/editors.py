@@ -13,6 +13,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..material.tags import TAG
+from ..panel_common import is_closing
 from . import views
 
 NAME = "IRPSO Views"
@@ -35,23 +36,84 @@ def is_ours(image: bpy.types.Image | None) -> bool:
 
 def show(context: bpy.types.Context) -> None:
     """Shows ours in an open Image Editor, first in one that does already or is empty; in a new window where none is."""
-    areas = [area for window in [context.window, *context.window_manager.windows] for area in window.screen.areas
-             if area.ui_type == "IMAGE_EDITOR"]
-    if not areas:
-        bpy.ops.wm.window_new()
-        areas = [context.window_manager.windows[-1].screen.areas[0]]
-        areas[0].ui_type = "IMAGE_EDITOR"
+    areas = _areas(context) or [_new_area(context)]
     show_in(min(areas, key=_suits))
 
 
+def show_still(image: bpy.types.Image, context: bpy.types.Context | None = None) -> None:
+    """Shows a picture in an Image Editor that has it or is empty; with ``context`` in any, or in a new window."""
+    if context is not None:
+        show_picture(image, context)
+        return
+    areas = [area for area in _areas(bpy.context) if area.spaces.active.image in (None, image)]
+    if areas:
+        _put(image, areas)
+
+
+def show_picture(image: bpy.types.Image, context: bpy.types.Context) -> tuple[bpy.types.Window, bpy.types.Area]:
+    """Shows a picture in an Image Editor, first in one that has it or is empty; in a new window where none is."""
+    area = _put(image, _areas(context) or [_new_area(context)])
+    return next(window for window in context.window_manager.windows if area in list(window.screen.areas)), area
+
+
+def _put(image: bpy.types.Image, areas: list[bpy.types.Area]) -> bpy.types.Area:
+    """The picture into that of the areas which suits best."""
+    area = min(areas, key=lambda area: {image: 0, None: 1}.get(area.spaces.active.image, 2))
+    space = area.spaces.active
+    if space.image != image:
+        space.image = image
+        bpy.app.timers.register(_FitAll(area).step, first_interval=0.05)
+    area.tag_redraw()
+    return area
+
+
+class _FitAll:
+    """Once the editor has its size: the whole picture in it."""
+
+    def __init__(self, area: bpy.types.Area) -> None:
+        self.pointer, self.tries = area.as_pointer(), 20
+
+    def step(self) -> float | None:
+        """A timer's function."""
+        self.tries -= 1
+        for window in bpy.context.window_manager.windows:
+            for area in window.screen.areas:
+                if area.as_pointer() != self.pointer or area.type != "IMAGE_EDITOR" or not self.tries:
+                    continue
+                if canvas(area).width <= 1:
+                    return 0.05
+                with bpy.context.temp_override(window=window, area=area, region=canvas(area)):
+                    bpy.ops.image.view_all(fit_view=True)
+        return None
+
+
+def _areas(context: bpy.types.Context) -> list[bpy.types.Area]:
+    """The Image Editors, those of the present window first."""
+    windows = [context.window] if context.window is not None else []
+    return [area for window in [*windows, *context.window_manager.windows] for area in window.screen.areas
+            if area.type == "IMAGE_EDITOR"]
+
+
+def _new_area(context: bpy.types.Context) -> bpy.types.Area:
+    """An Image Editor in a window of its own."""
+    bpy.ops.wm.window_new()
+    area = context.window_manager.windows[-1].screen.areas[0]
+    area.ui_type = "IMAGE_EDITOR"
+    return area
+
+
 def _suits(area: bpy.types.Area) -> int:
-    """0: shows ours, 1: nothing, 2: something else."""
+    """0: shows ours, 1: nothing, 2: something else, 3: UVs."""
     image = area.spaces.active.image
-    return 0 if is_ours(image) else 1 if image is None else 2
+    if is_ours(image):
+        return 0
+    return 3 if area.ui_type != "IMAGE_EDITOR" else 1 if image is None else 2
 
 
 def show_in(area: bpy.types.Area) -> None:
     """Shows ours in an Image Editor, with its sidebar."""
+    if area.ui_type != "IMAGE_EDITOR":  # a UV Editor, which draws the UVs over it
+        area.ui_type = "IMAGE_EDITOR"
     space = area.spaces.active
     space.image = _image()
     space.mode = "VIEW"
@@ -80,23 +142,24 @@ class _Fit:
             sidebar.active_panel_category = "IRPSO"
         except (TypeError, AttributeError):  # its panels have not been drawn yet
             return 0.05
-        with bpy.context.temp_override(window=window, area=area, region=_canvas(area)):
+        with bpy.context.temp_override(window=window, area=area, region=canvas(area)):
             _fit(area, sidebar.width if sidebar.x < area.x + area.width - 1 else 0)
         return None
 
 
 def _fit(area: bpy.types.Area, covered: int) -> None:
     """The whole image into the part of the editor that the sidebar, ``covered`` pixels wide, leaves free."""
-    canvas, space = _canvas(area), area.spaces.active
+    space = area.spaces.active
     width, height = space.image.size
     bpy.ops.image.view_all()  # centred
-    free = canvas.width - covered
-    ratio = 0.94 * min(free / width, canvas.height / height)
+    free = canvas(area).width - covered
+    ratio = 0.94 * min(free / width, canvas(area).height / height)
     bpy.ops.image.view_zoom_ratio(ratio=ratio)
     bpy.ops.image.view_pan(offset=(covered / 2 / ratio, 0.0))
 
 
-def _canvas(area: bpy.types.Area) -> bpy.types.Region:
+def canvas(area: bpy.types.Area) -> bpy.types.Region:
+    """Where the editor shows its image."""
     return next(region for region in area.regions if region.type == "WINDOW")
 
 
@@ -114,6 +177,8 @@ def _image() -> bpy.types.Image:
 def refresh() -> None:
     """Draws anew what our editors show: what is known or chosen has changed.  Main thread; cheap."""
     views.remember()
+    if is_closing():
+        return
     shown = list(editors())
     if not shown:
         return

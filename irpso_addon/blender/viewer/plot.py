@@ -166,9 +166,11 @@ def convergence(points: Sequence[Point], box: Box, theme: Theme) -> None:
     fill(box, (*theme.back[:3], 0.88))
     unit = theme.scale
     inner = Box(box.left + 46 * unit, box.bottom + 24 * unit, box.right - 16 * unit, box.top - 26 * unit)
-    write("Error against seconds", (box.left + 10 * unit, box.top - 17 * unit), theme)
     known = [(s, 100 * e) for s, e in points if e > 0]
-    write(f"{known[-1][1]:.1f} %  {known[-1][0]:.1f} s", (inner.right, box.top - 17 * unit), theme, align=1.0)
+    last = f"{known[-1][1]:.1f} %  {known[-1][0]:.1f} s"
+    write(last, (inner.right, box.top - 17 * unit), theme, align=1.0)
+    free = inner.right - box.left - 20 * unit - width_of(last, theme)
+    write(fitted("Best error against seconds", free, theme), (box.left + 10 * unit, box.top - 17 * unit), theme)
     low, high = span([e for _, e in known], 1.1)
     x = Scale(0.0, max(known[-1][0], 1.0), inner.left, inner.right, False)
     y = Scale(low, high, inner.bottom, inner.top, True)

@@ -195,12 +195,13 @@ def _caption(text: str, x: float, y: float, align: float, theme: Theme) -> None:
 
 
 def _curve(points: views.Curve, visible: Box, theme: Theme) -> None:
-    """Convergence in the lower left corner, where there is room."""
+    """Convergence in the lower left corner, as large as there is room."""
     unit = theme.scale
-    box = Box(visible.left + 12 * unit, visible.bottom + 12 * unit, visible.left + 312 * unit,
-              visible.bottom + 162 * unit)
-    if any(error > 0 for _, error in points) and box.right < visible.right:
-        plot.convergence(points, box, theme)
+    wide = min(300 * unit, visible.right - visible.left - 24 * unit)
+    high = min(150 * unit, 0.6 * (visible.top - visible.bottom))
+    left, bottom = visible.left + 12 * unit, visible.bottom + 12 * unit
+    if any(error > 0 for _, error in points) and wide > 140 * unit and high > 80 * unit:
+        plot.convergence(points, Box(left, bottom, left + wide, bottom + high), theme)
 
 
 def _legend(visible: Box, percent: float, theme: Theme, array: F32 | F16) -> None:
@@ -220,7 +221,7 @@ def _legend(visible: Box, percent: float, theme: Theme, array: F32 | F16) -> Non
 EMPTY = {
     "MAPS": "No maps yet: solve the active object",
     "VIEWS": "No views yet: solve the active object",
-    "RESULTS": "Solve twice, say with another method or model, to compare two results",
+    "RESULTS": "Solve again, for example with another method or model, to compare two results",
     "CHART": "Not compared yet: press Compare Methods in the sidebar",
 }
 
@@ -229,7 +230,7 @@ def _say(show: str, visible: Box, theme: Theme) -> None:
     said = EMPTY[show]
     running = session.running
     if running is not None and running.preview is not None and show in ("MAPS", "VIEWS"):
-        said = "The first look will be here soon"
+        said = "The first maps will appear here soon"
     elif running is not None and show == "CHART":
         said = f"{running.title}: {running.progress.message or running.progress.stage}"
     middle = (visible.left + visible.right) / 2, (visible.bottom + visible.top) / 2

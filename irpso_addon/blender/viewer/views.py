@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -48,7 +49,8 @@ class _Memory:
     """What outlives a running job until a file is loaded."""
 
     curves: dict[int, Curve] = field(default_factory=dict)  # by object
-    pictures: tuple[Running, tuple[ViewPicture, ...]] | None = None  # a running job's latest
+    # A running job's latest; the job is not kept alive, for its maps.
+    pictures: tuple[weakref.ref[Running], tuple[ViewPicture, ...]] | None = None
     charts: dict[int, Chart] = field(default_factory=dict)  # by object
     apart: tuple[Maps, Maps, Difference] | None = None  # the last pair of results and its figures
     whites: list[tuple[F16, float]] = field(default_factory=list)
@@ -66,7 +68,7 @@ def remember() -> None:
     if running.curve:
         _memory.curves[running.object_uid] = running.curve
     if running.live is not None and running.live.pictures:
-        _memory.pictures = running, running.live.pictures
+        _memory.pictures = weakref.ref(running), running.live.pictures
 
 
 @persistent
@@ -80,7 +82,7 @@ def subject(context: bpy.types.Context) -> bpy.types.Object | None:
     """The object that is looked at: the one being solved, else the active one."""
     if session.running is not None and session.running.object_uid:
         return object_by_uid(session.running.object_uid)
-    return getattr(context, "active_object", None) or context.view_layer.objects.active
+    return session.subject(context)
 
 
 def look(context: bpy.types.Context) -> ObjectState | None:
@@ -91,7 +93,7 @@ def look(context: bpy.types.Context) -> ObjectState | None:
     solution, running = session.solution_of(obj), session.running
     if running is not None and running.live is not None and running.object_uid == obj.session_uid:
         pictures = running.live.pictures
-        if not pictures and _memory.pictures is not None and _memory.pictures[0] is running:
+        if not pictures and _memory.pictures is not None and _memory.pictures[0]() is running:
             pictures = _memory.pictures[1]
         return ObjectState(obj.name, running.live.maps, pictures, True)
     if solution is None:
@@ -139,7 +141,11 @@ def error(shown: ViewPicture) -> float:
 
 def pair(context: bpy.types.Context) -> tuple[Result, Result] | None:
     """The two results that are compared; the oldest where a choice is beyond."""
-    results = session.results_of(subject(context))[::-1]
+    obj = subject(context)
+    if obj is None or len(session.results_of(obj)) < 2:
+        return None
+    session.secure(obj)  # their maps are shown
+    results = session.results_of(obj)[::-1]
     if len(results) < 2:
         return None
     chosen = context.window_manager.irpso_views

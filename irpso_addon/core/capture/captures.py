@@ -12,6 +12,8 @@ from ..errors import BadInput
 from ..storage.text_file import read_text
 
 MOST_EXPOSURE = 64  # EV, either way
+MOST_TURN = 3600.0  # degrees, either way
+MOST_VIGNETTING = 16.0  # power of the cosine, either way
 
 
 @dataclass(frozen=True)
@@ -20,10 +22,15 @@ class CaptureView:
 
     image: Path  # absolute, or relative to the working directory as the capture file's own path is
     camera: str
-    lights: tuple[str, ...]  # at least one, each once
+    lights: tuple[str, ...]  # each once; none: the world alone
     exposure: float = 0.0  # EV; image = radiance * 2^exposure
     mask: Path | None = None
     colorspace: str | None = None
+    vignetting: float = 0.0  # as View's
+    ambient: Path | None = None  # as View's
+    flat: Path | None = None
+    world: str | None = None  # of that name; None: the scene's
+    turn: float = 0.0  # degrees about Z by which the world is turned, against the clock seen from above
 
 
 def read_captures(path: Path) -> list[CaptureView]:
@@ -37,11 +44,11 @@ def parse_captures(text: str, path: Path) -> list[CaptureView]:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
         line = getattr(error, "lineno", None)
-        cure = "write / in paths, not \\" if "escape" in str(error) else "mend or rewrite it"
+        cure = "write / in paths, not \\" if "escape" in str(error) else "correct or rewrite it"
         raise BadInput(f"{path}: is not JSON{f' (line {line})' if line else ''}; {cure}") from None
     views = content.get("views") if isinstance(content, dict) else None
     if not isinstance(views, list) or not views:
-        raise BadInput(f'{path}: has no views; want {{"views": [{{"image", "camera", "lights"}}, ...]}}')
+        raise BadInput(f'{path}: has no views; write {{"views": [{{"image", "camera", "lights"}}, ...]}}')
     return [_view(entry, index, path) for index, entry in enumerate(views)]
 
 
@@ -54,30 +61,42 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
         if value is None and not needed:
             return None
         if not _is_name(value):
-            bad(f'"{key}" {"is missing" if value is None else "is not a name"}; want text')
+            bad(f'"{key}" {"is missing" if value is None else "is not a name"}; it must be text')
         return str(value)
 
     if not isinstance(entry, dict):
-        bad('is not an object; want {"image", "camera", "lights"}')
+        bad('is not an object; it must have "image", "camera" and "lights"')
     lights = entry.get("lights")
-    if not isinstance(lights, list) or not lights:
-        bad('"lights" is missing or empty; list the names of the lights that were on')
+    if not isinstance(lights, list):
+        bad('"lights" is missing; list the names of the lights that were on, [] for the world alone')
     if not all(_is_name(name) for name in lights):
-        bad('"lights" holds something that is not a name; want text')
+        bad('"lights" contains something that is not a name; it must be text')
     if len(set(lights)) < len(lights):
         bad('"lights" names a light twice; name each once')
-    exposure = entry.get("exposure")
-    if exposure is None:
-        exposure = 0.0
-    if isinstance(exposure, bool) or not isinstance(exposure, (int, float)):
-        bad('"exposure" is not a number; want EV')
-    if not abs(exposure) <= MOST_EXPOSURE:  # so is NaN
-        bad(f'"exposure" is out of range; want EV from -{MOST_EXPOSURE} to {MOST_EXPOSURE}')
-    image, camera, mask = text("image", True), text("camera", True), text("mask", False)
+
+    def number(key: str, unit: str, most: float) -> float:
+        value = entry.get(key)
+        if value is None:
+            return 0.0
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            bad(f'"{key}" is not a number; it must be {unit}')
+        if not abs(value) <= most:  # so is NaN
+            bad(f'"{key}" is out of range; it must be between -{most:g} and {most:g} {unit}')
+        return float(value)
+
+    exposure, turn = number("exposure", "EV", MOST_EXPOSURE), number("turn", "degrees", MOST_TURN)
+    vignetting = number("vignetting", "powers of the cosine", MOST_VIGNETTING)
+
+    def file(key: str) -> Path | None:
+        name = text(key, False)
+        return None if name is None else _located(path.parent, name)
+
+    image, camera = text("image", True), text("camera", True)
     assert image is not None and camera is not None  # text() raised otherwise
     return CaptureView(
-        image=_located(path.parent, image), camera=camera, lights=tuple(lights), exposure=float(exposure),
-        mask=None if mask is None else _located(path.parent, mask), colorspace=text("colorspace", False),
+        image=_located(path.parent, image), camera=camera, lights=tuple(lights), exposure=exposure,
+        mask=file("mask"), colorspace=text("colorspace", False), ambient=file("ambient"), flat=file("flat"),
+        world=text("world", False), turn=turn, vignetting=vignetting,
     )
 
 

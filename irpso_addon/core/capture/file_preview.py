@@ -56,7 +56,7 @@ class ImagePreview(FilePreview):
     bits: int = 0  # per channel
     integer: bool = False
     colorspace: str | None = None  # as the file itself says, in our spelling
-    thumbnail: F32 | None = None  # (h, w, 4) stored values, premultiplied; row 0 at the bottom
+    thumbnail: F32 | None = None  # (h, w, 4) stored values (of RAW: linear Rec.709), premultiplied; row 0 bottom
 
 
 def preview_image(path: Path) -> ImagePreview:
@@ -108,6 +108,8 @@ def _thumbnail(file: ImageFile) -> F32:
         inside = (rows >= top) & (rows < top + len(band))
         samples[inside] = floats(band[rows[inside] - top][:, columns])
         top += len(band)
+    if file.camera is not None:
+        samples = file.camera.to_linear_rec709(samples)
     if samples.shape[2] == 3:
         samples = np.concatenate([samples, np.ones_like(samples[..., :1])], 2)
     elif not file.premultiplied:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data import F32, Bool
+from ..phrases import percent
 
 LEAST_SHARE = 0.005  # of the lamps' light on the object, from which on indirect light is taken out
 # Up to LITTLE of the lamps' light it is left where the shadows hold several times as much of other light, which spoils
@@ -61,7 +62,7 @@ def why_not(found: BouncedSample, unlit_share: float) -> str:
     ``unlit_share``: as ``BouncedSample.unlit``, of the references.
     """
     if found.share < LEAST_SHARE:
-        return f"no surface that the scene holds sends much light to another ({found.share:.1%} of the lamps')"
+        return f"no surface in the scene sends much light to another ({percent(found.share, 1)} of the lamps' light)"
     if found.share < LITTLE and found.unlit < EXPLAINED * unlit_share:
-        return f"light that bounces between the surfaces of the scene makes {found.unlit:.1%} there"
+        return f"bounced light makes shadows in this scene only {percent(found.unlit, 1)} as bright as lit areas"
     return ""

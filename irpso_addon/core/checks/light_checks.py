@@ -19,6 +19,7 @@ FEWEST = 50  # of them that a regression needs
 LEAST_SPREAD = 0.1  # of log irradiance, by which an exponent is told
 MIN_COS_L = 0.2  # below it the derivative of irradiance is mostly the facets' error
 STEP = 1e-4  # of the light's distance, for derivatives
+DISC_SIDE = 0.75**0.5  # of its diameter: side of the square with the second moments of a disc
 CORRELATED = 3.0  # standard errors of regressions, times what independent pixels would have
 
 
@@ -125,7 +126,7 @@ class Places:
         gain_error = float(1.2533 * scale_of(np.array(own)) / len(own) ** 0.5) if len(own) > 1 else float("inf")
         dx, dy, dz = (float(v) * distance for v in move)
         return LightResidual(light.name, len(own), gain, gain_error, (dx, dy, dz), float(np.linalg.norm(move)), effect,
-                             explained)
+                             explained, light.kind == "SUN")
 
 
 def light_slopes(light: Light, P: F64, N: F64) -> tuple[F64, Bool]:
@@ -136,12 +137,21 @@ def light_slopes(light: Light, P: F64, N: F64) -> tuple[F64, Bool]:
     direction = light.matrix[:3, 2] if light.kind == "SUN" else offset
     direction = direction / np.maximum(np.linalg.norm(direction, axis=-1, keepdims=True), 1e-12)
     fine = np.asarray((N * direction).sum(-1) > MIN_COS_L)
-    slopes = np.zeros(P.shape)
+    slopes, light = np.zeros(P.shape), _four_sided(light)
     for axis in range(3):
         two = [light_irradiance(moved(light, axis, sign * STEP * reach), P, N) for sign in (1, -1)]
         fine &= (two[0] > 0) & (two[1] > 0)
         slopes[:, axis] = np.log(np.maximum(two[0], 1e-30) / np.maximum(two[1], 1e-30)) / (2 * STEP)
     return slopes, fine & np.isfinite(slopes).all(-1)
+
+
+def _four_sided(light: Light) -> Light:
+    """A disc as the rectangle of the same second moments, whose irradiance takes an eighth of the time."""
+    if light.kind != "AREA" or light.shape not in ("DISK", "ELLIPSE"):
+        return light
+    width, height = light.size
+    return replace(light, shape="RECTANGLE",
+                   size=(width * DISC_SIDE, (width if light.shape == "DISK" else height) * DISC_SIDE))
 
 
 def moved(light: Light, axis: int, by: float) -> Light:

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..check_records import SIGMAS, Misfit
 from ..data import F32, F64, Bool, Camera, SceneData, View
-from .registration_fit import Fit, ViewFit, blurred, eroded, fit_views, gain_of_cameras, silhouette, tiles_of
+from .registration_fit import Fit, Outline, ViewFit, blurred, eroded, fit_views, gain_of_cameras, silhouette, tiles_of
 from .view_check_data import CheckedView, PixelWindow
 
 MEAN = np.full(3, 1 / 3, np.float32)  # of the channels
@@ -77,9 +77,9 @@ class _Collected:
         at = np.flatnonzero(inside)
         self.at = at[:: max(1, -(-len(at) // SAMPLES))]
         self.seen: list[F32] = []  # (4, N): predicted radiance, its slopes, observed; NaN where it tells nothing
-        self.outlines: list[ViewFit | None] = []
+        self.outlines: list[Outline | None] = []
         self._coverage: F32 | None = None
-        self._outline: ViewFit | None = None
+        self._outline: Outline | None = None
         self._product = np.zeros(window.covered.shape, np.float32)
         self._square = np.zeros(window.covered.shape, np.float32)
 
@@ -112,8 +112,9 @@ class _Collected:
         fit = fit_views(np.stack(self.seen, 1)[..., known].astype(np.float64),
                         np.stack([a.ravel()[at] for a in (factor, right, up)]).astype(np.float64),
                         tiles_of(rows, columns), free=not single)
-        shift, error, alone = _settled(fit, self.outlines)
-        return _Estimate(self.views, self.window.image, shift, error, alone, fit, self.window.uv.reshape(-1, 2)[at])
+        shift, error, alone = _settled(fit, [None if o is None else (o.shift, o.covariance) for o in self.outlines])
+        drawn = [o for o, departs in zip(self.outlines, alone, strict=True) if o is not None and not departs]
+        return _Estimate(self.views, self.window, shift, error, alone, drawn, fit, self.window.uv.reshape(-1, 2)[at])
 
 
 @dataclass(frozen=True)
@@ -121,21 +122,35 @@ class _Estimate:
     """Of one camera's V views."""
 
     views: list[View]
-    size: tuple[int, int]
+    window: PixelWindow
     shift: F64  # (V, 2) pixels
     shift_error: F64  # (V,)
     alone: Bool  # (V,)
+    outlines: list[Outline]  # of the views that share their shift
     fit: Fit
     uv: F32  # (N, 2) where the fit's pixels look
 
     def misfits(self, log_gain: F64) -> list[Misfit]:
         """With the views' gains, (V,)."""
         errors = np.sqrt(self.fit.gain_error**2 + GAIN_FLOOR**2 + (GAIN_PER_PIXEL * np.hypot(*self.shift.T)) ** 2)
+        growth, growth_error, centre = self._growth()
         return [
-            Misfit(view.image, view.camera.name, self.size, (float(x), float(y)), float(error), float(np.exp(gain)),
-                   float(gain_error), bool(alone))
+            Misfit(view.image, view.camera.name, self.window.image, (float(x), float(y)), float(error),
+                   float(np.exp(gain)), float(gain_error), bool(alone), growth, growth_error, centre)
             for view, (x, y), error, gain, gain_error, alone in zip(
                 self.views, self.shift, self.shift_error, log_gain, errors, self.alone, strict=True)]
+
+    def _growth(self) -> tuple[float, float, tuple[float, float]]:
+        """Of the camera's content, its standard error, and about which place: pixels from the image's middle.
+
+        The outlines are of one shape, so that their errors do not average out.
+        """
+        if not self.outlines:
+            return 0.0, 0.0, (0.0, 0.0)
+        x, y = (float(np.mean([o.centre[axis] for o in self.outlines])) + self.window.corner[axis]
+                - self.window.image[axis] / 2 for axis in (0, 1))
+        return (float(np.mean([o.growth for o in self.outlines])),
+                float(np.mean([o.growth_error**2 for o in self.outlines])) ** 0.5, (x, y))
 
 
 def _settled(fit: Fit, outlines: list[ViewFit | None]) -> tuple[F64, F64, Bool]:
@@ -180,16 +195,16 @@ def corrected(scene: SceneData, misfits: Sequence[Misfit], shifts: bool, gains: 
     Views of a camera that share their shift go on sharing it; one that departs gets a camera of its own.
     """
     found = {(m.image, m.camera): m for m in misfits}
-    shifts = shifts and any(m.shifted for m in misfits)
+    shifts = shifts and any(m.shifted or m.grown for m in misfits)
     gains = gains and any(m.drifted for m in misfits)
     cameras: dict[str, Camera] = {}
     views = []
     for view in scene.views:
         misfit = found.get((view.image, view.camera.name))
-        if misfit is not None and shifts and misfit.pixels > LIKELY * misfit.shift_error:
+        if misfit is not None and shifts and (misfit.grown or misfit.pixels > LIKELY * misfit.shift_error):
             name = f"{view.camera.name} ({view.image.name})" if misfit.alone else view.camera.name
             if name not in cameras:
-                cameras[name] = moved(replace(view.camera, name=name), misfit.shift, misfit.size)
+                cameras[name] = replace(_mended(view.camera, misfit), name=name)
             view = replace(view, camera=cameras[name])
         if misfit is not None and gains and misfit.drifted:
             view = replace(view, gain=view.gain * misfit.gain)
@@ -199,7 +214,35 @@ def corrected(scene: SceneData, misfits: Sequence[Misfit], shifts: bool, gains: 
 
 def moved(camera: Camera, shift: tuple[float, float], size: tuple[int, int]) -> Camera:
     """The camera whose image lies ``shift`` pixels (right, up) from that of ``camera``; ``size``: width, height."""
+    if camera.lens is not None:
+        across, up = (pixels * whole / count for pixels, whole, count in zip(
+            shift, (camera.lens.width, camera.lens.height), size, strict=True))
+        lens = replace(camera.lens, cx=camera.lens.cx + across, cy=camera.lens.cy - up)
+        return replace(camera, lens=lens, projection=lens.matrix)
     projection = camera.projection.copy()
     for axis in (0, 1):
         projection[axis] += 2 * shift[axis] / size[axis] * projection[3]
+    return replace(camera, projection=projection)
+
+
+def _mended(camera: Camera, misfit: Misfit) -> Camera:
+    """The camera shifted, and where it has grown beyond doubt, grown about the object."""
+    if not misfit.grown:
+        return moved(camera, misfit.shift, misfit.size)
+    (x, y), (right, up), by = misfit.centre, misfit.shift, misfit.growth
+    return moved(grown(camera, by), (right - by * x, up - by * y), misfit.size)
+
+
+def grown(camera: Camera, by: float) -> Camera:
+    """The camera whose image is larger by this factor less 1, about its middle: a longer focal length."""
+    if by == 0:
+        return camera
+    if camera.lens is not None:
+        lens = camera.lens
+        middle = lens.width / 2, lens.height / 2
+        lens = replace(lens, fx=lens.fx * (1 + by), fy=lens.fy * (1 + by),
+                       cx=middle[0] + (lens.cx - middle[0]) * (1 + by), cy=middle[1] + (lens.cy - middle[1]) * (1 + by))
+        return replace(camera, lens=lens, projection=lens.matrix)
+    projection = camera.projection.copy()
+    projection[:2] *= 1 + by
     return replace(camera, projection=projection)

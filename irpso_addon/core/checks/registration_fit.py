@@ -117,11 +117,22 @@ def tiles_of(rows: I32, columns: I32) -> I32:
     return np.asarray(np.unique(rows // TILE * 65536 + columns // TILE, return_inverse=True)[1], np.int32)
 
 
-def silhouette(share: F32, coverage: F32) -> ViewFit | None:
-    """Shift (2,) of the object's outline in an image and its covariance (2, 2), pixels; None where none can be seen.
+@dataclass(frozen=True)
+class Outline:
+    """How an object's outline in an image differs from where it should be."""
+
+    shift: F64  # (2,) pixels, at ``centre``
+    covariance: F64  # (2, 2)
+    growth: float  # relative
+    growth_error: float  # its standard error
+    centre: F64  # (2,) x, y of the outline, about which it grows, from the lower left corner of the first pixel
+
+
+def silhouette(share: F32, coverage: F32) -> Outline | None:
+    """Shift of the object's outline in an image, and by how much it has grown; None where none can be seen.
 
     ``share`` (h, w) 0..1: of each pixel's square, what the object should cover; ``coverage`` (h, w) 0..1: the image's
-    alpha or mask.  Along the outline the difference of the two areas is the shift's part across it.
+    alpha or mask.  Along the outline the difference of the two areas is the displacement's part across it.
     """
     seen, drawn = blurred(blurred(coverage)), blurred(blurred(share))
     (up, right), (up_drawn, right_drawn) = np.gradient(seen), np.gradient(drawn)
@@ -136,17 +147,24 @@ def silhouette(share: F32, coverage: F32) -> ViewFit | None:
     at = np.flatnonzero(near)
     if len(at) < 50:
         return None
+    row, column = np.unravel_index(at, share.shape)
+    place = np.stack([column, row]) + 0.5
+    centre: F64 = place.mean(1, keepdims=True, dtype=np.float64)  # about which shift and growth are hardly correlated
+    wide = max(float(np.abs(place - centre).max()), 1.0)
     slope = np.stack([right.ravel()[at], up.ravel()[at]]).astype(np.float64)
+    slope = np.concatenate([slope, (slope * (place - centre)).sum(0, keepdims=True) / wide])
     left = (drawn - seen).ravel()[at].astype(np.float64)
     weight = np.ones(len(at))
     for _ in range(2 * ROUNDS):
-        inverse = np.linalg.inv((weight * slope) @ slope.T + np.eye(2) * WIDEST**-2)
-        shift = inverse @ (slope @ (weight * left))
-        remains = left - shift @ slope
+        inverse = np.linalg.inv((weight * slope) @ slope.T + np.eye(3) * WIDEST**-2)
+        found = inverse @ (slope @ (weight * left))
+        remains = left - found @ slope
         weight = 1.0 / (1.0 + (remains / (CAUCHY * _scale(remains))) ** 2)
-    tiles = tiles_of(*(np.stack(np.unravel_index(at, share.shape)).astype(np.int32)))
+    tiles = tiles_of(row.astype(np.int32), column.astype(np.int32))
     scores = np.stack([_by_tile(weight * remains * part, tiles) for part in slope])
-    return shift, inverse @ (scores @ scores.T) @ inverse
+    covariance = inverse @ (scores @ scores.T) @ inverse
+    return Outline(found[:2], covariance[:2, :2], float(found[2]) / wide,
+                   float(np.sqrt(covariance[2, 2])) / wide, centre[:, 0])
 
 
 def blurred(image: F32) -> F32:

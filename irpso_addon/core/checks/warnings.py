@@ -8,17 +8,20 @@ errors that it makes do not count against others (``_floor``).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ..check_records import Checks, LightResidual, Misfit
+from ..check_records import Checks, LightResidual, Misfit, ViewCheck
+from ..params import choice_name
+from ..phrases import NAMED, percent, some
 from .residuals import is_indirect, scale_of
 
 LEAST_GAIN, LEAST_MOVE = 0.015, 0.01  # relative errors of brightness, of shading, below which nothing is said
 EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move must explain; that leaves no doubt
 LEAST_POWER, LEAST_POWER_ALONE = 0.02, 0.1  # how far from 1 an exponent must be: of all views, of one
 LEAST_POWER_MISFIT = 0.3  # the same where a material is not what its model says: real diffuse reflection bends, too
+MISFIT_STRUCTURE = 0.03  # relative errors that neighbours share in most views: then a single one proves little
 SIGMAS, SIGMAS_POWER = 6.0, 3.0
 LEAST_SHIFT = 0.1  # pixels
 PER_PIXEL = 0.05  # relative error of brightness that a pixel of misregistration makes
@@ -28,15 +31,17 @@ HIGHLIGHT = 0.06  # such errors of highlights, relative to the lobes
 COARSE = 2.0  # pixels a texel from which on maps cannot show what the pictures do
 FEW = 0.1  # of a material's texels
 DOUBTFUL = 0.05  # of the texels are off by more than 0.15, by their own standard errors
-NAMED = 3  # views or lights that a line names
 
 
-def warnings(checks: Checks) -> tuple[str, ...]:
-    """What a user must know, the likeliest cause first; nothing where all is well."""
+def warnings(checks: Checks, tried: Collection[str] = ()) -> tuple[str, ...]:
+    """What a user must know, the likeliest cause first; nothing where all is well.
+
+    ``tried``: settings by which the solve has looked for a remedy itself, which no line recommends then.
+    """
     curve = _curve(checks)
-    causes = [*_indirect(checks), *curve, *_registration(checks)]
+    causes = [*_indirect(checks), *curve, *_registration(checks, "registration" in tried)]
     if not curve:  # else its errors are of every kind
-        causes += [*_curve_of_some(checks), *_lights(checks), *_exposures(checks)]
+        causes += [*_curve_of_some(checks), *_lights(checks), *_exposures(checks, "exposures" in tried)]
     return (*causes, *_clipped(checks), *([] if causes else _unexplained(checks)), *_few(checks), *_doubtful(checks))
 
 
@@ -46,16 +51,16 @@ def grouped(lines: Sequence[str]) -> tuple[str, ...]:
     for line in lines:
         name, _, text = line.partition(": ")
         names.setdefault(text, []).append(name)
-    return tuple(f"{_names(of, '')}: {text}" if len(of) > 1 else f"{of[0]}: {text}" for text, of in names.items())
+    return tuple(f"{some(of, '')}: {text}" if len(of) > 1 else f"{of[0]}: {text}" for text, of in names.items())
 
 
 def _floor(checks: Checks) -> float:
     """Relative errors of brightness that causes other than lights and exposures make."""
     bounced = 2 * checks.unlit_share if is_indirect(checks.unlit_share) else 0.0
-    return max([bounced, *(PER_PIXEL * m.pixels for m in _off(checks))])
+    return max([bounced, *(PER_PIXEL * m.pixels for m in off_cameras(checks))])
 
 
-def _off(checks: Checks) -> list[Misfit]:
+def off_cameras(checks: Checks) -> list[Misfit]:
     """Views beside their predictions; not through cameras that see a light which, without doubt, stands elsewhere.
 
     Its shading pulls at the camera, while a camera that is off explains nothing by lights.
@@ -69,28 +74,32 @@ def _off(checks: Checks) -> list[Misfit]:
 def _indirect(checks: Checks) -> list[str]:
     if not is_indirect(checks.unlit_share):
         return []
-    line = f"{checks.name}: where no light arrives the views show {checks.unlit_share:.1%} of what lit places do; "
+    line = (f"{checks.name}: shadows are {percent(checks.unlit_share, 1)} as bright as lit areas: bounced light or a "
+            "black level; ")
     if checks.not_bounced:
-        return [f"{line}{checks.not_bounced}, so it was not taken out: subtract the camera's black level, darken the "
-                "surroundings, or add what stood around the object to the scene"]
-    return [f"{line}bounced light (or a black level) is in them: solve with indirect light 'on', or darken the "
-            "surroundings"]
+        return [f"{line}IRPSO did not remove it, because {checks.not_bounced}; subtract the camera's black level, "
+                "darken the surroundings, or add what stood around the object to the scene"]
+    return [f"{line}set Indirect Light to On, or darken the surroundings"]
 
 
-LINEAR = ("not 1; check that they are linear (no sRGB curve, no view transform), their colour space, and that no other "
-          "light is in them")
+LINEAR = ("check their colour space, that they have no sRGB curve or view transform, and that no other light shone on "
+          "the object")
 
 
-def _curve(checks: Checks) -> list[str]:
+def curved_exponent(checks: Checks) -> float | None:
+    """Of all views together, where brightness does not follow light; else None."""
     slope = checks.slope
     if not slope:
-        return []
+        return None
     # A curve is the same in all views; lights in wrong places bend each view in its own way.
     scatter = scale_of(np.array([v.slope.exponent for v in checks.views if v.slope]))
     least = max(LEAST_POWER + _floor(checks), _bent(checks))
-    if abs(slope.exponent - 1) <= max(least, SIGMAS_POWER * slope.error, scatter):
-        return []
-    return [f"all views: brightness follows light to the power {slope.exponent:.2f}, {LINEAR}"]
+    return None if abs(slope.exponent - 1) <= max(least, SIGMAS_POWER * slope.error, scatter) else slope.exponent
+
+
+def _curve(checks: Checks) -> list[str]:
+    exponent = curved_exponent(checks)
+    return [] if exponent is None else [f"all views: look non-linear (exponent {exponent:.2f}); {LINEAR}"]
 
 
 def _bent(checks: Checks) -> float:
@@ -100,12 +109,16 @@ def _bent(checks: Checks) -> float:
 
 def _curved(checks: Checks) -> dict[str, float]:
     """Exponents of single views that are not linear; one also moves with a light in the wrong place, or a camera."""
-    elsewhere = {light.name for light in _moved(checks)}
+    elsewhere = {light.name for light in moved_lights(checks)}
     off = {m.image.name for m in checks.registration if m.shifted}
+    # Shapes and shadows that the scene lacks, and materials that are not their models, scatter the exponents of all and
+    # leave structure in all views.
+    bent = LEAST_POWER_MISFIT if checks.structure > MISFIT_STRUCTURE else _bent(checks)
+    scatter = SIGMAS * scale_of(np.array([v.slope.exponent for v in checks.views if v.slope]))
     return {v.view: v.slope.exponent for v in checks.views
             if v.slope
             and abs(v.slope.exponent - 1) > max(
-                LEAST_POWER_ALONE + _floor(checks), SIGMAS_POWER * v.slope.error, _bent(checks))
+                LEAST_POWER_ALONE + _floor(checks), SIGMAS_POWER * v.slope.error, bent, scatter)
             and not elsewhere & set(v.lights) and v.view not in off}
 
 
@@ -114,19 +127,20 @@ def _curve_of_some(checks: Checks) -> list[str]:
     if not curved:
         return []
     worst = max(curved.values(), key=lambda power: abs(power - 1))
-    return [f"{_names(list(curved))}: brightness follows light to the power {worst:.2f}, {LINEAR}"]
+    return [f"{some(list(curved))}: looks non-linear (exponent {worst:.2f}); {LINEAR}"]
 
 
-def _registration(checks: Checks) -> list[str]:
-    off = _off(checks)
-    return [f"{_shifted(off)}; check the cameras' calibration, or solve with registration 'auto'"] if off else []
+def _registration(checks: Checks, tried: bool) -> list[str]:
+    off = off_cameras(checks)
+    other = "" if tried else ", or set Camera Alignment to Auto"
+    return [f"{_shifted(off)}; check the cameras' calibration{other}"] if off else []
 
 
 def _shifted(off: Sequence[Misfit]) -> str:
-    """Which views lie beside their predictions, and by how much."""
+    """Which views are off from their predictions, and by how much."""
     worst = max(off, key=lambda m: m.pixels)
-    where = _names([m.image.name for m in off]) if len(off) <= NAMED else (
-        f"{len(off)} views of {_names(sorted({m.camera for m in off}))}")
+    where = some([m.image.name for m in off]) if len(off) <= NAMED else (
+        f"{len(off)} views of {some(sorted({m.camera for m in off}))}")
     x, y = worst.shift
     return f"{where}: {worst.pixels:.2f} pixels off ({x:+.2f}, {y:+.2f} in '{worst.image.name}')"
 
@@ -135,15 +149,21 @@ def mended(checks: Checks, shifts: bool, gains: bool) -> tuple[str, ...]:
     """What a solve put right, given the checks of its first round."""
     off = [m for m in checks.registration if m.shifted and shifts]
     drifted = [m for m in checks.registration if m.drifted and gains]
-    lines = [f"{_shifted(off)}; put right"] if off else []
+    lines = [f"{_shifted(off)}; corrected"] if off else []
+    if zoomed := {m.camera: m for m in checks.registration if m.grown and shifts}:
+        worst = max(zoomed.values(), key=lambda m: abs(m.growth))
+        lines.append(f"{some(sorted(zoomed))}: focal length off (by {percent(worst.growth, 2, sign=True)} in "
+                     f"'{worst.camera}'); "
+                     "corrected")
     if drifted:
         worst = max(drifted, key=lambda m: abs(float(np.log(m.gain))))
-        lines.append(f"{_names([m.image.name for m in drifted])}: exposure off (by {worst.gain - 1:+.1%} in "
-                     f"'{worst.image.name}'); put right")
+        lines.append(f"{some([m.image.name for m in drifted])}: exposure off (by "
+                     f"{percent(worst.gain - 1, 1, sign=True)} in "
+                     f"'{worst.image.name}'); corrected")
     return tuple(lines)
 
 
-def _moved(checks: Checks) -> list[LightResidual]:
+def moved_lights(checks: Checks) -> list[LightResidual]:
     """Lights that belong elsewhere, the worst first."""
     least = max(LEAST_MOVE, _floor(checks))
     found = [light for light in checks.lights
@@ -151,7 +171,12 @@ def _moved(checks: Checks) -> list[LightResidual]:
     return sorted(found, key=lambda light: -light.effect)
 
 
-def _strong(checks: Checks) -> list[LightResidual]:
+def object_moved(checks: Checks) -> bool:
+    """Whether so many lights belong elsewhere that the object itself is likelier to."""
+    return len(moved_lights(checks)) > max(NAMED, len(checks.lights) / 2)
+
+
+def strong_lights(checks: Checks) -> list[LightResidual]:
     """Lights whose views, two of them at least, are alike too bright or too dark; the worst first."""
     gains = np.log([light.gain for light in checks.lights])
     least = max(LEAST_GAIN, _floor(checks), SIGMAS * scale_of(gains))
@@ -161,89 +186,102 @@ def _strong(checks: Checks) -> list[LightResidual]:
 
 
 def _lights(checks: Checks) -> list[str]:
-    moved, strong = _moved(checks), _strong(checks)
-    if len(moved) > max(NAMED, len(checks.lights) / 2):
-        return [f"{len(moved)} of {len(checks.lights)} lights: their shading fits if they stand elsewhere, "
-                f"'{moved[0].name}' by {moved[0].offset_share:.0%} of its distance; check place and scale of the "
+    moved, strong = moved_lights(checks), strong_lights(checks)
+    if object_moved(checks):
+        return [f"{len(moved)} of {len(checks.lights)} lights: they appear elsewhere than the scene has them, "
+                f"'{moved[0].name}' by {percent(moved[0].offset_share)} of its distance; check place and scale of the "
                 "object and of the lights"]
     lines = []
     for light in moved[:NAMED]:
+        power = ", and its power" if light in strong else ""
+        if light.sun:
+            lines.append(f"light '{light.name}': it appears turned by {math.degrees(light.offset_share):.1f} degrees "
+                         f"from where the scene has it; check its direction and angle{power}")
+            continue
         x, y, z = light.offset
-        lines.append(f"light '{light.name}': its shading fits if it stands {np.linalg.norm(light.offset):.2g} m "
-                     f"({light.offset_share:.0%} of its distance) elsewhere, by ({x:+.2g}, {y:+.2g}, {z:+.2g}); "
-                     f"check its place and size{', and its power' if light in strong else ''}")
+        lines.append(f"light '{light.name}': it appears {np.linalg.norm(light.offset):.2g} m "
+                     f"({percent(light.offset_share)} of its distance) from where the scene has it, at "
+                     f"({x:+.2g}, {y:+.2g}, {z:+.2g}) from there; check its place and size{power}")
     for light in [light for light in strong if light not in moved][:NAMED]:
-        off = f"{abs(light.gain - 1):.1%} {'less' if light.gain < 1 else 'more'} light"
-        lines.append(f"light '{light.name}': its {light.views} views show {off} than the others explain; "
+        off = f"{percent(abs(light.gain - 1), 1)} {'darker' if light.gain < 1 else 'brighter'}"
+        lines.append(f"light '{light.name}': its {light.views} views are {off} than the other views predict; "
                      "check its power")
     return lines
 
 
-def _exposures(checks: Checks) -> list[str]:
-    said = {light.name for light in (*_strong(checks), *_moved(checks))}
+def drifting(checks: Checks) -> dict[str, float]:
+    """Views that are brighter or darker than the others explain: how much, as the logarithm of their gain."""
+    least = max([LEAST_GAIN, _floor(checks), *(2 * light.effect for light in moved_lights(checks))])
+    gains = {v.view: (float(np.log(v.residual.gain)), v.residual.gain_error) for v in _without_cause(checks)}
+    return {view: gain for view, (gain, error) in gains.items() if abs(gain) > max(least, SIGMAS * error)}
+
+
+def _without_cause(checks: Checks) -> list[ViewCheck]:
+    """Views that no curve, and no light's power or place, is said to spoil."""
+    said = {light.name for light in (*strong_lights(checks), *moved_lights(checks))}
     curved = _curved(checks)
-    rest = [v for v in checks.views if not said & set(v.lights) and v.view not in curved]
-    gains = {v.view: v.residual.gain for v in rest}
-    least = max([LEAST_GAIN, _floor(checks), *(2 * light.effect for light in _moved(checks))])
-    off = {v.view: abs(float(np.log(v.residual.gain))) for v in rest
-           if abs(np.log(v.residual.gain)) > max(least, SIGMAS * v.residual.gain_error)}
+    return [v for v in checks.views if not said & set(v.lights) and v.view not in curved]
+
+
+def _exposures(checks: Checks, tried: bool) -> list[str]:
+    off = drifting(checks)
     if not off:
         return []
-    worst = max(off, key=off.__getitem__)
-    by = f"{gains[worst] - 1:+.1%} in '{worst}'"
-    do = "check exposures and lights' power, or solve with exposures 'solve'"
+    rest = [v.residual.gain for v in _without_cause(checks)]
+    worst = max(off, key=lambda view: abs(off[view]))
+    by = f"{percent(float(np.exp(off[worst])) - 1, 1, sign=True)} in '{worst}'"
+    do = "check exposures and lights' power" + ("" if tried else ", or set Exposures to Solve")
     if len(off) > max(NAMED, len(rest) / 4):
-        drift = scale_of(np.log(list(gains.values())))
-        return [f"{len(off)} of {len(checks.views)} views: exposure drifts by {drift:.1%} ({by}); {do}"]
-    return [f"{_names(list(off))}: brighter or darker than the others explain ({by}); {do}"]
+        drift = scale_of(np.log(rest))
+        return [f"{len(off)} of {len(checks.views)} views: exposure drifts by {percent(drift, 1)} ({by}); {do}"]
+    return [f"{some(list(off))}: brighter or darker than the other views predict ({by}); {do}"]
 
 
 def _clipped(checks: Checks) -> list[str]:
     if checks.clipped <= CLIPPED:
         return []
     worst = max(checks.views, key=lambda v: v.clipped)
-    return [f"{checks.name}: {checks.clipped:.1%} of its pixels are clipped and left out, most in '{worst.view}' "
-            f"({worst.clipped:.0%}); highlights are lost: expose less"]
+    return [f"{checks.name}: {percent(checks.clipped, 1)} of its pixels are clipped and left out, most in "
+            f"'{worst.view}' ({percent(worst.clipped)}), so highlights are lost; expose less"]
 
 
 def _unexplained(checks: Checks) -> list[str]:
     lobes, all_of_it = checks.highlight > HIGHLIGHT, checks.structure > max(STRUCTURE, NOISE_SHARE * checks.noise)
     if (lobes or all_of_it) and checks.pixels_per_texel > COARSE:
-        return [f"{checks.name}: maps are coarser than the pictures ({checks.pixels_per_texel:.0f} pixels a texel), "
-                f"which leaves {max(checks.structure, checks.highlight):.1%} unexplained; solve at a larger size"]
+        return [f"{checks.name}: the maps are coarser than the pictures ({checks.pixels_per_texel:.0f} pixels per "
+                f"texel), which leaves {percent(max(checks.structure, checks.highlight), 1)} of the brightness "
+                "unexplained; increase Size"]
     if lobes:
-        return [f"{checks.name}: highlights are off by {checks.highlight:.0%} of their brightness; they have "
-                "another strength or shape (try model one-lobe-specular or two-lobe), or a light's size is"]
+        return [f"{checks.name}: highlights are off by {percent(checks.highlight)} of their brightness; check the "
+                f"lights' sizes, or set Model to {SPECULAR} or {TWO}"]
     if all_of_it:
         worst = max(checks.views, key=lambda v: v.residual.structure)
-        return [f"{checks.name}: the maps leave {checks.structure:.1%} of the brightness unexplained, most in "
-                f"'{worst.view}' ({worst.residual.structure:.1%}); check the mesh, its normals, lights' sizes and "
-                "what else lights the scene"]
+        return [f"{checks.name}: the maps leave {percent(checks.structure, 1)} of the brightness unexplained, most in "
+                f"'{worst.view}' ({percent(worst.residual.structure, 1)}); check the mesh, its normals, lights' sizes "
+                "and what else lights the scene"]
     return []
 
 
-FEWER = {"lambert": "too few to tell a highlight by; take more views",
-         "two-lobe": "as model two-lobe needs; take more views, or solve for one-lobe"}
+SPECULAR, TWO = choice_name("one-lobe-specular"), choice_name("two-lobe")
+FEWER = {"lambert": "too few to detect a highlight; take more views",
+         "two-lobe": f"too few for this model; take more views, or set Model to {choice_name('one-lobe')}"}
 
 
 def _few(checks: Checks) -> list[str]:
-    return [f"{checks.name}: {m.fewer:.0%} of the solved texels of '{m.material}' have fewer than {m.needed:g} good "
-            f"observations (median {m.observations:.0f}), " + FEWER.get(m.model, (
-                f"as model {m.model} needs; their roughness leans on their neighbours; take more views"))
+    return [f"{checks.name}: {percent(m.fewer)} of the solved texels of '{m.material}' have fewer than {m.needed:g} "
+            f"good observations (median {m.observations:.0f}), " + FEWER.get(m.model, (
+                "too few for this model, so their roughness comes mostly from their neighbours; take more views"))
             for m in checks.materials if checks.sure and m.needed > 1 and m.fewer > FEW]
 
 
 def _doubtful(checks: Checks) -> list[str]:
     if not checks.doubtful > DOUBTFUL:
         return []
-    near = "nothing of it shone" if math.isinf(checks.nearest) else (
-        f"no highlight came near {checks.no_highlight:.0%} of it (nearest: {checks.nearest:.1f} lobe widths, in the "
-        f"median) at {checks.noise:.1%} noise")
-    return [f"{checks.name}: roughness may be off by more than 0.15 on {checks.doubtful:.0%} of its solved texels: "
-            f"{near}; take views with highlights there (see the confidence map)"]
-
-
-def _names(names: Sequence[str], mark: str = "'") -> str:
-    """A few names in one line."""
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return ", ".join(f"{mark}{name}{mark}" for name in names[:NAMED]) + more
+    line = f"{checks.name}: roughness may be off by more than 0.15 on {percent(checks.doubtful)} of its solved texels"
+    if checks.nearest == 0:  # light from all around
+        return [f"{line}: the world's light shows too little of it at {percent(checks.noise, 1)} noise; add a lamp, a "
+                "turn of the object or a world with small lights"]
+    near = "no view shows a highlight on them" if math.isinf(checks.nearest) else (
+        f"no highlight came near {percent(checks.no_highlight)} of the object (median distance of the nearest: "
+        f"{checks.nearest:.1f} highlight widths) at {percent(checks.noise, 1)} noise")
+    return [f"{line}: {near}; take views with highlights where the confidence map is dark"]

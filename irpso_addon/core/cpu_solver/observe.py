@@ -14,6 +14,7 @@ import numpy as np
 from ..data import F32, F64, Bool, Camera, Light, RadianceImage, SceneData, View
 from ..job import Progress
 from ..observation_quality import DARK_SHARE, EDGE_WEIGHT, MIN_COS_L, MIN_COS_V
+from ..projection import pixel_widths, pixels_of, rays_of
 from ..shading import brdf
 from ..shading.lights import light_irradiance, light_sample
 from .rasterise import SurfacePoints, places
@@ -83,12 +84,13 @@ def observe(
         x, y = shown[key].pixel.T
         valid = shown[key].seen & image.valid[y, x] & (image.coverage[y, x] > 0.5)
         if not valid.any():
-            skipped.append((view.image.name, "no usable pixel shows the object: check camera, mask and clipping"))
+            skipped.append((view.image.name, "no usable pixel shows the object; check camera, mask and clipping"))
             continue
         pictures.append(_Picture(view, key, image.rgb[y, x].astype(np.float64),
                                  np.where(valid, image.coverage[y, x], 0)))
         yield Progress(0.5 * (i + 1) / len(scene.views), "observe", f"reading {view.image.name}")
-    level = float(np.median([np.median(p.rgb[p.coverage > 0].mean(-1)) for p in pictures])) if pictures else 1.0
+    levels = [max(float(np.median(p.rgb[p.coverage > 0].mean(-1))), 0.0) for p in pictures]
+    level = float(np.median(levels)) if pictures else 1.0
     observed = []
     for i, picture in enumerate(pictures):
         key, lights = picture.frame, picture.view.lights
@@ -103,29 +105,22 @@ def observe(
 
 def _shown(scene: SceneData, rays: Rays, points: SurfacePoints, camera: Camera, width: int, height: int) -> Shown:
     """The pixels that show points, and what their rays meet."""
-    p, rotation = camera.projection, camera.world_to_camera[:3, :3]
-    local = points.position @ rotation.T + camera.world_to_camera[:3, 3]
-    clip = np.concatenate([local, np.ones((len(local), 1))], -1) @ p.T
-    front = (-local[:, 2] > 0) & (clip[:, 3] > 0)
-    at = (clip[:, :2] / np.where(front, clip[:, 3], 1.0)[:, None] * 0.5 + 0.5) * [width, height]
-    inside = front & (at >= 0).all(-1) & (at < [width, height]).all(-1)
-    pixel = np.where(inside[:, None], np.floor(at), 0).astype(np.int64)
-    once, back = np.unique(pixel[:, 1] * width + pixel[:, 0], return_inverse=True)
-    x, y = ((once % width) + 0.5) / width * 2 - 1, ((once // width) + 0.5) / height * 2 - 1
-    flat = np.zeros_like(x)
+    size = np.array([width, height])
+    at = pixels_of(camera, points.position, (width, height))
+    inside = (at >= 0).all(-1) & (at < size).all(-1)  # NaN is not
     if camera.orthographic:
-        start = np.stack([(x - p[0, 3]) / p[0, 0], (y - p[1, 3]) / p[1, 1], flat], -1)
-        origin = camera.position + start @ rotation
-        direction = np.broadcast_to(camera.forward, origin.shape).astype(np.float64)
-    else:
-        direction = np.stack([(x + p[0, 2]) / p[0, 0], (y + p[1, 2]) / p[1, 1], flat - 1], -1) @ rotation
-        origin = np.broadcast_to(camera.position, direction.shape).astype(np.float64)
+        inside &= (points.position - camera.position) @ camera.forward > 0
+    pixel = np.floor(np.where(inside[:, None], at, 0)).astype(np.int64)
+    once, back = np.unique(pixel[:, 1] * width + pixel[:, 0], return_inverse=True)
+    origin, direction = rays_of(camera, np.stack([once % width, once // width], -1) + 0.5, (width, height))
+    known = np.isfinite(direction).all(-1, keepdims=True)
+    direction = np.where(known, direction, camera.forward)
     hit = rays.nearest(origin, direction)
-    mine = (hit.triangle >= 0) & (hit.triangle < len(scene.mesh.positions))
+    mine = known[:, 0] & (hit.triangle >= 0) & (hit.triangle < len(scene.mesh.positions))
     met = places(scene.mesh, np.where(mine, hit.triangle, 0), hit.weights)
     towards = -direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     cos_v = (towards * met.normal).sum(-1)
-    metres = 2 / (abs(p[1, 1]) * height) * (1.0 if camera.orthographic else -local[:, 2])  # a pixel's width
+    metres = pixel_widths(camera, points.position, height)
     near = np.linalg.norm(met.position[back] - points.position, axis=-1) < 2 * metres / np.maximum(cos_v[back], 0.15)
     same = (met.normal[back] * points.normal).sum(-1) > 0.5
     seen = inside & mine[back] & near & same & (cos_v[back] > MIN_COS_V)

@@ -19,6 +19,7 @@ import numpy as np
 from ..data import F64, Bool, Maps, SceneData, Solution
 from ..errors import BadInput
 from ..job import Progress, mapped
+from ..observation_quality import HALF_SURE
 from ..params import DeviceSettings, SolveSettings
 from ..resampling import linear
 from .observe import ReadImage, memory, observe
@@ -29,7 +30,7 @@ from .texel_fit import Fit, fit_texels
 SIDE = 2  # points of a texel, squared
 DEFAULT_SIZE, MOST_SIZE = 64, 256  # texels: of what is asked for beyond the second, the first is solved
 MOST_PIXELS = 1_000_000  # of a picture: beside texels this large, more would only alias
-CONFIDENT = 0.05  # standard error of roughness at which confidence is a half
+MIXED_HALF = 0.05  # standard error of roughness at which a texel is mixed half and half with what lies around
 MODELS = {"auto": "one-lobe", "one-lobe": "one-lobe", "lambert": "lambert"}
 Result = TypeVar("Result")
 
@@ -77,7 +78,7 @@ def _owners(scene: SceneData, size: int, most_memory: float) -> tuple[Index, lis
     needed = memory(scene, int(np.count_nonzero(owner >= 0)) * SIDE**2)
     if needed > most_memory * 1e9:
         smaller = max(int(size * (most_memory * 1e9 / needed) ** 0.5), 1)
-        warnings.append(f"device numpy: maps of {smaller} x {smaller} texels in place of {size} x {size}: larger ones "
+        warnings.append(f"device numpy: maps of {smaller} x {smaller} texels instead of {size} x {size}: larger ones "
                         f"do not fit in {most_memory:g} GB; choose a larger Memory, or fewer views")
         size, (owner, _) = smaller, rasterise(scene.mesh.uvs, smaller)
     if not (owner >= 0).any():
@@ -106,15 +107,15 @@ def _possible(scene: SceneData, settings: SolveSettings) -> tuple[SolveSettings,
         raise BadInput(f"{scene.mesh.name}: model {settings.model} needs OpenGL; with device numpy choose one-lobe or "
                        "lambert")
     if scene.region is not None:
-        raise BadInput(f"{scene.mesh.name}: a part alone needs OpenGL; with device numpy solve all of it")
+        raise BadInput(f"{scene.mesh.name}: solving a region needs OpenGL; with device numpy solve the whole object")
     if settings.size > MOST_SIZE:
-        limits.append(f"device numpy: maps of {DEFAULT_SIZE} x {DEFAULT_SIZE} texels in place of {settings.size} x "
-                    f"{settings.size}; sizes up to {MOST_SIZE} are taken as they are")
+        limits.append(f"device numpy: maps of {DEFAULT_SIZE} x {DEFAULT_SIZE} texels instead of {settings.size} x "
+                    f"{settings.size}; choose at most {MOST_SIZE}")
         settings = replace(settings, size=DEFAULT_SIZE)
     if settings.udim == "all":
-        limits.append("device numpy: the 0-1 UV square alone")
+        limits.append("device numpy: only the 0-1 UV square is solved")
     if settings.indirect == "on":
-        limits.append("device numpy: indirect light is left in the maps")
+        limits.append("device numpy: indirect light is not subtracted")
     return settings, limits
 
 
@@ -143,13 +144,17 @@ def _maps(fit: Fit, where: Index, coverage: Bool, lambert: bool) -> Maps:
 
     good = spread(np.ones(len(where))) > 0
     good &= coverage
-    sure = spread(1 / (1 + (fit.sigma / CONFIDENT) ** 2) * np.clip(fit.observations - 1, 0, 2) / 2) * good
+    def trust(half: float) -> F64:
+        """One half where the standard error of roughness is ``half``."""
+        return spread(1 / (1 + (fit.sigma / half) ** 2) * np.clip(fit.observations - 1, 0, 2) / 2) * good
+
     seen = good.astype(np.float64)
-    rough = fill(spread(fit.roughness)[..., None], seen if lambert else np.maximum(sure, 1e-4 * seen))[..., 0]
+    weight = seen if lambert else np.maximum(trust(MIXED_HALF), 1e-4 * seen)
+    rough = fill(spread(fit.roughness)[..., None], weight)[..., 0]
     return Maps(
         base_color=fill(spread(fit.base), seen).astype(np.float32), roughness=rough.astype(np.float32),
-        confidence=sure.astype(np.float32), error=(spread(fit.error) * good).astype(np.float32), filled=~good,
-        coverage=coverage, roughness_sigma=(spread(fit.sigma) * good).astype(np.float32),
+        confidence=trust(HALF_SURE).astype(np.float32), error=(spread(fit.error) * good).astype(np.float32),
+        filled=~good, coverage=coverage, roughness_sigma=(spread(fit.sigma) * good).astype(np.float32),
         base_sigma=(spread(fit.base_sigma) * good).astype(np.float32))
 
 

@@ -6,7 +6,7 @@ observations are explained.  What was left out cannot be bent to.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,14 +75,27 @@ class Judge:
         value = np.zeros_like(self.radiance)
         for left_out, prediction in zip(self.folds.left_out, predictions, strict=True):
             value[:, left_out] = prediction[:, left_out]
-        value = value * self.texels.irradiance
         if not self.candidates:
-            self.plain = value
-        judged = self.judged[..., None]
+            self.plain = value * self.texels.irradiance
+        self.candidates[name] = self._errors(value, np.ones(len(self.texels.camera), bool))
+
+    def hopeful(self, predictions: Mapping[str, F64], names: Iterable[str], margin: float) -> list[str]:
+        """Of some candidates, those whose loss in the first fold alone exceeds the least by no more than ``margin``.
+
+        ``predictions``: (T, V, C) of the first fold, as of `add`, of those and of others to compare them with.
+        """
+        left_out = self.folds.left_out[0]
+        errors = {name: self._errors(value, left_out) for name, value in predictions.items()}
+        total = {name: float(values.sum()) for name, values in _losses(errors).items()}
+        return [name for name in names if total[name] <= (1 + margin) * min(total.values())]
+
+    def _errors(self, value: F64, layers: Bool) -> Candidate:
+        """Of ``value``, (T, V, C) radiance / irradiance, in some layers, (V,)."""
+        value, judged = value * self.texels.irradiance, (self.judged & layers)[..., None]
         off = np.where(judged, value - self.radiance, 0.0)
-        off += np.where(self.dark[..., None], np.maximum(value - self.plain, 0.0), 0.0)
+        off += np.where((self.dark & layers)[..., None], np.maximum(value - self.plain, 0.0), 0.0)
         light = np.where(judged, lightness(value / self.white) - lightness(self.radiance / self.white), 0.0)
-        self.candidates[name] = Candidate((off**2).sum((1, 2)), (light**2).mean(2).sum(1))
+        return Candidate((off**2).sum((1, 2)), (light**2).mean(2).sum(1))
 
     def error(self, name: str) -> PredictionError:
         """Of a candidate, over all that was left out."""
@@ -103,8 +116,8 @@ class Judge:
         firsts = [min(family, key=lambda name: total[name]) for family in families]
         best = min(firsts, key=lambda name: total[name])
         for name in firsts:
-            scatter = _scatter(loss[name] - loss[best], clusters) / total[best]
-            if total[name] <= (1 + min(max(scatter, ALIKE[0]), ALIKE[1])) * total[best]:
+            spread = scatter(loss[name] - loss[best], clusters) / total[best]
+            if total[name] <= (1 + min(max(spread, ALIKE[0]), ALIKE[1])) * total[best]:
                 return name
         return best
 
@@ -124,10 +137,9 @@ class Judge:
         return total[name] <= min(next(iter(total.values())), (1 + margin) * min(total.values()))
 
     def near(self, names: Sequence[str], margin: float) -> list[str]:
-        """Those whose loss is larger than the least of theirs by no more than so much of it."""
-        total = {name: float(values.sum()) for name, values in self._losses().items()}
-        least = min(total[name] for name in names)
-        return [name for name in names if total[name] <= (1 + margin) * least]
+        """Candidates among them whose loss is larger than the least of theirs by no more than so much of it."""
+        total = {name: float(values.sum()) for name, values in self._losses().items() if name in names}
+        return [name for name in names if name in total and total[name] <= (1 + margin) * min(total.values())]
 
     def leads(self, name: str, margin: float, among: Iterable[str]) -> bool:
         """Whether a candidate's loss is smaller than all others' of some by so much of its own."""
@@ -136,12 +148,16 @@ class Judge:
 
     def _losses(self) -> dict[str, F64]:
         """(T,) of each candidate: both squared errors, each relative to the least of them."""
-        least = [max(min(float(getattr(c, part).sum()) for c in self.candidates.values()), 1e-30)
-                 for part in ("squares", "lightness")]
-        return {name: c.squares / least[0] + c.lightness / least[1] for name, c in self.candidates.items()}
+        return _losses(self.candidates)
 
 
-def _scatter(values: F64, clusters: I32) -> float:
+def _losses(candidates: Mapping[str, Candidate]) -> dict[str, F64]:
+    least = [max(min(float(getattr(c, part).sum()) for c in candidates.values()), 1e-30)
+             for part in ("squares", "lightness")]
+    return {name: c.squares / least[0] + c.lightness / least[1] for name, c in candidates.items()}
+
+
+def scatter(values: F64, clusters: I32) -> float:
     """Standard error of the sum of (T,) values, whose clusters are independent."""
     _, of = np.unique(clusters, return_inverse=True)
     sums = np.bincount(of, values)

@@ -34,7 +34,7 @@ def _read(folder: Path, stem: str, *, color: bool) -> F32:
         if os.path.isfile(path):
             break
     else:
-        raise BadInput(f"{folder}: holds no {stem}.exr (nor .png, .tiff); give the folder of the true maps")
+        raise BadInput(f"{folder}: has no {stem}.exr (nor .png, .tiff); give the folder of the true maps")
     file = open_image(path)
     values = file.read(0, file.height)[..., :3]
     if color and file.integer:

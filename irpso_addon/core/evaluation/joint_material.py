@@ -10,11 +10,12 @@ They are taken once for all nodes of roughness and level, as products of matrice
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..data import F64, Bool
+from ..data import F64, Bool, Coat
 from ..shading import brdf
 from .lobe_values import fresnel_ratio, lobe_values, metal_values
 from .sampled_texels import LEAST, SampledTexels, metal_gain
@@ -38,6 +39,7 @@ class OneMaterial:
     level: float = 0.5  # Specular IOR Level
     metallic: float = 0.0
     others: tuple[float, ...] = ()  # roughness of further parts
+    coat: Coat | None = None
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ class Joint:
     apart: OneMaterial  # the level where each texel has its own roughness, and what those lie about
     apart_metal: OneMaterial  # and Metallic
     parts: tuple[OneMaterial, ...]  # two and three parts, each of one roughness: a texel belongs to the one that suits
+    coated: Mapping[str, OneMaterial] = field(default_factory=dict)  # by a word for what is free, see coat_search.py
 
 
 class JointSearch:
@@ -64,8 +67,8 @@ class JointSearch:
         self.nodes = _Nodes.of(texels)
         unit = np.maximum(texels.reflected, texels.typical())
         # Half vectors come as near to a texel's normal as this, in the median: lobes that are half as wide stay unseen.
-        nearest = np.where(texels.usable()[..., None], texels.lobes[..., 0], 1.0).min((1, 2))
-        self.seen: Bool = ROUGHNESS**4 >= UNSEEN * min(float(np.median(nearest)), 1.0)
+        self.nearest = texels.nearest()  # (T,)
+        self.seen: Bool = ROUGHNESS**4 >= UNSEEN * min(float(np.median(self.nearest)), 1.0)
         # Errors of the cube root of radiance, which lightness is made of.
         self.weight = np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance ** (2 / 3)
                                / unit ** (4 / 3), 0.0)
@@ -112,16 +115,16 @@ class _Nodes:
         a, s = np.empty(shape), np.empty(shape)
         A, S = np.empty(shape[1:]), np.empty(shape[1:])
         cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
-        ratios = [fresnel_ratio(texels.lobes, cos_v, np.asarray(level)) for level in LEVELS]
+        ratios = [fresnel_ratio(texels.lobes, cos_v, np.asarray(level), texels.nodes) for level in LEVELS]
         for j, roughness in enumerate(ROUGHNESS):
             rough = np.full(count, roughness)
-            lobe = lobe_values(texels.lobes, cos_v, rough)
+            lobe = lobe_values(texels.lobes, cos_v, rough, nodes=texels.nodes)
             for i, level in enumerate(LEVELS):
                 energy = brdf.principled_energy_level(roughness, COSINES, level)
                 gain, taken = (np.interp(texels.cos_v, COSINES, energy[:, k]) for k in (0, 1))
                 a[i, j] = (1 - taken) / np.pi
                 s[i, j] = (lobe * ratios[i]).sum(-1) * gain
-            own, edge = metal_values(texels.lobes, cos_v, rough)
+            own, edge = metal_values(texels.lobes, cos_v, rough, texels.nodes)
             gain = metal_gain(rough, texels.cos_v, np.full((count, 1), METAL_BASE))[..., 0]
             A[j], S[j] = own * gain, edge * gain
         pairs = {"a": a, "s": s, "A": A, "S": S, "aa": a * a, "as": a * s, "ss": s * s, "aA": a * A, "aS": a * S,

@@ -1,4 +1,8 @@
-"""What lobes reflect at places whose geometry is given as the observations have it: sin2h, spread, cos_l, factor."""
+"""What lobes reflect at places whose geometry is given as the observations have it: sin2h, spread, cos_l, factor.
+
+``nodes``, where an environment shines: (T, V, 2, NODES) logarithms of what its lobe returns at roughnesses
+(core/shading/environment.py), and V.H there.  It is the last of the lights then.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..data import F64
-from ..shading import brdf
+from ..data import F64, Coat
+from ..shading import brdf, environment
+
+MIDDLE = 0.35  # roughness at which V.H is taken where that of the lobe is not at hand
 
 
-def lobe_values(lobes: F64, cos_v: F64, roughness: F64, beckmann: bool = False) -> F64:
+def lobe_values(
+    lobes: F64, cos_v: F64, roughness: F64, beckmann: bool = False, nodes: F64 | None = None,
+) -> F64:
     """(T, V, L) of each light at Specular IOR Level 0.5, without the gain by multiple scattering.
 
     lobes: (T, V, L, 4).  cos_v: (T, V) or (T, 1), not 0.  roughness: (T,).
@@ -22,29 +30,46 @@ def lobe_values(lobes: F64, cos_v: F64, roughness: F64, beckmann: bool = False) 
     alpha2 = (roughness**4)[:, None, None]
     roots = root(alpha2, 1 / cos_l**2 - 1) + root(alpha2, 1 / cos_v[..., None] ** 2 - 1)
     value: F64 = D(alpha2, sin2h, spread) * factor / roots
-    return value
+    if nodes is None:
+        return value
+    around = environment.at_roughness(np.exp(nodes[..., 0, :]), roughness[:, None])
+    return np.concatenate([value, np.broadcast_to(around, value.shape[:-1])[..., None]], -1)
 
 
-def fresnel_ratio(lobes: F64, cos_v: F64, level: F64) -> F64:
+def fresnel_ratio(
+    lobes: F64, cos_v: F64, level: F64, nodes: F64 | None = None, roughness: F64 | None = None,
+) -> F64:
     """(T, V, L) Fresnel reflectance at a level over that at 0.5.
 
-    level: whatever broadcasts to that.
+    level: whatever broadcasts to that.  roughness: (T,) of the lobe, which says of an environment where it looks.
     """
-    return np.asarray(brdf.F_level_ratio(half_cosine(lobes, cos_v), level), np.float64)
+    return np.asarray(brdf.F_level_ratio(half_cosine(lobes, cos_v, nodes, roughness), level), np.float64)
 
 
-def half_cosine(lobes: F64, cos_v: F64) -> F64:
+def half_cosine(lobes: F64, cos_v: F64, nodes: F64 | None = None, roughness: F64 | None = None) -> F64:
     """(T, V, L) V.H, from N.H = (N.L + N.V) / |L + V|."""
     sin2h, cos_l = lobes[..., 0], np.clip(lobes[..., 2], 1e-3, 1)
-    return np.asarray(np.clip((cos_l + cos_v[..., None]) / (2 * np.sqrt(np.maximum(1 - sin2h, 1e-6))), 0, 1))
+    across = np.clip((cos_l + cos_v[..., None]) / (2 * np.sqrt(np.maximum(1 - sin2h, 1e-6))), 0, 1)
+    if nodes is None:
+        return np.asarray(across)
+    at = np.full(len(nodes), MIDDLE) if roughness is None else roughness
+    around = environment.cosine_at(nodes[..., 1, :], at[:, None])
+    return np.concatenate([across, np.broadcast_to(around, across.shape[:-1])[..., None]], -1)
 
 
-def metal_values(lobes: F64, cos_v: F64, roughness: F64) -> tuple[F64, F64]:
+def metal_values(lobes: F64, cos_v: F64, roughness: F64, nodes: F64 | None = None) -> tuple[F64, F64]:
     """(T, V) each: what a metal's lobe adds for each unit of base colour, and whatever that is.
 
     Schlick's reflectance b + (1 - b) (1 - V.H)^5 is linear in base colour b.  Without multiple scattering.
     """
-    across = half_cosine(lobes, cos_v)
-    shape = lobe_values(lobes, cos_v, roughness) / brdf.F_dielectric(across)
+    across = half_cosine(lobes, cos_v, nodes, roughness)
+    shape = lobe_values(lobes, cos_v, roughness, nodes=nodes) / brdf.F_dielectric(across)
     edge = brdf.F_schlick(across)
     return (shape * (1 - edge)).sum(-1), (shape * edge).sum(-1)
+
+
+def coat_values(lobes: F64, cos_v: F64, coat: Coat, nodes: F64 | None = None) -> tuple[F64, F64]:
+    """(T, V) each: what a coat reflects, and what it leaves of all that lies below.  cos_v: (T, V) or (T, 1), not 0."""
+    shape = lobe_values(lobes, cos_v, np.full(len(lobes), coat.roughness), nodes=nodes).sum(-1)
+    gain = brdf.principled_energy(coat.roughness, cos_v)[..., 0]
+    return coat.weight * shape * gain, brdf.left_by_coat(coat, cos_v)

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data import F32, F64, I32, Bool, Maps, Solution
+from ..data import F32, F64, I32, Bool, Coat, Maps, Solution
 from ..resampling import bilinear
 from ..shading import brdf
-from .lobe_values import fresnel_ratio, lobe_values, metal_values
+from .lobe_values import coat_values, fresnel_ratio, lobe_values, metal_values
 
 TAPS = 4  # by TAPS, over a pixel's footprint
 
@@ -26,6 +26,13 @@ class PlaceView:
     cos_v: F32  # (T,)
     lobes: F32  # (T, 3, L, 4) for each channel and light: sin2h, its spread, cos_l, F / (2 cos_l cos_v) * share of E
     irradiance: F32 | None = None  # (T, 3) W/m^2 without shadows, where that was asked for; NaN at places passed over
+    nodes: F32 | None = None  # (T, 3, 2, NODES) of an environment, see lobe_values.py
+
+    def nearest(self) -> F32:
+        """(T,) least squared sine between normal and half vector; of an environment 0."""
+        if self.nodes is not None:
+            return np.zeros(len(self.cos_v), np.float32)
+        return np.asarray(self.lobes[:, :, :, 0].min((1, 2)))
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,8 @@ class Surface:
     level: F64  # (T,) Specular IOR Level
     beckmann: Bool  # (T,) two lobes of Beckmann's distribution over a diffuse
     metallic: F64 | None = None  # (T,) of one lobe; None: 0 everywhere
+    coat: I32 | None = None  # (T,) which of the ``coats``, -1: none; None: none anywhere
+    coats: tuple[Coat, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -58,10 +67,13 @@ def surface(solution: Solution, ndf: str, slots: I32, names: tuple[str, ...]) ->
     model = np.array([solution.model.get(name, "one-lobe") for name in names])[material]
     metallic = np.array([solution.metallic.get(name, 0.0) for name in names], np.float64)[material]
     level = np.where(model == "lambert", 0.0, level)
+    coated = [name for name in names if name in solution.coats]
+    coat = np.array([coated.index(name) if name in coated else -1 for name in names], np.int32)[material]
     return Surface(
         base=maps.base_color.reshape(-1, 3).astype(np.float64), lobes=lobes.reshape(-1, 3).astype(np.float64),
         level=level.ravel().astype(np.float64), beckmann=((model == "two-lobe") & (ndf == "beckmann")).ravel(),
-        metallic=metallic.ravel())
+        metallic=metallic.ravel(), coat=coat.ravel() if coated else None,
+        coats=tuple(solution.coats[name] for name in coated))
 
 
 def shown(maps: Surface, pixels: Pixels) -> Surface:
@@ -80,7 +92,8 @@ def shown(maps: Surface, pixels: Pixels) -> Surface:
     texel = y * size + x
     lobes = bilinear(maps.lobes.reshape(size, size, 3), pixels.uv)
     metallic = None if maps.metallic is None else maps.metallic[texel]
-    return Surface(mean, lobes, maps.level[texel], maps.beckmann[texel], metallic)
+    coat = None if maps.coat is None else maps.coat[texel]
+    return Surface(mean, lobes, maps.level[texel], maps.beckmann[texel], metallic, coat, maps.coats)
 
 
 def predict(at: Surface, view: PlaceView) -> F64:
@@ -95,13 +108,24 @@ def predict(at: Surface, view: PlaceView) -> F64:
     if at.metallic is not None and np.any(at.metallic > 0):
         share = at.metallic[:, None]
         value = (1 - share) * value + share * _metal(at, r1, view)
-    return value
+    return value if at.coat is None else _under_coats(value, at.coat, at.coats, view)
+
+
+def _under_coats(value: F64, which: I32, coats: tuple[Coat, ...], view: PlaceView) -> F64:
+    """(T, 3) with the coats above."""
+    result = value.copy()
+    for number, coat in enumerate(coats):
+        at = which == number
+        cos_v = np.clip(view.cos_v[at].astype(np.float64), 1e-3, 1)
+        above, left = coat_values(view.lobes[at].astype(np.float64), cos_v[:, None], coat, _nodes(view, at))
+        result[at] = left * value[at] + above
+    return result
 
 
 def _metal(at: Surface, roughness: F64, view: PlaceView) -> F64:
     """(T, 3) what a metal of that base colour reflects."""
     cos_v = np.clip(view.cos_v.astype(np.float64), 1e-3, 1)
-    own, edge = metal_values(view.lobes.astype(np.float64), cos_v[:, None], roughness)
+    own, edge = metal_values(view.lobes.astype(np.float64), cos_v[:, None], roughness, _nodes(view))
     gain = brdf.metal_gain(at.base, brdf.metal_energy(roughness, cos_v)[:, None])
     value: F64 = gain * (at.base * own + edge)
     return value
@@ -116,10 +140,16 @@ def _lobe(at: Surface, roughness: F64, view: PlaceView) -> tuple[F64, F64]:
         energy[other] = brdf.principled_energy_level(roughness[other], cos_v[other], at.level[other])
     gain, taken = np.where(at.beckmann[:, None], np.array([1.0, 0.0]), energy).T
     lobes, across = view.lobes.astype(np.float64), cos_v[:, None]
-    specular = lobe_values(lobes, across, roughness)
+    nodes = _nodes(view)
+    specular = lobe_values(lobes, across, roughness, nodes=nodes)
     if at.beckmann.any():
-        classic = lobe_values(lobes, across, roughness, beckmann=True)
+        classic = lobe_values(lobes, across, roughness, beckmann=True, nodes=nodes)
         specular = np.where(at.beckmann[:, None, None], classic, specular)
     if other.any():
-        specular[other] *= fresnel_ratio(lobes[other], across[other], at.level[other][:, None, None])
+        specular[other] *= fresnel_ratio(
+            lobes[other], across[other], at.level[other][:, None, None], _nodes(view, other), roughness[other])
     return (1 - taken) / np.pi, gain[:, None] * specular.sum(-1)
+
+
+def _nodes(view: PlaceView, at: Bool | slice = slice(None)) -> F64 | None:
+    return None if view.nodes is None else view.nodes[at].astype(np.float64)

@@ -7,12 +7,13 @@ three layers of C = 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from ..data import F64, I32, Bool
+from ..data import F64, I32, Bool, Coat
 from ..shading import brdf
-from .lobe_values import fresnel_ratio, lobe_values, metal_values
+from .lobe_values import coat_values, fresnel_ratio, lobe_values, metal_values
 
 MISSED_SHADOW = 0.3  # of a texel's typical reflection: darker is taken for a shadow that the shadow map missed
 OTHER_CAMERA = 0.02  # weight of another camera's pixels, which show another part of the texture, beside the own one's
@@ -32,25 +33,44 @@ class SampledTexels:
     camera: I32  # (V,)
     channel: I32  # (V,) 0 to 2 where the channels are kept apart, else 0
     lamps: I32  # (V,) which set of lamps shone
+    nodes: F64 | None = None  # (T, V, 2, NODES) of the environment, see lobe_values.py; None: there is none
 
     def typical(self) -> F64:
         """(T, V, C) median of what a texel reflects in the same channel; 1 where it is not observed."""
+        return self._typical
+
+    @cached_property
+    def _typical(self) -> F64:
         result = np.ones_like(self.reflected)
         for channel in np.unique(self.channel):
             same = self.channel == channel
             seen = np.where(self.quality[:, same, None] > 0, self.reflected[:, same], np.nan)
             some = (self.quality[:, same] > 0).any(1)
             result[np.ix_(some, same)] = np.maximum(np.nanmedian(seen[some], axis=1), 1e-4)[:, None]
+        result.setflags(write=False)
         return result
 
     def usable(self) -> Bool:
         """(T, V) good observations that no missed shadow explains."""
-        return (self.quality > 0) & (self.reflected.mean(-1) > MISSED_SHADOW * self.typical().mean(-1))
+        return self._usable
+
+    @cached_property
+    def _usable(self) -> Bool:
+        usable: Bool = (self.quality > 0) & (self.reflected.mean(-1) > MISSED_SHADOW * self.typical().mean(-1))
+        usable.setflags(write=False)
+        return usable
 
     def part(self, texels: Bool | I32) -> SampledTexels:
         """Some of the texels."""
         return SampledTexels(self.reflected[texels], self.quality[texels], self.cos_v[texels], self.lobes[texels],
-                             self.irradiance[texels], self.camera, self.channel, self.lamps)
+                             self.irradiance[texels], self.camera, self.channel, self.lamps,
+                             None if self.nodes is None else self.nodes[texels])
+
+    def nearest(self) -> F64:
+        """(T,) least squared sine between normal and half vector of what is usable; of an environment 0."""
+        if self.nodes is not None:
+            return np.zeros(len(self.quality))
+        return np.asarray(np.where(self.usable()[..., None], self.lobes[..., 0], 1.0).min((1, 2)))
 
 
 @dataclass(frozen=True)
@@ -62,12 +82,13 @@ class Lobes:
     level: F64  # (T,) Specular IOR Level
     beckmann: bool = False  # two lobes of Beckmann's distribution over a Lambert diffuse
     metallic: float = 0.0  # of one lobe
+    coat: Coat | None = None
 
 
-def one_lobe(roughness: F64, level: float, metallic: float = 0.0) -> Lobes:
+def one_lobe(roughness: F64, level: float, metallic: float = 0.0, coat: Coat | None = None) -> Lobes:
     """(T,) roughness under one Specular IOR Level."""
     return Lobes(np.stack([roughness, roughness], -1), np.ones(len(roughness)), np.full(len(roughness), level),
-                 metallic=metallic)
+                 metallic=metallic, coat=coat)
 
 
 def parts(texels: SampledTexels, lobes: Lobes | None, base: F64 | None = None) -> tuple[F64, F64]:
@@ -90,11 +111,14 @@ def parts(texels: SampledTexels, lobes: Lobes | None, base: F64 | None = None) -
         own, edge = (part[..., None] * gain for part in _metal(texels, lobes))
         share = lobes.metallic
         diffuse, specular = (1 - share) * diffuse + share * own, (1 - share) * specular + share * edge
+    if lobes.coat is not None:
+        above, left = coat_values(texels.lobes, np.clip(texels.cos_v, 1e-3, 1.0), lobes.coat, texels.nodes)
+        diffuse, specular = left[..., None] * diffuse, left[..., None] * specular + above[..., None]
     return diffuse, specular
 
 
 def _metal(texels: SampledTexels, lobes: Lobes) -> tuple[F64, F64]:
-    return metal_values(texels.lobes, np.clip(texels.cos_v, 1e-3, 1.0), lobes.roughness[:, 0])
+    return metal_values(texels.lobes, np.clip(texels.cos_v, 1e-3, 1.0), lobes.roughness[:, 0], texels.nodes)
 
 
 def metal_gain(roughness: F64, cos_v: F64, base: F64) -> F64:
@@ -104,14 +128,14 @@ def metal_gain(roughness: F64, cos_v: F64, base: F64) -> F64:
 
 def _lobe(texels: SampledTexels, roughness: F64, level: F64, beckmann: bool) -> tuple[F64, F64]:
     cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
-    shape = lobe_values(texels.lobes, cos_v, roughness, beckmann)
+    shape = lobe_values(texels.lobes, cos_v, roughness, beckmann, texels.nodes)
     if beckmann:
         return np.full(cos_v.shape, 1 / np.pi), shape.sum(-1)
     if np.all(level == 0.5):
         energy = brdf.principled_energy(roughness[:, None], cos_v)
     else:
         energy = brdf.principled_energy_level(roughness[:, None], cos_v, level[:, None])
-        shape = shape * fresnel_ratio(texels.lobes, cos_v, level[:, None, None])
+        shape = shape * fresnel_ratio(texels.lobes, cos_v, level[:, None, None], texels.nodes, roughness)
     return (1 - energy[..., 1]) / np.pi, shape.sum(-1) * energy[..., 0]
 
 

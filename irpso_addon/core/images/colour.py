@@ -7,6 +7,8 @@ Bradford's transform, as OpenColorIO's built-in configurations do.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeVar
 
@@ -63,11 +65,36 @@ _ALIASES = {
     "lin_adobergb_scene": "Linear Adobe RGB", "lin_ciexyzd65_scene": "Linear CIE-XYZ D65",
     "lin_ap0_scene": "ACES2065-1", "lin_ap1_scene": "ACEScg", "raw": "Non-Color", "data": "Non-Color",
     "srgb_rec709_scene": "sRGB", "srgb_p3d65_scene": "Display P3",
+    # descriptions of ICC profiles
+    "srgb iec61966-2.1": "sRGB", "srgb built-in": "sRGB", "adobe rgb (1998)": "Gamma 2.2 Encoded AdobeRGB",
 }
 _BY_LOWER = {name.lower(): name for name in SPACES} | _ALIASES
 
 # Bradford's cone responses (Lam 1985)
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+
+
+@dataclass(frozen=True)
+class CameraColour:
+    """From a camera's own linear colours to linear Rec.709: factors of red, green and blue, then a matrix."""
+
+    white_balance: tuple[float, float, float]
+    matrix: tuple[tuple[float, float, float], ...]  # 3 x 3; its rows add up to 1: white stays white
+
+    @classmethod
+    def of(cls, white_balance: Sequence[float], matrix: Sequence[Sequence[float]]) -> CameraColour:
+        """Checked: raises ValueError or TypeError of what is no such thing."""
+        factors, rows = np.array(white_balance, np.float64), np.array(matrix, np.float64)
+        if factors.shape != (3,) or rows.shape != (3, 3) or not (np.isfinite(rows).all() and (factors > 0).all()
+                                                                 and np.isfinite(factors).all()):
+            raise ValueError("no colours of a camera")
+        red, green, blue = factors.tolist()
+        return cls((red, green, blue), tuple((row[0], row[1], row[2]) for row in rows.tolist()))
+
+    def to_linear_rec709(self, rgb: F32, white_balance: tuple[float, float, float] | None = None) -> F32:
+        """``rgb`` (..., 3) of the camera; ``white_balance``: other factors than those of the picture."""
+        factors = np.array(self.white_balance if white_balance is None else white_balance)
+        return np.asarray(rgb @ (np.array(self.matrix) * factors).T.astype(np.float32))
 
 
 def known_space(name: str) -> str | None:

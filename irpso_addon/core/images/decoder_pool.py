@@ -1,7 +1,8 @@
 """Image files decoded in processes of their own: a file that crashes or stalls a decoder harms nobody else.
 
-`header` and `bands` are those of oiio_reader.py, through a pipe.  What comes back is not trusted: JSON, and arrays of
-the sizes that were asked for.  A process is kept for the next file, replaced when it has died, and ended when unused.
+`header` and `bands` are those of oiio_reader.py and, for RAW files, raw_reader.py, through a pipe.  What comes back is
+not trusted: JSON, and arrays of the sizes that were asked for.  A process is kept for the next file, replaced when it
+has died, and ended when unused.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ from .. import child_process
 from ..child_process import NO_CONSOLE
 from ..errors import BadInput
 from . import oiio_reader
+from .colour import CameraColour
 from .oiio_reader import FORMS, MAX_SIDE, Stored, StoredPicture
+from .shot_settings import ShotSettings, positive
 
 PATIENCE = 10.0  # seconds without a word from a process that decodes
 START = 60.0  # and from one that starts: libraries may have to come from a slow disk
@@ -46,10 +49,10 @@ def program() -> str:
     return child_process.code("core.images.decoder_worker", MEMORY)
 
 
-def header(path: Path) -> dict[str, Any]:
-    """As oiio_reader.header.  Raises BadInput."""
+def header(path: Path, full: bool = False) -> dict[str, Any]:
+    """As oiio_reader.header, of RAW files as raw_reader.header.  Raises BadInput."""
     with _borrowed(path) as process:
-        process.order("header", str(path))
+        process.order("header", str(path), full)
         message = process.answer()
         return _header(message["header"])
 
@@ -84,6 +87,7 @@ def warm_up() -> None:
 
 def _header(message: dict[str, Any]) -> dict[str, Any]:
     """What a process says of a file, as far as anything relies on it."""
+    shot, camera = dict(message["shot"]), message["camera"]
     channels, window = (tuple(int(n) for n in message[key]) for key in ("channels", "window"))
     known: dict[str, Any] = {
         "part": int(message["part"]), "channels": channels, "window": window,
@@ -91,11 +95,15 @@ def _header(message: dict[str, Any]) -> dict[str, Any]:
         "bits": int(message["bits"]), "integer": bool(message["integer"]),
         "premultiplied": bool(message["premultiplied"]),
         "colorspace": None if message["colorspace"] is None else str(message["colorspace"]),
-        "warnings": tuple(str(text) for text in message["warnings"]),
+        "own": bool(message.get("own", False)),
+        "warnings": tuple(str(text) for text in message["warnings"]), "orientation": int(message["orientation"]),
+        "shot": ShotSettings(
+            time=positive(shot.get("time")), f_number=positive(shot.get("f_number")), iso=positive(shot.get("iso"))),
+        "camera": None if camera is None else CameraColour.of(camera["white_balance"], camera["matrix"]),
     }
     sizes = (known["width"], known["height"], *window[2:])
     if len(channels) not in (3, 4) or len(window) != 4 or min(sizes) < 1 or max(sizes) > MAX_SIDE or (
-            known["form"] not in FORMS):
+            known["form"] not in FORMS) or not 1 <= known["orientation"] <= 8:
         raise ValueError(f"a header of {sizes}")
     return known
 
@@ -277,9 +285,10 @@ def _borrowed(path: Path) -> Generator[_Process, None, None]:
         ended = process.close(LAST if isinstance(error, EOFError) else 0.0)
         if process.stalled:
             raise BadInput(f"{path}: cannot be read (decoding it stalled for {PATIENCE:.0f} s); "
-                           "save it anew, or copy it to a faster disk") from None
-        why = f"ended with status {ended}" if isinstance(error, EOFError) else f"gave nonsense, {error!r}"
-        raise BadInput(f"{path}: cannot be read (its decoder {why}); save it anew: it is damaged, or needs more memory "
+                           "save it again, or copy it to a faster disk") from None
+        why = f"ended with status {ended}" if isinstance(error, EOFError) else f"sent invalid data, {error!r}"
+        raise BadInput(f"{path}: cannot be read (its decoder {why}); save it again: it is damaged, or needs more "
+                       "memory "
                        "than an image may") from None
     finally:
         pool.give_back(process)

@@ -2,11 +2,13 @@
 
 It reads a JSON list per line from standard input, and answers in JSON lines on standard output:
 
-    ["header", path]                                      {"header": {...}}
+    ["header", path, full]                                {"header": {...}}
     ["bands", path, picture, first, last, at_once]        {"rows": n} and the array's bytes, ..., {"end": true}
 
 or {"wrong": message} for the user, {"failed": message} for us; {"ready": true} is its first word.  The arguments of
-"bands" are those of `oiio_reader.bands`, the picture a list of its fields.  The end of standard input ends the process.
+"bands" are those of `oiio_reader.bands` and `raw_reader.bands`, the picture a list of its fields; "full" is that of
+`raw_reader.header`.  The end of standard
+input ends the process.
 """
 
 from __future__ import annotations
@@ -52,10 +54,10 @@ def main(memory: int) -> None:
         except BadInput as wrong:
             _answer(answers, wrong=str(wrong))
         except MemoryError:
-            _answer(answers, wrong=f"{path}: cannot be read (it needs more memory than an image may); save it anew")
+            _answer(answers, wrong=f"{path}: cannot be read (it is too large for memory); save it smaller")
         except Exception as error:  # of the library's binding, about what the file holds
             traceback.print_exc()
-            _answer(answers, wrong=f"{path}: cannot be read ({type(error).__name__}); save it anew")
+            _answer(answers, wrong=f"{path}: cannot be read ({type(error).__name__}); save it again")
 
 
 def _limit(memory: int) -> None:
@@ -77,14 +79,16 @@ def _listen(stdin: IO[bytes], orders: queue.SimpleQueue[list[Any]]) -> None:
 
 
 def _serve(answers: IO[bytes], order: str, path: Path, rest: list[Any]) -> None:
-    from . import oiio_reader
+    from . import oiio_reader, raw_reader
 
+    reader = raw_reader if raw_reader.is_raw(path) else oiio_reader
     if order == "header":
-        _answer(answers, header=oiio_reader.header(path))
+        (full,) = rest
+        _answer(answers, header=raw_reader.header(path, full) if reader is raw_reader else oiio_reader.header(path))
         return
     (part, channels, form, size), first, last, at_once = rest
     picture = oiio_reader.StoredPicture(part, tuple(channels), form, tuple(size))
-    for band in oiio_reader.bands(path, picture, first, last, at_once):
+    for band in reader.bands(path, picture, first, last, at_once):
         for row in range(0, len(band), step := max(1, at_once // band.shape[1])):  # rows of tiles may be tall
             piece = band[row:row + step]
             _answer(answers, rows=len(piece))

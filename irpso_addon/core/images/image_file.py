@@ -10,7 +10,14 @@ import numpy as np
 
 from ..data import F32
 from . import decoder_pool, oiio_reader
+from .colour import CameraColour
 from .oiio_reader import FORMS, Stored, StoredPicture
+from .shot_settings import NOTHING_SAID, ShotSettings
+
+TURNED = 128_000_000  # bytes of a turned picture that are held at a time
+# Of stored rows and columns, by EXIF's orientation (CIPA DC-008, 4.6.4): reverse rows, reverse columns, then swap both
+_TURNS = {1: (False, False, False), 2: (False, True, False), 3: (True, True, False), 4: (True, False, False),
+          5: (False, False, True), 6: (True, False, True), 7: (True, True, True), 8: (False, True, True)}
 
 
 @dataclass(frozen=True)
@@ -18,40 +25,68 @@ class ImageFile:
     """An opened image: which channels of which part are the picture.  Pixels are not read yet."""
 
     path: Path
-    part: int  # OpenImageIO's subimage
+    part: int  # OpenImageIO's subimage; of a RAW file 1 if it is read in full
     channels: tuple[int, ...]  # R, G, B and, where there is one, A (a grey image repeats its channel)
-    width: int  # of the display window: the whole frame
+    width: int  # of the display window, the whole frame, upright
     height: int
-    window: tuple[int, int, int, int]  # x, y, width, height of the stored pixels in that frame
+    window: tuple[int, int, int, int]  # x, y, width, height of the stored pixels in that frame, before it is turned
     form: str  # a key of oiio_reader.FORMS: type of what is read
     bits: int  # per channel
     integer: bool
     premultiplied: bool
     colorspace: str | None  # as the file itself names it
     warnings: tuple[str, ...] = ()
+    orientation: int = 1  # EXIF's: how the frame is turned
+    shot: ShotSettings = NOTHING_SAID
+    own: bool = False  # a map that image_writer.py has written
+    camera: CameraColour | None = None  # of a RAW file, whose values are the camera's own, white 1
 
     def bands(self, top: int = 0, bottom: int | None = None) -> Iterator[Stored]:
-        """Rows ``top`` to ``bottom`` (exclusive) in order, some at a time: (rows, width, 3 or 4) as they are stored.
+        """Rows ``top`` to ``bottom`` (exclusive) of the upright picture in order: (rows, width, 3 or 4), as stored.
 
-        0 outside the stored window.  Raises BadInput when the file ends early or is damaged.
+        Some at a time; 0 outside the stored window.  Raises BadInput when the file ends early or is damaged.
         """
-        x, y, width, height = self.window
         bottom = self.height if bottom is None else bottom
-        first, last = max(top, y), min(bottom, y + height)
-        left, right = max(0, x), min(self.width, x + width)
+        if self.orientation == 1:
+            yield from self._lying(top, bottom, self.width, self.height)
+        else:
+            yield from self._turned(top, bottom)
+
+    def _turned(self, top: int, bottom: int) -> Iterator[Stored]:
+        """As `bands`.  The file is read once for each TURNED bytes: no more of it is held."""
+        up, left, swap = _TURNS[self.orientation]
+        width, height = (self.height, self.width) if swap else (self.width, self.height)
+        row = self.width * len(self.channels) * np.dtype(FORMS[self.form]).itemsize
+        for first in range(top, bottom, step := max(1, TURNED // row)):
+            last = min(first + step, bottom)
+            # The stored rows, or where the two are swapped the stored columns, that these upright rows are.
+            size, reverse = (width, left) if swap else (height, up)
+            start, stop = (size - last, size - first) if reverse else (first, last)
+            rows = (0, height) if swap else (start, stop)
+            columns = slice(start, stop) if swap else slice(None)
+            held: Stored = np.concatenate([  # (a view would hold the whole band)
+                np.ascontiguousarray(band[:, columns]) for band in self._lying(*rows, width, height)])
+            held = held[::-1 if up else 1, ::-1 if left else 1]
+            yield np.ascontiguousarray(held.swapaxes(0, 1) if swap else held)
+
+    def _lying(self, top: int, bottom: int, width: int, height: int) -> Iterator[Stored]:
+        """Rows of the frame as it is stored, of that size."""
+        x, y, w, h = self.window
+        first, last = max(top, y), min(bottom, y + h)
+        left, right = max(0, x), min(width, x + w)
         if first >= last or left >= right:
-            yield from self._nothing(bottom - top)
+            yield from self._nothing(bottom - top, width)
             return
-        yield from self._nothing(first - top)
-        picture = StoredPicture(self.part, self.channels, self.form, (width, height))
+        yield from self._nothing(first - top, width)
+        picture = StoredPicture(self.part, self.channels, self.form, (w, h))
         for block in decoder_pool.bands(self.path, picture, first - y, last - y):
-            if (left, right) == (0, self.width) == (x, x + width):
+            if (left, right) == (0, width) == (x, x + w):
                 yield block
             else:
-                out: Stored = np.zeros((len(block), self.width, len(self.channels)), FORMS[self.form])
+                out: Stored = np.zeros((len(block), width, len(self.channels)), FORMS[self.form])
                 out[:, left:right] = block[:, left - x:right - x]
                 yield out
-        yield from self._nothing(bottom - last)
+        yield from self._nothing(bottom - last, width)
 
     def read(self, top: int, bottom: int) -> F32:
         """The same rows at once, as `floats`."""
@@ -62,15 +97,18 @@ class ImageFile:
             at += len(band)
         return out
 
-    def _nothing(self, rows: int) -> Iterator[Stored]:
-        step = max(1, oiio_reader.BAND // self.width)
+    def _nothing(self, rows: int, width: int) -> Iterator[Stored]:
+        step = max(1, oiio_reader.BAND // width)
         for at in range(0, rows, step):
-            yield np.zeros((min(step, rows - at), self.width, len(self.channels)), FORMS[self.form])
+            yield np.zeros((min(step, rows - at), width, len(self.channels)), FORMS[self.form])
 
 
-def open_image(path: Path) -> ImageFile:
-    """The header of ``path``, checked for size before anything is allocated.  Raises BadInput."""
-    return ImageFile(path, **decoder_pool.header(path))
+def open_image(path: Path, full: bool = False) -> ImageFile:
+    """The header of ``path``, checked for size before anything is allocated.  Raises BadInput.
+
+    ``full``: of a RAW file with a pixel for each sample.
+    """
+    return ImageFile(path, **decoder_pool.header(path, full))
 
 
 def floats(stored: Stored) -> F32:

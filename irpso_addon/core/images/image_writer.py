@@ -13,14 +13,17 @@ from ..data import F32
 from ..errors import BadInput
 from ..storage.atomic_io import replacing
 from .colour import linear_to_srgb
+from .oiio_reader import MARK
 
 _FULL = "the disk may be full"
 _PNG_END = b"IEND\xaeB`\x82"
+CHANNELS = {1: ("Y",), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
+UNASSOCIATED = "oiio:UnassociatedAlpha"
 _SLAB = 64  # rows written at a time: the same whoever calls, and whole strips of TIFF and EXR
 
 
 def write_image(path: Path, array: F32, *, kind: str, color: bool) -> None:
-    """Writes ``array`` (h, w, 3) or (h, w), row 0 at the bottom, whole or not at all.  See `ImageWriter`."""
+    """Writes ``array`` (h, w), (h, w, 3) or (h, w, 4), row 0 at the bottom, whole or not at all.  See `ImageWriter`."""
     height, width = array.shape[:2]
     channels = array.shape[2] if array.ndim == 3 else 1
     with ImageWriter(path, width, height, channels, kind=kind, color=color) as writer:
@@ -30,13 +33,15 @@ def write_image(path: Path, array: F32, *, kind: str, color: bool) -> None:
 class ImageWriter:
     """An image file written from its top to its bottom; it appears, whole, when the block ends without an error.
 
-    ``kind`` "exr": 32-bit float, ZIP, linear.  "png", "tiff": 16 bits, 0..1; with ``color`` encoded sRGB.
+    ``kind`` "exr": 32-bit float, ZIP, linear.  "png", "tiff": 16 bits, 0..1; "png8": PNG of 8; with ``color`` encoded
+    sRGB.  Of four channels the last is alpha, with which the others are not multiplied.
     Raises BadInput when the folder cannot be written or the disk is full; ``path`` is then as before.
     """
 
     def __init__(self, path: Path, width: int, height: int, channels: int, *, kind: str, color: bool) -> None:
         self.path, self.width, self.height, self.channels = Path(path), width, height, channels
         self.float, self.encoded = kind == "exr", color and kind != "exr"
+        self._depth: Any = np.uint8 if kind == "png8" else np.uint16
         self._row = 0  # of the file: how many are written
         self._sum = 0  # of their bytes
         self._file: Any = None
@@ -45,9 +50,14 @@ class ImageWriter:
     def __enter__(self) -> ImageWriter:
         import OpenImageIO
 
-        spec = OpenImageIO.ImageSpec(self.width, self.height, self.channels, "float" if self.float else "uint16")
-        spec.channelnames = ("R", "G", "B") if self.channels == 3 else ("Y",)
+        depth = "float" if self.float else self._depth.__name__
+        spec = OpenImageIO.ImageSpec(self.width, self.height, self.channels, depth)
+        spec.channelnames = CHANNELS[self.channels]
+        if self.channels == 4:
+            spec.alpha_channel = 3
+            spec.attribute(UNASSOCIATED, 1)  # else the colours are divided by alpha
         spec.attribute("compression", "zip")
+        spec.attribute("ImageDescription", MARK)
         spec.attribute("DateTime", "1970:01:01 00:00:00")  # else the time of writing: other bytes each time
         if not self.float:
             spec.attribute("oiio:ColorSpace", "sRGB" if self.encoded else "Raw")
@@ -58,7 +68,7 @@ class ImageWriter:
         try:
             self._file = OpenImageIO.ImageOutput.create(str(self._part))
             if self._file is None:
-                raise self._failed("its ending is no image format's")
+                raise self._failed("its ending is not an image format's")
             self._check(self._file.open(str(self._part), spec))
         except BadInput as error:
             self.__exit__(type(error), error, None)
@@ -108,7 +118,8 @@ class ImageWriter:
         """As the file holds them."""
         if self.float:
             return np.ascontiguousarray(rows, np.float32)
-        return np.round((linear_to_srgb(rows) if self.encoded else rows).clip(0, 1) * 65535).astype(np.uint16)
+        values = (linear_to_srgb(rows) if self.encoded else rows).clip(0, 1)
+        return np.round(values * np.iinfo(self._depth).max).astype(self._depth)
 
     def _check(self, done: bool) -> None:
         if not done:  # OpenImageIO's words name a file that the user does not know
@@ -123,7 +134,9 @@ class ImageWriter:
             content.seek(-min(len(_PNG_END), content.seek(0, 2)), 2)
             if self._part.suffix == ".png" and content.read() != _PNG_END:  # libpng prints what it thinks of that
                 return -1
-        file = OpenImageIO.ImageInput.open(str(self._part))
+        as_it_is = OpenImageIO.ImageSpec()
+        as_it_is.attribute(UNASSOCIATED, 1)
+        file = OpenImageIO.ImageInput.open(str(self._part), as_it_is)
         if file is None:
             OpenImageIO.geterror()
             return -1

@@ -70,7 +70,7 @@ def _grey(file: ImageFile) -> Iterator[F32]:
         if pixels.shape[-1] == 4 and not file.premultiplied:
             grey = grey * pixels[..., 3]
         if not np.isfinite(grey).all():
-            raise BadInput(f"{file.path}: mask holds NaN or infinite pixels; save it again")
+            raise BadInput(f"{file.path}: mask has NaN or infinite pixels; save it again")
         yield grey
 
 

@@ -16,13 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput
+from .shot_settings import positive
 
 MAX_SIDE = 20_000  # pixels: at most 400 megapixels
 MAX_TILE = 1 << 24  # pixels of a row of tiles: what a file may make a reader hold
 BAND = 1 << 19  # pixels read at a time: 8 MB as RGBA float
 CHUNK, LONG_CHUNK = 32, 256  # rows that an EXR file compresses together, at most: DWAB, else
 MAX_PARTS = 1000
+MARK = "IRPSO map"  # description of the files that image_writer.py writes
 KINDS = {"bmp", "cineon", "dpx", "hdr", "jpeg", "jpeg2000", "openexr", "png", "pnm", "sgi", "targa", "tiff", "webp"}
+SUFFIXES = {".exr", ".hdr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".webp", ".tga", ".bmp", ".dpx", ".cin", ".jp2"}
 # The last word of a layer's name that holds the finished picture, best first.
 _PICTURE = ("", "combined", "composite", "beauty", "rgba", "rgb", "color", "image")
 
@@ -34,7 +37,7 @@ FORMS = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np
 class StoredPicture:
     """Where a file holds the picture, as `header` told it."""
 
-    part: int  # OpenImageIO's subimage
+    part: int  # OpenImageIO's subimage; of a RAW file 1 if it is read in full
     channels: tuple[int, ...]
     form: str  # a key of FORMS
     size: tuple[int, int]  # width and height of the stored window
@@ -50,7 +53,7 @@ def header(path: Path) -> dict[str, Any]:
             part, channels, warnings = _choose(path, parts)
             return _fields(path, parts[part], part, channels, warnings)
     except UnicodeDecodeError:
-        raise BadInput(f"{path}: is damaged (names in its header are no text); render or copy it again") from None
+        raise BadInput(f"{path}: is damaged (names in its header are not text); render or copy it again") from None
 
 
 def bands(
@@ -65,7 +68,7 @@ def bands(
             spec = file.spec() if file.seek_subimage(picture.part, 0) else None
             if spec is None or (spec.width, spec.height) != picture.size or stored_form(spec) != picture.form or (
                     max(picture.channels) >= spec.nchannels):
-                raise BadInput(f"{path}: has changed while it was read; try again")
+                raise BadInput(f"{path}: changed while it was read; try again")
             rows = _rows_at_once(spec, at_once)
             for top in range(first - first % rows, last, rows):
                 bottom = min(top + rows, spec.height)
@@ -134,32 +137,58 @@ def _fields(path: Path, spec: Any, part: int, channels: tuple[int, ...], warning
     if spec.tile_width and max(spec.tile_width, spec.width) * spec.tile_height > MAX_TILE:
         raise BadInput(f"{path}: is stored in tiles of {spec.tile_width} x {spec.tile_height} pixels; "
                        "save it in rows or small tiles")
-    if spec.get_int_attribute("Orientation", 1) != 1:
-        raise BadInput(f"{path}: is stored rotated; save it upright, without an orientation tag")
-    form = spec.format
+    form, orientation = spec.format, spec.get_int_attribute("Orientation", 1)
+    orientation = orientation if 1 <= orientation <= 8 else 1  # as viewers take what is none
+    turned = (height, width) if orientation >= 5 else (width, height)
     return {
-        "part": part, "channels": channels, "width": width, "height": height,
+        "part": part, "channels": channels, "width": turned[0], "height": turned[1], "orientation": orientation,
         "window": (spec.x - spec.full_x, spec.y - spec.full_y, spec.width, spec.height),
         "form": stored_form(spec),
         "bits": spec.get_int_attribute("oiio:BitsPerSample", form.size() * 8),
         "integer": str(form) not in {"half", "float", "double"},
         "premultiplied": not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
-        "colorspace": spec.get_string_attribute("colorInteropID") or None, "warnings": warnings,
+        "colorspace": spec.get_string_attribute("colorInteropID") or _words(
+            spec, "ICCProfile:profile_description") or None,
+        "warnings": warnings, "shot": _shot(spec), "own": _words(spec, "ImageDescription") == MARK, "camera": None,
     }
+
+
+def _shot(spec: Any) -> dict[str, Any]:
+    """The fields of ShotSettings, of EXIF."""
+    def number(*names: str) -> float | None:
+        values = [spec.getattribute(name) for name in names]
+        values = [value[0] if isinstance(value, tuple) and value else value for value in values]  # ISO may be a list
+        return next((found for value in values if (found := positive(value)) is not None), None)
+
+    return {"time": number("ExposureTime", "Exif:ExposureTime"), "f_number": number("FNumber", "Exif:FNumber"),
+            "iso": number("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings")}
+
+
+def _words(spec: Any, name: str) -> str:
+    """Text that a picture can do without: cameras do not all write UTF-8."""
+    try:
+        return _plain(spec.get_string_attribute(name).strip())
+    except UnicodeDecodeError:
+        return ""
+
+
+def check_file(path: Path) -> None:
+    """Raises BadInput where there is no ordinary file."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        raise BadInput(f"{path}: image not found; check the path") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or "not a possible file name"
+        raise BadInput(f"{path}: image not found ({why}); check the path") from None
+    if not stat.S_ISREG(mode):  # pipes and devices may wait for ever, or never end
+        raise BadInput(f"{path}: is {'a folder' if stat.S_ISDIR(mode) else 'not a file'}; check the path")
 
 
 def _open(path: Path) -> Any:
     import OpenImageIO
 
-    try:
-        mode = path.stat().st_mode
-    except FileNotFoundError:
-        raise BadInput(f"{path}: there is no such image; check the path") from None
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or "no file can have this name"
-        raise BadInput(f"{path}: there is no such image ({why}); check the path") from None
-    if not stat.S_ISREG(mode):  # pipes and devices may wait for ever, or never end
-        raise BadInput(f"{path}: is {'a folder' if stat.S_ISDIR(mode) else 'no file'}; check the path")
+    check_file(path)
     # Straight alpha as stored: multiplying integers by it would lose bits.
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
@@ -172,7 +201,7 @@ def _open(path: Path) -> Any:
     if file is not None and file.format_name() not in KINDS:
         file, problem = None, f"of format '{file.format_name()}'"
     if file is None:
-        raise BadInput(f"{path}: cannot be read as an image{_brief(problem)}; want EXR, HDR, PNG or TIFF")
+        raise BadInput(f"{path}: cannot be read as an image{_brief(problem)}; use EXR, HDR, PNG, TIFF, JPEG or RAW")
     return file
 
 
@@ -209,10 +238,10 @@ def _choose(path: Path, parts: list[Any]) -> tuple[int, tuple[int, ...], tuple[s
         ranked = [(0, 0)]
     if not ranked:
         names = _plain(", ".join(dict.fromkeys(name or "?" for _, name, _ in layers)))
-        raise BadInput(f"{path}: holds no colour picture (layers: {names}); save the Combined pass")
+        raise BadInput(f"{path}: has no colour picture (layers: {names}); save the Combined pass")
     part, name, letters = colour[ranked[0][1]]
     warnings: tuple[str, ...] = ()
     if sum(rank == ranked[0][0] for rank, _ in ranked) > 1:
-        warnings = (f"{path.name}: several pictures inside; '{_plain(name)}' is used",)
+        warnings = (f"{path.name}: contains several pictures; '{_plain(name)}' is used",)
     order = "RGBA" if "A" in letters else "RGB"
     return part, tuple(letters[letter] for letter in order), warnings

@@ -1,10 +1,10 @@
 """Maps to image files: the names and the order that other programs rely on.
 
 ``<object>_basecolor``, ``_roughness``, ``_confidence``, ``_error``, ``_filled``, ``_roughness_sigma``,
-``_basecolor_sigma``, and ``_specular`` where it was solved for; row 0 of the file is the top
-(``core/images/image_writer.py`` flips).  EXR holds linear 32-bit floats; PNG and TIFF hold 16 bits, cut off at 1, and
-the base colour (that map alone) is sRGB-encoded there.  Metallic has no file: it is a value of the material, in the
-report.  Either every file of a set appears, or none.
+``_basecolor_sigma``, ``_specular`` where it was solved for, and ``_normal`` where normals were refined; row 0 of the
+file is the top (``core/images/image_writer.py`` flips).  EXR holds linear 32-bit floats; PNG and TIFF hold 16 bits,
+cut off at 1, and the base colour (that map alone) is sRGB-encoded there.  Metallic has no file: it is a value of the
+material, in the report.  Either every file of a set appears, or none.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ def layers(maps: Maps) -> dict[str, F32]:
         "confidence": maps.confidence, "error": maps.error, "filled": maps.filled.astype(np.float32),
         "roughness_sigma": maps.roughness_sigma, "basecolor_sigma": maps.base_sigma,
     }
-    return found if maps.specular is None else found | {"specular": maps.specular}
+    more = {"specular": maps.specular, "normal": maps.normal}
+    return found | {layer: array for layer, array in more.items() if array is not None}
 
 
 def check_kind(kind: str) -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ..data import F32
+from ..data import F32, Maps
 from ..errors import BadInput
 from ..images.colour import srgb_to_linear
 from ..images.image_file import ImageFile, open_image
@@ -18,6 +18,7 @@ from ..tiled import uv_blocks
 from ..tiled.uv_blocks import FIRST_UDIM, UvBlock
 from . import block_merge
 from .export import check_kind
+from .export import layers as layers_of
 
 UDIM = "<UDIM>"  # stands for its number in a path, for Blender too
 
@@ -45,6 +46,39 @@ class MapFiles:
         return path.with_name(path.name.replace(UDIM, str(udim)))
 
 
+@dataclass(frozen=True)
+class MapReader:
+    """Maps that are read block by block, from files or from memory."""
+
+    windows: Sequence[UvBlock]
+    read: block_merge.ReadBlock  # layers of a block by its key, row 0 at the bottom
+    tiled: bool = False  # whether files of them are named by their UDIM
+    paths: tuple[Path, ...] = ()  # the files that are read
+
+    @classmethod
+    def of_maps(cls, maps: Maps) -> MapReader:
+        """Of maps in memory."""
+        arrays = layers_of(maps)
+        windows = uv_blocks.all_blocks(len(maps.roughness), (FIRST_UDIM,))
+        places = {window.key: tuple(slice(first, first + length) for first, length in zip(
+            (window.y, window.x), window.shape, strict=True)) for window in windows}
+        return cls(windows, lambda key: {layer: array[places[key]] for layer, array in arrays.items()})
+
+    @classmethod
+    def of_files(cls, files: MapFiles, layers: Sequence[str]) -> MapReader:
+        """Of ``layers`` of files, never whole in memory.  Raises BadInput for one that is missing or damaged."""
+        udims = files.udims if files.tiled else (FIRST_UDIM,)
+        opened = {(layer, udim): open_image(files.of(layer, udim)) for udim in udims for layer in layers}
+        sizes = {(file.width, file.height) for file in opened.values()}
+        size = min(width for width, _ in sizes)
+        if sizes != {(size, size)}:
+            raise BadInput(f"{files.of(layers[0], udims[0])}: this map and the others are not squares of one size; "
+                           "solve again")
+        windows = uv_blocks.all_blocks(size, udims)
+        bands = _Bands(opened, list(layers), {window.key: window for window in windows})
+        return cls(windows, bands.read, files.tiled, tuple(file.path for file in opened.values()))
+
+
 def export(files: MapFiles, stem: str, out: Path, kind: str) -> list[Path]:
     """Copies in the folder ``out`` (made if missing), as `export.write_maps` names them; all or none.
 
@@ -52,24 +86,15 @@ def export(files: MapFiles, stem: str, out: Path, kind: str) -> list[Path]:
     """
     check_kind(kind)
     layers = list(files.paths)
-    udims = files.udims if files.tiled else (FIRST_UDIM,)
-    opened = {(layer, udim): open_image(files.of(layer, udim)) for layer in layers for udim in udims}
-    sizes = {(file.width, file.height) for file in opened.values()}
-    size = min(width for width, _ in sizes)
-    if sizes != {(size, size)}:
-        raise BadInput(f"{files.of(layers[0], udims[0])}: this map and the others are not squares of one size; "
-                       "solve again")
-    windows = uv_blocks.all_blocks(size, udims)
-    bands = _Bands(opened, layers, {window.key: window for window in windows})
-
+    reader = MapReader.of_files(files, layers)
     with OutputTransaction(Path(out)) as staging:
         target = block_merge.Target(staging.folder, stem, kind, layers, files.tiled)
-        names = target.names(windows)
+        names = target.names(reader.windows)
         if files.kind == kind:
-            for name, source in zip(names, (opened[layer, udim] for udim in udims for layer in layers), strict=True):
-                shutil.copyfile(source.path, staging.folder / name)
+            for name, path in zip(names, reader.paths, strict=True):
+                shutil.copyfile(path, staging.folder / name)
         else:
-            block_merge.merge(bands.read, windows, target)
+            block_merge.merge(reader.read, reader.windows, target)
         staging.publish()
         return [staging.out / name for name in names]
 
@@ -100,5 +125,5 @@ def _band(file: ImageFile, window: UvBlock, layer: str) -> F32:
     stored = file.read(file.height - window.y - window.shape[0], file.height - window.y)[::-1, :, :3]
     if layer == "basecolor" and file.integer:
         return np.asarray(srgb_to_linear(stored), np.float32)
-    colours = layer in ("basecolor", "roughness")
+    colours = layer in ("basecolor", "roughness", "normal")
     return np.ascontiguousarray(stored if colours else stored[..., 0])

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from ..errors import BadInput
 from ..params import SolveSettings
+from ..shading.environment import NODES
 from ..storage.text_file import read_text
 from ..tiled.uv_blocks import BLOCK, FIRST_UDIM, HALO, PICTURES, all_blocks, is_large, layout
 from .report import write_report
@@ -26,6 +27,7 @@ ATLAS_BYTES = 134_000_000  # at most, see gpu/observe/observation_atlas.py
 TEXEL_BYTES = 17 * 16  # of the textures on the texel grid that are alive together
 HOST_BYTES = 150_000_000  # of a process before it reads anything
 HOST_TEXEL_BYTES = 48
+ENVIRONMENT_BYTES = 8 * NODES + 16  # of a pixel, see gpu/observe/environment_light.py
 READING = 3  # pictures in memory at a time
 FURTHEST = 1000.0  # times faster or slower than the small machine: beyond, something else was measured
 
@@ -37,6 +39,8 @@ COMPILING = {"observe": 1.0, "solve": 2.0, "maps": 1.0}  # of the search: for ea
 PROGRAMS = {"lambert": ("one",), "one-lobe": ("one",), "one-lobe-specular": ("one",), "one-lobe-metallic": ("one",),
             "two-lobe": ("two",), "auto": ("one", "two")}
 COMPILED = "compiled "  # begins the keys that remember for which
+MOSTLY = 3.0  # a solve takes this much less without compiling, at most
+WHOLE = "whole "  # begins the keys of what the last solve took in all, over the sum of its stages
 # Of the search: seconds in any case, microseconds a texel, and more for each view.
 SEARCH = {"lambert": (0.4, 2.0, 0.2), "one-lobe": (0.4, 2.0, 0.2), "one-lobe-specular": (1.6, 1.7, 0.2),
           "one-lobe-metallic": (0.4, 4.0, 0.4), "two-lobe": (0.8, 4.0, 0.4), "auto": (0.6, 4.5, 0.3)}
@@ -77,9 +81,12 @@ class Estimate:
     reduced: float = 1.0  # share of the pictures' pixels that fits into the memory
 
 
-def bytes_per_pixel(views: int, lobes: int, cameras: int) -> int:
-    """GPU memory that all views take together, for each pixel that one of them has; ``lobes`` over all views."""
-    return 16 * (2 * views + lobes) + 72 * cameras
+def bytes_per_pixel(views: int, lobes: int, cameras: int, environments: int = 0) -> int:
+    """GPU memory that all views take together, for each pixel that one of them has; ``lobes`` over all views.
+
+    ``environments``: pairs of a camera and an environment that shines on what it sees.
+    """
+    return 16 * (2 * views + lobes) + 72 * cameras + ENVIRONMENT_BYTES * environments
 
 
 def estimate(
@@ -98,8 +105,9 @@ def estimate(
     reduced = min(1.0, memory * 1e9 / each / max(largest, 1))
     taken = predicted(views, settings, factors, reduced, rounds, udims)
     known = [factors.get(key) for key in (_key(stage, settings) for stage in taken)]
-    usual = _mean([factor for key, factor in factors.items() if not key.startswith(COMPILED)])
+    usual = _usual(factors)
     seconds = sum(s * (factor or usual) for s, factor in zip(taken.values(), known, strict=True))
+    seconds *= factors.get(_whole(settings, rounds), 1.0)
     side = layout(settings.size, udims).size if large else settings.size
     texels, pixels = side**2, largest * reduced
     atlas = min(ATLAS_BYTES, 512 * 128 * 16 * sum(2 + v.lights for v in views))
@@ -123,7 +131,7 @@ def check_disk(folder: Path, size: int, there: int = 0) -> None:
     free = shutil.disk_usage(place).free
     if free < size - there:
         raise BadInput(f"{folder}: the solve may take {gigabytes(size - there)} of disk there, and {gigabytes(free)} "
-                       "are free; make room, choose another folder, or smaller maps")
+                       "are free; free space, choose another folder, or lower Size")
 
 
 def size_of(folder: Path) -> int:
@@ -192,6 +200,19 @@ def learnt(
                 if _to_compile(stage, views, settings, factors) and factor > 1:
                     factor = _mean([factor, 1.0])
                 result[key] = _mean([factor, factors[key]]) if key in factors else factor
+    compiled = {stage for stage in expectations if _to_compile(stage, views, settings, factors)}
+    known = {key for stage in compiled for key in _to_compile(stage, views, settings, factors)}
+    again = predicted(views, settings, {*factors, *known}, rounds="indirect" in seconds, udims=udims)
+    usual, expected_again = _usual(result), wall
+    if compiled:  # the other stages tell how slow the machine is, and so what is left without its compiler
+        others = sum(taken for stage, taken in seconds.items() if stage not in expectations)
+        plain = {"start": max(measured["start"] - others, 0.05), "gbuffer": seconds.get("gbuffer", 0.0)}
+        slow = _mean([plain[stage] / expectations[stage] for stage in plain
+                      if plain[stage] > 0 and stage in expectations])
+        expected_again = min(max(slow * sum(again.values()) + others / 2, wall / MOSTLY), wall)  # they compile too
+    ratio = expected_again / max(sum(s * result.get(_key(stage, settings), usual) for stage, s in again.items()), 1e-3)
+    if 1 / FURTHEST < ratio < FURTHEST:
+        result[_whole(settings, "indirect" in seconds)] = ratio
     return {**result, **dict.fromkeys(_to_compile("solve", views, settings, ()), 1.0)}
 
 
@@ -226,6 +247,15 @@ def gigabytes(size: int) -> str:
 
 def _key(stage: str, settings: SolveSettings) -> str:
     return f"{stage} {settings.method} {settings.model}" if stage == "solve" else stage
+
+
+def _whole(settings: SolveSettings, rounds: bool) -> str:
+    return f"{WHOLE}{settings.method} {settings.model}{' indirect' if rounds else ''}"
+
+
+def _usual(factors: Factors) -> float:
+    """Of stages that nothing is known of."""
+    return _mean([factor for key, factor in factors.items() if not key.startswith((COMPILED, WHOLE))])
 
 
 def _to_compile(stage: str, views: Sequence[ViewSize], settings: SolveSettings, known: Collection[str]) -> list[str]:

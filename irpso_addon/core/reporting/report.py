@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..check_records import Checks
-from ..data import Solution
+from ..data import Calibration, Solution
 from ..errors import BadInput
 from ..params import SolveSettings
 from ..storage.atomic_io import write_whole
@@ -51,6 +51,9 @@ def build_report(
             "skipped": [{"view": view, "why": why} for view, why in solution.views_skipped],
         },
         "residual": solution.residual,
+        "calibration": _calibration(solution.calibration) if solution.calibration else None,
+        "refined_normals": asdict(solution.normals) if solution.normals else None,
+        "normals_given_because": solution.normals_why or None,
         "checks": _checks(solution.checks) if solution.checks else None,
         "warnings": list(solution.warnings),
         "device": dict(solution.device),
@@ -69,6 +72,8 @@ def _model(solution: Solution, slot: str) -> dict[str, Any]:
         found |= {"metallic": solution.metallic.get(slot, 0.0), "level": solution.levels.get(slot, 0.5)}
     elif found["model"] == "two-lobe":
         found["ndf"] = solution.ndf
+    if slot in solution.coats:
+        found["coat"] = asdict(solution.coats[slot])
     prediction = solution.predictions.get(slot)
     if prediction is not None:
         found["prediction"] = {
@@ -76,6 +81,12 @@ def _model(solution: Solution, slot: str) -> dict[str, Any]:
             **asdict(prediction.error), "tried": {name: asdict(error) for name, error in prediction.tried.items()},
             "prior": asdict(solution.priors[slot]) if slot in solution.priors else None}
     return found
+
+
+def _calibration(calibration: Calibration) -> dict[str, Any]:
+    """What was put right, by the names of views."""
+    return asdict(calibration) | {
+        "exposures": [{**asdict(view), "image": view.image.name} for view in calibration.exposures]}
 
 
 def _checks(checks: Checks) -> dict[str, Any]:
@@ -89,7 +100,8 @@ def _checks(checks: Checks) -> dict[str, Any]:
                   **asdict(view.residual), "exponent": view.slope.exponent if view.slope else None,
                   "exponent_error": view.slope.error if view.slope else None}
         if misfit := shifts.get((view.view, view.camera)):
-            record |= {"shift": misfit.shift, "shift_error": misfit.shift_error, "exposure": misfit.gain,
+            record |= {"shift": misfit.shift, "shift_error": misfit.shift_error, "growth": misfit.growth,
+                       "growth_error": misfit.growth_error, "exposure": misfit.gain,
                        "exposure_error": misfit.gain_error}
         views.append(record)
     return {**found, "views": views, "exponent": checks.slope.exponent if checks.slope else None,

@@ -33,6 +33,10 @@ HANDLE_RADIUS = 0.065
 BODY: Island = (0.015, 0.985, 0.015, 0.775)
 HANDLES = ((0.015, 0.485, 0.805, 0.985), (0.515, 0.985, 0.805, 0.985))
 HANDLE_TURNS = (0.125, 0.625)  # where they sit around the body
+# Plain discs around their ends, for nothing sees what a handle hides: place 0..1 up the body, its radius in metres.
+ROOTS = ((0.513, 0.58), (0.772, 0.22))
+METRES = 2.19  # up the body's outside, of its 0..1
+SPIRAL = (0.17, 0.93)  # part of a handle that has one
 
 CLAY, TEAL, COBALT = (0.46, 0.17, 0.075), (0.030, 0.230, 0.215), (0.020, 0.045, 0.260)
 CREAM, OCHRE = (0.72, 0.62, 0.43), (0.62, 0.30, 0.035)
@@ -200,12 +204,18 @@ def _paint_body(a: Floats, s: Floats) -> tuple[Floats, Floats]:
     flutes = (np.sin(2 * np.pi * 20 * a) > 0.2) & (s > 0.695) & (s < 0.810)
     _layer(color, rough, flutes, CREAM, 0.45)
     _layer(color, rough, (s > 0.840) & (s < 0.905), OCHRE, 0.26 + 1.5 * (s - 0.840))
+    for place, radius in ROOTS:
+        for at in HANDLE_TURNS:
+            across, along = 2 * np.pi * radius * ((a - at + 0.5) % 1 - 0.5), METRES * (s - place)
+            off = np.hypot(across, along)
+            _layer(color, rough, off < 0.135, OCHRE, 0.26)
+            _layer(color, rough, off < 0.120, COBALT, 0.38)
     return color, rough
 
 
 def _paint_handle(a: Floats, s: Floats) -> tuple[Floats, Floats]:
-    """Cobalt that dulls along the handle, with a cream spiral."""
+    """Cobalt that dulls along the handle, with a cream spiral where it shows."""
     color = np.broadcast_to(np.array(COBALT), (*a.shape, 3)) * (1 + 0.2 * _waves(a, s, 13))[..., None]
     rough = 0.30 + 0.25 * np.clip(a, 0, 1)
-    _layer(color, rough, (4 * a + s) % 1 < 0.3, CREAM, 0.5)
+    _layer(color, rough, ((4 * a + s) % 1 < 0.3) & (a > SPIRAL[0]) & (a < SPIRAL[1]), CREAM, 0.5)
     return color, rough

@@ -1,7 +1,7 @@
 """The reflectance models, as Cycles renders them: float64 twin of ``shaders/include/brdf.glsl``.
 
-Principled BSDF (IOR 1.5, multiscatter GGX) at any Specular IOR Level and Metallic, two of them mixed, and the classic
-two-lobe Cook-Torrance with Beckmann's distribution.
+Principled BSDF (IOR 1.5, multiscatter GGX) at any Specular IOR Level and Metallic, under a coat, two of them mixed, and
+the classic two-lobe Cook-Torrance with Beckmann's distribution.
 
 Same names and arguments as there, vectorised over arrays that broadcast.  alpha = roughness^2, alpha2 = alpha^2;
 cos_l, cos_v: N.L and N.V; cos_vh: V.H with H the half vector; sin2h: 1 - (N.H)^2, kept as such because
@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import F64
-from .tables import F0, FRESNEL_NODES, IOR, SIZE, SLICES, bilinear, energy_nodes, principled_table
+from ..data import F64, Coat
+from .tables import F0, FRESNEL_NODES, IOR, SIZE, SLICES, bilinear, bilinear_d, energy_nodes, principled_table
 
 ArrayLike = float | NDArray[np.floating]  # every argument broadcasts
 
@@ -156,16 +156,7 @@ def principled_energy(roughness: ArrayLike, cos_v: ArrayLike) -> F64:
 
 def principled_energy_d(roughness: ArrayLike, cos_v: ArrayLike) -> tuple[F64, F64]:
     """(principled_energy, its derivative by roughness): the slope of the table's cell."""
-    return _bilinear_d(_table(), roughness, cos_v)
-
-
-def _bilinear_d(table: F64, roughness: ArrayLike, cos_v: ArrayLike) -> tuple[F64, F64]:
-    """(bilinear, the cell's slope along roughness)."""
-    last = len(table) - 1
-    r, c = np.broadcast_arrays(np.clip(np.asarray(roughness, np.float64), 0, 1), cos_v)
-    below = np.minimum((r * last).astype(int), last - 1)
-    slope = bilinear(table, (below + 1) / last, c) - bilinear(table, below / last, c)
-    return bilinear(table, r, c), slope * last
+    return bilinear_d(_table(), *np.broadcast_arrays(np.asarray(roughness, np.float64), cos_v))
 
 
 def principled_energy_level(roughness: ArrayLike, cos_v: ArrayLike, level: ArrayLike) -> F64:
@@ -205,15 +196,19 @@ def _lobe_nodes() -> F64:
     return np.stack([nodes.albedo, np.broadcast_to(nodes.mean[:, None], nodes.albedo.shape)], -1)
 
 
+@cache
+def _fresnel_nodes() -> F64:
+    """(SLICES - 1, n, n, 2): s on the two slices beside."""
+    fresnel = energy_nodes().fresnel
+    return np.stack([fresnel[:-1], fresnel[1:]], -1)
+
+
 def _level_nodes(roughness: F64, cos_v: F64, z: F64) -> tuple[F64, ...]:
     """(E1, Eavg, s, their derivatives by roughness, that of s by z) with s between the slices beside z (0..8)."""
-    nodes = energy_nodes()
-    lobe, d_lobe = _bilinear_d(_lobe_nodes(), roughness, cos_v)
+    lobe, d_lobe = bilinear_d(_lobe_nodes(), roughness, cos_v)
     k = np.minimum(z.astype(int), SLICES - 2)
     t = z - k
-    pair = np.stack([k, k + 1], -1)
-    s, d_s = (np.take_along_axis(x, pair, -1)
-              for x in _bilinear_d(np.moveaxis(nodes.fresnel, 0, -1), roughness, cos_v))
+    s, d_s = bilinear_d(_fresnel_nodes(), roughness, cos_v, k)
     return (lobe[..., 0], lobe[..., 1], s[..., 0] * (1 - t) + s[..., 1] * t, d_lobe[..., 0], d_lobe[..., 1],
             d_s[..., 0] * (1 - t) + d_s[..., 1] * t, s[..., 1] - s[..., 0])
 
@@ -225,7 +220,7 @@ def metal_energy(roughness: ArrayLike, cos_v: ArrayLike) -> F64:
 
 def metal_energy_d(roughness: ArrayLike, cos_v: ArrayLike) -> tuple[F64, F64]:
     """(metal_energy, its derivative by roughness)."""
-    return _bilinear_d(_lobe_nodes(), *np.broadcast_arrays(np.asarray(roughness, np.float64), cos_v))
+    return bilinear_d(_lobe_nodes(), *np.broadcast_arrays(np.asarray(roughness, np.float64), cos_v))
 
 
 def metal_gain(base: ArrayLike, energy: F64) -> F64:
@@ -309,7 +304,7 @@ def angles(L: ArrayLike, V: ArrayLike, N: ArrayLike) -> Angles:
 
 def principled(
     base: ArrayLike, roughness: ArrayLike, L: ArrayLike, V: ArrayLike, N: ArrayLike, level: ArrayLike = 0.5,
-    metallic: ArrayLike = 0.0,
+    metallic: ArrayLike = 0.0, coat: Coat | None = None,
 ) -> F64:
     """The whole BRDF, 1/sr: base (..., 3 or 1) linear, unit vectors (..., 3), 0 below the horizon.
 
@@ -328,7 +323,15 @@ def principled(
     if np.any(np.asarray(metallic) != 0):
         share = np.asarray(metallic, np.float64)[..., None]
         value = (1 - share) * value + share * metal(base, *geometry)
+    if coat is not None:
+        lobe = specular_principled(coat.roughness, *geometry[1:])
+        value = left_by_coat(coat, at.cos_v)[..., None] * value + coat.weight * lobe[..., None]
     return np.where(at.seen[..., None], value, 0.0)
+
+
+def left_by_coat(coat: Coat, cos_v: ArrayLike) -> F64:
+    """What a coat leaves of all that lies below it, toward the viewer: the layering of Cycles."""
+    return np.asarray(1 - coat.weight * principled_energy(coat.roughness, cos_v)[..., 1])
 
 
 def metal(

@@ -155,7 +155,8 @@ class FolderLock:
                 taken = _take(handle)
                 if taken is False:
                     who = _holder(handle)
-                    raise BadInput(f"{self.folder}: another irpso{who} is working there; wait or choose another folder")
+                    raise BadInput(f"{self.folder}: another irpso{who} is working there; wait, or choose another "
+                                   "folder")
                 if self._is(handle):
                     os.ftruncate(handle, 0)
                     os.lseek(handle, 0, os.SEEK_SET)

@@ -72,7 +72,7 @@ class OutputTransaction:
         pairs = self._pairs(self.folder)
         for path, target in pairs:
             if target.is_dir():
-                raise BadInput(f"{target}: is a folder where a file is to be written; move it away")
+                raise BadInput(f"{target}: is a folder, but a file of that name must be written; move the folder away")
             flush(path)
         (self.folder / READY).touch()
         flush_folder(self.folder)
@@ -113,8 +113,8 @@ class OutputTransaction:
             try:
                 os.replace(path, target)
             except OSError as error:
-                raise BadInput(f"{target}: cannot be written ({error.strerror}); close or move it: what is missing "
-                               "follows when irpso next writes to this folder") from None
+                raise BadInput(f"{target}: cannot be written ({error.strerror}); close or move it; irpso writes the "
+                               "missing files when it next writes to this folder") from None
         flush_folder(self.out)
 
     def _finish_others(self) -> None:
@@ -144,4 +144,4 @@ class OutputTransaction:
                 return
 
     def _unwritable(self, error: OSError) -> BadInput:
-        return BadInput(f"{self.out}: cannot write there ({error.strerror}); make room or choose another folder")
+        return BadInput(f"{self.out}: cannot write there ({error.strerror}); free space or choose another folder")

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from ..errors import BadInput
 
@@ -24,15 +27,22 @@ def read_text(path: Path) -> str:
 
 def first_bytes(path: Path, count: int) -> bytes:
     """At most so many bytes of a file.  Raises BadInput; never waits, as opening a pipe would."""
+    with opened(path) as file:
+        return file.read(count)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """A file, to be read piece by piece; what goes wrong on the way is a BadInput too."""
     try:
         with open(path, "rb", opener=_opener) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise BadInput(f"{path}: is not a file; check the path")
-            return file.read(count)
+            yield file
     except OSError as error:
         raise BadInput(f"{path}: cannot be opened ({error.strerror}); check the path") from None
     except ValueError:  # a path with a zero byte, or letters that no path can have
-        raise BadInput(f"{path}: is no path; check it") from None
+        raise BadInput(f"{path}: is not a path; check it") from None
 
 
 def _opener(path: str, flags: int) -> int:

@@ -11,18 +11,24 @@ import json
 import math
 import stat
 import zipfile
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from ..check_records import Checks, LightResidual, MaterialCheck, Misfit, Residual, Slope, ViewCheck
 from ..data import (
     Bounced,
+    Calibration,
     Camera,
+    Coat,
+    Environment,
+    ExposureChange,
     JointPrior,
+    LampChange,
     Light,
     Maps,
     MaterialPrediction,
@@ -34,19 +40,23 @@ from ..data import (
     Solution,
     View,
     ViewPicture,
+    VignettingChange,
 )
 from ..errors import BadInput
+from ..lens import Lens
 from ..params import SolveSettings
 from ..storage.atomic_io import replacing
 from ..versions import version
 from .tiled_plan import Noise, Plan
 
-FORMAT = 5  # of the files; another one is refused
+FORMAT = 11  # of the files; another one is refused
 THING = "thing.json"
+MOST = 1 << 28  # bytes of a packed record
 # The records that a file may hold.  Their names and their fields' names are the file's format: raise FORMAT with them.
 RECORDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (
-    NormalMap, MeshArrays, Camera, Light, View, Region, SceneData, Bounced, Maps, Solution, ViewPicture, JointPrior,
-    PredictionError, MaterialPrediction, SolveSettings,
+    NormalMap, MeshArrays, Camera, Lens, Light, Environment, View, Region, SceneData, Bounced, Maps, Solution,
+    ViewPicture, Coat, JointPrior, PredictionError, MaterialPrediction, LampChange, ExposureChange, VignettingChange,
+    Calibration, SolveSettings,
     Residual, Slope, LightResidual, Misfit, ViewCheck, MaterialCheck, Checks, Noise, Plan)}
 _KINDS = "biuf"  # of arrays: truth values, integers, floats
 _TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can tell: else other bytes each time
@@ -58,13 +68,10 @@ def save(path: Path, record: Any) -> None:
     Whole or not at all.  Raises BadInput where it cannot be written, TypeError for what is none of these.
     """
     path = Path(path)
-    text, arrays = _encode(record)
+    encoded = _encode(record)
     try:
-        with replacing(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_STORED) as file:
-            file.writestr(_member(THING, len(text)), text)
-            for name, array in arrays.items():
-                with file.open(_member(f"{name}.npy", array.nbytes + 1024), "w") as member:
-                    np.lib.format.write_array(member, array, allow_pickle=False)
+        with replacing(path) as part, part.open("wb") as file:
+            _write(file, *encoded)
     except OSError as error:
         raise BadInput(f"{path}: cannot be written ({error.strerror}); check the folder and the free space") from None
 
@@ -74,23 +81,62 @@ def load(path: Path) -> Any:
     path = Path(path)
     try:
         size = _size(path)
-        with zipfile.ZipFile(path) as file:
-            members = {info.filename: info for info in file.infolist()}
-            # Stored as they are and together no larger than the file: nothing that unpacks to more than the disk holds.
-            if (len(members) != len(file.infolist()) or sum(m.file_size for m in members.values()) > size
-                    or any(m.compress_type != zipfile.ZIP_STORED for m in members.values())):
-                raise ValueError
-            arrays = {name[:-4]: _array(file.read(info)) for name, info in members.items() if name != THING}
-            text = json.loads(file.read(THING))
-        if text["format"] != FORMAT:
-            raise BadInput(f"{path}: was written by another version of irpso; remove it and run again")
-        return _decode(text["thing"], arrays)
+        with path.open("rb") as file:
+            return _read(file, size)
     except OSError as error:
         raise BadInput(f"{path}: cannot be read ({error.strerror or 'is damaged'}); check the path") from None
+    except OtherFormatError:
+        raise BadInput(f"{path}: was written by another version of irpso; remove it and run again") from None
     except BadInput:
         raise
     except Exception:  # whatever a damaged or forged file makes the readers of zip, JSON and arrays say
         raise BadInput(f"{path}: is damaged or of another version of irpso; remove it and run again") from None
+
+
+def packed(record: Any) -> bytes:
+    """What `save` writes, compressed."""
+    file = io.BytesIO()
+    _write(file, *_encode(record))
+    return zlib.compress(file.getvalue(), 1)  # a window waits for it
+
+
+def unpacked(content: bytes) -> Any:
+    """What `packed` made, of at most MOST bytes when unpacked.  Raises ValueError."""
+    try:
+        unpacker = zlib.decompressobj()
+        plain = unpacker.decompress(content, MOST)
+        if not unpacker.eof:
+            raise ValueError
+        return _read(io.BytesIO(plain), len(plain))
+    except Exception:  # as in `load`
+        raise ValueError("was not written by this version of irpso") from None
+
+
+class OtherFormatError(ValueError):
+    """A file that another version wrote."""
+
+
+def _write(to: BinaryIO, text: bytes, arrays: Mapping[str, Any]) -> None:
+    with zipfile.ZipFile(to, "w", zipfile.ZIP_STORED) as file:
+        file.writestr(_member(THING, len(text)), text)
+        for name, array in arrays.items():
+            with file.open(_member(f"{name}.npy", array.nbytes + 1024), "w") as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
+
+
+def _read(content: BinaryIO, size: int) -> Any:
+    """Raises all sorts for what `_write` has not written; ``size``: of the content."""
+    with zipfile.ZipFile(content) as file:
+        members = {info.filename: info for info in file.infolist()}
+        # Stored as they are and together no larger than the file: nothing that unpacks to more than the disk holds.
+        if (len(members) != len(file.infolist()) or sum(m.file_size for m in members.values()) > size
+                or any(m.compress_type != zipfile.ZIP_STORED for m in members.values())):
+            raise ValueError
+        arrays = {name[:-4]: _array(file.read(info)) for name, info in members.items() if name != THING}
+        text = json.loads(file.read(THING))
+    if text["format"] != FORMAT:
+        raise OtherFormatError
+    return _decode(text["thing"], arrays)
 
 
 def fingerprint(*records: Any, files: Iterable[Path] = ()) -> str:

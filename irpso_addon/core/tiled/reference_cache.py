@@ -119,7 +119,7 @@ class CachedReference:
         return out
 
     def _damaged(self) -> BadInput:
-        return BadInput(f"{self.path}: is no developed picture, or is cut short; start the solve in an empty folder")
+        return BadInput(f"{self.path}: is not a developed picture, or is cut short; start the solve in an empty folder")
 
 
 OUTSIDE = np.array([np.nan, np.nan, np.nan, 0], np.float32)

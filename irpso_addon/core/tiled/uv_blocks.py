@@ -13,6 +13,7 @@ import numpy as np
 
 from ..data import F32, F64, Bool, Camera
 from ..errors import BadInput
+from ..projection import pixels_of
 from ..resampling import linear
 
 ONE_PIECE = 2048  # texels: maps up to this size are solved at once
@@ -179,12 +180,11 @@ def crop_of(camera: Camera, width: int, height: int, position: F32, normal: F32,
     points, normals = position[covered].astype(np.float64), normal[covered].astype(np.float64)
     toward = -camera.forward if camera.orthographic else camera.position - points
     facing = (normals * toward).sum(axis=1) > FACING * np.linalg.norm(toward, axis=-1)
-    clip = points @ (camera.projection @ camera.world_to_camera)[:, :3].T
-    clip += (camera.projection @ camera.world_to_camera)[:, 3]
-    seen = facing & (clip[:, 3] > 0)
+    at = pixels_of(camera, points, (width, height))
+    seen = facing & np.isfinite(at).all(axis=1)
     if not seen.any():
         return Crop(0, 0, min(8, width), min(8, height))
-    at = (clip[seen, :2] / clip[seen, 3:] * 0.5 + 0.5) * [width, height]
+    at = at[seen]
     low = np.clip(np.floor(at.min(axis=0)) - MARGIN, 0, [width - 1, height - 1]).astype(int)
     high = np.clip(np.ceil(at.max(axis=0)) + MARGIN, low + 1, [width, height]).astype(int)
     return Crop(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
@@ -207,9 +207,13 @@ def _cells(first: int, count: int, shrink: int, whole: int) -> tuple[int, int]:
 
 def cropped(camera: Camera, width: int, height: int, crop: Crop) -> Camera:
     """The camera as if its picture were that part of ``width`` x ``height``."""
-    projection = camera.projection.copy()
-    for row, (first, count, whole) in enumerate(((crop.x, crop.width, width), (crop.y, crop.height, height))):
-        projection[row] = projection[row] * (whole / count) + projection[3] * ((whole - 2.0 * first) / count - 1.0)
-    return replace(camera, name=f"{camera.name} {width}x{height}", projection=projection,
-                   aspect=crop.width / crop.height, whole=camera,
+    if camera.lens is not None:
+        lens = camera.lens.resized(width, height).part(crop.x, height - crop.y - crop.height, crop.width, crop.height)
+        part = replace(camera, lens=lens, projection=lens.matrix)
+    else:
+        projection = camera.projection.copy()
+        for row, (first, count, whole) in enumerate(((crop.x, crop.width, width), (crop.y, crop.height, height))):
+            projection[row] = projection[row] * (whole / count) + projection[3] * ((whole - 2.0 * first) / count - 1.0)
+        part = replace(camera, projection=projection)
+    return replace(part, name=f"{camera.name} {width}x{height}", aspect=crop.width / crop.height, whole=camera,
                    part=(crop.x / width, crop.y / height, crop.width / width, crop.height / height))

@@ -100,14 +100,14 @@ class WorkFolder:
         Raises BadInput where the folder has been begun for another solve since.
         """
         if self._blocks.is_symlink():
-            raise BadInput(f"{self._blocks}: is a link, and what it points to is not irpso's; remove it and run again")
+            raise BadInput(f"{self._blocks}: is a link to files that are not irpso's; remove it and run again")
         self._save(self._block(key), dict(layers))
 
     def read_block(self, key: str) -> dict[str, F32]:
         """What `write_block` kept.  Raises BadInput where it is missing or damaged."""
         layers = self._load(self._block(key))
         if not _are_layers(layers):
-            raise BadInput(f"{self._block(key)}: is missing or damaged; run the solve again, it makes it anew")
+            raise BadInput(f"{self._block(key)}: is missing or damaged; run the solve again, which makes it again")
         return layers
 
     def has_block(self, key: str) -> bool:
@@ -136,14 +136,13 @@ class WorkFolder:
 
     def _block(self, key: str) -> Path:
         if not key.replace("_", "").isalnum():
-            raise ValueError(f"'{key}' is no block's key")
+            raise ValueError(f"'{key}' is not a block's key")
         return self._blocks / f"{key}.npz"
 
     def _save(self, path: Path, content: Any) -> None:
         of = self._fingerprint()
         if self.fingerprint() != of:
-            raise BadInput(f"{self.folder}: the folder belongs to another solve by now; "
-                           "stop the tasks of the older one")
+            raise BadInput(f"{self.folder}: the folder now belongs to another solve; stop the tasks of the older solve")
         npz_archive.save(path, {"of": of, "thing": content})
 
     def _load(self, path: Path) -> Any | None:
@@ -165,7 +164,7 @@ class WorkFolder:
         if self._begun is None:
             self._begun = self.fingerprint()
         if self._begun is None:
-            raise BadInput(f"{self.folder}: is no work folder of irpso; make one with 'irpso job' or a large solve")
+            raise BadInput(f"{self.folder}: is not a work folder of irpso; make one with 'irpso job' or a large solve")
         return self._begun
 
     def _check_ours(self) -> None:
@@ -174,7 +173,8 @@ class WorkFolder:
         others = sorted(p.name for p in self.folder.iterdir() if p.name not in known and p.name.lower() not in _LITTER
                         and not p.name.startswith((PART, ".nfs")))
         if others and self.fingerprint() is None:
-            raise BadInput(f"{self.folder}: holds '{others[0]}' and is no work folder of irpso; choose another folder")
+            raise BadInput(f"{self.folder}: contains '{others[0]}' and is not a work folder of irpso; choose another "
+                           "folder")
 
     def _empty(self) -> None:
         """Remove what is ours, the mark first: what is left if this is stopped belongs to no solve."""

@@ -71,8 +71,8 @@ class Device(DeviceMemory):
     def configure(self, settings: DeviceSettings) -> None:
         """How the device is used from now on.  Raises BadInput where it cannot do that."""
         if settings.kernels == "compute" and self.ctx.version_code < 430:
-            raise BadInput(f"kernels compute: {self.name} has OpenGL {self.ctx.version_code / 100}, "
-                           "compute shaders need 4.3; choose auto or fragment")
+            raise BadInput(f"Shaders Compute: {self.name} has OpenGL {self.ctx.version_code / 100}, "
+                           "but compute shaders need 4.3; set Shaders to Auto or Fragment")
         self.settings = settings
         self.budget.choose(settings.slice)
 

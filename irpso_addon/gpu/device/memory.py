@@ -93,8 +93,8 @@ class DeviceMemory:
         """Raises DeviceLost where the context no longer works."""
         if self.lost or (self._context_check is not None and not self._context_check.passes()):
             self.lost = True
-            raise DeviceLost(f"{self.name}: the graphics driver was reset, or gave up its context; solve again, with a "
-                             f"shorter Slice if it happens again, {SLOWER}")
+            raise DeviceLost(f"{self.name}: the graphics driver was reset, or gave up its context; solve again; lower "
+                             f"GPU Batch if it happens again, {SLOWER}")
 
     def check(self, what: str) -> None:
         """Raises OutOfDeviceMemory if OpenGL has reported that; ``what`` was done.
@@ -102,7 +102,7 @@ class DeviceMemory:
         Other errors may be harmless: moderngl binds again what was bound before, even if it is deleted.
         """
         if self.ctx.error == "GL_OUT_OF_MEMORY":
-            raise OutOfDeviceMemory(f"{self.name}: no memory left for {what}; choose a smaller Memory or Size, "
+            raise OutOfDeviceMemory(f"{self.name}: no memory left for {what}; lower Memory or Size, "
                                     f"{SLOWER}")
 
     @contextmanager
@@ -123,8 +123,8 @@ class DeviceMemory:
         """A texture read by texelFetch only; float32 unless ``dtype`` says another."""
         most = self.info["GL_MAX_TEXTURE_SIZE"]
         if max(width, height) > most:
-            raise OutOfDeviceMemory(f"{self.name}: pictures may have {most} pixels a side, not {width} x {height}; "
-                                    "reduce them")
+            raise OutOfDeviceMemory(f"{self.name}: the picture has {width} x {height} pixels, but the limit is {most} "
+                                    "per side; reduce it")
         kind = np.dtype({"f2": "f2", "f1": "u1"}.get(dtype, "f4"))
         raw = None if data is None else np.ascontiguousarray(data, kind).reshape(-1).view(np.uint8)
         with self.making(f"a texture of {width} x {height}"):

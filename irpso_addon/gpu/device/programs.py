@@ -15,25 +15,31 @@ from typing import Any
 import moderngl
 
 from ...core.errors import ShaderRefused
-from ...core.shading import brdf, lights, tables
+from ...core.lens import LEAST_SCALE
+from ...core.models import NUMBERS_OF_TWO
+from ...core.shading import brdf, environment, lights, tables
 
 SHADERS = Path(__file__).resolve().parents[3] / "shaders"
 VERSION = "#version 330 core"  # the oldest that every Blender machine has; macOS stops at 4.1
 COMPUTE_VERSION = "#version 430 core"
 WORKGROUP = 8  # texels along a side of what a compute shader's group does
+UNLIT_BELOW = -100.0  # radiance over irradiance: a channel without light is marked by -1000; noise is a little below 0
 # Numbers that Python and shaders both know: every program gets them as defines, no shader spells them.
 SHARED_CONSTANTS: Mapping[str, float | int] = {
     "WORKGROUP": WORKGROUP,
     "ROUGHNESS_MIN": brdf.ROUGHNESS_MIN, "ROUGHNESS_RANGE": 1 / brdf.ROUGHNESS_MIN,
     "LEVEL_F0": 2 * tables.F0, "LEVEL_MIN": brdf.LEVEL_MIN,
     "ALPHA2_MIN": brdf.ALPHA2_MIN, "COS2H_MIN": brdf.COS2H_MIN,
+    "LEAST_SCALE": LEAST_SCALE, "UNLIT_BELOW": UNLIT_BELOW, "NUMBERS_OF_TWO": float(NUMBERS_OF_TWO),
     "TABLE_SIZE": tables.SIZE, "LOBE_NODES": tables.LOBE_NODES,
     "FRESNEL_NODES": tables.FRESNEL_NODES, "FRESNEL_SLICES": tables.SLICES,
     **{f"LIGHT_{kind}": number for number, kind in enumerate(lights.KINDS)},
+    "ENVIRONMENT_NODES": environment.NODES, "ENVIRONMENT_COLUMNS": environment.NODE_COLUMNS,
+    "ENVIRONMENT_LEAST": environment.LEAST,
     "LIGHT_ELLIPSE_SIDES": lights.ELLIPSE_SIDES, "LIGHT_POINT_SIZE": lights.POINT_SIZE,
     "LIGHT_QUADRATURE": lights.QUADRATURE, "GOLDEN_RATIO": lights.GOLDEN_RATIO,
 }
-SLOWER = "or choose device numpy (--device numpy): slow, small maps"  # what else can be done about a device
+SLOWER = "or choose device numpy (--device numpy), which is slow and makes small maps"
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _FILE = 1_000_000  # line numbers from here on: file number times this, plus the line
 _UNIFORM = re.compile(r"^\s*(?:layout\([^)]*\)\s*)?(?:writeonly\s+)?uniform\s+\w+\s+(\w+)", re.MULTILINE)

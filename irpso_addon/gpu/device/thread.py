@@ -99,7 +99,7 @@ class Job:
         except BaseException as error:  # whatever it is, it belongs to whoever asks for the result
             traceback.clear_frames(error.__traceback__)  # they hold the job's textures
             if isinstance(error, MemoryError):
-                error = OutOfDeviceMemory(f"memory: {error or 'there is not enough'}; choose a smaller Memory or Size")
+                error = OutOfDeviceMemory(f"memory: {error or 'there is not enough'}; lower Memory or Size")
             self._error = error
         finally:
             self._finished.set()

@@ -15,7 +15,8 @@ from ...core.checks.registration import moved
 from ...core.data import F32, Camera
 from ..device.context import Device
 from ..device.draw_budget import Rectangle
-from .gbuffer import MeshBuffer, Occluders, clip_matrix
+from .gbuffer import MeshBuffer, Occluders
+from .projection import projection_of
 
 LEAST_WIDTH = 0.125  # pixels: OpenGL has corners at 1/256 of a pixel, and the points must lie beside them
 # Where a pixel is looked at, in its widths from its centre: each row and column of a 4 x 4 grid once, so that an edge
@@ -36,15 +37,15 @@ class DrawnOutline:
         """(h, w) 0..1 of the pixels in a part of a camera's picture of this size."""
         width = max(self.footprint, LEAST_WIDTH)
         device, total = self.device, np.zeros((part[3], part[2]), np.float32)
-        with device.scope():
-            others = Occluders(device, self.occluders)
+        with (device.scope(), self.mesh.through(camera, size) as drawn,
+              Occluders(device, self.occluders).through(camera, size) as others):
             seen, depth = device.texture(*size, 1), device.depth_map(*size)
             for x, y in POINTS:
                 beside = moved(camera, (width * x, width * y), size)
-                clip = clip_matrix(beside, [self.mesh.mesh.positions, self.occluders])
+                projection = projection_of(beside, [self.mesh.mesh.positions, self.occluders])
                 with device.target([seen], depth) as target, device.keeping_nearest():
                     target.clear(depth=1.0)
-                    self.mesh.draw_positions(target, "gbuffer/count.frag", clip, {})
-                    others.draw(target, "gbuffer/occluder.frag", clip, {"u_depth_plane": (0.0, 0.0, 0.0, 0.0)})
+                    drawn.draw_positions(target, "gbuffer/count.frag", projection, {})
+                    others.draw(target, "gbuffer/occluder.frag", projection, {"u_depth_plane": (0.0, 0.0, 0.0, 0.0)})
                 total += device.read(seen, part)[..., 0]
         return np.asarray(total / len(POINTS), np.float32)

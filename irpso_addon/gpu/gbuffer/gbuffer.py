@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import moderngl
 import numpy as np
 
-from ...core.data import F32, F64, Camera, MeshArrays
+from ...core.data import F32, I32, Camera, MeshArrays
+from ...core.lens_mesh import divided
 from ..device.context import Device
 from ..device.occupied_cells import OccupiedCells
+from .projection import Projection, boxed, column_major, projection_of
 from .triangles import Triangles
 
 _LAYOUT = "3f 3f 2f 2f 4f 3f 4f"
 _NAMES = ("in_position", "in_normal", "in_uv", "in_grid", "in_facet", "in_object_normal", "in_tangent")
+GRID = slice(8, 10)  # of a vertex: in_grid
 
 
 @dataclass(frozen=True)
@@ -70,25 +77,28 @@ def facets(mesh: MeshArrays) -> F32:
     return np.concatenate([normal, lift[:, None]], axis=1).astype(np.float32)
 
 
+def _rows(mesh: MeshArrays) -> tuple[F32, I32]:
+    """What the vertex buffer holds (T, 3, 24), `_NAMES` in `_LAYOUT`, sorted by material slot; and the slots (T,)."""
+    order = np.argsort(mesh.slots, kind="stable")
+    zeros = np.zeros((len(order), 3, 4), np.float32)
+    parts = [
+        mesh.positions[order], mesh.normals[order], mesh.uvs[order],
+        (mesh.uvs if mesh.grid is None else mesh.grid)[order],
+        np.repeat(facets(mesh)[order][:, None], 3, axis=1),
+        mesh.object_normals[order] if mesh.object_normals is not None else zeros[..., :3],
+        mesh.tangents[order] if mesh.tangents is not None else zeros,
+    ]
+    return np.concatenate(parts, axis=2).astype(np.float32), mesh.slots[order]
+
+
 class MeshBuffer:
     """The triangles of a mesh in one vertex buffer, sorted by material slot."""
 
     def __init__(self, device: Device, mesh: MeshArrays) -> None:
         self.device, self.mesh = device, mesh
-        order = np.argsort(mesh.slots, kind="stable")
-        slots = mesh.slots[order]
-        zeros = np.zeros((len(order), 3, 4), np.float32)
-        parts = [
-            mesh.positions[order], mesh.normals[order], mesh.uvs[order],
-            (mesh.uvs if mesh.grid is None else mesh.grid)[order],
-            np.repeat(facets(mesh)[order][:, None], 3, axis=1),
-            mesh.object_normals[order] if mesh.object_normals is not None else zeros[..., :3],
-            mesh.tangents[order] if mesh.tangents is not None else zeros,
-        ]
-        self.buffer = device.buffer(np.concatenate(parts, axis=2).astype(np.float32))
-        ranges = [(int(s), int(np.searchsorted(slots, s)), int(np.count_nonzero(slots == s))) for s in np.unique(slots)]
-        self.slots = [(slot, Triangles(parts[0], first, count, parts[3])) for slot, first, count in ranges]
-        self.triangles = Triangles(parts[0], 0, len(order), parts[3])
+        rows, slots = _rows(mesh)
+        self.buffer = device.buffer(rows)
+        self._arrange(rows[..., :3], rows[..., GRID], slots)
         self.normal_maps: dict[int, moderngl.Texture] = {}
         for slot, image in mesh.normal_maps.items():
             h, w = image.pixels.shape[:2]
@@ -96,39 +106,77 @@ class MeshBuffer:
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)  # Cycles samples bilinear, without mip-maps
             texture.repeat_x = texture.repeat_y = True
             self.normal_maps[slot] = texture
+        self.tilt: moderngl.Texture | None = None  # over the texel grid: what refined normals add to the mesh's own
+
+    def refine(self, offsets: F32) -> None:
+        """From here on the shading normals have these offsets: (n, n, 3) world, added to unit normals."""
+        assert self.tilt is None
+        self.tilt = self.device.texture(offsets.shape[1], offsets.shape[0], 3, offsets)
+        self.tilt.filter = (moderngl.LINEAR, moderngl.LINEAR)
+
+    def _arrange(self, places: F32, grid: F32 | None, slots: I32) -> None:
+        """``places``: (T, 3, 3) what a projection's matrix maps; ``grid``: on the texel grid, if drawn there."""
+        ranges = [(int(s), int(np.searchsorted(slots, s)), int(np.count_nonzero(slots == s))) for s in np.unique(slots)]
+        self.slots = [(slot, Triangles(places, first, count, grid)) for slot, first, count in ranges]
+        self.triangles = Triangles(places, 0, len(slots), grid)
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
-    def draw(self, target: moderngl.Framebuffer, clip: F64 | None, footprint: float = 0.0) -> None:
-        """Draw into the target: through ``clip`` (world to clip space), or over the UV square when None.
+    @contextmanager
+    def through(self, camera: Camera, size: tuple[int, int]) -> Iterator[MeshBuffer]:
+        """What is to be drawn for the camera's pictures of ``size``: with a lens, triangles that it does not bend."""
+        if camera.lens is None:
+            yield self
+            return
+        rows, slots = self._sorted
+        division = divided(rows[..., :3], camera, size)
+        with self.device.scope():
+            drawn = copy(self)
+            if not division.whole:
+                parts = division.divided(rows)
+                parts[..., :3] = division.positions
+                drawn.buffer = self.device.buffer(parts) if len(parts) else self.buffer
+            drawn._arrange(boxed(camera, division.positions), None, slots[division.parent])
+            try:
+                yield drawn
+            finally:
+                drawn._release_arrays()
+
+    @cached_property
+    def _sorted(self) -> tuple[F32, I32]:
+        """As `_rows`; asked for by each camera that has a lens."""
+        return _rows(self.mesh)
+
+    def draw(self, target: moderngl.Framebuffer, projection: Projection | None, footprint: float = 0.0) -> None:
+        """Draw into the target: through a projection, or over the UV square when None.
 
         ``footprint``: width in pixels over which a normal map is averaged.
         """
         device = self.device
-        program = device.programs.get("gbuffer/gbuffer.vert", "gbuffer/gbuffer.frag")
-        matrix = np.eye(4) if clip is None else clip
+        through = projection or Projection(np.eye(4))
+        program = device.programs.get("gbuffer/gbuffer.vert", "gbuffer/gbuffer.frag", through.defines)
         normal_matrix = np.eye(3) if self.mesh.normal_matrix is None else self.mesh.normal_matrix
         device.programs.set(program, {
-            "u_in_uv": clip is None, "u_clip": column_major(matrix), "u_normal_matrix": column_major(normal_matrix),
+            **through.uniforms, "u_in_uv": projection is None, "u_normal_matrix": column_major(normal_matrix),
             "u_footprint": footprint,
         })
         for slot, triangles in self.slots:
-            device.bind(program, {"u_normal_map": self.normal_maps.get(slot)})
+            device.bind(program, {"u_normal_map": self.normal_maps.get(slot), "u_tilt": self.tilt})
             used = self.mesh.normal_maps.get(slot)
             device.programs.set(program, {
-                "u_has_normal_map": used is not None, "u_slot": float(slot),
+                "u_has_normal_map": used is not None, "u_slot": float(slot), "u_has_tilt": self.tilt is not None,
                 "u_normal_strength": used.strength if used else 0.0,
                 "u_unit_normal": used is not None and used.unit_normal,
             })
-            triangles.draw(device, ("gbuffer/gbuffer.frag", clip is None, target.size), self._array(program), target,
-                           clip)
+            triangles.draw(device, ("gbuffer/gbuffer.frag", projection is None, target.size), self._array(program),
+                           target, None if projection is None else projection.clip)
 
     def draw_positions(
-        self, target: moderngl.Framebuffer, fragment: str, clip: F64, uniforms: dict[str, Any],
+        self, target: moderngl.Framebuffer, fragment: str, projection: Projection, uniforms: dict[str, Any],
     ) -> None:
         """Draw positions alone with ``gbuffer/depth.vert`` and a fragment shader."""
-        program = self.device.programs.get("gbuffer/depth.vert", fragment)
-        self.device.programs.set(program, {**uniforms, "u_clip": column_major(clip)})
-        self.triangles.draw(self.device, (fragment, target.size), self._array(program), target, clip)
+        program = self.device.programs.get("gbuffer/depth.vert", fragment, projection.defines)
+        self.device.programs.set(program, {**uniforms, **projection.uniforms})
+        self.triangles.draw(self.device, (fragment, target.size), self._array(program), target, projection.clip)
 
     def draw_count(self, target: moderngl.Framebuffer) -> None:
         """Add 1 to every texel under each triangle's UVs."""
@@ -138,18 +186,23 @@ class MeshBuffer:
             self.triangles.draw(self.device, ("gbuffer/count.frag", target.size), self._array(program), target, None)
 
     def _array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        if program.glo not in self._arrays:
+        array = self._arrays.get(program.glo)
+        if array is None or isinstance(array.mglo, moderngl.InvalidObject):  # freed with the scope of an earlier draw
             layout = [(f"{size}" if name in program else f"{size[0]}x4") for size, name in
                       zip(_LAYOUT.split(), _NAMES, strict=True)]
             used = [name for name in _NAMES if name in program]
-            self._arrays[program.glo] = self.device.ctx.vertex_array(program, [(self.buffer, " ".join(layout), *used)])
-        return self._arrays[program.glo]
+            array = self.device.vertex_array(program, [(self.buffer, " ".join(layout), *used)])
+            self._arrays[program.glo] = array
+        return array
+
+    def _release_arrays(self) -> None:
+        for array in self._arrays.values():
+            array.release()
 
     def release(self) -> None:
         """Free buffer and textures."""
-        for array in self._arrays.values():
-            array.release()
-        for texture in self.normal_maps.values():
+        self._release_arrays()
+        for texture in (*self.normal_maps.values(), *([] if self.tilt is None else [self.tilt])):
             texture.release()
         self.buffer.release()
 
@@ -162,20 +215,31 @@ class Occluders:
         self.buffer = device.buffer(triangles.astype(np.float32)) if len(triangles) else None
         self._triangles = Triangles(triangles, 0, len(triangles))
 
-    def draw(self, target: moderngl.Framebuffer, fragment: str, clip: F64, uniforms: dict[str, Any]) -> None:
+    @contextmanager
+    def through(self, camera: Camera, size: tuple[int, int]) -> Iterator[Occluders]:
+        """As `MeshBuffer.through`."""
+        if camera.lens is None or self.buffer is None:
+            yield self
+            return
+        division = divided(self.triangles, camera, size)
+        with self.device.scope():
+            drawn = copy(self)
+            if not division.whole:
+                drawn.buffer = self.device.buffer(division.positions) if len(division.positions) else None
+            drawn._triangles = Triangles(boxed(camera, division.positions), 0, len(division.positions))
+            yield drawn
+
+    def draw(
+        self, target: moderngl.Framebuffer, fragment: str, projection: Projection, uniforms: dict[str, Any],
+    ) -> None:
         """Draw with ``gbuffer/depth.vert`` and a fragment shader."""
         if self.buffer is None:
             return
-        program = self.device.programs.get("gbuffer/depth.vert", fragment)
-        self.device.programs.set(program, {**uniforms, "u_clip": column_major(clip)})
+        program = self.device.programs.get("gbuffer/depth.vert", fragment, projection.defines)
+        self.device.programs.set(program, {**uniforms, **projection.uniforms})
         with self.device.scope():
             array = self.device.vertex_array(program, [(self.buffer, "3f", "in_position")])
-            self._triangles.draw(self.device, (fragment, target.size), array, target, clip)
-
-
-def column_major(matrix: F32 | F64) -> bytes:
-    """A matrix as a GL uniform's bytes."""
-    return np.ascontiguousarray(np.asarray(matrix).T, dtype=np.float32).tobytes()
+            self._triangles.draw(self.device, (fragment, target.size), array, target, projection.clip)
 
 
 def draw_texel_grid(device: Device, mesh: MeshBuffer, size: int) -> GBufferMaps:
@@ -203,31 +267,14 @@ def draw_pixel_grid(
 
     ``size``: width and height of its picture.  ``footprint``: width in pixels over which a normal map is averaged.
     """
-    clip = clip_matrix(camera, [mesh.mesh.positions, occluders.triangles])
+    projection = projection_of(camera, [mesh.mesh.positions, occluders.triangles])
     textures = [device.texture(*size, channels) for channels in (4, 4, 4, 2, 4)]
     with device.scope(), device.target(textures, device.depth_map(*size)) as target, device.keeping_nearest():
         target.clear(depth=1.0)
-        mesh.draw(target, clip, footprint)
-        occluders.draw(target, "gbuffer/occluder.frag", clip, {"u_depth_plane": (0.0, 0.0, 0.0, 0.0)})
+        with mesh.through(camera, size) as drawn:
+            drawn.draw(target, projection, footprint)
+        with occluders.through(camera, size) as others:
+            others.draw(target, "gbuffer/occluder.frag", projection, {"u_depth_plane": (0.0, 0.0, 0.0, 0.0)})
     position, normal, facet, uv, slope = textures
     return GBufferMaps(position, normal, facet, uv, slope, OccupiedCells(device, position))
 
-
-def clip_matrix(camera: Camera, triangles: list[F32]) -> F64:
-    """World to clip space, near and far fitted around what is in front of the camera.
-
-    The camera's own clip range would waste depth precision (0.1 m to 1 km by default).
-    """
-    depths = [-(t.reshape(-1, 3) @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3])
-              for t in triangles if len(t)]
-    depth = np.concatenate(depths).astype(np.float64)
-    far = max(float(depth.max()) * 1.01, 1e-3)
-    if camera.orthographic:
-        near, far = max(float(depth.min()) - 0.01 * far - 1e-3, 0.0), far + 1e-3  # what lies behind is not seen
-        row = [0.0, 0.0, -2.0 / (far - near), -(far + near) / (far - near)]
-    else:
-        near = max(float(depth.min()) * 0.99, 1e-3 * far)
-        row = [0.0, 0.0, -(far + near) / (far - near), -2.0 * far * near / (far - near)]
-    projection = camera.projection.copy()
-    projection[2] = row
-    return np.asarray(projection @ camera.world_to_camera, dtype=np.float64)

@@ -23,7 +23,7 @@ from ..observe.view_drawing import channel_masks
 from ..solve.live_readback import base_color
 from .fill import Filler
 
-ITERATIONS = 20  # more sharpens noise
+ITERATIONS = 10  # more sharpens noise
 COARSE_ITERATIONS, COARSE = 5, 1.15  # where so many pixels and more show a texel, there is little to sharpen
 PASSES_MAX = 120  # camera passes in all: with many cameras each iteration takes a share of them
 SHARP = 4  # iterations after which the texture is worth a look: at first it is blurred
@@ -31,6 +31,7 @@ STEP_SLACK = 0.1  # of 1, the weight of a good pixel seen head on: holds back te
 ROBUST_PASSES = 4
 VIEWS_AT_ONCE = 4  # in one draw: their two textures each and eight more are what every GL 3.3 driver offers
 METALS_AT_ONCE = 2  # of metals three each, and nine more
+COATED_AT_ONCE = 3  # a coat is one more texture
 OUTLIER = 0.05  # relative error at which a view loses half its weight in a pixel's albedo
 
 Textures = Mapping[str, moderngl.Texture | None]
@@ -45,6 +46,7 @@ class Gloss:
     lobes: moderngl.Texture  # roughness1, roughness2, weight of lobe 1
     level: moderngl.Texture | None = None  # Specular IOR Level; None: 0.5
     metallic: moderngl.Texture | None = None  # None: 0
+    coat: moderngl.Texture | None = None  # weight, roughness; None: no coat
     beckmann: bool = False
 
 
@@ -57,13 +59,15 @@ class AlbedoSolver:
         """``around``: base colour of coarse cells, see `Filler`."""
         self.device, self.grid, self.observations = device, grid, observations
         self.known = {"u_lobes": gloss.lobes, **({"u_level": gloss.level} if gloss.level else {}),
-                      **({"u_metallic": gloss.metallic} if gloss.metallic else {})}
+                      **({"u_metallic": gloss.metallic} if gloss.metallic else {}),
+                      **({"u_coat": gloss.coat} if gloss.coat else {})}
         self.metal = gloss.metallic is not None
+        self.at_once = METALS_AT_ONCE if self.metal else COATED_AT_ONCE if gloss.coat else VIEWS_AT_ONCE
         pairs = device.read(gloss.lobes)
         one = bool((pairs[..., 0] == pairs[..., 1]).all())
         self.defines = {name: "1" for name, true in (
-            ("SPECULAR", gloss.level is not None), ("METALLIC", self.metal), ("NDF_BECKMANN", gloss.beckmann),
-            ("ONE_LOBE", one)) if true}
+            ("SPECULAR", gloss.level is not None), ("METALLIC", self.metal), ("COAT", gloss.coat is not None),
+            ("NDF_BECKMANN", gloss.beckmann), ("ONE_LOBE", one)) if true}
         self.around = around
         self.cancelled = False
         self.pixels_per_texel = 1.0  # area; known after a solve
@@ -123,9 +127,8 @@ class AlbedoSolver:
             before: Shown | None = None
             for _ in range(ROBUST_PASSES):
                 with device.target(shown, clear=True) as target, device.adding():
-                    at_once = METALS_AT_ONCE if self.metal else VIEWS_AT_ONCE
-                    for n in range(0, len(specular), at_once):
-                        group = slice(n, n + at_once)
+                    for n in range(0, len(specular), self.at_once):
+                        group = slice(n, n + self.at_once)
                         device.draw("maps/albedo_pixel.frag", target,
                                     self._inputs(camera, camera.views[group], specular[group], before),
                                     cells=camera.maps.cells)
@@ -174,6 +177,9 @@ class AlbedoSolver:
                 device.draw("maps/albedo_specular.frag", target, Inputs(
                     {**grid, **shown, "u_lobe": lobe}, {**camera.viewpoint, "u_channel": masks[n % len(masks)]},
                     defines), cells=camera.maps.cells)
+            if view.nodes is not None:
+                device.draw("maps/albedo_environment.frag", target, Inputs(
+                    {**grid, **shown, "u_nodes": view.nodes}, camera.viewpoint, defines), cells=camera.maps.cells)
         return parts
 
 
@@ -241,4 +247,4 @@ class _Canvas:
         self.device.draw("maps/albedo_backproject.frag", target, Inputs({
             "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
             "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_residual": residual,
-        }, {**camera.uniforms, "u_clip": camera.clip}), cells=cells)
+        }, {**camera.uniforms, **camera.projection.uniforms}, camera.defines), cells=cells)

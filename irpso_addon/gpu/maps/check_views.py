@@ -15,6 +15,7 @@ from ...core.checks.view_check_data import CheckedView, PixelWindow
 from ...core.data import F32, ViewPicture
 from ..device.context import Device, Inputs
 from ..device.draw_budget import Rectangle
+from ..device.programs import UNLIT_BELOW
 from ..gbuffer.drawn_outline import DrawnOutline
 from ..observe.observations import EDGE_QUALITY, HALF_MOST, ObservedCamera, ObservedView
 from .albedo import AlbedoSolver
@@ -106,14 +107,17 @@ def _check(
     x, y = part[0] - camera.window[0], part[1] - camera.window[1]
     lobes = [device.read(lobe, part) for lobe in view.lobes]
     away = [np.where(lobe[..., 3] > 0, lobe[..., 0], np.float32(1)) for lobe in lobes]  # no light, no highlight
+    if view.nodes is not None:  # light from everywhere
+        away.append(np.zeros_like(quality))
     reference = view.reference[y:y + part[3], x:x + part[2]].astype(np.float32)
     radiance = reference[..., :3] * np.float32(view.scale)
     seen = np.isfinite(radiance[..., 0])
-    lit = (quality > 0)[..., None] & (observed > 0)
+    lit = (quality > 0)[..., None] & (observed > UNLIT_BELOW) & (observed != 0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         irradiance = np.where(lit, radiance / observed, np.float32(0))
     return CheckedView(
         view=view.view, window=window, observed=observed, predicted=diffuse + specular, specular=specular,
         quality=quality, edge=quality < EDGE_QUALITY * window.cos_v**2, radiance=radiance, irradiance=irradiance,
-        sin2h=np.minimum.reduce(away), coverage=reference[..., 3], clipped=view.clipped,
+        sin2h=np.minimum.reduce(away),
+        coverage=reference[..., 3], clipped=view.clipped,
         unlit=window.covered & seen & (window.cos_v > MIN_COS_V) & (quality == 0))

@@ -9,7 +9,9 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32, I32, Bool, Maps, SceneData
+from ...core.errors import Cancelled
 from ...core.job import Progress
+from ...core.models import NUMBERS_OF_TWO
 from ..device.context import Device
 from ..gbuffer.gbuffer import GBufferMaps
 from ..observe.observations import Observations
@@ -19,8 +21,21 @@ from ..solve.texel_records import SolvedTexels
 from .albedo import ITERATIONS, AlbedoSolver, Gloss
 from .fill import fill
 from .partial_solve import PartialSolve
+from .variogram import borrowed_variance
 
 ALONE, MIXED = 0.75, 4  # texels: widths of a pixel up to which it mixes none, and up to which it is told from texels
+
+MATERIAL_ALONE = np.float32(0.5)  # times confidence, where nothing tells how much the material's roughness varies
+
+
+@dataclass(frozen=True)
+class _Believed:
+    """Roughness of each texel, and what speaks for it."""
+
+    texels: SolvedTexels
+    slots: I32  # (h, w) material of each solved texel that has a lobe, -1 elsewhere
+    share: F32  # (h, w) 0..1: how far its own data determine it
+    unfit: Bool  # (h, w) of a material that no model explains
 
 
 @dataclass(frozen=True)
@@ -68,7 +83,8 @@ def make_maps(
     joined = part.join_ladder(texels.ladder, scene.start)
     lobes, level = _filled_lobes(device, joined, lambert, around)
     beckmann = texels.ndf == "beckmann" and "two-lobe" in joined.model.values()
-    gloss = Gloss(lobes, level, _filled_metallic(device, scene, texels, joined), beckmann)
+    gloss = Gloss(lobes, level, _filled_metallic(device, scene, texels, joined),
+                  _filled_coat(device, scene, texels, joined), beckmann)
     albedo = AlbedoSolver(device, texels.grid, texels.observations, gloss, around.base if around else None)
     if joined.base is None:
         base = device.read((yield from albedo.solve(iterations=0 if joined.cancelled else ITERATIONS)))
@@ -78,6 +94,10 @@ def make_maps(
     base_texture = filled(device, part.join_base(base), around.base if around else None)
     good = own.solved & shown
     pairs = device.read(lobes)[..., :3].copy()
+    try:
+        yield Progress(1.0, "maps", "standard errors")
+    except Cancelled:  # the maps are of no use without
+        albedo.cancelled = True
     maps = Maps(
         base_color=device.read(base_texture)[..., :3].copy(),
         roughness=pairs[..., 0].copy(),
@@ -86,25 +106,37 @@ def make_maps(
         coverage=texels.slots >= 0,
         lobes=pairs if joined.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and joined.level is not None else None,
-        **_certainty(joined.texels, own.observations, lambert, good, _unfit(scene, texels),
+        **_certainty(_believed(scene, texels, joined.texels, lambert), own.observations, lambert, good,
                      max(albedo.pixels_per_texel, MIXED**-2) ** -0.5),
     )
     maps = part.join_maps(maps, part.share(good))
     return FinishedMaps(maps, joined, good, own.solved, shown, relative, albedo, base_texture)
 
 
+def _believed(scene: SceneData, texels: SolvedTexelGrid, joined: SolvedTexels, lambert: Bool) -> _Believed:
+    """``joined``: the solved texels, among those that a partial solve leaves as they were."""
+    ladder = texels.ladder
+    two = _of(scene, texels, [name for name, model in ladder.model.items() if model == "two-lobe"])
+    unfit = _of(scene, texels, [name for name, found in ladder.predictions.items() if not found.fits])
+    share = np.clip(joined.determined / np.where(two, np.float32(NUMBERS_OF_TWO), np.float32(1)), 0, 1)
+    return _Believed(joined, np.where(joined.solved & ~lambert, texels.slots, -1), share.astype(np.float32), unfit)
+
+
 def _certainty(
-    texels: SolvedTexels, observations: F32, lambert: Bool, good: Bool, unfit: Bool, pixel: float,
+    believed: _Believed, observations: F32, lambert: Bool, good: Bool, pixel: float,
 ) -> dict[str, F32]:
     """The maps that say how sure each texel is, by role; ``pixel``: its width in texels.
 
     Without a lobe no roughness was solved for: what can be trusted or not is the base colour.
     """
-    mixed = np.sqrt(texels.sigma**2 + mixture(texels.roughness, texels.sigma, texels.solved, pixel))
-    rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), mixed)
+    texels = believed.texels
+    own = texels.sigma**2 + mixture(texels.roughness, texels.sigma, texels.solved, pixel)
+    borrowed, told = borrowed_variance(texels.roughness, texels.sigma, believed.share, believed.slots, pixel)
+    error = np.sqrt(np.maximum(own, borrowed))
+    rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), error)
     doubt = np.where(lambert, texels.base_sigma, sigma)
-    sure = confidence(rough, doubt, observations, good)
-    return {"confidence": np.where(good & ~unfit, sure, np.float32(0)),
+    sure = confidence(rough, doubt, observations, good) * np.where(told, np.float32(1), MATERIAL_ALONE)
+    return {"confidence": np.where(good & ~believed.unfit, sure, np.float32(0)),
             "roughness_sigma": np.where(good, sigma, 0.0).astype(np.float32),
             "base_sigma": np.where(good, texels.base_sigma, 0.0).astype(np.float32)}
 
@@ -112,11 +144,6 @@ def _certainty(
 def _lambert(scene: SceneData, texels: SolvedTexelGrid) -> Bool:
     """(h, w) texels of materials without a lobe."""
     return _of(scene, texels, [name for name, model in texels.ladder.model.items() if model == "lambert"])
-
-
-def _unfit(scene: SceneData, texels: SolvedTexelGrid) -> Bool:
-    """(h, w) texels of materials that no model explains."""
-    return _of(scene, texels, [name for name, found in texels.ladder.predictions.items() if not found.fits])
 
 
 def _of(scene: SceneData, texels: SolvedTexelGrid, materials: list[str]) -> Bool:
@@ -151,6 +178,20 @@ def _filled_metallic(
         values[_of(scene, texels, [name])] = value
     known = (texels.slots >= 0).astype(np.float32)
     return filled(device, np.stack([values, values, values, known], -1))
+
+
+def _filled_coat(
+    device: Device, scene: SceneData, texels: SolvedTexelGrid, ladder: LadderResult,
+) -> moderngl.Texture | None:
+    """(weight, roughness), where some material has a coat: as Metallic.  Without one it weighs nothing."""
+    if not ladder.coats:
+        return None
+    values = np.zeros((*texels.slots.shape, 4), np.float32)
+    values[..., 1] = next(iter(ladder.coats.values())).roughness
+    for name, coat in ladder.coats.items():
+        values[_of(scene, texels, [name]), :2] = coat.weight, coat.roughness
+    values[..., 3] = texels.slots >= 0
+    return filled(device, values)
 
 
 def filled(device: Device, values: F32, around: F32 | None = None) -> moderngl.Texture:
@@ -188,7 +229,7 @@ def mixture(roughness: F32, sigma: F32, solved: Bool, pixel: float) -> F32:
 
 
 def confidence(roughness: F32, sigma: F32, observations: F32, solved: Bool) -> F32:
-    """(h, w) 0 to 1: half where the standard error of roughness is 0.05; nothing from edges of shadow alone.
+    """(h, w) 0 to 1: half where three standard errors of roughness are 0.1; nothing from edges of shadow alone.
 
     Where a texel departs from the median of 3 x 3 by more than that, its departure is taken: data that are wrong, not
     noisy, make texels sure of different things.

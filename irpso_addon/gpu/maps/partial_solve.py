@@ -10,7 +10,7 @@ import numpy as np
 from ...core.data import F32, I32, Bool, Maps, Region, SceneData, Solution
 from ...core.errors import BadInput
 from ...core.maps import region
-from ...core.params import SolveSettings
+from ...core.params import SolveSettings, choice_name
 from ..device.context import Device
 from ..gbuffer.solve_mask import SolveMask
 from ..gbuffer.triangles import Triangles
@@ -48,7 +48,9 @@ class PartialSolve(SolveMask):
                          levels={**start.levels, **new.levels}, predictions={**start.predictions, **new.predictions},
                          priors={**start.priors, **new.priors},
                          metallic={**{name: value for name, value in start.metallic.items() if name not in new.model},
-                                   **new.metallic})
+                                   **new.metallic},
+                         coats={**{name: coat for name, coat in start.coats.items() if name not in new.model},
+                                **new.coats})
         if new.lobes is not None or self.last.lobes is not None:
             weight = share[..., None]
             joined.lobes = weight * _lobes(new.texels.roughness, new.lobes) + (1 - weight) * _lobes(
@@ -88,8 +90,8 @@ def partial_solve_of(device: Device, scene: SceneData, size: int, position: F32,
         return PartialSolve(covered.astype(np.float32), True, np.zeros_like(covered))
     inside = covered & _inside(device, scene, scene.region, size)
     if not inside.any():
-        raise BadInput(f"{scene.mesh.name}: the part to solve covers no texel at {size} x {size}; "
-                       "choose a larger part, or a larger size")
+        raise BadInput(f"{scene.mesh.name}: the region to solve covers no texel at {size} x {size}; "
+                       "choose a larger region, or increase Size")
     if scene.start is None:
         return PartialSolve(inside.astype(np.float32), False, np.zeros_like(covered))
     last = region.resized(scene.start.maps, size)
@@ -136,7 +138,8 @@ def earlier_result_of(
         level=None if part.last is None else part.last.specular,
         lobes=_seeds(region.resized(start.maps, settings.size)) if again else None,
         priors={name: prior for name, prior in start.priors.items() if name in taken},
-        metallic={name: value for name, value in start.metallic.items() if name in taken})
+        metallic={name: value for name, value in start.metallic.items() if name in taken},
+        coats={name: coat for name, coat in start.coats.items() if name in taken and settings.model == "auto"})
 
 
 def _check_model(name: str, start: Solution, settings: SolveSettings) -> None:
@@ -144,11 +147,15 @@ def _check_model(name: str, start: Solution, settings: SolveSettings) -> None:
     model = start.model[name]
     wanted = "one-lobe" if settings.model == "auto" and settings.method == "paper" else settings.model
     if wanted not in ("auto", model):
-        raise BadInput(f"material '{name}': its other part was solved as {model}, not {wanted}; choose that model, "
-                       "or solve all of it")
+        raise BadInput(f"material '{name}': its other region was solved as {choice_name(model)}, not "
+                       f"{choice_name(wanted)}; choose that model, "
+                       "or solve the whole object")
+    if name in start.coats and settings.model != "auto":
+        raise BadInput(f"material '{name}': its other region has a coat, for which only model Auto solves; choose "
+                       "that model, or solve the whole object")
     if model == "two-lobe" and start.ndf != settings.ndf:
-        raise BadInput(f"material '{name}': its other part was solved with distribution {start.ndf}; choose that, "
-                       "or solve all of it")
+        raise BadInput(f"material '{name}': its other region was solved with Highlight Shape "
+                       f"{choice_name(start.ndf)}; choose that, or solve the whole object")
 
 
 def _seeds(maps: Maps) -> F32:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import moderngl
@@ -10,6 +11,7 @@ import moderngl
 from ...core.data import F32, Bounced, Camera
 from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, draw_pixel_grid
+from ..gbuffer.projection import column_major, lens_defines
 
 MEAN, SHARE = (5, 2.0), (1, 0.6)  # reach and width, in small pixels: over noise, and to the camera's pixels
 Pair = tuple[moderngl.Texture, moderngl.Texture]  # irradiance and glossy radiance, RGB
@@ -24,10 +26,12 @@ class Smoother:
     ) -> None:
         """``maps``: the camera's pixels; ``uniforms``: of include/pixel.glsl for a picture so many pixels high.
 
-        The small pictures are of the whole frame where the camera is a part of another.
+        The small pictures are of the whole frame where the camera is a part of another.  A pinhole camera renders
+        them: of what a lens shows beyond that one's frame, the frame's rim tells.
         """
         self.device, self.maps, self.uniforms, self.camera = device, maps, uniforms, camera
-        self._draw_grid = partial(draw_pixel_grid, device, mesh, occluders, camera.whole or camera, footprint=0.0)
+        self._small = replace(camera.whole or camera, lens=None)
+        self._draw_grid = partial(draw_pixel_grid, device, mesh, occluders, self._small, footprint=0.0)
         self._grids: dict[tuple[int, int], GBufferMaps] = {}
 
     def smooth(self, bounced: Bounced) -> Pair:
@@ -38,7 +42,7 @@ class Smoother:
         grid = self._grids[width, height]
         with self.device.scope() as scope:
             noisy = self._upload(bounced.irradiance), self._upload(bounced.glossy)
-            smooth = self._mean(noisy, grid, grid, self.camera.whole or self.camera, MEAN)
+            smooth = self._mean(noisy, grid, grid, self._small, MEAN)
             light = self._mean(smooth, grid, self.maps, self.camera, SHARE)
             scope.hand_over(*light)
             return light
@@ -53,7 +57,8 @@ class Smoother:
             "u_position": maps.position, "u_normal": maps.normal, "u_small_position": grid.position,
             "u_small_normal": grid.normal, "u_small_irradiance": light[0], "u_small_glossy": light[1],
         }, {**self.uniforms(camera, maps.position.height), "u_part": camera.part, "u_reach": width[0],
-            "u_sigma": width[1]})
+            "u_sigma": width[1], "u_small_clip": column_major(self._small.projection @ self._small.world_to_camera)},
+            lens_defines(camera.lens))
         with device.target(mean, clear=True) as target:
             device.draw("observe/bounced.frag", target, inputs, cells=maps.cells)
         return mean

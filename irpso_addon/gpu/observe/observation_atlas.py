@@ -7,6 +7,9 @@ channel, where each is observed by itself) and has 2 + lights blocks:
     1      f of R, G and B                                           where a method asks for colour
     2 + l  lobe of light l: sin2h, spread, cos_l, F / (2 cos_l cos_v) * E_light / E_view
 
+Where some view has an environment, 2 NODES / 4 blocks more: logarithms of what the lobe returns at nodes of roughness
+(core/shading/environment.py), 1/sr, and then V.H at which Fresnel's reflectance is the lobe's.
+
 The layers of one camera (and channel) follow one another: they are a group, and share its pixels.
 """
 
@@ -20,8 +23,10 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32, Bool
+from ...core.shading.environment import LEAST, NODE_COLUMNS
 from ..device.context import Device, Inputs
 from ..device.occupied_cells import CELL
+from .environment_light import NODE_ROWS
 from .observations import EDGE_QUALITY, Observations, ObservedView
 
 TILE = (512, 128)  # width and height, in texels
@@ -44,11 +49,17 @@ class Layers:
     lights: int  # lobes per layer
     channels: int  # 1: an observation is the mean of R, G and B; 3: each channel by itself
     spread: bool  # whether a lobe is seen from an area or lit by one
+    environment: bool = False  # whether some view has one
 
     @property
     def blocks(self) -> int:
         """Blocks of the atlas."""
-        return len(self.groups) * (2 + self.lights)
+        return len(self.groups) * self.each
+
+    @property
+    def each(self) -> int:
+        """Blocks of a layer."""
+        return 2 + self.lights + (2 * NODE_ROWS if self.environment else 0)
 
     def defines(self) -> dict[str, str]:
         """Of every kernel that includes solve/observations.glsl."""
@@ -60,7 +71,8 @@ class Layers:
             **{f"GROUP_START_{k}": str(bound) for k, bound in enumerate(bounds) if count <= UNROLLED},
             "LAYERS": str(count), "GROUPS": str(len(starts)), "GROUP_STARTS": ", ".join(map(str, bounds)),
             "GROUP_CHANNELS": ", ".join(str(self.groups[n] % self.channels) for n in starts),
-            "LIGHTS": str(self.lights), "CHANNELS": str(self.channels), **({"SPREAD": "1"} if self.spread else {}),
+            "LIGHTS": str(self.lights), "CHANNELS": str(self.channels), "BLOCKS": str(self.each),
+            **({"SPREAD": "1"} if self.spread else {}), **({"ENVIRONMENT": "1"} if self.environment else {}),
         }
 
 
@@ -105,7 +117,7 @@ class ObservationAtlas:
         """(height,) about how many observations each row of texels holds, and one more for each texel."""
         width, height = self.tile
         inputs = Inputs({"u_observations": self.texture}, self.uniforms, {
-            "LAYERS": str(len(self.layers.groups)), "LIGHTS": str(self.layers.lights), "CELL": str(CELL)})
+            "LAYERS": str(len(self.layers.groups)), "BLOCKS": str(self.layers.each), "CELL": str(CELL)})
         with self.device.scope():
             counts = self.device.texture(-(-width // CELL), -(-height // CELL), 1)
             with self.device.target([counts]) as target:
@@ -148,9 +160,12 @@ class CameraSource:
         groups = tuple(i * channels + channel for i, camera in enumerate(observations.cameras)
                        for channel in range(channels) for _ in camera.views)
         lights = max(len(v.lobes) for c in observations.cameras for v in c.views) // channels
-        self.layers = Layers(groups, lights, channels, spread=True)
+        around = any(view.nodes is not None for camera in observations.cameras for view in camera.views)
+        self.layers = Layers(groups, lights, channels, spread=True, environment=around)
         self.size = grid.position.size
-        self.camera_slack = CAMERA_SLACK
+        # Where each camera has one view, as under one environment, the scatter between cameras is measured: as noise.
+        alone = around and len(set(groups)) == len(groups)
+        self.camera_slack = 0.0 if alone else CAMERA_SLACK
         self.pool_gain = POOL_GAIN
         self.model_error = MODEL_ERROR
         self.least_gain = LEAST_GAIN
@@ -169,7 +184,7 @@ class CameraSource:
                 device.draw("observe/match.frag", match_target, Inputs({
                     "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
                     "u_position": camera.maps.position, "u_normal": camera.maps.normal,
-                }, {**camera.uniforms, "u_clip": camera.clip, "u_tile": tile, "u_reach": REACH}))
+                }, {**camera.uniforms, **camera.projection.uniforms, "u_tile": tile, "u_reach": REACH}, camera.defines))
                 for channel in range(self.layers.channels):
                     for view in camera.views:
                         self._copy(atlas, match, layer, view, channel, colour)
@@ -183,7 +198,7 @@ class CameraSource:
     ) -> None:
         """One layer: what the matched pixels of one view observe."""
         channels, lights = self.layers.channels, self.layers.lights
-        block = layer * (2 + lights)
+        block = layer * self.layers.each
         textures = {"u_match": match, "u_colour": view.colour}
         tint = view.tint[channel] if channels > 1 else 1.0
         for offset, wanted in enumerate((channel if channels > 1 else -1, 3)):
@@ -200,6 +215,21 @@ class CameraSource:
                     {"u_match": match, "u_lobe": view.lobes[index]}, {"u_row": place[1]}), viewport=place)
             else:
                 atlas.target.clear(viewport=place)
+        for n in range(2 * NODE_ROWS if self.layers.environment else 0):
+            self._copy_nodes(atlas, match, block + 2 + lights + n, view, (channel if channels > 1 else -1, n))
+
+    def _copy_nodes(
+        self, atlas: ObservationAtlas, match: moderngl.Texture, block: int, view: ObservedView, part: tuple[int, int],
+    ) -> None:
+        """A block of nodes; ``part``: the channel, and which of the layer's."""
+        place, (channel, n) = atlas.block(block), part
+        if view.nodes is None:
+            dark = float(np.log(LEAST))
+            atlas.target.clear(dark, dark, dark, dark, viewport=place)
+            return
+        self.device.draw("observe/gather_nodes.frag", atlas.target, Inputs({"u_match": match, "u_nodes": view.nodes}, {
+            "u_row": place[1], "u_node_row": n % NODE_ROWS, "u_channel": channel if n < NODE_ROWS else 3,
+            "u_size": (view.nodes.width // NODE_COLUMNS, view.nodes.height // NODE_ROWS)}), viewport=place)
 
 
 @dataclass(frozen=True)

@@ -16,20 +16,24 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.data import F32, Bool, Bounced, Camera, Light, RadianceImage, SceneData, View
+from ...core.data import F32, Bool, Bounced, Camera, RadianceImage, SceneData, View
 from ...core.job import Progress
+from ...core.projection import lens_axes
+from ...core.shading import environment as environment_model
 from ...core.shading.tables import principled_table
 from ..device.context import Device, Inputs
-from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, clip_matrix, column_major, draw_pixel_grid
+from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, draw_pixel_grid
+from ..gbuffer.projection import Projection, lens_uniforms, projection_of
 from ..gbuffer.solve_mask import SolveMask
+from .environment_light import EnvironmentLight, LitByEnvironment
 from .indirect_light import Smoother
-from .picture_memory import channels_needed
+from .picture_memory import channels_needed, mean_radiance
 from .view_drawing import ViewDrawer, draw_pixels
 from .visibility import SHADOW_SIZE, LightVisibility
 
 EDGE_QUALITY = 0.25  # of a good pixel's: below it lies an edge of shadow or silhouette
 MARGIN = 6  # pixels around the object in which its outline may be looked for
-BLACK = np.float32(1e-6)  # of the brightest: no lit pixel is darker, so that its irradiance is radiance / f
+BLACK = np.float32(1e-6)  # of the brightest: no lit pixel is nearer to 0, so that its irradiance is radiance / f
 HALF_MOST = 60_000.0  # half floats end at 65504
 READERS = 2  # images read ahead of the one that is looked at
 ReadImage = Callable[[View], RadianceImage]
@@ -48,6 +52,12 @@ class ObservedView:
     reference: F16  # (h, w, 4) the picture in the camera's window: radiance / scale (NaN: not usable), coverage
     scale: float
     clipped: float  # share of the object's pixels that the picture has clipped
+    nodes: moderngl.Texture | None = None  # of the view's environment, as of EnvironmentLight; views may share it
+
+    @property
+    def objects(self) -> tuple[moderngl.Texture | None, ...]:
+        """All that is on the device."""
+        return (self.colour, *self.lobes, self.nodes)
 
 
 @dataclass
@@ -56,7 +66,7 @@ class ObservedCamera:
 
     camera: Camera
     maps: GBufferMaps
-    clip: bytes  # world to clip space
+    projection: Projection
     uniforms: dict[str, object]
     window: tuple[int, int, int, int]  # x, y, width, height of the pixels that show the object, and MARGIN
     views: list[ObservedView] = field(default_factory=list)
@@ -67,9 +77,14 @@ class ObservedCamera:
         return {k: self.uniforms[k] for k in ("u_camera_position", "u_camera_forward", "u_orthographic")}
 
     @property
+    def defines(self) -> dict[str, str]:
+        """Of the programs that have ``uniforms``."""
+        return self.projection.defines
+
+    @property
     def objects(self) -> tuple[moderngl.Texture | moderngl.Buffer | None, ...]:
         """All that is on the device."""
-        return (*self.maps.objects, *(texture for view in self.views for texture in (view.colour, *view.lobes)))
+        return (*self.maps.objects, *(texture for view in self.views for texture in view.objects))
 
 
 @dataclass(frozen=True)
@@ -96,9 +111,10 @@ class Observations:
 
 
 def camera_uniforms(camera: Camera, height: int, footprint: float) -> dict[str, object]:
-    """What include/pixel.glsl needs to know of a camera."""
+    """What include/pixel.glsl needs to know of a camera; `lens_defines` says whether it has a lens."""
+    lens = {} if camera.lens is None else lens_uniforms(camera.lens, lens_axes(camera))
     return {
-        "u_camera_position": tuple(camera.position), "u_camera_forward": tuple(camera.forward),
+        **lens, "u_camera_position": tuple(camera.position), "u_camera_forward": tuple(camera.forward),
         "u_orthographic": camera.orthographic,
         "u_pixel_width": 2.0 / (abs(float(camera.projection[1, 1])) * height), "u_footprint": footprint,
     }
@@ -114,6 +130,7 @@ class ObserveOptions:
     # Typical radiance of the views, where it is known from before; then no view is skipped, so that observations are
     # laid out alike wherever one looks.
     level: float | None = None
+    directions: int = environment_model.COUNT  # that stand for an environment
 
 
 WHOLE = ObserveOptions()
@@ -127,6 +144,7 @@ def observe(
         observer = _Observer(device, scene, mesh, limits)
         yield from observer.read(read_image)
         yield from observer.light()
+        yield from observer.light_from_around()
         yield from observer.divide()
         observations = observer.observations()
         owned.hand_over(*observations.objects)
@@ -145,6 +163,7 @@ class _Observer:
         self.images: dict[int, moderngl.Texture] = {}
         self.references: dict[int, Reference] = {}
         self.lit: dict[tuple[str, int], moderngl.Texture] = {}  # by light and camera
+        self.around: dict[tuple[tuple[str, float], int], EnvironmentLight] = {}  # by environment and camera
         self.levels: list[F32] = []
         self.warnings: list[str] = []
         self.skipped: list[tuple[str, str]] = []
@@ -173,13 +192,16 @@ class _Observer:
         good = opaque & image.valid
         if self.limits.level is None:
             if not good.any():
-                what = "object" if self.limits.mask is None or self.limits.mask.whole else "part to solve"
+                what = "object" if self.limits.mask is None or self.limits.mask.whole else "region to solve"
                 self.skipped.append(
-                    (view.image.name, f"no usable pixel shows the {what}: check camera, mask and clipping"))
+                    (view.image.name, f"no usable pixel shows the {what}; check camera, mask and clipping"))
                 return False
-            self.levels.append(np.median(image.rgb[good].mean(axis=1))[None])
+            self.levels.append(np.maximum(np.median(image.rgb[good].mean(axis=1)), np.float32(0))[None])
         quality = np.where(image.valid, np.where(image.coverage > 0.5, image.coverage, 0.0), 0.0)
-        packed = np.concatenate([np.maximum(image.rgb, BLACK * image.rgb.max()), quality[..., None]], axis=2)
+        # Read noise may leave less than 0: that is data, because the fit is linear in it.
+        floor = BLACK * max(image.rgb.max(), np.float32(0))
+        rgb = np.where(np.abs(image.rgb) < floor, floor, image.rgb)
+        packed = np.concatenate([rgb, quality[..., None]], axis=2)
         height, width = quality.shape
         self.images[n] = self.device.texture(width, height, 4, packed)
         clipped = float(np.mean(~image.valid[opaque])) if opaque.any() else 0.0
@@ -195,10 +217,10 @@ class _Observer:
             footprint = self.scene.pixel_filter
             maps = draw_pixel_grid(self.device, self.mesh, self.occluders, camera, (width, height), footprint)
             maps = self.limits.mask.pixels(self.device, maps) if self.limits.mask else maps
-            clip = clip_matrix(camera, [self.scene.mesh.positions, self.scene.occluders])
+            projection = projection_of(camera, [self.scene.mesh.positions, self.scene.occluders])
             self.covered.append(self.device.read(maps.position)[..., 3] > 0.5)
             self.cameras.append(ObservedCamera(
-                camera, maps, column_major(clip), camera_uniforms(camera, height, footprint),
+                camera, maps, projection, camera_uniforms(camera, height, footprint),
                 _window(self.covered[-1])))
             self.members.append([])
         return self._numbers[key]
@@ -219,6 +241,34 @@ class _Observer:
                 self.lit.update({(name, c): texture for c, texture in zip(chosen, lit, strict=True)})
             owned.hand_over(*self.lit.values())
 
+    def light_from_around(self) -> Generator[Progress, None, None]:
+        """What each environment does on each camera's pixels."""
+        views = self.scene.views
+        environments = {view.environment.key: view.environment for view in views if view.environment is not None}
+        if not environments:
+            return
+        with self.device.scope() as kept:
+            visibility = LightVisibility(self.device, self.mesh, self.occluders, 1)
+            for i, (key, environment) in enumerate(environments.items()):
+                lit_by = [{found.key for n in group if (found := views[n].environment) is not None}
+                          for group in self.members]
+                chosen = [c for c, keys in enumerate(lit_by) if key in keys]
+
+                def told(share: float, i: int = i, name: str = environment.name) -> Progress:
+                    return Progress(0.5 + 0.3 * (i + share) / len(environments), "observe", f"light of {name}")
+
+                with self.device.scope() as passing:
+                    lit = LitByEnvironment(self.device, visibility, environment, self.limits.directions)
+                    for done in lit.draw_shadows():
+                        yield told(0.4 * done)
+                    for n, c in enumerate(chosen):
+                        for made in lit.light(self.cameras[c]):
+                            if made is not None:
+                                self.around[key, c] = made
+                                passing.hand_over(made.irradiance, made.nodes)
+                            yield told(0.4 + 0.6 * n / len(chosen))
+            kept.hand_over(*(texture for light in self.around.values() for texture in (light.irradiance, light.nodes)))
+
     def divide(self) -> Generator[Progress, None, None]:
         """Radiance over irradiance, and the lobes' geometry, of every view."""
         level = self.level
@@ -231,17 +281,18 @@ class _Observer:
                 for n in group:
                     camera.views.append(self._observed(n, c, drawer, smoother))
                     yield Progress(0.8 + 0.2 * n / len(self.scene.views), "observe", self.scene.views[n].image.name)
-                owned.hand_over(*(texture for view in camera.views for texture in (view.colour, *view.lobes)))
+                owned.hand_over(*(texture for view in camera.views for texture in view.objects))
 
     def _observed(self, n: int, c: int, drawer: ViewDrawer, smoother: Smoother) -> ObservedView:
         """What view ``n`` of camera ``c`` observes."""
         view, bounced = self.scene.views[n], self.limits.bounced
         indirect = smoother.smooth(bounced[n]) if bounced else None
         shadows = [self.lit[light.name, c] for light in view.lights]
-        colour, lobes = drawer.draw(view.lights, self.images[n], shadows, indirect)
+        around = self.around[view.environment.key, c] if view.environment is not None else None
+        colour, lobes, nodes = drawer.draw(view.lights, self.images[n], shadows, indirect, around)
         for texture in (self.images.pop(n), *(indirect or ())):
             texture.release()  # now: the next view's take their place
-        return ObservedView(view, colour, lobes, _tint(view.lights), *self.references[n])
+        return ObservedView(view, colour, lobes, _tint(view), *self.references[n], nodes)
 
     def observations(self) -> Observations:
         """Of the cameras that have views."""
@@ -251,9 +302,11 @@ class _Observer:
         return Observations(useful, self.channels, self.level, tuple(self.skipped), tuple(self.warnings), texture)
 
 
-def _tint(lights: Sequence[Light]) -> tuple[float, float, float]:
+def _tint(view: View) -> tuple[float, float, float]:
     """Power of the lights per channel, mean 1."""
-    power = np.sum([light.power for light in lights], axis=0)
+    power = np.sum([light.power for light in view.lights], axis=0) if view.lights else np.zeros(3)
+    if view.environment is not None and not power.any():
+        power = mean_radiance(view.environment)
     tint = power / max(float(power.mean()), 1e-20)
     return float(tint[0]), float(tint[1]), float(tint[2])
 
@@ -296,5 +349,6 @@ def _reference(packed: F32, coverage: F32, window: tuple[int, int, int, int], cl
 def _rim(device: Device, camera: ObservedCamera) -> moderngl.Texture:
     """What surrounds each of a camera's pixels; half floats hold its whole numbers exactly."""
     rim = device.texture(camera.maps.position.width, camera.maps.position.height, 1, dtype="f2")
-    draw_pixels(device, camera.maps, "observe/rim.frag", [rim], Inputs(uniforms=camera.uniforms))
+    draw_pixels(device, camera.maps, "observe/rim.frag", [rim],
+                Inputs(uniforms=camera.uniforms, defines=camera.defines))
     return rim

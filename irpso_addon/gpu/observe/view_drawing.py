@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Protocol
 
 import moderngl
@@ -14,6 +13,7 @@ from ...core.observation_quality import DARK_SHARE, EDGE_WEIGHT
 from ...core.shading import lights as light_model
 from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps
+from .environment_light import EnvironmentLight, share_of
 from .visibility import SOFT_ANGLE
 
 LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the spread of half vectors
@@ -25,6 +25,11 @@ class SeenThrough(Protocol):
     maps: GBufferMaps
     uniforms: dict[str, object]
 
+    @property
+    def defines(self) -> dict[str, str]:
+        """Of include/pixel.glsl."""
+        ...
+
 
 class ViewDrawer:
     """Draws the views of one camera."""
@@ -34,30 +39,35 @@ class ViewDrawer:
     ) -> None:
         """``rim``: what surrounds each pixel; ``level``: typical radiance; ``channels``: 1, or 3, each by itself."""
         self.device, self.rim, self.channels = device, rim, channels
-        self._draw = partial(draw_pixels, device, camera.maps)
+        self._maps, self._defines = camera.maps, camera.defines
         self._common = {**camera.uniforms, "u_level": level, "u_edge_weight": EDGE_WEIGHT, "u_dark": DARK_SHARE}
 
     def draw(
         self, lights: Sequence[Light], image: moderngl.Texture, lit: list[moderngl.Texture],
-        indirect: tuple[moderngl.Texture, moderngl.Texture] | None,
-    ) -> tuple[moderngl.Texture, list[moderngl.Texture]]:
-        """Radiance over irradiance with its quality, and a lobe for each light and channel.
+        indirect: tuple[moderngl.Texture, moderngl.Texture] | None, around: EnvironmentLight | None = None,
+    ) -> tuple[moderngl.Texture, list[moderngl.Texture], moderngl.Texture | None]:
+        """Radiance over irradiance with its quality, a lobe for each light and channel, and an environment's nodes.
 
-        ``lit``: how much of each light arrives; ``indirect``: irradiance, and what highlights of it add to the picture.
+        ``lit``: how much of each light arrives; ``indirect``: irradiance, and what highlights of it add to the picture;
+        ``around``: the view's environment.
         """
-        if len(lit) == 1 and self.channels == 1 and indirect is None:
+        if len(lit) == 1 and self.channels == 1 and indirect is None and around is None:
             colour, lobe = self.device.texture(*image.size), self.device.texture(*image.size)
             self._draw("observe/view.frag", [colour, lobe], Inputs(
                 {"u_image": image, "u_lit": lit[0], "u_rim": self.rim}, {**self._common, **_lamp(lights[0])},
                 _lamp_defines(lights[0])))
-            return colour, [lobe]
-        return self._several(lights, image, lit, indirect)
+            return colour, [lobe], None
+        return self._several(lights, image, lit, indirect, around)
+
+    def _draw(self, name: str, outputs: list[moderngl.Texture], inputs: Inputs, clear: bool = True) -> None:
+        draw_pixels(self.device, self._maps, name, outputs,
+                    replace(inputs, defines={**inputs.defines, **self._defines}), clear)
 
     def _several(
         self, lights: Sequence[Light], image: moderngl.Texture, lit: list[moderngl.Texture],
-        indirect: tuple[moderngl.Texture, moderngl.Texture] | None,
-    ) -> tuple[moderngl.Texture, list[moderngl.Texture]]:
-        """Of several lights, channels apart, or with indirect light: in passes."""
+        indirect: tuple[moderngl.Texture, moderngl.Texture] | None, around: EnvironmentLight | None,
+    ) -> tuple[moderngl.Texture, list[moderngl.Texture], moderngl.Texture | None]:
+        """Of several lights, channels apart, of an environment, or with indirect light: in passes."""
         device, common = self.device, self._common
         colour = device.texture(*image.size)
         masks = channel_masks(self.channels)
@@ -65,13 +75,17 @@ class ViewDrawer:
         bounced: Mapping[str, moderngl.Texture] = {"u_bounced": indirect[0]} if indirect else {}
         glossy: Mapping[str, moderngl.Texture] = {"u_glossy": indirect[1]} if indirect else {}
         defines = {"BOUNCED": "1"} if indirect else {}
-        with device.scope():
+        with device.scope() as owned:
             irradiance = device.texture(*image.size)
+            if around is not None:
+                with device.target([irradiance], clear=True) as target:
+                    device.draw("observe/copy.frag", target, Inputs(
+                        {"u_map": around.irradiance}, {"u_corner": (0, 0)}), cells=self._maps.cells)
             with device.adding():
                 for n, (light, shadow) in enumerate(zip(lights, lit, strict=True)):
                     self._draw("observe/irradiance.frag", [irradiance], Inputs(
                         {"u_lit": shadow, "u_rim": self.rim}, {**common, **_lamp(light)}, _lamp_defines(light)),
-                        clear=n == 0)
+                        clear=n == 0 and around is None)
             for n, lobe in enumerate(lobes):
                 light, shadow = lights[n // len(masks)], lit[n // len(masks)]
                 self._draw("observe/lobe.frag", [lobe], Inputs(
@@ -80,7 +94,12 @@ class ViewDrawer:
             self._draw("observe/colour.frag", [colour], Inputs(
                 {"u_image": image, "u_irradiance": irradiance, "u_rim": self.rim, **bounced, **glossy},
                 common, defines))
-        return colour, lobes
+            nodes = None
+            if around is not None:
+                nodes = around.nodes if not lights and indirect is None else share_of(
+                    device, self._maps, around, irradiance, indirect[0] if indirect else None)
+                owned.hand_over(nodes)
+        return colour, lobes, nodes
 
 
 def draw_pixels(

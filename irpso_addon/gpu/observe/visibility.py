@@ -11,7 +11,8 @@ import numpy as np
 from ...core.data import F64, Light
 from ...core.shading import lights as light_model
 from ..device.context import Device, Inputs
-from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, column_major, facets
+from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, facets
+from ..gbuffer.projection import Projection, column_major
 
 SHADOW_SIZE = 2048  # texels on a side; 0.1 % of lit texels change against 4096
 SOFT_POINTS = 16  # sample points on an emitter that casts a visible penumbra
@@ -56,7 +57,7 @@ def frusta(point: F64, center: F64, radius: float, bounds: F64, size: int = SHAD
     on a side.
     """
     if point[3] == 0.0:
-        return [_parallel(point[:3], center, radius, bounds, size)]
+        return [parallel_frustum(point[:3], center, radius, bounds, size)]
     position = point[:3]
     axis = center - position
     distance = float(np.linalg.norm(axis))
@@ -83,7 +84,8 @@ def _perspective(position: F64, forward: F64, half: float, size: int) -> Frustum
                    origin=(float(position[0]), float(position[1]), float(position[2])))
 
 
-def _parallel(toward: F64, center: F64, radius: float, bounds: F64, size: int) -> Frustum:
+def parallel_frustum(toward: F64, center: F64, radius: float, bounds: F64, size: int) -> Frustum:
+    """The map of light from one direction."""
     forward = -toward / np.linalg.norm(toward)
     frame = _frame(forward)
     view = np.concatenate([frame, -(frame @ center)[:, None]], axis=1)
@@ -137,10 +139,10 @@ class LightVisibility:
 
     def _draw_shadow(self, frustum: Frustum) -> None:
         self._target.clear(red=FAR_TEXEL)
-        uniforms = {"u_depth_plane": frustum.plane}
+        projection, uniforms = Projection(frustum.clip), {"u_depth_plane": frustum.plane}
         with self.device.keeping_least():
-            self.mesh.draw_positions(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
-            self.occluders.draw(self._target, "gbuffer/shadow.frag", frustum.clip, uniforms)
+            self.mesh.draw_positions(self._target, "gbuffer/shadow.frag", projection, uniforms)
+            self.occluders.draw(self._target, "gbuffer/shadow.frag", projection, uniforms)
 
     def _look_up(self, frustum: Frustum, camera: GBufferMaps, lit: moderngl.Texture, share: float) -> None:
         with self.device.target([lit]) as target, self.device.adding():

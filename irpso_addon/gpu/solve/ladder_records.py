@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...core.data import F32, I32, Bool, JointPrior, MaterialPrediction
+from ...core.data import F32, I32, Bool, Coat, JointPrior, MaterialPrediction
 from ...core.tiled.tiled_plan import Noise
 from .texel_records import SolvedTexels
 
@@ -36,6 +36,7 @@ class EarlierResult:
     lobes: F32 | None = None  # (h, w, 4) where the search begins: roughness1, roughness2, weight; whether known
     priors: Mapping[str, JointPrior] = field(default_factory=dict)  # of materials whose ``model`` is given
     metallic: Mapping[str, float] = field(default_factory=dict)  # of materials whose Metallic was solved for
+    coats: Mapping[str, Coat] = field(default_factory=dict)  # of materials that have one
 
 
 @dataclass
@@ -47,6 +48,7 @@ class LadderResult:
     why: dict[str, str] = field(default_factory=dict)
     levels: dict[str, float] = field(default_factory=dict)
     metallic: dict[str, float] = field(default_factory=dict)  # of materials whose model has it
+    coats: dict[str, Coat] = field(default_factory=dict)  # of materials that have one
     lobes: F32 | None = None  # (h, w, 3) roughness1, roughness2, weight
     level: F32 | None = None  # (h, w) Specular IOR Level
     base: F32 | None = None  # (h, w, 3) where the method searches it itself

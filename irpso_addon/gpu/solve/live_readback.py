@@ -10,12 +10,12 @@ import numpy as np
 
 from ...core.data import F32, Bool
 from ...core.live_maps import Live
+from ...core.observation_quality import HALF_SURE
 from ..device.context import Device
 from ..observe.observation_atlas import CAMERA_SLACK
 from . import neighbours
 from .texel_records import read_residual, read_solved, read_support
 
-HALF_SURE = 0.05  # standard error of roughness at which confidence is one half
 UNKNOWN = np.float32(np.nan)
 
 

@@ -11,11 +11,13 @@ import numpy as np
 
 from ...core.data import F32, F64, I32, Bool
 from ...core.evaluation.sampled_texels import SampledTexels
+from ...core.shading.environment import directions, environment_irradiance
 from ...core.shading.lights import light_irradiance
 from ..device.context import Device
 from ..observe.observation_atlas import (
     ArraySource,
     CameraSource,
+    Layers,
     ObservationAtlas,
     ObservedTexels,
     Source,
@@ -23,13 +25,14 @@ from ..observe.observation_atlas import (
     tiles,
 )
 
-SIDE = 16  # texels: width of a square
-SQUARES = 24  # over which what differs from place to place shows ...
-FEWEST = 10  # ... or, to bound the time, so few
+SIDE = 8  # texels: width of a square
+SQUARES = 64  # over which what differs from place to place shows ...
+FEWEST = 40  # ... or, to bound the time, so few
 LAYERS = 36  # with which a sample still has all its squares
-COLUMNS = 6
+WIDTH = 96  # texels: of the packed grid
 LEAST_SHARE = 0.25  # of a square that the material must cover
 CLUSTER = 8  # texels: width of the squares whose errors are taken to be alike
+FEW = 256  # directions that stand for an environment where shadows are left out
 MOST = 3_000_000  # lobes that the sample is read back with
 
 
@@ -41,16 +44,49 @@ class PackedTexels:
     normal: moderngl.Texture
 
 
-def spread_squares(texels: Bool, layers: int, seed: int) -> list[Tile]:
-    """First texels of squares that show the material, spread over it as its area is; fewer for many layers."""
+@dataclass(frozen=True)
+class Squares:
+    """Some squares of a grid of texels, which are packed side by side."""
+
+    corners: tuple[Tile, ...]  # first texel of each
+    side: int = SIDE  # texels
+
+    def pack(self, grid: np.ndarray) -> np.ndarray:
+        """Of (h, w, ...); 0 beyond the grid."""
+        side = self.side
+        return self._packed([grid[y:y + side, x:x + side] for x, y in self.corners])
+
+    def pack_texture(self, device: Device, texture: moderngl.Texture) -> F32:
+        """The same of a texture, of which no more is read."""
+        (width, height), side = texture.size, self.side
+        return self._packed([device.read(texture, (x, y, min(side, width - x), min(side, height - y)))
+                             for x, y in self.corners])
+
+    def _packed(self, parts: list[np.ndarray]) -> np.ndarray:
+        side, columns = self.side, WIDTH // self.side
+        rows = -(-len(parts) // columns)
+        packed = np.zeros((rows * side, min(columns, len(parts)) * side, *parts[0].shape[2:]), parts[0].dtype)
+        for n, part in enumerate(parts):
+            row, column = n // columns * side, n % columns * side
+            packed[row:row + part.shape[0], column:column + part.shape[1]] = part
+        return packed
+
+
+def squares_for(layers: int) -> int:
+    """How many squares show what differs from place to place; fewer for many layers."""
+    return max(min(SQUARES, SQUARES * LAYERS // layers), FEWEST)
+
+
+def spread_squares(texels: Bool, most: int, seed: int, side: int = SIDE) -> Squares:
+    """At most so many squares that show the material, spread over it as its area is."""
     h, w = texels.shape
-    corners = [(x, y) for y in range(0, h, SIDE) for x in range(0, w, SIDE)]
-    counts = np.array([texels[y:y + SIDE, x:x + SIDE].sum() for x, y in corners], np.float64)
-    counts[counts < min(LEAST_SHARE * SIDE**2, counts.max())] = 0.0
-    most = max(min(SQUARES, SQUARES * LAYERS // layers), FEWEST)
+    counts = np.add.reduceat(np.add.reduceat(texels, np.arange(0, h, side), 0, np.int64),
+                             np.arange(0, w, side), 1).astype(np.float64).ravel()
+    counts[counts < min(LEAST_SHARE * side**2, counts.max())] = 0.0
     count = min(most, int((counts > 0).sum()))
-    chosen = np.random.default_rng(seed).choice(len(corners), count, replace=False, p=counts / counts.sum())
-    return [corners[i] for i in sorted(chosen)]
+    chosen = np.random.default_rng(seed).choice(len(counts), count, replace=False, p=counts / counts.sum())
+    columns = -(-w // side)
+    return Squares(tuple((int(i) % columns * side, int(i) // columns * side) for i in sorted(chosen)), side)
 
 
 class MaterialSample(Source, Protocol):
@@ -74,12 +110,17 @@ class LayerLight:
 
 def sampled(device: Device, source: Source, texels: Bool, seed: int) -> MaterialSample | None:
     """Squares of a material; None where nothing says which lamps shone.  ``texels``: (h, w) those of the material."""
-    squares = spread_squares(texels, len(source.layers.groups), seed)
+    if isinstance(source, ArraySource) and source.texels.irradiance is None:
+        return None
+    return packed(device, source, texels, spread_squares(texels, squares_for(len(source.layers.groups)), seed))
+
+
+def packed(device: Device, source: Source, texels: Bool, squares: Squares) -> MaterialSample:
+    """Those squares of a material.  ``texels``: as of `sampled`."""
     if isinstance(source, CameraSource):
         return CameraSample(device, source, texels, squares)
-    if isinstance(source, ArraySource) and source.texels.irradiance is not None:
-        return ArraySample(device, source, texels, squares)
-    return None
+    assert isinstance(source, ArraySource)
+    return ArraySample(device, source, texels, squares)
 
 
 def clusters(sample: MaterialSample, indices: I32) -> I32:
@@ -94,18 +135,31 @@ def read_sample(device: Device, sample: MaterialSample, most: int) -> tuple[Samp
     layers = sample.layers
     groups = np.array(layers.groups, np.int32)
     covered = np.flatnonzero(sample.covered.ravel()).astype(np.int32)
-    most = min(most, max(MOST // (len(groups) * layers.lights), 64))
+    most = min(most, max(MOST // (len(groups) * max(layers.each - 2, 1)), 64))
     if len(covered) > most:
         covered = covered[np.linspace(0, len(covered) - 1, most).astype(np.int32)]
     blocks = _blocks(device, sample, covered)
-    first, lobes = blocks[:, :, 0].astype(np.float64), blocks[:, :, 2:].astype(np.float64)
-    edge = first[..., 3].astype(int) % 2 == 1
     light = sample.layer_light(covered)
+    return observed_texels(blocks, layers, light), covered
+
+
+def observed_texels(blocks: F32, layers: Layers, light: LayerLight) -> SampledTexels:
+    """(T, layers, blocks, 4) of the observation atlas, as records."""
+    groups = np.array(layers.groups, np.int32)
+    first, lobes = blocks[:, :, 0].astype(np.float64), blocks[:, :, 2:2 + layers.lights].astype(np.float64)
+    edge = first[..., 3].astype(int) % 2 == 1
     dark = (light.irradiance <= 0).any(-1)
     reflected = blocks[:, :, 1, :3].astype(np.float64) if layers.channels == 1 else first[..., :1]
     return SampledTexels(
         reflected, np.where(edge | dark, 0.0, first[..., 1]), first[..., 2], lobes, light.irradiance,
-        groups // layers.channels, groups % layers.channels, light.lamps), covered
+        groups // layers.channels, groups % layers.channels, light.lamps, nodes_of(blocks, layers))
+
+
+def nodes_of(blocks: F32, layers: Layers) -> F64 | None:
+    """(T, layers, 2, NODES) of (T, layers, blocks, 4); None where no view has an environment."""
+    if not layers.environment:
+        return None
+    return blocks[:, :, 2 + layers.lights:].reshape(*blocks.shape[:2], 2, -1).astype(np.float64)
 
 
 def _blocks(device: Device, sample: MaterialSample, texels: I32) -> F32:
@@ -122,16 +176,16 @@ def _blocks(device: Device, sample: MaterialSample, texels: I32) -> F32:
             grid[:, y:y + h, x:x + w] = part[:, :min(h, height - y), :min(w, width - x)]
     row, column = np.divmod(texels, width)
     result = np.moveaxis(grid[:, row, column], 0, 1)
-    return result.reshape(len(texels), len(layers.groups), 2 + layers.lights, 4)
+    return result.reshape(len(texels), len(layers.groups), layers.each, 4)
 
 
 class CameraSample(CameraSource):
     """Of texels that cameras see."""
 
-    def __init__(self, device: Device, source: CameraSource, texels: Bool, squares: list[Tile]) -> None:
-        position = _pack_texture(device, source.grid.position, squares)
-        normal = _pack_texture(device, source.grid.normal, squares)
-        self.covered = _pack(texels, squares)
+    def __init__(self, device: Device, source: CameraSource, texels: Bool, squares: Squares) -> None:
+        position = squares.pack_texture(device, source.grid.position)
+        normal = squares.pack_texture(device, source.grid.normal)
+        self.covered = squares.pack(texels)
         position[~self.covered] = 0.0
         height, width = position.shape[:2]
         packed = PackedTexels(device.texture(width, height, data=position), device.texture(width, height, data=normal))
@@ -144,22 +198,24 @@ class CameraSample(CameraSource):
         """As of `CameraSource`, but for the layers that are left out."""
         yield from super().gather(atlas, tile, colour)
         for layer in np.flatnonzero(self.left_out):
-            atlas.target.clear(viewport=atlas.block(int(layer) * (2 + self.layers.lights)))
+            atlas.target.clear(viewport=atlas.block(int(layer) * self.layers.each))
 
     def layer_light(self, texels: I32) -> LayerLight:
         """As of `MaterialSample`."""
         channels = self.layers.channels
         views = [view.view for camera in self.observations.cameras for _ in range(channels) for view in camera.views]
         channel = np.array(self.layers.groups) % channels
-        sets = [tuple((light.name, tuple(light.power), light.matrix.tobytes()) for light in view.lights)
-                for view in views]
+        sets = [(view.environment and view.environment.key, *((light.name, tuple(light.power), light.matrix.tobytes())
+                                         for light in view.lights)) for view in views]
         order = {key: n for n, key in enumerate(dict.fromkeys(sets))}
         position = self.places.reshape(-1, 4)[texels, :3].astype(np.float64)
         normal = self.normals.reshape(-1, 4)[texels, :3].astype(np.float64)
+        shone = {view.environment.key: view.environment for view in views if view.environment is not None}
+        around = {key: environment_irradiance(directions(found, FEW), normal) for key, found in shone.items()}
         irradiance = np.stack([
-            sum((light_irradiance(light, position, normal)[:, None]
-                 * (light.power if channels == 1 else light.power[channel[n]]) for light in view.lights),
-                np.zeros((len(texels), 3 if channels == 1 else 1)))
+            sum((light_irradiance(light, position, normal)[:, None] * light.power for light in view.lights),
+                around[view.environment.key] if view.environment is not None else np.zeros((len(texels), 3))
+                )[:, slice(None) if channels == 1 else [channel[n]]]
             for n, view in enumerate(views)], 1)
         return LayerLight(irradiance, np.array([order[key] for key in sets], np.int32))
 
@@ -167,13 +223,13 @@ class CameraSample(CameraSource):
 class ArraySample(ArraySource):
     """Of texels that arrays hold."""
 
-    def __init__(self, device: Device, source: ArraySource, texels: Bool, squares: list[Tile]) -> None:
+    def __init__(self, device: Device, source: ArraySource, texels: Bool, squares: Squares) -> None:
         of = source.texels
-        self.covered = _pack(texels, squares)
-        packed = {name: _pack(getattr(of, name), squares)
-                  for name in ("rgb", "quality", "cos_v", "lobes", "irradiance")}
-        packed["quality"][~self.covered] = 0.0
-        super().__init__(device, ObservedTexels(**packed, groups=of.groups, lamps=of.lamps),
+        self.covered = squares.pack(texels)
+        parts = {name: squares.pack(getattr(of, name))
+                 for name in ("rgb", "quality", "cos_v", "lobes", "irradiance") if getattr(of, name) is not None}
+        parts["quality"][~self.covered] = 0.0
+        super().__init__(device, ObservedTexels(**parts, groups=of.groups, lamps=of.lamps),
                          device.read(source.principled_table)[..., :source.principled_table.components])
         for name in ("model_error", "least_gain"):
             setattr(self, name, getattr(source, name))
@@ -184,7 +240,7 @@ class ArraySample(ArraySource):
         self._filled = None
         yield from super().gather(atlas, tile, colour)
         for layer in np.flatnonzero(self.left_out):
-            atlas.target.clear(viewport=atlas.block(int(layer) * (2 + self.layers.lights)))
+            atlas.target.clear(viewport=atlas.block(int(layer) * self.layers.each))
 
     def layer_light(self, texels: I32) -> LayerLight:
         """As of `MaterialSample`."""
@@ -192,23 +248,3 @@ class ArraySample(ArraySource):
         assert self.texels.irradiance is not None
         irradiance = self.texels.irradiance.reshape(-1, layers, 1)[texels].astype(np.float64)
         return LayerLight(np.repeat(irradiance, 3, 2), np.array(self.texels.lamps, np.int32))
-
-
-def _pack(grid: np.ndarray, squares: list[Tile]) -> np.ndarray:
-    """Squares of (h, w, ...) side by side; 0 beyond the grid."""
-    return _packed([grid[y:y + SIDE, x:x + SIDE] for x, y in squares])
-
-
-def _pack_texture(device: Device, texture: moderngl.Texture, squares: list[Tile]) -> F32:
-    """The same of a texture, of which no more is read."""
-    width, height = texture.size
-    return _packed([device.read(texture, (x, y, min(SIDE, width - x), min(SIDE, height - y))) for x, y in squares])
-
-
-def _packed(parts: list[np.ndarray]) -> np.ndarray:
-    rows = -(-len(parts) // COLUMNS)
-    packed = np.zeros((rows * SIDE, min(COLUMNS, len(parts)) * SIDE, *parts[0].shape[2:]), parts[0].dtype)
-    for n, part in enumerate(parts):
-        row, column = n // COLUMNS * SIDE, n % COLUMNS * SIDE
-        packed[row:row + part.shape[0], column:column + part.shape[1]] = part
-    return packed

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Generator, Iterable
 from dataclasses import replace
 
+import moderngl
 import numpy as np
 
-from ...core.data import F32, Bool, JointPrior
+from ...core.data import F32, Bool, Coat, JointPrior
 from ...core.job import Progress
 from ...core.models import CELL, Fit, choose
 from ...core.params import SolveSettings
@@ -15,6 +16,7 @@ from ...core.tiled.tiled_plan import PriorKnowledge
 from ..device.context import Device
 from ..observe.observation_atlas import Source, Tile, tiles
 from .ladder_records import EarlierResult, LadderResult, Materials
+from .material_sample import Squares, packed
 from .model_prediction import Fitted, ModelPrediction
 from .paper_swarm import PaperSwarm
 from .solver import Solver
@@ -30,9 +32,10 @@ class Ladder:
 
     def __init__(
         self, device: Device, source: Source, settings: SolveSettings, materials: Materials,
-        last: EarlierResult | None = None, before: PriorKnowledge | None = None,
+        last: EarlierResult | None = None, before: PriorKnowledge | None = None, *, scale_known: bool = True,
     ) -> None:
-        """``before``: as of `Solver`."""
+        """``before``: as of `Solver`.  ``scale_known``: as of `core.models.choose`."""
+        self.scale_known = scale_known
         self.device, self.source, self.settings, self.last = device, source, settings, last or EarlierResult()
         lobes = self.last.lobes
         self.start = None if lobes is None else device.texture(lobes.shape[1], lobes.shape[0], data=lobes)
@@ -43,7 +46,9 @@ class Ladder:
         self.priors: dict[str, JointPrior] = dict(self.last.priors)
         self.decided_metallic: dict[str, float] = dict(self.last.metallic)
         self.decided_levels: dict[str, float] = {
-            name: level for name, level in self.last.levels.items() if name in self.last.metallic}
+            name: level for name, level in self.last.levels.items()
+            if name in self.last.metallic or name in self.last.coats}
+        self.decided_coats: dict[str, Coat] = dict(self.last.coats)
         self.fitted_levels: dict[str, float] = {}  # by material, where evidence has tried another than 0.5
 
     def solve(self) -> Generator[Progress, None, LadderResult]:
@@ -57,13 +62,13 @@ class Ladder:
             result = yield from self._specular(list(self.masks))
         elif model == "one-lobe-metallic":
             result = yield from self._metallic(list(self.masks))
+        elif model == "auto":
+            result = yield from self._auto()
         else:
             result = self._read((yield from self.solver.solve()))
         present = [name for name, mask in self.masks.items() if mask.any()]
-        result.model = dict.fromkeys(present, model)
-        result.why = dict.fromkeys(present, "asked for")
-        if model == "auto":
-            yield from self._climb(result)
+        if model != "auto":
+            result.model, result.why = dict.fromkeys(present, model), dict.fromkeys(present, "chosen")
         result.cancelled, result.priors = self.solver.cancelled, self.priors
         result.noise, result.robust = self.solver.noise_of, self.solver.robust
         return result
@@ -94,8 +99,20 @@ class Ladder:
 
     # ---- evidence
 
-    def _climb(self, result: LadderResult) -> Generator[Progress, None, None]:
-        """From one lobe down to none, or up, by each material's evidence; changes ``result``."""
+    def _auto(self) -> Generator[Progress, None, LadderResult]:
+        """The model of each material by what its texels' own searches show; then its numbers."""
+        with self.device.scope() as owned:
+            searched = yield from self.solver.searched()
+            result = self._read(self.solver.alone(searched))
+            larger = yield from self._climb(result)
+            if any(name not in self.priors for name in larger.get("one-lobe", [])):
+                result.texels = self._read((yield from self.solver.among_neighbours(searched))).texels
+            owned.hand_over(self.solver.noise_map)
+        yield from self._solve_larger(result, larger)
+        return result
+
+    def _climb(self, result: LadderResult) -> Generator[Progress, None, dict[str, list[str]]]:
+        """From one lobe down to none, or up, by each material's evidence.  Returns materials by model."""
         larger: dict[str, list[str]] = {}
         for name, mask in self.masks.items():
             texels = mask & result.texels.solved
@@ -116,10 +133,15 @@ class Ladder:
             if not self.solver.cancelled:
                 yield from self._predict(name, texels, result)
             larger.setdefault(result.model[name], []).append(name)
+        return larger
+
+    def _solve_larger(self, result: LadderResult, larger: dict[str, list[str]]) -> Generator[Progress, None, None]:
+        """What a search for one lobe at level 0.5 does not answer; changes ``result``."""
         for name in (name for name in larger.get("one-lobe", []) if name in self.priors):
             self._put(result, (yield from self._one_lobe(name)), [name])
         for name in larger.get("one-lobe-specular", []):
-            solved = self._one_lobe(name) if name in self.decided_levels else self._specular([name])
+            decided = name in self.decided_levels or name in self.decided_coats
+            solved = self._one_lobe(name) if decided else self._specular([name])
             self._put(result, (yield from solved), [name])
         if "one-lobe-metallic" in larger:
             names = larger["one-lobe-metallic"]
@@ -148,22 +170,28 @@ class Ladder:
             self.decided_levels[name] = decision.level
         if decision.metallic > 0:
             self.decided_metallic[name] = decision.metallic
+        if decision.coat is not None:
+            self.decided_coats[name] = decision.coat
 
     def _one_lobe(self, name: str) -> Generator[Progress, None, LadderResult]:
-        """One lobe of a material under its prior, at the Specular IOR Level and Metallic decided (else 0.5 and 0)."""
+        """One lobe of a material under its prior, at what is decided: level (else 0.5), Metallic (else 0), coat."""
         level = None
         if name in self.decided_levels:
             level = np.full(self.masks[name].shape, self.decided_levels[name], np.float32)
         self.solver.use_level(level)
         self.solver.use_metallic(self.decided_metallic.get(name, 0.0))
+        self.solver.use_coat(self.decided_coats.get(name))
         part = self._read((yield from self._under_prior(name)))
         self.solver.use_level(None)
         self.solver.use_metallic(0.0)
+        self.solver.use_coat(None)
         if level is not None:
             part.level = np.where(self.masks[name], level, np.float32(0.5))
             part.levels = {name: self.decided_levels[name]}
         if name in self.decided_metallic:
             part.metallic = {name: self.decided_metallic[name]}
+        if name in self.decided_coats:
+            part.coats = {name: self.decided_coats[name]}
         return part
 
     def _metallic(self, names: list[str]) -> Generator[Progress, None, LadderResult]:
@@ -196,7 +224,7 @@ class Ladder:
         cells = (row * (w // CELL + 1) + column).astype(np.int32)
         chosen = {name.replace("_", "-"): Fit(fit.residual[texels], fit.searched[texels]) for name, fit in fits.items()}
         return choose(observations[texels], chosen, cells[texels], self.source.model_error,
-                      self.source.least_gain)
+                      self.source.least_gain, self.scale_known)
 
     def _try_larger(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, tuple[str, str]]:
         """Two lobes, and another specular level, on the squares where a material is seen best.
@@ -204,32 +232,34 @@ class Ladder:
         All by squares: what one lobe does not explain would else be disbelieved as outliers, and speak for no other.
         """
         with self.device.scope():
-            solver = Solver(self.device, self.source, replace(self.settings, loss="squares"), (SAMPLE, SAMPLE),
-                            self.start)
+            squares = Squares(tuple(_best_seen(texels, result.texels.observations)), SAMPLE)
+            packed_source = packed(self.device, self.source, texels, squares)
+            solver = Solver(self.device, packed_source, replace(self.settings, loss="squares"),
+                            start=self._start_of(squares))
             solver.shown = False
-            places = self._best_seen(solver, texels, result.texels.observations)
-            plain = self._read((yield from solver.solve(places))).texels if self.solver.robust else result.texels
-            two = self._read((yield from solver.solve_two(places))).texels
-            sample = texels & _inside(texels.shape, places, SAMPLE)
+            sample = packed_source.covered
+            plain = self._read((yield from solver.solve())).texels
+            two = self._read((yield from solver.solve_two())).texels
             one = np.ones_like(plain.residual)
             fits = {"lambert": Fit(plain.lambert_residual, np.zeros_like(one)),
                     "one_lobe": Fit(plain.residual, one),
                     "two_lobe": Fit(two.residual, one + two.determined - plain.determined)}
-            if (yield from self.levels.differs(solver, sample, places)):
-                level = yield from self.levels.levels(solver, {name: texels}, places)
-                self.fitted_levels[name] = float(level[texels][0])
+            if not self.scale_known or (yield from self.levels.differs(solver, sample)):
+                level = yield from self.levels.levels(solver, {name: sample}, tiles(solver.atlas, sample))
+                self.fitted_levels[name] = float(level[sample][0])
                 solver.use_level(level)
-                other = self._read((yield from solver.solve(places))).texels
+                other = self._read((yield from solver.solve())).texels
                 fits["one_lobe_specular"] = Fit(other.residual, one)
         if solver.cancelled:
             self.solver.cancelled = True
             return result.model[name], result.why[name]
         return self._choose(sample, plain.observations, **fits)
 
-    def _best_seen(self, solver: Solver, texels: Bool, observations: F32) -> list[Tile]:
-        seen = np.where(texels, observations, 0.0)
-        worth = {(x, y): float(seen[y:y + SAMPLE, x:x + SAMPLE].sum()) for x, y in tiles(solver.atlas, texels)}
-        return sorted(worth, key=lambda tile: -worth[tile])[:SAMPLES]
+    def _start_of(self, squares: Squares) -> moderngl.Texture | None:
+        if self.start is None:
+            return None
+        data = squares.pack_texture(self.device, self.start)
+        return self.device.texture(data.shape[1], data.shape[0], data=data)
 
     def _tiles(self, solver: Solver, names: Iterable[str]) -> list[Tile]:
         wanted = np.logical_or.reduce([self.masks[name] for name in names])
@@ -247,6 +277,7 @@ class Ladder:
         result.texels = result.texels.where(inside, part.texels)
         result.levels |= part.levels
         result.metallic |= part.metallic
+        result.coats |= part.coats
 
     # ---- Specular IOR Level
 
@@ -279,7 +310,7 @@ class Ladder:
             if not by_texel and not self.last.fixed.issuperset(masks):
                 _, support = yield from solver.search(places)
                 seen = read_support(self.device, support).observations
-                places = [place for mask in masks.values() for place in self._best_seen(solver, mask, seen)]
+                places = [place for mask in masks.values() for place in _best_seen(mask, seen)]
             level = yield from self.levels.levels(solver, masks, places)
             self.solver.cancelled |= solver.cancelled
             return level
@@ -291,8 +322,11 @@ class Ladder:
             self.start.release()
 
 
-def _inside(shape: tuple[int, ...], places: list[Tile], width: int) -> Bool:
-    result = np.zeros(shape, bool)
-    for x, y in places:
-        result[y:y + width, x:x + width] = True
-    return result
+def _best_seen(texels: Bool, observations: F32) -> list[Tile]:
+    """The squares of SAMPLE texels that hold the most observations of a material."""
+    seen = np.where(texels, observations, 0.0)
+    height, width = texels.shape
+    corners = [(x, y) for y in range(0, height, SAMPLE) for x in range(0, width, SAMPLE)
+               if texels[y:y + SAMPLE, x:x + SAMPLE].any()]
+    worth = {(x, y): float(seen[y:y + SAMPLE, x:x + SAMPLE].sum()) for x, y in corners}
+    return sorted(worth, key=lambda tile: -worth[tile])[:SAMPLES]

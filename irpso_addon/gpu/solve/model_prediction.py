@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...core.data import F32, F64, I32, ONE_VALUE, Bool, JointPrior, MaterialPrediction
+from ...core.data import F32, F64, I32, ONE_VALUE, Bool, Coat, JointPrior, MaterialPrediction, PredictionError
+from ...core.errors import Cancelled
+from ...core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
 from ...core.evaluation.folds import ALIKE, Folds, Judge, split
 from ...core.evaluation.joint_material import Joint, JointSearch, OneMaterial
 from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted
@@ -20,12 +22,21 @@ from .solver import Solver
 
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
 JUDGED = 1000  # texels, of a sample
+RACE = 0.5  # of its loss: what is so much worse than the best in the first fold is not tried in the others
 CLEAR = 0.15  # of its loss: a fit that leads by so much over one value for the material needs no prior
 CLEAR_TWO = 0.5  # the same of two lobes, which have no prior: false ones flash so seldom that samples miss it
 HOPEFUL = 0.25  # the same: one value that is not worse than the best one value by more is tried a texel, too
+SAME_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 in all folds is 0.5: nothing else is to be tried
 LEAST = 0.01  # roughness: of texels that are not observed it is 0
 PLAIN_METALLIC = 0.03  # a Metallic so near to 0 is 0 ...
 SOME_METALLIC = 0.08  # ... and one above this worth the time to try it where texels differ
+WORTH_RMS, WORTH_LIGHTNESS = 0.05, 0.7  # errors of what would be taken from which on a coat is tried
+CLEAR_COAT = 1 / 6  # of its loss, by which a coat must lead: a second lobe mends a little of every material
+WORSE = 1.05  # ratio of errors up to which a coat may be worse in one of the two
+LEAST_COAT = 0.02  # weight that every fold must find
+AGREED = 2.0  # ratio of the folds' largest roughness of the coat to the least
+STOPPED = "stopped before left-out views were predicted"
+PREDICTING = Progress(0.5, "solve", "predicting left-out views")
 
 
 @dataclass(frozen=True)
@@ -36,6 +47,7 @@ class Decision:
     why: str
     level: float | None = None  # Specular IOR Level, where the fit is not to find it
     metallic: float = 0.0
+    coat: Coat | None = None
     prior: JointPrior | None = None  # that the texels are to be drawn with
     prediction: MaterialPrediction | None = None  # None: nothing could be left out
     cancelled: bool = False  # the trials were stopped
@@ -57,15 +69,18 @@ class _Trial:
     model: str
     strength: float  # of the prior about the joint roughness
     material: Callable[[Joint], OneMaterial]
+    coat: str = ""  # what is free below a coat, a word of core/evaluation/coat_search.py; "": there is none
 
-    def prior(self, joint: Joint, sigma: float = 0.0) -> JointPrior:
+    def prior(self, joint: Joint, sigma: float = 0.0) -> JointPrior | None:
         """That its texels are drawn with."""
+        if self.strength == 0:
+            return None
         one = self.material(joint)
         return JointPrior(one.roughness, self.strength, sigma, one.others)
 
 
-def _trials(name: str, model: str, material: Callable[[Joint], OneMaterial]) -> list[_Trial]:
-    return [_Trial(f"{name}, prior {strength:g}", model, strength, material) for strength in STRENGTHS]
+def _trials(name: str, model: str, material: Callable[[Joint], OneMaterial], coat: str = "") -> list[_Trial]:
+    return [_Trial(f"{name}, prior {strength:g}", model, strength, material, coat) for strength in STRENGTHS]
 
 
 UNIFORM = (
@@ -76,6 +91,15 @@ UNIFORM_METAL = _Trial("one value, level and metallic", "one-lobe-metallic", ONE
 DRAWN = _trials("a value a texel", "one-lobe", lambda joint: joint.plain)
 DRAWN_LEVEL = _trials("a value a texel, one level", "one-lobe-specular", lambda joint: joint.apart)
 DRAWN_METAL = _trials("a value a texel, one metallic", "one-lobe-metallic", lambda joint: joint.apart_metal)
+UNIFORM_COAT = _Trial("one value, level and coat", "one-lobe-specular", ONE_VALUE, lambda joint: joint.coated[PLAIN],
+                      PLAIN)
+UNIFORM_COAT_METAL = _Trial("one value, level, metallic and coat", "one-lobe-metallic", ONE_VALUE,
+                            lambda joint: joint.coated[METAL], METAL)
+DRAWN_COAT = _trials("a value a texel, one level and coat", "one-lobe-specular",
+                     lambda joint: joint.coated[PLAIN], PLAIN)
+DRAWN_COAT_METAL = _trials("a value a texel, one metallic and coat", "one-lobe-metallic",
+                           lambda joint: joint.coated[METAL], METAL)
+FREE_COAT = _Trial("a value a texel and coat", "one-lobe-specular", 0.0, lambda joint: joint.coated[APART], APART)
 PARTS = [_Trial("two parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[0]),
          _Trial("three parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[1])]
 # The fit's own, without a prior of the material:
@@ -100,19 +124,25 @@ class ModelPrediction:
 
     def decide(self, texels: Bool, fitted: Fitted) -> Generator[Progress, None, Decision]:
         """``texels``: (h, w) of the material that are observed."""
+        try:
+            return (yield from self._decided(texels, fitted))
+        except Cancelled:
+            return Decision(fitted.model, STOPPED, cancelled=True)
+
+    def _decided(self, texels: Bool, fitted: Fitted) -> Generator[Progress, None, Decision]:
         with self.device.scope():
             sample = sampled(self.device, self.source, texels, self.settings.seed)
             if sample is None:
-                return Decision(fitted.model, "nothing says which lamps shone")
+                return Decision(fitted.model, "the views do not name their lamps")
+            yield PREDICTING
             observed, places = read_sample(self.device, sample, JUDGED)
             folds = split(observed)
             if folds is None:
                 return Decision(fitted.model, "too few lamps and cameras to leave one out")
             contest = _Contest(self, sample, observed, places, folds, fitted)
             if not contest.judge.judged.any():
-                return Decision(fitted.model, f"no texel has good observations enough to leave {folds.of} out")
+                return Decision(fitted.model, f"no texel has enough good observations to leave {folds.of} out")
             return (yield from contest.decide())
-
 
     def metal(self, texels: Bool) -> OneMaterial:
         """The level and Metallic that explain all texels together, where each has its own roughness."""
@@ -136,42 +166,100 @@ class _Contest:
         self.solver = Solver(owner.device, sample, self.settings)
         self.solver.shown = False
         self.search = JointSearch(observed)
-        self.joints = [self.search.fit(~left_out) for left_out in folds.left_out]
+        self.joints: list[Joint] = []  # of each fold
         self.judge = Judge(observed, folds)
         self.predictions: dict[str, list[F64]] = {}
         self.trials: dict[str, _Trial] = {}
+        self.coats: CoatSearch | None = None  # where one is sought
 
     def decide(self) -> Generator[Progress, None, Decision]:
+        for left_out in self.folds.left_out:
+            yield PREDICTING
+            self.joints.append(self.search.fit(~left_out))
         metal = min(joint.metal.metallic for joint in self.joints) > PLAIN_METALLIC
         yield from self._folds(self._own)
         yield from self._folds(self._uniform, [*UNIFORM, *([UNIFORM_METAL] if metal else [])])
         incumbent = FITTED[self.fitted.model]
         clear = CLEAR_TWO if self.fitted.model == "two-lobe" else CLEAR
         if not self.solver.cancelled and not self.judge.leads(incumbent, clear, self.predictions):
-            yield from self._folds(self._drawn, PARTS)
+            yield from self._folds(self._drawn, PARTS, race=True)
             near = self.judge.near([trial.name for trial in UNIFORM], HOPEFUL)
-            for uniform_trial, drawn in zip(UNIFORM, (DRAWN, DRAWN_LEVEL), strict=True):
-                yield from self._folds(self._drawn, drawn if uniform_trial.name in near else [])
+            yield from self._folds(self._drawn, DRAWN if UNIFORM[0].name in near else [], race=True)
+            free = max(abs(joint.apart.level - 0.5) for joint in self.joints) > SAME_LEVEL
+            yield from self._folds(self._drawn, DRAWN_LEVEL if free and UNIFORM[1].name in near else [], race=True)
         # A metal's roughness may differ from texel to texel: then one value says little of it.
         apart = min(joint.apart_metal.metallic for joint in self.joints) > SOME_METALLIC
         if not self.solver.cancelled and (
                 apart or self.judge.leads(UNIFORM_METAL.name, ALIKE[0], self.predictions)):
-            yield from self._folds(self._drawn, DRAWN_METAL)
+            yield from self._folds(self._drawn, DRAWN_METAL, race=True)
         if self.solver.cancelled:
-            return Decision(self.fitted.model, "stopped before left-out views were predicted", cancelled=True)
+            return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
         leads = self.judge.leads(incumbent, clear, self.predictions)
         if self.fitted.model in ("one-lobe", "one-lobe-specular"):
             spared = self.judge.spared()
             leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
         taken = incumbent if leads else self.judge.choose(self._families(), clusters(self.sample, self.places))
-        return self._decision(MaterialPrediction(self.folds.of, taken, errors, leads))
+        coated = yield from self._under_coats(taken, metal or apart)
+        if self.solver.cancelled:
+            return Decision(self.fitted.model, STOPPED, cancelled=True)
+        errors |= {name: self.judge.error(name) for name in self.predictions}
+        return self._decision(MaterialPrediction(self.folds.of, coated or taken, errors, leads and not coated))
+
+    def _under_coats(self, taken: str, metal: bool) -> Generator[Progress, None, str | None]:
+        """The trial with a coat that is to be taken instead, if there is one."""
+        error = self.judge.error(taken)
+        if error.relative_rms < WORTH_RMS and error.lightness < WORTH_LIGHTNESS:
+            return None
+        yield PREDICTING
+        # Texels differ, as it seems, or what lies below the coat's highlights says that they do:
+        differ = taken not in (UNIFORM[0].name, UNIFORM[1].name, UNIFORM_METAL.name) or (
+            self.judge.error(FITTED[self.fitted.model]).lightness < error.lightness)
+        pairs = [(UNIFORM_COAT, DRAWN_COAT)] if self._find_coats(PLAIN) else []
+        if metal and self._find_coats(METAL):
+            pairs.append((UNIFORM_COAT_METAL, DRAWN_COAT_METAL))
+        yield from self._folds(self._uniform, [uniform for uniform, _ in pairs])
+        for uniform, drawn in pairs:
+            if differ and not self.solver.cancelled and uniform.name in self.judge.near([uniform.name, taken], HOPEFUL):
+                yield from self._folds(self._drawn, drawn, race=True)
+        if differ and not self.solver.cancelled and self._find_coats(APART):
+            yield from self._folds(self._drawn, [FREE_COAT])
+        if self.solver.cancelled:
+            return None
+        trials = [trial for trial in self.trials.values() if trial.coat and self._no_worse(trial.name, error)]
+        if FREE_COAT in trials and not self.judge.leads(FREE_COAT.name, CLEAR_TWO, [trial.name for trial in trials]):
+            trials.remove(FREE_COAT)  # what no prior holds together must be clear, as of two lobes
+        found = self.judge.choose([[taken], *_by_size(trials)], clusters(self.sample, self.places))
+        return found if found != taken and self.judge.leads(found, CLEAR_COAT, [taken]) else None
+
+    def _no_worse(self, name: str, than: PredictionError) -> bool:
+        """In neither error: a coat that explains highlights may not spoil what lies below it."""
+        error = self.judge.error(name)
+        return error.relative_rms <= WORSE * than.relative_rms and error.lightness <= WORSE * than.lightness
+
+    def _find_coats(self, kind: str) -> bool:
+        """Whether all folds find a coat, and much the same; then their joint values have it."""
+        found = []
+        for left_out, joint in zip(self.folds.left_out, self.joints, strict=True):
+            found.append(self._coated(kind, ~left_out, joint))
+            coats = [joint.coated[kind].coat for joint in found]
+            rough = [coat.roughness for coat in coats if coat is not None and coat.weight > LEAST_COAT]
+            if len(rough) < len(found) or max(rough) > AGREED * min(rough):
+                return False
+        self.joints = found
+        return True
+
+    def _coated(self, kind: str, known: Bool, joint: Joint) -> Joint:
+        """With the coat that the ``known`` layers show."""
+        if self.coats is None:
+            self.coats = CoatSearch(self.search)
+        return replace(joint, coated={**joint.coated, kind: self.coats.fit(kind, known, joint, self.fitted.level)})
 
     def _folds(
         self, attempt: Callable[[Bool, Joint, list[_Trial]], Generator[Progress, None, None]],
-        trials: list[_Trial] | None = None,
+        trials: list[_Trial] | None = None, race: bool = False,
     ) -> Generator[Progress, None, None]:
-        """Some trials in every fold, with what they predict."""
+        """Some trials in every fold, with what they predict; with ``race``, those alone that do well in the first."""
         if trials == [] or self.solver.cancelled:
             return
         before = set(self.predictions)
@@ -180,11 +268,24 @@ class _Contest:
             yield from attempt(~left_out, joint, trials or [])
             if self.solver.cancelled:
                 return
+            if race and trials and left_out is self.folds.left_out[0]:
+                trials = self._hopeful(trials)
+                if not trials:
+                    break
         self.sample.left_out = np.zeros_like(self.folds.left_out[0])
         self.trials |= {trial.name: trial for trial in trials or []}
         for name, predictions in self.predictions.items():  # in order: Lambert is the first
             if name not in before:
                 self.judge.add(name, predictions)
+
+    def _hopeful(self, trials: list[_Trial]) -> list[_Trial]:
+        """Those whose first fold leaves them a chance; the predictions of the others are forgotten."""
+        new = [trial.name for trial in trials]
+        hopeful = self.judge.hopeful({name: of[0] for name, of in self.predictions.items()}, new, RACE)
+        for name in new:
+            if name not in hopeful:
+                del self.predictions[name]
+        return [trial for trial in trials if trial.name in hopeful]
 
     def _families(self) -> list[list[str]]:
         """Names of trials from the smallest models on; the last is the fit's own, where its texels know no prior.
@@ -210,20 +311,23 @@ class _Contest:
 
     def _uniform(self, known: Bool, joint: Joint, trials: list[_Trial]) -> Generator[Progress, None, None]:
         """One value for the material."""
-        yield Progress(0.5, "solve", "predicting left-out views")
+        yield PREDICTING
         for trial in trials:
             one = trial.material(joint)
-            self._add(trial.name, one_lobe(np.full(len(self.places), one.roughness), one.level, one.metallic), known)
+            values = np.full(len(self.places), one.roughness)
+            self._add(trial.name, one_lobe(values, one.level, one.metallic, one.coat), known)
 
     def _drawn(self, known: Bool, joint: Joint, trials: list[_Trial]) -> Generator[Progress, None, None]:
         """A value a texel, drawn to the material's, under several priors at one level and Metallic."""
         one = trials[0].material(joint)
         self.solver.use_level(self._grid(one.level) if one.level != 0.5 else None)
         self.solver.use_metallic(one.metallic)
+        self.solver.use_coat(one.coat)
         maps = yield from self.solver.under_priors([trial.prior(joint) for trial in trials])
         self.solver.use_metallic(0.0)
+        self.solver.use_coat(None)
         for trial, values in zip(trials, maps, strict=True):
-            self._add(trial.name, one_lobe(self._at(values), one.level, one.metallic), known)
+            self._add(trial.name, one_lobe(self._at(values), one.level, one.metallic, one.coat), known)
 
     def _two_lobes(self) -> Generator[Progress, None, Lobes]:
         self.solver.use_level(None)
@@ -255,10 +359,13 @@ class _Contest:
             model = "lambert" if taken == "lambert" else self.fitted.model
             return Decision(model, why, prediction=prediction)
         trial = self.trials[taken]
-        joint = self.search.fit(np.ones(len(self.observed.camera), bool))
+        known = np.ones(len(self.observed.camera), bool)
+        joint = self.search.fit(known)
+        if trial.coat:
+            joint = self._coated(trial.coat, known, joint)
         one = trial.material(joint)
         values = np.array([trial.material(joint).roughness for joint in self.joints])
         # Jackknife (Quenouille 1956) over the folds.
         sigma = float(np.sqrt((len(values) - 1) * values.var())) if trial.strength == ONE_VALUE else 0.0
-        return Decision(trial.model, why, None if one.level == 0.5 else one.level, one.metallic,
-                        trial.prior(joint, sigma), prediction)
+        level = None if trial.model == "one-lobe" else one.level
+        return Decision(trial.model, why, level, one.metallic, one.coat, trial.prior(joint, sigma), prediction)

@@ -65,7 +65,7 @@ class Swarms:
         if model not in LOBES:
             raise BadInput(f"method paper: searches the models {' and '.join(LOBES)}, not {model}; choose one of them")
         if settings.window % 2 == 0:
-            raise BadInput(f"window: {settings.window} has no middle; give an odd number of texels")
+            raise BadInput(f"window: {settings.window} has no middle; choose an odd number of texels")
         self.device, self.source, self.settings, self.lobes = device, source, settings, LOBES[model]
         self.limits = limits or limits_for(settings.c1, settings.c2)
         self.atlas = ObservationAtlas(device, source, tile)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import moderngl
 import numpy as np
@@ -47,6 +48,15 @@ GIVEN: Uniforms = {"u_particles": 1, "u_moves": 0, "u_race_steps": 0, "u_final_s
 STARTED_TWO = {"refined": {"u_started": 3}, "draft": {"u_started": 2}, "swarm": {"u_started": 6}}
 
 
+@dataclass(frozen=True)
+class Searched:
+    """Where the search of one lobe has ended.  Its textures belong to the scope in which it was made."""
+
+    tiles: list[Tile]  # that are done: fewer than were asked for when stopped
+    outputs: list[moderngl.Texture]  # of the search kernel
+    variance: float  # of the noise, relative
+
+
 class Solver(TilePasses):
     """Roughness of every texel that a source observes."""
 
@@ -80,9 +90,21 @@ class Solver(TilePasses):
         chosen = tiles(self.atlas, self.covered) if only is None else only
         roughness, detail = self.textures(2)
         with self.device.scope() as owned, self._given():
-            chosen, searched, variance = yield from self._searched(chosen)
-            yield from self._finish(chosen, searched, variance, [roughness, detail])
+            searched = yield from self.searched(chosen)
+            yield from self._finish(searched, [roughness, detail])
             owned.hand_over(self.noise_map)
+        return RoughnessMaps(roughness, detail)
+
+    def alone(self, searched: Searched) -> RoughnessMaps:
+        """What each texel's own search has found."""
+        roughness, detail = self.textures(2)
+        self._last_word(searched, [roughness, detail], -1.0)
+        return RoughnessMaps(roughness, detail)
+
+    def among_neighbours(self, searched: Searched) -> Generator[Progress, None, RoughnessMaps]:
+        """The rest of `solve`."""
+        roughness, detail = self.textures(2)
+        yield from self._finish(searched, [roughness, detail])
         return RoughnessMaps(roughness, detail)
 
     @contextmanager
@@ -105,41 +127,40 @@ class Solver(TilePasses):
         """(h, w) roughness of one lobe under each prior of the material, from one search."""
         results = []
         with self.device.scope() as owned:
-            chosen, searched, variance = yield from self._searched(tiles(self.atlas, self.covered))
+            searched = yield from self.searched(tiles(self.atlas, self.covered))
             outputs = self.textures(2)
             for prior in priors:
                 self.joint = prior
-                yield from self._finish(chosen, searched, variance, outputs)
+                yield from self._finish(searched, outputs)
                 results.append(self.device.read(outputs[0])[..., 0].copy())
             self.joint = None
             owned.hand_over(self.noise_map)
         return results
 
-    def _searched(
-        self, chosen: list[Tile],
-    ) -> Generator[Progress, None, tuple[list[Tile], list[moderngl.Texture], float]]:
-        """(tiles that are done, outputs of the search, variance of the noise); fewer tiles when stopped."""
-        searched = self.textures(3)
-        done = yield from self._search(chosen, searched, 1)
+    def searched(self, chosen: list[Tile] | None = None) -> Generator[Progress, None, Searched]:
+        """Search every texel alone, for one lobe.  ``chosen``: these tiles."""
+        chosen, outputs = tiles(self.atlas, self.covered) if chosen is None else chosen, self.textures(3)
+        done = yield from self._search(chosen, outputs, 1)
         chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
-        variance = self._noise(searched[0], searched[1], 1)
-        searched, variance = yield from self._believed(chosen, searched, variance)
-        return chosen, searched, variance
+        variance = self._noise(outputs[0], outputs[1], 1)
+        outputs, variance = yield from self._believed(chosen, outputs, variance)
+        self.noise_of[1] = self.before.noise.get(1, Noise(variance, self._unsure(variance, outputs[1])))
+        return Searched(chosen, outputs, variance)
 
-    def _finish(
-        self, chosen: list[Tile], searched: list[moderngl.Texture], variance: float, outputs: list[moderngl.Texture],
-    ) -> Generator[Progress, None, None]:
+    def _finish(self, searched: Searched, outputs: list[moderngl.Texture]) -> Generator[Progress, None, None]:
         """From what the search has found to roughness and detail."""
         given = self.joint is not None and self.joint.one_value
-        asked = self._asks_neighbours(1, variance, self._unsure(variance, searched[1])) or self.joint is not None
-        if asked and not given:
-            yield from self._with_neighbours(chosen, searched, variance, outputs)
+        if not given and (self.noise_of[1].neighbours or self.joint is not None):
+            yield from self._with_neighbours(searched.tiles, searched.outputs, searched.variance, outputs)
         else:
-            sigma = self.joint.sigma if self.joint is not None else -1.0
-            inputs = Inputs({**self._valleys(searched), "u_extra": searched[2]},
-                            {**self._floor(variance), "u_given_sigma": sigma})
-            with self.device.target(outputs) as target:
-                self.device.kernel("solve/finish.kernel", target, inputs, (0, 0, *self.source.size))
+            self._last_word(searched, outputs, self.joint.sigma if self.joint is not None else -1.0)
+
+    def _last_word(self, searched: Searched, outputs: list[moderngl.Texture], given_sigma: float) -> None:
+        """Without neighbours.  ``given_sigma``: standard error of a roughness that was given; -1: it was searched."""
+        inputs = Inputs({**self._valleys(searched.outputs), "u_extra": searched.outputs[2]},
+                        {**self._floor(searched.variance), "u_given_sigma": given_sigma})
+        with self.device.target(outputs) as target:
+            self.device.kernel("solve/finish.kernel", target, inputs, (0, 0, *self.source.size))
 
     def _valleys(self, searched: list[moderngl.Texture]) -> dict[str, Textures]:
         """What the search has found, and its noise, as later kernels read them."""
@@ -213,7 +234,8 @@ class Solver(TilePasses):
             chosen = chosen[:done]
             variance = self._noise(pairs, support, 2)
             floor = {**self._floor(variance), "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": 6}
-            pooled = self._asks_neighbours(2, variance, variance > QUIET**2)
+            self.noise_of[2] = self.before.noise.get(2, Noise(variance, variance > QUIET**2))
+            pooled = self.noise_of[2].neighbours
             # The search's third output is curvature; the passes below want variances.
             self._invert(variances, support, variance)
             before, after = [pairs, variances, support], self.textures(3)  # pairs, variances, detail
@@ -274,11 +296,6 @@ class Solver(TilePasses):
         if self.source.camera_slack:
             self.slack = float(np.clip(self.source.camera_slack**2 / variance, 1.0, 1e5))
         return variance
-
-    def _asks_neighbours(self, lobes: int, variance: float, here: bool) -> bool:
-        """Whether texels ask their neighbours: as is known from before, else as they do ``here``."""
-        self.noise_of[lobes] = self.before.noise.get(lobes, Noise(variance, here))
-        return self.noise_of[lobes].neighbours
 
     def _unsure(self, variance: float, support: moderngl.Texture) -> bool:
         """Whether the noise leaves texels that need their neighbours."""

@@ -10,7 +10,7 @@ from ...core.data import F32, F64, Bool
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ..device.context import Device
-from ..observe.observation_atlas import Tile
+from ..observe.observation_atlas import Tile, tiles
 from .ladder_records import EarlierResult
 from .solver import Solver
 from .texel_records import read_residual, read_support
@@ -29,12 +29,12 @@ class LevelSearch:
     def __init__(self, device: Device, settings: SolveSettings, last: EarlierResult) -> None:
         self.device, self.settings, self.last = device, settings, last
 
-    def differs(self, solver: Solver, sample: Bool, places: list[Tile]) -> Generator[Progress, None, bool]:
+    def differs(self, solver: Solver, sample: Bool) -> Generator[Progress, None, bool]:
         """Whether a Specular IOR Level other than 0.5 may explain the sample better: one look to either side."""
         costs = []
         for level in LEVEL_LOOK:
             solver.use_level(np.full(sample.shape, level, np.float32))
-            costs.append(float((yield from self._cost(solver, places))[sample].sum()))
+            costs.append(float((yield from self._cost(solver, tiles(solver.atlas, sample)))[sample].sum()))
         bend = np.polyfit(LEVEL_LOOK, costs, 2)
         return bool(bend[0] <= 0 or abs(-0.5 * bend[1] / bend[0] - 0.5) > LEVEL_SAME)
 

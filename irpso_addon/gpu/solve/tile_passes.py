@@ -8,7 +8,7 @@ from functools import partial
 
 import moderngl
 
-from ...core.data import F32
+from ...core.data import F32, Coat
 from ...core.errors import Cancelled
 from ...core.job import Progress
 from ...core.params import SolveSettings
@@ -45,6 +45,7 @@ class TilePasses:
         self.slack = 0.0  # between-camera variance of albedo in units of the noise's
         self.level: moderngl.Texture | None = None  # Specular IOR Level of each texel; None: 0.5
         self.metallic = 0.0
+        self.coat: Coat | None = None
         self.cancelled = False
         self.shown = True  # whether what kernels find may be looked at; not where something is only tried
         self._work: dict[Tile, F32] = {}  # of each row of a tile, see ObservationAtlas.work
@@ -58,6 +59,10 @@ class TilePasses:
     def use_metallic(self, metallic: float) -> None:
         """Metallic of all texels from now on, where they are solved for one lobe."""
         self.metallic = metallic
+
+    def use_coat(self, coat: Coat | None) -> None:
+        """Coat above all texels from now on, where they are solved for one lobe."""
+        self.coat = coat
 
     def run(
         self, chosen: list[Tile], span: tuple[float, float], work: KernelPass,
@@ -91,6 +96,7 @@ class TilePasses:
         tinted = metal and self.source.layers.channels == 1
         switches = {"COLOUR": work.colour or tinted, "STARTED": "u_started" in work.uniforms,
                     "SPECULAR": self.level is not None, "METALLIC": metal, "TINTED": tinted,
+                    "COAT": work.lobes == 1 and self.coat is not None,
                     "ROBUST": work.robust, "JOINT": "u_joint_strength" in work.uniforms,
                     "NDF_BECKMANN": work.lobes == 2 and self.settings.ndf == "beckmann"}
         if work.uniforms.get("u_moves"):
@@ -111,7 +117,9 @@ class TilePasses:
             **({"u_level": self.level} if self.level else {}),
             **({"u_start": self.start} if "STARTED" in defines else {}), **work.textures,
         }, {**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile,
-            **({"u_metallic": self.metallic} if "METALLIC" in defines else {}), **work.uniforms}, defines),
+            **({"u_metallic": self.metallic} if "METALLIC" in defines else {}),
+            **({"u_coat": (self.coat.weight, self.coat.roughness)} if self.coat and "COAT" in defines else {}),
+            **work.uniforms}, defines),
             region, self._work[tile][:region[3]])
 
     def textures(self, count: int) -> list[moderngl.Texture]:

@@ -93,7 +93,8 @@ def check(path: Path) -> None:
     views = read_captures(path)
     assert views
     for view in views:
-        assert view.camera.strip() and view.lights and len(set(view.lights)) == len(view.lights)
+        assert view.camera.strip() and len(set(view.lights)) == len(view.lights)
         assert math.isfinite(view.exposure) and -64 <= view.exposure <= 64
+        assert math.isfinite(view.turn)
         for file in (view.image, view.mask):
             assert file is None or os.fsencode(file)

@@ -14,7 +14,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from irpso_addon.__main__ import main
+from irpso_addon.__main__ import MODULES, main
 from irpso_addon.cli import options
 from irpso_addon.core.errors import BadInput
 
@@ -31,7 +31,7 @@ def prepare(_folder: Path) -> dict[str, list[argparse.Action]]:
     top = options.parser()
     commands = next(action for action in top._actions if isinstance(action, argparse._SubParsersAction))
     for name in commands.choices:
-        importlib.import_module(f"irpso_addon.cli.{name}")
+        importlib.import_module(f"irpso_addon.cli.{MODULES.get(name, name)}")
     return {name: parser._actions for name, parser in commands.choices.items()}
 
 

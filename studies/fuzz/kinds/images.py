@@ -116,7 +116,7 @@ class Reading:
 def _check(image: RadianceImage, most: int | None) -> None:
     height, width = image.coverage.shape
     assert image.rgb.shape == (height, width, 3) and image.valid.shape == (height, width)
-    assert most is None or height * width <= max(most, height, width), "more pixels than were asked for"
+    assert most is None or height * width <= max(most, height, width), "more pixels than were chosen"
     assert np.isfinite(image.rgb).all() and (image.rgb >= 0).all()
     assert np.isfinite(image.coverage).all() and 0 <= image.coverage.min() <= image.coverage.max() <= 1
     assert not image.rgb[~image.valid].any()

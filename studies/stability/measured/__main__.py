@@ -32,8 +32,7 @@ def main() -> int:
     picture.chart(materials, options.out / "measured.png")
     picture.spheres(materials, options.out / "measured-spheres.jpg")
     foreseen.chart(materials, options.out / "measured-foreseen.png")
-    text = page.page(materials, device.describe()["renderer"], time.process_time())
-    (options.out / "measured.md").write_text(text, encoding="utf-8")
+    page.write(materials, device.describe()["renderer"], options.out / "measured.md")
     return 0
 
 

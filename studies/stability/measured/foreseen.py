@@ -15,11 +15,12 @@ from matplotlib.lines import Line2D
 from irpso_addon.core.data import F64, PredictionError
 from irpso_addon.core.models import LADDER
 from irpso_addon.gpu.solve.model_prediction import DRAWN, DRAWN_LEVEL, DRAWN_METAL, FITTED, UNIFORM, UNIFORM_METAL
+from studies import pages
 
 from .judge import Judgement
 from .picture import COLOURS
 from .run import AUTO, KINDS, Material
-from .words import SCENES, table, wrapped
+from .words import SCENES, wrapped
 
 LAMBERT = "lambert"
 UNITS: dict[str, Callable[[PredictionError], float]] = {
@@ -27,6 +28,7 @@ UNITS: dict[str, Callable[[PredictionError], float]] = {
 ERRORS: dict[str, Callable[[Judgement], float]] = {
     "display": lambda j: j.display, "relative": lambda j: j.relative,
     "relative RMS": lambda j: j.as_predicted.relative_rms, "RMS of L*": lambda j: j.as_predicted.lightness}
+Table = tuple[Sequence[str], Sequence[Sequence[str]]]  # head and rows
 MARKS = ("o", "^")  # sphere, cow
 NARROW = 0.1  # Beckmann's m: highlights below it are narrow
 CLEARLY = 1.05  # times the other's error: less is not worth a word
@@ -101,13 +103,8 @@ def _panel(axis: Axes, cases: Sequence[Foreseen], what: str, unit: str) -> None:
     axis.grid(alpha=0.25, which="both")
 
 
-def text(materials: Sequence[Material]) -> str:
-    """The page's part about it, with tables."""
-    return "\n".join([_taken(materials), SAID_OF_CHART, _ratios(materials), _said_of_ratios(materials),
-                      _worse(materials)])
-
-
-def _taken(materials: Sequence[Material]) -> str:
+def taken(materials: Sequence[Material]) -> str:
+    """How often ``auto`` took what, as a table."""
     rows = []
     for name, rung in TRIALS.items():
         counts = [sum(m.predictions[s].taken == name for m in materials if s in m.predictions) for s in SCENES]
@@ -116,10 +113,10 @@ def _taken(materials: Sequence[Material]) -> str:
     none = [sum(s not in m.predictions for m in materials) for s in SCENES]
     if any(none):
         rows.append(["no prediction", "", *map(str, none)])
-    return TAKEN + table(["taken", "rung", *SCENES], rows)
+    return pages.table(["taken", "rung", *SCENES], rows)
 
 
-def _ratios(materials: Sequence[Material]) -> str:
+def ratios(materials: Sequence[Material]) -> Table:
     """True over predicted error, by scene."""
     rows = []
     for unit in UNITS:
@@ -128,7 +125,7 @@ def _ratios(materials: Sequence[Material]) -> str:
                 cases = foreseen(materials, what, (scene,))
                 if cases:
                     rows.append([unit, what, scene, *_spread(cases, unit)])
-    return table(["error", "maps", "scene", "true / predicted: median", "90 % range", "rank correlation"], rows)
+    return ["error", "maps", "scene", "true / predicted: median", "90 % range", "rank correlation"], rows
 
 
 def _spread(cases: Sequence[Foreseen], unit: str) -> list[str]:
@@ -144,7 +141,8 @@ def _ranks(values: F64) -> F64:
     return np.asarray(np.argsort(np.argsort(values)), np.float64)
 
 
-def _said_of_ratios(materials: Sequence[Material]) -> str:
+def said_of_ratios(materials: Sequence[Material]) -> str:
+    """What the table of ratios amounts to."""
     narrow = [m for m in materials if "Low E2" in m.published and m.published["Low E2"].m < NARROW]
     wide = [m for m in materials if m not in narrow]
 
@@ -163,15 +161,16 @@ def _said_of_ratios(materials: Sequence[Material]) -> str:
         f"{name} on the {case.scene} ({UNITS[radiance](case.true):.2f} where {UNITS[radiance](case.predicted):.3f} was "
         f"predicted)" for name, case in list(furthest.items())[:3])
     alone = [sum(m.largest.get(scene, 0.0) > 0.5 for m in materials) for scene in SCENES[::2]]
-    return "\n" + wrapped(f"""
-All scenes together, the true error is so many times the predicted one (median, and the range of 90 %): relative RMS
+    return wrapped(f"""
+Over all scenes the ratio of the true to the predicted error is (median, and the range of 90 %): relative RMS
 {over(materials, AUTO, radiance)} for what `auto` took and {over(materials, LAMBERT, radiance)} for Lambert; L*
 {over(materials, AUTO, light)} and {over(materials, LAMBERT, light)}. The relative RMS of what `auto` took is
 {over(wide, AUTO, radiance)} times what was predicted for the {len(wide)} materials with a wide highlight (m at least
-{NARROW} by Low E2), {over(narrow, AUTO, radiance)} times for the {len(narrow)} with a narrow one. Few texels meet a
-narrow peak: of {alone[0]} materials on the sphere and of {alone[1]} on the cow a single observation makes up more than
-half of the sum of squared radiances. Their relative RMS hangs on it, and the lamps left out cannot tell what the
-held-out ones meet. L* is foreseen better. Furthest above the line by relative RMS: {named}.""") + "\n"
+{NARROW} by Low E2), {over(narrow, AUTO, radiance)} times for the {len(narrow)} with a narrow one. Few texels show a
+narrow peak: for {alone[0]} materials on the sphere and for {alone[1]} on the cow a single observation makes up more
+than half of the sum of squared radiances. Their relative RMS depends on it, and the lamps that are left out do not show
+what the held-out lamps meet. The prediction of L* is better. The cases furthest above the line by relative RMS:
+{named}.""")
 
 
 # ---- whether another rung would have been better
@@ -210,7 +209,14 @@ def beside(
     return result
 
 
-def _worse(materials: Sequence[Material]) -> str:
+def said_of_rungs(materials: Sequence[Material]) -> str:
+    """Whether another rung would have been better."""
+    said = "; ".join(beside_rungs(materials)[1])
+    return wrapped(WORSE.format(said=said, clearly=f"{100 * (CLEARLY - 1):g} %"))
+
+
+def beside_rungs(materials: Sequence[Material]) -> tuple[Table, list[str]]:
+    """``auto`` beside Lambert, the best smaller rung and the best rung, and the first of them in words."""
     kinds: dict[str, Callable[[Material, str], Sequence[str]]] = {
         "Lambert": lambda m, scene: smaller(m, scene)[:1], "the best smaller rung": smaller, "the best rung": every}
     rows, said = [], []
@@ -227,30 +233,11 @@ def _worse(materials: Sequence[Material]) -> str:
             rows.append([what, name, str(len(cases)), str(sum(case.ratio > 1 for case in cases)), str(len(clearly)),
                          f"{most.material.name}, {most.scene}: {most.ratio:.2f} times" if most.ratio > 1 else "none"])
     percent = f"{100 * (CLEARLY - 1):g} %"
-    return wrapped(WORSE.format(said="; ".join(said), clearly=percent)) + "\n\n" + table(
-        ["beside", "error", "cases", "auto is worse", f"by more than {percent}", "most"], rows)
+    return (["beside", "error", "cases", "auto is worse", f"by more than {percent}", "most"], rows), said
 
 
-TAKEN = """How often `auto` took what. *One value*: all texels of the material share the roughness (and level, and
-Metallic). *Prior*: each texel has its own roughness, drawn to the material's so strongly (nats a squared log ratio).
-*A value a texel* and *two lobes* without a prior are what the evidence inside the fit preferred.
-
-"""
-
-SAID_OF_CHART = """
-![Predicted against true errors](measured-foreseen.png)
-
-Each point is a material in a scene; on the line the prediction is right, on the dotted ones the truth is half or twice
-as large. Predicted: what the folds foresaw when a third of the lamps was left out. True: what the delivered maps show
-under the held-out lamps, half of them with a camera that saw nothing before. Both in the unit of the folds: the square
-root of the sum of squared errors of radiance over that of squared radiances; and root mean square errors of L* in each
-channel, white being the 99.5th percentile of the radiances observed. Each observation counts alike, unlike in the
-display error, which weighs texels as the picture shows them. A relative RMS near 1 says that the brightest peaks are
-missed: they make up nearly all of the squares where a highlight is narrow.
-"""
-
-WORSE = """Is `auto` ever worse than Lambert, or than a smaller rung? Of all materials and scenes where it took a larger
-rung than Lambert, its error under the held-out lamps is larger than Lambert's by more than {clearly} in: {said}. The
-table has all rungs. Their maps are those solved for when they are asked for, a value a texel; the best of them is
-picked by the truth, for each error anew, which no method can do. "The best smaller rung" is among those below the one
-that was taken."""
+WORSE = """`auto` can be worse than Lambert, or than a smaller rung. Of all materials and scenes where it took a larger
+rung than Lambert, its error under the held-out lamps is larger than Lambert's by more than {clearly} in: {said}.
+[measured-rungs.csv](measured-rungs.csv) has all rungs. Their maps have a value per texel, as when a user asks for the
+model. The truth picks the best of them for each error separately, which no method can do. "The best smaller rung" is
+one below the rung that `auto` took."""

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from . import fit, foreseen, rig
+from irpso_addon.core.phrases import percent
+from studies import pages
+
+from . import fit, foreseen
 from .foreseen import NARROW
 from .judge import Judgement
 from .picture import best_published
-from .run import AUTO, KINDS, LEVEL, LOSS_MODELS, METALLIC, NOISE, PUBLISHED, SOLVES, SPHERE, Material
-from .words import COLUMNS, ERRORS, FIRST, HEAD, KIND, LOSSES, METHODS, PICTURES, SCENES, table, wrapped
+from .run import AUTO, KINDS, LEVEL, LOSS_MODELS, METALLIC, NOISE, PUBLISHED, SOLVES, Material
+from .words import FIRST, SCENES, wrapped
 
 WANTED = {"display": 95, "relative": 85}  # of 100 materials: at or below the best published fit
 NEAR = 1.1  # times the best published fit's error
 Error = Callable[[Judgement], float]
+Table = tuple[Sequence[str], Sequence[Sequence[str]]]  # head and rows
 DISPLAY: Error = lambda j: j.display  # noqa: E731
 RELATIVE: Error = lambda j: j.relative  # noqa: E731
 REFITTED = ("cook-torrance: relative",)
@@ -23,17 +28,22 @@ DISPLAY_AGAINST = {**{name: (name,) for name in PUBLISHED}, "best": PUBLISHED, "
 RELATIVE_AGAINST = {"Low E1": PUBLISHED[:1], "Low E2": PUBLISHED[1:2], "best": PUBLISHED}
 
 
-def page(materials: Sequence[Material], renderer: str, seconds: float) -> str:
-    """The whole text."""
-    head = HEAD.format(command="python -m studies.stability.measured --data DIR --cow OBJ", renderer=renderer,
-                       minutes=seconds / 60, count=len(materials), texels=f"{SPHERE} x {SPHERE}", lamps=rig.LAMPS,
-                       held_out=rig.HELD_OUT_LAMPS)
-    parts = [head, _verdict(materials), PICTURES, "## What auto took, and whether prediction foresees\n",
-             foreseen.text(materials), "\n## By model\n", METHODS, _by_method(materials),
-             "\n## By kind of material\n", KIND, _by_kind(materials), "\n## By loss\n", LOSSES, _by_loss(materials),
-             _said_of_losses(materials), _roughness(materials), "\n## What falls short\n", _short(materials),
-             "\n## All materials\n", COLUMNS, _numbers(materials), "", ERRORS, _errors(materials)]
-    return "\n".join(parts) + "\n"
+def write(materials: Sequence[Material], renderer: str, page: Path) -> None:
+    """The figures of the page, and the full tables beside it."""
+    by_method = _by_method(materials)
+    pages.fill(pages.DOCS / "stability" / "measured.md", {
+        "made": pages.measured(renderer), "verdict": _verdict(materials), "short": _short(materials),
+        "taken": foreseen.taken(materials), "foreseen": foreseen.said_of_ratios(materials),
+        "rungs": foreseen.said_of_rungs(materials),
+        "methods": pages.table(["method", *_heads()], [row[1:] for row in by_method if row[0] == FIRST]),
+        "kinds": _by_kind(materials), "losses": _by_loss(materials), "said": _said_of_losses(materials)}, page)
+    full: dict[str, Table] = {
+        "foreseen": foreseen.ratios(materials), "rungs": foreseen.beside_rungs(materials)[0],
+        "methods": (["scene", "method", *_heads()], by_method), "losses": _widths(materials),
+        "materials": _numbers(materials), "errors": _errors(materials)}
+    for name, (head, rows) in full.items():
+        pages.write_csv(page.with_name(f"measured-{name}.csv"), head,
+                        [[cell.replace("**", "") for cell in row] for row in rows])
 
 
 def at_or_below(materials: Sequence[Material], scene: str, method: str, others: Sequence[str], error: Error) -> str:
@@ -60,10 +70,8 @@ def _verdict(materials: Sequence[Material]) -> str:
             near = sum(error(m.errors[f"{scene}: {AUTO}"]) <= NEAR * _best(m, scene, error) for m in materials)
             rows.append([scene, name, *counts, f"{wanted:g}", "met" if int(counts[-1]) >= wanted else "**below**",
                          f"{near}"])
-    return ("Wanted of the default, model `auto`: its maps at or below the best of the three published fits for\n"
-            f"{WANTED['display']} of 100 materials by display error and for {WANTED['relative']} by relative error.\n\n"
-            + table(["maps of `auto`", "error", *(f"≤ {n}" for n in RELATIVE_AGAINST), "wanted", "",
-                     f"at most {NEAR - 1:.0%} above the best"], rows))
+    return pages.table(["maps of `auto`", "error", *(f"≤ {n}" for n in RELATIVE_AGAINST), "wanted", "",
+                        f"at most {percent(NEAR - 1)} above the best"], rows)
 
 
 def _best(material: Material, scene: str, error: Error) -> float:
@@ -81,11 +89,12 @@ def _row(materials: Sequence[Material], scene: str, method: str) -> list[str]:
 
 
 def _heads() -> list[str]:
-    return ["display error (median)", *(f"≤ {name}" for name in DISPLAY_AGAINST),
-            "relative error (median)", *(f"≤ {name}" for name in RELATIVE_AGAINST)]
+    return ["display error (median)", *(f"display ≤ {name}" for name in DISPLAY_AGAINST),
+            "relative error (median)", *(f"relative ≤ {name}" for name in RELATIVE_AGAINST)]
 
 
-def _by_method(materials: Sequence[Material]) -> str:
+def _by_method(materials: Sequence[Material]) -> list[list[str]]:
+    """Of all scenes, which are the first column."""
     rows = []
     for scene in SCENES:
         for solve in SOLVES:
@@ -101,7 +110,7 @@ def _by_method(materials: Sequence[Material]) -> str:
             rows.append([scene, "no product: with Metallic, one value", *_row(materials, scene, "metallic")])
         rows += [[scene, name, *_row(materials, scene, name)] for name in PUBLISHED
                  if f"{scene}: {name}" in materials[0].errors]
-    return table(["scene", "method", *_heads()], rows)
+    return rows
 
 
 def _by_kind(materials: Sequence[Material]) -> str:
@@ -115,7 +124,7 @@ def _by_kind(materials: Sequence[Material]) -> str:
             rows.append([kind, f"{len(of)}", *(f"{np.median([m.display(n) for m in of]):.3f}" for n in methods),
                          *(at_or_below(of, FIRST, AUTO, PUBLISHED, error) for error in (DISPLAY, RELATIVE)),
                          f"{rungs.count(METALLIC)}"])
-    return table(["kind", "materials", f"{LEVEL}: maps", f"{METALLIC}: maps", f"**{AUTO}**: maps",
+    return pages.table(["kind", "materials", f"{LEVEL}: maps", f"{METALLIC}: maps", f"**{AUTO}**: maps",
                   f"{AUTO}: one value", "joint fit", "joint, with Metallic", *PUBLISHED[:2],
                   f"{AUTO} maps ≤ best (display)", "(relative)", f"{AUTO} took {METALLIC}"], rows)
 
@@ -128,14 +137,14 @@ def _by_loss(materials: Sequence[Material]) -> str:
             best = sum(m.display(name) <= min(m.display(f"{model}: {other}") for other in fit.LOSSES)
                        for m in materials)
             rows.append([model, loss, f"{best}", *_row(materials, FIRST, name)])
-    return table(["model", "loss", "best of the five (display)", *_heads()], rows)
+    return pages.table(["model", "loss", "best of the five (display)", *_heads()], rows)
 
 
-def _roughness(materials: Sequence[Material]) -> str:
-    """How much a material's roughness hangs on the loss."""
+def _widths(materials: Sequence[Material]) -> Table:
+    """How many times the width of one material's lobe differs between losses."""
     def ratios(pairs: Iterable[tuple[float, float]]) -> list[str]:
         r = np.array([max(a, b) / min(a, b) for a, b in pairs])
-        return [f"{np.median(r):.2f}", f"{np.percentile(r, 90):.2f}", f"{(r > 2).mean():.0%}"]
+        return [f"{np.median(r):.2f}", f"{np.percentile(r, 90):.2f}", f"{percent((r > 2).mean())}"]
 
     rows = [["published, Low E1 and E2 (m)", *ratios((m.published["Low E1"].m, m.published["Low E2"].m)
                                                      for m in materials if {"Low E1", "Low E2"} <= set(m.published))]]
@@ -148,8 +157,7 @@ def _roughness(materials: Sequence[Material]) -> str:
         rows.append([f"{LEVEL}, relative and the maps' one value{name} (alpha)", *ratios(
             (float(m.fitted[f"{LEVEL}: relative"].shared[0]) ** 2, float(m.uniform[f"{scene}: {LEVEL}"].roughness) ** 2)
             for m in materials)])
-    return "\nHow many times the width of one material's lobe differs:\n\n" + table(
-        ["between", "median", "90th percentile", "more than 2 times"], rows)
+    return ["between", "median", "90th percentile", "more than 2 times"], rows
 
 
 def _said_of_losses(materials: Sequence[Material]) -> str:
@@ -161,15 +169,16 @@ def _said_of_losses(materials: Sequence[Material]) -> str:
 
     by = {loss: mean(f"{LEVEL}: {loss}") for loss in fit.LOSSES}
     classic = LOSS_MODELS[1]
-    return f"""
-What looks better is decided by the loss more than by the model. Squares and log put all their weight into the peak and
+    return wrapped(f"""
+The loss decides more than the model which picture looks better. Squares and log put all their weight into the peak and
 miss the body of dark, shiny materials: mean display error {by["squares"]} and {by["log"]}, against {by["relative"]} by
-the product's relative squares and {by["robust"]} by the robust ones. So it is with Cook-Torrance, colour in its
-highlight: {mean(f"{classic}: squares")} by squares, {mean(f"{classic}: relative")} by relative squares,
-{mean("Low E2")} as published (Low E2). Where light itself counts (relative error, nothing clipped) it is the other way
-round: of {len(materials)} materials, relative squares are at or below the best published fit for
-{count(f"{LEVEL}: relative", RELATIVE)}, squares for {count(f"{LEVEL}: squares", RELATIVE)}. The cube root serves both:
-{count(f"{LEVEL}: cube root", DISPLAY)} by display error, {count(f"{LEVEL}: cube root", RELATIVE)} by relative error."""
+the product's relative squares and {by["robust"]} by the robust ones. The same holds for Cook-Torrance with colour in
+its highlight: {mean(f"{classic}: squares")} by squares, {mean(f"{classic}: relative")} by relative squares,
+{mean("Low E2")} as published (Low E2). By relative error, which clips nothing, the order is reversed: of
+{len(materials)} materials, relative squares are at or below the best published fit for
+{count(f"{LEVEL}: relative", RELATIVE)}, squares for {count(f"{LEVEL}: squares", RELATIVE)}. The cube root is good for
+both: {count(f"{LEVEL}: cube root", DISPLAY)} by display error, {count(f"{LEVEL}: cube root", RELATIVE)} by relative
+error.""")
 
 
 def _short(materials: Sequence[Material]) -> str:
@@ -199,30 +208,32 @@ def _short(materials: Sequence[Material]) -> str:
         of, auto = (np.array([m.errors[f"{scene}: {n}"].display for m in materials]) for n in (METALLIC, AUTO))
         asked.append(f"{scene}: {(of < auto).sum()} (medians {np.median(of):.3f} and {np.median(auto):.3f})")
     free = sum(m.predictions[FIRST].taken.startswith("a value a texel") for m in materials if FIRST in m.predictions)
-    points = f"""* The lead is the loss's, and the networks'. Beside Cook-Torrance refitted by the same loss to the same
-  data (8 numbers) the maps of `auto` are at or below it for {refit[0]} of {len(materials)} materials by display error,
-  one value for {refit[1]}, the joint fit of `{LEVEL}` for {refit[2]}. And of the {len(wide)} materials whose highlight
-  is wide (m at least {NARROW} by Low E2), so that a network is near to the measurement, the maps are at or below the
+    points = f"""* The lead comes from the loss and from the networks. Beside Cook-Torrance refitted by the same loss to
+the same
+  data (8 numbers), the maps of `auto` are at or below it for {refit[0]} of {len(materials)} materials by display error,
+  one value for {refit[1]}, the joint fit of `{LEVEL}` for {refit[2]}. Of the {len(wide)} materials whose highlight
+  is wide (m at least {NARROW} by Low E2), so that a network is close to the measurement, the maps are at or below the
   best published fit for {best[0]}, one value for {best[1]}.
-* Relit worse than by the best published fit, by display error: {len(worse[DISPLAY])} of {len(materials)}:
+* Materials relit worse than by the best published fit, by display error: {len(worse[DISPLAY])} of {len(materials)}:
   {named(worse[DISPLAY], DISPLAY, best_published)}. By relative error {len(worse[RELATIVE])}, the worst first:
   {named(worse[RELATIVE][:8], RELATIVE, lambda m: _best(m, FIRST, RELATIVE))}; {lost(narrow)} of the {len(narrow)}
   materials with a narrow highlight and {lost(wide)} of the other {len(wide)}.
-* Prediction does not always take the best rung. `{METALLIC}`, asked for, has a smaller display error than `auto` for
-  so many materials: {'; '.join(asked)}.
+* Prediction does not always take the best rung. `{METALLIC}`, if a user asks for it, has a smaller display error than
+`auto` for this many materials: {'; '.join(asked)}.
 * The joint fits in float64 with Metallic are at or below the best published fit for {counts[0]} by display error,
   without it for {counts[1]}.
-* The search sees the mean of the channels: where no lobe is quite right, a channel of base colour may come out below 0
-  and is clipped, which a joint fit of all channels avoids. Display errors of the joint fit of `{LEVEL}` that are less
-  than two thirds of the maps': {len(apart)}; {named(apart[:4], DISPLAY, joint)}.
-* Where prediction took a value a texel ({free} materials), the maps of one material are not of one value: far from
-  highlights a texel takes the lobe, usually a rougher one, that explains the model's error there, and its standard
-  error does not say so (that error is not noise). Hence the one value by the texels nearest to highlights."""
+* The search uses the mean of the channels. If no lobe is quite right, a channel of base colour may come out below 0 and
+  is clipped. A joint fit of all channels avoids that. Display errors of the joint fit of `{LEVEL}` that are less than
+  two thirds of the maps': {len(apart)}; {named(apart[:4], DISPLAY, joint)}.
+* If prediction took a value per texel ({free} materials), the maps of one material have several values. Far from
+highlights a texel takes the lobe, usually a rougher one, that explains the model's error there. Its standard error does
+not show this, because that error is not noise. The one value is therefore taken from the texels nearest to
+highlights."""
     return "On the sphere without noise:\n\n" + "\n".join(
         wrapped(f"* {point}", "  ") for point in f"\n{points}".split("\n* ")[1:])
 
 
-def _numbers(materials: Sequence[Material]) -> str:
+def _numbers(materials: Sequence[Material]) -> Table:
     rows = []
     for m in materials:
         one, joint = m.uniform[f"{FIRST}: {AUTO}"], m.fitted[f"{LEVEL}: relative"]
@@ -233,11 +244,11 @@ def _numbers(materials: Sequence[Material]) -> str:
                      f"{one.metallic:.2f}" if one.metallic > 0 else "",
                      *(f"{m.fitted[f'{LEVEL}: {loss}'].shared[0]:.2f}" for loss in fit.LOSSES),
                      *(f"{m.published[n].roughness:.2f}" if n in m.published else "" for n in PUBLISHED)])
-    return table(["material", "kind", "auto took", "base colour: auto", "joint", "kd Low E2", "roughness: auto",
-                  "level", "metallic", *fit.LOSSES, *PUBLISHED], rows)
+    return ["material", "kind", "auto took", "base colour: auto", "base colour: joint", "kd Low E2", "roughness: auto",
+            "level", "metallic", *(f"roughness: {name}" for name in (*fit.LOSSES, *PUBLISHED))], rows
 
 
-def _errors(materials: Sequence[Material]) -> str:
+def _errors(materials: Sequence[Material]) -> Table:
     rows = []
     for m in materials:
         contest = {AUTO: m.display(AUTO), **{n: m.display(n) for n in m.published}}
@@ -248,9 +259,8 @@ def _errors(materials: Sequence[Material]) -> str:
             *(f"{m.errors[f'{FIRST}: {n}'].relative:.2f}" if f"{FIRST}: {n}" in m.errors else ""
               for n in (AUTO, *PUBLISHED)),
             winner if winner in m.published else f"**{AUTO}**"])
-    return table(["material", f"{AUTO}: maps", f"{AUTO}: one value", f"{LEVEL}: maps", f"{METALLIC}: maps", *fit.LOSSES,
-                  "with Metallic", *PUBLISHED, f"relative: {AUTO}", *(f"relative: {n}" for n in PUBLISHED), "winner"],
-                 rows)
+    return ["material", f"{AUTO}: maps", f"{AUTO}: one value", f"{LEVEL}: maps", f"{METALLIC}: maps", *fit.LOSSES,
+            "with Metallic", *PUBLISHED, f"relative: {AUTO}", *(f"relative: {n}" for n in PUBLISHED), "winner"], rows
 
 
 def _colour(rgb: np.ndarray) -> str:

@@ -8,8 +8,10 @@ import numpy as np
 import robot
 from robot import Steps
 
-HEADER, STEP = 13, 29  # pixels from the top of the first panel to its header, and from a folded one to the next
-SLOW = 150  # seconds that a solve may take on a busy machine
+STEP = 29  # pixels from the header of a folded panel to the next
+CAPTURE = 13 + STEP  # from the top of the sidebar to the header of Capture, which is below Shoot
+SLOW = 400  # seconds that a solve may take on a busy machine
+SETTINGS = ("size", "model", "method", "indirect")  # that the sample scene has of its own
 LIVE = 0.55  # of the solve: the maps are half there
 
 
@@ -86,9 +88,15 @@ def missing() -> Steps:
 
 
 def settings() -> Steps:
-    """The Solve panel; Capture is folded away."""
-    yield from toggle(robot.region("UI").height - HEADER)
+    """The Solve panel with its defaults; Capture is folded away.  Then the sample scene's own settings again."""
+    yield from toggle(robot.region("UI").height - CAPTURE)
+    chosen = bpy.context.scene.irpso
+    own = {name: getattr(chosen, name) for name in SETTINGS}
+    for name in SETTINGS:
+        chosen.property_unset(name)
     yield from look("05_settings", 1)
+    for name, value in own.items():
+        setattr(chosen, name, value)
 
 
 def live() -> Steps:
@@ -100,6 +108,7 @@ def live() -> Steps:
     yield from look("06_live", 0.3)
     yield from jobs.ended(SLOW)
     yield 2
+    robot.tell(blender=bpy.app.version_string, seconds=round(sum(jobs.solution().seconds.values()), 1))
 
 
 def wipe() -> Steps:
@@ -114,7 +123,7 @@ def wipe() -> Steps:
 
 def trust() -> Steps:
     """Confidence; Checks unfolded below Result; Solve folded away."""
-    yield from toggle(robot.region("UI").height - HEADER - STEP)
+    yield from toggle(robot.region("UI").height - CAPTURE - STEP)
     export = yield from robot.find("irpso.export_maps(")
     yield from toggle(export[1] - robot.region("UI").y - STEP)
     chosen = bpy.context.window_manager.irpso_views
@@ -124,7 +133,7 @@ def trust() -> Steps:
 
 def twice() -> Steps:
     """Solved again with a model that knows no highlights: what it puts into the base colour instead."""
-    yield from toggle(robot.region("UI").height - HEADER - STEP)
+    yield from toggle(robot.region("UI").height - CAPTURE - STEP)
     bpy.context.scene.irpso.model = "lambert"
     yield from jobs.started()
     yield from jobs.ended(SLOW)

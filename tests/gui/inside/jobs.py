@@ -9,6 +9,7 @@ import robot
 from robot import Steps
 
 EARLY = 0.15  # of a solve: far enough to have something to keep
+STEP, STANDS = 0.7, 1.5  # seconds: the longest step, at whose end a pause begins; how long it is then to stand still
 
 
 def opened(scene: str, size: int, shading: str = "SOLID", indirect: str = "off") -> Steps:
@@ -173,11 +174,16 @@ def paused(scene: str, size: int) -> Steps:
     pause = yield from robot.find("irpso.pause(", across=(0.76,), below=spot[1] + 11)
     yield from far_enough()
     yield from robot.click(*pause)
-    yield 0.7  # a step that was under way may end
-    stands = running().progress.fraction
+    since = [running().progress, time.monotonic()]
+
+    def stands() -> bool:
+        assert running() is not None, "it goes on in the pause"
+        if running().progress != since[0]:
+            since[:] = running().progress, time.monotonic()
+        return time.monotonic() - since[1] > STANDS
+
+    yield from robot.until(stands, STEP + STANDS)
     yield from robot.look("paused")
-    yield 1
-    assert running() is not None and running().progress.fraction == stands, "it goes on in the pause"
     yield from robot.click(*pause)
     yield from ended()
     yield from delivered()

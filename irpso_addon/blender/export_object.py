@@ -1,0 +1,79 @@
+"""An object of the open file with its maps, out to the files of a target (core/maps/targets.py)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..core.data import F32, Maps
+from ..core.maps import target_export
+from ..core.maps.map_set import MapFiles, MapReader
+from ..core.maps.target_export import ExportObject, Surface
+from .scene.scene_material import SlotNormalMap, find_principled, normal_map_of
+from .scene.scene_mesh import read_mesh
+
+Warn = Callable[[str], None]
+
+
+def export_object(
+    obj: bpy.types.Object, maps: Maps | MapFiles, surfaces: Sequence[Surface], target: str, out: Path,
+) -> tuple[list[Path], list[str]]:
+    """Writes the files of ``target`` into the folder ``out``; their paths, and what is lost, one line each.
+
+    ``surfaces``: what the material of each slot says.  Raises BadInput, as `target_export.write_target` and
+    `read_mesh` do.
+    """
+    lost: list[str] = []
+    mesh = read_mesh(obj, bpy.context.evaluated_depsgraph_get(), {}, lambda _: None)
+    used = [obj.material_slots[slot].material for slot in np.unique(mesh.slots) if slot < len(obj.material_slots)]
+    found = ExportObject(obj.name, mesh, surfaces, _normals(obj, used, lost.append))
+    if isinstance(maps, MapFiles):
+        layers = [layer for layer in target_export.LAYERS if layer in maps.paths]
+        reader = MapReader.of_files(maps, layers)
+    else:
+        reader = MapReader.of_maps(maps)
+    return target_export.write_target(found, reader, target, out), lost + target_export.losses(found, target)
+
+
+def _normals(obj: bpy.types.Object, used: Sequence[bpy.types.Material | None], warn: Warn) -> F32 | None:
+    """(h, w, 3) the one normal map of all the object's materials, its strength applied."""
+    found = [_normal_map(material, warn) for material in used]
+    maps = [normal_map for normal_map in found if normal_map is not None]
+    if not maps:
+        return None
+    first = maps[0]
+    if len(maps) < len(found) or not all(_alike(first, other) for other in maps[1:]):
+        warn(f"object '{obj.name}': its materials have not all the same normal map; none is exported")
+        return None
+    layer = next((layer.name for layer in obj.data.uv_layers if layer.active_render), "")
+    if first.uv_map not in ("", layer):
+        warn(f"object '{obj.name}': its normal map has the UV map '{first.uv_map}', the maps have '{layer}'; it is "
+             "not exported")
+        return None
+    return with_strength(first.pixels, first.strength)
+
+
+def with_strength(pixels: F32, strength: float) -> F32:
+    """(h, w, 3) of a normal map for Strength 1 that shows what ``pixels`` show at ``strength``, both 0..1.
+
+    As Cycles applies it: x and y times the strength, z nearer to 1 by it (docs/brdf.md).
+    """
+    if strength == 1:
+        return pixels
+    normal = pixels * 2 - 1
+    normal[..., :2] *= strength
+    normal[..., 2] = 1 + (normal[..., 2] - 1) * min(max(strength, 0.0), 1.0)
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    return np.asarray(normal / np.maximum(length, 1e-12) * 0.5 + 0.5, np.float32)
+
+
+def _normal_map(material: bpy.types.Material | None, warn: Warn) -> SlotNormalMap | None:
+    principled = None if material is None else find_principled(material)
+    return None if principled is None else normal_map_of(material, principled, warn, solved=True)
+
+
+def _alike(a: SlotNormalMap, b: SlotNormalMap) -> bool:
+    return (a.strength, a.uv_map) == (b.strength, b.uv_map) and np.array_equal(a.pixels, b.pixels)

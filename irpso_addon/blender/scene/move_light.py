@@ -1,0 +1,102 @@
+"""Lights of the scene in another place, or of another power, whatever stands above them or shares their data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ...core.errors import BadInput
+from .scene_objects import world_matrix
+
+PLACE = "location", "rotation", "delta_location", "delta_rotation"  # starts of animated paths
+POWER = ("energy",)
+
+
+def light_named(scene: Any, name: str) -> Any:
+    """The light.  Raises BadInput where it is gone."""
+    light = scene.objects.get(name)
+    if light is None or light.type != "LIGHT":
+        raise BadInput(f"light '{name}': is not in the scene any more; solve again")
+    if light.library is not None:
+        raise BadInput(f"light '{name}': belongs to another file; make it local (Object > Relations > Make Local)")
+    return light
+
+
+def check_place(light: Any) -> None:
+    """Raises BadInput where the light cannot be moved because something else places it."""
+    if any(constraint.enabled for constraint in light.constraints):
+        raise BadInput(f"light '{light.name}': a constraint places it; apply the constraint, then try again")
+    if _animated(light, PLACE):
+        raise BadInput(f"light '{light.name}': keyframes or a driver place it; remove them, then try again")
+
+
+def check_power(light: Any) -> None:
+    """Raises BadInput where the light's power is not its own."""
+    if _animated(light.data, POWER):
+        raise BadInput(f"light '{light.name}': keyframes or a driver set its power; remove them, then try again")
+
+
+def moved_matrix(light: Any, offset: Sequence[float]) -> Matrix:
+    """Object to world, by metres along the world's axes; a SUN's direction to it is changed by radians."""
+    world = Matrix(world_matrix(light, bpy.context.evaluated_depsgraph_get()))
+    if light.data.type != "SUN":
+        return Matrix.Translation(offset) @ world
+    before = world.col[2].xyz.normalized()
+    after = before.copy()
+    for axis, by in enumerate(offset):  # one by one, as a solve does it
+        after[axis] += by
+        after.normalize()
+    turn = before.rotation_difference(after).to_matrix().to_4x4()
+    place = Matrix.Translation(world.translation)
+    return place @ turn @ place.inverted() @ world
+
+
+def place(light: Any, world: Matrix) -> None:
+    """Puts it there.  Of what viewports hide, as flashes are, Blender knows no world matrix."""
+    now = Matrix(world_matrix(light, bpy.context.evaluated_depsgraph_get()))
+    basis = light.matrix_basis.copy()
+    above = now @ basis.inverted_safe()  # all that its own place is relative to
+    after = above.inverted_safe() @ world
+    if light.data.type == "SUN":
+        light.matrix_basis = after
+    else:  # its rotation and scale stay as they are, to the bit
+        basis.translation = after.translation
+        light.matrix_basis = basis
+
+
+def multiply_power(lights: Sequence[Any], factor: float) -> None:
+    """Of lights that may share their data with each other; other lights that share it keep their power."""
+    for data in {light.data for light in lights}:
+        own = [light for light in lights if light.data == data]
+        changed = data
+        if data.library is not None or data.users - data.use_fake_user > len(own):
+            changed = data.copy()
+            for light in own:
+                light.data = changed
+        changed.energy *= factor
+
+
+def axes_of(scene: Any, camera: str) -> np.ndarray:
+    """(3, 3) world from a camera's axes: right, up, backwards.  Raises BadInput where it is gone."""
+    obj = scene.objects.get(camera)
+    if obj is None or obj.type != "CAMERA":
+        raise BadInput(f"camera '{camera}': is not in the scene any more; solve again")
+    axes = world_matrix(obj, bpy.context.evaluated_depsgraph_get())[:3, :3]
+    return np.asarray(axes / np.linalg.norm(axes, axis=0))
+
+
+def _animated(block: Any, paths: tuple[str, ...]) -> bool:
+    animation = block.animation_data
+    if animation is None:
+        return False
+    curves = list(animation.drivers)
+    for layer in animation.action.layers if animation.action is not None else ():
+        for strip in layer.strips:
+            for bag in strip.channelbags:
+                if bag.slot_handle == animation.action_slot_handle:
+                    curves += bag.fcurves
+    return any(curve.data_path.startswith(paths) for curve in curves)

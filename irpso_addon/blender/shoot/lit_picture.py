@@ -1,0 +1,116 @@
+"""A view's picture, with the mesh that it shows and the lights that lit it: what squares on greys show, and should."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from ...core.data import F64, Camera
+from ...core.errors import BadInput
+from ...core.projection import rays_of
+from ...core.shading.lights import light_irradiance
+from ...core.shoot.grey_patch import Patch, measure_patch
+from ...core.shoot.picture_marks import Square
+from ..scene.scene_objects import read_light, rendered_objects
+from .mesh_rays import MeshRays
+from .view_pictures import ListedView, read_picture
+
+
+class LitPicture:
+    """A picture, read once."""
+
+    def __init__(self, context: bpy.types.Context, mesh: bpy.types.Object, shown: ListedView) -> None:
+        """``mesh``: what the squares are a part of, where they show it.  Raises BadInput."""
+        self.shown, self.name = shown, shown.name
+        self.messages: list[str] = []  # for the user, of squares that do not show the mesh
+        self._context, self._mesh = context, mesh
+        self._rgb, self._valid = read_picture(shown.view)
+        # `read_picture` gives clipped pixels the brightest value
+        self._clip = np.inf if self._valid.all() else float(self._rgb[~self._valid].max()) / 0.999
+
+    def patch(self, square: Square, name: str | None = None) -> tuple[Patch, F64]:
+        """What whole pixels in the square show, and their middle (2,), both from the upper left, the picture upright.
+
+        Raises BadInput about the picture and the patch ``name``; UnusablePatch where it is clipped or black.
+        """
+        height, width = self._valid.shape
+        x, y, length = square
+        left, upper = x - length / 2, y - length / 2
+        inside = np.isfinite(square).all() and length >= 1 and min(left, upper) >= 0
+        if not inside or left + length > width or upper + length > height:
+            raise BadInput(f"{self.name}: the square of {length:g} pixels at ({x:g}, {y:g}) is not inside "
+                           f"the picture of {width} x {height} pixels; mark the {name or 'grey card'}")
+        side = round(length)
+        column, row = min(round(left), width - side), min(round(upper), height - side)
+        part, ok = (pixels[row:row + side, column:column + side] for pixels in (self._rgb, self._valid))
+        clip = np.inf if ok.all() else self._clip
+        about = self.name if name is None else f"{self.name}, {name}"
+        return measure_patch(part.astype(np.float64), clip, about), np.array([column, row]) + side / 2
+
+    def irradiance(self, middle: F64) -> F64:
+        """(3,) in W/m^2 of the view's lights at what pixel ``middle`` (2,) shows.  Nothing shades it.
+
+        Raises BadInput.
+        """
+        place, normal = self._place(middle)
+        depsgraph = self._context.evaluated_depsgraph_get()
+        lights = [read_light(obj, depsgraph, lambda _: None) for obj in lights_of(self._context, self.shown)]
+        return np.asarray(sum((light.power * light_irradiance(light, place, normal) for light in lights), np.zeros(3)))
+
+    def _place(self, middle: F64) -> tuple[F64, F64]:
+        """World place and normal (3,) towards the camera; of no part of the mesh, as far away as its middle."""
+        camera, (x, y) = self.shown.view.camera, middle
+        height, width = self._valid.shape
+        origin, direction = (both[0] for both in rays_of(camera, np.array([[x, height - y]]), (width, height)))
+        if not np.isfinite(direction).all():
+            raise BadInput(f"{self.name}: the lens of camera '{camera.name}' does not reach ({x:g}, {y:g}); mark the "
+                           "grey card")
+        direction = direction / np.linalg.norm(direction)
+        hit = MeshRays(self._context, self._mesh).hit(origin, direction)
+        if hit is not None:
+            return hit
+        far = _distance(self._mesh, camera, direction)
+        if not self.messages:
+            self.messages.append(f"{self.name}: the grey card is not on '{self._mesh.name}'; it is taken to stand "
+                                 f"{far:.3g} m away, as the mesh's middle does, and to face the camera")
+        return origin + far * direction, -direction
+
+
+def lights_of(context: bpy.types.Context, view: ListedView) -> list[bpy.types.Object]:
+    """The view's own, or all that render.  Raises BadInput for an entry whose light was deleted."""
+    if not view.entry.lights:
+        return [obj for obj in rendered_objects(context.view_layer).values() if obj.type == "LIGHT"]
+    found = [item.light for item in view.entry.lights]
+    if any(obj is None or obj.type != "LIGHT" for obj in found):
+        raise BadInput(f"{view.name}: its view has an empty light entry; choose a light or remove the entry")
+    return found
+
+
+def _distance(mesh: bpy.types.Object, camera: Camera, direction: F64) -> float:
+    """Metres from the camera to the middle of the mesh's bounds; of an orthographic one along its axis."""
+    corners = np.array([mesh.matrix_world @ Vector(corner) for corner in mesh.bound_box], np.float64)
+    offset = corners.mean(0) - camera.position
+    far = float(offset @ direction) if camera.orthographic else float(np.linalg.norm(offset))
+    if not far > 0:
+        raise BadInput(f"camera '{camera.name}': the mesh '{mesh.name}' is not in front of it; check the camera")
+    return far
+
+
+def scale_power(context: bpy.types.Context, views: Sequence[ListedView], factor: float, what: str) -> list[str]:
+    """Multiplies the power of every light of the views, and marks it as known; lines for the user that name ``what``.
+
+    Raises BadInput, and changes nothing then.
+    """
+    blocks = {obj.data: None for view in views for obj in lights_of(context, view)}
+    for data in blocks:
+        if data.library is not None:
+            raise BadInput(f"light data '{data.name}': is linked from another file; make it local")
+    lines = []
+    for data in blocks:
+        data.energy *= factor
+        lines.append(f"power of '{data.name}' x {factor:.4g} by {what}: {data.energy:.4g}")
+    context.scene.irpso.scale_known = True
+    return lines

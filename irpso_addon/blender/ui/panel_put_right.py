@@ -1,0 +1,73 @@
+"""The panel Put Right: lamps and exposures that the last solve has corrected, and the button that applies them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+from bpy.types import Panel
+
+from ...core.checks.calibration_lines import exposure_row, gain_of, lamp_rows, vignetting_row
+from ...core.phrases import counted
+from ..jobs.session import session
+from ..panel_common import Tab, letters, wrapped
+
+SHOWN = 3  # lamps
+ROWS = 2  # of each
+STATES = {
+    "applied": ("CHECKMARK", "The scene has them"),
+    "outdated": ("INFO", "The scene's lamps were changed after this solve. Solve again."),
+}
+
+
+class IRPSO_PT_put_right(Tab, Panel):
+    """Lamps and exposures that the last solve corrected."""
+
+    bl_label = "Corrections"
+    bl_parent_id = "IRPSO_PT_result"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only where something was."""
+        solution = session.facts_of(session.subject(context))
+        return solution is not None and solution.calibration is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """A row for each figure, and the button."""
+        solution = session.facts_of(session.subject(context))
+        assert solution is not None and solution.calibration is not None
+        calibration, layout, width = solution.calibration, self.layout, letters(context)
+        _draw_rows(layout, [("Left-out Views", gain_of(calibration))])
+        state = session.calibration_state(context.scene, session.subject(context))
+        if state in STATES:
+            icon, text = STATES[state]
+            wrapped(layout, text, width, icon)
+        else:
+            layout.operator("irpso.apply_calibration", icon="LIGHT")
+        rows, exposures, vignetting = lamp_rows(calibration), exposure_row(calibration), vignetting_row(calibration)
+        _draw_rows(layout, rows[:SHOWN * ROWS])
+        if more := rows[SHOWN * ROWS:]:
+            header, body = layout.panel("IRPSO_more_lamps", default_closed=True)
+            header.label(text=counted(len(more) // ROWS, "More Lamp"))
+            if body is not None:
+                _draw_rows(body, more)
+        if exposures is not None:
+            _draw_rows(layout, [exposures[:2]])
+            wrapped(layout, exposures[2], width, "CAMERA_DATA")
+        if vignetting is not None:
+            _draw_rows(layout, [vignetting])
+        if (exposures or vignetting) and context.scene.irpso.captures:
+            wrapped(layout, "Views of a capture file keep their exposures and vignetting", width, "INFO")
+        if not (rows or exposures or vignetting):
+            wrapped(layout, "Small changes, none certain by itself", width, "INFO")
+
+
+def _draw_rows(layout: bpy.types.UILayout, rows: Sequence[tuple[str, str]]) -> None:
+    """Names to the right of their half, figures left of theirs."""
+    column = layout.column(align=True)
+    for name, value in rows:
+        row = column.split(factor=0.5)
+        label = row.row()
+        label.alignment = "RIGHT"
+        label.label(text=name)
+        row.label(text=value)

@@ -1,0 +1,57 @@
+"""irpso import: a photogrammetry project, its pictures and its mesh to a .blend that can be solved."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from dataclasses import fields
+from pathlib import Path
+
+from ..blender import files
+from ..blender.shoot.grey_card import GreyCard
+from ..blender.shoot.import_shoot import Shoot, import_shoot
+from ..core.errors import BadInput
+from ..core.job import run_to_end
+from ..core.params import ShootSettings
+from ..core.phrases import counted
+from ..core.storage.output_transaction import OutputTransaction
+from . import console
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """The command.  Raises BadInput; then nothing is written."""
+    started = time.perf_counter()
+    out: Path = arguments.out
+    if out.suffix.lower() != ".blend":
+        raise BadInput(f"{out}: must end in .blend; change --out")
+    if os.path.lexists(out):
+        raise BadInput(f"{out}: already exists, and an import replaces no file; change --out, or move the file away")
+    folder = out.resolve().parent
+    given = vars(arguments)
+    settings = ShootSettings(**{field.name: given[field.name] for field in fields(ShootSettings)})
+    with OutputTransaction(folder) as staging:
+        with console.progress() as show, console.quiet():
+            files.new_blend()
+            steps = import_shoot(Shoot(arguments.project, arguments.images, arguments.mesh), settings,
+                                 lambda path: files.relative_path(path, folder), _grey_card(arguments.grey))
+            imported = run_to_end(steps, show)
+            name = imported.mesh.name
+            files.save_copy(staging.beside(out.name))
+        staging.publish()
+    for message in imported.messages:
+        console.warn(message)
+    console.say(f"{out}: object '{name}', {counted(imported.views, 'view')} in {time.perf_counter() - started:.1f} s; "
+                f"next: irpso solve {out}")
+
+
+def _grey_card(given: list[str] | None) -> GreyCard | None:
+    """Of --grey FILE X Y SIDE REFLECTANCE.  Raises BadInput."""
+    if given is None:
+        return None
+    picture, *texts = given
+    try:
+        return GreyCard(picture, *map(float, texts))
+    except ValueError:
+        raise BadInput(f"--grey {' '.join(given)}: X, Y, SIDE and REFLECTANCE must be numbers, for example "
+                       f"--grey {picture} 812 640 40 0.18") from None

@@ -1,0 +1,177 @@
+"""Whether a scene's lamps and exposures are put right: only where left-out views are then predicted better.
+
+Half of the texels say what is to be changed; of the other half, views are left out in turn and predicted under the
+change.  So the change is judged by texels, and base colours by views, that had no part in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from ..data import F64, PredictionError
+from ..evaluation.folds import Folds, Judge, scatter, split
+from ..evaluation.sampled_texels import parts, predicted
+from ..job import Progress, Steps, retold
+from .rig_fit import CAUCHY, Free, RigFound, fit_rig
+from .rig_sample import RigSample
+from .texel_materials import lobes_of
+
+SURE = 3.0  # standard errors from which on a number is changed ...
+LEAST_CHANGE = 0.002  # ... and what is worth it: of a lamp's distance, relative power or gain
+LEAST_VIGNETTING = 0.05  # power of the cosine
+LEAST_TEXELS = 100
+LEAST_ERROR = 0.005  # of the radiance: what a change must explain
+HALF = 0.5
+PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
+# Of what the given rig leaves over in the fit itself, after two rounds and after all: more cannot become half of it in
+# what is left out.
+HOPEFUL = 0.85, 0.65
+WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise: few large errors make them
+HIGHLIGHT = 0.25  # of the radiance: lobes that show more make a highlight
+LEAST_SEEN = 1e-6
+GIVEN = "given"
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A change that is worth making."""
+
+    found: RigFound
+    given: PredictionError  # of left-out views, as the scene is given
+    changed: PredictionError
+
+
+def calibrate(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Judged | None]:
+    """What is to be changed; None where nothing is, or where too little is seen to judge it.
+
+    ``lamps``, ``exposures``: what may be changed.  The fewest numbers are changed that predict about as well as all.
+    """
+    folds = split(sample.texels)
+    if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
+        return None
+    frees = _frees(sample, lamps, exposures)
+    yield Progress(0.0, "calibrate", "lamps and exposures")
+    quick = yield from _share(fit_rig(sample, frees[-1], rounds=2), 0.0, 0.1)
+    if sample.scale_known:
+        levels = replace(frees[-1], levels=True)
+        other = yield from _share(fit_rig(sample, levels, rounds=2), 0.1, 0.2)
+        if other.scatter < PAYS * quick.scatter:
+            quick, frees = other, [replace(free, levels=True) for free in frees]
+    if not _off(quick) or quick.scatter > HOPEFUL[0] * quick.given:
+        return None
+    everything = yield from _share(fit_rig(sample, frees[-1]), 0.2, 0.5)
+    if not _off(everything) or everything.scatter > HOPEFUL[1] * everything.given:
+        return None
+    contest = _Contest(sample, everything, folds)
+    taken, found = GIVEN, everything
+    for n, free in enumerate(frees):
+        begin, middle, end = (0.5 + 0.5 * (n + part) / len(frees) for part in (0.0, 0.3, 1.0))
+        own = everything
+        if free != frees[-1]:
+            own = yield from _share(fit_rig(sample, free, start=everything), begin, middle)
+        contest.add(str(free), (yield from _share(contest.predictions(free, own), middle, end)))
+        if contest.worth(str(free), taken):
+            taken, found = str(free), own
+    return None if taken == GIVEN else Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken))
+
+
+def _share(steps: Steps[Result], begin: float, end: float) -> Steps[Result]:
+    """As that part of the whole."""
+    return retold(steps, lambda step: replace(step, fraction=begin + (end - begin) * step.fraction))
+
+
+def _frees(sample: RigSample, lamps: bool, exposures: bool) -> list[Free]:
+    """From the fewest numbers on.  Where no lamp lights two views, their exposures are its power."""
+    levels = not sample.scale_known
+    even = [Free(False, False, True, levels)] if exposures else []
+    if not lamps:
+        return [*even, Free(False, True, False, levels), Free(False, True, True, levels)]
+    lit = [tuple(light.name for light in view.lights) for view in sample.rig.views]
+    apart = len(set(lit)) < len(lit) or any(group.carried for group in sample.rig.groups)
+    frees = [Free(True, False, False, levels), *([Free(True, True, False, levels)] if exposures and apart else [])]
+    return [*even, *frees, *([replace(frees[-1], vignetting=True)] if exposures else [])]
+
+
+class _Contest:
+    """What the given rig and others predict of left-out views, highlights apart."""
+
+    def __init__(self, sample: RigSample, whole: RigFound, folds: Folds) -> None:
+        """``whole``: with all numbers free, of all texels."""
+        self.sample, self.folds = sample, folds
+        self.judged = diffuse_alone(sample, whole)
+        odd = np.unique(sample.cluster, return_inverse=True)[1] % 2 == 1
+        # Which texels each half has, what says its change, and what is judged:
+        self.halves = [(half, sample.part(half), self.judged.part(half)) for half in (odd, ~odd)]
+        self.judge = Judge(self.judged.texels, folds)
+        self.left: dict[str, F64] = {}  # of each rig, (T, V): log of predicted over observed radiance, 0 if not judged
+        lobes = lobes_of(sample, sample.texels, whole.materials)
+        for name, shown in (("lambert", None), (GIVEN, lobes)):
+            self.add(name, [predicted(self.judged.texels, shown, ~left_out) for left_out in folds.left_out])
+
+    def add(self, name: str, predictions: list[F64]) -> None:
+        """``predictions``: of each fold, (T, V, C) radiance over the given irradiance."""
+        self.judge.add(name, predictions)
+        shown = np.ones_like(self.sample.texels.cos_v)
+        for left_out, prediction in zip(self.folds.left_out, predictions, strict=True):
+            shown[:, left_out] = prediction[:, left_out].mean(-1)
+        observed = self.judged.texels.reflected.mean(-1)
+        known = self.judge.judged & (observed > 0) & (shown > 0)
+        self.left[name] = np.log(np.where(known, shown, 1.0) / np.where(known, observed, 1.0))
+
+    def predictions(self, free: Free, whole: RigFound) -> Steps[list[F64]]:
+        """Under a change, as `add` takes them: of each half of the texels by what the other one found."""
+        values = [np.zeros_like(self.sample.texels.reflected) for _ in self.folds.left_out]
+        for n, ((_, half, _), (others, _, judged)) in enumerate(zip(self.halves, self.halves[::-1], strict=True)):
+            found = yield from _share(fit_rig(half, free, start=whole), n / 2, (n + 1) / 2)
+            seen = judged.geometry.under(found.change)
+            lobes = lobes_of(judged, seen.texels, whole.materials)
+            for value, left_out in zip(values, self.folds.left_out, strict=True):
+                value[others] = predicted(seen.texels, lobes, ~left_out) * seen.brighter[..., None]
+        return values
+
+    def worth(self, name: str, other: str) -> bool:
+        """Whether a rig predicts better than a smaller one: beyond the scatter, and by what can be seen.
+
+        It must also leave less than half of what the given rig leaves.  Lamps can mimic what the model of the material
+        lacks, but only in part.
+        """
+        scale = {each: self._scale(each) for each in (name, other)}
+        unit = CAUCHY * max(scale[name], LEAST_SEEN)
+        gain = (np.log1p((self.left[other] / unit) ** 2) - np.log1p((self.left[name] / unit) ** 2)).sum(1)
+        after, before = self.judge.error(name), self.judge.error(other)
+        whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
+        halves = scale[name] < HALF * self._scale(GIVEN)
+        return bool(halves and gain.sum() > SURE * scatter(gain, self.sample.cluster)
+                    and scale[other] ** 2 - scale[name] ** 2 > LEAST_ERROR**2 and whole < WORSE)
+
+    def _scale(self, name: str) -> float:
+        """Robust standard deviation of what a rig's predictions are off by, relative."""
+        left = self.left[name][self.left[name] != 0]
+        return 1.4826 * float(np.median(np.abs(left))) if len(left) else 0.0
+
+
+def diffuse_alone(sample: RigSample, found: RigFound) -> RigSample:
+    """The sample without what highlights make bright: where texels differ in roughness, those hide all else."""
+    texels = sample.texels
+    seen = sample.geometry.under(found.change).texels
+    specular = parts(seen, lobes_of(sample, seen, found.materials))[1][..., 0]
+    shown = np.maximum(seen.reflected.mean(-1), LEAST_SEEN)
+    return replace(sample, texels=replace(texels, quality=np.where(specular < HIGHLIGHT * shown, texels.quality, 0.0)))
+
+
+def _off(found: RigFound) -> bool:
+    """Whether some number is off beyond doubt."""
+    return sure_of_vignetting(found) or any(
+        bool(np.any(np.abs(value) > np.maximum(SURE * error, LEAST_CHANGE))) for value, error in (
+            (found.change.offset, found.error.offset), (found.change.log_power, found.error.log_power),
+            (found.change.log_gain, found.error.log_gain)))
+
+
+def sure_of_vignetting(found: RigFound) -> bool:
+    """Whether it is off beyond doubt."""
+    return abs(found.change.vignetting) > max(SURE * found.error.vignetting, LEAST_VIGNETTING)

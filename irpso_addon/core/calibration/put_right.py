@@ -1,0 +1,70 @@
+"""A scene with lamps and exposures put right, and what is told of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..checks.light_checks import moved
+from ..data import Calibration, ExposureChange, LampChange, SceneData, VignettingChange
+from ..vignetting import corner_stops
+from .calibrate import LEAST_CHANGE, SURE, Judged, sure_of_vignetting
+from .rig import Rig
+
+
+def put_right(scene: SceneData, rig: Rig, judged: Judged) -> SceneData:
+    """The scene after the change; views that the rig does not have keep their exposure."""
+    change = judged.found.change
+    lights = rig.lights(change)
+    gains = {(view.image, view.camera.name): float(np.exp(gain))
+             for view, gain in zip(rig.views, change.log_gain, strict=True)}
+    return replace(scene, views=tuple(
+        replace(view, lights=tuple(lights.get(light.name, light) for light in view.lights),
+                gain=view.gain * gains.get((view.image, view.camera.name), 1.0),
+                vignetting=view.vignetting + change.vignetting) for view in scene.views))
+
+
+def applied(scene: SceneData, calibration: Calibration) -> SceneData:
+    """The scene after a change that an earlier solve of it has made."""
+    given = {light.name: light for view in scene.views for light in view.lights}
+    cameras = {view.camera.name: view.camera for view in scene.views}
+    lights = {}
+    for lamp in calibration.lamps:
+        for name, carried in zip(lamp.lights, lamp.cameras or (None,) * len(lamp.lights), strict=True):
+            if name in given and (carried is None or carried in cameras):
+                axes = np.eye(3) if carried is None else cameras[carried].world_to_camera[:3, :3].T
+                light = given[name]
+                for axis, by in enumerate(axes @ lamp.offset):
+                    light = moved(light, axis, float(by)) if by else light
+                lights[name] = replace(light, power=light.power * lamp.power)
+    gains = {(view.image, view.camera): 2.0**view.stops for view in calibration.exposures}
+    darker = 0.0 if calibration.vignetting is None else calibration.vignetting.power
+    return replace(scene, views=tuple(
+        replace(view, lights=tuple(lights.get(light.name, light) for light in view.lights),
+                gain=view.gain * gains.get((view.image, view.camera.name), 1.0),
+                vignetting=view.vignetting + darker) for view in scene.views))
+
+
+def told(rig: Rig, judged: Judged) -> Calibration:
+    """All that was changed, and which of it is beyond doubt."""
+    change, error = judged.found.change, judged.found.error
+    lamps = []
+    for n, group in enumerate(rig.groups):
+        if not change.offset[n].any() and not change.log_power[n]:
+            continue
+        moves = np.abs(change.offset[n]) > np.maximum(SURE * error.offset[n], LEAST_CHANGE)
+        x, y, z = (float(v) * group.reach for v in change.offset[n])
+        lamps.append(LampChange(
+            group.lights, (x, y, z), float(np.sqrt(np.mean(error.offset[n] ** 2))) * group.reach,
+            float(np.linalg.norm(change.offset[n])), float(np.exp(change.log_power[n])), float(error.log_power[n]),
+            group.cameras, group.sun, bool(moves.any()),
+            bool(abs(change.log_power[n]) > max(SURE * error.log_power[n], LEAST_CHANGE))))
+    exposures = tuple(
+        ExposureChange(view.image, view.camera.name, float(gain / np.log(2)), float(sigma / np.log(2)),
+                       bool(abs(gain) > max(SURE * sigma, LEAST_CHANGE)))
+        for view, gain, sigma in zip(rig.views, change.log_gain, error.log_gain, strict=True) if gain)
+    cameras = [view.camera for view in rig.views]
+    vignetting = None if not change.vignetting else VignettingChange(
+        change.vignetting, error.vignetting, corner_stops(cameras, change.vignetting), sure_of_vignetting(judged.found))
+    return Calibration(tuple(lamps), exposures, judged.given, judged.changed, vignetting)

@@ -1,0 +1,119 @@
+"""The lamps and views of a scene as numbers that can be found: places, powers, exposures.
+
+A *rig group* holds the lamps that share their numbers: one lamp, or the copies of a flash that each camera carries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..checks.light_checks import moved
+from ..data import F64, Camera, Light, View
+
+SAME = 1e-3  # of the distance: lamps that stand so alike beside their cameras are one flash
+SAME_POWER = 1e-6  # relative
+
+
+@dataclass(frozen=True)
+class RigGroup:
+    """Lamps that share their numbers."""
+
+    name: str  # of the first
+    lights: tuple[str, ...]
+    axes: tuple[F64, ...]  # of each lamp: (3, 3) world from the axes in which the group is moved
+    reach: float  # metres to the object, of the first; of a SUN 1: it is turned, by radians
+    cameras: tuple[str, ...] = ()  # of lamps that cameras carry: theirs
+    sun: bool = False
+
+    @property
+    def carried(self) -> bool:
+        """Whether cameras carry them."""
+        return bool(self.cameras)
+
+
+@dataclass(frozen=True)
+class RigChange:
+    """What is to be changed of G groups and V views."""
+
+    offset: F64  # (G, 3) in the groups' axes, of their reach
+    log_power: F64  # (G,)
+    log_gain: F64  # (V,) of radiance in the picture over the view's
+    vignetting: float = 0.0  # to be added to every view's
+
+    @classmethod
+    def none(cls, groups: int, views: int) -> RigChange:
+        """Everything as it is given."""
+        return cls(np.zeros((groups, 3)), np.zeros(groups), np.zeros(views))
+
+    @property
+    def moves(self) -> bool:
+        """Whether a lamp stands elsewhere."""
+        return bool(self.offset.any())
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The lamps of some views."""
+
+    views: tuple[View, ...]
+    groups: tuple[RigGroup, ...]
+
+    @classmethod
+    def of(cls, views: Sequence[View], middle: F64) -> Rig:
+        """``middle``: (3,) of the object, metres."""
+        lights: dict[str, Light] = {}
+        cameras: dict[str, dict[str, Camera]] = {}
+        for view in views:
+            for light in view.lights:
+                lights.setdefault(light.name, light)
+                cameras.setdefault(light.name, {}).setdefault(view.camera.name, view.camera)
+        groups: list[RigGroup] = []
+        flash = _flash(lights, cameras, middle)
+        if flash is not None:
+            groups.append(flash)
+        taken = () if flash is None else flash.lights
+        groups += [RigGroup(name, (name,), (np.eye(3),), _reach(light, middle), sun=light.kind == "SUN")
+                   for name, light in lights.items() if name not in taken]
+        return cls(tuple(views), tuple(groups))
+
+    def number(self) -> dict[str, int]:
+        """Of each lamp's group."""
+        return {name: n for n, group in enumerate(self.groups) for name in group.lights}
+
+    def lights(self, change: RigChange) -> dict[str, Light]:
+        """The lamps by name, after a change."""
+        given: dict[str, Light] = {}
+        for view in self.views:
+            for light in view.lights:
+                given.setdefault(light.name, light)
+        result = {}
+        for group, offset, power in zip(self.groups, change.offset, change.log_power, strict=True):
+            for name, axes in zip(group.lights, group.axes, strict=True):
+                light = given[name]
+                for axis, by in enumerate(axes @ offset * group.reach):
+                    light = moved(light, axis, float(by)) if by else light
+                result[name] = replace(light, power=light.power * np.exp(power)) if power else light
+        return result
+
+
+def _reach(light: Light, middle: F64) -> float:
+    return 1.0 if light.kind == "SUN" else max(float(np.linalg.norm(light.matrix[:3, 3] - middle)), 1e-6)
+
+
+def _flash(lights: dict[str, Light], cameras: dict[str, dict[str, Camera]], middle: F64) -> RigGroup | None:
+    """The lamps that stand beside their cameras alike, each lit for one camera; None: there are not two."""
+    carried = [(name, next(iter(cameras[name].values()))) for name, light in lights.items()
+               if len(cameras[name]) == 1 and light.kind != "SUN"]
+    if len(carried) < 2 or len({camera.name for _, camera in carried}) < len(carried):
+        return None
+    places = np.array([(camera.world_to_camera @ lights[name].matrix[:, 3])[:3] for name, camera in carried])
+    powers = np.array([lights[name].power for name, _ in carried])
+    reach = _reach(lights[carried[0][0]], middle)
+    if np.abs(places - places[0]).max() > SAME * reach or np.abs(powers - powers[0]).max() > SAME_POWER * powers.max():
+        return None
+    names = tuple(name for name, _ in carried)
+    return RigGroup(names[0], names, tuple(camera.world_to_camera[:3, :3].T for _, camera in carried), reach,
+                    tuple(camera.name for _, camera in carried))

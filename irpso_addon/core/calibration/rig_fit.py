@@ -1,0 +1,215 @@
+"""Places and powers of lamps, and exposures, that explain a sample of texels best.
+
+Gauss-Newton on the logarithm of radiance.  Each texel's base colour is eliminated (variable projection, Golub and
+Pereyra, SIAM J. Numer. Anal. 10, 1973); each material has one roughness and Specular IOR Level, and what its highlights
+show counts little.  Cauchy weights; a prior about what is given; standard errors from the scores of clusters of
+neighbouring texels (the sandwich of Huber 1967), which err alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data import F64, Bool
+from ..evaluation.joint_material import OneMaterial
+from ..evaluation.sampled_texels import Lobes, parts
+from ..job import Progress, Steps
+from .paint import Elimination, base_colours, paints_of
+from .rig import RigChange
+from .rig_sample import RigSample, Seen
+from .texel_materials import lobes_of, materials_of
+
+PLACE, POWER, GAIN = 0.05, 0.1, 0.03  # what a shoot's figures are off by: of a lamp's distance; relative
+VIGNETTING = 2.0  # power of the cosine
+LEVEL = 0.3  # of Specular IOR Level
+CAUCHY = 2.4  # standard deviations at which an observation has lost half its weight
+ROUNDS, AGAIN = 6, 3  # from what is given; from what was found
+SETTLED = 2e-4  # of a lamp's distance, relative power or gain
+LONGEST = 0.15  # of a lamp's distance: a step
+REFITS = (0, 3)  # rounds in which the materials are fitted
+MEAN = 1e-4  # of powers, and of gains: brightness as a whole belongs to the base colours
+LEAST = 1e-12
+STEP = 0.02  # relative, of roughness: for derivatives
+
+
+@dataclass(frozen=True)
+class Free:
+    """Which numbers are looked for."""
+
+    lamps: bool  # places and powers
+    exposures: bool
+    vignetting: bool = False
+    levels: bool = False  # the Specular IOR Level of each material
+
+
+@dataclass(frozen=True)
+class RigFound:
+    """A change with its standard errors, shaped alike."""
+
+    change: RigChange
+    error: RigChange
+    scatter: float  # relative: what observations leave over, robust
+    given: float  # the same where the fit began
+    materials: dict[int, OneMaterial]  # by slot
+
+
+def fit_rig(sample: RigSample, free: Free, start: RigFound | None = None, rounds: int = ROUNDS) -> Steps[RigFound]:
+    """The change of the rig that explains a sample.  ``start``: of more texels, whose materials are taken."""
+    return _RigFit(sample, free).found(start, rounds if start is None else AGAIN)
+
+
+class _RigFit:
+    """The rounds of `fit_rig`; numbers: offsets, powers, gains, vignetting, and levels of the materials."""
+
+    def __init__(self, sample: RigSample, free: Free) -> None:
+        self.sample, self.geometry = sample, sample.geometry
+        self.groups, self.views = len(sample.rig.groups), len(sample.rig.views)
+        self.group, self.levels = sample.rig.number(), free.levels
+        self.change = RigChange.none(self.groups, self.views)
+        lamps = np.full(4 * self.groups, free.lamps)
+        self.slots = [int(slot) for slot in np.unique(sample.slot)] if free.levels else []
+        self.free = np.flatnonzero(np.concatenate(
+            [lamps, np.full(self.views, free.exposures), [free.vignetting], np.ones(len(self.slots), bool)]))
+        self.prior = np.concatenate([np.full(3 * self.groups, PLACE), np.full(self.groups, POWER),
+                                     np.full(self.views, GAIN), [VIGNETTING],
+                                     np.full(len(self.slots), LEVEL)])
+        self.paints = paints_of(sample.texels)
+        self.means = np.zeros((len(self.prior),) * 2)
+        gains = 4 * self.groups, 4 * self.groups + self.views
+        for first, end in ((3 * self.groups, 4 * self.groups), gains):
+            self.means[first:end, first:end] = 1 / (MEAN * (end - first)) ** 2
+
+    def found(self, start: RigFound | None, rounds: int) -> Steps[RigFound]:
+        """Rounds until nothing moves any more."""
+        materials, weight, given = {} if start is None else start.materials, None, 0.0
+        if start is not None:
+            self.change = start.change
+            self.change = self._unpacked(self.packed()[self.free])  # what is not free is as it is given
+        for n in range(rounds):
+            yield Progress(n / rounds, "calibrate")
+            seen = self.geometry.under(self.change)
+            if start is None and n in REFITS:
+                materials = materials_of(self.sample, seen.texels, self.levels)
+            now = _Round(self, seen, lobes_of(self.sample, seen.texels, materials), weight)
+            step, covariance = now.step()
+            weight, given = now.weight, given or now.scatter
+            self.change = self._moved(step)
+            materials = self._levelled(materials, step)
+            if np.abs(step[:len(step) - len(self.slots)]).max(initial=0.0) < SETTLED and n + 1 not in REFITS:
+                break
+        error = self._unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
+        return RigFound(_centred(self.change), error, now.scatter, given, materials)
+
+    def packed(self) -> F64:
+        """The change as one vector."""
+        return np.concatenate([self.change.offset.ravel(), self.change.log_power, self.change.log_gain,
+                               [self.change.vignetting], np.zeros(len(self.slots))])
+
+    def _levelled(self, materials: dict[int, OneMaterial], step: F64) -> dict[int, OneMaterial]:
+        """With the steps of their levels."""
+        steps = step[len(step) - len(self.slots):]
+        return materials | {slot: replace(materials[slot], level=float(np.clip(materials[slot].level + by, 0.02, 1.0)))
+                            for slot, by in zip(self.slots, steps, strict=True) if slot in materials}
+
+    def _moved(self, step: F64) -> RigChange:
+        change = self._unpacked(step)
+        lengths = np.linalg.norm(change.offset, axis=1, keepdims=True)
+        offset = change.offset * np.minimum(1.0, LONGEST / np.maximum(lengths, LEAST))
+        return RigChange(self.change.offset + offset, self.change.log_power + change.log_power,
+                         self.change.log_gain + change.log_gain, self.change.vignetting + change.vignetting)
+
+    def _unpacked(self, free: F64) -> RigChange:
+        values = np.zeros(len(self.prior))
+        values[self.free] = free
+        G, gains = self.groups, 4 * self.groups + self.views
+        return RigChange(values[:3 * G].reshape(G, 3), values[3 * G:4 * G], values[4 * G:gains], float(values[gains]))
+
+
+def _centred(change: RigChange) -> RigChange:
+    """With the medians of powers and gains as they were given: one lamp that is off changes no other."""
+    return replace(change, log_power=change.log_power - np.median(change.log_power),
+                   log_gain=change.log_gain - np.median(change.log_gain))
+
+
+class _Round:
+    """One linearisation.  (T, V) arrays are of texels and layers."""
+
+    def __init__(self, fit: _RigFit, seen: Seen, lobes: Lobes, weight: F64 | None) -> None:
+        self.fit, self.seen = fit, seen
+        texels = seen.texels
+        diffuse, specular = (part[..., 0] for part in parts(texels, lobes))
+        rougher, glossier = ([part[..., 0] for part in parts(texels, changed)] for changed in (
+            replace(lobes, roughness=lobes.roughness * (1 + STEP)), replace(lobes, level=lobes.level + STEP)))
+        self.observed = texels.reflected.mean(-1)
+        fine = np.ones(self.observed.shape, bool)
+        for v, place in enumerate(fit.sample.view):
+            for light in fit.sample.rig.views[place].lights:
+                fine[:, v] &= seen.fine[light.name]
+        self.good: Bool = texels.usable() & (self.observed > 0) & fine
+        self.weight = np.where(self.good, 1.0, 0.0) if weight is None else np.where(self.good, weight, 0.0)
+        for _ in range(3):
+            weight = np.where(self.good, self.weight / np.maximum(self.observed, 1e-4) ** 2, 0.0)
+            base = base_colours(fit.paints, weight, diffuse, self.observed - specular)
+            predicted = np.maximum(base * diffuse + specular, LEAST)
+            share = np.clip(base * diffuse / predicted, 0, 1)
+            bend, level = ((base * other[0] + other[1] - predicted) / (predicted * STEP)
+                           for other in (rougher, glossier))
+            left = np.log(np.where(self.good, self.observed / predicted, 1.0))
+            self.scatter = 1.4826 * float(np.median(np.abs(left[self.good]))) + 1e-4 if self.good.any() else 1.0
+            robust = 1 / (1 + (left / (CAUCHY * self.scatter)) ** 2)
+            self.weight = np.where(self.good, share**2 * robust, 0.0)
+        self.share, self.bend, self.level, self.left = share, bend, level, left
+
+    def step(self) -> tuple[F64, F64]:
+        """(change of the free numbers, their covariance)."""
+        fit, free = self.fit, self.fit.free
+        elimination = Elimination(fit.paints, self.weight, self.share, self.bend, self.scatter)
+        normal, pull, scores = self._sums(elimination)
+        normal, pull, scores = normal[np.ix_(free, free)], pull[free], scores[free]
+        variance = self.scatter**2
+        meat = (scores**2).sum(1)
+        ratio = meat / np.maximum(normal.diagonal() * variance, LEAST)
+        alike = max(float(np.median(ratio)) if len(ratio) else 1.0, 1.0)  # observations for one that is independent
+        prior = (np.diag(1 / fit.prior**2) + fit.means)[np.ix_(free, free)]
+        information = normal / (variance * alike) + prior
+        gradient = pull / (variance * alike) - prior @ fit.packed()[free]
+        covariance = np.linalg.inv(information)
+        return covariance @ gradient, covariance
+
+    def _columns(self, v: int) -> tuple[list[int], F64]:
+        """(numbers, (T, n) slopes) of what layer ``v`` depends on."""
+        fit, G = self.fit, self.fit.groups
+        place = int(fit.sample.view[v])
+        numbers: list[int] = []
+        columns: list[F64] = []
+        for light in fit.sample.rig.views[place].lights:
+            group, share = fit.group[light.name], self.seen.share[v, light.name]
+            numbers += [3 * group, 3 * group + 1, 3 * group + 2, 3 * G + group]
+            columns += [*(share[:, None] * self.seen.slopes[light.name]).T, share]
+        numbers.append(4 * G + place)
+        columns.append(np.ones(len(self.left)))
+        numbers.append(4 * G + fit.views)
+        columns.append(fit.geometry.cosine[:, v])
+        for n, slot in enumerate(fit.slots):
+            numbers.append(4 * G + fit.views + 1 + n)
+            columns.append(np.where(fit.sample.slot == slot, self.level[:, v], 0.0))
+        return numbers, np.stack(columns, -1)
+
+    def _sums(self, elimination: Elimination) -> tuple[F64, F64, F64]:
+        """Normal matrix and gradient with base colours eliminated, and the gradient of each cluster."""
+        count, rest = len(self.fit.prior), elimination.remains(self.left)
+        _, cluster = np.unique(self.fit.sample.cluster, return_inverse=True)
+        clusters = int(cluster.max()) + 1
+        normal, pull, scores = np.zeros((count, count)), np.zeros(count), np.zeros((count, clusters))
+        across = np.zeros((len(rest), elimination.columns.shape[-1], count))
+        for v in range(rest.shape[1]):
+            numbers, columns = self._columns(v)
+            weighted = elimination.weight[:, v, None] * columns
+            np.add.at(normal, np.ix_(numbers, numbers), columns.T @ weighted)
+            np.add.at(pull, numbers, weighted.T @ rest[:, v])
+            for number, column in zip(numbers, (weighted * rest[:, v, None]).T, strict=True):
+                scores[number] += np.bincount(cluster, column, minlength=clusters)
+            across[:, :, numbers] += elimination.columns[:, v, :, None] * weighted[:, None]
+        return normal - elimination.taken(across), pull, scores

@@ -1,0 +1,121 @@
+"""Some texels with all that the views observe of them, as they are under another rig."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..checks.light_checks import light_slopes
+from ..data import F64, I32, Bool, Camera, Light
+from ..evaluation.sampled_texels import SampledTexels
+from ..shading.lights import light_irradiance
+from ..vignetting import log_cosine
+from .rig import Rig, RigChange
+
+LEAST_COSINE = 1e-3
+
+
+@dataclass(frozen=True)
+class RigSample:
+    """T texels and V layers."""
+
+    texels: SampledTexels
+    rig: Rig
+    view: I32  # (V,) place of each layer's view in the rig's
+    position: F64  # (T, 3) world, metres
+    normal: F64  # (T, 3) world, unit
+    slot: I32  # (T,) material slot
+    cluster: I32  # (T,) neighbours, which err alike, share a number
+    scale_known: bool = True  # the lamps' powers are those of the pictures: the Specular IOR Level is likely to be 0.5
+
+    def part(self, some: Bool) -> RigSample:
+        """Some of the texels."""
+        return replace(self, texels=self.texels.part(some), position=self.position[some], normal=self.normal[some],
+                       slot=self.slot[some], cluster=self.cluster[some])
+
+    @cached_property
+    def geometry(self) -> RigGeometry:
+        """What follows from the given rig."""
+        return RigGeometry(self)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A sample under a changed rig."""
+
+    texels: SampledTexels  # its observations, as the changed rig has them
+    brighter: F64  # (T, V) light by the changed rig over that by the given one, exposure included
+    slopes: dict[str, F64]  # of each lamp, (T, 3): of the logarithm of irradiance, in its group's axes and reach
+    fine: dict[str, Bool]  # of each lamp, (T,): where the slopes are known
+    share: dict[tuple[int, str], F64]  # of the layer's irradiance, (T,): by layer and lamp
+
+
+class RigGeometry:
+    """What of a sample follows from the given rig."""
+
+    def __init__(self, sample: RigSample) -> None:
+        self.sample = sample
+        self.given = self._light(RigChange.none(len(sample.rig.groups), len(sample.rig.views)))
+        of_view = [log_cosine(view.camera, sample.position - view.camera.position) for view in sample.rig.views]
+        self.cosine = np.stack([of_view[place] for place in sample.view], -1)  # (T, V) log of it to the camera's axis
+
+    def under(self, change: RigChange) -> Seen:
+        """The sample under a changed rig."""
+        sample, rig = self.sample, self.sample.rig
+        lights = rig.lights(change)
+        now = self._light(change) if change.moves else self.given
+        texels = sample.texels
+        brighter = np.ones(texels.cos_v.shape)
+        lobes, share = texels.lobes.copy(), {}
+        for v, place in enumerate(sample.view):
+            view = rig.views[place]
+            powers = [float(np.mean(lights[light.name].power)) for light in view.lights]
+            before = [float(np.mean(light.power)) * self.given[light.name][0] for light in view.lights]
+            after = [power * now[light.name][0] for power, light in zip(powers, view.lights, strict=True)]
+            total, old = sum(after, np.zeros(1)), sum(before, np.zeros(1))
+            fine = (total > 0) & (old > 0)
+            brighter[:, v] = np.where(fine, total / np.where(fine, old, 1.0), 1.0) * np.exp(
+                change.log_gain[place] + change.vignetting * self.cosine[:, v])
+            for n, light in enumerate(view.lights):
+                share[v, light.name] = after[n] / np.where(total > 0, total, 1.0)
+                ratio = share[v, light.name] * old / np.maximum(before[n], 1e-30)
+                lobes[:, v, n] = _turned(lobes[:, v, n], _angles(lights[light.name], view.camera, sample),
+                                         _angles(light, view.camera, sample), np.where(before[n] > 0, ratio, 1.0))
+        seen = replace(texels, reflected=texels.reflected / brighter[..., None], lobes=lobes)
+        return Seen(seen, brighter, {name: slopes for name, (_, slopes, _) in now.items()},
+                    {name: fine for name, (*_, fine) in now.items()}, share)
+
+    def _light(self, change: RigChange) -> dict[str, tuple[F64, F64, Bool]]:
+        """Of each lamp: irradiance over power (T,), slopes (T, 3), and where those are known (T,)."""
+        sample = self.sample
+        lights, result = sample.rig.lights(change), {}
+        for group in sample.rig.groups:
+            for name, axes in zip(group.lights, group.axes, strict=True):
+                light = lights[name]
+                slopes, fine = light_slopes(light, sample.position, sample.normal)
+                own = 1.0 if light.kind == "SUN" else float(
+                    np.linalg.norm(light.matrix[:3, 3] - sample.position.mean(0)))
+                scaled = np.where(fine[:, None], slopes @ axes * (group.reach / own), 0.0)
+                result[name] = light_irradiance(light, sample.position, sample.normal), scaled, fine
+        return result
+
+
+def _angles(light: Light, camera: Camera, sample: RigSample) -> tuple[F64, F64]:
+    """(T,) each: N.L, and the squared sine of the half vector's angle; of the lamp's middle."""
+    to_light = (np.broadcast_to(light.matrix[:3, 2], sample.position.shape) if light.kind == "SUN"
+                else light.matrix[:3, 3] - sample.position)
+    to_camera = np.broadcast_to(-camera.forward, sample.position.shape) if camera.orthographic else (
+        camera.position - sample.position)
+    L, V = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12) for v in (to_light, to_camera))
+    H = (L + V) / np.maximum(np.linalg.norm(L + V, axis=-1, keepdims=True), 1e-12)
+    N = sample.normal
+    return (N * L).sum(-1), 1 - np.clip((N * H).sum(-1), -1, 1) ** 2
+
+
+def _turned(lobe: F64, now: tuple[F64, F64], given: tuple[F64, F64], share: F64) -> F64:
+    """(T, 4) a lobe as observed, its lamp moved by as much as the texel's own geometry says; share: of the light."""
+    cosine = np.clip(lobe[:, 2] + now[0] - given[0], LEAST_COSINE, 1.0)
+    return np.stack([np.clip(lobe[:, 0] + now[1] - given[1], 0.0, 1.0), lobe[:, 1], cosine,
+                     lobe[:, 3] * share * np.clip(lobe[:, 2], LEAST_COSINE, 1.0) / cosine], -1)

@@ -1,0 +1,74 @@
+"""The material of each texel of a sample: its own roughness, near what its material as a whole says."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..data import F64, Bool
+from ..evaluation.joint_material import COSINES, HELD_TOGETHER, JointSearch, OneMaterial
+from ..evaluation.lobe_values import fresnel_ratio, lobe_values
+from ..evaluation.sampled_texels import Lobes, SampledTexels
+from ..shading import brdf
+from .paint import base_colours, paints_of
+from .rig_sample import RigSample
+
+NODES = np.geomspace(0.08, 1.0, 16)  # roughness
+LEAST = 1e-12
+
+
+def materials_of(sample: RigSample, texels: SampledTexels, levels: bool) -> dict[int, OneMaterial]:
+    """One roughness and level for each material slot; ``texels``: of the sample, under some rig.
+
+    ``levels``: whether the level may differ from 0.5.
+    """
+    known, found = np.ones(len(sample.view), bool), {}
+    for slot in np.unique(sample.slot):
+        own = texels.part(sample.slot == slot)
+        if own.usable().any():
+            joint = JointSearch(own).fit(known)
+            found[int(slot)] = joint.apart if levels else joint.plain
+    return found
+
+
+def lobes_of(sample: RigSample, texels: SampledTexels, materials: dict[int, OneMaterial]) -> Lobes:
+    """Each texel's own roughness at its material's level; ``texels``: of the sample, under some rig."""
+    roughness, level = np.full(len(sample.slot), 0.5), np.full(len(sample.slot), 0.5)
+    for slot, one in materials.items():
+        own = sample.slot == slot
+        if own.any():
+            roughness[own], level[own] = _roughness(texels.part(own), one), one.level
+    return Lobes(np.stack([roughness, roughness], -1), np.ones(len(roughness)), level)
+
+
+def _roughness(texels: SampledTexels, one: OneMaterial) -> F64:
+    """(T,) by the squared errors of the cube root of radiance, as `JointSearch`."""
+    usable: Bool = texels.usable()
+    f = texels.reflected.mean(-1)
+    unit = np.maximum(f, texels.typical().mean(-1))
+    light = texels.irradiance.mean(-1)
+    weight = np.where(usable, texels.quality * light ** (2 / 3) / unit ** (4 / 3), 0.0)
+    cos_v, paints = np.clip(texels.cos_v, 1e-3, 1.0), paints_of(texels)
+    ratio = fresnel_ratio(texels.lobes, cos_v, np.asarray(one.level))
+    costs = np.empty((len(NODES), len(f)))
+    for n, roughness in enumerate(NODES):
+        energy = brdf.principled_energy_level(roughness, COSINES, one.level)
+        gain, taken = (np.interp(texels.cos_v, COSINES, energy[:, k]) for k in (0, 1))
+        diffuse = (1 - taken) / np.pi
+        specular = (lobe_values(texels.lobes, cos_v, np.full(len(f), roughness)) * ratio).sum(-1) * gain
+        base = base_colours(paints, weight, diffuse, f - specular)
+        costs[n] = (weight * (f - specular - base * diffuse) ** 2).sum(1)
+    degrees = np.maximum(usable.sum(1) - 2, 1)
+    noise = max(float(np.median(costs.min(0) / degrees)), LEAST)
+    costs = costs / noise + 2 * HELD_TOGETHER * (np.log(NODES / one.roughness) ** 2)[:, None]
+    return _lowest(costs)
+
+
+def _lowest(costs: F64) -> F64:
+    """(T,) where the parabola through the lowest of (N, T) costs over log NODES has its bottom."""
+    at = np.clip(costs.argmin(0), 1, len(costs) - 2)
+    texel = np.arange(costs.shape[1])
+    before, here, after = (costs[at + step, texel] for step in (-1, 0, 1))
+    bend = np.maximum(before + after - 2 * here, LEAST)
+    step = np.clip(0.5 * (before - after) / bend, -1, 1)
+    nodes = np.log(NODES)
+    return np.asarray(np.exp(nodes[at] + step * (nodes[1] - nodes[0])))

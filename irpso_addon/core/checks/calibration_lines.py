@@ -1,0 +1,136 @@
+"""What a user is told of lamps and exposures that a solve put right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ..data import Calibration, ExposureChange, LampChange, VignettingChange
+from ..phrases import counted, percent
+
+STAYS = "The scene keeps its lamps and exposures."
+
+
+def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
+    """The warning line; none where nothing was put right."""
+    if calibration is None:
+        return ()
+    lamps, views = sure_lamps(calibration), sure_exposures(calibration)
+    placed = [lamp for lamp in lamps if lamp.sure_place]
+    powered = [lamp for lamp in lamps if lamp.sure_power]
+    parts = [*_placed([lamp for lamp in placed if not lamp.sun]), *_turned([lamp for lamp in placed if lamp.sun]),
+             *_powered(powered, said=powered == placed), *_exposed(views), *_even(calibration.vignetting)]
+    what = " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
+    if not parts:
+        changed = " and ".join(["lamps"] * bool(calibration.lamps) + ["exposures"] * bool(calibration.exposures)
+                               + ["vignetting"] * (calibration.vignetting is not None))
+        what = f"changed {changed or 'lamps'} a little, although no single change is certain"
+    before, after = (error.relative_rms for error in (calibration.given, calibration.changed))
+    return (f"IRPSO {what}. The error on left-out views fell from {percent(before, 1)} to {percent(after, 1)} of "
+            "their radiance. "
+            f"{STAYS}",)
+
+
+def sure_lamps(calibration: Calibration) -> list[LampChange]:
+    """Lamps of which something is off beyond doubt, those that were moved the farthest first."""
+    return sorted((lamp for lamp in calibration.lamps if lamp.sure), key=lambda lamp: -lamp.share)
+
+
+def sure_exposures(calibration: Calibration) -> list[ExposureChange]:
+    """Views whose exposure is off beyond doubt, the worst first."""
+    return sorted((view for view in calibration.exposures if view.sure), key=lambda view: -abs(view.stops))
+
+
+def lamp_name(lamp: LampChange) -> str:
+    """"'Key'", or "the flash on 9 cameras"."""
+    return f"the flash on {counted(len(lamp.cameras), 'camera')}" if lamp.cameras else f"'{lamp.lights[0]}'"
+
+
+def place_change(lamp: LampChange) -> str:
+    """"31 ± 2 mm", of a sun "1.2 ± 0.1°"; the error is that of each part."""
+    length = math.hypot(*lamp.offset)
+    if lamp.sun:
+        return f"{math.degrees(length):.1f} ± {math.degrees(lamp.offset_error):.1f}°"
+    digits = 0 if length >= 0.01 else 1
+    return f"{length * 1000:.{digits}f} ± {lamp.offset_error * 1000:.{digits}f} mm"
+
+
+def power_change(lamp: LampChange) -> str:
+    """"× 0.914 ± 0.3%"."""
+    return f"× {lamp.power:.3f} ± {percent(lamp.power_error, 1)}"
+
+
+def lamp_rows(calibration: Calibration) -> list[tuple[str, str]]:
+    """Name and figures of each lamp that is off beyond doubt; a second row for its power."""
+    rows = []
+    for lamp in sure_lamps(calibration):
+        name = f"F{lamp_name(lamp).removeprefix('the f')}" if lamp.cameras else lamp.lights[0]
+        rows += [(name, place_change(lamp)), ("Power", power_change(lamp))]
+    return rows
+
+
+def exposure_row(calibration: Calibration) -> tuple[str, str, str] | None:
+    """"5 Exposures", the largest change, and its view; None: no exposure is off beyond doubt."""
+    views = sure_exposures(calibration)
+    if not views:
+        return None
+    most = "up to " if len(views) > 1 else ""
+    return counted(len(views), "Exposure"), f"{most}{views[0].stops:+.2f} EV", views[0].image.name
+
+
+def vignetting_row(calibration: Calibration) -> tuple[str, str] | None:
+    """"Vignetting", "-0.62 ± 0.03 EV in the corners"; None: it was not changed beyond doubt."""
+    found = calibration.vignetting
+    if found is None or not found.sure:
+        return None
+    return "Vignetting", f"{-found.stops:+.2f} ± {abs(found.stops * found.error / found.power):.2f} EV in corners"
+
+
+def gain_of(calibration: Calibration) -> str:
+    """"4.3% → 3.8%": how far left-out views are off, before and after."""
+    return f"{percent(calibration.given.relative_rms, 1)} → {percent(calibration.changed.relative_rms, 1)}"
+
+
+def _even(found: VignettingChange | None) -> list[str]:
+    if found is None or not found.sure:
+        return []
+    return [f"removed vignetting of {-found.stops:+.2f} EV in the corners"]
+
+
+def _placed(lamps: Sequence[LampChange]) -> list[str]:
+    if not lamps:
+        return []
+    worst = lamps[0]
+    if len(lamps) == 1:
+        return [f"moved {lamp_name(worst)} by {percent(worst.share, 1)} of its distance"]
+    return [f"moved {len(lamps)} lamps by up to {percent(worst.share, 1)} of their distance ({lamp_name(worst)})"]
+
+
+def _turned(suns: Sequence[LampChange]) -> list[str]:
+    if not suns:
+        return []
+    worst = f"{math.degrees(suns[0].share):.1f} degrees"
+    if len(suns) == 1:
+        return [f"turned {lamp_name(suns[0])} by {worst}"]
+    return [f"turned {len(suns)} suns by up to {worst} ({lamp_name(suns[0])})"]
+
+
+def _powered(lamps: Sequence[LampChange], said: bool) -> list[str]:
+    """``said``: whether the sentence has named these lamps already."""
+    if not lamps:
+        return []
+    worst = max(lamps, key=lambda lamp: abs(math.log(lamp.power)))
+    if len(lamps) == 1:
+        return [f"changed {'its power' if said else f'the power of {lamp_name(worst)}'} by "
+                f"{percent(worst.power - 1, 1, sign=True)}"]
+    what = "their power" if said else f"the power of {len(lamps)} lamps"
+    return [f"changed {what} by up to {percent(worst.power - 1, 1, sign=True)} ({lamp_name(worst)})"]
+
+
+def _exposed(views: Sequence[ExposureChange]) -> list[str]:
+    if not views:
+        return []
+    worst = f"{views[0].stops:+.2f} EV"
+    if len(views) == 1:
+        return [f"changed the exposure of '{views[0].image.name}' by {worst}"]
+    return [f"changed the exposure of {len(views)} views by up to {worst} ('{views[0].image.name}')"]

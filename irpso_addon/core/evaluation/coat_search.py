@@ -1,0 +1,240 @@
+"""The coat that explains all texels of a sample, with the one roughness, Specular IOR Level and Metallic below it.
+
+By Levenberg-Marquardt from the material without a coat and a few coats (decision 0015): nodes of five numbers would be
+too many.  Base colour, which is linear, is eliminated at each step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..data import F64, Bool, Coat
+from ..shading import brdf
+from .joint_material import COSINES, LEVELS, METAL_BASE, ROUGHNESS, UNSEEN, Joint, JointSearch, OneMaterial
+from .lobe_values import coat_values, fresnel_ratio, lobe_values, metal_values
+from .sampled_texels import LEAST, SampledTexels
+
+# (weight, roughness) of coats, and (roughness, level) of what lies below where that is not the material without one.
+STARTS: tuple[tuple[float, float, tuple[float, float] | None], ...] = (
+    (0.3, 0.1, None), (0.3, 0.3, None), (0.1, 0.6, None), (0.5, 0.2, (0.7, 0.3)))
+SOME = 4  # one texel in so many takes part until the end is near
+RACE, KEPT, STEPS, LAST_STEPS = 5, 2, 10, 8  # steps from every start; of those kept; at most; and with all texels
+SEEN = 0.01  # share of the texels that must see a coat's highlight
+TRIALS = 5  # of a step, each shorter
+STILL = 1e-3  # relative gain of a step below which a search is at rest
+LEAST_NUMBER = 1e-4  # of level, Metallic and weight: slopes of the level have no bound at 0
+PLAIN_NUMBERS = (0, 1, 3, 4)  # of (roughness, level, Metallic, weight, roughness of the coat): without Metallic
+ALL_NUMBERS = (0, 1, 2, 3, 4)
+PLAIN, METAL, APART = "plain", "metal", "apart"  # below the coat: one value; and Metallic; a roughness a texel
+WEIGHTS, COATS = np.array([0.1, 0.3, 0.6, 1.0]), 8  # of APART: weights, number of roughnesses, first of all
+WIDEST, ROUNDS = 0.7, 3  # the largest of these; how often each of the two is found again between its neighbours
+KEPT_VALUES = 24  # lobes that are kept for the next evaluations
+
+
+class CoatSearch:
+    """Of the texels of a `JointSearch`, from any part of their layers."""
+
+    def __init__(self, search: JointSearch) -> None:
+        # A coat is the same everywhere: it is seen where half vectors come near the normals of some texels.
+        sharpest = max((UNSEEN * float(np.quantile(search.nearest, SEEN))) ** 0.25, brdf.ROUGHNESS_MIN)
+        low = np.array([brdf.ROUGHNESS_MIN, LEAST_NUMBER, LEAST_NUMBER, LEAST_NUMBER, sharpest])
+        some = np.arange(0, len(search.weight), SOME, dtype=np.int32)
+        self.some = _Descent(search.texels.part(some), search.weight[some], low)
+        self.all = _Descent(search.texels, search.weight, low)
+        self.apart = _Apart(search, sharpest)
+
+    def fit(self, kind: str, known: Bool, joint: Joint, level: float) -> OneMaterial:
+        """From the layers that are ``known``, (V,), and the material without a coat; ``level``: of APART."""
+        if kind == APART:
+            return OneMaterial(joint.apart.roughness, level, coat=self.apart.coat(known, level))
+        metal = kind == METAL
+        free, plain = (ALL_NUMBERS, joint.metal) if metal else (PLAIN_NUMBERS, joint.specular)
+        self.some.layers, self.all.layers = (known, free), (known, free)
+        tried = []
+        for weight, roughness, below in STARTS:
+            of = replace(plain, roughness=below[0], level=below[1]) if below else plain
+            x = np.array([of.roughness, of.level, of.metallic, weight, roughness])
+            tried.append(self.some.run(x, RACE))
+        tried.sort(key=lambda found: found[1])
+        best = min((self.some.run(x, STEPS) for x, _ in tried[:KEPT]), key=lambda found: found[1])[0]
+        # A wide lobe below a narrow one explains nearly what the narrow one below the wide does: all texels decide.
+        ends = [self.all.run(x, LAST_STEPS) for x in (best, self.some.run(_swapped(best), STEPS)[0])]
+        r, level, metallic, weight, roughness = (float(x) for x in min(ends, key=lambda found: found[1])[0])
+        return OneMaterial(r, level, metallic if metal else 0.0, coat=Coat(weight, roughness))
+
+
+def _swapped(x: F64) -> F64:
+    """Both lobes in each other's place; a coat of weight 1 reflects what level 0.5 does."""
+    roughness, level, metallic, weight, rough = x
+    return np.array([rough, weight / 2, metallic, 2 * level, roughness])
+
+
+class _Descent:
+    """Levenberg-Marquardt in (roughness, level, Metallic, weight of the coat, its roughness) between bounds."""
+
+    def __init__(self, texels: SampledTexels, weight: F64, low: F64) -> None:
+        self.texels, self.root, self.low = texels, np.sqrt(weight), low
+        self.cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
+        # Known layers; free numbers:
+        self.layers: tuple[Bool, tuple[int, ...]] = np.ones(len(texels.camera), bool), ALL_NUMBERS
+        self._kept: dict[tuple[str, float], tuple[F64, ...]] = {}
+
+    def run(self, start: F64, steps: int) -> tuple[F64, float]:
+        """(numbers, cost) after so many steps, or at rest."""
+        x, damping = np.clip(start, self.low, 1.0), 1e-2
+        here = self._residual(x)
+        cost = float(here @ here)
+        for _ in range(steps):
+            found = self._step(x, here, damping)
+            if found is None:
+                break
+            x, here, damping = found
+            before, cost = cost, float(here @ here)
+            if cost > (1 - STILL) * before:
+                break
+        return x, cost
+
+    def _step(self, x: F64, here: F64, damping: float) -> tuple[F64, F64, float] | None:
+        """(numbers, residual, next damping) of a shorter and shorter step that gains; None: none does."""
+        at = np.array(self.layers[1])
+        slopes = self._slopes(x, here)
+        gradient = slopes @ here
+        moves = ~(((x[at] <= self.low[at]) & (gradient > 0)) | ((x[at] >= 1) & (gradient < 0)))
+        if not moves.any():
+            return None
+        normal = slopes[moves] @ slopes[moves].T
+        for _ in range(TRIALS):
+            trial = x.copy()
+            trial[at[moves]] -= np.linalg.solve(normal + np.diag(damping * np.diag(normal) + 1e-12), gradient[moves])
+            trial = np.clip(trial, self.low, 1.0)
+            there = self._residual(trial)
+            if there @ there < here @ here:
+                return trial, there, damping / 4
+            damping *= 6
+        return None
+
+    def _slopes(self, x: F64, here: F64) -> F64:
+        """(free numbers, n) by differences."""
+        rows = []
+        for k in self.layers[1]:
+            h = -1e-5 if x[k] > 0.5 else 1e-5
+            moved = x.copy()
+            moved[k] += h
+            rows.append((self._residual(moved) - here) / h)
+        return np.stack(rows)
+
+    def _residual(self, x: F64) -> F64:
+        """(n,) weighted, of the known layers, with the base colour that explains them best."""
+        known, free = self.layers
+        roughness, level, metallic, weight, rough = (float(value) for value in x)
+        white, rest = self._body(roughness, level, metallic if 2 in free else 0.0)
+        shape, gain, taken = self._coat(rough)
+        left, root = 1 - weight * taken, self.root[:, known]
+        white = root * (left * white)[:, known, None]
+        off = root * (self.texels.reflected - (left * rest + weight * shape * gain)[..., None])[:, known]
+        channel, result = self.texels.channel[known], np.empty_like(off)
+        for one in np.unique(channel):
+            same = channel == one
+            base = (white[:, same] * off[:, same]).sum(1) / np.maximum((white[:, same] ** 2).sum(1), LEAST)
+            result[:, same] = off[:, same] - np.clip(base, 0, 1)[:, None] * white[:, same]
+        return np.asarray(result.ravel())
+
+    def _body(self, roughness: float, level: float, metallic: float) -> tuple[F64, F64]:
+        """(T, V) each: for each unit of base colour, and whatever that is."""
+        lobes, nodes = self.texels.lobes, self.texels.nodes
+        (shape,) = self._keep("lobe", roughness, lambda: (
+            lobe_values(lobes, self.cos_v, self._all(roughness), nodes=nodes),))
+        (ratio,) = self._keep("level", level, lambda: (fresnel_ratio(lobes, self.cos_v, np.asarray(level), nodes),))
+        energy = brdf.principled_energy_level(roughness, COSINES, level)
+        gain, taken = (np.interp(self.cos_v, COSINES, energy[:, k]) for k in (0, 1))
+        white, rest = (1 - taken) / np.pi, (shape * ratio).sum(-1) * gain
+        if metallic > 0:
+            own, edge = self._keep("metal", roughness, lambda: self._metal(roughness))
+            white, rest = (1 - metallic) * white + metallic * own, (1 - metallic) * rest + metallic * edge
+        return white, rest
+
+    def _metal(self, roughness: float) -> tuple[F64, F64]:
+        own, edge = metal_values(self.texels.lobes, self.cos_v, self._all(roughness), self.texels.nodes)
+        gain = np.interp(self.cos_v, COSINES, brdf.metal_gain(METAL_BASE, brdf.metal_energy(roughness, COSINES)))
+        return own * gain, edge * gain
+
+    def _coat(self, roughness: float) -> tuple[F64, ...]:
+        """(T, V) each of a coat of weight 1: its lobe, the gain of that, and what is taken from below."""
+        def values() -> tuple[F64, ...]:
+            energy = brdf.principled_energy(roughness, COSINES)
+            return (lobe_values(self.texels.lobes, self.cos_v, self._all(roughness), nodes=self.texels.nodes).sum(-1),
+                    *(np.interp(self.cos_v, COSINES, energy[:, k]) for k in (0, 1)))
+
+        return self._keep("coat", roughness, values)
+
+    def _all(self, roughness: float) -> F64:
+        return np.full(len(self.cos_v), roughness)
+
+    def _keep(self, kind: str, value: float, make: Callable[[], tuple[F64, ...]]) -> tuple[F64, ...]:
+        """Steps change one number at a time: what the others give is the same."""
+        if (kind, value) not in self._kept:
+            if len(self._kept) >= KEPT_VALUES:
+                del self._kept[next(iter(self._kept))]
+            self._kept[kind, value] = make()
+        return self._kept[kind, value]
+
+
+class _Apart:
+    """The coat above texels of which each has its own roughness: it takes its best of the nodes."""
+
+    def __init__(self, search: JointSearch, sharpest: float) -> None:
+        self.search, self.sharpest = search, min(sharpest, WIDEST / 2)
+        self.cos_v = np.clip(search.texels.cos_v, 1e-3, 1.0)
+
+    def coat(self, known: Bool, level: float) -> Coat:
+        """At a Specular IOR Level."""
+        at = int(np.abs(LEVELS - level).argmin()) * len(ROUGHNESS)
+        names = ("a", "s", "aa", "as", "ss")
+        nodes = {name: self.search.nodes.products[name][:, at:at + len(ROUGHNESS), known] for name in names}
+
+        def cost(weight: float, log_roughness: float) -> float:
+            return self._cost(known, nodes, Coat(weight, float(np.exp(log_roughness))))
+
+        rough = np.log(np.geomspace(self.sharpest, WIDEST, COATS))
+        costs = np.array([[cost(w, r) for r in rough] for w in WEIGHTS])
+        i, j = np.unravel_index(costs.argmin(), costs.shape)
+        best, steps = np.array([WEIGHTS[i], rough[j]]), np.array([0.15, (rough[1] - rough[0]) / 2])
+        for _ in range(ROUNDS):
+            for k in (0, 1):
+                best[k] = _between(best, k, steps[k], cost, (LEAST_NUMBER, rough[0])[k])
+            steps /= 2
+        return Coat(float(best[0]), float(np.exp(best[1])))
+
+    def _cost(self, known: Bool, nodes: dict[str, F64], coat: Coat) -> float:
+        texels = self.search.texels
+        above, left = (part[:, known, None] for part in coat_values(
+            texels.lobes, self.cos_v, coat, texels.nodes))
+        total, weight = np.zeros(1), self.search.weight[:, known]
+        channel = texels.channel[known]
+        for one in np.unique(channel):
+            same = channel == one
+            off, w = (texels.reflected[:, known] - above)[:, same], weight[:, same]
+            white, both = w * left[:, same] ** 2, w * left[:, same] * off
+            sums = {name: values[:, :, same] @ (white if len(name) == 2 else both) for name, values in nodes.items()}
+            pull = sums["a"] - sums["as"]
+            base = np.clip(pull / np.maximum(sums["aa"], LEAST), 0, 1)
+            cost = (w * off**2).sum(1)[:, None] - 2 * sums["s"] + sums["ss"] + base * (base * sums["aa"] - 2 * pull)
+            total = total + np.maximum(cost, 0).sum(-1)
+        return float(total.min(1).sum())
+
+
+def _between(best: F64, k: int, step: float, cost: Callable[[float, float], float], low: float) -> float:
+    """Number ``k`` where the parabola through three places has its bottom, not farther than a step away."""
+    places = np.clip(best[k] + step * np.array([-1.0, 0.0, 1.0]), low, 1.0 if k == 0 else 0.0)
+    costs = []
+    for place in places:
+        moved = best.copy()
+        moved[k] = place
+        costs.append(cost(*moved))
+    if len(np.unique(places)) < 3 or costs[1] >= min(costs[0], costs[2]):
+        return float(places[int(np.argmin(costs))])
+    bend, slope, _ = np.polyfit(places - places[1], costs, 2)
+    return float(np.clip(places[1] - 0.5 * slope / bend, places[0], places[2]))

@@ -1,0 +1,133 @@
+"""One look at a whole picture before its pixels are used: what is no radiance in it, and where it clips."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data import F32, F64, Bool
+from ..errors import BadInput
+from .image_file import ImageFile, floats
+from .mask import Mask
+from .oiio_reader import FORMS, Stored
+
+KEEP = 128_000_000  # bytes of a decoded image that are held instead of being decoded again
+# Negative values up to this share of the image's level (its 99.5 % point, or white where that is known and brighter)
+# are data: read noise about a black level that was taken off, or a sharp colour in a small gamut.  Cut to 0, only the
+# upper half of the noise would stay.
+_NEGATIVE = 0.05
+_HALF_MAX = 65504.0
+
+
+class Rows:
+    """Stored colours with alpha divided out, and coverage: alpha times mask."""
+
+    def __init__(self, file: ImageFile, mask: Mask | None) -> None:
+        self.file, self.mask = file, mask
+        size = file.width * file.height * len(file.channels) * np.dtype(FORMS[file.form]).itemsize
+        self._keep = size <= KEEP  # then it is decoded once
+        self._decoded: deque[Stored] = deque()
+
+    def bands(self, last: bool = False) -> Iterator[tuple[F32, F32]]:
+        """(rows, width, 3) and (rows, width) from the top down; ``last``: nobody will ask again."""
+        masks = None if self.mask is None else self.mask.rows()
+        for band in self._stored(last):
+            coverage = np.ones(band.shape[:2], np.float32) if masks is None else masks.take(len(band))
+            yield self._straight(floats(band), coverage)
+
+    def _stored(self, last: bool) -> Iterator[Stored]:
+        if self._decoded:
+            for _ in range(len(self._decoded)):
+                band = self._decoded.popleft()
+                yield band
+                if not last:
+                    self._decoded.append(band)
+            return
+        for band in self.file.bands():
+            if self._keep and not last:
+                self._decoded.append(band)
+            yield band
+
+    def _straight(self, pixels: F32, coverage: F32) -> tuple[F32, F32]:
+        rgb = pixels[..., :3]
+        if pixels.shape[-1] == 4:
+            alpha = pixels[..., 3]
+            if not np.isfinite(alpha).all():
+                raise BadInput(f"{self.file.path}: its alpha has NaN or infinite pixels; render it again")
+            alpha = np.clip(alpha, 0, 1)
+            coverage = coverage * alpha
+            if self.file.premultiplied:
+                with np.errstate(invalid="ignore", over="ignore"):  # the survey finds what is infinite
+                    rgb = rgb * np.divide(1, alpha, out=np.zeros_like(alpha), where=alpha > 1e-6)[..., None]
+        return rgb, coverage
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What one look at the whole image says."""
+
+    ceiling: F64  # (3,) stored values from which on a channel is clipped
+    clipped: float  # share of covered pixels that are
+    level: float  # stored value that nearly all lie below: the 99.5 % point, or white
+    sample: F32  # (n, 3) of the covered pixels
+
+
+def survey(rows: Rows, least_level: float) -> Survey:
+    """Finds what is not radiance and where the image clips.  Raises BadInput.
+
+    ``least_level``: of another picture, beside which this one may be all dark.
+    """
+    file = rows.file
+    stride = max(1, file.width * file.height // 300_000)
+    covered = odd = seen = 0
+    lowest, highest = np.inf, np.zeros(3)
+    samples = []
+    for rgb, coverage in rows.bands():
+        pixels = rgb[coverage > 0]
+        covered += len(pixels)
+        finite = all_channels(np.isfinite(pixels))
+        odd += int(np.sum(~finite))
+        if finite.any():
+            pixels = pixels if finite.all() else pixels[finite]
+            lowest = min(lowest, float(pixels.min()))
+            highest = np.maximum(highest, [pixels[:, c].max() for c in range(3)])
+            samples.append(pixels[-seen % stride::stride].copy())  # every so many of them all
+            seen += len(pixels)
+    if not covered:
+        raise BadInput(f"{file.path}: no pixel is covered (alpha or mask is 0 everywhere); check both")
+    if odd:
+        raise BadInput(f"{file.path}: {odd} of {covered} pixels are NaN or infinite; render it again or mask them out")
+    sample = np.concatenate(samples)
+    white = 1.0 if file.integer or file.camera is not None else 0.0
+    level = max(float(np.quantile(sample.max(-1), 0.995)), white, least_level)
+    if lowest < -_NEGATIVE * level:
+        raise BadInput(f"{file.path}: has negative radiance (down to {lowest:.3g}, where bright pixels have "
+                       f"{level:.3g}); check the black level that was subtracted, or mask it out")
+    ceiling = np.ones(3) if file.integer else _plateaus(sample, highest)
+    if file.camera is not None:
+        ceiling = np.minimum(ceiling, 1.0)
+    return Survey(ceiling, float(np.mean((sample >= ceiling).any(-1))), level, sample)
+
+
+def _plateaus(sample: F32, highest: F64) -> F64:
+    """(3,) value at which each channel of a float image was cut off, infinity where it was not.
+
+    A cut leaves many pixels at exactly the highest value.  A flat surface under a flat light does so
+    too; there other values are as common, or it is most of the picture.
+    """
+    ceiling = np.full(3, _HALF_MAX)
+    for channel in range(3):
+        values, counts = np.unique(sample[:, channel], return_counts=True)
+        top = counts[-1] if values[-1] == highest[channel] > 0 else 0
+        others = counts[:-1][values[:-1] > 0]
+        if len(others) and 0.001 * len(sample) < top < 0.5 * len(sample) and top > 10 * others.max():
+            ceiling[channel] = min(ceiling[channel], highest[channel])
+    return ceiling
+
+
+def all_channels(values: Bool) -> Bool:
+    """``values.all(-1)`` of (..., 3), several times as fast."""
+    return np.asarray(values[..., 0] & values[..., 1] & values[..., 2])

@@ -1,0 +1,69 @@
+"""How a photograph was exposed, by its EXIF, and what that says of a set of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from statistics import median_low
+
+from ..phrases import some
+
+LEAST_DIFFERENCE = 1 / 6  # EV: half a step of a camera's wheels
+
+
+@dataclass(frozen=True)
+class ShotSettings:
+    """What EXIF (CIPA DC-008) says of a photograph; None where it does not."""
+
+    time: float | None = None  # seconds
+    f_number: float | None = None
+    iso: float | None = None
+
+    @property
+    def exposure_value(self) -> float | None:
+        """log2(time * ISO / 100 / f-number^2): a picture of 1 more is twice as bright.  None: something is missing.
+
+        ISO 2720:1974's exposure value with the sign of the picture's brightness, and the sensitivity in it.
+        """
+        if self.time is None or self.f_number is None or self.iso is None:
+            return None
+        return math.log2(self.time) + math.log2(self.iso / 100) - 2 * math.log2(self.f_number)
+
+
+NOTHING_SAID = ShotSettings()
+
+
+def relative_exposures(shots: Mapping[str, ShotSettings | None]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """For each picture its exposure relative to the lower median, EV, as `View.exposure` counts; lines for the user.
+
+    A picture whose settings are not known gets 0 and is named.  One line says that exposures differ, where they do by
+    more than LEAST_DIFFERENCE.  ``shots``: by the pictures' names.
+    """
+    known = {name: shot.exposure_value for name, shot in shots.items() if shot is not None}
+    values = {name: value for name, value in known.items() if value is not None}
+    middle = median_low(values.values()) if values else 0.0
+    found = {name: values[name] - middle if name in values else 0.0 for name in shots}
+    lines = []
+    off = [name for name, value in found.items() if abs(value) > LEAST_DIFFERENCE]
+    if off:
+        worst = max(off, key=lambda name: abs(found[name]))
+        lines.append(f"{len(off)} of {len(shots)} pictures: EXIF states another exposure than for the rest "
+                     f"({found[worst]:+.2f} EV in '{worst}'); IRPSO scales their brightness by it, which is wrong for "
+                     "a flash shorter than the exposure time: correct Exposure then")
+    missing = [name for name in shots if name not in values]
+    if missing and values:
+        lines.append(f"{some(missing)}: EXIF has no time, aperture and ISO, so the exposure of the rest is used; "
+                     "enter it by hand if it differs")
+    elif missing:
+        lines.append("EXIF has no time, aperture and ISO for any picture, so equal exposures are used; enter the "
+                     "exposures by hand if they differ")
+    return found, tuple(lines)
+
+
+def positive(value: object) -> float | None:
+    """A finite number above 0, else None: what files and cameras without a contact to the lens write is 0."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        number = float(value)
+        return number if math.isfinite(number) and number > 0 else None
+    return None

@@ -1,0 +1,147 @@
+"""Whether a scene's normals are refined: only where left-out views are then predicted better.
+
+Of a sample of texels, views are left out in turn.  The others say the tilt of each texel, and its base colour; what was
+left out is then predicted under it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..calibration.texel_materials import lobes_of, materials_of
+from ..data import F64
+from ..evaluation.folds import Folds, Judge, scatter, split
+from ..evaluation.joint_material import OneMaterial
+from ..evaluation.sampled_texels import Lobes, SampledTexels, parts, predicted
+from ..job import Progress
+from .low_pass import common
+from .tilt_fit import CAUCHY, TiltsFound, fit_tilts
+from .tilt_sample import TiltSample
+
+LEAST_TEXELS = 100
+LEAST_VIEWS = 6  # good observations of a texel: fewer say nothing when a third is left out
+LEAST_TILT = np.radians(0.15)  # standard deviation: less is not worth a map
+SURE = 3.0  # standard errors
+LEAST_ERROR = 0.005  # of the radiance: what refined normals must explain
+BETTER = 2 / 3  # ratio to which the error must fall
+WORSE = 1.02  # ratio to which the error of L* may rise
+HIGHLIGHT = 0.25  # of the radiance: lobes that show more make a highlight
+LEAST_SEEN = 1e-6
+PASSES = 2  # of tilts and roughnesses in turn
+GIVEN, LARGE, ALL = "given", "large", "all"
+FEW = "too few views show its texels"
+
+
+@dataclass(frozen=True)
+class NormalsJudged:
+    """Normals that are worth refining."""
+
+    materials: dict[int, OneMaterial]  # by slot, under the refined normals
+    scatter: float  # relative: of the observations
+    deviation: float  # standard deviation of a tilt, radians
+    given: float  # as of RefinedNormals
+    refined: float
+
+
+def judge_normals(sample: TiltSample) -> Generator[Progress, None, NormalsJudged | str]:
+    """What is to be refined; or why the normals stay as they are given."""
+    sample = sample.part(sample.texels.usable().sum(1) >= LEAST_VIEWS)
+    folds, texels = split(sample.texels), sample.texels
+    if folds is None or len(texels.cos_v) < LEAST_TEXELS:
+        return FEW
+    yield Progress(0.0, "normals", "shading normals")
+    given = _lobes(sample, texels, materials_of(sample.rig, texels, not sample.rig.scale_known))
+    found = fit_tilts(sample, given)
+    if found.deviation() < LEAST_TILT:
+        return "they explain the views"
+    for n in range(PASSES):
+        yield Progress(0.2 + 0.3 * n / PASSES, "normals")
+        tilt = found.under(found.deviation())[0]
+        seen = sample.tilted(tilt)[0]
+        materials = materials_of(sample.rig, seen, not sample.rig.scale_known)
+        lobes = _lobes(sample, seen, materials)
+        found = fit_tilts(sample, lobes, start=tilt)
+    yield Progress(0.5, "normals")
+    contest = _Contest(sample, given, lobes, found, folds)
+    for n, left_out in enumerate(folds.left_out):
+        contest.predict(~left_out)
+        yield Progress(0.5 + 0.5 * (n + 1) / len(folds.left_out), "normals")
+    if not contest.worth_it():
+        return "refined ones predict left-out views no better"
+    return NormalsJudged(materials, found.scatter, found.deviation(), *(contest.scale(name) for name in (LARGE, ALL)))
+
+
+def large_scale(sample: TiltSample, tilt: F64) -> F64:
+    """(T, 2) what the tilts of regions, and of like normals, have in common."""
+    rig = sample.rig
+    return sample.in_plane(common(rig.position, rig.normal, sample.offset(tilt), np.ones(len(tilt))))
+
+
+def _lobes(sample: TiltSample, texels: SampledTexels, materials: dict[int, OneMaterial]) -> Lobes:
+    return lobes_of(sample.rig, texels, materials)
+
+
+class _Contest:
+    """What given and refined normals predict of left-out views, highlights apart."""
+
+    def __init__(self, sample: TiltSample, given: Lobes, lobes: Lobes, whole: TiltsFound, folds: Folds) -> None:
+        self.sample, self.given, self.lobes, self.folds = sample, given, lobes, folds
+        self.start = whole.under(whole.deviation())[0]
+        texels = sample.texels
+        self.judged = replace(texels, quality=np.where(self._highlights(), 0.0, texels.quality))
+        self.judge = Judge(self.judged, folds)
+        self.predictions: dict[str, list[F64]] = {"lambert": [], GIVEN: [], LARGE: [], ALL: []}
+        self.left: dict[str, F64] = {}
+
+    def _highlights(self) -> np.ndarray:
+        texels = self.sample.texels
+        shown = np.maximum(texels.reflected.mean(-1), LEAST_SEEN)
+        seen, more = self.sample.tilted(self.start)
+        return np.asarray((parts(texels, self.given)[1][..., 0] > HIGHLIGHT * shown)
+                          | (parts(seen, self.lobes)[1][..., 0] * more > HIGHLIGHT * shown))
+
+    def predict(self, known: np.ndarray) -> None:
+        """One fold."""
+        sample = self.sample
+        self.predictions["lambert"].append(predicted(self.judged, None, known))
+        self.predictions[GIVEN].append(predicted(self.judged, self.given, known))
+        found = fit_tilts(sample, self.lobes, known, self.start)
+        tilt = found.under(found.deviation())[0]
+        for name, tilts in ((LARGE, large_scale(sample, tilt)), (ALL, tilt)):
+            seen, more = sample.tilted(tilts)
+            quality = np.where(self.judged.quality > 0, seen.quality, 0.0)
+            shown = predicted(replace(seen, quality=quality), self.lobes, known)
+            self.predictions[name].append(shown * more[..., None])
+
+    def worth_it(self) -> bool:
+        """Whether refined normals predict better than given ones, and than what whole regions have in common."""
+        for name, predictions in self.predictions.items():
+            self.judge.add(name, predictions)
+            self.left[name] = self._left(predictions)
+        return self._worth(ALL, GIVEN, 1.0) and self._worth(ALL, LARGE, BETTER)
+
+    def scale(self, name: str) -> float:
+        """Robust standard deviation of what predictions are off by, relative."""
+        seen = self.left[name][self.left[name] != 0]
+        return 1.4826 * float(np.median(np.abs(seen))) if len(seen) else 0.0
+
+    def _left(self, predictions: list[F64]) -> F64:
+        """(T, V) log of predicted over observed radiance; 0 where it is not judged."""
+        shown = np.ones_like(self.sample.texels.cos_v)
+        for left_out, prediction in zip(self.folds.left_out, predictions, strict=True):
+            shown[:, left_out] = prediction[:, left_out].mean(-1)
+        observed = self.judged.reflected.mean(-1)
+        known = self.judge.judged & (observed > 0) & (shown > 0)
+        return np.asarray(np.log(np.where(known, shown, 1.0) / np.where(known, observed, 1.0)))
+
+    def _worth(self, name: str, other: str, ratio: float) -> bool:
+        """Whether one predicts better than another: beyond the scatter, and by what can be seen."""
+        after, before = self.scale(name), self.scale(other)
+        unit = CAUCHY * max(after, LEAST_SEEN)
+        gain = (np.log1p((self.left[other] / unit) ** 2) - np.log1p((self.left[name] / unit) ** 2)).sum(1)
+        lighter = self.judge.error(name).lightness / max(self.judge.error(other).lightness, LEAST_SEEN)
+        return bool(gain.sum() > SURE * scatter(gain, self.sample.rig.cluster) and after < ratio * before
+                    and before**2 - after**2 > LEAST_ERROR**2 and lighter < WORSE)

@@ -1,0 +1,174 @@
+"""The tilt of each texel's normal that explains what is observed of it.
+
+Gauss-Newton on radiance, each texel's base colour eliminated (variable projection, Golub and Pereyra, SIAM J. Numer.
+Anal. 10, 1973).  Errors count relative to the radiance and a part of what is typical of the texel: noise and light that
+bounces do not vanish where the light is grazing.  Cauchy weights: shadows that the mesh does not cast.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..calibration.paint import Paint, paints_of
+from ..data import F64, Bool
+from ..evaluation.lobe_values import fresnel_ratio
+from ..evaluation.sampled_texels import OTHER_CAMERA, Lobes
+from ..shading import brdf
+from .tilt_sample import LEAST, LEAST_COSINE, TiltSample
+
+CAUCHY = 2.4  # standard deviations at which an observation has lost half its weight
+ROUNDS = 5
+WIDE = 0.5  # radians: standard deviation of a tilt before anything is known of it
+STEP = 1e-3  # radians: for derivatives
+LONGEST = 0.2  # radians: a step
+STEEPEST = 1.2  # tangent of the steepest tilt
+TYPICAL = 0.3  # of the median radiance: errors below count as much as there
+LEAST_SCATTER = 1e-3
+NUMBERS = 3  # that are found in each texel
+
+
+@dataclass(frozen=True)
+class TiltsFound:
+    """What the observations say of T tilts: as a normal distribution, of weight ``information``."""
+
+    information: F64  # (T, 2, 2) 1/radians^2
+    pull: F64  # (T, 2) information times the tilt that the observations alone say
+    scatter: float  # relative: what observations leave over, robust
+
+    def under(self, deviation: float) -> tuple[F64, F64]:
+        """(tilts (T, 2), their covariances (T, 2, 2)) where tilts are known to have a standard deviation."""
+        covariance = np.linalg.inv(self.information + np.eye(2) / max(deviation, LEAST) ** 2)
+        return np.einsum("tij,tj->ti", covariance, self.pull), covariance
+
+    def deviation(self) -> float:
+        """Standard deviation of tilts, radians: that under which what was found is likeliest (empirical Bayes)."""
+        deviation = 0.1
+        for _ in range(60):
+            tilt, covariance = self.under(deviation)
+            seen = np.linalg.eigvalsh(self.information)[:, 0] > 0.1 / deviation**2  # the others say what is assumed
+            if not seen.any():
+                return 0.0
+            square = ((tilt**2).sum(-1) + np.trace(covariance, axis1=1, axis2=2))[seen] / 2
+            deviation = float(np.sqrt(np.mean(np.minimum(square, np.quantile(square, 0.98)))))
+        return deviation
+
+
+def fit_tilts(
+    sample: TiltSample, lobes: Lobes, known: Bool | None = None, start: F64 | None = None,
+    scatter: float | None = None, rounds: int = ROUNDS,
+) -> TiltsFound:
+    """``known``: (V,) layers to go by.  ``start``: (T, 2) tilts.  ``scatter``: of a larger sample."""
+    model = TiltModel(sample, lobes)
+    fit = _Fit(model, np.ones(len(sample.rig.view), bool) if known is None else known)
+    tilt = np.zeros((len(sample.first), 2)) if start is None else start
+    for n in range(rounds):
+        found = fit.round(tilt, scatter)
+        if n + 1 < rounds:
+            tilt = _stepped(tilt, found.under(WIDE)[0])
+    return found
+
+
+def _stepped(tilt: F64, to: F64) -> F64:
+    step = to - tilt
+    step *= np.minimum(1.0, LONGEST / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), LEAST))
+    tilt = tilt + step
+    return np.asarray(tilt * np.minimum(1.0, STEEPEST / np.maximum(np.linalg.norm(tilt, axis=1, keepdims=True), LEAST)))
+
+
+class TiltModel:
+    """What one lobe reflects under tilted normals, over the irradiance that the given ones have.
+
+    The energy that the lobe takes from the diffuse is that at the given normals: it changes little.
+    """
+
+    def __init__(self, sample: TiltSample, lobes: Lobes) -> None:
+        self.sample = sample
+        texels = sample.texels
+        cos_v = np.clip(texels.cos_v, LEAST_COSINE, 1.0)
+        roughness, level = lobes.roughness[:, 0], lobes.level
+        energy = (brdf.principled_energy(roughness[:, None], cos_v) if np.all(level == 0.5) else
+                  brdf.principled_energy_level(roughness[:, None], cos_v, level[:, None]))
+        self.white = (1 - energy[..., 1]) / np.pi
+        self.alpha2 = (roughness**4)[:, None, None]
+        ratio = 1.0 if np.all(level == 0.5) else fresnel_ratio(texels.lobes, cos_v, level[:, None, None])
+        self.factor = texels.lobes[..., 3] * (energy[..., 0] * cos_v)[..., None] * ratio  # V.H stays as it is
+
+    def at(self, tilt: F64) -> tuple[F64, F64]:
+        """(T, V) each: what is reflected for each unit of base colour, and whatever that is."""
+        sample = self.sample
+        cos_l, sin2h, cos_v = sample.cosines(tilt)
+        lit = np.clip(cos_l, LEAST_COSINE, 1.0)
+        tan2_v = (1 / cos_v**2 - 1)[..., None]
+        roots = brdf.lambda_root(self.alpha2, 1 / lit**2 - 1) + brdf.lambda_root(self.alpha2, tan2_v)
+        shape = brdf.D_ggx_spread(self.alpha2, sin2h, sample.texels.lobes[..., 1]) / roots
+        specular = (np.where(cos_l > 0, self.factor * shape, 0.0)).sum(-1) / cos_v
+        return self.white * np.maximum(sample.brighter(cos_l), 0.0), specular
+
+
+class _Fit:
+    """One sample's rounds."""
+
+    def __init__(self, model: TiltModel, known: Bool) -> None:
+        texels = model.sample.texels
+        self.model, self.observed = model, texels.reflected.mean(-1)
+        self.paints = paints_of(texels)
+        self.good: Bool = texels.usable() & known
+        # Radiance over that which a surface facing the light would have its irradiance of:
+        facing = np.clip((texels.lobes[..., 2] * model.sample.share).sum(-1), 0.05, 1.0)
+        shown = np.where(self.good, np.maximum(self.observed, 0.0) * facing, np.nan)
+        some = self.good.any(1)
+        typical = np.ones(len(shown))
+        typical[some] = np.nanmedian(shown[some], axis=1)
+        unit = (np.maximum(self.observed, 0.0) * facing + TYPICAL * typical[:, None]) / (1 + TYPICAL)
+        self.root = np.where(self.good, np.sqrt(np.clip(texels.quality, 0, 1)) * facing / np.maximum(unit, LEAST), 0.0)
+        self.weight = self.root**2  # robust weights come on top
+
+    def round(self, tilt: F64, scatter: float | None) -> TiltsFound:
+        """The observations, linearised at a tilt."""
+        white, rest = self.model.at(tilt)
+        left = self._left(white, self.observed - rest)
+        spread = self._scatter(left) if scatter is None else scatter
+        robust = 1 / (1 + (left * self.root / (CAUCHY * spread)) ** 2)
+        self.weight = self.root**2 * robust
+        base = self._bases(white, self.observed - rest)
+        left = self.observed - rest - base * white
+        columns = []
+        for axis in np.eye(2) * STEP:
+            more_white, more_rest = self.model.at(tilt + axis)
+            slope = (base * (more_white - white) + more_rest - rest) / STEP
+            columns.append(slope - self._bases(white, slope) * white)
+        slopes = np.stack(columns, -1)  # (T, V, 2)
+        weighted = slopes * (self.weight / spread**2)[..., None]
+        information = np.einsum("tvi,tvj->tij", weighted, slopes)
+        pull = np.einsum("tvi,tv->ti", weighted, left) + np.einsum("tij,tj->ti", information, tilt)
+        return TiltsFound(information, pull, spread)
+
+    def _left(self, white: F64, rest: F64) -> F64:
+        return rest - self._bases(white, rest) * white
+
+    def _bases(self, white: F64, rest: F64) -> F64:
+        """(T, V) least squares: base colours that explain ``rest``; or what they take of a slope."""
+        off, known, result = self.weight * white * rest, self.weight * white**2, np.zeros_like(white)
+        for paint in self.paints:
+            self._paint(paint, off, known, result)
+        return result
+
+    @staticmethod
+    def _paint(paint: Paint, off: F64, known: F64, result: F64) -> None:
+        all_off, all_known = (values[:, paint.layers].sum(1) for values in (off, known))
+        for camera in paint.cameras:
+            own = paint.layers[camera]
+            share = off[:, own].sum(1) + OTHER_CAMERA * all_off
+            result[:, own] = (share / np.maximum(known[:, own].sum(1) + OTHER_CAMERA * all_known, LEAST))[:, None]
+
+    def _scatter(self, left: F64) -> float:
+        """Robust standard deviation of relative errors, of texels that have more observations than numbers."""
+        count = self.good.sum(1)
+        some = self.good & (count > NUMBERS + 1)[:, None]
+        if not some.any():
+            return 1.0
+        relative = np.abs(left * self.root)[some]
+        lost = float(np.mean(1 - NUMBERS / count[count > NUMBERS + 1]))
+        return float(1.4826 * np.median(relative) / np.sqrt(max(lost, 0.1))) + LEAST_SCATTER

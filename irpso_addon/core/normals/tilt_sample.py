@@ -1,0 +1,127 @@
+"""Some texels with all that the views observe of them, as they are under tilted normals.
+
+A texel's *tilt* (x, y) makes of its normal N the unit vector along N + x A + y B, A and B orthonormal to N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..calibration.rig_sample import RigSample
+from ..data import F64, Bool
+from ..evaluation.lobe_values import half_cosine
+from ..evaluation.sampled_texels import SampledTexels
+from ..shading import brdf
+
+LEAST_COSINE = 1e-3
+GRAZING = 0.1  # cosine to the camera: tilts turn no normal farther away
+DIMMEST = 0.05  # of the light under the given normals: what gets less says nothing
+LEAST = 1e-12
+
+
+@dataclass(frozen=True)
+class TiltSample:
+    """T texels, V layers, L lights a layer."""
+
+    rig: RigSample
+    to_light: F64  # (T, V, L, 3) unit, of the lamp's middle; 0 where a layer has fewer lights
+    to_camera: F64  # (T, V, 3) unit
+    first: F64  # (T, 3) unit: A
+    second: F64  # (T, 3) unit: B
+    share: F64  # (T, V, L) of the layer's irradiance; what is missing to 1 has no direction
+
+    @classmethod
+    def of(cls, rig: RigSample) -> TiltSample:
+        """Of observations under the given normals."""
+        texels, position = rig.texels, rig.position
+        to_light = np.zeros((*texels.lobes.shape[:3], 3))
+        to_camera = np.empty((*texels.cos_v.shape, 3))
+        for v, place in enumerate(rig.view):
+            view = rig.rig.views[place]
+            camera = view.camera
+            to_camera[:, v] = -camera.forward if camera.orthographic else camera.position - position
+            for n, light in enumerate(view.lights[:to_light.shape[2]]):
+                to_light[:, v, n] = light.matrix[:3, 2] if light.kind == "SUN" else light.matrix[:3, 3] - position
+        first, second = basis(rig.normal)
+        return cls(rig, _unit(to_light), _unit(to_camera), first, second, _shares(texels))
+
+    @property
+    def texels(self) -> SampledTexels:
+        """What is observed, over the irradiance that the given normals have."""
+        return self.rig.texels
+
+    def offset(self, tilt: F64) -> F64:
+        """(T, 3) to be added to the given normals, for (T, 2) tilts."""
+        return np.asarray(tilt[:, :1] * self.first + tilt[:, 1:] * self.second)
+
+    def in_plane(self, offset: F64) -> F64:
+        """(T, 2) tilts of (T, 3)."""
+        return np.stack([(offset * self.first).sum(-1), (offset * self.second).sum(-1)], -1)
+
+    def cosines(self, tilt: F64) -> tuple[F64, F64, F64]:
+        """N.L (T, V, L), the squared sine of the half vector's angle (T, V, L), N.V (T, V), as lobes have them.
+
+        They are observed at a pixel, whose normal differs a little from the texel's: what the tilt changes is added.
+        """
+        lobes, cos_v = self.texels.lobes, self.texels.cos_v
+        normal = _unit(self.rig.normal + self.offset(tilt))
+        by = normal - self.rig.normal
+        half = _unit(self.to_light + self.to_camera[:, :, None])
+        was, now = (np.einsum("tvlk,tk->tvl", half, n) for n in (self.rig.normal, normal))
+        lamp = self.to_light.any(-1)
+        sin2h = np.where(lamp, np.clip(lobes[..., 0] + was**2 - now**2, 0.0, 1.0), lobes[..., 0])
+        cos_l = lobes[..., 2] + np.einsum("tvlk,tk->tvl", self.to_light, by)
+        turned = np.clip(cos_v + np.einsum("tvk,tk->tv", self.to_camera, by), GRAZING, 1.0)
+        return cos_l, sin2h, np.where(cos_v < GRAZING, np.maximum(cos_v, LEAST_COSINE), turned)
+
+    def brighter(self, cos_l: F64) -> F64:
+        """(T, V) irradiance at cosines (T, V, L), over the given one."""
+        ratio = np.maximum(cos_l, 0.0) / np.maximum(self.texels.lobes[..., 2], LEAST_COSINE)
+        return np.asarray(1 + (self.share * (ratio - 1)).sum(-1))
+
+    def tilted(self, tilt: F64) -> tuple[SampledTexels, F64]:
+        """The texels as they are observed under tilted normals, and (T, V) their light over the given one."""
+        texels = self.texels
+        cos_l, sin2h, cos_v = self.cosines(tilt)
+        brighter = self.brighter(cos_l)
+        more = np.maximum(brighter, DIMMEST)
+        # F / (2 N.L N.V) times the share of the light, which goes as N.L:
+        factor = np.where(cos_l > 0, texels.lobes[..., 3] * (texels.cos_v / cos_v / more)[..., None], 0.0)
+        lobes = np.stack([sin2h, texels.lobes[..., 1], np.clip(cos_l, LEAST_COSINE, 1.0), factor], -1)
+        quality = np.where(brighter > DIMMEST, texels.quality, 0.0)
+        return replace(texels, reflected=texels.reflected / more[..., None], quality=quality, cos_v=cos_v,
+                       lobes=lobes), more
+
+    def part(self, some: Bool) -> TiltSample:
+        """Some of the texels."""
+        return TiltSample(self.rig.part(some), *(values[some] for values in (
+            self.to_light, self.to_camera, self.first, self.second, self.share)))
+
+
+def basis(normal: F64) -> tuple[F64, F64]:
+    """Two vectors (..., 3), orthonormal to unit normals.
+
+    Duff et al. 2017, "Building an Orthonormal Basis, Revisited".
+    """
+    x, y, z = (normal[..., k] for k in range(3))
+    side = np.where(z >= 0, 1.0, -1.0)
+    a = -1 / (side + z)
+    b = x * y * a
+    return (np.stack([1 + side * x * x * a, side * b, -side * x], -1), np.stack([b, side + y * y * a, -y], -1))
+
+
+def _shares(texels: SampledTexels) -> F64:
+    """(T, V, L) from the lobes' factors."""
+    lobes = texels.lobes
+    cos_v, cos_l = np.clip(texels.cos_v, LEAST_COSINE, 1.0), np.clip(lobes[..., 2], LEAST_COSINE, 1.0)
+    fresnel = brdf.F_dielectric(half_cosine(lobes, cos_v))
+    share = np.where(lobes[..., 3] > 0, lobes[..., 3] * 2 * cos_l * cos_v[..., None] / np.maximum(fresnel, LEAST), 0.0)
+    if lobes.shape[2] == 1:
+        return np.asarray(np.where(np.abs(share - 1) < 0.1, 1.0, share))  # means over a pixel; else light bounces, too
+    return np.asarray(share / np.maximum(share.sum(-1, keepdims=True), 1.0))
+
+
+def _unit(vectors: F64) -> F64:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), LEAST))

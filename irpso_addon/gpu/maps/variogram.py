@@ -1,0 +1,92 @@
+"""How far a roughness may be off that a texel has from its neighbours, not from its own data.
+
+The neighbours' prior assumes how much roughness changes across a map.  How much it does change is measured here, on
+the texels that their own data determine, as a variogram (Matheron 1963, "Principles of geostatistics", eq. 1; here the
+mean square itself, without the half): the mean square difference of two texels of a material by their distance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.data import F32, F64, I32, Bool
+
+DISTANCES = (1, 2, 4, 8, 16, 32)  # texels; the last is what a block solves around itself
+INFORMED = 0.5  # share that a texel's own data determine, from which on it tells of the material
+LEAST_PAIRS = 50.0
+
+
+def borrowed_variance(
+    roughness: F32, sigma: F32, share: F32, slots: I32, pixel: float,
+) -> tuple[F32, Bool]:
+    """(variance of roughness because it is the neighbours', where that is known), (h, w) each.
+
+    ``share``: 0..1, how far the texel's own data determine its roughness.  ``slots``: material of each solved texel, -1
+    elsewhere.  ``pixel``: width of a pixel in texels.  With a normal prior of variance P the posterior's is
+    (1 - share) P.  P is the material's mean square difference over the distance of the nearest data or, where that is
+    larger, the mean square difference of the texels as near as that.  Texels nearer than a pixel repeat its data: that
+    many count once, and none is nearer than a pixel.  It is not known where no texels of the material are informed.
+    """
+    variance, known = np.zeros_like(roughness), np.ones(roughness.shape, bool)
+    for slot in np.unique(slots[slots >= 0]):
+        rows, columns = (np.flatnonzero((slots == slot).any(axis)) for axis in (1, 0))
+        at = np.s_[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1]
+        mine = slots[at] == slot
+        r, s, own = (np.where(mine, a[at], 0).astype(np.float64) for a in (roughness, sigma, share))
+        curve = variogram(r, s, np.where(own > INFORMED, own, 0))
+        found = None if curve is None else _of_prior(r, own, mine, curve, max(pixel, 1.0))
+        if found is None:
+            known[at] &= ~mine
+        else:
+            variance[at][mine] = ((1 - share[at]) * found)[mine]
+    return variance, known
+
+
+def variogram(roughness: F64, sigma: F64, weight: F64) -> F64 | None:
+    """Mean square difference at each of DISTANCES, beyond the texels' own variances; never falls; None: too few pairs.
+
+    Of (h, w) texels; those of weight 0 do not count.
+    """
+    found = []
+    for apart in DISTANCES:
+        sums = np.zeros(2)
+        for a, b in ((np.s_[:, apart:], np.s_[:, :-apart]), (np.s_[apart:], np.s_[:-apart])):
+            both = weight[a] * weight[b]
+            square = (roughness[a] - roughness[b]) ** 2 - sigma[a] ** 2 - sigma[b] ** 2
+            sums += ((both * square).sum(), both.sum())
+        found.append(max(sums[0] / sums[1], 0.0) if sums[1] > LEAST_PAIRS else np.nan)
+    values = np.array(found)
+    measured = ~np.isnan(values)
+    if not measured.any():
+        return None
+    return np.maximum.accumulate(np.interp(DISTANCES, np.array(DISTANCES)[measured], values[measured]))
+
+
+def _of_prior(roughness: F64, share: F64, mine: Bool, curve: F64, pixel: float) -> F64:
+    """(h, w) variance of the prior, of one material's texels; ``curve``: its variogram."""
+    distance, around = np.full(mine.shape, float(DISTANCES[-1])), np.zeros(mine.shape)
+    for apart in reversed(DISTANCES):  # farthest first: nearer ones overwrite it
+        near = _window_sum(share, apart) >= pixel**2
+        distance[near] = apart
+        if apart >= pixel:
+            here = near | (apart == DISTANCES[-1])
+            around[here] = _mean_square(roughness, mine, apart)[here]
+    distance = np.maximum(distance, np.ceil(pixel))
+    return np.asarray(np.maximum(np.interp(distance, DISTANCES, curve), around))
+
+
+def _mean_square(roughness: F64, mine: Bool, apart: int) -> F64:
+    """Mean square difference of each texel from those in the square of so many texels to each side."""
+    count, total, squares = (_window_sum(a, apart) for a in (mine.astype(np.float64), roughness, roughness**2))
+    count = np.maximum(count, 1)
+    return np.asarray(np.maximum(squares / count - 2 * roughness * total / count + roughness**2, 0))
+
+
+def _window_sum(values: F64, apart: int) -> F64:
+    """Sums over squares of so many texels to each side."""
+    for axis in (0, 1):
+        length = values.shape[axis]
+        sums = np.concatenate([np.zeros_like(values.take([0], axis)), values.cumsum(axis)], axis)
+        at = np.arange(length)
+        values = sums.take(np.minimum(at + apart + 1, length), axis) - sums.take(np.maximum(at - apart, 0), axis)
+    return values

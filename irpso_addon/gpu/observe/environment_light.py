@@ -1,0 +1,173 @@
+"""Environments on cameras' pixels: irradiance, and what the specular lobe returns at nodes of roughness.
+
+One shadow map for each direction; a draw takes a batch of them.  The nodes are kept as half floats in one texture,
+part by part, each of the picture's size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import moderngl
+import numpy as np
+
+from ...core.data import F32, F64, Environment
+from ...core.shading import environment as model
+from ..device.context import Device, Inputs
+from ..gbuffer.gbuffer import GBufferMaps
+from ..gbuffer.projection import Projection
+from .visibility import FAR_TEXEL, Frustum, LightVisibility, parallel_frustum
+
+SIDE = 256  # texels of a direction's shadow map
+COLUMNS = 8  # maps side by side in a sheet, and rows of them: a batch
+BATCH = COLUMNS * COLUMNS
+NODE_ROWS = model.NODES // model.NODE_COLUMNS
+NODES_AT_ONCE = model.NODES // 2  # in one draw: with irradiance, not more than the eight targets that OpenGL 3.3 has
+DATA_WIDTH = 2048  # texels
+
+
+@dataclass(frozen=True)
+class EnvironmentLight:
+    """One environment at one camera's pixels."""
+
+    irradiance: moderngl.Texture  # RGBA32F: W/m^2, whether an edge of a shadow passes
+    nodes: moderngl.Texture  # RGBA16F, NODES parts: see shaders/observe/environment_nodes.frag
+
+
+class Pixels(Protocol):
+    """A camera's pixels, as they are lit."""
+
+    maps: GBufferMaps
+    uniforms: dict[str, object]
+
+    @property
+    def defines(self) -> dict[str, str]:
+        """Of include/pixel.glsl."""
+        ...
+
+
+class LitByEnvironment:
+    """One environment's directions and their shadow maps; all belongs to the scope."""
+
+    def __init__(self, device: Device, visibility: LightVisibility, environment: Environment, count: int) -> None:
+        self.device, self.visibility = device, visibility
+        self.directions = model.directions(environment, count)
+        data = _rows(self.directions)
+        self.data = device.texture(data.shape[1], data.shape[0], 4, data)
+        self.sheets: list[moderngl.Texture] = []
+
+    def draw_shadows(self) -> Iterator[float]:
+        """All maps; yields the share that is done."""
+        device, count = self.device, len(self.directions.toward)
+        single = device.texture(SIDE, SIDE, 1)
+        with device.target([single]) as target:
+            for first in range(0, count, BATCH):
+                self.sheets.append(device.texture(SIDE * COLUMNS, SIDE * COLUMNS, 1, dtype="f2"))
+                with device.target([self.sheets[-1]]) as sheet:
+                    for n, toward in enumerate(self.directions.toward[first:first + BATCH]):
+                        self._draw_shadow(target, self._frustum(toward))
+                        corner = SIDE * (n % COLUMNS), SIDE * (n // COLUMNS)
+                        device.draw("observe/copy.frag", sheet, Inputs({"u_map": single}, {"u_corner": corner}),
+                                    viewport=(*corner, SIDE, SIDE))
+                yield min(first + BATCH, count) / count
+
+    def _frustum(self, toward: F64) -> Frustum:
+        """Depth from the subject's centre on: half floats are finest there."""
+        frustum = parallel_frustum(toward, self.visibility.center, self.visibility.radius, self.visibility.bounds, SIDE)
+        x, y, z = (-toward).tolist()
+        return Frustum(frustum.clip, (x, y, z, float(toward @ self.visibility.center)), frustum.texel, True)
+
+    def _draw_shadow(self, target: moderngl.Framebuffer, frustum: Frustum) -> None:
+        target.clear(red=FAR_TEXEL)
+        projection, uniforms = Projection(frustum.clip), {"u_depth_plane": frustum.plane}
+        with self.device.keeping_least():
+            self.visibility.mesh.draw_positions(target, "gbuffer/shadow.frag", projection, uniforms)
+            self.visibility.occluders.draw(target, "gbuffer/shadow.frag", projection, uniforms)
+
+    def light(self, camera: Pixels) -> Iterator[EnvironmentLight | None]:
+        """The light on a camera's pixels; the last item, after None between draws."""
+        device, size = self.device, camera.maps.position.size
+        with device.scope() as owned:
+            sums = [device.texture(*size) for _ in range(1 + model.NODES)]
+            halves = sums[:1 + NODES_AT_ONCE], sums[1 + NODES_AT_ONCE:]
+            for number, outputs in enumerate(halves):
+                with device.target(outputs, clear=True) as target, device.adding():
+                    for batch, sheet in enumerate(self.sheets):
+                        device.draw("observe/environment.frag", target, self._inputs(camera, batch, sheet, number),
+                                    cells=camera.maps.cells)
+                        yield None
+            made = self._divided(camera.maps, sums[0], sums[1:])
+            owned.hand_over(made.irradiance, made.nodes)
+        yield made
+
+    def _inputs(self, camera: Pixels, batch: int, sheet: moderngl.Texture, half: int) -> Inputs:
+        count, visibility = len(self.directions.toward), self.visibility
+        return Inputs({
+            "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_facet": camera.maps.facet,
+            "u_directions": self.data, "u_shadow": sheet,
+        }, {**camera.uniforms, "u_first": BATCH * batch, "u_count": min(BATCH, count - BATCH * batch), "u_all": count,
+            "u_center": tuple(visibility.center.tolist()), "u_half_width": 1.01 * visibility.radius,
+            }, {**camera.defines, "FIRST_NODE": str(NODES_AT_ONCE * half), "NODE_COUNT": str(NODES_AT_ONCE),
+                "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS), "SHADOW_SIDE": str(SIDE),
+                "SHADOW_COLUMNS": str(COLUMNS), "PARTS_0": str(model.PARTS[0]), "PARTS_1": str(model.PARTS[1]),
+                "SHARP": str(model.SHARP), **({} if half else {"IRRADIANCE": "1"})})
+
+    def _divided(
+        self, maps: GBufferMaps, irradiance: moderngl.Texture, nodes: Sequence[moderngl.Texture],
+    ) -> EnvironmentLight:
+        """What the sums amount to."""
+        device, (width, height) = self.device, maps.position.size
+        made = EnvironmentLight(device.texture(width, height), node_texture(device, width, height))
+        with device.target([made.irradiance], clear=True) as target:
+            device.draw("observe/environment_irradiance.frag", target, Inputs({"u_sums": irradiance}), cells=maps.cells)
+        with device.target([made.nodes], clear=True) as target:
+            for place, node in zip(node_places(width, height), nodes, strict=True):
+                device.draw("observe/environment_nodes.frag", target, Inputs(
+                    {"u_sums": node, "u_irradiance": irradiance}, {"u_corner": place[:2]}),
+                    viewport=place, cells=maps.cells)
+        return made
+
+
+def share_of(
+    device: Device, maps: GBufferMaps, light: EnvironmentLight, irradiance: moderngl.Texture,
+    bounced: moderngl.Texture | None,
+) -> moderngl.Texture:
+    """The nodes relative to the irradiance of all lights of a view."""
+    width, height = maps.position.size
+    nodes = node_texture(device, width, height)
+    with device.target([nodes], clear=True) as target:
+        for place in node_places(width, height):
+            device.draw("observe/environment_share.frag", target, Inputs(
+                {"u_nodes": light.nodes, "u_environment": light.irradiance, "u_irradiance": irradiance,
+                 **({"u_bounced": bounced} if bounced else {})}, {"u_corner": place[:2]},
+                {"BOUNCED": "1"} if bounced else {}), viewport=place, cells=maps.cells)
+    return nodes
+
+
+def node_texture(device: Device, width: int, height: int) -> moderngl.Texture:
+    """For the nodes of a picture."""
+    return device.texture(model.NODE_COLUMNS * width, NODE_ROWS * height, dtype="f2")
+
+
+def node_places(width: int, height: int) -> list[tuple[int, int, int, int]]:
+    """Viewport of each node."""
+    columns = model.NODE_COLUMNS
+    return [(n % columns * width, n // columns * height, width, height) for n in range(model.NODES)]
+
+
+def _rows(directions: model.Directions) -> F32:
+    """(h, DATA_WIDTH, 4): two texels for each direction and part, as shaders/observe/environment.frag reads them."""
+    levels: list[F64] = []
+    level: model.Directions | None = directions
+    while level is not None:
+        first = np.concatenate([level.toward, level.spread[:, None]], -1)
+        second = np.concatenate([level.power, np.zeros_like(level.spread)[:, None]], -1)
+        levels.append(np.stack([first, second], 1).reshape(-1, 4))
+        level = level.parts
+    texels = np.concatenate(levels)
+    height = -(-len(texels) // DATA_WIDTH)
+    padded = np.zeros((height * DATA_WIDTH, 4), np.float32)
+    padded[:len(texels)] = texels
+    return padded.reshape(height, DATA_WIDTH, 4)

@@ -1,0 +1,49 @@
+"""Texels from all over an object with what its views observe: what lamps and exposures are judged by."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.calibration.rig import Rig
+from ...core.calibration.rig_sample import RigSample
+from ...core.data import F64, I32, Bool, View
+from ..observe.observation_atlas import CameraSource
+from .material_sample import CameraSample, read_sample, spread_squares
+
+SIDE = 2  # texels: width of the squares; what texels are next to each other says how wide they are
+TEXELS = 1000  # at most, half of those in the squares
+CELLS = 12  # across the object's longest side: the texels of a cell err alike
+
+
+def calibration_sample(
+    source: CameraSource, texels: Bool, seed: int, scale_known: bool, most: int = TEXELS,
+) -> RigSample:
+    """``texels``: (h, w) those to choose from.  ``scale_known``: as of the scene.  ``most``: of them."""
+    device = source.device
+    squares = spread_squares(texels, most // SIDE, seed, SIDE)
+    with device.scope():
+        sample = CameraSample(device, source, texels, squares)
+        observed, places = read_sample(device, sample, most)
+        position = sample.places.reshape(-1, 4)[places, :3].astype(np.float64)
+        normal = sample.normals.reshape(-1, 4)[places].astype(np.float64)
+    views, of_layer = views_of(source)
+    return RigSample(observed, Rig.of(views, position.mean(0)), of_layer, position, normal[:, :3],
+                     normal[:, 3].round().astype(np.int32), cells_of(position), scale_known)
+
+
+def views_of(source: CameraSource) -> tuple[list[View], I32]:
+    """(the views, (V,) which of them each layer is)."""
+    views: list[View] = []
+    of_layer: list[int] = []
+    for camera in source.observations.cameras:
+        own = range(len(views), len(views) + len(camera.views))
+        views += [view.view for view in camera.views]
+        of_layer += [n for _ in range(source.layers.channels) for n in own]
+    return views, np.array(of_layer, np.int32)
+
+
+def cells_of(position: F64) -> I32:
+    """(T,) the number of each place's cell."""
+    low = position.min(0)
+    at = ((position - low) * (CELLS / max(float(np.ptp(position, axis=0).max()), 1e-12))).astype(np.int32)
+    return np.asarray(at @ np.array([1, CELLS + 1, (CELLS + 1)**2]), np.int32)

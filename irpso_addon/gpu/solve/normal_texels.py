@@ -1,0 +1,105 @@
+"""The refined normals of all texels: tile by tile what the observations say, then smoothed on the grid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator
+
+import numpy as np
+
+from ...core.calibration.rig import Rig
+from ...core.calibration.rig_sample import RigSample
+from ...core.calibration.texel_materials import lobes_of
+from ...core.data import F32, F64, I32, Bool
+from ...core.evaluation.joint_material import OneMaterial
+from ...core.evaluation.sampled_texels import Lobes
+from ...core.job import Progress
+from ...core.normals.judge import NormalsJudged
+from ...core.normals.tangent_map import padded
+from ...core.normals.texel_tilts import TexelTilts
+from ...core.normals.tilt_fit import fit_tilts
+from ...core.normals.tilt_sample import TiltSample
+from ..observe.observation_atlas import CameraSource, ObservationAtlas, tiles
+from .calibration_sample import views_of
+from .material_sample import LayerLight, observed_texels
+
+SAMPLE = 1500  # texels that say whether normals are refined
+MOST = 250_000  # texels that are fitted: pictures seldom tell more apart
+PADDING = 4  # texels around islands: what is interpolated there
+AT_ONCE = 600_000  # observations of light, of texels that are fitted together
+
+
+def refined_normals(
+    source: CameraSource, texels: Bool, judged: NormalsJudged, scale_known: bool,
+) -> Generator[Progress, None, F32]:
+    """(m, m, 3) over the UV square: what is to be added to the unit shading normals of the ``texels``, (h, w).
+
+    m is less than h where there are more texels than `MOST`: every second or third row and column says the tilts then.
+    """
+    device, layers = source.device, source.layers
+    step = max(math.ceil(math.sqrt(np.count_nonzero(texels) / MOST)), 1)
+    kept = np.zeros_like(texels)
+    some = slice(step // 2, None, step)
+    kept[some, some] = True
+    kept &= texels
+    position = device.read(source.grid.position)[..., :3]
+    normal = device.read(source.grid.normal)
+    found = TexelTilts(position, normal[..., :3], kept)
+    views, of_layer = views_of(source)
+    rig = Rig.of(views, position[texels].mean(0).astype(np.float64))
+
+    def observed(at: tuple[I32, I32], blocks: F32) -> RigSample:
+        light = _light(blocks, layers.lights, of_layer)
+        return RigSample(observed_texels(blocks, layers, light), rig, of_layer, position[at].astype(np.float64),
+                         _unit(normal[at][:, :3].astype(np.float64)), normal[at][:, 3].round().astype(np.int32),
+                         np.zeros(len(blocks), np.int32), scale_known)
+
+    for done, at, blocks in _read(source, kept):
+        if at is not None and blocks is not None:
+            found.add(at, *_fitted(TiltSample.of(observed(at, blocks)), judged))
+        yield Progress(0.9 * done, "normals", "shading normals")
+    part = found.of((some, some)) if step > 1 else found
+    return padded(part.offsets(judged.deviation), part.texels, PADDING)
+
+
+def _read(
+    source: CameraSource, texels: Bool,
+) -> Generator[tuple[float, tuple[I32, I32] | None, F32 | None], None, None]:
+    """Share that is done, and rows, columns and the blocks (T, layers, blocks, 4) of some texels; or a pause."""
+    device, layers = source.device, source.layers
+    each = max(AT_ONCE // (len(layers.groups) * max(layers.lights, 1)), 64)
+    with device.scope():
+        atlas = ObservationAtlas(device, source)
+        w, h = atlas.tile
+        places = tiles(atlas, texels)
+        for n, (x, y) in enumerate(places):
+            for _ in source.gather(atlas, (x, y), layers.channels == 1):
+                yield n / len(places), None, None
+            blocks = device.read(atlas.texture).reshape(layers.blocks, h, w, 4)
+            row, column = (index.astype(np.int32) for index in np.nonzero(texels[y:y + h, x:x + w]))
+            for first in range(0, len(row), each):
+                down, along = row[first:first + each], column[first:first + each]
+                own = np.moveaxis(blocks[:, down, along], 0, 1)
+                yield n / len(places), (down + y, along + x), own.reshape(
+                    len(down), len(layers.groups), layers.each, 4)
+
+
+def _fitted(sample: TiltSample, judged: NormalsJudged) -> tuple[F64, F64]:
+    """(information, pull) of some texels, each with its own roughness under its own tilt."""
+    known = [judged.materials.get(int(slot), OneMaterial(0.5)) for slot in sample.rig.slot]
+    rough, level = (np.array([getattr(one, name) for one in known]) for name in ("roughness", "level"))
+    first = Lobes(np.stack([rough, rough], -1), np.ones(len(rough)), level)
+    tilt = fit_tilts(sample, first, scatter=judged.scatter, rounds=3).under(judged.deviation)[0]
+    lobes = lobes_of(sample.rig, sample.tilted(tilt)[0], judged.materials)
+    found = fit_tilts(sample, lobes, start=tilt, scatter=judged.scatter, rounds=3)
+    return found.information, found.pull
+
+
+def _light(blocks: F32, lights: int, of_layer: np.ndarray) -> LayerLight:
+    """What weighs observations against each other where the lamps' own light is not needed."""
+    cosine = np.maximum(blocks[:, :, 2:2 + max(lights, 1), 2].max(-1), 1e-3).astype(np.float64)
+    return LayerLight(cosine[..., None], of_layer)
+
+
+def _unit(normal: F64) -> F64:
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12))

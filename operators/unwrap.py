@@ -1,0 +1,29 @@
+"""Give a mesh the UV map that a solve needs."""
+
+import bpy
+
+from ..irpso_addon.blender.shoot.mesh_file import unwrap
+
+
+class IRPSO_OT_unwrap(bpy.types.Operator):
+    """Make a UV map with Smart UV Project and a material, where the active mesh has none"""
+
+    bl_idname = "irpso.unwrap"
+    bl_label = "Make UV Map"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A mesh in Object Mode."""
+        obj = context.active_object
+        if obj is None or obj.type != "MESH" or context.mode != "OBJECT":
+            cls.poll_message_set("Make a mesh object active, in Object Mode")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """One undo takes it back."""
+        lines = unwrap(context.active_object)
+        for line in lines:
+            self.report({"INFO"}, line)
+        return {"FINISHED"}

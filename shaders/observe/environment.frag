@@ -1,0 +1,141 @@
+// Light from all around on every pixel, of one batch of directions: irradiance, and what the specular lobe returns at
+// nodes of roughness (twin: node_values in irpso_addon/core/shading/environment.py).  Batches add up.
+//
+// Defines: FIRST_NODE, NODE_COUNT (the nodes of this draw), NODE_ALPHA2 (of all), IRRADIANCE where that is wanted too.
+#include "include/brdf.glsl"
+#include "include/pixel.glsl"
+uniform sampler2D u_facet;
+uniform sampler2D u_directions;  // two texels each: toward, spread; power, 0.  A level's parts follow all of the level
+uniform sampler2D u_shadow;      // linear depth, nearest: one map for each direction of the batch
+uniform int u_first;             // direction of the batch
+uniform int u_count;             // directions in it
+uniform int u_all;               // directions in all
+uniform vec3 u_center;           // of the subject's sphere
+uniform float u_half_width;      // of a shadow map, metres
+
+const float LIT_EDGE = 0.02;     // share of a direction's light between which and the rest an edge of its shadow lies
+const float alpha2_of[] = float[](NODE_ALPHA2);
+
+#ifdef IRRADIANCE
+layout(location = 0) out vec4 o_irradiance;  // RGB, W/m^2; of their mean what comes from where a shadow's edge passes
+layout(location = 1) out vec4 o_node[NODE_COUNT];  // RGB, W/(m^2 sr), at IOR 1.5; mean of the channels without Fresnel
+#else
+layout(location = 0) out vec4 o_node[NODE_COUNT];
+#endif
+
+vec3 N, V, dx, dy, d_v_dx, d_v_dy;  // the last: per pixel step, of the normal and of the direction to the camera
+float cos_v, root_v[NODE_COUNT];
+
+struct Direction { vec3 toward; float spread; vec3 power; };
+
+ivec2 texel_of(int at) {
+    int width = textureSize(u_directions, 0).x;
+    return ivec2(at % width, at / width);
+}
+
+Direction direction(int n) {
+    vec4 a = texelFetch(u_directions, texel_of(2 * n), 0), b = texelFetch(u_directions, texel_of(2 * n + 1), 0);
+    return Direction(a.xyz, a.w, b.rgb);
+}
+
+bool wide(Direction d) {
+    vec3 H = d.toward + V;
+    float square = max(dot(H, H), 1e-12);
+    vec3 off = cross(N, H);
+    return d.spread * d.spread > SHARP * dot(off, off);
+}
+
+void add(Direction d, float lit) {
+    float cos_l = dot(N, d.toward);
+    if (cos_l <= 0.0) return;
+    cos_l = max(cos_l, 1e-3);
+    vec3 arrives = d.power * (cos_l * lit);
+    vec3 H = d.toward + V;
+    float inv = inversesqrt(max(dot(H, H), 1e-12));
+    H *= inv;
+    vec3 cross_off = cross(N, H), off = H - N * dot(N, H);
+    float sin2h = dot(cross_off, cross_off);
+    // Of the half vector about the normal, over the direction's own spread and over the pixel.
+    float variance = d.spread * d.spread * inv * inv;
+    vec3 a = (d_v_dx - H * dot(H, d_v_dx)) * inv - dx, b = (d_v_dy - H * dot(H, d_v_dy)) * inv - dy;
+    float pixel = u_footprint * u_footprint / 12.0;
+    float along_a = dot(off, a), along_b = dot(off, b);
+    float mean = sin2h + 2.0 * variance + pixel * (dot(a, a) + dot(b, b));
+    float spread = 2.0 * sqrt(variance * (sin2h + variance) + pixel * (along_a * along_a + along_b * along_b));
+    float fresnel = F_dielectric(dot(V, H)), grey = dot(arrives, vec3(1.0 / 3.0));
+    float tan2 = 1.0 / (cos_l * cos_l) - 1.0, factor = 1.0 / (2.0 * cos_l * cos_v);
+    float half_width = min(spread, mean), low = mean - half_width, high = mean + half_width;
+    for (int k = 0; k < NODE_COUNT; k++) {
+        float alpha2 = alpha2_of[FIRST_NODE + k];
+        float q_low = low * (1.0 - alpha2) + alpha2, q_high = high * (1.0 - alpha2) + alpha2;
+        float D = alpha2 * (0.5 / PI) * (1.0 / (q_low * q_low) + 1.0 / (q_high * q_high));
+        float shape = D * factor / (lambda_root(alpha2, tan2) + root_v[k]);
+        o_node[k] += shape * vec4(arrives * fresnel, grey);
+    }
+#ifdef IRRADIANCE
+    o_irradiance += vec4(arrives, lit > LIT_EDGE && lit < 1.0 - LIT_EDGE ? grey : 0.0);
+#endif
+}
+
+float tap(ivec2 corner, ivec2 at, float depth) {
+    return texelFetch(u_shadow, corner + clamp(at, ivec2(0), ivec2(SHADOW_SIDE - 1)), 0).r < depth ? 0.0 : 1.0;
+}
+
+// Share of the light of the batch's n-th direction that arrives: as observe/lit.frag, of a parallel map.
+float lit_of(int n, vec3 toward, vec3 P, vec4 facet) {
+    vec3 forward = -toward;
+    vec3 right = normalize(cross(forward, abs(forward.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(0.0, 1.0, 0.0)));
+    float texel = 2.0 * u_half_width / float(SHADOW_SIDE);
+    vec3 lifted = P + N * facet.w + facet.xyz * 2.0 * texel - u_center;
+    vec2 at = vec2(dot(right, lifted), dot(cross(right, forward), lifted)) / u_half_width;
+    float receiver = dot(forward, lifted) - texel;
+    vec2 where = (at * 0.5 + 0.5) * float(SHADOW_SIDE) - 0.5;
+    ivec2 corner = SHADOW_SIDE * ivec2(n % SHADOW_COLUMNS, n / SHADOW_COLUMNS), first = ivec2(floor(where));
+    vec2 f = where - vec2(first);
+    return mix(mix(tap(corner, first, receiver), tap(corner, first + ivec2(1, 0), receiver), f.x),
+               mix(tap(corner, first + ivec2(0, 1), receiver), tap(corner, first + ivec2(1, 1), receiver), f.x), f.y);
+}
+
+void main() {
+    ivec2 here = ivec2(gl_FragCoord.xy);
+    Pixel pixel;
+    if (!load_pixel(here, pixel)) discard;
+    N = pixel.N;
+    V = toward_camera(pixel.P);
+    cos_v = clamp(dot(N, V), 1e-3, 1.0);
+    dx = pixel.dNdx;
+    dy = pixel.dNdy;
+    float near = u_orthographic ? 0.0 : 1.0 / max(distance(u_camera_position, pixel.P), 1e-9);
+    d_v_dx = (V * dot(V, pixel.dPdx) - pixel.dPdx) * near;
+    d_v_dy = (V * dot(V, pixel.dPdy) - pixel.dPdy) * near;
+    for (int k = 0; k < NODE_COUNT; k++) {
+        o_node[k] = vec4(0.0);
+        root_v[k] = lambda_root(alpha2_of[FIRST_NODE + k], 1.0 / (cos_v * cos_v) - 1.0);
+    }
+#ifdef IRRADIANCE
+    o_irradiance = vec4(0.0);
+#endif
+    vec4 facet = texelFetch(u_facet, here, 0);
+    for (int n = 0; n < u_count; n++) {
+        Direction d = direction(u_first + n);
+        if (dot(N, d.toward) <= -2.0 * d.spread) continue;
+        bool divided = wide(d);
+        if (!divided && dot(N, d.toward) <= 0.0) continue;
+        float lit = lit_of(n, d.toward, pixel.P, facet);
+        if (lit <= 0.0) continue;
+        if (!divided) {
+            add(d, lit);
+            continue;
+        }
+        for (int i = 0; i < PARTS_0; i++) {
+            int part = (u_first + n) * PARTS_0 + i;
+            Direction p = direction(u_all + part);
+            if (dot(N, p.toward) <= -2.0 * p.spread || p.power == vec3(0.0)) continue;
+            if (!wide(p)) {
+                add(p, lit);
+                continue;
+            }
+            for (int j = 0; j < PARTS_1; j++) add(direction(u_all * (1 + PARTS_0) + part * PARTS_1 + j), lit);
+        }
+    }
+}

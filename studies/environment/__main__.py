@@ -1,0 +1,55 @@
+"""``python -m studies.environment``: makes docs/environment.md, how exact light from all around is, and what it tells.
+
+Needs Blender as a module and matplotlib.  Pictures are kept in build/environment.  --rigs: these alone, and no page.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from irpso_addon.blender.oiio import ensure_openimageio
+from irpso_addon.core.shading import environment
+from studies.environment import radiance
+from studies.environment.converge import convergence
+from studies.environment.page import draw, error_row, recovered_row, write
+from studies.environment.recover import recover
+from studies.environment.shoot import RIGS
+
+ROOT = Path(__file__).resolve().parents[2]
+ROUGHNESS = (0.1, 0.2, 0.4, 0.7)
+PIXELS, SAMPLES = 28, 2048
+
+
+def main() -> int:
+    """Command line."""
+    names = [rig.name for rig in RIGS]
+    parser = argparse.ArgumentParser(prog="python -m studies.environment", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--rigs", nargs="+", choices=names, metavar="NAME", help=f"of {', '.join(names)}")
+    parser.add_argument("--samples", type=int, default=SAMPLES, help="of Cycles, a pixel, where radiance is compared")
+    parser.add_argument("--pictures", type=Path, default=ROOT / "build" / "environment", help="folder that keeps them")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder for environment.md and its chart")
+    options = parser.parse_args()
+    ensure_openimageio()
+    solves = []
+    for rig in RIGS:
+        if rig.name in (options.rigs or names):
+            found, solution = recover(rig, options.pictures / rig.name)
+            solves.append(found)
+            print(recovered_row(solves[-1]), flush=True)
+    if options.rigs is not None:
+        return 0
+    errors = []
+    for shape in radiance.SHAPES:
+        for kind in radiance.KINDS:
+            for error in radiance.errors(shape, kind, ROUGHNESS, PIXELS, options.samples, environment.COUNT):
+                errors.append(error)
+                print(error_row(error), flush=True)
+    converged = list(convergence())
+    draw(converged, options.out / "environment.svg")
+    write(converged, errors, solves, solution.device.get("renderer", ""), options.out / "environment.md")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,168 @@
+"""Worlds as light: read as Cycles maps them, and as bright as it renders them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from irpso_addon.blender.scene.scene_world import is_black, read_environment  # noqa: E402
+from irpso_addon.core.errors import BadInput  # noqa: E402
+from irpso_addon.core.images.environment_image import seen_from  # noqa: E402
+from tests.support import skies  # noqa: E402
+
+HEIGHT = 64
+
+
+def _hdr(path: Path, picture: np.ndarray) -> None:
+    """``picture``: row 0 at the bottom."""
+    buffer = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(picture.shape[1], picture.shape[0], 3, OpenImageIO.FLOAT))
+    buffer.set_pixels(OpenImageIO.ROI(), np.ascontiguousarray(picture[::-1], np.float32))
+    assert buffer.write(str(path))
+
+
+def _world(path: Path | None, *, strength: float = 1.0, rotation=None, projection: str = "EQUIRECTANGULAR"):
+    world = bpy.data.worlds.new("Room")
+    if world.node_tree is None:
+        world.use_nodes = True
+    bpy.context.scene.world = world
+    tree = world.node_tree
+    tree.nodes.clear()
+    background, output = tree.nodes.new("ShaderNodeBackground"), tree.nodes.new("ShaderNodeOutputWorld")
+    background.inputs["Strength"].default_value = strength
+    tree.links.new(background.outputs[0], output.inputs["Surface"])
+    if path is not None:
+        picture = tree.nodes.new("ShaderNodeTexEnvironment")
+        picture.image, picture.projection = bpy.data.images.load(str(path)), projection
+        tree.links.new(picture.outputs["Color"], background.inputs["Color"])
+        if rotation is not None:
+            mapping, place = tree.nodes.new("ShaderNodeMapping"), tree.nodes.new("ShaderNodeTexCoord")
+            mapping.inputs["Rotation"].default_value = rotation
+            tree.links.new(place.outputs["Generated"], mapping.inputs["Vector"])
+            tree.links.new(mapping.outputs["Vector"], picture.inputs["Vector"])
+    return world
+
+
+def _rendered(directions: np.ndarray) -> np.ndarray:
+    """(N, 3) what Cycles shows of the world in some directions: a camera of four pixels looks at each."""
+    from mathutils import Vector
+
+    from tests.blender import cycles_rig as rig
+
+    scene, data = bpy.context.scene, bpy.data.cameras.new("Eye")
+    eye = bpy.data.objects.new("Eye", data)
+    scene.collection.objects.link(eye)
+    scene.camera, data.angle = eye, math.radians(0.5)
+    found = []
+    for d in directions:
+        eye.rotation_euler = Vector(d).to_track_quat("-Z", "Y").to_euler()
+        found.append(rig.render()["rgb"].mean((0, 1)))
+    return np.array(found)
+
+
+def _sees_what_cycles_shows(world, directions: np.ndarray) -> None:
+    found = read_environment(world, 0.0, pytest.fail)
+    whole = seen_from(found.radiance, found.rotation, 256)
+    v = ((0.5 + np.arcsin(directions[:, 2]) / np.pi) * 256).astype(int)
+    u = ((0.5 - np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi)) * 512).astype(int)
+    assert np.allclose(whole[v, u], _rendered(directions), rtol=0.03, atol=0.004)
+
+
+def _some(count: int = 5) -> np.ndarray:
+    d = np.random.default_rng(2).normal(size=(count, 3))
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+@pytest.fixture
+def picture(tmp_path):
+    from tests.blender import cycles_rig as rig
+
+    rig.scene(2, samples=4)
+    _hdr(tmp_path / "sky.exr", skies.radiance(skies.unit_directions(HEIGHT), sun=3.0, width=0.5))
+    return tmp_path / "sky.exr"
+
+
+@pytest.mark.parametrize("rotation", [None, (0.3, -0.8, 1.9)])
+def test_an_equirectangular_picture_is_turned_as_cycles_turns_it(picture, rotation):
+    _sees_what_cycles_shows(_world(picture, strength=1.7, rotation=rotation), _some())
+
+
+def test_a_mirror_ball_is_unfolded_as_cycles_unfolds_it(picture):
+    d = _some(15)
+    _sees_what_cycles_shows(_world(picture, projection="MIRROR_BALL"), d[d[:, 1] < 0.8][:5])
+
+
+def test_what_the_camera_alone_sees_does_not_shine(picture):
+    world = _world(picture)
+    tree = world.node_tree
+    background = next(n for n in tree.nodes if n.type == "BACKGROUND")
+    mix, path, other = (tree.nodes.new(f"ShaderNode{n}") for n in ("MixShader", "LightPath", "Background"))
+    other.inputs["Color"].default_value = (9, 0, 0, 1)
+    tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
+    tree.links.new(background.outputs[0], mix.inputs[1])
+    tree.links.new(other.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+    found = read_environment(world, 0.0, pytest.fail)
+    assert found.radiance.max() < 5
+
+
+def test_other_nodes_are_rendered_once(picture):
+    world = _world(None)
+    tree = world.node_tree
+    gradient, place = tree.nodes.new("ShaderNodeTexGradient"), tree.nodes.new("ShaderNodeTexCoord")
+    tree.links.new(place.outputs["Generated"], gradient.inputs["Vector"])
+    tree.links.new(gradient.outputs["Color"], next(n for n in tree.nodes if n.type == "BACKGROUND").inputs["Color"])
+    _sees_what_cycles_shows(world, _some())
+    assert [w.name for w in bpy.data.worlds] == ["Room"]
+
+
+def test_plain_colours_and_black(picture):
+    world = _world(None, strength=2.0)
+    socket = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND").inputs["Color"]
+    socket.default_value = (0.1, 0.2, 0.3, 1)
+    assert np.allclose(read_environment(world, 0.0, pytest.fail).radiance, (0.2, 0.4, 0.6))
+    assert not is_black(world)
+    socket.default_value = (0, 0, 0, 1)
+    assert is_black(world)
+    assert read_environment(world, 0.0, pytest.fail) is None
+
+
+def test_a_turn_takes_the_light_about_z(picture):
+    world = _world(picture)
+    d = _some()
+    turned = read_environment(world, math.radians(40), pytest.fail)
+    still = read_environment(world, 0.0, pytest.fail)
+    c, s = math.cos(math.radians(40)), math.sin(math.radians(40))
+    # What shone from d shines from d turned by 40 degrees against the clock.
+    there = d @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]])
+    assert np.allclose(there @ turned.rotation.T, d @ still.rotation.T)
+
+
+def test_pictures_that_cannot_be_used_are_named_in_one_line(picture, tmp_path):
+    world = _world(picture)
+    picture.unlink()
+    with pytest.raises(BadInput, match=r"sky\.exr"):
+        read_environment(world, 0.0, pytest.fail)
+    broken = skies.radiance(skies.unit_directions(16))
+    broken[:8] = np.nan
+    _hdr(tmp_path / "sky.exr", broken)
+    with pytest.raises(BadInput, match="NaN or infinite"):
+        read_environment(world, 0.0, pytest.fail)
+    some = skies.radiance(skies.unit_directions(32))
+    some[3, 4] = np.inf
+    some[5, :20] = -1.0
+    _hdr(tmp_path / "sky.exr", some)
+    said: list[str] = []
+    found = read_environment(world, 0.0, said.append)
+    assert len(said) == 2 and np.isfinite(found.radiance).all() and found.radiance.min() >= 0
+    _hdr(tmp_path / "sky.exr", np.ones((40, 41, 3)))
+    said.clear()
+    read_environment(world, 0.0, said.append)
+    assert len(said) == 1 and "stretches" in said[0]
+    _hdr(tmp_path / "sky.exr", np.ones((20, 9000, 3)))
+    assert read_environment(world, 0.0, said.append).radiance.shape[1] <= 2048

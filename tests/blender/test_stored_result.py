@@ -1,0 +1,177 @@
+"""Results live with the file: report, maps and figures are there after it was saved and opened again."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+SIZE = 64
+
+
+@pytest.fixture
+def scene(extension, scenes: Path, tmp_path: Path) -> bpy.types.Scene:
+    """A private copy of the good scene, its ball active, small maps asked for."""
+    shutil.copytree(scenes / "good", tmp_path / "good")
+    opened(tmp_path / "good" / "scene.blend")
+    bpy.context.scene.irpso.size, bpy.context.scene.irpso.captures = SIZE, "//captures.json"
+    return bpy.context.scene
+
+
+def opened(path: Path) -> bpy.types.Object:
+    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    return bpy.data.objects["Ball"]
+
+
+def saved() -> Path:
+    path = Path(bpy.data.filepath).with_name("tomorrow.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+def pixels(name: str) -> np.ndarray:
+    image = bpy.data.images[name]
+    values = np.empty(image.size[0] * image.size[1] * 4, "f4")
+    image.pixels.foreach_get(values)
+    return values.reshape(image.size[1], image.size[0], 4)[..., :3]
+
+
+def test_tomorrow_everything_is_there(scene, module) -> None:
+    session = module("blender.jobs.session").session
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    ball = bpy.data.objects["Ball"]
+    before, label = session.solution_of(ball), session.results_of(ball)[-1].label
+    assert any(name in label for name in ("Roughness", "Two Roughnesses", "Diffuse Only"))
+    ball = opened(saved())
+    result = session.results_of(ball)[-1]
+    assert result.label == label and result.load is not None  # panels need no maps
+    after = session.facts_of(ball)
+    for name in ("texels", "warnings", "model", "seconds", "views_used", "checks", "predictions", "residual"):
+        assert getattr(after, name) == getattr(before, name) or name == "checks", name
+    assert after.checks.noise == before.checks.noise and len(after.checks.views) == len(before.checks.views)
+    assert [picture.view for picture in after.pictures] == [picture.view for picture in before.pictures] != []
+    assert bpy.ops.irpso.export_maps.poll()
+    whole = session.solution_of(ball)
+    for name in ("base_color", "roughness", "confidence", "error", "filled", "coverage", "roughness_sigma",
+                 "base_sigma"):
+        np.testing.assert_array_equal(getattr(whole.maps, name), getattr(before.maps, name), err_msg=name)
+    folder = Path(bpy.data.filepath).parent / "again"
+    assert bpy.ops.irpso.export_maps(directory=str(folder)) == {"FINISHED"}
+    assert (folder / "Ball_filled.exr").exists()
+
+
+def test_a_material_is_followed_through_renaming_and_saving(scene, module) -> None:
+    session = module("blender.jobs.session").session
+    ball, paint = bpy.data.objects["Ball"], bpy.data.materials["Paint"]
+    bpy.ops.irpso.solve(write=False)
+    paint.name = "Lacquer"
+    assert set(session.facts_of(ball).model) == {"Lacquer"}
+    assert bpy.ops.irpso.write_maps() == {"FINISHED"}
+    paint.name = "Enamel"
+    path = saved()
+    ball = opened(path)
+    bpy.data.materials["Enamel"].name = "Varnish"
+    assert set(session.facts_of(ball).model) == {"Varnish"}
+    ball = opened(path)
+    assert set(session.facts_of(ball).model) == {"Enamel"}
+    assert bpy.ops.irpso.write_maps() == {"FINISHED"}
+
+
+def test_a_material_renamed_between_reading_and_placing(scene, module) -> None:
+    place = module("blender.jobs.solve_object")
+    properties = module("blender.properties")
+    ball = bpy.data.objects["Ball"]
+    order = place.read(bpy.context, ball, Path(bpy.path.abspath("//captures.json")),
+                       properties.settings(scene.irpso))
+    solution = place.run(order, Path(bpy.data.filepath), Path(bpy.data.filepath).parent, lambda _: None)
+    bpy.data.materials["Paint"].name = "Lacquer"
+    place.place_now(ball, order, solution)
+    principled = bpy.data.materials["Lacquer"].node_tree.nodes["Principled BSDF"]
+    assert principled.inputs["Base Color"].links[0].from_node.image == bpy.data.images["Ball_basecolor"]
+
+
+@pytest.mark.parametrize("record", [
+    b"", b"x" * 100, 7, {"number": "1", "record": b"zzz"}, {"number": [1], "record": 2}])
+def test_whatever_a_file_holds_by_that_name(scene, module, record) -> None:
+    session, stored = module("blender.jobs.session").session, module("blender.jobs.stored_result")
+    bpy.ops.irpso.solve()
+    bpy.data.objects["Ball"][stored.RECORD_TAG] = record
+    ball = opened(saved())
+    assert session.facts_of(ball) is not None  # the maps are there
+    assert bpy.ops.irpso.export_maps(directory=str(Path(bpy.data.filepath).parent / "maps")) == {"FINISHED"}
+
+
+def test_an_earlier_result_comes_back_by_a_click(scene, module) -> None:
+    session = module("blender.jobs.session").session
+    ball = bpy.data.objects["Ball"]
+    scene.irpso.model = "lambert"
+    bpy.ops.irpso.solve()
+    opened(saved())  # also one of an earlier session
+    scene, ball = bpy.context.scene, bpy.data.objects["Ball"]
+    first = pixels("Ball_basecolor").copy()
+    scene.irpso.model = "one-lobe"
+    bpy.ops.irpso.solve()
+    assert [("Diffuse Only" in r.label, "Roughness" in r.label) for r in session.results_of(ball)] == [
+        (True, False), (False, True)]
+    assert not np.array_equal(pixels("Ball_basecolor"), first)
+    bpy.ops.ed.undo_push(message="solved")
+    assert bpy.ops.irpso.restore_result("EXEC_DEFAULT", True, index=0) == {"FINISHED"}
+    np.testing.assert_array_equal(pixels("Ball_basecolor"), first)
+    assert set(session.facts_of(ball).model.values()) == {"lambert"}
+    assert len(session.results_of(ball)) == 2
+    assert module("blender.jobs.solve_object").is_placed(ball)
+    ball = opened(saved())
+    assert set(session.facts_of(ball).model.values()) == {"lambert"}
+
+
+def test_a_shared_material_is_copied_or_shared_as_chosen(scene, module) -> None:
+    material = module("blender.material.material")
+    ball = bpy.data.objects["Ball"]
+    other = bpy.data.objects.new("Other", ball.data)
+    scene.collection.objects.link(other)
+    assert material.shared_with(ball) == {"Paint": ["Other"]}
+    scene.irpso.shared_material = "SHARE"
+    bpy.ops.irpso.solve()
+    assert ball.material_slots[0].material == other.material_slots[0].material
+    scene.irpso.shared_material = "COPY"
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    assert ball.material_slots[0].material != other.material_slots[0].material
+    assert material.shared_with(ball) == {}
+
+
+def test_pictures_of_the_views_take_little_room(scene, module) -> None:
+    data, stored = module("core.data"), module("blender.jobs.stored_result")
+    many = tuple(data.ViewPicture(f"{i}.exr", "Camera", (), np.full((300, 200, 3), i, np.float16),
+                                  np.zeros((300, 200, 3), np.float16), 1.0) for i in range(50))
+    kept = stored._fewer_pixels(many)
+    assert [(p.view, float(p.reference.min())) for p in kept] == [(f"{i}.exr", float(i)) for i in range(50)]
+    assert 0.1 * stored.PICTURES < sum(p.reference.nbytes + p.predicted.nbytes for p in kept) <= 1.1 * stored.PICTURES
+    assert stored._fewer_pixels(many[:1]) == many[:1] and stored._fewer_pixels(()) == ()
+
+
+@pytest.mark.parametrize("finished", [False, True])
+def test_a_stopped_solve_counts_what_it_has_solved(module, finished) -> None:
+    """A draft alone has solved nothing; of half the texels at full size it has solved these."""
+    live, display, params = module("core.live_maps").Live, module("blender.jobs.live_display"), module("core.params")
+
+    class Data:
+        mesh = type("Mesh", (), {"slot_names": ("Paint",)})
+        views, start = (), None
+
+    maps = display.LiveMaps(Data, params.SolveSettings(size=16, model="one-lobe"))
+    covered = np.ones((16, 16), bool)
+    draft = {"base_color": np.full((16, 16, 3), 0.5, "f4"), "roughness": np.full((16, 16), 0.5, "f4"),
+             "confidence": np.ones((16, 16), "f4"), "error": np.full((16, 16), 0.1, "f4")}
+    maps.take_preview(live(draft, covered))
+    if finished:
+        half = np.where(np.arange(16)[:, None] < 8, np.full((16, 16), 0.3, "f4"), np.float32(np.nan))
+        maps.take(live({"roughness": half, "confidence": half, "error": half}, covered))
+    stopped = maps.solution()
+    solved = 128 if finished else 0
+    assert stopped.texels == {"covered": 256, "observed": solved, "solved": solved, "filled": 256 - solved}
+    assert stopped.maps.filled.sum() == 256 - solved and (stopped.maps.confidence[stopped.maps.filled] == 0).all()
+    assert "base color is still coarse" in stopped.warnings[0]

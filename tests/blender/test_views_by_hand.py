@@ -1,0 +1,106 @@
+"""What is done to the list of views by buttons: look through one, set all, leave our own maps out."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import bpy
+import pytest
+
+
+@pytest.fixture
+def scene(extension, scenes: Path, tmp_path: Path) -> bpy.types.Scene:
+    """A private copy of the good scene with its views in the list."""
+    shutil.copytree(scenes / "good", tmp_path / "good")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "good" / "scene.blend"), load_ui=False)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    bpy.context.scene.irpso.size, bpy.context.scene.irpso.captures = 64, "//captures.json"
+    bpy.ops.irpso.load_captures()
+    return bpy.context.scene
+
+
+def lamps(scene: bpy.types.Scene) -> dict[str, tuple[bool, bool]]:
+    return {obj.name: (obj.hide_render, obj.hide_viewport) for obj in scene.objects if obj.type == "LIGHT"}
+
+
+def test_look_through_a_view_and_back(scene) -> None:
+    scene.camera = bpy.data.objects["Camera 1"]
+    bpy.data.objects["Light 1"].hide_viewport = True
+    before = lamps(scene)
+    assert not bpy.ops.irpso.look_back.poll()
+    for index in (3, 4):  # from view to view: what was before the first comes back
+        scene.irpso.active_view = index
+        view = scene.irpso.views[index]
+        assert bpy.ops.irpso.look_through_view() == {"FINISHED"}
+        assert scene.camera == view.camera
+        on = {item.light.name for item in view.lights}
+        assert {name for name, hidden in lamps(scene).items() if hidden == (False, False)} == on
+    assert bpy.ops.irpso.look_back() == {"FINISHED"}
+    assert lamps(scene) == before and scene.camera.name == "Camera 1"
+    assert not bpy.ops.irpso.look_back.poll()
+
+
+def test_a_view_of_all_lamps_has_all(scene) -> None:
+    scene.irpso.active_view = 0
+    bpy.ops.irpso.look_through_view()
+    scene.irpso.views[1].lights.clear()
+    scene.irpso.active_view = 1
+    bpy.ops.irpso.look_through_view()
+    assert all(hidden == (False, False) for hidden in lamps(scene).values())
+
+
+def test_it_is_undone_and_a_solve_has_all_lamps(scene) -> None:
+    before, camera = lamps(scene), scene.camera.name
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.irpso.look_through_view("EXEC_DEFAULT", True)
+    assert lamps(scene) != before
+    bpy.ops.ed.undo()
+    assert lamps(bpy.context.scene) == before and bpy.context.scene.camera.name == camera
+    bpy.ops.irpso.look_through_view()
+    for view in bpy.context.scene.irpso.views:
+        view.lights.clear()
+    assert bpy.ops.irpso.solve(write=False) == {"FINISHED"}
+    assert lamps(bpy.context.scene) == before and bpy.context.scene.camera.name == camera
+
+
+@pytest.mark.parametrize("text", ["x", "[]", "7", json.dumps({"camera": 3, "lamps": [1]}),
+                                  json.dumps({"camera": "Ball", "lamps": {"Ball": 1, "Light 1": "on"}})])
+def test_whatever_a_file_says_was_before(scene, text) -> None:
+    before = lamps(scene)
+    scene.irpso.looked = text
+    assert bpy.ops.irpso.look_back() == {"FINISHED"}
+    assert lamps(scene) == before and scene.irpso.looked == "" and scene.camera.type == "CAMERA"
+
+
+def test_exposure_and_color_space_of_all_that_are_used(scene) -> None:
+    views = scene.irpso.views
+    views[2].enabled = False
+    assert bpy.ops.irpso.edit_views(set_exposure=True, exposure=1.5) == {"FINISHED"}
+    assert [round(view.exposure, 3) for view in views] == [0.0 if i == 2 else 1.5 for i in range(len(views))]
+    assert {view.colorspace for view in views} == {""}
+    assert bpy.ops.irpso.edit_views(set_colorspace=True, colorspace="sRGB") == {"FINISHED"}
+    assert views[2].colorspace == "" and {view.colorspace for view in views if view.enabled} == {"sRGB"}
+    assert bpy.ops.irpso.edit_views(exposure=3.0) == {"CANCELLED"}
+
+
+def test_exported_maps_are_no_views(scene, tmp_path) -> None:
+    bpy.ops.irpso.solve(write=False)
+    for target in ("irpso", "unreal"):
+        assert bpy.ops.irpso.export_maps(directory="//refs", target=target) == {"FINISHED"}
+    scene.irpso.views.clear()
+    assert bpy.ops.irpso.add_folder(directory="//refs") == {"FINISHED"}
+    assert not [view.image for view in scene.irpso.views if "Ball" in view.image]
+    assert len(scene.irpso.views) >= 10
+    assert bpy.ops.irpso.export_maps(directory="//irpso") == {"FINISHED"}
+    with pytest.raises(RuntimeError, match="exported map"):
+        bpy.ops.irpso.add_folder(directory="//irpso")
+
+
+def test_captures_are_chosen(scene) -> None:
+    path = Path(bpy.data.filepath).parent / "captures.json"
+    assert bpy.ops.irpso.choose_captures(filepath=str(path)) == {"FINISHED"}
+    assert scene.irpso.captures == "//captures.json"
+    with pytest.raises(RuntimeError, match="is not a file"):
+        bpy.ops.irpso.choose_captures(filepath=str(path.parent))

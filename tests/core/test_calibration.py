@@ -1,0 +1,79 @@
+"""What a calibration says of a scene, as records: made again from them, the scene is the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from irpso_addon.core.calibration.calibrate import Judged
+from irpso_addon.core.calibration.put_right import applied, put_right, told
+from irpso_addon.core.calibration.rig import Rig, RigChange
+from irpso_addon.core.calibration.rig_fit import RigFound
+from irpso_addon.core.data import Light, PredictionError, SceneData
+from tests.support import shoots
+from tests.support import synthetic as syn
+
+MIDDLE = np.zeros(3)
+
+
+def judged(rig: Rig, seed: int = 0) -> Judged:
+    rng = np.random.default_rng(seed)
+    groups, views = len(rig.groups), len(rig.views)
+    change = RigChange(0.02 * rng.standard_normal((groups, 3)), 0.05 * rng.standard_normal(groups),
+                       0.03 * rng.standard_normal(views), 0.7)
+    error = RigChange(np.full((groups, 3), 1e-4), np.full(groups, 1e-4), np.full(views, 1e-4), 0.1)
+    return Judged(RigFound(change, error, 0.01, 0.03, {}), PredictionError(0.2, 2.0), PredictionError(0.1, 1.0))
+
+
+def assert_alike(one: SceneData, other: SceneData) -> None:
+    for a, b in zip(one.views, other.views, strict=True):
+        assert np.isclose(a.gain, b.gain, rtol=1e-12) and a.vignetting == b.vignetting
+        for x, y in zip(a.lights, b.lights, strict=True):
+            np.testing.assert_allclose(x.matrix, y.matrix, atol=1e-12)
+            np.testing.assert_allclose(x.power, y.power, rtol=1e-12)
+
+
+def as_sun(light: Light) -> Light:
+    """A sun that shines as the lamp does."""
+    matrix = np.eye(4)
+    matrix[:3, 2] = light.matrix[:3, 3] / np.linalg.norm(light.matrix[:3, 3])
+    return replace(light, kind="SUN", matrix=matrix)
+
+
+def flash_shoot(carried: bool = True) -> SceneData:
+    """Five cameras with a flash each; not ``carried``: one of them sits elsewhere."""
+    rig = []
+    for n, camera in enumerate(syn.cameras(5)):
+        turn = camera.world_to_camera[:3, :3].T
+        matrix = np.eye(4)
+        offset = np.array([0.06, 0.08, 0.02]) if carried or n else np.array([0.06, 0.2, 0.02])
+        matrix[:3, :3], matrix[:3, 3] = turn, camera.position + turn @ offset
+        rig.append((camera, [replace(syn.lamps(1)[0], name=f"Flash {n}", matrix=matrix)]))
+    return syn.shoot(syn.PATCHES, rig, (8, 8)).scene
+
+
+def test_a_change_is_made_again_from_its_records() -> None:
+    """Of lamps, suns and a flash on the cameras."""
+    plain = syn.shoot(syn.PATCHES, shoots.rig(2, 4), (8, 8)).scene
+    suns = replace(plain, views=tuple(replace(view, lights=tuple(map(as_sun, view.lights))) for view in plain.views))
+    for scene in (plain, suns, flash_shoot()):
+        rig = Rig.of(scene.views, MIDDLE)
+        found = judged(rig)
+        assert_alike(put_right(scene, rig, found), applied(scene, told(rig, found)))
+
+
+def test_a_flash_is_one_lamp_where_every_camera_carries_it_alike() -> None:
+    group, = Rig.of(flash_shoot().views, MIDDLE).groups
+    assert group.lights == tuple(f"Flash {n}" for n in range(5))
+    assert len(Rig.of(flash_shoot(carried=False).views, MIDDLE).groups) == 5
+
+
+def test_a_carried_flash_moves_in_its_cameras_axes() -> None:
+    scene = flash_shoot()
+    rig = Rig.of(scene.views, MIDDLE)
+    reach = rig.groups[0].reach
+    change = replace(RigChange.none(1, 5), offset=np.array([[0.03, 0.0, 0.0]]) / reach)
+    for view, light in zip(scene.views, rig.lights(change).values(), strict=True):
+        place = view.camera.world_to_camera @ light.matrix[:, 3]
+        np.testing.assert_allclose(place[:3], (0.09, 0.08, 0.02), atol=1e-9)

@@ -1,0 +1,81 @@
+"""What a user reads of lamps and exposures that were put right."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from irpso_addon.core.checks.calibration_lines import (
+    calibrated,
+    exposure_row,
+    gain_of,
+    lamp_name,
+    lamp_rows,
+    place_change,
+    power_change,
+)
+from irpso_addon.core.data import Calibration, ExposureChange, LampChange, PredictionError
+
+KEY = LampChange(("Key",), (0.03, 0.0, -0.04), 0.002, 0.0123, 0.914, 0.003)
+RIM = replace(KEY, lights=("Rim",), offset=(0.0, 0.006, 0.0), share=0.003, power=1.05)
+SUN = replace(KEY, lights=("Sun",), offset=(0.02, 0.0, 0.0), share=0.02, sun=True, sure_power=False)
+FLASH = replace(KEY, lights=("Flash A", "Flash B"), cameras=("A", "B"))
+VIEW = ExposureChange(Path("refs/a.exr"), "A", 0.05, 0.01)
+UNSURE = {"sure_place": False, "sure_power": False}
+END = (" The error on left-out views fell from 4.3 % to 3.8 % of their radiance. "
+       "The scene keeps its lamps and exposures.")
+
+
+def found(*lamps: LampChange, exposures: tuple[ExposureChange, ...] = ()) -> Calibration:
+    return Calibration(lamps, exposures, PredictionError(0.0432, 2.0), PredictionError(0.0379, 1.5))
+
+
+@pytest.mark.parametrize(("calibration", "line"), [
+    (found(KEY), "IRPSO moved 'Key' by 1.2 % of its distance and changed its power by -8.6 %."),
+    (found(RIM, KEY),
+     "IRPSO moved 2 lamps by up to 1.2 % of their distance ('Key') and changed their power by up to -8.6 % ('Key')."),
+    (found(replace(RIM, sure_power=False), KEY, FLASH),
+     "IRPSO moved 3 lamps by up to 1.2 % of their distance ('Key') and changed the power of 2 lamps by up to -8.6 % "
+     "('Key')."),
+    (found(replace(KEY, sure_power=False)), "IRPSO moved 'Key' by 1.2 % of its distance."),
+    (found(replace(KEY, sure_place=False)), "IRPSO changed the power of 'Key' by -8.6 %."),
+    (found(FLASH), "IRPSO moved the flash on 2 cameras by 1.2 % of its distance and changed its power by -8.6 %."),
+    (found(SUN), "IRPSO turned 'Sun' by 1.1 degrees."),
+    (found(exposures=(VIEW,)), "IRPSO changed the exposure of 'a.exr' by +0.05 EV."),
+    (found(replace(SUN, share=0.01), SUN, replace(KEY, sure_power=False),
+           exposures=(VIEW, replace(VIEW, image=Path("b.exr"), stops=-0.12))),
+     "IRPSO moved 'Key' by 1.2 % of its distance, turned 2 suns by up to 1.1 degrees ('Sun') and changed the exposure "
+     "of 2 views by up to -0.12 EV ('b.exr')."),
+    (found(replace(KEY, **UNSURE)), "IRPSO changed lamps a little, although no single change is certain."),
+    (found(exposures=(replace(VIEW, sure=False),)),
+     "IRPSO changed exposures a little, although no single change is certain."),
+    (found(replace(KEY, **UNSURE), exposures=(replace(VIEW, sure=False),)),
+     "IRPSO changed lamps and exposures a little, although no single change is certain."),
+])
+def test_the_line(calibration: Calibration, line: str) -> None:
+    """Who did what, one idea a sentence, whatever was changed."""
+    assert calibrated(calibration) == (line + END,)
+
+
+def test_nothing_to_say() -> None:
+    assert calibrated(None) == ()
+
+
+def test_figures() -> None:
+    assert place_change(KEY) == "50 ± 2 mm" and place_change(RIM) == "6.0 ± 2.0 mm"
+    assert place_change(SUN) == f"{math.degrees(0.02):.1f} ± 0.1°"
+    assert power_change(KEY) == "× 0.914 ± 0.3 %"
+    assert lamp_name(FLASH) == "the flash on 2 cameras" and gain_of(found()) == "4.3 % → 3.8 %"
+
+
+def test_rows_of_the_panel() -> None:
+    """The farthest first; what is within doubt is left out."""
+    calibration = found(RIM, replace(SUN, **UNSURE), KEY, FLASH, exposures=(VIEW, replace(VIEW, stops=-0.12)))
+    assert [name for name, _ in lamp_rows(calibration)] == [
+        "Key", "Power", "Flash on 2 cameras", "Power", "Rim", "Power"]
+    assert lamp_rows(calibration)[:2] == [("Key", "50 ± 2 mm"), ("Power", "× 0.914 ± 0.3 %")]
+    assert exposure_row(calibration) == ("2 Exposures", "up to -0.12 EV", "a.exr")
+    assert exposure_row(found(exposures=(replace(VIEW, sure=False),))) is None

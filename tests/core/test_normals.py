@@ -1,0 +1,242 @@
+"""Tilts of normals: the model against the BRDF itself, what is found, what is refused, smoothing, tangent maps."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.cpu_solver import rasterise
+from irpso_addon.core.data import MeshArrays
+from irpso_addon.core.evaluation.sampled_texels import one_lobe
+from irpso_addon.core.normals import tangent_map
+from irpso_addon.core.normals.judge import NormalsJudged, judge_normals
+from irpso_addon.core.normals.low_pass import common
+from irpso_addon.core.normals.texel_tilts import TexelTilts
+from irpso_addon.core.normals.tilt_fit import TiltModel, fit_tilts
+from irpso_addon.core.normals.tilt_sample import TiltSample, basis
+from tests.support import synthetic as syn
+from tests.support import tilted_sphere as balls
+
+ROUGHNESS = 0.4
+
+
+def verdict(sample: TiltSample) -> NormalsJudged | str:
+    return result_of(judge_normals(sample))
+
+
+def result_of(steps: Generator[Any, None, Any]) -> Any:
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def lobes(sample: TiltSample) -> Any:
+    return one_lobe(np.full(len(sample.first), ROUGHNESS), 0.5)
+
+
+# ---- the model
+
+
+@pytest.mark.parametrize(("tilt", "off"), [((0.0, 0.0), 1e-6), ((0.05, -0.02), 0.015), ((-0.2, 0.15), 0.05)])
+def test_the_model_is_the_brdf_under_tilted_normals(tilt, off) -> None:
+    """Radiance over the irradiance of the given normals; the energy that the lobe takes is that of the given ones."""
+    sample, _ = balls.sphere(balls.principled(ROUGHNESS), texels=200)
+    tilts = np.broadcast_to(tilt, (200, 2))
+    normal = balls.unit(sample.rig.normal + sample.offset(tilts))
+    white, rest = TiltModel(sample, lobes(sample)).at(tilts)
+    toward = np.array([view.lights[0].matrix[:3, 2] for view in sample.rig.rig.views])
+    expected = np.stack([balls.principled(ROUGHNESS)(way, normal) * np.maximum(normal @ way, 0)[:, None]
+                         for way in toward], 1) / sample.texels.lobes[:, :, 0, 2][..., None]
+    shown = balls.BASE * white[..., None] + rest[..., None]
+    seen = (sample.texels.quality > 0) & (normal @ balls.TOWARD > 0.2)[:, None]
+    error = np.abs(shown - expected)[seen] / np.maximum(expected[seen].max(-1, keepdims=True), 0.02)
+    assert np.quantile(error, 0.95) < off
+
+
+def test_observations_under_tilted_normals_are_those_of_a_mesh_that_has_them() -> None:
+    sample, true = balls.sphere(balls.principled(ROUGHNESS), texels=300, slope=0.05)
+    other, _ = balls.sphere(balls.principled(ROUGHNESS), texels=300)
+    offset = true / (true * sample.rig.normal).sum(-1, keepdims=True) - sample.rig.normal
+    seen, brighter = sample.tilted(sample.in_plane(offset))
+    assert np.allclose(seen.cos_v, np.repeat((true @ balls.TOWARD)[:, None], seen.cos_v.shape[1], 1), atol=1e-9)
+    exact = balls.principled(ROUGHNESS)
+    toward = np.array([view.lights[0].matrix[:3, 2] for view in other.rig.rig.views])
+    reflected = np.stack([exact(way, true) for way in toward], 1)
+    lit = (sample.texels.quality > 0) & (true @ toward.T > 0.1)
+    assert np.allclose(seen.reflected[lit], reflected[lit], rtol=1e-6)
+    assert np.allclose(brighter[lit], (true @ toward.T / sample.texels.lobes[:, :, 0, 2])[lit], rtol=1e-6)
+
+
+def test_bases_are_orthonormal() -> None:
+    normal = balls.unit(np.random.default_rng(0).standard_normal((500, 3)))
+    normal[:2] = [0, 0, -1], [0, 0, 1]
+    frame = np.stack([*basis(normal), normal], 1)
+    assert np.allclose(frame @ np.swapaxes(frame, 1, 2), np.eye(3), atol=1e-12)
+
+
+# ---- what is found
+
+
+def test_tilts_are_found() -> None:
+    """Bumps of 2.9 degrees that the mesh does not have, under 1 % noise."""
+    sample, true = balls.sphere(balls.principled(ROUGHNESS), noise=0.01, slope=0.05)
+    found = fit_tilts(sample, lobes(sample))
+    tilt, covariance = found.under(found.deviation())
+    error = balls.degrees_between(sample.rig.normal + sample.offset(tilt), true)
+    assert balls.degrees_between(sample.rig.normal, true).mean() > 2.5
+    assert np.median(error) < 0.3 and error.mean() < 0.5
+    told = np.degrees(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
+    assert 0.5 < np.median(told) / np.median(error) < 2
+
+
+def test_shadows_that_the_mesh_does_not_cast_pull_no_normal() -> None:
+    """A fifth of the observations are dimmed to a half, some to nothing."""
+    sample, true = balls.sphere(balls.principled(ROUGHNESS), noise=0.01, slope=0.05)
+    rng = np.random.default_rng(2)
+    texels = sample.texels
+    dim = np.where(rng.uniform(size=texels.cos_v.shape) < 0.2, rng.choice([0.0, 0.5], texels.cos_v.shape), 1.0)
+    shadowed = replace(sample, rig=replace(sample.rig, texels=replace(
+        texels, reflected=texels.reflected * dim[..., None])))
+    found = fit_tilts(shadowed, lobes(sample))
+    error = balls.degrees_between(sample.rig.normal + sample.offset(found.under(found.deviation())[0]), true)
+    assert np.median(error) < 0.6 and np.quantile(error, 0.9) < 2.5
+
+
+# ---- what is judged
+
+
+def test_bumps_that_the_mesh_lacks_are_worth_refining() -> None:
+    judged = verdict(balls.sphere(balls.principled(ROUGHNESS), noise=0.01, slope=0.05)[0])
+    assert isinstance(judged, NormalsJudged)
+    assert judged.refined < 0.5 * judged.given
+    assert 1.0 < np.degrees(judged.deviation) < 4.0
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_exact_normals_stay(noise) -> None:
+    assert isinstance(verdict(balls.sphere(balls.principled(ROUGHNESS), noise=noise)[0]), str)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_a_reflection_that_no_lambert_has_is_not_mistaken_for_normals(noise) -> None:
+    """Tilted normals explain it better: the fit alone would tilt them by degrees."""
+    sample, true = balls.sphere(balls.rough_diffuse, noise=noise)
+    found = fit_tilts(sample, lobes(sample))
+    assert balls.degrees_between(true + sample.offset(found.under(0.2)[0]), true).mean() > 1.5
+    assert isinstance(verdict(sample), str)
+
+
+def test_few_lamps_say_nothing() -> None:
+    assert "too few" in str(verdict(balls.sphere(balls.principled(ROUGHNESS), lamps=4, slope=0.05)[0]))
+
+
+# ---- the large shape
+
+
+def test_what_regions_have_in_common_is_told_from_detail() -> None:
+    rng = np.random.default_rng(3)
+    normal = balls.unit(rng.standard_normal((4000, 3)))
+    drift = np.stack([0.05 * normal[:, 1], 0 * normal[:, 0], 0.03 * normal[:, 0] ** 2], -1)
+    drift -= normal * (drift * normal).sum(-1, keepdims=True)
+    detail = balls.bumps(normal, 0.05)
+    detail -= normal * (detail * normal).sum(-1, keepdims=True)
+    low = common(normal, normal, drift + detail, np.ones(4000))
+    left = drift + detail - low - detail
+    assert np.sqrt((left**2).mean()) < 0.4 * np.sqrt((drift**2).mean())
+    assert np.abs((low * normal).sum(-1)).max() < 1e-12
+
+
+def grid(size: int) -> tuple[np.ndarray, np.ndarray]:
+    at = np.arange(size) / size
+    x, y = np.meshgrid(at, at)
+    position = np.stack([x, y, 0 * x], -1).astype(np.float32)
+    return position, np.broadcast_to(np.float32([0, 0, 1]), position.shape).copy()
+
+
+def test_texels_without_data_follow_their_neighbours() -> None:
+    """Fine waves, of which every third texel knows nothing."""
+    size, deviation = 96, 0.05
+    position, normal = grid(size)
+    wave = deviation * np.stack([np.sin(60 * position[..., 0]), np.cos(60 * position[..., 1])], -1)
+    known = np.random.default_rng(1).uniform(size=(size, size)) > 0.33
+    found = TexelTilts(position, normal, np.ones((size, size), bool))
+    information = np.where(known[..., None, None], np.eye(2) / 0.005**2, 0.0)
+    row, column = (index.ravel().astype(np.int32) for index in np.indices((size, size)))
+    found.add((row, column), information.reshape(-1, 2, 2), np.einsum(
+        "hwij,hwj->hwi", information, wave).reshape(-1, 2))
+    offset = found.offsets(deviation)
+    assert np.abs(offset[..., 2]).max() < 1e-6
+    error = np.linalg.norm(offset[..., :2] - wave, axis=-1)
+    assert np.sqrt((error[known] ** 2).mean()) < 0.25 * deviation
+    assert np.sqrt((error[~known] ** 2).mean()) < 0.45 * deviation
+
+
+def test_neighbours_across_a_seam_say_nothing() -> None:
+    size = 64
+    position, normal = grid(size)
+    position[:, size // 2:, 2] += 1.0  # another part of the surface
+    found = TexelTilts(position, normal, np.ones((size, size), bool))
+    information = np.zeros((size, size, 2, 2))
+    information[:, : size // 2] = np.eye(2) / 0.001**2
+    stripes = 0.05 * np.sign(np.sin(80 * position[..., 1]))[..., None] * [1.0, 0.0]
+    row, column = (index.ravel().astype(np.int32) for index in np.indices((size, size)))
+    found.add((row, column), information.reshape(-1, 2, 2),
+              np.einsum("hwij,hwj->hwi", information, stripes).reshape(-1, 2))
+    offset = found.offsets(0.05)
+    assert np.abs(offset[:, size // 2:]).max() == 0
+    assert np.abs(offset[:, : size // 2]).max() > 0.03
+
+
+# ---- tangent maps
+
+
+def mesh(mirrored: bool = False) -> MeshArrays:
+    """The rolling plane of synthetic.py, scaled unevenly and turned; its UVs are a mirror image on one half."""
+    plane = syn.plane_mesh()
+    linear = np.array([[0.8, 0.3, 0.0], [-0.4, 1.1, 0.2], [0.1, 0.0, 1.4]]) @ np.diag([1, 1, -1.0 if mirrored else 1.0])
+    order = [0, 2, 1] if mirrored else [0, 1, 2]
+    matrix = np.linalg.inv(linear).T
+    uvs = plane.uvs.copy()
+    return replace(plane, positions=(plane.positions @ linear.T).astype(np.float32)[:, order],
+                   normals=balls.unit(plane.normals @ matrix.T).astype(np.float32)[:, order], uvs=uvs[:, order],
+                   normal_matrix=matrix.astype(np.float32), unit_normal=True)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_tangent_map_says_the_normals_that_it_was_made_of(mirrored) -> None:
+    """Read by the twin of the G-buffer, which Cycles holds (tests/blender/test_gbuffer_cycles.py)."""
+    subject, size = mesh(mirrored), 128
+    owner, weights = rasterise.rasterise(subject.uvs, size)
+    known = owner >= 0
+    given = rasterise.places(subject, owner[known], weights[known]).normal
+    wanted = np.zeros((size, size, 3), np.float32)
+    wanted[known] = balls.unit(given + balls.bumps(given * 2, 0.1))
+    packed = tangent_map.encoded(subject, wanted, known)
+    assert packed.min() >= 0 and packed.max() <= 1
+    worn = tangent_map.wearing(subject, packed)
+    read = rasterise.places(worn, owner[known], weights[known]).normal
+    assert balls.degrees_between(read, wanted[known]).max() < 0.05
+
+
+def test_given_normals_make_a_flat_map() -> None:
+    """But for what normals that are interpolated in the world differ from those of the object, unevenly scaled."""
+    subject, size = mesh(), 64
+    owner, weights = rasterise.rasterise(subject.uvs, size)
+    known = owner >= 0
+    normal = np.zeros((size, size, 3), np.float32)
+    normal[known] = rasterise.places(subject, owner[known], weights[known]).normal
+    assert np.abs(tangent_map.encoded(subject, normal, known) - tangent_map.FLAT).max() < 1e-3
+
+
+def test_padding_grows_by_means_of_neighbours() -> None:
+    known = np.zeros((7, 7), bool)
+    known[3, 3] = True
+    values = np.where(known[..., None], 2.0, 0.0).astype(np.float32) * np.ones(3, np.float32)
+    grown = tangent_map.padded(values, known, 2)
+    assert grown[3, 5, 0] == 2 and grown[2, 2, 0] == 2 and grown[1, 1, 0] == 0

@@ -1,0 +1,259 @@
+"""Photographs: turned as their tag says, exposed as EXIF says, ambient light and the lens's fall-off taken out."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.capture.captures import parse_captures
+from irpso_addon.core.checks.warnings import grouped
+from irpso_addon.core.errors import BadInput
+from irpso_addon.core.images import image_file
+from irpso_addon.core.images.colour import known_space
+from irpso_addon.core.images.image_file import open_image
+from irpso_addon.core.images.reference_image import read_reference
+from irpso_addon.core.images.shot_settings import ShotSettings, relative_exposures
+from tests.support.dng_files import Shot, save_dng
+from tests.support.picture_files import RNG, noise, save, view
+
+oiio = pytest.importorskip("OpenImageIO")
+
+
+def turned(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """By the table of EXIF (CIPA DC-008, tag 274): where row 0 and column 0 of the file are seen."""
+    h, w = pixels.shape[:2]
+    row, column = np.mgrid[:h, :w]
+    up, left, swap = {
+        1: ("top", "left", 0), 2: ("top", "right", 0), 3: ("bottom", "right", 0), 4: ("bottom", "left", 0),
+        5: ("left", "top", 1), 6: ("right", "top", 1), 7: ("right", "bottom", 1), 8: ("left", "bottom", 1)}[orientation]
+    from_edge = {up: row, left: column}
+    size = (w, h) if swap else (h, w)
+    y = from_edge["top"] if "top" in from_edge else size[0] - 1 - from_edge["bottom"]
+    x = from_edge["left"] if "left" in from_edge else size[1] - 1 - from_edge["right"]
+    out = np.empty((*size, pixels.shape[2]), pixels.dtype)
+    out[y, x] = pixels
+    return out
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize(("suffix", "form"), [("tif", "uint16"), ("png", "uint8"), ("exr", "float")])
+def test_a_picture_and_its_mask_are_turned_each_by_its_own_tag(tmp_path, monkeypatch, suffix, form, orientation):
+    pixels = noise()
+    stored = pixels if form == "float" else (pixels * np.iinfo(form).max).astype(form)
+    path = save(tmp_path / f"a.{suffix}", stored, form, Orientation=orientation)
+    upright = turned(stored, orientation)
+    mask = RNG.uniform(0, 1, (*upright.shape[:2], 1)).astype(np.float32)
+    shown = view(path, upright.shape[1] / upright.shape[0], colorspace="Non-Color",
+                 mask=save(tmp_path / "m.exr", turned(mask, 6), names="Y", Orientation=8))  # 8 undoes 6
+    found = read_reference(shown)
+    scale = 1 if form == "float" else np.iinfo(form).max
+    np.testing.assert_allclose(found.rgb[::-1], upright / scale, rtol=1e-6)
+    np.testing.assert_allclose(found.coverage[::-1], mask[..., 0], rtol=1e-6)
+    monkeypatch.setattr(image_file, "TURNED", 3000)  # some rows at a time
+    np.testing.assert_array_equal(read_reference(shown).rgb, found.rgb)
+    file = open_image(path)
+    np.testing.assert_array_equal(file.read(3, 11), file.read(0, file.height)[3:11])
+
+
+def test_jpeg(tmp_path):
+    pixels = np.zeros((32, 48, 3), np.uint8)
+    pixels[:16] = 200  # the upper half, as it is stored
+    path = save(tmp_path / "a.jpg", pixels, "uint8", "RGB", Orientation=8, ExposureTime=0.01, FNumber=4.0,
+                Exif__PhotographicSensitivity=400, Make="Acme", Model="Three")
+    file = open_image(path)
+    assert (file.width, file.height) == (32, 48)
+    assert file.shot.exposure_value == pytest.approx(math.log2(0.01 * 4 / 16), abs=1e-3)
+    found = read_reference(view(path, aspect=2 / 3)).rgb
+    assert found[:, :12].min() > 0.5 and found[:, 20:].max() < 0.01  # row 0 of the file is seen at the left
+
+
+def test_words_that_are_no_text_do_no_harm(tmp_path):
+    """The name of a colour profile is the word that is read: of ICC.1:2001, a header and a 'desc' tag."""
+    words = b"\xc4\xff\xfee RGB\0"
+    tag = b"desc" + bytes(4) + struct.pack(">I", len(words)) + words + bytes(79)
+    profile = struct.pack(">I", 144 + len(tag)) + bytes(4) + b"\2\0\0\0mntrRGB XYZ " + bytes(12) + b"acsp" + bytes(88)
+    profile += struct.pack(">I4sII", 1, b"desc", 144, len(tag)) + tag
+    spec = oiio.ImageSpec(48, 32, 3, "uint8")
+    spec.attribute("ICCProfile", oiio.TypeDesc(f"uint8[{len(profile)}]"), np.frombuffer(profile, np.uint8))
+    spec.attribute("FNumber", 4.0)
+    output = oiio.ImageOutput.create(str(tmp_path / "a.jpg"))
+    assert output.open(str(tmp_path / "a.jpg"), spec) and output.write_image(np.full((32, 48, 3), 99, np.uint8))
+    output.close()
+    file = open_image(tmp_path / "a.jpg")
+    assert file.colorspace is not None and file.colorspace.isprintable() and file.colorspace.endswith("e RGB")
+    assert file.shot.f_number == 4
+
+
+def test_profiles_that_are_known_are_colour_spaces():
+    assert (known_space("sRGB IEC61966-2.1"), known_space("Adobe RGB (1998)"), known_space("Display P3")) == (
+        "sRGB", "Gamma 2.2 Encoded AdobeRGB", "Display P3")
+    assert known_space("ProPhoto RGB") is None
+
+
+def test_a_tiff_with_a_profile_says_its_colour_space(tmp_path):
+    cms = pytest.importorskip("PIL.ImageCms")
+    profile = np.frombuffer(cms.ImageCmsProfile(cms.createProfile("sRGB")).tobytes(), np.uint8)
+    stored = RNG.integers(0, 65000, (20, 30, 3)).astype(np.uint16)
+    spec = oiio.ImageSpec(30, 20, 3, "uint16")
+    spec.attribute("ICCProfile", oiio.TypeDesc(f"uint8[{len(profile)}]"), profile)
+    file = oiio.ImageOutput.create(str(tmp_path / "a.tif"))
+    assert file.open(str(tmp_path / "a.tif"), spec) and file.write_image(stored) and file.close()
+    assert not read_reference(view(tmp_path / "a.tif")).warnings
+    other = profile.tobytes().replace("sRGB built-in".encode("utf-16-be"), "ProPhoto room".encode("utf-16-be"))
+    (tmp_path / "b.tif").write_bytes((tmp_path / "a.tif").read_bytes().replace(profile.tobytes(), other))
+    (line,) = read_reference(view(tmp_path / "b.tif")).warnings
+    assert "'ProPhoto room', which is unknown; it is read as sRGB" in line
+
+
+def test_a_cropped_picture_is_turned_in_its_frame(tmp_path):
+    inside = noise(6, 9)
+    path = save(tmp_path / "a.exr", inside, x=4, y=5, full_x=0, full_y=0, full_width=30, full_height=20, Orientation=6)
+    frame = np.zeros((20, 30, 3), np.float32)
+    frame[5:11, 4:13] = inside
+    np.testing.assert_array_equal(read_reference(view(path, aspect=2 / 3)).rgb[::-1], turned(frame, 6))
+
+
+# --- exposure
+
+
+def shot(time: float, f_number: float = 8.0, iso: float = 100.0) -> ShotSettings:
+    return ShotSettings(time, f_number, iso)
+
+
+def test_exposures_are_relative_to_the_median():
+    found, lines = relative_exposures({"a": shot(1 / 60), "b": shot(1 / 30), "c": shot(1 / 60, iso=200.0, f_number=8.0),
+                                       "d": shot(1 / 60, f_number=16.0), "e": shot(1 / 60)})
+    assert found == pytest.approx({"a": 0, "b": 1, "c": 1, "d": -2, "e": 0})
+    assert len(lines) == 1 and "3 of 5" in lines[0] and "-2.00 EV in 'd'" in lines[0]
+
+
+def test_of_two_groups_of_equal_size_one_is_told_of():
+    found, lines = relative_exposures({"a": shot(1 / 60), "b": shot(1 / 30), "c": shot(1 / 30), "d": shot(1 / 60)})
+    assert found == pytest.approx({"a": 0, "b": 1, "c": 1, "d": 0})
+    assert len(lines) == 1 and "2 of 4" in lines[0] and "shorter than the exposure time" in lines[0]
+
+
+def test_a_sixth_of_a_step_is_nothing():
+    found, lines = relative_exposures({"a": shot(1.0), "b": shot(1.0), "c": shot(1.0, iso=110.0)})
+    assert found["c"] == pytest.approx(math.log2(1.1)) and not lines
+
+
+def test_pictures_without_exif_are_named():
+    found, lines = relative_exposures({"a": shot(1.0), "b": None, "c": ShotSettings(time=1.0), "d": shot(1.0)})
+    assert found == {"a": 0, "b": 0, "c": 0, "d": 0}
+    assert len(lines) == 1 and lines[0].startswith("'b', 'c': EXIF has no time") and "enter it by hand" in lines[0]
+    found, lines = relative_exposures({"a": None, "b": None})
+    assert found == {"a": 0, "b": 0} and len(lines) == 1
+    assert lines[0].startswith("EXIF has no time, aperture and ISO for any picture")
+    assert relative_exposures({}) == ({}, ())
+
+
+def test_equal_light_whatever_the_exposure(tmp_path):
+    """Two DNGs of one light: the brighter settings' picture is as much brighter, and the same when equalised."""
+    one, two = Shot(), Shot(exposure=(1 / 250, 8.0, 400 * 2))
+    raw = RNG.integers(2000, 6000, (40, 60))
+    bright = (raw - one.black) * 2 + one.black  # 1/250 s at ISO 800 is twice 1/125 s at ISO 200
+    paths = [save_dng(tmp_path / "a.dng", raw.astype(np.uint16), one),
+             save_dng(tmp_path / "b.dng", bright.astype(np.uint16), two)]
+    found, _ = relative_exposures({path.name: open_image(path).shot for path in paths})
+    first, second = (read_reference(view(path, exposure=found[path.name])).rgb for path in paths)
+    np.testing.assert_allclose(first, second, rtol=1e-4, atol=1e-5)
+
+
+# --- colour spaces
+
+
+def test_one_warning_for_all_tiffs_without_a_colour_space(tmp_path):
+    stored = RNG.integers(0, 65535, (20, 30, 3)).astype(np.uint16)
+    paths = [save(tmp_path / f"{n}.tif", stored, "uint16") for n in range(5)]
+    lines = grouped([line for path in paths for line in read_reference(view(path)).warnings])
+    assert len(lines) == 1 and "and 2 more" in lines[0] and "set the colour space" in lines[0]
+    assert not read_reference(view(paths[0], colorspace="sRGB")).warnings
+
+
+# --- ambient and flat field
+
+
+def test_ambient_is_subtracted_in_linear_light(tmp_path):
+    flash, ambient = noise() * np.float32(0.5), noise() * np.float32(0.3)
+    path = save(tmp_path / "a.exr", flash + ambient)
+    found = read_reference(view(path, exposure=1.0, ambient=save(tmp_path / "b.exr", ambient)))
+    np.testing.assert_allclose(found.rgb[::-1], flash / 2, atol=1e-6)
+
+    def encoded(linear: np.ndarray) -> np.ndarray:
+        return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+    both, alone = ((encoded(x) * 65535).round().astype(np.uint16) for x in (flash + ambient, ambient))
+    dark = save(tmp_path / "d.png", alone, "uint16")
+    found = read_reference(view(save(tmp_path / "c.png", both, "uint16"), ambient=dark))
+    np.testing.assert_allclose(found.rgb[::-1], flash, atol=1e-4)
+
+
+def test_an_ambient_picture_of_another_exposure_is_scaled(tmp_path):
+    """RAW: the flash's picture at 1/125 s, the other one at 1/250 s, with a white balance of its own."""
+    one, half = Shot(), Shot(exposure=(1 / 250, 8.0, 200), neutral=(0.9, 1.0, 0.3))
+    light = RNG.integers(0, 4000, (40, 60))
+    path = save_dng(tmp_path / "a.dng", (light + 2000 + one.black).astype(np.uint16), one)
+    dark = save_dng(tmp_path / "b.dng", np.full((40, 60), 1000 + one.black, np.uint16), half)
+    want = read_reference(view(save_dng(tmp_path / "c.dng", (light + one.black).astype(np.uint16), one))).rgb
+    np.testing.assert_allclose(read_reference(view(path, ambient=dark)).rgb, want, atol=1e-5)
+
+
+def test_noise_of_a_dark_ambient_picture_is_data(tmp_path):
+    dark = RNG.normal(0, 0.001, (20, 30, 3)).astype(np.float32)
+    pixels = noise()
+    found = read_reference(view(save(tmp_path / "a.exr", pixels), ambient=save(tmp_path / "b.exr", dark)))
+    np.testing.assert_allclose(found.rgb[::-1], pixels - dark, atol=1e-6)
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_an_ambient_picture_that_is_brighter_is_refused(tmp_path, masked):
+    """The two are swapped; all of it, or what the mask shows."""
+    flash = noise(40, 60)
+    bright, dark = save(tmp_path / "a.exr", flash), save(tmp_path / "b.exr", np.float32(0.1) * flash)
+    more = {"mask": save(tmp_path / "m.png", np.eye(40, 60)[..., None], "uint8", "Y")} if masked else {}
+    read_reference(view(bright, ambient=dark, **more))
+    with pytest.raises(BadInput, match=r"a\.exr: is brighter than b\.exr, from which it is to be subtracted"):
+        read_reference(view(dark, ambient=bright, **more))
+
+
+def test_the_flat_field_is_divided_out(tmp_path):
+    y, x = np.mgrid[-1:1:20j, -1:1:30j]
+    fall = (1 - 0.4 * (x * x + y * y) / 2).astype(np.float32)[..., None]
+    pixels, tint = noise(), np.float32([0.9, 0.8, 0.5])
+    path, flat = save(tmp_path / "a.exr", pixels * fall), save(tmp_path / "b.exr", 0.7 * fall * tint)
+    found = read_reference(view(path, flat=flat, exposure=1.0)).rgb[::-1]
+    np.testing.assert_allclose(found * 2 / pixels, (found * 2 / pixels)[0, 0, 0], rtol=1e-5)
+    assert found[0, 0, 0] * 2 / pixels[0, 0, 0] == pytest.approx(1, abs=0.01)  # 1 at the 99 % point of the fall-off
+
+
+def test_clipped_in_either_is_not_valid(tmp_path):
+    stored = RNG.integers(100, 60000, (20, 30, 3)).astype(np.uint16)
+    ambient, flat = stored // 10, np.full_like(stored, 40000)
+    stored[1, 1], ambient[2, 2], flat[3, 3], flat[4, 4] = 65535, 65535, 65535, 0
+    files = [save(tmp_path / f"{n}.png", pixels, "uint16") for n, pixels in enumerate((stored, ambient, flat))]
+    found = read_reference(view(files[0], ambient=files[1], flat=files[2]))
+    assert np.argwhere(~found.valid[::-1]).tolist() == [[1, 1], [2, 2], [3, 3], [4, 4]]
+    assert (found.rgb[~found.valid] == 0).all()
+
+
+def test_companions_that_do_not_fit(tmp_path):
+    path = save(tmp_path / "a.exr", noise(40, 60))
+    small = save(tmp_path / "b.exr", noise())
+    black = save(tmp_path / "c.exr", np.zeros((40, 60, 3), np.float32))
+    for key, other, words in (("ambient", small, "30 x 20"), ("flat", small, "30 x 20"), ("flat", black, "not a flat"),
+                              ("ambient", tmp_path / "x.exr", "not found")):
+        with pytest.raises(BadInput, match=words) as caught:
+            read_reference(view(path, **{key: other}))
+        assert "\n" not in str(caught.value) and str(caught.value).startswith(f"{other}: ")
+
+
+def test_captures_name_them(tmp_path):
+    entry = '{"image": "a.dng", "camera": "c", "lights": ["l"], "ambient": "dark/a.dng", "flat": "flat.dng"}'
+    (found,) = parse_captures(f'{{"views": [{entry}]}}', tmp_path / "captures.json")
+    assert (found.ambient, found.flat) == (tmp_path / "dark" / "a.dng", tmp_path / "flat.dng")
+    with pytest.raises(BadInput, match='"ambient" is not a name'):
+        parse_captures(f'{{"views": [{entry.replace(chr(34) + "dark/a.dng" + chr(34), "3")}]}}', tmp_path / "c.json")

@@ -1,0 +1,141 @@
+"""Light from all around on the device: against the twin in float64, and solved for from exact pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import RadianceImage, SceneData, View
+from irpso_addon.core.errors import BadInput
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.shading import brdf, environment
+from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
+from irpso_addon.gpu.observe.observations import ObserveOptions, observe
+from irpso_addon.solve import pipeline
+from tests.support import skies
+from tests.support import synthetic as syn
+
+SIZE = 48
+DIRECTIONS = 128
+
+
+def _white(view: View) -> RadianceImage:
+    return RadianceImage(np.ones((SIZE, SIZE, 3), np.float32), np.ones((SIZE, SIZE), np.float32),
+                         np.ones((SIZE, SIZE), bool))
+
+
+def _observed(view: View, mesh, occluders=None):
+    """(irradiance, nodes (NODES, h, w, 4), position, normal) of a view's pixels."""
+    scene = SceneData("sphere", mesh, np.zeros((0, 3, 3), np.float32) if occluders is None else occluders, (view,),
+                      pixel_filter=0.01)
+
+    def job():
+        device = thread.device()
+        with device.scope():
+            seen = yield from observe(device, scene, MeshBuffer(device, mesh), _white,
+                                      ObserveOptions(directions=DIRECTIONS))
+            camera = seen.cameras[0]
+            held = camera.views[0].nodes
+            nodes = device.read(held, (0, 0, *held.size))  # halves as floats
+            parts = nodes.reshape(3, SIZE, 4, SIZE, 4).swapaxes(1, 2).reshape(12, SIZE, SIZE, 4)
+            colour = device.read(camera.views[0].colour)
+            return (1 / np.maximum(colour[..., :3], 1e-9), parts, device.read(camera.maps.position),
+                    device.read(camera.maps.normal), colour[..., 3])
+
+    return thread.run(job)
+
+
+def test_nodes_and_irradiance_are_those_of_the_twin():
+    turn = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    sky = skies.sky(128, turn, sun=300.0, window=8.0)
+    mesh = syn.mesh_arrays(*syn.sphere(64, 32))
+    cam = syn.camera((0, -4.0, 1.0), degrees=32)
+    irradiance, nodes, position, normal, quality = _observed(View(Path("a.exr"), cam, (), environment=sky), mesh)
+    light = environment.directions(sky, DIRECTIONS)
+    good = np.argwhere((position[..., 3] > 0.5) & (quality > 0.1))
+    worst = []
+    for y, x in good[::17]:
+        N = normal[y, x, :3].astype(np.float64)
+        V = cam.position - position[y, x, :3]
+        E, sent, _ = environment.node_values(light, N / np.linalg.norm(N), V / np.linalg.norm(V))
+        # The sphere's own horizon is its facets' shadow: light from below a few degrees is cut softly there.
+        assert np.allclose(irradiance[y, x], E, rtol=0.03)
+        worst.append(np.abs(nodes[:, y, x, :3] * irradiance[y, x] / sent - 1).max(-1))
+    worst = np.array(worst)
+    assert len(worst) > 20
+    assert np.quantile(worst, 0.9) < 0.03
+    assert np.median(worst) < 0.004
+
+
+# ---- solved for
+
+PIXELS = 40
+
+
+def _picture(sky, view: View, truth: syn.Truth) -> RadianceImage:
+    """The bumpy plane's exact picture: a sum over all pixels of the environment that stand above the plane."""
+    toward, solid = environment.texel_directions(*sky.radiance.shape[:2])
+    L = (toward @ sky.rotation).reshape(-1, 3)
+    power = (sky.radiance * solid[..., None]).reshape(-1, 3).astype(np.float64)
+    L, power = L[L[:, 2] > 0], power[L[:, 2] > 0]
+    origin, direction = syn.pixel_rays(view.camera, PIXELS, PIXELS)
+    points = syn.meet_plane(origin, direction)
+    seen = np.isfinite(points[..., 0]) & (np.abs(points[..., :2]) <= 1).all(-1)
+    rgb = np.zeros((PIXELS, PIXELS, 3))
+    uv, normal = syn.plane_uv(points[seen]), syn.plane_normal(points[seen])
+    base, rough = truth.base(uv[:, 0], uv[:, 1]), truth.roughness(uv[:, 0], uv[:, 1])
+    values = []
+    for n, (N, V) in enumerate(zip(normal, -direction[seen], strict=True)):
+        f = brdf.principled(base[n], rough[n], L, V, N)
+        values.append((f * np.maximum(L @ N, 0)[:, None] * power).sum(0))
+    rgb[seen] = values
+    rgb[seen] += syn.radiance(truth, points[seen], -direction[seen], view.lights)
+    return RadianceImage(rgb.astype(np.float32), seen.astype(np.float32), np.ones(seen.shape, bool))
+
+
+def _shoot(views: list[View], truth: syn.Truth = syn.PATCHES) -> syn.Shoot:
+    images = {view.image.name: _picture(view.environment, view, truth) for view in views}
+    scene = SceneData("plane", syn.plane_mesh(), np.zeros((0, 3, 3), np.float32), tuple(views), pixel_filter=0.01)
+    return syn.Shoot(scene, images, truth)
+
+
+def _errors(shoot: syn.Shoot, **settings: object) -> tuple[float, float]:
+    """(median error of roughness, of base colour) away from the edges of the quarters."""
+    solution = thread.run(lambda: pipeline.solve(shoot.scene, SolveSettings(size=32, **settings), shoot.read_image))
+    at = (np.arange(32) + 0.5) / 32
+    u, v = np.meshgrid(at, at)
+    inner = solution.maps.coverage & ~solution.maps.filled & (np.abs(u - 0.5) > 0.06) & (np.abs(v - 0.5) > 0.06)
+    rough = np.abs(solution.maps.roughness - shoot.truth.roughness(u, v))[inner]
+    base = np.abs(solution.maps.base_color - shoot.truth.base(u, v))[inner]
+    assert solution.texels["solved"] > 500
+    return float(np.median(rough)), float(np.median(base))
+
+
+def test_views_without_lamps_are_solved():
+    sky = skies.sky(48, sun=60.0, width=0.12, window=8.0)
+    shoot = _shoot([View(Path(f"{n}.exr"), cam, (), environment=sky) for n, cam in enumerate(syn.cameras(6))])
+    rough, base = _errors(shoot, model="one-lobe")
+    assert rough < 0.02 and base < 0.01
+    rough, base = _errors(shoot, model="auto")
+    assert rough < 0.03 and base < 0.015
+
+
+def test_lamps_and_the_world_count_together():
+    sky = skies.sky(48, window=4.0)
+    lamps, cams = syn.lamps(4), syn.cameras(2)
+    views = [View(Path(f"{c}_{n}.exr"), cam, (lamp,), environment=sky)
+             for c, cam in enumerate(cams) for n, lamp in enumerate(lamps)]
+    rough, base = _errors(_shoot(views), model="one-lobe-specular")
+    assert rough < 0.02 and base < 0.01
+
+
+def test_what_knows_lamps_alone_says_so():
+    sky = skies.sky(16)
+    views = [View(Path("a.exr"), syn.cameras(1)[0], (), environment=sky)]
+    scene = SceneData("plane", syn.plane_mesh(), np.zeros((0, 3, 3), np.float32), tuple(views))
+    for settings in ({"method": "paper"}, {"model": "two-lobe", "ndf": "beckmann"}):
+        with pytest.raises(BadInput, match="works with lamps only"):
+            thread.run(lambda settings=settings: pipeline.solve(scene, SolveSettings(**settings), _white))

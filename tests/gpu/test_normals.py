@@ -1,0 +1,100 @@
+"""Shading normals that the mesh lacks are refined by the whole pipeline, and exact ones are left as they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import Solution
+from tests.support import shoots
+from tests.support import synthetic as syn
+
+PIXELS = (96, 96)
+QUICK = {"model": "one-lobe", "registration": "given", "indirect": "off", "normals": "auto"}
+RIG = (3, 12)  # cameras, lamps each
+WAVES, SLOPE = 26.0, 0.06  # fine bumps: radians a metre
+
+
+def bumpy(points: np.ndarray) -> np.ndarray:
+    """The plane's rolling normals with fine bumps on them."""
+    normal = ROLLING(points)
+    x, y = points[..., 0], points[..., 1]
+    normal = normal + SLOPE * np.stack([np.sin(WAVES * x + 3 * y), np.cos(WAVES * y), 0 * x], -1)
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+
+ROLLING = syn.plane_normal
+
+
+@pytest.fixture(scope="module")
+def plane() -> syn.Shoot:
+    return syn.shoot(syn.PATCHES, shoots.rig(2, 8), PIXELS, noise=0.01)
+
+
+@pytest.fixture(scope="module")
+def rough() -> syn.Shoot:
+    """Pictures of a bumpy plane, whose mesh has no bumps."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(syn, "plane_normal", bumpy)
+        return syn.shoot(syn.PATCHES, shoots.rig(*RIG), PIXELS, noise=0.005)
+
+
+def test_exact_normals_stay_to_the_byte(plane) -> None:
+    given, auto = (shoots.run(plane, **QUICK | {"normals": word}) for word in ("mesh", "auto"))
+    assert auto.normals is None and auto.maps.normal is None and auto.normals_why
+    assert not given.normals_why
+    assert np.array_equal(given.maps.roughness, auto.maps.roughness)
+    assert np.array_equal(given.maps.base_color, auto.maps.base_color)
+
+
+@pytest.fixture(scope="module")
+def refined(rough) -> Solution:
+    return shoots.run(rough, **QUICK, size=96)
+
+
+def angles(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """Degrees from the true normals to the mesh's own and to those of the map, in which tangents are world axes."""
+    maps = solution.maps
+    size = len(maps.coverage)
+    at = (np.arange(size) + 0.5) / size
+    places = np.stack([*(np.meshgrid(at, at)), np.zeros((size, size))], -1)
+    points = (places - syn.MARGIN) / (1 - 2 * syn.MARGIN) * 2 - 1
+    points[..., 2] = 0
+    inside = maps.coverage & (np.abs(points[..., :2]).max(-1) < 0.9)
+    mesh, true = ROLLING(points)[inside], bumpy(points)[inside]
+    value = maps.normal[inside].astype(np.float64) * 2 - 1
+    tangent = np.cross([0.0, 1.0, 0.0], mesh)  # of the plane's UVs
+    tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
+    found = value[:, :1] * tangent + value[:, 1:2] * np.cross(mesh, tangent) + value[:, 2:] * mesh
+    return tuple(np.degrees(np.arccos(np.clip((a * true).sum(-1), -1, 1))) for a in (mesh, found))
+
+
+def test_bumps_become_a_normal_map(rough, refined) -> None:
+    assert refined.normals is not None and refined.normals.refined < 0.6 * refined.normals.given
+    assert any("normal map" in line for line in refined.warnings)
+    before, after = angles(refined)
+    assert before.mean() > 2.5 and after.mean() < 0.4 * before.mean()
+
+
+def test_maps_under_refined_normals_are_nearer_to_the_truth(rough, refined) -> None:
+    given = shoots.run(rough, **QUICK | {"size": 96, "normals": "mesh"})
+    assert given.maps.normal is None
+    before, after = (shoots.errors(solution, rough.truth) for solution in (given, refined))
+    assert np.mean(before.rough > 0.1) > 0.1
+    assert np.mean(after.rough > 0.1) < 0.5 * np.mean(before.rough > 0.1)
+    assert after.base.mean() < 0.5 * before.base.mean()
+
+
+def test_a_map_of_more_texels_than_are_fitted(rough, monkeypatch) -> None:
+    """Every second row and column says the tilts."""
+    monkeypatch.setattr("irpso_addon.gpu.solve.normal_texels.MOST", 3000)
+    before, after = angles(shoots.run(rough, **QUICK, size=96))
+    assert after.mean() < 0.6 * before.mean()
+
+
+def test_few_lamps_leave_the_normals(rough) -> None:
+    few = replace(rough, scene=replace(rough.scene, views=rough.scene.views[:4]))
+    solution = shoots.run(few, **QUICK)
+    assert solution.normals is None and "few views" in solution.normals_why

@@ -1,0 +1,104 @@
+"""A small ray tracer: mirror balls before a wall, and a lamp, through a lens with distortion.
+
+Axes are a camera's: x to the right, y down, z forward; row 0 of a picture is its upper one.  Nothing of the add-on is
+used but the record of the lens: pixels go to rays by a fixed point of Brown's formula, written here again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from irpso_addon.core.lens import Lens
+
+SAMPLES = 3  # across a pixel
+
+
+@dataclass(frozen=True)
+class MirrorBall:
+    centre: tuple[float, float, float]  # metres
+    radius: float
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A disc that faces the camera's neighbourhood; its middle is the lamp's position."""
+
+    position: tuple[float, float, float]
+    radius: float = 0.03
+    radiance: float = 200.0
+
+
+def rays(lens: Lens, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Unit directions (..., 3) of pixel coordinates."""
+    k1, k2, k3, k4 = lens.radial
+    p1, p2 = lens.tangential
+    goal_x, goal_y = (x - lens.cx) / lens.fx, (y - lens.cy) / lens.fy
+    u, v = goal_x, goal_y
+    for _ in range(15):
+        s = u * u + v * v
+        radial = 1 + k1 * s + k2 * s ** 2 + k3 * s ** 3 + k4 * s ** 4
+        u, v = ((goal_x - 2 * p1 * u * v - p2 * (s + 2 * u * u)) / radial,
+                (goal_y - p1 * (s + 2 * v * v) - 2 * p2 * u * v) / radial)
+    found = np.stack([u, v, np.ones_like(u)], -1)
+    return found / np.linalg.norm(found, axis=-1, keepdims=True)
+
+
+def picture(lens: Lens, balls: list[MirrorBall], lamps: list[Lamp], noise: float = 0.003, clip: float = 1.0,
+            seed: int = 0, plain: tuple[float, float] | None = None) -> np.ndarray:
+    """(h, w, 3) linear: antialiased by a box of SAMPLES x SAMPLES, noise added, clipped at 0 and ``clip``.
+
+    ``plain``: half the width of a bright backdrop and its distance in metres, in place of the wall and the table.
+    """
+    total = np.zeros((lens.height, lens.width))
+    x, y = np.meshgrid(np.arange(lens.width), np.arange(lens.height))
+    for i in range(SAMPLES):
+        for j in range(SAMPLES):
+            total += _radiance(rays(lens, x + (i + 0.5) / SAMPLES, y + (j + 0.5) / SAMPLES), balls, lamps, plain)
+    shown = total / SAMPLES ** 2
+    random = np.random.default_rng(seed)
+    return np.clip(shown[..., None] * (1.0, 0.9, 0.8) + random.normal(0, noise, (*shown.shape, 3)), 0, clip)
+
+
+def _radiance(directions: np.ndarray, balls: list[MirrorBall], lamps: list[Lamp],
+              plain: tuple[float, float] | None) -> np.ndarray:
+    origins = np.zeros_like(directions)
+    for ball in balls:  # they do not mirror one another
+        centre = np.array(ball.centre)
+        along = directions @ centre
+        root = along ** 2 - centre @ centre + ball.radius ** 2
+        hit = (root > 0) & (origins == 0).all(-1)
+        distance = along - np.sqrt(np.where(hit, root, 0))
+        point = directions * distance[..., None]
+        normal = (point - centre) / ball.radius
+        mirrored = directions - 2 * (directions * normal).sum(-1)[..., None] * normal
+        origins = np.where(hit[..., None], point, origins)
+        directions = np.where(hit[..., None], mirrored, directions)
+    mirror = np.where((origins == 0).all(-1), 1.0, 0.6)
+    shown = _room(origins, directions, plain)
+    for lamp in lamps:
+        position = np.array(lamp.position)
+        facing = position / -np.linalg.norm(position)  # towards the camera
+        with np.errstate(all="ignore"):
+            t = ((position - origins) @ facing) / (directions @ facing)
+            off = np.linalg.norm(origins + t[..., None] * directions - position, axis=-1)
+        shown = np.where((t > 1e-6) & (off < lamp.radius), lamp.radiance, shown)
+    return shown * mirror
+
+
+def _room(origins: np.ndarray, directions: np.ndarray, plain: tuple[float, float] | None) -> np.ndarray:
+    """A patterned wall 3 m ahead and a table, or a plain backdrop; a dim room behind the camera."""
+    with np.errstate(all="ignore"):
+        far = 3.0 if plain is None else plain[1]
+        wall = origins + ((far - origins[..., 2]) / directions[..., 2])[..., None] * directions
+        table = origins + ((0.4 - origins[..., 1]) / directions[..., 1])[..., None] * directions
+    ahead, below = directions[..., 2] > 1e-3, directions[..., 1] > 1e-3
+    on_wall = 0.15 + 0.05 * np.sin(7 * wall[..., 0]) * np.cos(9 * wall[..., 1]) + 0.03 * np.sin(31 * wall[..., 0])
+    on_table = 0.05 + 0.02 * np.sign(np.sin(15 * table[..., 0]) * np.sin(15 * table[..., 2]))
+    room = 0.01 + 0.008 * np.sin(3 * directions[..., 0]) * np.sin(4 * directions[..., 1])
+    if plain is not None:
+        backdrop = ahead & (np.abs(wall[..., :2]) < plain[0]).all(-1)
+        return np.where(backdrop, 0.5, room)
+    nearer = below & (~ahead | (table[..., 2] < 3.0))
+    return np.where(nearer, on_table, np.where(ahead, on_wall, room))
