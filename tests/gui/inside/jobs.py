@@ -9,7 +9,7 @@ import robot
 from robot import Steps
 
 EARLY = 0.15  # of a solve: far enough to have something to keep
-STEP, STANDS = 0.7, 1.5  # seconds: the longest step, at whose end a pause begins; how long it is then to stand still
+STANDS = 1.5  # seconds without progress: the step that was under way has ended, and the pause holds
 
 
 def opened(scene: str, size: int, shading: str = "SOLID", indirect: str = "off") -> Steps:
@@ -182,7 +182,7 @@ def paused(scene: str, size: int) -> Steps:
             since[:] = running().progress, time.monotonic()
         return time.monotonic() - since[1] > STANDS
 
-    yield from robot.until(stands, STEP + STANDS)
+    yield from robot.until(stands)
     yield from robot.look("paused")
     yield from robot.click(*pause)
     yield from ended()
