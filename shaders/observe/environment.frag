@@ -29,8 +29,7 @@ float cos_v, root_v[NODE_COUNT];
 struct Direction { vec3 toward; float spread; vec3 power; };
 
 ivec2 texel_of(int at) {
-    int width = textureSize(u_directions, 0).x;
-    return ivec2(at % width, at / width);
+    return ivec2(uint(at) % uint(DATA_WIDTH), uint(at) / uint(DATA_WIDTH));
 }
 
 Direction direction(int n) {
@@ -38,11 +37,19 @@ Direction direction(int n) {
     return Direction(a.xyz, a.w, b.rgb);
 }
 
+// Whether any of a direction's light comes from above the surface.
+bool above(int n) {
+    vec4 a = texelFetch(u_directions, texel_of(2 * n), 0);
+    return dot(N, a.xyz) > -2.0 * a.w;
+}
+
+// Whether the sharpest lobe of this draw sees more of a direction than where it is.
 bool wide(Direction d) {
     vec3 H = d.toward + V;
     float square = max(dot(H, H), 1e-12);
     vec3 off = cross(N, H);
-    return d.spread * d.spread > SHARP * dot(off, off);
+    return dot(N, d.toward) > -2.0 * d.spread && d.power != vec3(0.0) &&
+        d.spread * d.spread > SHARP * (dot(off, off) + alpha2_of[FIRST_NODE] * square);
 }
 
 void add(Direction d, float lit) {
@@ -90,7 +97,7 @@ float lit_of(int n, vec3 toward, vec3 P, vec4 facet) {
     vec2 at = vec2(dot(right, lifted), dot(cross(right, forward), lifted)) / u_half_width;
     float receiver = dot(forward, lifted) - texel;
     vec2 where = (at * 0.5 + 0.5) * float(SHADOW_SIDE) - 0.5;
-    ivec2 corner = SHADOW_SIDE * ivec2(n % SHADOW_COLUMNS, n / SHADOW_COLUMNS), first = ivec2(floor(where));
+    ivec2 corner = SHADOW_SIDE * ivec2(uint(n) % uint(SHADOW_COLUMNS), uint(n) / uint(SHADOW_COLUMNS)), first = ivec2(floor(where));
     vec2 f = where - vec2(first);
     return mix(mix(tap(corner, first, receiver), tap(corner, first + ivec2(1, 0), receiver), f.x),
                mix(tap(corner, first + ivec2(0, 1), receiver), tap(corner, first + ivec2(1, 1), receiver), f.x), f.y);
@@ -116,26 +123,33 @@ void main() {
     o_irradiance = vec4(0.0);
 #endif
     vec4 facet = texelFetch(u_facet, here, 0);
-    for (int n = 0; n < u_count; n++) {
-        Direction d = direction(u_first + n);
-        if (dot(N, d.toward) <= -2.0 * d.spread) continue;
-        bool divided = wide(d);
-        if (!divided && dot(N, d.toward) <= 0.0) continue;
-        float lit = lit_of(n, d.toward, pixel.P, facet);
-        if (lit <= 0.0) continue;
-        if (!divided) {
-            add(d, lit);
+    // One loop visits directions, parts and their parts: pixels that run together are at different ones, and none waits
+    // for the parts of another.
+    int n = 0, i = -1, j = -1;  // a direction of the batch, its part, and the part's; -1: the whole
+    float lit = 0.0;
+    while (true) {
+        while (i < 0 && n < u_count && !above(u_first + n)) n++;
+        if (n >= u_count) break;
+        int part = (u_first + n) * PARTS_0 + i;
+        Direction d = direction(i < 0 ? u_first + n : j < 0 ? u_all + part : u_all * (1 + PARTS_0) + part * PARTS_1 + j);
+        if (i < 0) lit = lit_of(n, d.toward, pixel.P, facet);
+        if (lit > 0.0 && j < 0 && wide(d)) {
+            if (i < 0) i = 0;
+            else j = 0;
             continue;
         }
-        for (int i = 0; i < PARTS_0; i++) {
-            int part = (u_first + n) * PARTS_0 + i;
-            Direction p = direction(u_all + part);
-            if (dot(N, p.toward) <= -2.0 * p.spread || p.power == vec3(0.0)) continue;
-            if (!wide(p)) {
-                add(p, lit);
-                continue;
-            }
-            for (int j = 0; j < PARTS_1; j++) add(direction(u_all * (1 + PARTS_0) + part * PARTS_1 + j), lit);
+        if (lit > 0.0) add(d, lit);
+        if (j >= 0 && ++j == PARTS_1) {
+            j = -1;
+            i++;
+        } else if (j < 0 && i >= 0) {
+            i++;
+        } else if (j < 0) {
+            n++;
+        }
+        if (i == PARTS_0) {
+            i = -1;
+            n++;
         }
     }
 }

@@ -10,6 +10,7 @@ keeps its cell's spread, which widens the lobe that sees it.
 from __future__ import annotations
 
 import heapq
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,13 +21,14 @@ from . import brdf
 
 COUNT = 1024  # directions: the error of radiance is below 1 % from roughness 0.2 on (docs/environment.md)
 NODES = 12  # of roughness, even in its logarithm from ROUGHNESS_MIN to 1
+NODES_AT_ONCE = NODES // 2  # in one draw: with irradiance, not more than the eight targets that OpenGL 3.3 has
 NODE_COLUMNS = 4  # of them side by side in a texture
 NODE_ROUGHNESS: tuple[float, ...] = tuple(float(r) for r in np.geomspace(brdf.ROUGHNESS_MIN, 1.0, NODES))
 WIDTH = 1024  # pixels: environments are reduced to this before they are cut
 DIM = 0.05  # share of the mean radiance that is added where cells are chosen: dim parts are seen by sharp lobes, too
 LEAST = 1e-9  # 1/sr: below, logarithms are cut
 PARTS = (16, 16)  # into which a direction is divided where a lobe is as sharp as its spread, and each of those again
-SHARP = 0.05  # of the half vector's sin^2 to the normal: a variance from which on that is so
+SHARP = 0.05  # of the half vector's sin^2 to the normal plus alpha^2: a variance from which on that is so
 
 Cells = NDArray[np.int64]  # (N, 4) bottom, top, left, right of rectangles of a picture
 Index = NDArray[np.int64] | int
@@ -175,14 +177,22 @@ def node_values(light: Directions, N: F64, V: F64, lit: F64 | None = None) -> tu
     W/m^2 and W/(m^2 sr), without the gain by multiple scattering; the last is the mean of the channels.
     ``lit``: (N,) share of each direction's light that arrives, for the parts as for the whole.
     """
+    draws = [_drawn(light, N, V, lit, NODE_ROUGHNESS[first:first + NODES_AT_ONCE])
+             for first in range(0, NODES, NODES_AT_ONCE)]
+    irradiance, sent, plain = zip(*draws, strict=True)
+    return irradiance[0], np.concatenate(sent), np.concatenate(plain)
+
+
+def _drawn(light: Directions, N: F64, V: F64, lit: F64 | None, nodes: Sequence[float]) -> tuple[F64, F64, F64]:
+    """As `node_values`, of nodes of rising roughness: the first decides which directions are divided."""
     arrives = light.power if lit is None else light.power * lit[:, None]
-    wide = _wide(light, N, V)
-    values = _summed_lobes(light.toward[~wide], arrives[~wide], light.spread[~wide], N, V)
+    wide = _wide(light, N, V, nodes[0])
+    values = _summed_lobes(light.toward[~wide], arrives[~wide], light.spread[~wide], N, V, nodes)
     if light.parts is not None and wide.any():
         count = len(light.parts.toward) // len(light.toward)
         chosen = np.repeat(wide, count)
         parts = _chosen(light.parts, chosen)
-        more = node_values(parts, N, V, None if lit is None else np.repeat(lit, count)[chosen])
+        more = _drawn(parts, N, V, None if lit is None else np.repeat(lit, count)[chosen], nodes)
         values = values[0] + more[0], values[1] + more[1], values[2] + more[2]
     return values
 
@@ -194,17 +204,20 @@ def _chosen(light: Directions, which: Bool) -> Directions:
     return Directions(light.toward[which], light.power[which], light.spread[which], parts)
 
 
-def _wide(light: Directions, N: F64, V: F64) -> Bool:
-    """(N,) directions whose spread a sharp lobe there would tell from none."""
+def _wide(light: Directions, N: F64, V: F64, roughness: float) -> Bool:
+    """(N,) directions of which the lobe of a roughness sees more than where they are."""
     if light.parts is None:
         return np.zeros(len(light.toward), bool)
     H = light.toward + V
     square = np.maximum((H * H).sum(-1), 1e-12)
     sin2h = (np.cross(N, H) ** 2).sum(-1) / square
-    return np.asarray((light.toward @ N > -2 * light.spread) & (light.spread**2 / square > SHARP * sin2h))
+    seen = light.spread**2 / square > SHARP * (sin2h + roughness**4)
+    return np.asarray((light.toward @ N > -2 * light.spread) & seen)
 
 
-def _summed_lobes(L: F64, arrives: F64, sigma: F64, N: F64, V: F64) -> tuple[F64, F64, F64]:
+def _summed_lobes(
+    L: F64, arrives: F64, sigma: F64, N: F64, V: F64, nodes: Sequence[float],
+) -> tuple[F64, F64, F64]:
     """As `node_values`, of directions as they are; ``arrives``: (N, 3) W/m^2 on what faces them."""
     cos_l, cos_v = L @ N, float(np.clip(N @ V, 1e-3, 1))
     up = cos_l > 0
@@ -216,7 +229,7 @@ def _summed_lobes(L: F64, arrives: F64, sigma: F64, N: F64, V: F64) -> tuple[F64
     sin2h = (np.cross(N, H) ** 2).sum(-1)
     variance = (sigma / length) ** 2  # of the half vector, along each of two axes
     mean, spread = sin2h + 2 * variance, np.sqrt(4 * sin2h * variance + 4 * variance**2)
-    shape = np.stack([brdf.lobe_ggx(r, mean, spread, cos_l, cos_v) for r in NODE_ROUGHNESS])
+    shape = np.stack([brdf.lobe_ggx(r, mean, spread, cos_l, cos_v) for r in nodes])
     sent = (shape * brdf.F_dielectric((H * V).sum(-1))) @ arrives
     return arrives.sum(0), sent, shape @ arrives.mean(-1)
 

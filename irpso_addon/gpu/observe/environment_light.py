@@ -24,7 +24,6 @@ SIDE = 256  # texels of a direction's shadow map
 COLUMNS = 8  # maps side by side in a sheet, and rows of them: a batch
 BATCH = COLUMNS * COLUMNS
 NODE_ROWS = model.NODES // model.NODE_COLUMNS
-NODES_AT_ONCE = model.NODES // 2  # in one draw: with irradiance, not more than the eight targets that OpenGL 3.3 has
 DATA_WIDTH = 2048  # texels
 
 
@@ -91,7 +90,7 @@ class LitByEnvironment:
         device, size = self.device, camera.maps.position.size
         with device.scope() as owned:
             sums = [device.texture(*size) for _ in range(1 + model.NODES)]
-            halves = sums[:1 + NODES_AT_ONCE], sums[1 + NODES_AT_ONCE:]
+            halves = sums[:1 + model.NODES_AT_ONCE], sums[1 + model.NODES_AT_ONCE:]
             for number, outputs in enumerate(halves):
                 with device.target(outputs, clear=True) as target, device.adding():
                     for batch, sheet in enumerate(self.sheets):
@@ -109,10 +108,10 @@ class LitByEnvironment:
             "u_directions": self.data, "u_shadow": sheet,
         }, {**camera.uniforms, "u_first": BATCH * batch, "u_count": min(BATCH, count - BATCH * batch), "u_all": count,
             "u_center": tuple(visibility.center.tolist()), "u_half_width": 1.01 * visibility.radius,
-            }, {**camera.defines, "FIRST_NODE": str(NODES_AT_ONCE * half), "NODE_COUNT": str(NODES_AT_ONCE),
-                "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS), "SHADOW_SIDE": str(SIDE),
-                "SHADOW_COLUMNS": str(COLUMNS), "PARTS_0": str(model.PARTS[0]), "PARTS_1": str(model.PARTS[1]),
-                "SHARP": str(model.SHARP), **({} if half else {"IRRADIANCE": "1"})})
+            }, {**camera.defines, "FIRST_NODE": str(model.NODES_AT_ONCE * half), "NODE_COUNT": str(model.NODES_AT_ONCE),
+                "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS), "SHARP": str(model.SHARP),
+                "PARTS_0": str(model.PARTS[0]), "PARTS_1": str(model.PARTS[1]), "DATA_WIDTH": str(DATA_WIDTH),
+                "SHADOW_SIDE": str(SIDE), "SHADOW_COLUMNS": str(COLUMNS), **({} if half else {"IRRADIANCE": "1"})})
 
     def _divided(
         self, maps: GBufferMaps, irradiance: moderngl.Texture, nodes: Sequence[moderngl.Texture],
