@@ -25,6 +25,7 @@ import numpy as np
 
 from irpso_addon.core.evaluation.metrics import FAIL
 from irpso_addon.core.phrases import percent
+from irpso_addon.core.resampling import block_means
 from irpso_addon.core.versions import version
 from studies import charts, pages
 from tests.support import project_files
@@ -153,7 +154,8 @@ def scores(truth: Path, solved: Path, absolute: bool) -> Scores:
     """``absolute``: base color without a common factor."""
     base, rough, filled, confidence = (
         read(solved / f"mesh_{name}.exr") for name in ("basecolor", "roughness", "filled", "confidence"))
-    true_base, true_rough = read(truth / "mesh_basecolor.exr")[..., :3], read(truth / "mesh_roughness.exr")[..., 0]
+    true_base = block_means(read(truth / "mesh_basecolor.exr")[..., :3], len(rough))
+    true_rough = block_means(read(truth / "mesh_roughness.exr")[..., 0], len(rough))
     inside = filled[..., 0] < 0.5
     base = base[..., :3][inside]
     if not absolute:

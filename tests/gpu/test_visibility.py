@@ -1,6 +1,6 @@
 """What light reaches which pixel, against rays cast in float64 and penumbrae in closed form.
 
-A shadow map's texel is some 2 mm here and a pixel some 25 mm: only pixels on an edge may differ.
+The finest shadow map's texel is some 2 mm here and a pixel some 25 mm: only pixels on an edge may differ.
 """
 
 from __future__ import annotations
@@ -23,15 +23,18 @@ SLANTED = syn.camera((0.9, -1.9, 3.6), degrees=36)
 
 
 def lit_maps(on_gl, mesh: MeshArrays, light: Light, cameras: list[Camera], occluders: np.ndarray = NOTHING,
-             pixels: int = PIXELS) -> list[np.ndarray]:
-    """(h, w, 4) for each camera: world position, and the light's share that arrives; NaN where nothing is seen."""
+             pixels: int = PIXELS, subject: float = np.inf) -> list[np.ndarray]:
+    """(h, w, 4) for each camera: world position, and the light's share that arrives; NaN where nothing is seen.
+
+    ``subject``: the object's diameter in pixels, that shadow maps are as fine for; inf: as fine as they get.
+    """
 
     def draw(device):
         with device.scope():
             buffer, others = MeshBuffer(device, mesh), Occluders(device, np.asarray(occluders, np.float32))
             grids = [draw_pixel_grid(device, buffer, others, camera, (pixels, pixels), 0.0) for camera in cameras]
             visibility = LightVisibility(device, buffer, others)
-            *_, found = visibility.lit_maps(light, grids)
+            *_, found = visibility.lit_maps(light, grids, subject)
             result = []
             for grid, texture in zip(grids, found, strict=True):
                 kind = {"f2": np.float16, "f4": np.float32}[texture.dtype]
@@ -65,13 +68,14 @@ LAMPS = {
 }
 
 
+@pytest.mark.parametrize("subject", [np.inf, PIXELS], ids=["finest", "as the picture"])
 @pytest.mark.parametrize("own", [True, False], ids=["own shadow", "of another object"])
 @pytest.mark.parametrize("name", LAMPS)
-def test_a_box_shadows_the_floor(on_gl, name, own):
+def test_a_box_shadows_the_floor(on_gl, name, own, subject):
     """The box stands on the floor, as part of the mesh or as another object."""
     light, block = LAMPS[name], syn.box(LOW, HIGH)
     mesh = syn.mesh_arrays(np.concatenate([FLOOR, block]) if own else FLOOR)
-    got = lit_maps(on_gl, mesh, light, [SLANTED], NOTHING if own else block)[0]
+    got = lit_maps(on_gl, mesh, light, [SLANTED], NOTHING if own else block, subject=subject)[0]
     floor = np.isfinite(got[..., 3]) & (np.abs(got[..., 2]) < 1e-4)
     toward = light.matrix[:3, 2] * 100 if light.kind == "SUN" else light.matrix[:3, 3] - got[..., :3]
     blocked = syn.box_blocks(np.nan_to_num(got[..., :3]) + np.array([0, 0, 1e-6]), np.nan_to_num(toward), LOW, HIGH)
@@ -187,13 +191,14 @@ SOFT = {
 }
 
 
+@pytest.mark.parametrize("subject", [np.inf, PIXELS], ids=["finest", "as the picture"])
 @pytest.mark.parametrize("name", SOFT)
-def test_penumbra_is_the_visible_share_of_the_emitter(on_gl, name):
+def test_penumbra_is_the_visible_share_of_the_emitter(on_gl, name, subject):
     """Sixteen points on the emitter: any share is a sixteenth off, some two where the lattice lies along the edge."""
     light, half, share = SOFT[name]
     mesh = syn.mesh_arrays(FLOOR)
     camera = syn.camera((0, -2.2, 0.9), (0, 0, 0), degrees=30)  # below the screen's edge, where the floor shows
-    got = lit_maps(on_gl, mesh, light, [camera], SCREEN)[0]
+    got = lit_maps(on_gl, mesh, light, [camera], SCREEN, subject=subject)[0]
     near = np.isfinite(got[..., 3]) & (np.abs(got[..., 1]) < 0.5)
     expected = share(got[..., 0] / half)
     soft = near & (np.abs(got[..., 0]) < half)

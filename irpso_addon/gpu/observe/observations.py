@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
+from math import inf
 
 import moderngl
 import numpy as np
@@ -126,7 +127,7 @@ class ObserveOptions:
 
     bounced: Mapping[int, Bounced] | None = None  # indirect light, by the view's place in the scene
     mask: SolveMask | None = None  # what alone is looked at
-    shadow_size: int = SHADOW_SIZE  # texels of a shadow map on a side
+    shadow_size: int = SHADOW_SIZE  # texels of a shadow map on a side, at most
     # Typical radiance of the views, where it is known from before; then no view is skipped, so that observations are
     # laid out alike wherever one looks.
     level: float | None = None
@@ -235,7 +236,8 @@ class _Observer:
                 chosen = [c for c, group in enumerate(self.members)
                           if any(other.name == name for n in group for other in views[n].lights)]
                 lit: list[moderngl.Texture] = []
-                for maps in visibility.lit_maps(light, [self.cameras[c].maps for c in chosen]):
+                pixels = max((_diameter(self.cameras[c], visibility) for c in chosen), default=inf)
+                for maps in visibility.lit_maps(light, [self.cameras[c].maps for c in chosen], pixels):
                     lit = maps  # the last is whole
                     yield Progress(0.5 + 0.3 * i / len(by_name), "observe", f"shadows of {name}")
                 self.lit.update({(name, c): texture for c, texture in zip(chosen, lit, strict=True)})
@@ -300,6 +302,15 @@ class _Observer:
         texture = self.device.texture(table.shape[1], table.shape[0], table.shape[2], table)
         useful = [camera for camera in self.cameras if camera.views]
         return Observations(useful, self.channels, self.level, tuple(self.skipped), tuple(self.warnings), texture)
+
+
+def _diameter(camera: ObservedCamera, subject: LightVisibility) -> float:
+    """Of the subject's sphere, in pixels at the depth of its centre."""
+    pixel = camera.uniforms["u_pixel_width"]
+    assert isinstance(pixel, float)
+    if not camera.camera.orthographic:
+        pixel *= max(float((subject.center - camera.camera.position) @ camera.camera.forward), 0.0)
+    return 2.0 * subject.radius / max(pixel, 1e-12)
 
 
 def _tint(view: View) -> tuple[float, float, float]:

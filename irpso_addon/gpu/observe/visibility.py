@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import ceil, inf
 
 import moderngl
 import numpy as np
@@ -14,7 +15,11 @@ from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, facets
 from ..gbuffer.projection import Projection, column_major
 
-SHADOW_SIZE = 2048  # texels on a side; 0.1 % of lit texels change against 4096
+SHADOW_SIZE = 2048  # texels on a side, at most; 0.1 % of lit texels change against 4096
+LEAST_SIZE = 512
+PIXEL_TEXELS = 4.0  # texels of a shadow map for a pixel of the pictures; ...
+SOFT_PIXEL_TEXELS = 2.0  # ... with SOFT_POINTS maps, whose errors average
+SIZE_STEP = 256  # sizes are multiples of it: lights that differ little share a map
 SOFT_POINTS = 16  # sample points on an emitter that casts a visible penumbra
 SOFT_ANGLE = 0.004  # radians; a smaller emitter has penumbrae thinner than a pixel: one point is enough
 FAR_TEXEL = 1e30
@@ -103,7 +108,7 @@ class LightVisibility:
     """Makes lit maps; holds one shadow map, which belongs to the scope."""
 
     def __init__(self, device: Device, mesh: MeshBuffer, occluders: Occluders, size: int = SHADOW_SIZE) -> None:
-        """``size``: texels of the shadow map on a side."""
+        """``size``: texels of the shadow map on a side, at most."""
         self.device, self.mesh, self.occluders, self.size = device, mesh, occluders, size
         points = mesh.mesh.positions.reshape(-1, 3).astype(np.float64)
         low, high = points.min(axis=0), points.max(axis=0)
@@ -117,10 +122,13 @@ class LightVisibility:
         self._map = device.texture(size, size, 1)
         self._target = device.framebuffer([self._map])
 
-    def lit_maps(self, light: Light, cameras: list[GBufferMaps]) -> Iterator[list[moderngl.Texture]]:
+    def lit_maps(
+        self, light: Light, cameras: list[GBufferMaps], pixels: float = inf,
+    ) -> Iterator[list[moderngl.Texture]]:
         """For each camera's pixel grid, a R16F map: the share of the light that arrives, 0..1.
 
-        A generator so that the caller may yield between shadow maps; its last item is complete.
+        ``pixels``: the diameter of the subject's sphere in the finest of the pictures; shadows are drawn as fine as
+        that asks for.  A generator so that the caller may yield between shadow maps; its last item is complete.
         """
         maps = []
         for camera in cameras:
@@ -129,13 +137,24 @@ class LightVisibility:
                 target.clear(red=0.0 if light.cast_shadow else 1.0)
         if light.cast_shadow:
             points = shadow_points(light, self.center, self.radius)
+            size = self._fit(pixels * (PIXEL_TEXELS if len(points) == 1 else SOFT_PIXEL_TEXELS))
             for point in points:
-                for frustum in frusta(point, self.center, self.radius, self.bounds, self.size):
+                for frustum in frusta(point, self.center, self.radius, self.bounds, size):
                     self._draw_shadow(frustum)
                     for camera, lit in zip(cameras, maps, strict=True):
                         self._look_up(frustum, camera, lit, 1.0 / len(points))
                 yield maps
         yield maps
+
+    def _fit(self, texels: float) -> int:
+        """Make the shadow map as large as that asks for; returns its size."""
+        size = min(max(ceil(min(texels, self.size) / SIZE_STEP) * SIZE_STEP, LEAST_SIZE), self.size)
+        if size != self._map.width:
+            self._target.release()
+            self._map.release()
+            self._map = self.device.texture(size, size, 1)
+            self._target = self.device.framebuffer([self._map])
+        return size
 
     def _draw_shadow(self, frustum: Frustum) -> None:
         self._target.clear(red=FAR_TEXEL)
