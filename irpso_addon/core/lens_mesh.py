@@ -27,6 +27,7 @@ MOST = 2_000_000  # pieces; where more are needed, the rest stays as coarse as i
 BORDER = 0.1  # of the angle that the picture shows: so far beyond it corners have places
 LEAST_BORDER = 2e-3  # radians
 AT_ONCE = 1 << 17  # triangles that are looked at together
+BUNDLE = 512  # triangles that are left as they are together, where none of them can be too long
 I64 = NDArray[np.int64]
 # Corners of a triangle's pieces, by how many of its edges are halved, which come first: 0 to 2 are its corners, 3 to 5
 # the middles of the edges 0-1, 1-2, 2-0.
@@ -52,6 +53,27 @@ class Division:
 
 
 @dataclass(frozen=True)
+class Bundles:
+    """What bounds BUNDLE triangles each, in their order; it is the same for all cameras."""
+
+    centers: F64  # (B, 3) of spheres around them
+    radii: F64  # (B,)
+    edges: F64  # (B,) their longest edges
+
+    @staticmethod
+    def of(triangles: F32) -> Bundles:
+        """Of triangles (T, 3, 3)."""
+        starts = np.arange(0, len(triangles), BUNDLE)
+        if not len(starts):
+            return Bundles(np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+        low = np.minimum.reduceat(triangles.min(axis=1), starts).astype(np.float64)
+        high = np.maximum.reduceat(triangles.max(axis=1), starts).astype(np.float64)
+        edges = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2).max(axis=1)
+        return Bundles((low + high) / 2, np.linalg.norm(high - low, axis=1) / 2,
+                       np.maximum.reduceat(edges, starts).astype(np.float64))
+
+
+@dataclass(frozen=True)
 class _Bounds:
     """What decides whether a triangle is divided."""
 
@@ -67,15 +89,35 @@ class _Bounds:
         """Longest edge between unit directions where a corner has no place."""
         return max(0.5 * (self.placed - self.shown), LEAST_BORDER)
 
+    def fine(self, bundles: Bundles) -> Bool:
+        """(B,) those in which every corner has a place, and no edge can be too long."""
+        local = bundles.centers @ self.axes[:3, :3].T + self.axes[:3, 3]
+        away = np.linalg.norm(local, axis=1)
+        nearest = away - bundles.radii
+        with np.errstate(all="ignore"):
+            angle = (np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
+                     + np.arcsin(np.minimum(bundles.radii / away, 1)))
+            if self.lens.fisheye:  # an arc is at most pi / 2 of its chord
+                longest = np.pi / 2 * bundles.edges / nearest * angle / np.sin(angle)
+            else:  # |d(x/z)| <= |dx| / z + |x/z| |dz| / z
+                longest = bundles.edges / np.cos(angle) / (local[:, 2] - bundles.radii)
+        front = nearest > 0 if self.lens.fisheye else local[:, 2] > bundles.radii
+        return np.asarray(front & (angle < 0.999 * self.placed) & (longest < 0.999 * self.longest))
 
-def divided(triangles: F32, camera: Camera, size: tuple[int, int]) -> Division:
-    """Triangles (T, 3, 3), world, for pictures of ``size`` (width, height) through the camera's lens."""
+
+def divided(triangles: F32, camera: Camera, size: tuple[int, int], bundles: Bundles | None = None) -> Division:
+    """Triangles (T, 3, 3), world, for pictures of ``size`` (width, height) through the camera's lens.
+
+    ``bundles``: of the triangles, where they are known.
+    """
     bounds = _bounds(camera, size)
     identity = np.broadcast_to(np.eye(3, dtype=np.float32), (1, 3, 3))
+    fine = np.repeat(bounds.fine(bundles or Bundles.of(triangles)), BUNDLE)[:len(triangles)]
+    kept, others = np.flatnonzero(fine), np.flatnonzero(~fine)
     done, active, whole = [], [], True
-    for first in range(0, len(triangles), AT_ONCE):
-        corners = triangles[first:first + AT_ONCE].astype(np.float32)
-        parent = np.arange(first, first + len(corners))
+    for first in range(0, len(others), AT_ONCE):
+        parent = others[first:first + AT_ONCE]
+        corners = triangles[parent].astype(np.float32)
         cells = np.concatenate([corners, np.repeat(identity, len(corners), axis=0)], axis=2)
         look = _Look(bounds, corners)
         whole = whole and not bool((look.astray | look.long.any(axis=1)).any())
@@ -83,6 +125,7 @@ def divided(triangles: F32, camera: Camera, size: tuple[int, int]) -> Division:
         active.append((parent[look.open], cells[look.open]))
     if whole:
         return Division(np.arange(len(triangles)), np.repeat(identity, len(triangles), axis=0), triangles, True)
+    done.append((kept, np.concatenate([triangles[kept], np.repeat(identity, len(kept), axis=0)], axis=2)))
     pieces = _joined(active)
     for _ in range(ROUNDS):
         if sum(len(parent) for parent, _ in done) - len(triangles) + 4 * len(pieces[0]) > MOST:

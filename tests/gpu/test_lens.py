@@ -250,6 +250,30 @@ def test_a_fine_mesh_is_drawn_as_it_is(on_gl):
     assert off_centre(drawn(on_gl, mesh.positions, camera), camera).max() < TOLERANCE
 
 
+@pytest.mark.parametrize("name", LENSES)
+@pytest.mark.parametrize("height", [0.3, 1.5, 6.5])
+def test_bundles_that_are_left_as_they_are_change_nothing_that_is_seen(name, height):
+    """Of a floor that is fine on one side and coarse on the other: the pieces are those without bundles."""
+    x, y = np.meshgrid(np.r_[np.linspace(-3, 0.5, 60), 2.0, 5.0], np.linspace(-3, 3, 60))
+    at = np.stack([x, y, 0 * x], -1)
+    quads = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], 2).reshape(-1, 4, 3)
+    triangles = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3).astype(np.float32)
+    camera = syn.through(LENSES[name], syn.camera((0.2, -1.0, height), (0.1, 0.3, 0)))
+    count = -(-len(triangles) // lens_mesh.BUNDLE)
+    unknown = lens_mesh.Bundles(np.zeros((count, 3)), np.full(count, np.inf), np.full(count, np.inf))
+    each = lens_mesh.divided(triangles, camera, SMALL, unknown)
+    got = lens_mesh.divided(triangles, camera, SMALL)
+    assert got.whole == each.whole
+    assert (np.diff(got.parent) >= 0).all()
+    wanted = {piece.tobytes() for piece in each.positions}
+    more = [piece for piece in got.positions if piece.tobytes() not in wanted]
+    assert len(got.positions) - len(more) == len(wanted)
+    if more:  # what lies beside the picture is not looked for in bundles
+        pixels = reprojected(camera, np.array(more).reshape(-1, 3), SMALL).reshape(-1, 3, 2)
+        assert len(more) > 10
+        assert ((pixels.max(axis=1) < 0) | (pixels.min(axis=1) > np.array(SMALL))).any(axis=1).all()
+
+
 def test_values_at_corners_go_with_the_pieces():
     """UVs are linear in the place, and a piece's corners lie on the triangle that it is part of."""
     triangles = floor(5.0).astype(np.float32)

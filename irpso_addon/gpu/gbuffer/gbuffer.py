@@ -13,7 +13,7 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32, I32, Camera, MeshArrays
-from ...core.lens_mesh import divided
+from ...core.lens_mesh import Bundles, divided
 from ..device.context import Device
 from ..device.occupied_cells import OccupiedCells
 from .projection import Projection, boxed, column_major, projection_of
@@ -128,7 +128,7 @@ class MeshBuffer:
             yield self
             return
         rows, slots = self._sorted
-        division = divided(rows[..., :3], camera, size)
+        division = divided(rows[..., :3], camera, size, self._bundles)
         with self.device.scope():
             drawn = copy(self)
             if not division.whole:
@@ -145,6 +145,10 @@ class MeshBuffer:
     def _sorted(self) -> tuple[F32, I32]:
         """As `_rows`; asked for by each camera that has a lens."""
         return _rows(self.mesh)
+
+    @cached_property
+    def _bundles(self) -> Bundles:
+        return Bundles.of(self._sorted[0][..., :3])
 
     def draw(self, target: moderngl.Framebuffer, projection: Projection | None, footprint: float = 0.0) -> None:
         """Draw into the target: through a projection, or over the UV square when None.
@@ -215,13 +219,17 @@ class Occluders:
         self.buffer = device.buffer(triangles.astype(np.float32)) if len(triangles) else None
         self._triangles = Triangles(triangles, 0, len(triangles))
 
+    @cached_property
+    def _bundles(self) -> Bundles:
+        return Bundles.of(self.triangles)
+
     @contextmanager
     def through(self, camera: Camera, size: tuple[int, int]) -> Iterator[Occluders]:
         """As `MeshBuffer.through`."""
         if camera.lens is None or self.buffer is None:
             yield self
             return
-        division = divided(self.triangles, camera, size)
+        division = divided(self.triangles, camera, size, self._bundles)
         with self.device.scope():
             drawn = copy(self)
             if not division.whole:
