@@ -224,9 +224,7 @@ def _measure_draws(ledger: Ledger, undo: ExitStack) -> None:
 
     @contextmanager
     def measured(self: DrawBudget, key: Any, units: float) -> Iterator[None]:
-        with ledger.within(kind=GPU):
-            self.finish()
-        kind = (*(part for part in key if not isinstance(part, tuple)), *blended)  # whatever the target's size
+        kind = (key, *blended)  # the target's size too: llvmpipe compiles again for textures of other sizes
         compiles = kind not in known
         known.add(kind)
         with ledger.piece(str(key[0]), units, compiles):
