@@ -64,6 +64,7 @@ class Sizes:
     large: int  # and of one in blocks ...
     block: int  # ... so large
     halo: int
+    model: str = "auto"
 
 
 GPU = Sizes(256, (6, 12, 24), 1024, 1024, 4096, BLOCK, HALO)
@@ -255,7 +256,7 @@ def _configured(**settings: Any) -> Iterator[None]:
 def solve(sizes: Sizes) -> dict[str, Any]:
     """Of a bumpy plane under K lamps, in one piece; and where the seconds of the first one go, which compiles."""
     shoot, ledger = _shoot(sizes), Ledger()
-    settings = SolveSettings(size=sizes.whole, indirect="off")
+    settings = SolveSettings(size=sizes.whole, model=sizes.model, indirect="off")
 
     def steps() -> Steps[Solution]:
         return pipeline.solve(shoot.scene, settings, shoot.read_image)
@@ -280,8 +281,8 @@ def solve_large(sizes: Sizes) -> dict[str, Any]:
         for image, picture in shoot.images.items():
             write_image(folder / image, picture.rgb * picture.coverage[..., None], kind="exr", color=True)
         views = tuple(replace(view, image=folder / view.image.name) for view in shoot.scene.views)
-        request = TiledRequest(replace(shoot.scene, views=views), SolveSettings(size=sizes.large, indirect="off"),
-                               block=sizes.block, halo=sizes.halo)
+        settings = SolveSettings(size=sizes.large, model=sizes.model, indirect="off")
+        request = TiledRequest(replace(shoot.scene, views=views), settings, block=sizes.block, halo=sizes.halo)
         return _timed(sizes.large, lambda: tiled_solve.run(request, folder, folder / "work", "exr"))
 
 

@@ -67,9 +67,8 @@ def measured(case: Case, folder: Path) -> page.Measured:
             out = Path(place, kind)
             out.mkdir()
             found.append(run(case.command(folder, out), Path(place), is_measured=kind != "plain"))
-            print(f"{case.name}, {kind}: {found[-1].wall:.1f} s", flush=True)
-        first, again, plain = found
-    return page.Measured(case.name, case.words, first, again, plain.wall)
+            print(f"{case.name}, {kind}: {found[-1].wall:.1f} s, {found[-1].cpu:.1f} CPU s", flush=True)
+        return page.Measured(case.name, case.words, *found)
 
 
 def run(command: Sequence[str], place: Path, *, is_measured: bool) -> page.Run:
@@ -80,12 +79,13 @@ def run(command: Sequence[str], place: Path, *, is_measured: bool) -> page.Run:
     record, cache = place / "record.json", place / "shaders"
     cache.mkdir(exist_ok=True)
     environment = {**os.environ, **dict.fromkeys(CACHES, str(cache))}
-    started = time.time()
+    started, before = time.time(), os.times()
     module = ["studies.budget.command", str(record), repr(started)] if is_measured else ["irpso_addon"]
     subprocess.run([sys.executable, "-m", *module, *command], cwd=ROOT, env=environment, check=True,
                    stdout=subprocess.DEVNULL)
-    wall = time.time() - started
-    return page.Run(wall, json.loads(record.read_text(encoding="utf-8")) if is_measured else {})
+    wall, after = time.time() - started, os.times()
+    cpu = after.children_user + after.children_system - before.children_user - before.children_system
+    return page.Run(wall, cpu, json.loads(record.read_text(encoding="utf-8")) if is_measured else {})
 
 
 if __name__ == "__main__":

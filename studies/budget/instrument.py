@@ -30,10 +30,10 @@ from .ledger import COMPILE, GPU, READ_BACK, UPLOAD, Ledger
 BYTES = {"f1": 1, "f2": 2, "f4": 4}  # of a texture's number
 START, SCENE, PICTURES, FILES, DEVICE = (
     "start, imports, end", "opening the scene", "reading pictures", "writing files", "making the device")
-# Kernels that run over tiles, by what they are part of; others are "solve, the rest".
+# Kernels that run over tiles, by what they are part of; others are "rest of the solve".
 KERNELS = {"solve/search.kernel": "search", "solve/table.kernel": "tables", "solve/polish.kernel": "polish",
            "solve/polish_two.kernel": "polish", "solve/finish.kernel": "polish"}
-REST = "solve, the rest"
+REST = "rest of the solve"
 PARTS = {  # part: functions, methods and generators of it, below irpso_addon
     DEVICE: ["gpu.device.context:Device.__init__", "gpu.device.context:Device._measure_compute"],
     "G-buffer": ["solve.gpu_path:draw_texels", "gpu.gbuffer.gbuffer:draw_pixel_grid", "solve.pipeline:_checked"],
@@ -54,7 +54,7 @@ PARTS = {  # part: functions, methods and generators of it, below irpso_addon
     "back-projection": ["gpu.maps.albedo:AlbedoSolver._back_project"],
     "fill": ["gpu.maps.fill:fill", "gpu.maps.fill:Filler.fill"],
     "standard errors": ["gpu.maps.finish_maps:_certainty"],
-    "maps, the rest": ["gpu.maps.finish_maps:make_maps", "solve.pipeline:_solution"],
+    "rest of the maps": ["gpu.maps.finish_maps:make_maps", "solve.pipeline:_solution"],
     "checks": ["solve.pipeline:_checks", "core.checks.registration:corrected"],
     "indirect light": ["solve.pipeline:_take_out_indirect"],
 }

@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -42,7 +42,8 @@ class Shader:
 class Ledger:
     """Seconds by part and kind, and bytes."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._clock = clock
         self.seconds: defaultdict[Entry, float] = defaultdict(float)
         self.shaders: defaultdict[tuple[str, str], Shader] = defaultdict(Shader)  # by part and shader's name
         self.bytes: defaultdict[str, int] = defaultdict(int)  # uploaded, read back, and the device's peak
@@ -57,7 +58,7 @@ class Ledger:
     def lane(self) -> Iterator[None]:
         """The thread's work counts within."""
         number = threading.get_ident()
-        self._lanes[number] = Lane(since=time.perf_counter())
+        self._lanes[number] = Lane(since=self._clock())
         try:
             yield
         finally:
@@ -72,11 +73,11 @@ class Ledger:
             yield
             return
         self._charge(lane)
-        start, before = time.perf_counter(), sum(self.seconds.values())
+        start, before = self._clock(), sum(self.seconds.values())
         try:
             yield
         finally:
-            lane.since = time.perf_counter()
+            lane.since = self._clock()
             used = sum(self.seconds.values()) - before
             self.seconds[NOTHING, PYTHON] += lane.since - start - used
 
@@ -123,17 +124,17 @@ class Ledger:
     def piece(self, shader: str, units: float, compiles: bool) -> Iterator[None]:
         """A draw and the wait for it."""
         lane = self._lanes.get(threading.get_ident())
-        start = time.perf_counter()
+        start = self._clock()
         with self.within(kind=COMPILE if compiles else GPU):
             yield
         if lane is not None and not compiles:
             kept = self.shaders[lane.parts[-1], shader]
-            kept.seconds += time.perf_counter() - start
+            kept.seconds += self._clock() - start
             kept.pieces += 1
             kept.units += units
 
     def _charge(self, lane: Lane) -> None:
-        now = time.perf_counter()
+        now = self._clock()
         self.seconds[lane.parts[-1], lane.kinds[-1]] += now - lane.since
         lane.since = now
 

@@ -14,6 +14,8 @@ from .instrument import FILES, KERNELS, PARTS, PICTURES, SCENE, START
 from .ledger import COMPILE, GPU, NOTHING, READ_BACK, UPLOAD
 from .needs import Need
 
+SMALL = 0.005  # of a command: rows that are smaller in every case are one row
+SMALLER = f"parts below {percent(SMALL, 1)}"
 PAGE = pages.DOCS / "budget.md"
 COMPILED, UPLOADED, RETURNED = "shader compile", "making textures, upload", "read-back"
 OF_WHOLE = (START, SCENE, PICTURES, FILES, NOTHING)  # rows that are a part, whatever kind
@@ -29,10 +31,10 @@ GROUPS = {  # of the chart
                     "GPU: indirect light"), "#08306b"),
     "GPU: gathering": (("GPU: gathering to texels",), "#2171b5"),
     "GPU: search": (("GPU: search",), "#4292c6"),
-    "GPU: neighbours": (("GPU: tables", "GPU: polish", "GPU: neighbours", "GPU: solve, the rest"), "#6baed6"),
+    "GPU: neighbours": (("GPU: tables", "GPU: polish", "GPU: neighbours", "GPU: rest of the solve"), "#6baed6"),
     "GPU: trials": (("GPU: trials of models", "GPU: calibration", "GPU: normals"), "#9ecae1"),
     "GPU: base colour": (("GPU: base colour of pixels", "GPU: back-projection", "GPU: fill", "GPU: standard errors",
-                          "GPU: maps, the rest"), "#56B4E9"),
+                          "GPU: rest of the maps"), "#56B4E9"),
     "GPU: checks": (("GPU: checks",), "#c6dbef"),
     "Python: trials": (("Python: trials of models", "Python: calibration", "Python: normals"), "#006d2c"),
     "Python: the rest": (tuple(f"Python: {part}" for part in WORKING if part not in
@@ -46,7 +48,8 @@ class Run:
     """One measured command."""
 
     wall: float  # seconds from start to end of its process
-    record: Mapping[str, Any]  # of its ledger
+    cpu: float  # seconds of processors, in it and in what it starts
+    record: Mapping[str, Any]  # of its ledger; empty where it was not measured
 
     @property
     def rows(self) -> dict[str, float]:
@@ -66,7 +69,7 @@ class Measured:
     words: str
     first: Run  # with an empty cache of compiled shaders
     again: Run
-    plain: float  # seconds of the command as it is, not measured
+    plain: Run  # of the command as it is
     needs: Sequence[Need] = ()
 
 
@@ -91,24 +94,39 @@ def write(found: Sequence[Measured], renderer: str, programs: Sequence[str], rat
 
 def runs(found: Sequence[Measured]) -> str:
     """Seconds of each case as a whole."""
-    rows = [[case.name, f"{case.plain:.1f}", f"{case.again.wall:.1f}",
-             f"{percent(case.again.wall / case.plain - 1)}", f"{case.first.wall:.1f}",
-             f"{case.first.rows[COMPILED]:.1f}", percent(case.again.rows[NOTHING] / case.again.wall, 1)]
-            for case in found]
-    return pages.table(["case", "not measured (s)", "measured (s)", "longer by", "first solve (s)",
-                        "of it shader compile (s)", "unattributed"], rows)
+    rows = []
+    for case in found:
+        again, passes = case.again, drawing(case.again)
+        rows.append([case.name, f"{case.plain.wall:.1f}", f"{again.wall:.1f}",
+                     percent(again.cpu / case.plain.cpu - 1), f"{case.first.wall:.1f}",
+                     f"{case.first.rows[COMPILED]:.1f}", f"{again.wall - passes:.1f}",
+                     percent(again.rows[NOTHING] / again.wall, 1)])
+    return pages.table(["case", "as it is (s)", "measured (s)", "measuring adds (CPU time)",
+                        "measured, first solve (s)", "of it shader compile (s)", "measured, without GPU passes (s)",
+                        "unattributed"], rows)
+
+
+def drawing(run: Run) -> float:
+    """Seconds of all passes."""
+    return sum(seconds for row, seconds in run.rows.items() if row.startswith("GPU"))
 
 
 def table(found: Sequence[Measured]) -> str:
-    """Seconds and share of each row, with a cache of compiled shaders."""
-    lines = []
-    every = [case.again.rows for case in found]
-    for row in ROWS:
-        if any(of[row] >= 0.005 for of in every) or not row.startswith(("GPU", "Python")):
-            lines.append([row, *(f"{of[row]:.2f} ({percent(of[row] / case.again.wall)})"
-                                 for case, of in zip(found, every, strict=True))])
-    lines.append(["**all**", *(f"**{case.again.wall:.2f}**" for case in found)])
-    return pages.table(["seconds (share)", *(case.name for case in found)], lines)
+    """Seconds and share of each row, with a cache of compiled shaders; small rows of a kind together."""
+    every, walls = [case.again.rows for case in found], [case.again.wall for case in found]
+    small = {kind: [row for row in ROWS if row.startswith(kind) and all(
+        of[row] < SMALL * wall for of, wall in zip(every, walls, strict=True))] for kind in ("GPU", "Python")}
+
+    def line(name: str, rows: Sequence[str]) -> list[str]:
+        seconds = [sum(of[row] for row in rows) for of in every]
+        return [name, *(f"{n:.2f} ({percent(n / wall)})" for n, wall in zip(seconds, walls, strict=True))]
+
+    lines = [line(row, [row]) for row in ROWS if row not in small["GPU"] + small["Python"]]
+    lines[-2:-2] = [line(f"{kind}: {SMALLER}", rows) for kind, rows in small.items() if rows]
+    lines.append(["**all**", *(f"**{wall:.2f}**" for wall in walls)])
+    notes = [f"{kind}: {SMALLER}, each: {', '.join(row.split(': ')[1] for row in rows)}."
+             for kind, rows in small.items() if rows]
+    return "\n\n".join([pages.table(["seconds (share)", *(case.name for case in found)], lines), *notes])
 
 
 def traffic(found: Sequence[Measured]) -> str:
