@@ -1,7 +1,7 @@
 """The benchmark: ``python -m studies.bench``.  Needs numpy, moderngl and matplotlib, no Blender; rivals as installed.
 
 Writes front.json, front.png, front.svg and README.md into docs/benchmarks/, and prints the list.  --parts and --methods
-pick; --redraw makes chart and page anew from the last figures.
+pick; --redraw makes chart and page anew from the last figures.  --gpu-report writes what a GPU does into one file.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")  # else compile times are those of an earlier run
 
 from irpso_addon.gpu.device.context import Device
 
-from . import chart, peak, special
+from . import chart, gpu_report, peak, special
 from .entrants import ENTRANTS
 from .measure import ROOT, curves, machine
 from .page import duration, write
@@ -43,12 +44,16 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--parts", nargs="+", choices=parts, default=parts,
                         help="default: all; the others are kept from the last run")
     parser.add_argument("--redraw", action="store_true", help="measure nothing")
+    parser.add_argument("--gpu-report", nargs="?", type=Path, const=Path(gpu_report.FILE), metavar="FILE",
+                        help=f"measure this device alone, into a file to send (default {gpu_report.FILE})")
     return parser.parse_args()
 
 
 def main() -> int:
     """Measure, write, print."""
     chosen = arguments()
+    if chosen.gpu_report is not None:
+        return gpu_report.main(chosen.gpu_report)
     start = time.perf_counter()
     OUT.mkdir(parents=True, exist_ok=True)
     stored = OUT / "front.json"

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +16,7 @@ import pytest
 
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
-from studies.bench import special
+from studies.bench import gpu_report, special
 from studies.bench.entrants import ENTRANTS, Stage, set_up
 from studies.bench.verdict import judge
 from tests.support.texel_problem import CAMERAS, Estimate, Problem, Spec, make
@@ -152,3 +156,51 @@ def test_chart_and_page(tmp_path: Any) -> None:
     record["curves"][1]["points"][0]["seconds"] = 2.0
     assert not judge(record)[0].met
     assert "**below**" in write(record, tmp_path).read_text()
+
+
+def test_gpu_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """In small: every section has its figures, no folder is named, and a section that fails leaves the others."""
+    monkeypatch.setattr(gpu_report, "doctor", lambda: {"code": 0, "says": []})  # a process of its own; tested by itself
+    monkeypatch.setattr(gpu_report, "SWITCHES", ("", "ROBUST"))
+    sizes = gpu_report.Sizes(problem=16, counts=(12,), pixels=48, whole=32, large=64, block=32, halo=16,
+                             model="one-lobe")
+    assert gpu_report.main(tmp_path / "report.json", sizes) == 0
+    text = (tmp_path / "report.json").read_text(encoding="utf-8")
+    found = json.loads(text)
+    assert not [name for name, section in found.items() if isinstance(section, dict) and "error" in section]
+    assert found["device"]["renderer"] and found["device"]["limits"]["GL_MAX_TEXTURE_SIZE"] >= 1024
+    for path in ("fragment", "compute"):
+        if path == "fragment" or found["device"]["opengl"] >= 430:
+            assert not found["kernels"][path]["refused"] and found["kernels"][path]["compiled"] > 10
+    assert {(row["path"], row["lobes"]) for row in found["rates"]["search"] if row.get("rate", 0) > 0} >= {
+        ("fragment", 1), ("fragment", 2)}
+    assert found["solve"]["seconds"] > 0 and found["solve"]["budget of the first"]["GPU: search"] > 0
+    assert sum(found["solve"]["budget of the first"].values()) == pytest.approx(found["solve"]["first"], rel=1e-2)
+    assert found["large solve"]["texels"] == 64 and "merge" in found["large solve"]["stages"]
+    assert str(tmp_path) not in text and str(Path.home()) not in text
+    line, written = capsys.readouterr().out.splitlines()
+    assert found["device"]["renderer"] in line and "M evaluations/s" in line and "64 x 64 in" in line
+    assert "report.json" in written
+
+    def fails(_: object) -> Any:
+        raise RuntimeError(f"{tmp_path}/driver.so gave up")
+
+    monkeypatch.setattr(gpu_report, "rates", fails)
+    monkeypatch.setattr(gpu_report, "kernels", lambda: fails(None))
+    for name in ("solve", "solve_large"):
+        monkeypatch.setattr(gpu_report, name, lambda _: {"texels": 1, "seconds": 1.0})
+    assert gpu_report.main(tmp_path / "again.json", sizes) == 0
+    found = json.loads((tmp_path / "again.json").read_text(encoding="utf-8"))
+    assert found["rates"] == {"error": "RuntimeError: driver.so gave up"} and found["solve"]["texels"] == 1
+    assert "rates failed" in capsys.readouterr().out
+
+
+def test_gpu_report_without_opengl(tmp_path: Path) -> None:
+    """One line, and the command line's code for bad input."""
+    out = tmp_path / "report.json"
+    done = subprocess.run(
+        [sys.executable, "-m", "studies.bench", "--gpu-report", str(out)], capture_output=True, text=True, timeout=120,
+        cwd=gpu_report.pages.ROOT, env={**os.environ, "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent"})
+    assert done.returncode == 3 and not out.exists()
+    line, = done.stderr.splitlines()
+    assert line.startswith("no report: OpenGL 3.3: no context can be made")
