@@ -4,6 +4,7 @@
 // Defines: FIRST_NODE, NODE_COUNT (the nodes of this draw), NODE_ALPHA2 (of all), IRRADIANCE where that is wanted too.
 #include "include/brdf.glsl"
 #include "include/pixel.glsl"
+#include "include/shadow.glsl"
 uniform sampler2D u_facet;
 uniform sampler2D u_directions;  // two texels each: toward, spread; power, 0.  A level's parts follow all of the level
 uniform sampler2D u_shadow;      // linear depth, nearest: one map for each direction of the batch
@@ -84,23 +85,17 @@ void add(Direction d, float lit) {
 #endif
 }
 
-float tap(ivec2 corner, ivec2 at, float depth) {
-    return texelFetch(u_shadow, corner + clamp(at, ivec2(0), ivec2(SHADOW_SIDE - 1)), 0).r < depth ? 0.0 : 1.0;
-}
-
-// Share of the light of the batch's n-th direction that arrives: as observe/lit.frag, of a parallel map.
+// Share of the light of the batch's n-th direction that arrives, by a parallel map.
 float lit_of(int n, vec3 toward, vec3 P, vec4 facet) {
     vec3 forward = -toward;
     vec3 right = normalize(cross(forward, abs(forward.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(0.0, 1.0, 0.0)));
+    vec3 up = cross(right, forward);
     float texel = 2.0 * u_half_width / float(SHADOW_SIDE);
-    vec3 lifted = P + N * facet.w + facet.xyz * 2.0 * texel - u_center;
-    vec2 at = vec2(dot(right, lifted), dot(cross(right, forward), lifted)) / u_half_width;
-    float receiver = dot(forward, lifted) - texel;
-    vec2 where = (at * 0.5 + 0.5) * float(SHADOW_SIDE) - 0.5;
-    ivec2 corner = SHADOW_SIDE * ivec2(uint(n) % uint(SHADOW_COLUMNS), uint(n) / uint(SHADOW_COLUMNS)), first = ivec2(floor(where));
-    vec2 f = where - vec2(first);
-    return mix(mix(tap(corner, first, receiver), tap(corner, first + ivec2(1, 0), receiver), f.x),
-               mix(tap(corner, first + ivec2(0, 1), receiver), tap(corner, first + ivec2(1, 1), receiver), f.x), f.y);
+    vec3 lifted = P + N * facet.w + facet.xyz * LIFT * texel - u_center;
+    vec2 at = vec2(dot(right, lifted), dot(up, lifted)) / texel + 0.5 * float(SHADOW_SIDE) - 0.5;
+    ivec2 corner = SHADOW_SIDE * ivec2(uint(n) % uint(SHADOW_COLUMNS), uint(n) / uint(SHADOW_COLUMNS));
+    return lit_in(u_shadow, corner, SHADOW_SIDE, at, dot(forward, lifted) - BIAS * texel,
+                  depth_slope(facet.xyz, forward, right, up, texel));
 }
 
 void main() {

@@ -1,5 +1,5 @@
-// Share of one light (or of one of its sample points) that reaches each pixel of a camera:
-// shadow mapping (Williams 1978) with bilinear percentage-closer filtering (Reeves et al. 1987).
+// Share of one light (or of one of its sample points) that reaches each pixel of a camera.
+#include "include/shadow.glsl"
 uniform sampler2D u_position;  // pixel grid: world xyz, coverage
 uniform sampler2D u_normal;
 uniform sampler2D u_facet;
@@ -22,11 +22,6 @@ int face_of(vec3 d) {
     return d[axis] >= 0.0 ? axis : axis + 3;
 }
 
-float tap(ivec2 at, float depth) {
-    ivec2 size = textureSize(u_shadow, 0);
-    return texelFetch(u_shadow, clamp(at, ivec2(0), size - 1), 0).r < depth ? 0.0 : 1.0;
-}
-
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     vec4 p = texelFetch(u_position, pixel, 0);
@@ -35,20 +30,19 @@ void main() {
     vec3 n = texelFetch(u_normal, pixel, 0).xyz;
 
     // The point is lifted to the smooth surface that the normals describe, so that facets near the
-    // terminator do not shadow it, and by two shadow texels along the facet's normal.
+    // terminator do not shadow it.
     float texel = u_parallel ? u_texel : u_texel * distance(p.xyz, u_origin);
-    vec3 lifted = p.xyz + n * facet.w + facet.xyz * 2.0 * texel;
+    vec3 lifted = p.xyz + n * facet.w + facet.xyz * LIFT * texel;
     if (u_face >= 0 && face_of(lifted - u_origin) != u_face) discard;
     vec4 clip = u_shadow_clip * vec4(lifted, 1.0);
     if (clip.w <= 0.0) discard;
     vec2 at = clip.xy / clip.w;
     if (u_face >= 0 && any(greaterThan(abs(at), vec2(1.0)))) discard;
 
-    float receiver = dot(u_depth_plane, vec4(lifted, 1.0)) - texel;
-    vec2 where = (at * 0.5 + 0.5) * vec2(textureSize(u_shadow, 0)) - 0.5;
-    ivec2 corner = ivec2(floor(where));
-    vec2 f = where - vec2(corner);
-    float lit = mix(mix(tap(corner, receiver), tap(corner + ivec2(1, 0), receiver), f.x),
-                    mix(tap(corner + ivec2(0, 1), receiver), tap(corner + ivec2(1, 1), receiver), f.x), f.y);
-    o_lit = lit * u_share;
+    float depth = dot(u_depth_plane, vec4(lifted, 1.0));
+    vec3 ray = u_parallel ? u_depth_plane.xyz : (lifted - u_origin) / depth;
+    mat4 rows = transpose(u_shadow_clip);
+    vec2 slope = depth_slope(facet.xyz, ray, normalize(rows[0].xyz), normalize(rows[1].xyz), texel);
+    int side = textureSize(u_shadow, 0).x;
+    o_lit = u_share * lit_in(u_shadow, ivec2(0), side, (at * 0.5 + 0.5) * float(side) - 0.5, depth - BIAS * texel, slope);
 }

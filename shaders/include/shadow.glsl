@@ -1,0 +1,25 @@
+// Shadow mapping (Williams 1978) with bilinear percentage-closer filtering (Reeves et al. 1987).  Each tap compares with
+// the depth of the receiver's facet at the tap: a surface at a slant does not shadow itself, and need not be lifted far.
+const float LIFT = 0.5;   // texels of a shadow map by which a point is lifted along its facet's normal: curved surfaces
+const float BIAS = 0.5;   // texels by which it is brought nearer to the light
+const float STEEP = 5.0;  // most that a facet's depth changes in a texel, in widths of one
+
+// The change of a facet's depth from one texel to the next, across and up, for texels of a width.
+// `ray`: from the light to the point, at depth 1; `right` and `up`: the map's axes.
+vec2 depth_slope(vec3 facet, vec3 ray, vec3 right, vec3 up, float texel) {
+    float along = min(dot(facet, ray), -1e-3);
+    return clamp(-vec2(dot(facet, right), dot(facet, up)) / along, -STEEP, STEEP) * texel;
+}
+
+// Share of four texels that is lit, at `at` in texels from the corner of a map that lies at `corner` in the sheet.
+float lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2 slope) {
+    ivec2 low = ivec2(floor(at));
+    vec2 f = at - vec2(low);
+    ivec2 a = corner + clamp(low, ivec2(0), ivec2(side - 1)), b = corner + clamp(low + 1, ivec2(0), ivec2(side - 1));
+    vec4 nearest = vec4(texelFetch(sheet, a, 0).r, texelFetch(sheet, ivec2(b.x, a.y), 0).r,
+                        texelFetch(sheet, ivec2(a.x, b.y), 0).r, texelFetch(sheet, b, 0).r);
+    float first = depth - dot(slope, f);
+    vec4 lit = step(first + vec4(0.0, slope.x, slope.y, slope.x + slope.y), nearest);
+    vec2 rows = mix(lit.xz, lit.yw, f.x);
+    return mix(rows.x, rows.y, f.y);
+}
