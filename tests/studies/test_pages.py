@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,8 @@ from studies import charts
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 NAV = yaml.safe_load((DOCS.parent / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
 PAGES = [page for part in NAV for entry in part.get("Measured", ()) for page in entry.values()]
-MADE = re.compile(r"Measured \d{4}-\d\d-\d\d at commit ([0-9a-f]{7,40})\s+on\s+\d+\s+(x\s+[A-Z]|CPU\s+cores)")
+COMMIT = r"([0-9a-f]{7,40})(?: \(joined into ([0-9a-f]{7,40})\))?"  # the second is what the history has of the first
+MADE = re.compile(rf"Measured \d{{4}}-\d\d-\d\d at commit {COMMIT}\s+on\s+\d+\s+(?:x\s+[A-Z]|CPU\s+cores)")
 FIGURES = ("brdf.md", "farms.md", "large.md", "paper.md", "shooting.md", "troubleshooting.md", "../README.md")
 COMMAND = re.compile(r"python -m (studies|tools)\.\w+|python (studies|tools)/[\w/]+\.py")
 DIRTY = re.compile(r"-dirty|uncommitted|commit unknown")
@@ -37,6 +39,25 @@ def test_a_page_of_figures(page):
 def test_figures_elsewhere(page):
     text = (DOCS / page).read_text(encoding="utf-8")
     assert MADE.search(text) and not DIRTY.search(text)
+
+
+@pytest.mark.parametrize("page", [*PAGES, *FIGURES])
+def test_the_commit_of_figures_is_in_the_history(page):
+    """Whoever doubts a figure can look at the code that made it."""
+    if git("rev-parse", "--is-shallow-repository") != "false":
+        pytest.skip("no clone with a whole history")
+    text = (DOCS / page).read_text(encoding="utf-8")
+    named = re.findall(rf"at commit {COMMIT}", text)
+    assert named, "no commit"
+    assert {joined or commit for commit, joined in named if git("cat-file", "-t", joined or commit) != "commit"} == set()
+
+
+def git(*words: str) -> str:
+    """What git prints in this checkout; nothing where it fails or is not there."""
+    try:
+        return subprocess.run(["git", *words], cwd=DOCS, capture_output=True, text=True, check=False).stdout.strip()
+    except OSError:
+        return ""
 
 
 @pytest.mark.parametrize("page", PAGES)
