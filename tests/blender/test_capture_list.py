@@ -306,6 +306,35 @@ def test_every_selected_mesh_is_looked_at(scene, survey) -> None:
     assert survey().problems() == ["Second: has no faces"]
 
 
+def test_the_estimate_counts_the_world_that_lights_views(scene, module, survey) -> None:
+    """The same worlds as a solve reads: a grey one is no light beside lamps, and one with a picture is."""
+    solve_speed, read_scene = module("blender.jobs.solve_speed"), module("blender.scene.scene").read_scene
+    bpy.ops.irpso.add_folder(directory="//refs")
+    scene.world = bpy.data.worlds.new("Room")
+    if scene.world.node_tree is None:
+        scene.world.use_nodes = True
+    grey = survey()
+    assert [state.environment for state in grey.views] == [""] * len(grey.views)
+    readiness = module("blender.scene.readiness")
+
+    def expected():
+        wait(lambda: all(view.file is not None for view in readiness.survey(bpy.context).views))
+        readiness.recent(bpy.context, renew=True)
+        return solve_speed.of(bpy.context)
+
+    before = expected()
+    tree = scene.world.node_tree
+    background = next(node for node in tree.nodes if node.type == "BACKGROUND")
+    tree.links.new(tree.nodes.new("ShaderNodeTexSky").outputs[0], background.inputs["Color"])
+    lit = survey()
+    assert len({state.environment for state in lit.views}) == 1
+    assert all(state.environment for state in lit.views)
+    assert all(view.environment is not None for view in read_scene(None, "Ball", None).views)
+    after = expected()
+    assert after.seconds > before.seconds + 1
+    assert after.gpu_bytes > before.gpu_bytes
+
+
 def test_a_thumbnail_shows_radiance_as_srgb(module) -> None:
     """Exposure taken out, encoded as IEC 61966-2-1 says, in the middle of a square; transparent around it."""
     thumbnails = module("blender.scene.thumbnails")

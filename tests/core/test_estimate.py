@@ -40,6 +40,21 @@ def test_every_model_and_method_has_a_figure_that_grows_with_the_work() -> None:
         assert estimate(views(), settings, {}, 2.0, rounds=True).seconds > 1.5 * seconds
 
 
+def test_a_world_costs_its_shadows_its_pixels_and_memory() -> None:
+    """Views that share camera and world share what it does there; another turn is another world."""
+    settings = SolveSettings(size=256)
+
+    def taken(worlds):
+        return [ViewSize(300, 300, f"Camera {i % 3}", 1, worlds[i % len(worlds)]) for i in range(12)]
+
+    none, one, two = (estimate(taken(worlds), settings, {}, 2.0) for worlds in ([""], ["day"], ["day", "day turned"]))
+    assert one.seconds > none.seconds + 2.0
+    assert two.seconds > one.seconds + 2.0
+    assert none.gpu_bytes < one.gpu_bytes < two.gpu_bytes
+    pictures = bytes_per_pixel(12, 12, 3, 3) * 300**2
+    assert one.gpu_bytes - none.gpu_bytes >= pictures - bytes_per_pixel(12, 12, 3) * 300**2
+
+
 @pytest.mark.parametrize("slower", [0.05, 0.3, 1.0, 3.5])
 def test_one_solve_teaches_the_next(slower) -> None:
     """A machine that is slower or faster throughout is known within a factor of 2, for models not yet tried too.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import moderngl
 import pytest
 
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.reporting.estimates import ViewSize, estimate
 from irpso_addon.gpu.observe.picture_memory import bytes_per_pixel
+from tests.support import skies
 from tests.support import synthetic as syn
 from tests.support.shoots import rig, run
 
@@ -16,12 +19,13 @@ BYTES = {"f1": 1, "f2": 2, "f4": 4, "i4": 4, "u4": 4}
 
 def taken(shoot: syn.Shoot) -> list[ViewSize]:
     shapes = [image.rgb.shape for image in shoot.images.values()]
-    return [ViewSize(shape[1], shape[0], view.camera.name, len(view.lights))
+    return [ViewSize(shape[1], shape[0], view.camera.name, len(view.lights),
+                     view.environment.name if view.environment else "")
             for view, shape in zip(shoot.scene.views, shapes, strict=True)]
 
 
-@pytest.mark.parametrize(("size", "pixels"), [(128, 300), (512, 72)])
-def test_memory_of_the_device(monkeypatch, size, pixels) -> None:
+@pytest.mark.parametrize(("size", "pixels", "world"), [(128, 300, False), (512, 72, False), (128, 200, True)])
+def test_memory_of_the_device(monkeypatch, size, pixels, world) -> None:
     """Within a factor of 1.5 of the textures alive together at the worst moment, counted as they are made and freed."""
     alive: dict[int, int] = {}
     peak = 0
@@ -39,6 +43,9 @@ def test_memory_of_the_device(monkeypatch, size, pixels) -> None:
         free(self)
 
     shoot = syn.shoot(syn.PATCHES, rig(2, 4), (pixels, pixels))
+    if world:
+        views = [replace(view, environment=skies.sky(64)) for view in shoot.scene.views]
+        shoot = replace(shoot, scene=replace(shoot.scene, views=views))
     monkeypatch.setattr(moderngl.Context, "texture", texture)
     monkeypatch.setattr(moderngl.Texture, "release", release)
     run(shoot, size=size, model="one-lobe")

@@ -126,7 +126,8 @@ def expected(order: Order) -> Estimate:
     for view in order.data.views:
         with suppress(BadInput):  # the solve says it
             header = open_image(view.image, view.full_raw)
-            taken.append(ViewSize(header.width, header.height, view.camera.name, len(view.lights)))
+            taken.append(ViewSize(header.width, header.height, view.camera.name, len(view.lights),
+                                  str(view.environment.key) if view.environment else ""))
     return estimates.estimate(taken, order.settings, solve_speed.factors(), thread.settings().memory,
                               rounds=order.settings.indirect == "on", udims=order.udims)
 

@@ -66,7 +66,7 @@ def of(context: bpy.types.Context) -> Estimate | None:
     """The next solve of the active object; None: not known (pictures whose sizes are not, or numpy solves)."""
     settings, obj = properties.settings(context.scene.irpso), context.active_object
     full = settings.raw_size == "full"
-    taken = [_sized(v.file.width, v.file.height, v.camera, v.lights, full and is_raw(Path(v.image)))
+    taken = [_sized(v.file.width, v.file.height, v.camera, v.lights, v.environment, full and is_raw(Path(v.image)))
              for v in readiness.recent(context).views if v.used and v.file is not None and v.file.width]
     if not taken or by_numpy():
         return None
@@ -125,17 +125,18 @@ def learn(
     threading.Thread(target=_save, args=saved, name="irpso-speed", daemon=True).start()  # disks may be slow
 
 
-def _sized(width: int, height: int, camera: str, lights: int, full_raw: bool) -> ViewSize:
+def _sized(width: int, height: int, camera: str, lights: int, environment: str, full_raw: bool) -> ViewSize:
     """Of a file whose size is known binned, 2 x 2 as most are."""
     times = 2 if full_raw else 1
-    return ViewSize(times * width, times * height, camera, lights)
+    return ViewSize(times * width, times * height, camera, lights, environment)
 
 
 def _sizes(data: SceneData) -> Sequence[ViewSize]:
     """The views as they were solved; sizes as the panels know them."""
     states = readiness.recent(bpy.context).views
     known = {same_file(state.image): state.file for state in states if state.file is not None}
-    return [_sized(file.width, file.height, view.camera.name, len(view.lights), view.full_raw) for view in data.views
+    return [_sized(file.width, file.height, view.camera.name, len(view.lights),
+                   str(view.environment.key) if view.environment else "", view.full_raw) for view in data.views
             if (file := known.get(same_file(str(view.image)))) is not None]
 
 

@@ -20,6 +20,7 @@ from ...core.images.mask import ASPECT
 from ..panel_common import letters, wrapped
 from . import thumbnails
 from .scene_views import NamedView, SceneViews
+from .scene_world import lighting
 
 FRESH = 0.05  # seconds: panels that are drawn together share one survey
 SHOWN = 3  # lines beside the button
@@ -35,6 +36,7 @@ class ViewState:
     camera: str = ""
     lights: int = 0  # how many
     light: str = ""  # the one, or how many, in words
+    environment: str = ""  # the world that lights it and its turn, "" where none does
     used: bool = True  # not switched off
     file: ImagePreview | None = None
     faults: Faults = field(default_factory=list)  # with these it cannot be used
@@ -147,6 +149,10 @@ def _views(context: bpy.types.Context) -> tuple[list[ViewState], Faults]:
     render = context.scene.render
     aspect = (render.resolution_x / render.resolution_y) if render.resolution_y else 1.0
     views = [_state(view, _aspect(context.scene, view.camera) or aspect) for view in named.views]
+    for view, state in zip(named.views, views, strict=True):
+        world = context.scene.world if view.world is None else bpy.data.worlds.get(view.world)
+        if lighting(world, alone=not view.lights):
+            state.environment = f"{world.name} {view.turn}"
     if not captures and context.scene.irpso.views:
         _mark_duplicates(views)
     return views, [] if named.fault is None else [named.fault.line]
@@ -164,7 +170,7 @@ def _state(named: NamedView, aspect: float) -> ViewState:
     light = "World" if not named.lights else "All lights" if named.every_light else _light(named.lights)
     view = ViewState(
         named.image, named.camera, len(named.lights), light,
-        named.enabled, faults=[fault.line for fault in named.faults])
+        used=named.enabled, faults=[fault.line for fault in named.faults])
     if named.colorspace and known_space(named.colorspace) is None:
         view.faults.append(f"Color space '{named.colorspace}' is not known")
     if view.image:

@@ -21,7 +21,7 @@ from .scene_material import read_normal_maps
 from .scene_mesh import read_mesh, read_occluders
 from .scene_objects import names_of, read_camera, read_light, rendered_objects
 from .scene_views import NamedView, SceneViews
-from .scene_world import is_black, is_pictured, read_environment
+from .scene_world import lighting, read_environment
 
 _DISPLAY_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".tga"}
 
@@ -142,14 +142,9 @@ class _Reader:
         return with_one_white_balance(found)
 
     def _environment(self, view: NamedView) -> Environment | None:
-        """The world's light in a view: beside lamps only where somebody has given the world a picture.
-
-        Blender gives every new file a grey world.  Where references do show one, it is indirect light.
-        """
+        """The world's light in a view."""
         world = self.scene.world if view.world is None else bpy.data.worlds[view.world]
-        if is_black(world):
-            return None
-        if view.lights and not is_pictured(world):
+        if not lighting(world, alone=not view.lights):
             return None
         key = world.name, view.turn
         if key not in self._environments:

@@ -45,6 +45,14 @@ class _Term:
     rotation: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # world to picture
 
 
+def lighting(world: Any, alone: bool) -> bool:
+    """Whether a world is a view's light: beside lamps only where somebody has given it a picture (else ``alone``).
+
+    Blender gives every new file a grey world.  Where references do show one, it is indirect light.
+    """
+    return not is_black(world) and (alone or is_pictured(world))
+
+
 def is_black(world: Any) -> bool:
     """Whether nothing shines, as far as that is seen at a glance."""
     if world is None:

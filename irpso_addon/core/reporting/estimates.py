@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ..errors import BadInput
 from ..params import SolveSettings
-from ..shading.environment import NODES
+from ..shading.environment import COUNT, NODE_ROWS, NODES
 from ..storage.text_file import read_text
 from ..tiled.uv_blocks import BLOCK, FIRST_UDIM, HALO, PICTURES, all_blocks, is_large, layout
 from .report import write_report
@@ -28,6 +28,8 @@ TEXEL_BYTES = 17 * 16  # of the textures on the texel grid that are alive togeth
 HOST_BYTES = 150_000_000  # of a process before it reads anything
 HOST_TEXEL_BYTES = 48
 ENVIRONMENT_BYTES = 8 * NODES + 16  # of a pixel, see gpu/observe/environment_light.py
+AROUND_BYTES = COUNT * 256**2 * 2  # of an environment's shadow maps, see gpu/observe/environment_light.py, ...
+AROUND_PIXEL_BYTES = 16 * (1 + NODES)  # ... and of a pixel's sums: freed before the search
 READING = 3  # pictures in memory at a time
 FURTHEST = 1000.0  # times faster or slower than the small machine: beyond, something else was measured
 
@@ -44,6 +46,8 @@ WHOLE = "whole "  # begins the keys of what the last solve took in all, over the
 # Of the search: seconds in any case, microseconds a texel, and more for each view.
 SEARCH = {"lambert": (0.4, 2.0, 0.2), "one-lobe": (0.4, 2.0, 0.2), "one-lobe-specular": (1.6, 1.7, 0.2),
           "one-lobe-metallic": (0.4, 4.0, 0.4), "two-lobe": (0.8, 4.0, 0.4), "auto": (0.6, 4.5, 0.3)}
+# An environment: seconds of its shadows, microseconds of a pixel that it lights; and of the search for each view.
+AROUND, AROUND_PIXEL, AROUND_SEARCH = 2.0, 85.0, 3.4
 METHODS = {"refined": 1.0, "draft": 0.8, "swarm": 3.5}  # times the above; "paper" goes by its iterations
 PAPER = 0.04  # microseconds a texel, view and iteration
 PICTURE_SECONDS = 1.0  # of indirect light, by Cycles
@@ -67,6 +71,7 @@ class ViewSize:
     height: int
     camera: str
     lights: int
+    environment: str = ""  # key of the one that lights it, "" where none does
 
 
 @dataclass(frozen=True)
@@ -100,7 +105,8 @@ def estimate(
     large = is_large(settings.size, udims)
     if large:
         memory *= PICTURES
-    each = bytes_per_pixel(len(views), sum(v.lights for v in views), len({v.camera for v in views}))
+    lit = {(v.camera, v.environment) for v in views if v.environment}
+    each = bytes_per_pixel(len(views), sum(v.lights for v in views), len({v.camera for v in views}), len(lit))
     largest = max((v.width * v.height for v in views), default=0)
     reduced = min(1.0, memory * 1e9 / each / max(largest, 1))
     taken = predicted(views, settings, factors, reduced, rounds, udims)
@@ -110,10 +116,13 @@ def estimate(
     seconds *= factors.get(_whole(settings, rounds), 1.0)
     side = layout(settings.size, udims).size if large else settings.size
     texels, pixels = side**2, largest * reduced
-    atlas = min(ATLAS_BYTES, 512 * 128 * 16 * sum(2 + v.lights for v in views))
+    around = AROUND_BYTES + AROUND_PIXEL_BYTES * pixels if lit else 0.0
+    blocks = sum(2 + v.lights + (2 * NODE_ROWS if lit else 0) for v in views)
+    atlas = min(ATLAS_BYTES, 512 * 128 * 16 * blocks)
     reading = DEVELOPING if large else int(READING * min(60 * largest, DEVELOPING + 20 * pixels))
     found = Estimate(
-        seconds=seconds, gpu_bytes=int(each * pixels + atlas + TEXEL_BYTES * texels), disk_bytes=2 * MAP_BYTES * texels,
+        seconds=seconds, disk_bytes=2 * MAP_BYTES * texels,
+        gpu_bytes=int(each * pixels + max(atlas + TEXEL_BYTES * texels, around)),
         host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + reading),
         learnt=bool(factors), reduced=reduced)
     if not large:
@@ -173,11 +182,16 @@ def _once(views: Sequence[ViewSize], settings: SolveSettings, reduced: float) ->
     cameras = {(v.camera, v.width, v.height) for v in views}
     shown = SHOWN * reduced * sum(w * h for _, w, h in cameras)
     passes = min(120, len(cameras) * (5 if shown > texels else 20))  # of gpu/maps/albedo.py
+    around = {(v.camera, v.width, v.height, v.environment) for v in views if v.environment}
+    shadows = AROUND * len({environment for *_, environment in around})
+    around_pixels = SHOWN * reduced * sum(w * h for _, w, h, _ in around)
     fixed, base, more = SEARCH[settings.model]
-    search = (base + more * count) * METHODS.get(settings.method, 1.0)
+    search = (base + more * count + AROUND_SEARCH * sum(bool(v.environment) for v in views)) * METHODS.get(
+        settings.method, 1.0)
     if settings.method == "paper":
         search = PAPER * count * settings.iterations
-    return {"gbuffer": 0.1e-6 * texels, "observe": 0.25e-6 * (pixels + lobes),
+    return {"gbuffer": 0.1e-6 * texels,
+            "observe": 0.25e-6 * (pixels + lobes) + shadows + 1e-6 * AROUND_PIXEL * around_pixels,
             "solve": fixed + 1e-6 * texels * search, "maps": 0.4e-6 * pixels + 0.09e-6 * passes * texels}
 
 

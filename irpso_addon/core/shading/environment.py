@@ -22,7 +22,8 @@ from . import brdf
 COUNT = 1024  # directions: the error of radiance is below 1 % from roughness 0.2 on (docs/environment.md)
 NODES = 12  # of roughness, even in its logarithm from ROUGHNESS_MIN to 1
 NODES_AT_ONCE = NODES // 2  # in one draw: with irradiance, not more than the eight targets that OpenGL 3.3 has
-NODE_COLUMNS = 4  # of them side by side in a texture
+NODE_COLUMNS = 4  # of them side by side in a texture, ...
+NODE_ROWS = NODES // NODE_COLUMNS  # ... and one above the other
 NODE_ROUGHNESS: tuple[float, ...] = tuple(float(r) for r in np.geomspace(brdf.ROUGHNESS_MIN, 1.0, NODES))
 WIDTH = 1024  # pixels: environments are reduced to this before they are cut
 DIM = 0.05  # share of the mean radiance that is added where cells are chosen: dim parts are seen by sharp lobes, too

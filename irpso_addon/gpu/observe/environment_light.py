@@ -23,7 +23,6 @@ from .visibility import FAR_TEXEL, Frustum, LightVisibility, parallel_frustum
 SIDE = 256  # texels of a direction's shadow map
 COLUMNS = 8  # maps side by side in a sheet, and rows of them: a batch
 BATCH = COLUMNS * COLUMNS
-NODE_ROWS = model.NODES // model.NODE_COLUMNS
 DATA_WIDTH = 2048  # texels
 
 
@@ -147,7 +146,7 @@ def share_of(
 
 def node_texture(device: Device, width: int, height: int) -> moderngl.Texture:
     """For the nodes of a picture."""
-    return device.texture(model.NODE_COLUMNS * width, NODE_ROWS * height, dtype="f2")
+    return device.texture(model.NODE_COLUMNS * width, model.NODE_ROWS * height, dtype="f2")
 
 
 def node_places(width: int, height: int) -> list[tuple[int, int, int, int]]:

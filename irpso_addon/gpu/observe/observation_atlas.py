@@ -23,10 +23,9 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32, Bool
-from ...core.shading.environment import LEAST, NODE_COLUMNS
+from ...core.shading.environment import LEAST, NODE_COLUMNS, NODE_ROWS
 from ..device.context import Device, Inputs
 from ..device.occupied_cells import CELL
-from .environment_light import NODE_ROWS
 from .observations import EDGE_QUALITY, Observations, ObservedView
 
 TILE = (512, 128)  # width and height, in texels
