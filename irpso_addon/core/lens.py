@@ -7,6 +7,7 @@ picture's upper left corner; the first pixel's centre is (0.5, 0.5).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,7 +116,7 @@ class Lens:
         s = self._off_axis(*np.moveaxis(np.asarray(points, np.float64), -1, 0)) ** 2
         return np.maximum(np.minimum(self._along(s), self._across(s)), LEAST_SCALE)
 
-    @property
+    @cached_property
     def reach(self) -> float:
         """Greatest r (fisheye: angle) up to which the radial polynomial rises; beyond it, pictures would fold over."""
         k1, k2, k3, k4 = self.radial
