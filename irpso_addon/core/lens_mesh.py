@@ -68,9 +68,10 @@ class Bundles:
             return Bundles(np.zeros((0, 3)), np.zeros(0), np.zeros(0))
         low = np.minimum.reduceat(triangles.min(axis=1), starts).astype(np.float64)
         high = np.maximum.reduceat(triangles.max(axis=1), starts).astype(np.float64)
-        edges = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2).max(axis=1)
-        return Bundles((low + high) / 2, np.linalg.norm(high - low, axis=1) / 2,
-                       np.maximum.reduceat(edges, starts).astype(np.float64))
+        with np.errstate(all="ignore"):  # what is not finite is looked at by itself
+            edges = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2).max(axis=1)
+            return Bundles((low + high) / 2, np.linalg.norm(high - low, axis=1) / 2,
+                           np.maximum.reduceat(edges, starts).astype(np.float64))
 
 
 @dataclass(frozen=True)

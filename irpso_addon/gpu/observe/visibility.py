@@ -16,7 +16,7 @@ from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, facets
 from ..gbuffer.projection import Projection, column_major
 
 SHADOW_SIZE = 2048  # texels on a side, at most; 0.1 % of lit texels change against 4096
-LEAST_SIZE = 512
+LEAST_SIZE = 512  # at least
 PIXEL_TEXELS = 4.0  # texels of a shadow map for a pixel of the pictures; ...
 SOFT_PIXEL_TEXELS = 2.0  # ... with SOFT_POINTS maps, whose errors average
 SIZE_STEP = 256  # sizes are multiples of it: lights that differ little share a map
