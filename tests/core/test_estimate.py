@@ -91,6 +91,15 @@ def test_after_one_solve_the_estimate_is_near(compiling, rest) -> None:
     assert 1 / 1.5 < found / true < 1.5
 
 
+def test_a_swarm_is_another_program() -> None:
+    """What the default method has compiled is of no use to it."""
+    views_and = views(), SolveSettings(method="swarm", model="one-lobe")
+    known = learnt({}, views(), SolveSettings(), {}, 1.0)
+    assert predicted(*views_and, known)["solve"] == pytest.approx(predicted(*views_and, {})["solve"])
+    again = learnt(known, *views_and, {}, 1.0)
+    assert predicted(*views_and, again)["solve"] < predicted(*views_and, known)["solve"] - 1
+
+
 def test_surprises_are_halved_and_nonsense_is_not_learnt() -> None:
     settings, expected = SolveSettings(), predicted(views(), SolveSettings(), {"maps"})
     twice = learnt({"maps": 1.0}, views(), settings, {"maps": 4 * expected["maps"]}, 100.0)

@@ -279,6 +279,8 @@ def _to_compile(stage: str, views: Sequence[ViewSize], settings: SolveSettings, 
     names = [stage]
     if stage == "solve":
         kinds = ("paper",) if settings.method == "paper" else PROGRAMS[settings.model]
+        if settings.method == "swarm":  # a search whose particles move is another program
+            kinds = tuple(f"{kind} swarm" for kind in kinds)
         names = [f"{COMPILED}{kind}, {len(views)} views, {len({v.camera for v in views})} cameras" for kind in kinds]
     return [name for name in names if name not in known]
 
