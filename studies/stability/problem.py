@@ -19,6 +19,7 @@ from .material import GGX, reflected
 from .spoil import Pictures, develop, shifted
 
 CAMERA_DISTANCE, CAMERA_ANGLE = 5.0, 25.0  # half widths of the patch; degrees from the patch's normal
+GLOSS = 0.5  # roughness with which light from all around is reflected
 SUB_TEXELS, SUB_LAMPS = 4, 16  # across a texel; points on a lamp with a size
 GAUSS = (-0.5 / np.sqrt(3.0), 0.5 / np.sqrt(3.0))  # two-point rule over a texel's width
 
@@ -127,23 +128,51 @@ def make(trial: Trial) -> Problem:
     groups = tuple(sorted(k % trial.cameras for k in range(trial.views)))
     directions = errors.uniform(0, 2 * np.pi, trial.cameras)
     width = _texel_widths(trial, truth)
-    parts, told = [], []
+    parts = []
     for k, camera in enumerate(groups):
         turn = trial.shift * np.array([np.cos(directions[camera]), np.sin(directions[camera])])
         parts.append([shifted(part, turn) for part in _picture(trial, truth, true, k, camera, width)])
-        told.append(_belief(trial, believed, k, camera, width))
     diffuse, specular = (np.stack([p[i] for p in parts], 2) for i in range(2))
-    cos_l, cos_v, irradiance, lobes = (np.stack([t[i] for t in told], 2) for i in range(4))
+    cos_l, cos_v = _beliefs(trial, truth, believed, groups)[:2]
     lit = (cos_l > MIN_COS_L) & (cos_v > MIN_COS_V)
     radiance, good, clipped = develop(trial, Pictures(diffuse, specular, truth.base, lit), accidents)
-    level = float(np.median(radiance[lit].mean(-1))) if lit.any() else 1.0
+    return _observed(trial, truth, believed, groups, np.where(good[..., None], radiance, np.nan), clipped)
+
+
+def observed_again(problem: Problem, believed: Geometry, radiance: F64, ambient: float) -> Problem:
+    """The problem under another geometry, with radiance (h, w, K, 3) as other files have it.
+
+    ``ambient``: irradiance by light from all around.
+    """
+    return _observed(problem.trial, problem.truth, believed, problem.groups, radiance, problem.clipped, ambient)
+
+
+def _observed(
+    trial: Trial, truth: Estimate, believed: Geometry, groups: tuple[int, ...], radiance: F64, clipped: F64,
+    ambient: float = 0.0,
+) -> Problem:
+    cos_l, cos_v, irradiance, lobes = _beliefs(trial, truth, believed, groups)
+    lit, good = (cos_l > MIN_COS_L) & (cos_v > MIN_COS_V), np.isfinite(radiance[..., 0])
+    level = float(np.median(radiance[lit & good].mean(-1))) if (lit & good).any() else 1.0
     typical = irradiance.mean(-1)
     quality = np.where(lit & good, cos_v * typical / (typical + DARK_SHARE * level), 0.0) ** 2
-    f = np.where((quality > 0)[..., None], radiance / np.maximum(irradiance, 1e-9), 0.0)
-    shown = np.where(good[..., None], radiance, np.nan)
+    gloss = brdf.principled_energy(GLOSS, np.clip(cos_v, MIN_COS_V, 1.0))[..., 1] / np.pi
+    f = (radiance - ambient * gloss[..., None]) / np.maximum(irradiance + ambient, 1e-9)
+    lobes[..., 3] *= typical / np.maximum(typical + ambient, 1e-9)
     return Problem(
-        trial, _f32(f), _f32(quality), _f32(np.maximum(cos_v, 1e-3)), _f32(lobes[..., None, :]), groups, _f32(shown),
-        _f32(irradiance), (cos_l <= 0) & (cos_v > MIN_COS_V), clipped, believed, truth)
+        trial, _f32(np.where((quality > 0)[..., None], f, 0.0)), _f32(quality), _f32(np.maximum(cos_v, 1e-3)),
+        _f32(lobes[..., None, :]), groups, _f32(radiance), _f32(irradiance), (cos_l <= 0) & (cos_v > MIN_COS_V),
+        clipped, believed, truth)
+
+
+def _beliefs(
+    trial: Trial, truth: Estimate, believed: Geometry, groups: tuple[int, ...],
+) -> tuple[F64, F64, F64, F64]:
+    """`_belief` of all views: (h, w, K), (h, w, K), (h, w, K, 3), (h, w, K, 4)."""
+    width = _texel_widths(trial, truth)
+    views = [_belief(trial, believed, k, camera, width) for k, camera in enumerate(groups)]
+    cos_l, cos_v, irradiance, lobes = (np.stack([view[i] for view in views], 2) for i in range(4))
+    return cos_l, cos_v, irradiance, lobes
 
 
 def angles(geometry: Geometry, k: int, camera: int, normal: F64) -> Angles:

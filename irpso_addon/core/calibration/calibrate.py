@@ -22,6 +22,7 @@ from .texel_materials import lobes_of
 SURE = 3.0  # standard errors from which on a number is changed ...
 LEAST_CHANGE = 0.002  # ... and what is worth it: of a lamp's distance, relative power or gain
 LEAST_VIGNETTING = 0.05  # power of the cosine
+LEAST_AMBIENT = 0.003  # of the lamps' typical irradiance
 LEAST_TEXELS = 100
 LEAST_ERROR = 0.005  # of the radiance: what a change must explain
 HALF = 0.5
@@ -67,6 +68,9 @@ def calibrate(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Judged |
     everything = yield from _share(fit_rig(sample, frees[-1]), 0.2, 0.5)
     if not _off(everything) or everything.scatter > HOPEFUL[1] * everything.given:
         return None
+    whole, most, frees = frees[-1], HOPEFUL[1] * everything.given, _pruned(frees, everything)
+    if frees[-1] != whole:
+        everything = yield from _share(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
     contest = _Contest(sample, everything, folds)
     taken, found = GIVEN, everything
     for n, free in enumerate(frees):
@@ -74,9 +78,13 @@ def calibrate(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Judged |
         own = everything
         if free != frees[-1]:
             own = yield from _share(fit_rig(sample, free, start=everything), begin, middle)
+        if own.scatter > most:
+            continue
         contest.add(str(free), (yield from _share(contest.predictions(free, own), middle, end)))
         if contest.worth(str(free), taken):
             taken, found = str(free), own
+            if not contest.could_gain(taken, everything):
+                break
     return None if taken == GIVEN else Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken))
 
 
@@ -88,13 +96,24 @@ def _share(steps: Steps[Result], begin: float, end: float) -> Steps[Result]:
 def _frees(sample: RigSample, lamps: bool, exposures: bool) -> list[Free]:
     """From the fewest numbers on.  Where no lamp lights two views, their exposures are its power."""
     levels = not sample.scale_known
-    even = [Free(False, False, True, levels)] if exposures else []
+    none = Free(False, False, levels=levels)
+    alone = [replace(none, vignetting=True), replace(none, tone=True)] if exposures else []
     if not lamps:
-        return [*even, Free(False, True, False, levels), Free(False, True, True, levels)]
+        return [*alone, replace(none, exposures=True), Free(False, True, True, levels, tone=True)]
     lit = [tuple(light.name for light in view.lights) for view in sample.rig.views]
     apart = len(set(lit)) < len(lit) or any(group.carried for group in sample.rig.groups)
-    frees = [Free(True, False, False, levels), *([Free(True, True, False, levels)] if exposures and apart else [])]
-    return [*even, *frees, *([replace(frees[-1], vignetting=True)] if exposures else [])]
+    both = [replace(none, ambient=True, tone=True)] if exposures else []
+    placed = [replace(none, lamps=True), *([Free(True, True, levels=levels)] if exposures and apart else [])]
+    last = replace(placed[-1], ambient=True)
+    return [replace(none, ambient=True), *alone, *both, *placed, last,
+            *([replace(last, vignetting=True, tone=True)] if exposures else [])]
+
+
+def _pruned(frees: list[Free], everything: RigFound) -> list[Free]:
+    """Without what is certainly as it is given, where all numbers are free."""
+    ambient, tone = sure_of_ambient(everything), sure_of_tone(everything)
+    less = [replace(free, ambient=free.ambient and ambient, tone=free.tone and tone) for free in frees]
+    return list(dict.fromkeys(free for free in less if free != Free(False, False, levels=free.levels)))
 
 
 class _Contest:
@@ -131,7 +150,7 @@ class _Contest:
             seen = judged.geometry.under(found.change)
             lobes = lobes_of(judged, seen.texels, whole.materials)
             for value, left_out in zip(values, self.folds.left_out, strict=True):
-                value[others] = predicted(seen.texels, lobes, ~left_out) * seen.brighter[..., None]
+                value[others] = seen.as_given(predicted(seen.texels, lobes, ~left_out))
         return values
 
     def worth(self, name: str, other: str) -> bool:
@@ -148,6 +167,10 @@ class _Contest:
         halves = scale[name] < HALF * self._scale(GIVEN)
         return bool(halves and gain.sum() > SURE * scatter(gain, self.sample.cluster)
                     and scale[other] ** 2 - scale[name] ** 2 > LEAST_ERROR**2 and whole < WORSE)
+
+    def could_gain(self, name: str, most: RigFound) -> bool:
+        """Whether more numbers than a rig has may be worth it; ``most``: the fit of all of them."""
+        return self._scale(name) ** 2 - most.scatter**2 > LEAST_ERROR**2
 
     def _scale(self, name: str) -> float:
         """Robust standard deviation of what a rig's predictions are off by, relative."""
@@ -166,7 +189,7 @@ def diffuse_alone(sample: RigSample, found: RigFound) -> RigSample:
 
 def _off(found: RigFound) -> bool:
     """Whether some number is off beyond doubt."""
-    return sure_of_vignetting(found) or any(
+    return sure_of_vignetting(found) or sure_of_ambient(found) or sure_of_tone(found) or any(
         bool(np.any(np.abs(value) > np.maximum(SURE * error, LEAST_CHANGE))) for value, error in (
             (found.change.offset, found.error.offset), (found.change.log_power, found.error.log_power),
             (found.change.log_gain, found.error.log_gain)))
@@ -175,3 +198,13 @@ def _off(found: RigFound) -> bool:
 def sure_of_vignetting(found: RigFound) -> bool:
     """Whether it is off beyond doubt."""
     return abs(found.change.vignetting) > max(SURE * found.error.vignetting, LEAST_VIGNETTING)
+
+
+def sure_of_ambient(found: RigFound) -> bool:
+    """Whether there is light from all around, beyond doubt."""
+    return found.change.ambient > max(SURE * found.error.ambient, LEAST_AMBIENT)
+
+
+def sure_of_tone(found: RigFound) -> bool:
+    """Whether the files' curve is off beyond doubt."""
+    return abs(found.change.log_tone) > max(SURE * found.error.log_tone, LEAST_CHANGE)

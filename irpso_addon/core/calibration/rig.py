@@ -42,6 +42,8 @@ class RigChange:
     log_power: F64  # (G,)
     log_gain: F64  # (V,) of radiance in the picture over the view's
     vignetting: float = 0.0  # to be added to every view's
+    ambient: float = 0.0  # irradiance by light from all around, over the sample's typical irradiance by lamps
+    log_tone: float = 0.0  # of the power to which files hold radiance
 
     @classmethod
     def none(cls, groups: int, views: int) -> RigChange:
@@ -52,6 +54,11 @@ class RigChange:
     def moves(self) -> bool:
         """Whether a lamp stands elsewhere."""
         return bool(self.offset.any())
+
+    @property
+    def bends(self) -> bool:
+        """Whether radiance is no longer in proportion to what it was."""
+        return bool(self.ambient or self.log_tone)
 
 
 @dataclass(frozen=True)

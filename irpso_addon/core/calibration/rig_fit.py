@@ -23,11 +23,13 @@ from .texel_materials import lobes_of, materials_of
 
 PLACE, POWER, GAIN = 0.05, 0.1, 0.03  # what a shoot's figures are off by: of a lamp's distance; relative
 VIGNETTING = 2.0  # power of the cosine
+AMBIENT, TONE = 0.2, 0.3  # of the lamps' typical irradiance; of the logarithm of a curve's exponent
 LEVEL = 0.3  # of Specular IOR Level
 CAUCHY = 2.4  # standard deviations at which an observation has lost half its weight
 ROUNDS, AGAIN = 6, 3  # from what is given; from what was found
 SETTLED = 2e-4  # of a lamp's distance, relative power or gain
 LONGEST = 0.15  # of a lamp's distance: a step
+SHARED = 3  # numbers of all views: vignetting, ambient light, the curve
 REFITS = (0, 3)  # rounds in which the materials are fitted
 MEAN = 1e-4  # of powers, and of gains: brightness as a whole belongs to the base colours
 LEAST = 1e-12
@@ -42,6 +44,8 @@ class Free:
     exposures: bool
     vignetting: bool = False
     levels: bool = False  # the Specular IOR Level of each material
+    ambient: bool = False
+    tone: bool = False
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ def fit_rig(sample: RigSample, free: Free, start: RigFound | None = None, rounds
 
 
 class _RigFit:
-    """The rounds of `fit_rig`; numbers: offsets, powers, gains, vignetting, and levels of the materials."""
+    """The rounds of `fit_rig`; numbers: offsets, powers, gains, SHARED, and levels of the materials."""
 
     def __init__(self, sample: RigSample, free: Free) -> None:
         self.sample, self.geometry = sample, sample.geometry
@@ -71,9 +75,10 @@ class _RigFit:
         lamps = np.full(4 * self.groups, free.lamps)
         self.slots = [int(slot) for slot in np.unique(sample.slot)] if free.levels else []
         self.free = np.flatnonzero(np.concatenate(
-            [lamps, np.full(self.views, free.exposures), [free.vignetting], np.ones(len(self.slots), bool)]))
+            [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.tone],
+             np.ones(len(self.slots), bool)]))
         self.prior = np.concatenate([np.full(3 * self.groups, PLACE), np.full(self.groups, POWER),
-                                     np.full(self.views, GAIN), [VIGNETTING],
+                                     np.full(self.views, GAIN), [VIGNETTING, AMBIENT, TONE],
                                      np.full(len(self.slots), LEVEL)])
         self.paints = paints_of(sample.texels)
         self.means = np.zeros((len(self.prior),) * 2)
@@ -105,7 +110,8 @@ class _RigFit:
     def packed(self) -> F64:
         """The change as one vector."""
         return np.concatenate([self.change.offset.ravel(), self.change.log_power, self.change.log_gain,
-                               [self.change.vignetting], np.zeros(len(self.slots))])
+                               [self.change.vignetting, self.change.ambient, self.change.log_tone],
+                               np.zeros(len(self.slots))])
 
     def _levelled(self, materials: dict[int, OneMaterial], step: F64) -> dict[int, OneMaterial]:
         """With the steps of their levels."""
@@ -118,13 +124,15 @@ class _RigFit:
         lengths = np.linalg.norm(change.offset, axis=1, keepdims=True)
         offset = change.offset * np.minimum(1.0, LONGEST / np.maximum(lengths, LEAST))
         return RigChange(self.change.offset + offset, self.change.log_power + change.log_power,
-                         self.change.log_gain + change.log_gain, self.change.vignetting + change.vignetting)
+                         self.change.log_gain + change.log_gain, self.change.vignetting + change.vignetting,
+                         max(self.change.ambient + change.ambient, 0.0), self.change.log_tone + change.log_tone)
 
     def _unpacked(self, free: F64) -> RigChange:
         values = np.zeros(len(self.prior))
         values[self.free] = free
         G, gains = self.groups, 4 * self.groups + self.views
-        return RigChange(values[:3 * G].reshape(G, 3), values[3 * G:4 * G], values[4 * G:gains], float(values[gains]))
+        return RigChange(values[:3 * G].reshape(G, 3), values[3 * G:4 * G], values[4 * G:gains],
+                         *values[gains:gains + SHARED].tolist())
 
 
 def _centred(change: RigChange) -> RigChange:
@@ -160,7 +168,22 @@ class _Round:
             self.scatter = 1.4826 * float(np.median(np.abs(left[self.good]))) + 1e-4 if self.good.any() else 1.0
             robust = 1 / (1 + (left / (CAUCHY * self.scatter)) ** 2)
             self.weight = np.where(self.good, share**2 * robust, 0.0)
-        self.share, self.bend, self.level, self.left = share, bend, level, left
+        # Errors are those of the files: a curve that made all of them alike would leave none.
+        power = 1.0 if seen.bent is None else seen.bent.power
+        self.share, self.bend, self.level, self.left = share * power, bend * power, level * power, left * power
+        self.scatter *= power
+        self.around, self.logarithm = self._bends()
+
+    def _bends(self) -> tuple[F64, F64]:
+        """(T, V) slopes of log radiance by light from all around, and by the logarithm of the curve's exponent."""
+        sample, bent = self.fit.sample, self.seen.bent
+        irradiance = np.maximum(sample.texels.irradiance.mean(-1), LEAST)
+        around = sample.typical_light / irradiance
+        value = self.seen.texels.reflected.mean(-1) * irradiance * self.fit.geometry.file * self.seen.brighter
+        if bent is not None:
+            lit = bent.lit()
+            around, value = around * lit, value / lit
+        return around, np.log(np.maximum(value, LEAST))
 
     def step(self) -> tuple[F64, F64]:
         """(change of the free numbers, their covariance)."""
@@ -190,10 +213,13 @@ class _Round:
             columns += [*(share[:, None] * self.seen.slopes[light.name]).T, share]
         numbers.append(4 * G + place)
         columns.append(np.ones(len(self.left)))
-        numbers.append(4 * G + fit.views)
-        columns.append(fit.geometry.cosine[:, v])
+        shared = 4 * G + fit.views
+        numbers += range(shared, shared + SHARED)
+        columns += [fit.geometry.cosine[:, v], self.around[:, v], self.logarithm[:, v]]
+        power = 1.0 if self.seen.bent is None else self.seen.bent.power
+        columns = [column * power for column in columns]
         for n, slot in enumerate(fit.slots):
-            numbers.append(4 * G + fit.views + 1 + n)
+            numbers.append(shared + SHARED + n)
             columns.append(np.where(fit.sample.slot == slot, self.level[:, v], 0.0))
         return numbers, np.stack(columns, -1)
 

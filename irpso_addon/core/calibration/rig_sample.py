@@ -10,11 +10,14 @@ import numpy as np
 from ..checks.light_checks import light_slopes
 from ..data import F64, I32, Bool, Camera, Light
 from ..evaluation.sampled_texels import SampledTexels
+from ..shading import brdf
 from ..shading.lights import light_irradiance
 from ..vignetting import log_cosine
 from .rig import Rig, RigChange
 
 LEAST_COSINE = 1e-3
+LEAST_LIGHT = 1e-20
+SHEEN = 0.5  # roughness with which light from all around is reflected: its albedo hardly depends on it
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,12 @@ class RigSample:
                        slot=self.slot[some], cluster=self.cluster[some])
 
     @cached_property
+    def typical_light(self) -> float:
+        """Median irradiance by lamps, W/m^2."""
+        some = self.texels.usable()
+        return float(np.median(self.texels.irradiance.mean(-1)[some])) if some.any() else 1.0
+
+    @cached_property
     def geometry(self) -> RigGeometry:
         """What follows from the given rig."""
         return RigGeometry(self)
@@ -46,10 +55,45 @@ class Seen:
     """A sample under a changed rig."""
 
     texels: SampledTexels  # its observations, as the changed rig has them
-    brighter: F64  # (T, V) light by the changed rig over that by the given one, exposure included
+    brighter: F64  # (T, V) light by the changed rig's lamps over that by the given one's, exposure included
     slopes: dict[str, F64]  # of each lamp, (T, 3): of the logarithm of irradiance, in its group's axes and reach
     fine: dict[str, Bool]  # of each lamp, (T,): where the slopes are known
     share: dict[tuple[int, str], F64]  # of the layer's irradiance, (T,): by layer and lamp
+    bent: Bent | None = None  # light from all around, and the curve of the files; None: there is neither
+
+    def as_given(self, reflected: F64) -> F64:
+        """(T, V, C) what the given rig makes of pictures in which texels reflect so under the changed one."""
+        if self.bent is not None:
+            reflected = self.bent.undone(reflected)
+        return reflected * self.brighter[..., None]
+
+
+@dataclass(frozen=True)
+class Bent:
+    """Where pictures are not in proportion to the lamps' light.  (T, V, C) arrays, reflected: of the changed rig."""
+
+    around: F64  # irradiance from all around over that by the changed rig's lamps
+    sheen: F64  # what highlights of it add, over the irradiance by the lamps
+    value: F64  # of the files where a texel reflects 1 of the lamps' light
+    power: float  # to which files hold radiance
+
+    def done(self, reflected: F64) -> F64:
+        """Of what is reflected as if the pictures were in proportion."""
+        straight = _power(reflected * self.value, 1 / self.power) / self.value
+        return np.asarray((straight - self.sheen) / (1 + self.around))
+
+    def undone(self, reflected: F64) -> F64:
+        """The reverse of `done`."""
+        return _power((reflected * (1 + self.around) + self.sheen) * self.value, self.power) / self.value
+
+    def lit(self) -> F64:
+        """(T, V) share of the lamps in a layer's irradiance."""
+        return np.asarray((1 / (1 + self.around)).mean(-1))
+
+
+def _power(value: F64, power: float) -> F64:
+    """Of negative values too, which noise makes."""
+    return value if power == 1 else np.asarray(np.sign(value) * np.abs(value) ** power)
 
 
 class RigGeometry:
@@ -60,6 +104,8 @@ class RigGeometry:
         self.given = self._light(RigChange.none(len(sample.rig.groups), len(sample.rig.views)))
         of_view = [log_cosine(view.camera, sample.position - view.camera.position) for view in sample.rig.views]
         self.cosine = np.stack([of_view[place] for place in sample.view], -1)  # (T, V) log of it to the camera's axis
+        shown = np.array([(view.gain * 2.0**view.exposure, view.vignetting) for view in sample.rig.views])[sample.view]
+        self.file = shown[:, 0] * np.exp(shown[:, 1] * self.cosine)  # (T, V) value of files for each unit of radiance
 
     def under(self, change: RigChange) -> Seen:
         """The sample under a changed rig."""
@@ -67,7 +113,7 @@ class RigGeometry:
         lights = rig.lights(change)
         now = self._light(change) if change.moves else self.given
         texels = sample.texels
-        brighter = np.ones(texels.cos_v.shape)
+        lamps, shown = np.ones(texels.cos_v.shape), np.ones(texels.cos_v.shape)
         lobes, share = texels.lobes.copy(), {}
         for v, place in enumerate(sample.view):
             view = rig.views[place]
@@ -76,16 +122,31 @@ class RigGeometry:
             after = [power * now[light.name][0] for power, light in zip(powers, view.lights, strict=True)]
             total, old = sum(after, np.zeros(1)), sum(before, np.zeros(1))
             fine = (total > 0) & (old > 0)
-            brighter[:, v] = np.where(fine, total / np.where(fine, old, 1.0), 1.0) * np.exp(
-                change.log_gain[place] + change.vignetting * self.cosine[:, v])
+            lamps[:, v] = np.where(fine, total / np.where(fine, old, 1.0), 1.0)
+            shown[:, v] = np.exp(change.log_gain[place] + change.vignetting * self.cosine[:, v])
             for n, light in enumerate(view.lights):
                 share[v, light.name] = after[n] / np.where(total > 0, total, 1.0)
                 ratio = share[v, light.name] * old / np.maximum(before[n], 1e-30)
                 lobes[:, v, n] = _turned(lobes[:, v, n], _angles(lights[light.name], view.camera, sample),
                                          _angles(light, view.camera, sample), np.where(before[n] > 0, ratio, 1.0))
-        seen = replace(texels, reflected=texels.reflected / brighter[..., None], lobes=lobes)
-        return Seen(seen, brighter, {name: slopes for name, (_, slopes, _) in now.items()},
-                    {name: fine for name, (*_, fine) in now.items()}, share)
+        brighter, bent = lamps * shown, self._bent(change, lamps, shown) if change.bends else None
+        reflected = texels.reflected / brighter[..., None]
+        if bent is not None:
+            reflected, lit = bent.done(reflected), bent.lit()
+            lobes[..., 3] *= lit[..., None]
+            share = {(v, name): part * lit[:, v] for (v, name), part in share.items()}
+        return Seen(replace(texels, reflected=reflected, lobes=lobes), brighter,
+                    {name: slopes for name, (_, slopes, _) in now.items()},
+                    {name: fine for name, (*_, fine) in now.items()}, share, bent)
+
+    def _bent(self, change: RigChange, lamps: F64, shown: F64) -> Bent:
+        """``lamps``, ``shown``: (T, V) factors of the lamps' irradiance and of what a picture shows of radiance."""
+        texels = self.sample.texels
+        irradiance = np.maximum(texels.irradiance * lamps[..., None], LEAST_LIGHT)
+        ambient = max(change.ambient, 0.0) * self.sample.typical_light
+        sheen = brdf.principled_energy(SHEEN, np.clip(texels.cos_v, LEAST_COSINE, 1.0))[..., 1] / np.pi
+        return Bent(ambient / irradiance, ambient * sheen[..., None] / irradiance,
+                    irradiance * (shown * self.file)[..., None], float(np.exp(change.log_tone)))
 
     def _light(self, change: RigChange) -> dict[str, tuple[F64, F64, Bool]]:
         """Of each lamp: irradiance over power (T,), slopes (T, 3), and where those are known (T,)."""
