@@ -126,6 +126,9 @@ class View:
     white_balance: tuple[float, float, float] | None = None
     full_raw: bool = False  # RAW files: a pixel for each sample, not binned
     environment: Environment | None = None  # shines beside the lights
+    response: float = 1.0  # the file holds radiance to this power; 1: it is linear
+    # Light from all around, alike from everywhere, that shines beside the lights: W/(m^2 sr), linear RGB
+    ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -286,6 +289,23 @@ class VignettingChange:
 
 
 @dataclass(frozen=True)
+class AmbientChange:
+    """Light from all around that shines in all views beside their lamps."""
+
+    radiance: tuple[float, float, float]  # to be added to the views', W/(m^2 sr), linear RGB
+    share: float  # its irradiance, over the typical one by lamps
+    error: float  # standard error of ``share``
+
+
+@dataclass(frozen=True)
+class ResponseChange:
+    """The response of all files that was put right."""
+
+    exponent: float  # by which the views' response is to be multiplied
+    error: float  # its standard error, relative
+
+
+@dataclass(frozen=True)
 class Calibration:
     """What was put right of lamps and exposures, because left-out views are then predicted better."""
 
@@ -294,6 +314,8 @@ class Calibration:
     given: PredictionError  # of left-out views, highlights apart, as the scene was given
     changed: PredictionError  # and after the change
     vignetting: VignettingChange | None = None
+    ambient: AmbientChange | None = None
+    response: ResponseChange | None = None
 
 
 @dataclass(frozen=True)

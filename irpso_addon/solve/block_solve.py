@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core.data import F32, F64, I32, Bool, Camera, Maps, RadianceImage, View
 from ..core.job import Progress
+from ..core.images.response import file_scale, straightened
 from ..core.maps.export import layers
 from ..core.reporting.estimates import bytes_per_pixel
 from ..core.tiled import uv_blocks
@@ -26,7 +27,7 @@ from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.picture_memory import channels_needed
 from ..gpu.solve.ladder_records import EarlierResult
 from .gpu_path import Clock, Given, draw_texels, reference_key, solve_grid
-from .plan_preparation import picture_path, scale_of
+from .plan_preparation import picture_path
 
 Pictures = dict[Hashable, Callable[[], RadianceImage]]  # by `_picture_key`
 STATS = "stats"  # of a block: (1, 7) texels covered, observed, solved, filled; sum and count of squared residuals,
@@ -105,7 +106,7 @@ def _views(
     parts: dict[tuple[str, int, int], Camera] = {
         key: uv_blocks.cropped(camera, *key[1:], crops[key]) for key, camera in cameras.items()}
     views = tuple(replace(view, camera=parts[key]) for view, key in zip(whole, keys, strict=True))
-    read: Pictures = {_picture_key(view): partial(_window, file, crops[key], scale / scale_of(view), view)
+    read: Pictures = {_picture_key(view): partial(_window, file, crops[key], scale / file_scale(view), view)
             for view, file, key, scale in zip(views, files, keys, plan.scales, strict=True)}
     return views, read, shrink > 1
 
@@ -128,8 +129,9 @@ def _shrink(plan: Plan, keys: list[tuple[str, int, int]], crops: Mapping[tuple[s
 
 def _window(picture: CachedReference, crop: Crop, scale: float, view: View) -> RadianceImage:
     image = picture.window(crop.x, crop.y, crop.width, crop.height, crop.shrink)
-    rgb = brightened(image.rgb, view.camera, view.vignetting)  # which files of developed pictures still have
-    return replace(image, rgb=rgb if scale == 1.0 else rgb * np.float32(scale))
+    rgb = image.rgb if scale == 1.0 else image.rgb * np.float32(scale)
+    rgb = brightened(straightened(rgb, view), view.camera, view.vignetting)  # which developed pictures still have
+    return replace(image, rgb=rgb)
 
 
 def _around(plan: Plan, window: UvBlock) -> CoarseSurroundings:

@@ -20,6 +20,7 @@ from ..core.calibration.put_right import put_right, told
 from ..core.calibration.rig import Rig
 from ..core.data import F32, I32, Bool, Bounced, Calibration, MeshArrays, RadianceImage, SceneData, View
 from ..core.errors import BadInput, Cancelled
+from ..core.images.response import file_scale, undone
 from ..core.job import Progress, mapped
 from ..core.live_maps import Live
 from ..core.normals.judge import NormalsJudged, judge_normals
@@ -51,7 +52,7 @@ def reference_key(view: View) -> Hashable:
     """All that the radiance of a view's reference image follows from: what differs in nothing of it is read once."""
     files = view.image, view.mask, view.ambient, view.flat
     dark = (view.vignetting, view.camera.name) if view.vignetting else ()
-    return *files, view.colorspace, view.exposure, view.gain, view.white_balance, *dark
+    return *files, view.colorspace, view.exposure, view.gain, view.response, view.white_balance, *dark
 
 
 @dataclass
@@ -84,6 +85,16 @@ class Clock:
         return replace(look(), coverage=self.coverage)
 
 
+def _again(rgb: F32, first: View, view: View) -> F32:
+    """Radiance of a view's picture, which was read as of ``first``, another opinion of the same view."""
+    if first.response != view.response:
+        dark = brightened(rgb, first.camera, -first.vignetting)
+        rgb = brightened(undone(dark, file_scale(first), view.response / first.response), view.camera, view.vignetting)
+    else:
+        rgb = brightened(rgb, view.camera, view.vignetting - first.vignetting)
+    return rgb * np.float32(first.gain / view.gain)
+
+
 class KeptImages:
     """References as they were read, as many as KEPT_BYTES hold, for a second look under other exposures."""
 
@@ -94,14 +105,13 @@ class KeptImages:
 
     def __call__(self, view: View) -> RadianceImage:
         """A view's radiance."""
-        key = reference_key(replace(view, gain=1.0, vignetting=0.0))
+        key = reference_key(replace(view, gain=1.0, response=1.0, vignetting=0.0))
         kept = self._kept.get(key)
         if kept is not None:
             first, image = kept
-            if (first.gain, first.vignetting) == (view.gain, view.vignetting):
+            if (first.gain, first.vignetting, first.response) == (view.gain, view.vignetting, view.response):
                 return image
-            even = brightened(image.rgb, view.camera, view.vignetting - first.vignetting)
-            return replace(image, rgb=even * np.float32(first.gain / view.gain))
+            return replace(image, rgb=_again(image.rgb, first, view))
         image = self._read(view)
         with self._lock:  # references are read ahead by threads
             self._bytes += image.rgb.nbytes + image.coverage.nbytes + image.valid.nbytes

@@ -11,6 +11,7 @@ from pathlib import Path
 from ..core.data import MeshArrays, SceneData, Solution, View
 from ..core.errors import BadInput, Cancelled
 from ..core.images.reference_image import read_reference
+from ..core.images.response import file_scale
 from ..core.job import Progress, retold
 from ..core.params import SolveSettings
 from ..core.tiled import npz_archive, uv_blocks
@@ -90,7 +91,7 @@ def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generato
     yield from clock.stage("pictures", _developed(scene.views, work))
     kernels = "compute" if thread.device().prefers_compute else "fragment"
     return Plan(replace(made.scene, mesh=scene.mesh), settings, udims, request.block, request.halo,
-                thread.settings().memory, kernels, tuple(scale_of(view) for view in scene.views), solution, made.level,
+                thread.settings().memory, kernels, tuple(map(file_scale, scene.views)), solution, made.level,
                 made.noise, made.robust, made.bounced, _blend(bounce) if made.bounced is not None else "")
 
 
@@ -130,8 +131,3 @@ def _developed(views: tuple[View, ...], work: WorkFolder) -> Generator[Progress,
 def picture_path(work: WorkFolder, n: int) -> Path:
     """Of the developed picture of view ``n``."""
     return work.pictures / f"{n:04}.irp"
-
-
-def scale_of(view: View) -> float:
-    """Of the file's values to radiance."""
-    return float(2.0**view.exposure * view.gain)

@@ -1,4 +1,4 @@
-"""A problem put right as the product puts scenes right: lamps, exposures, ambient light, and the curve of the files."""
+"""A problem put right as the product puts scenes right: lamps, exposures, ambient light, and the response of the files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from irpso_addon.core.calibration.calibrate import Judged, calibrate
 from irpso_addon.core.calibration.rig import Rig
-from irpso_addon.core.calibration.rig_sample import RigSample
+from irpso_addon.core.calibration.rig_sample import RigSample, typical_light
 from irpso_addon.core.data import F64, Camera, Light, View
 from irpso_addon.core.evaluation.sampled_texels import SampledTexels
 from studies.bench.opengl import result
@@ -43,7 +43,7 @@ def rig_sample(problem: Problem) -> RigSample:
     row, column = np.divmod(np.arange(count), shape[1])
     cells = row * CELLS // shape[0] * CELLS + column * CELLS // shape[1]
     return RigSample(texels, rig, numbers, place, flat(believed.normal), 0 * cells.astype(np.int32),
-                     cells.astype(np.int32))
+                     cells.astype(np.int32), light=typical_light(texels))
 
 
 def _view(believed: Geometry, k: int, camera: int) -> View:
@@ -60,5 +60,5 @@ def _changed(problem: Problem, sample: RigSample, judged: Judged) -> Problem:
     gains = np.exp(change.log_gain)[:, None]
     changed = replace(believed, lamps=np.stack([light.matrix[:3, 3] for light in lights]),
                       power=np.stack([light.power for light in lights]) * gains)
-    radiance = np.sign(problem.radiance) * np.abs(problem.radiance) ** np.exp(-change.log_tone)
-    return observed_again(problem, changed, radiance, change.ambient * sample.typical_light)
+    radiance = np.sign(problem.radiance) * np.abs(problem.radiance) ** np.exp(-change.log_response)
+    return observed_again(problem, changed, radiance, change.ambient * sample.light)

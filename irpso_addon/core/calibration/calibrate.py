@@ -15,7 +15,7 @@ from ..data import F64, PredictionError
 from ..evaluation.folds import Folds, Judge, scatter, split
 from ..evaluation.sampled_texels import parts, predicted
 from ..job import Progress, Steps, retold
-from .rig_fit import CAUCHY, Free, RigFound, fit_rig
+from .rig_fit import CAUCHY, ROUNDS, Free, RigFound, fit_rig
 from .rig_sample import RigSample
 from .texel_materials import lobes_of
 
@@ -26,6 +26,7 @@ LEAST_AMBIENT = 0.003  # of the lamps' typical irradiance
 LEAST_TEXELS = 100
 LEAST_ERROR = 0.005  # of the radiance: what a change must explain
 HALF = 0.5
+COLOURS = 3
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
 # Of what the given rig leaves over in the fit itself, after two rounds and after all: more cannot become half of it in
 # what is left out.
@@ -45,6 +46,7 @@ class Judged:
     found: RigFound
     given: PredictionError  # of left-out views, as the scene is given
     changed: PredictionError
+    ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/(m^2 sr)
 
 
 def calibrate(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Judged | None]:
@@ -72,7 +74,7 @@ def calibrate(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Judged |
     if frees[-1] != whole:
         everything = yield from _share(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
     contest = _Contest(sample, everything, folds)
-    taken, found = GIVEN, everything
+    taken, found, kept = GIVEN, everything, frees[-1]
     for n, free in enumerate(frees):
         begin, middle, end = (0.5 + 0.5 * (n + part) / len(frees) for part in (0.0, 0.3, 1.0))
         own = everything
@@ -82,10 +84,30 @@ def calibrate(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Judged |
             continue
         contest.add(str(free), (yield from _share(contest.predictions(free, own), middle, end)))
         if contest.worth(str(free), taken):
-            taken, found = str(free), own
+            taken, found, kept = str(free), own, free
             if not contest.could_gain(taken, everything):
                 break
-    return None if taken == GIVEN else Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken))
+    if taken == GIVEN:
+        return None
+    found = yield from _share(fit_rig(sample, kept, start=found, rounds=ROUNDS), 1.0, 1.0)
+    ambient = (yield from _ambient(sample, kept, found)) if found.change.ambient else (0.0, 0.0, 0.0)
+    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), ambient)
+
+
+def _ambient(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[float, float, float]]:
+    """Radiance of the light from all around in red, green and blue, each by the sample's pictures in that channel."""
+    grey = found.change.ambient * sample.light / np.pi
+    texels = sample.texels
+    if texels.reflected.shape[-1] < COLOURS:  # layers of one channel each: all of them share the light
+        return grey, grey, grey
+    radiance = []
+    for channel in range(COLOURS):
+        own = replace(sample, texels=replace(texels, reflected=texels.reflected[..., channel:channel + 1],
+                                             irradiance=texels.irradiance[..., channel:channel + 1]))
+        fit = yield from _share(fit_rig(own, free, start=found), 1.0, 1.0)
+        radiance.append(fit.change.ambient * own.light / np.pi)
+    red, green, blue = (float(value) for value in radiance)
+    return red, green, blue
 
 
 def _share(steps: Steps[Result], begin: float, end: float) -> Steps[Result]:
@@ -97,22 +119,22 @@ def _frees(sample: RigSample, lamps: bool, exposures: bool) -> list[Free]:
     """From the fewest numbers on.  Where no lamp lights two views, their exposures are its power."""
     levels = not sample.scale_known
     none = Free(False, False, levels=levels)
-    alone = [replace(none, vignetting=True), replace(none, tone=True)] if exposures else []
+    alone = [replace(none, vignetting=True), replace(none, response=True)] if exposures else []
     if not lamps:
-        return [*alone, replace(none, exposures=True), Free(False, True, True, levels, tone=True)]
+        return [*alone, replace(none, exposures=True), Free(False, True, True, levels, response=True)]
     lit = [tuple(light.name for light in view.lights) for view in sample.rig.views]
     apart = len(set(lit)) < len(lit) or any(group.carried for group in sample.rig.groups)
-    both = [replace(none, ambient=True, tone=True)] if exposures else []
+    both = [replace(none, ambient=True, response=True)] if exposures else []
     placed = [replace(none, lamps=True), *([Free(True, True, levels=levels)] if exposures and apart else [])]
     last = replace(placed[-1], ambient=True)
     return [replace(none, ambient=True), *alone, *both, *placed, last,
-            *([replace(last, vignetting=True, tone=True)] if exposures else [])]
+            *([replace(last, vignetting=True, response=True)] if exposures else [])]
 
 
 def _pruned(frees: list[Free], everything: RigFound) -> list[Free]:
     """Without what is certainly as it is given, where all numbers are free."""
-    ambient, tone = sure_of_ambient(everything), sure_of_tone(everything)
-    less = [replace(free, ambient=free.ambient and ambient, tone=free.tone and tone) for free in frees]
+    ambient, response = sure_of_ambient(everything), sure_of_response(everything)
+    less = [replace(free, ambient=free.ambient and ambient, response=free.response and response) for free in frees]
     return list(dict.fromkeys(free for free in less if free != Free(False, False, levels=free.levels)))
 
 
@@ -189,7 +211,7 @@ def diffuse_alone(sample: RigSample, found: RigFound) -> RigSample:
 
 def _off(found: RigFound) -> bool:
     """Whether some number is off beyond doubt."""
-    return sure_of_vignetting(found) or sure_of_ambient(found) or sure_of_tone(found) or any(
+    return sure_of_vignetting(found) or sure_of_ambient(found) or sure_of_response(found) or any(
         bool(np.any(np.abs(value) > np.maximum(SURE * error, LEAST_CHANGE))) for value, error in (
             (found.change.offset, found.error.offset), (found.change.log_power, found.error.log_power),
             (found.change.log_gain, found.error.log_gain)))
@@ -205,6 +227,6 @@ def sure_of_ambient(found: RigFound) -> bool:
     return found.change.ambient > max(SURE * found.error.ambient, LEAST_AMBIENT)
 
 
-def sure_of_tone(found: RigFound) -> bool:
-    """Whether the files' curve is off beyond doubt."""
-    return abs(found.change.log_tone) > max(SURE * found.error.log_tone, LEAST_CHANGE)
+def sure_of_response(found: RigFound) -> bool:
+    """Whether the response is off beyond doubt."""
+    return abs(found.change.log_response) > max(SURE * found.error.log_response, LEAST_CHANGE)

@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from ..checks.light_checks import moved
-from ..data import Calibration, ExposureChange, LampChange, SceneData, VignettingChange
+from ..data import (
+    AmbientChange,
+    Calibration,
+    ExposureChange,
+    LampChange,
+    ResponseChange,
+    SceneData,
+    View,
+    VignettingChange,
+)
 from ..vignetting import corner_stops
 from .calibrate import LEAST_CHANGE, SURE, Judged, sure_of_vignetting
 from .rig import Rig
@@ -22,7 +31,9 @@ def put_right(scene: SceneData, rig: Rig, judged: Judged) -> SceneData:
     return replace(scene, views=tuple(
         replace(view, lights=tuple(lights.get(light.name, light) for light in view.lights),
                 gain=view.gain * gains.get((view.image, view.camera.name), 1.0),
-                vignetting=view.vignetting + change.vignetting) for view in scene.views))
+                vignetting=view.vignetting + change.vignetting,
+                response=view.response * float(np.exp(change.log_response)),
+                ambient_radiance=_brightened(view, judged.ambient_radiance)) for view in scene.views))
 
 
 def applied(scene: SceneData, calibration: Calibration) -> SceneData:
@@ -40,10 +51,21 @@ def applied(scene: SceneData, calibration: Calibration) -> SceneData:
                 lights[name] = replace(light, power=light.power * lamp.power)
     gains = {(view.image, view.camera): 2.0**view.stops for view in calibration.exposures}
     darker = 0.0 if calibration.vignetting is None else calibration.vignetting.power
+    exponent = 1.0 if calibration.response is None else calibration.response.exponent
+    around = (0.0, 0.0, 0.0) if calibration.ambient is None else calibration.ambient.radiance
     return replace(scene, views=tuple(
         replace(view, lights=tuple(lights.get(light.name, light) for light in view.lights),
                 gain=view.gain * gains.get((view.image, view.camera.name), 1.0),
-                vignetting=view.vignetting + darker) for view in scene.views))
+                vignetting=view.vignetting + darker, response=view.response * exponent,
+                ambient_radiance=_brightened(view, around)) for view in scene.views))
+
+
+def _brightened(view: View, by: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The ambient light of a view after a change; none where a picture without lamps has been subtracted."""
+    if view.ambient is not None:
+        return view.ambient_radiance
+    red, green, blue = (given + more for given, more in zip(view.ambient_radiance, by, strict=True))
+    return red, green, blue
 
 
 def told(rig: Rig, judged: Judged) -> Calibration:
@@ -67,4 +89,7 @@ def told(rig: Rig, judged: Judged) -> Calibration:
     cameras = [view.camera for view in rig.views]
     vignetting = None if not change.vignetting else VignettingChange(
         change.vignetting, error.vignetting, corner_stops(cameras, change.vignetting), sure_of_vignetting(judged.found))
-    return Calibration(tuple(lamps), exposures, judged.given, judged.changed, vignetting)
+    ambient = AmbientChange(judged.ambient_radiance, change.ambient, error.ambient) if change.ambient else None
+    response = None if not change.log_response else ResponseChange(
+        float(np.exp(change.log_response)), error.log_response)
+    return Calibration(tuple(lamps), exposures, judged.given, judged.changed, vignetting, ambient, response)

@@ -43,7 +43,7 @@ class RigChange:
     log_gain: F64  # (V,) of radiance in the picture over the view's
     vignetting: float = 0.0  # to be added to every view's
     ambient: float = 0.0  # irradiance by light from all around, over the sample's typical irradiance by lamps
-    log_tone: float = 0.0  # of the power to which files hold radiance
+    log_response: float = 0.0  # of the power to which files hold radiance
 
     @classmethod
     def none(cls, groups: int, views: int) -> RigChange:
@@ -58,7 +58,7 @@ class RigChange:
     @property
     def bends(self) -> bool:
         """Whether radiance is no longer in proportion to what it was."""
-        return bool(self.ambient or self.log_tone)
+        return bool(self.ambient or self.log_response)
 
 
 @dataclass(frozen=True)

@@ -23,13 +23,13 @@ from .texel_materials import lobes_of, materials_of
 
 PLACE, POWER, GAIN = 0.05, 0.1, 0.03  # what a shoot's figures are off by: of a lamp's distance; relative
 VIGNETTING = 2.0  # power of the cosine
-AMBIENT, TONE = 0.2, 0.3  # of the lamps' typical irradiance; of the logarithm of a curve's exponent
+AMBIENT, RESPONSE = 0.2, 0.3  # of the lamps' typical irradiance; of the logarithm of the response's exponent
 LEVEL = 0.3  # of Specular IOR Level
 CAUCHY = 2.4  # standard deviations at which an observation has lost half its weight
 ROUNDS, AGAIN = 6, 3  # from what is given; from what was found
 SETTLED = 2e-4  # of a lamp's distance, relative power or gain
 LONGEST = 0.15  # of a lamp's distance: a step
-SHARED = 3  # numbers of all views: vignetting, ambient light, the curve
+SHARED = 3  # numbers of all views: vignetting, ambient light, response
 REFITS = (0, 3)  # rounds in which the materials are fitted
 MEAN = 1e-4  # of powers, and of gains: brightness as a whole belongs to the base colours
 LEAST = 1e-12
@@ -45,7 +45,7 @@ class Free:
     vignetting: bool = False
     levels: bool = False  # the Specular IOR Level of each material
     ambient: bool = False
-    tone: bool = False
+    response: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,15 @@ class RigFound:
     materials: dict[int, OneMaterial]  # by slot
 
 
-def fit_rig(sample: RigSample, free: Free, start: RigFound | None = None, rounds: int = ROUNDS) -> Steps[RigFound]:
-    """The change of the rig that explains a sample.  ``start``: of more texels, whose materials are taken."""
-    return _RigFit(sample, free).found(start, rounds if start is None else AGAIN)
+def fit_rig(
+    sample: RigSample, free: Free, start: RigFound | None = None, rounds: int | None = None,
+) -> Steps[RigFound]:
+    """The change of the rig that explains a sample.  ``start``: of more texels, or with other numbers free.
+
+    Materials are those of ``start``, unless ``rounds`` says how many there are to be.
+    """
+    refit = start is None or rounds is not None
+    return _RigFit(sample, free).found(start, (rounds or ROUNDS) if refit else AGAIN, refit)
 
 
 class _RigFit:
@@ -75,10 +81,10 @@ class _RigFit:
         lamps = np.full(4 * self.groups, free.lamps)
         self.slots = [int(slot) for slot in np.unique(sample.slot)] if free.levels else []
         self.free = np.flatnonzero(np.concatenate(
-            [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.tone],
+            [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.response],
              np.ones(len(self.slots), bool)]))
         self.prior = np.concatenate([np.full(3 * self.groups, PLACE), np.full(self.groups, POWER),
-                                     np.full(self.views, GAIN), [VIGNETTING, AMBIENT, TONE],
+                                     np.full(self.views, GAIN), [VIGNETTING, AMBIENT, RESPONSE],
                                      np.full(len(self.slots), LEVEL)])
         self.paints = paints_of(sample.texels)
         self.means = np.zeros((len(self.prior),) * 2)
@@ -86,7 +92,7 @@ class _RigFit:
         for first, end in ((3 * self.groups, 4 * self.groups), gains):
             self.means[first:end, first:end] = 1 / (MEAN * (end - first)) ** 2
 
-    def found(self, start: RigFound | None, rounds: int) -> Steps[RigFound]:
+    def found(self, start: RigFound | None, rounds: int, refit: bool) -> Steps[RigFound]:
         """Rounds until nothing moves any more."""
         materials, weight, given = {} if start is None else start.materials, None, 0.0
         if start is not None:
@@ -95,7 +101,7 @@ class _RigFit:
         for n in range(rounds):
             yield Progress(n / rounds, "calibrate")
             seen = self.geometry.under(self.change)
-            if start is None and n in REFITS:
+            if refit and n in REFITS:
                 materials = materials_of(self.sample, seen.texels, self.levels)
             now = _Round(self, seen, lobes_of(self.sample, seen.texels, materials), weight)
             step, covariance = now.step()
@@ -110,7 +116,7 @@ class _RigFit:
     def packed(self) -> F64:
         """The change as one vector."""
         return np.concatenate([self.change.offset.ravel(), self.change.log_power, self.change.log_gain,
-                               [self.change.vignetting, self.change.ambient, self.change.log_tone],
+                               [self.change.vignetting, self.change.ambient, self.change.log_response],
                                np.zeros(len(self.slots))])
 
     def _levelled(self, materials: dict[int, OneMaterial], step: F64) -> dict[int, OneMaterial]:
@@ -125,7 +131,7 @@ class _RigFit:
         offset = change.offset * np.minimum(1.0, LONGEST / np.maximum(lengths, LEAST))
         return RigChange(self.change.offset + offset, self.change.log_power + change.log_power,
                          self.change.log_gain + change.log_gain, self.change.vignetting + change.vignetting,
-                         max(self.change.ambient + change.ambient, 0.0), self.change.log_tone + change.log_tone)
+                         max(self.change.ambient + change.ambient, 0.0), self.change.log_response + change.log_response)
 
     def _unpacked(self, free: F64) -> RigChange:
         values = np.zeros(len(self.prior))
@@ -168,17 +174,17 @@ class _Round:
             self.scatter = 1.4826 * float(np.median(np.abs(left[self.good]))) + 1e-4 if self.good.any() else 1.0
             robust = 1 / (1 + (left / (CAUCHY * self.scatter)) ** 2)
             self.weight = np.where(self.good, share**2 * robust, 0.0)
-        # Errors are those of the files: a curve that made all of them alike would leave none.
+        # Errors are those of the files: a response that made all of them alike would leave none.
         power = 1.0 if seen.bent is None else seen.bent.power
         self.share, self.bend, self.level, self.left = share * power, bend * power, level * power, left * power
         self.scatter *= power
         self.around, self.logarithm = self._bends()
 
     def _bends(self) -> tuple[F64, F64]:
-        """(T, V) slopes of log radiance by light from all around, and by the logarithm of the curve's exponent."""
+        """(T, V) slopes of log radiance by light from all around, and by the logarithm of the response's exponent."""
         sample, bent = self.fit.sample, self.seen.bent
         irradiance = np.maximum(sample.texels.irradiance.mean(-1), LEAST)
-        around = sample.typical_light / irradiance
+        around = sample.light * self.fit.geometry.open / irradiance
         value = self.seen.texels.reflected.mean(-1) * irradiance * self.fit.geometry.file * self.seen.brighter
         if bent is not None:
             lit = bent.lit()

@@ -32,17 +32,12 @@ class RigSample:
     slot: I32  # (T,) material slot
     cluster: I32  # (T,) neighbours, which err alike, share a number
     scale_known: bool = True  # the lamps' powers are those of the pictures: the Specular IOR Level is likely to be 0.5
+    light: float = 1.0  # W/m^2: the unit of irradiance from all around
 
     def part(self, some: Bool) -> RigSample:
         """Some of the texels."""
         return replace(self, texels=self.texels.part(some), position=self.position[some], normal=self.normal[some],
                        slot=self.slot[some], cluster=self.cluster[some])
-
-    @cached_property
-    def typical_light(self) -> float:
-        """Median irradiance by lamps, W/m^2."""
-        some = self.texels.usable()
-        return float(np.median(self.texels.irradiance.mean(-1)[some])) if some.any() else 1.0
 
     @cached_property
     def geometry(self) -> RigGeometry:
@@ -59,7 +54,7 @@ class Seen:
     slopes: dict[str, F64]  # of each lamp, (T, 3): of the logarithm of irradiance, in its group's axes and reach
     fine: dict[str, Bool]  # of each lamp, (T,): where the slopes are known
     share: dict[tuple[int, str], F64]  # of the layer's irradiance, (T,): by layer and lamp
-    bent: Bent | None = None  # light from all around, and the curve of the files; None: there is neither
+    bent: Bent | None = None  # light from all around, and the response of the files; None: there is neither
 
     def as_given(self, reflected: F64) -> F64:
         """(T, V, C) what the given rig makes of pictures in which texels reflect so under the changed one."""
@@ -105,6 +100,7 @@ class RigGeometry:
         of_view = [log_cosine(view.camera, sample.position - view.camera.position) for view in sample.rig.views]
         self.cosine = np.stack([of_view[place] for place in sample.view], -1)  # (T, V) log of it to the camera's axis
         shown = np.array([(view.gain * 2.0**view.exposure, view.vignetting) for view in sample.rig.views])[sample.view]
+        self.open = np.array([float(view.ambient is None) for view in sample.rig.views])[sample.view]  # (V,)
         self.file = shown[:, 0] * np.exp(shown[:, 1] * self.cosine)  # (T, V) value of files for each unit of radiance
 
     def under(self, change: RigChange) -> Seen:
@@ -143,10 +139,10 @@ class RigGeometry:
         """``lamps``, ``shown``: (T, V) factors of the lamps' irradiance and of what a picture shows of radiance."""
         texels = self.sample.texels
         irradiance = np.maximum(texels.irradiance * lamps[..., None], LEAST_LIGHT)
-        ambient = max(change.ambient, 0.0) * self.sample.typical_light
+        ambient = max(change.ambient, 0.0) * self.sample.light * self.open[:, None]
         sheen = brdf.principled_energy(SHEEN, np.clip(texels.cos_v, LEAST_COSINE, 1.0))[..., 1] / np.pi
         return Bent(ambient / irradiance, ambient * sheen[..., None] / irradiance,
-                    irradiance * (shown * self.file)[..., None], float(np.exp(change.log_tone)))
+                    irradiance * (shown * self.file)[..., None], float(np.exp(change.log_response)))
 
     def _light(self, change: RigChange) -> dict[str, tuple[F64, F64, Bool]]:
         """Of each lamp: irradiance over power (T,), slopes (T, 3), and where those are known (T,)."""
@@ -161,6 +157,12 @@ class RigGeometry:
                 scaled = np.where(fine[:, None], slopes @ axes * (group.reach / own), 0.0)
                 result[name] = light_irradiance(light, sample.position, sample.normal), scaled, fine
         return result
+
+
+def typical_light(texels: SampledTexels) -> float:
+    """Median irradiance by lamps, W/m^2."""
+    some = texels.usable()
+    return float(np.median(texels.irradiance.mean(-1)[some])) if some.any() else 1.0
 
 
 def _angles(light: Light, camera: Camera, sample: RigSample) -> tuple[F64, F64]:

@@ -17,6 +17,7 @@ from .image_file import ImageFile, open_image
 from .mask import ASPECT, Mask
 from .picture_survey import Rows, Survey, all_channels, survey
 from .raw_reader import is_raw
+from .response import straightened
 
 _EVEN = 0.99  # quantile of a flat field that counts as 1: a speck may be brighter
 _DIM = 0.02  # of that: where a flat field is darker, nothing can be divided by it
@@ -28,7 +29,8 @@ Pixels = tuple[F32, F32, Bool]  # radiance (rows, width, 3), coverage and validi
 def read_reference(view: View, max_pixels: int | None = None) -> RadianceImage:
     """Radiance of ``view.image``: linear Rec.709, divided by 2^exposure and gain, alpha divided out, upright.
 
-    ``view.ambient`` is subtracted, and ``view.flat`` and ``view.vignetting`` are divided out.
+    ``view.ambient`` is subtracted, ``view.flat`` and ``view.vignetting`` are divided out, and ``view.response`` of what
+    is left is undone.
 
     With ``max_pixels`` a larger image is reduced by area averages to at most about that many; a reduced
     pixel is valid only if all under it are.  Beside the result it takes about 250 MB, however large the image is, and
@@ -51,7 +53,7 @@ def read_reference(view: View, max_pixels: int | None = None) -> RadianceImage:
         bottom = rows.start
     reference.check(bool(np.any(valid & (coverage > 0))))
     return RadianceImage(
-        rgb=brightened(rgb, view.camera, view.vignetting), coverage=coverage, valid=valid, warnings=reference.warnings,
+        rgb=brightened(straightened(rgb, view), view.camera, view.vignetting), coverage=coverage, valid=valid, warnings=reference.warnings,
         clipped_share=reference.clipped_share)
 
 

@@ -7,7 +7,7 @@ part by part, each of the picture's size.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import moderngl
@@ -91,26 +91,47 @@ class LitByEnvironment:
             sums = [device.texture(*size) for _ in range(1 + model.NODES)]
             halves = sums[:1 + model.NODES_AT_ONCE], sums[1 + model.NODES_AT_ONCE:]
             for number, outputs in enumerate(halves):
-                with device.target(outputs, clear=True) as target, device.adding():
-                    for batch, sheet in enumerate(self.sheets):
-                        device.draw("observe/environment.frag", target, self._inputs(camera, batch, sheet, number),
-                                    cells=camera.maps.cells)
-                        yield None
+                first = model.NODES_AT_ONCE * number
+                for _ in self._sum(camera, outputs, first, model.NODES_AT_ONCE):
+                    yield None
             made = self._divided(camera.maps, sums[0], sums[1:])
             owned.hand_over(made.irradiance, made.nodes)
         yield made
 
-    def _inputs(self, camera: Pixels, batch: int, sheet: moderngl.Texture, half: int) -> Inputs:
+    def irradiance(self, camera: Pixels) -> Iterator[moderngl.Texture | None]:
+        """The irradiance of a camera's pixels alone; the last item, after None between draws."""
+        device, size = self.device, camera.maps.position.size
+        with device.scope() as owned:
+            sums = [device.texture(*size) for _ in range(2)]
+            for _ in self._sum(camera, sums, model.NODES - 1, 1):  # the roughest node: the cheapest
+                yield None
+            owned.hand_over(sums[0])
+        yield sums[0]
+
+    def _sum(
+        self, camera: Pixels, outputs: Sequence[moderngl.Texture], first: int, count: int,
+    ) -> Iterator[None]:
+        """Of all batches, into textures of nodes from ``first`` on; irradiance before them, if there is one more."""
+        device = self.device
+        with device.target(outputs, clear=True) as target, device.adding():
+            for batch, sheet in enumerate(self.sheets):
+                inputs = self._inputs(camera, batch, sheet)
+                defines = {"FIRST_NODE": str(first), "NODE_COUNT": str(count),
+                           **({"IRRADIANCE": "1"} if len(outputs) > count else {})}
+                device.draw("observe/environment.frag", target, replace(inputs, defines={**inputs.defines, **defines}),
+                            cells=camera.maps.cells)
+                yield None
+
+    def _inputs(self, camera: Pixels, batch: int, sheet: moderngl.Texture) -> Inputs:
         count, visibility = len(self.directions.toward), self.visibility
         return Inputs({
             "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_facet": camera.maps.facet,
             "u_directions": self.data, "u_shadow": sheet,
         }, {**camera.uniforms, "u_first": BATCH * batch, "u_count": min(BATCH, count - BATCH * batch), "u_all": count,
             "u_center": tuple(visibility.center.tolist()), "u_half_width": 1.01 * visibility.radius,
-            }, {**camera.defines, "FIRST_NODE": str(model.NODES_AT_ONCE * half), "NODE_COUNT": str(model.NODES_AT_ONCE),
-                "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS), "SHARP": str(model.SHARP),
+            }, {**camera.defines, "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS), "SHARP": str(model.SHARP),
                 "PARTS_0": str(model.PARTS[0]), "PARTS_1": str(model.PARTS[1]), "DATA_WIDTH": str(DATA_WIDTH),
-                "SHADOW_SIDE": str(SIDE), "SHADOW_COLUMNS": str(COLUMNS), **({} if half else {"IRRADIANCE": "1"})})
+                "SHADOW_SIDE": str(SIDE), "SHADOW_COLUMNS": str(COLUMNS)})
 
     def _divided(
         self, maps: GBufferMaps, irradiance: moderngl.Texture, nodes: Sequence[moderngl.Texture],

@@ -26,6 +26,7 @@ from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, draw_pixel_grid
 from ..gbuffer.projection import Projection, lens_uniforms, projection_of
 from ..gbuffer.solve_mask import SolveMask
+from .ambient_light import is_ambient, uniform_environment, with_ambient
 from .environment_light import EnvironmentLight, LitByEnvironment
 from .indirect_light import Smoother
 from .picture_memory import channels_needed, mean_radiance
@@ -146,6 +147,7 @@ def observe(
         yield from observer.read(read_image)
         yield from observer.light()
         yield from observer.light_from_around()
+        yield from observer.ambient_light()
         yield from observer.divide()
         observations = observer.observations()
         owned.hand_over(*observations.objects)
@@ -165,6 +167,9 @@ class _Observer:
         self.references: dict[int, Reference] = {}
         self.lit: dict[tuple[str, int], moderngl.Texture] = {}  # by light and camera
         self.around: dict[tuple[tuple[str, float], int], EnvironmentLight] = {}  # by environment and camera
+        self.open: list[moderngl.Texture] = []  # irradiance by ambient light of radiance 1, where some view has any
+        table = principled_table()
+        self.table = device.texture(table.shape[1], table.shape[0], table.shape[2], table)
         self.levels: list[F32] = []
         self.warnings: list[str] = []
         self.skipped: list[tuple[str, str]] = []
@@ -271,6 +276,22 @@ class _Observer:
                             yield told(0.4 + 0.6 * n / len(chosen))
             kept.hand_over(*(texture for light in self.around.values() for texture in (light.irradiance, light.nodes)))
 
+    def ambient_light(self) -> Generator[Progress, None, None]:
+        """What of light from everywhere each camera's pixels see."""
+        if not is_ambient(self.scene.views):
+            return
+        with self.device.scope() as kept:
+            visibility = LightVisibility(self.device, self.mesh, self.occluders, 1)
+            lit = LitByEnvironment(self.device, visibility, uniform_environment(), environment_model.COUNT)
+            for done in lit.draw_shadows():
+                yield Progress(0.8 * done, "observe", "ambient light")
+            for camera in self.cameras:
+                for made in lit.irradiance(camera):
+                    if made is not None:
+                        self.open.append(made)
+                    yield Progress(0.8, "observe", "ambient light")
+            kept.hand_over(*self.open)
+
     def divide(self) -> Generator[Progress, None, None]:
         """Radiance over irradiance, and the lobes' geometry, of every view."""
         level = self.level
@@ -289,19 +310,22 @@ class _Observer:
         """What view ``n`` of camera ``c`` observes."""
         view, bounced = self.scene.views[n], self.limits.bounced
         indirect = smoother.smooth(bounced[n]) if bounced else None
+        passing: tuple[moderngl.Texture, ...] = indirect or ()
+        if any(view.ambient_radiance):
+            indirect = with_ambient(
+                self.device, self.cameras[c], self.open[c], self.table, view.ambient_radiance, indirect)
+            passing += indirect
         shadows = [self.lit[light.name, c] for light in view.lights]
         around = self.around[view.environment.key, c] if view.environment is not None else None
         colour, lobes, nodes = drawer.draw(view.lights, self.images[n], shadows, indirect, around)
-        for texture in (self.images.pop(n), *(indirect or ())):
+        for texture in (self.images.pop(n), *passing):
             texture.release()  # now: the next view's take their place
         return ObservedView(view, colour, lobes, _tint(view), *self.references[n], nodes)
 
     def observations(self) -> Observations:
         """Of the cameras that have views."""
-        table = principled_table()
-        texture = self.device.texture(table.shape[1], table.shape[0], table.shape[2], table)
         useful = [camera for camera in self.cameras if camera.views]
-        return Observations(useful, self.channels, self.level, tuple(self.skipped), tuple(self.warnings), texture)
+        return Observations(useful, self.channels, self.level, tuple(self.skipped), tuple(self.warnings), self.table)
 
 
 def _diameter(camera: ObservedCamera, subject: LightVisibility) -> float:

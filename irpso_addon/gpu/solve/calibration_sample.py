@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.calibration.rig import Rig
-from ...core.calibration.rig_sample import RigSample
+from ...core.calibration.rig_sample import RigSample, typical_light
 from ...core.data import F64, I32, Bool, View
 from ..observe.observation_atlas import CameraSource
 from .material_sample import CameraSample, read_sample, spread_squares
@@ -28,7 +28,7 @@ def calibration_sample(
         normal = sample.normals.reshape(-1, 4)[places].astype(np.float64)
     views, of_layer = views_of(source)
     return RigSample(observed, Rig.of(views, position.mean(0)), of_layer, position, normal[:, :3],
-                     normal[:, 3].round().astype(np.int32), cells_of(position), scale_known)
+                     normal[:, 3].round().astype(np.int32), cells_of(position), scale_known, typical_light(observed))
 
 
 def views_of(source: CameraSource) -> tuple[list[View], I32]:

@@ -1,0 +1,30 @@
+"""The response of a camera, or of the program that developed its pictures: files hold radiance to some power.
+
+White, the value 1, stays where it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..data import F32, View
+
+LEAST_RESPONSE, MOST_RESPONSE = 0.2, 5.0
+
+
+def file_scale(view: View) -> float:
+    """The value of the view's file for each unit of radiance, vignetting and response aside."""
+    return float(view.gain * 2.0**view.exposure)
+
+
+def straightened(rgb: F32, view: View) -> F32:
+    """Radiance from ``rgb``, a picture that was read as if its file were linear; both are over `file_scale`."""
+    return undone(rgb, file_scale(view), view.response)
+
+
+def undone(rgb: F32, scale: float, response: float) -> F32:
+    """``rgb`` times ``scale`` to the power 1 / ``response``, over ``scale``; negative values, which noise makes, stay."""
+    if response == 1.0:
+        return rgb
+    value = rgb * np.float32(scale)
+    return np.asarray(np.sign(value) * np.abs(value) ** np.float32(1 / response) / np.float32(scale), np.float32)

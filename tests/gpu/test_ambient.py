@@ -1,0 +1,111 @@
+"""Light from all around beside the lamps, and files that are not linear: found, and then taken for what they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import Calibration, Solution
+from irpso_addon.core.shading import brdf
+from tests.support import shoots
+from tests.support import synthetic as syn
+
+PIXELS = (96, 96)
+AUTO = {"model": "one-lobe", "registration": "given", "indirect": "off", "lamps": "auto", "exposures": "auto"}
+GIVEN = {"lamps": "given", "exposures": "given"}
+
+
+@pytest.fixture(scope="module")
+def plane() -> syn.Shoot:
+    """Two cameras, eight lamps each."""
+    return syn.shoot(syn.PATCHES, shoots.rig(), PIXELS)
+
+
+def surrounded(shoot: syn.Shoot, radiance: tuple[float, float, float]) -> syn.Shoot:
+    """The pictures with light from everywhere: summed over directions above the plane, which hides those below."""
+    count = 400
+    i = np.arange(count) + 0.5
+    z, turn = i / count, i * np.pi * (3 - 5**0.5)
+    ways = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], -1)
+    images = {}
+    for view in shoot.scene.views:
+        picture = shoot.images[view.image.name]
+        origin, direction = syn.pixel_rays(view.camera, *PIXELS)
+        points = np.nan_to_num(syn.meet_plane(origin, direction))
+        points = np.where((np.abs(points[..., :2]) <= 1).all(-1)[..., None], points, 0.0)
+        uv, normal = syn.plane_uv(points), syn.plane_normal(points)
+        base, rough = (f(uv[..., 0], uv[..., 1]) for f in (shoot.truth.base, shoot.truth.roughness))
+        total = np.zeros(points.shape)
+        for way in ways:
+            cosine = np.maximum(normal @ way, 0)
+            total += cosine[..., None] * brdf.principled(base, rough, np.broadcast_to(way, points.shape), -direction,
+                                                         normal)
+        light = total * (2 * np.pi / count) * np.array(radiance)
+        images[view.image.name] = replace(picture, rgb=(picture.rgb + light).astype(np.float32))
+    return replace(shoot, images=images)
+
+
+def bent(shoot: syn.Shoot, power: float) -> syn.Shoot:
+    """Files that hold radiance to a power."""
+    return replace(shoot, images={name: replace(picture, rgb=picture.rgb**np.float32(power))
+                                  for name, picture in shoot.images.items()})
+
+
+def told(shoot: syn.Shoot, **more: object) -> syn.Shoot:
+    """Views that are known to be so."""
+    return replace(shoot, scene=replace(shoot.scene, views=tuple(
+        replace(view, **more) for view in shoot.scene.views)))
+
+
+def found(solution: Solution) -> Calibration:
+    assert solution.calibration is not None
+    return solution.calibration
+
+
+def rough_error(shoot: syn.Shoot, solution: Solution) -> float:
+    return float(np.mean(shoots.errors(solution, shoot.truth).rough))
+
+
+RADIANCE = 0.04, 0.05, 0.07  # W/(m^2 sr); a white surface below a lamp shows 1.6
+
+
+@pytest.fixture(scope="module")
+def room(plane: syn.Shoot) -> syn.Shoot:
+    return surrounded(plane, RADIANCE)
+
+
+def test_known_light_from_everywhere(plane: syn.Shoot, room: syn.Shoot) -> None:
+    """Where views have it, maps are nearly those without: what surfaces hide of it is found by shadows."""
+    ignored = rough_error(plane, shoots.run(room, **AUTO | GIVEN))
+    known = rough_error(plane, shoots.run(told(room, ambient_radiance=RADIANCE), **AUTO | GIVEN))
+    assert ignored > 0.05 and known < 0.1 * ignored
+
+
+def test_light_from_everywhere_is_found(plane: syn.Shoot, room: syn.Shoot) -> None:
+    solution = shoots.run(room, **AUTO)
+    ambient = found(solution).ambient
+    assert ambient is not None
+    np.testing.assert_allclose(ambient.radiance, RADIANCE, rtol=0.05)
+    assert rough_error(plane, solution) < 0.15 * rough_error(plane, shoots.run(room, **AUTO | GIVEN))
+
+
+@pytest.mark.parametrize("power", [0.8, 0.95, 1.2])
+def test_a_response_is_found(plane: syn.Shoot, power: float) -> None:
+    wrong = bent(plane, power)
+    solution = shoots.run(wrong, **AUTO)
+    response = found(solution).response
+    assert response is not None and response.exponent == pytest.approx(power, rel=0.004)
+    assert rough_error(plane, solution) < 0.15 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
+
+
+def test_both_at_once(plane: syn.Shoot) -> None:
+    radiance = 0.01, 0.012, 0.015
+    wrong = bent(surrounded(plane, radiance), 0.9)
+    solution = shoots.run(wrong, **AUTO)
+    calibration = found(solution)
+    assert calibration.response is not None and calibration.ambient is not None
+    assert calibration.response.exponent == pytest.approx(0.9, rel=0.002)
+    np.testing.assert_allclose(calibration.ambient.radiance, radiance, rtol=0.04)  # 2.4 % of red here
+    assert rough_error(plane, solution) < 0.1 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
