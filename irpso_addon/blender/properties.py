@@ -22,6 +22,7 @@ from bpy.props import (
 from bpy.types import PropertyGroup
 
 from ..core.capture.captures import MOST_VIGNETTING
+from ..core.images.response import LEAST_RESPONSE, MOST_RESPONSE
 from ..core.params import ExportSettings, ShootSettings, SolveSettings, choice_name
 
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # of paths: "//" is the .blend's folder
@@ -79,6 +80,14 @@ class IRPSO_PG_view(PropertyGroup):
         name="Vignetting", default=0.0, soft_min=0.0, soft_max=8.0, min=-MOST_VIGNETTING, max=MOST_VIGNETTING,
         description="How much darker the image is towards its edges: the power of the cosine of the angle to the "
                     "camera's axis. 0: even; 4: a plain lens without correction")
+    response: FloatProperty(
+        name="Response", default=1.0, min=LEAST_RESPONSE, max=MOST_RESPONSE, precision=3,
+        description="Exponent of the camera's or developer's tone curve: the file holds radiance to this power. 1: the "
+                    "file is linear once its color space is undone")
+    ambient_radiance: FloatVectorProperty(
+        name="Ambient Light", size=3, default=(0.0, 0.0, 0.0), min=0.0, precision=4,
+        description="Radiance of light that comes alike from everywhere and shines beside the lights, in W/(m² sr), "
+                    "linear RGB")
     mask: StringProperty(
         name="Mask", subtype="FILE_PATH", options=RELATIVE,
         description="Image that is white where the object can be trusted (optional)")

@@ -119,13 +119,13 @@ class SolveSettings(Table):
         ("auto", "Correct both where the pictures show clearly that they are off"),
         ("given", "Use the scene's cameras unchanged"),
     ), advanced=True)
-    lamps: str = parameter("auto", "Place and power of the lamps", label="Lamps", choices=(
+    lamps: str = parameter("auto", "Place and power of the lamps, and ambient light", label="Lamps", choices=(
         ("auto", "Correct where that predicts left-out views better"),
-        ("given", "Use the scene's lamps unchanged"),
+        ("given", "Use the scene's lamps and the views' ambient light unchanged"),
     ), advanced=True)
-    exposures: str = parameter("auto", "Exposure of each view, and vignetting", label="Exposures", choices=(
-        ("given", "Use each view's exposure and vignetting unchanged"),
-        ("solve", "Find every exposure from the pictures; keep their mean and the vignetting"),
+    exposures: str = parameter("auto", "Exposure of each view, vignetting and response", label="Exposures", choices=(
+        ("given", "Use each view's exposure, vignetting and response unchanged"),
+        ("solve", "Find every exposure from the pictures; keep their mean, vignetting and response"),
         ("auto", "Correct where that predicts left-out views better"),
     ), advanced=True)
     normals: str = parameter("auto", "Shading normals", label="Normals", choices=(

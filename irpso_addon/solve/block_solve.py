@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from ..core.data import F32, F64, I32, Bool, Camera, Maps, RadianceImage, View
-from ..core.job import Progress
 from ..core.images.response import file_scale, straightened
+from ..core.job import Progress
 from ..core.maps.export import layers
 from ..core.reporting.estimates import bytes_per_pixel
 from ..core.tiled import uv_blocks

@@ -1,4 +1,4 @@
-"""A problem put right as the product puts scenes right: lamps, exposures, ambient light, and the response of the files."""
+"""A problem put right as the product puts scenes right: lamps, exposures, ambient light, and the files' response."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def _view(believed: Geometry, k: int, camera: int) -> View:
     place, lamp = np.eye(4), np.eye(4)
     lamp[:3, 3] = believed.lamps[k]
     forward = -believed.cameras[camera] / np.linalg.norm(believed.cameras[camera])
-    return View(Path(f"{k}.exr"), Camera(f"Camera {camera}", place, place, believed.cameras[camera], forward, False, 1.0),
-                (Light(f"Lamp {k}", "POINT", believed.power[k], lamp),))
+    through = Camera(f"Camera {camera}", place, place, believed.cameras[camera], forward, False, 1.0)
+    return View(Path(f"{k}.exr"), through, (Light(f"Lamp {k}", "POINT", believed.power[k], lamp),))
 
 
 def _changed(problem: Problem, sample: RigSample, judged: Judged) -> Problem:

@@ -36,11 +36,11 @@ def keep(records, module):
     """``keep(*lamps, exposures=...)``: a solution of the ball that has put these right."""
     session = module("blender.jobs.session").session
 
-    def of(*lamps, exposures=(), vignetting=None, obj=None):
+    def of(*lamps, exposures=(), vignetting=None, obj=None, **more):
         grey, none = np.full((4, 4), 0.5, np.float32), np.zeros((4, 4), bool)
         maps = records.Maps(np.full((4, 4, 3), 0.5, np.float32), grey, grey, grey, none, ~none, grey, grey)
         error = records.PredictionError(0.04, 2.0)
-        found = records.Calibration(lamps, exposures, error, replace(error, relative_rms=0.03), vignetting)
+        found = records.Calibration(lamps, exposures, error, replace(error, relative_rms=0.03), vignetting, **more)
         solution = replace(records.Solution.of_maps(maps, {"Paint": "one-lobe"}), calibration=found)
         session.keep(obj or bpy.data.objects["Ball"], solution)
         return session
@@ -165,6 +165,16 @@ def test_vignetting_of_the_list(scene, records, keep) -> None:
     apply()
     powers = [view.vignetting for view in scene.irpso.views]
     assert powers == [pytest.approx(3.5), *[pytest.approx(2.5)] * (len(powers) - 1)]
+
+
+def test_ambient_light_and_response_of_the_list(scene, records, keep) -> None:
+    """Every view's, beside what it has; where the ambient light was photographed, it has been subtracted."""
+    first, second = scene.irpso.views[:2]
+    first.ambient_radiance, first.response, second.ambient = (0.1, 0.0, 0.0), 0.5, "//dark.exr"
+    keep(ambient=records.AmbientChange((0.2, 0.3, 0.4), 0.05, 0.001), response=records.ResponseChange(0.9, 0.001))
+    apply()
+    assert tuple(first.ambient_radiance) == pytest.approx((0.3, 0.3, 0.4)) and first.response == pytest.approx(0.45)
+    assert not any(second.ambient_radiance) and second.response == pytest.approx(0.9)
 
 
 @pytest.mark.parametrize(("spoil", "words"), [

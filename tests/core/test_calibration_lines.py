@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,7 +18,14 @@ from irpso_addon.core.checks.calibration_lines import (
     place_change,
     power_change,
 )
-from irpso_addon.core.data import Calibration, ExposureChange, LampChange, PredictionError
+from irpso_addon.core.data import (
+    AmbientChange,
+    Calibration,
+    ExposureChange,
+    LampChange,
+    PredictionError,
+    ResponseChange,
+)
 
 KEY = LampChange(("Key",), (0.03, 0.0, -0.04), 0.002, 0.0123, 0.914, 0.003)
 RIM = replace(KEY, lights=("Rim",), offset=(0.0, 0.006, 0.0), share=0.003, power=1.05)
@@ -29,8 +37,8 @@ END = (" The error on left-out views fell from 4.3 % to 3.8 % of their radiance.
        "The scene keeps its lamps and exposures.")
 
 
-def found(*lamps: LampChange, exposures: tuple[ExposureChange, ...] = ()) -> Calibration:
-    return Calibration(lamps, exposures, PredictionError(0.0432, 2.0), PredictionError(0.0379, 1.5))
+def found(*lamps: LampChange, exposures: tuple[ExposureChange, ...] = (), **more: Any) -> Calibration:
+    return Calibration(lamps, exposures, PredictionError(0.0432, 2.0), PredictionError(0.0379, 1.5), **more)
 
 
 @pytest.mark.parametrize(("calibration", "line"), [
@@ -49,6 +57,11 @@ def found(*lamps: LampChange, exposures: tuple[ExposureChange, ...] = ()) -> Cal
            exposures=(VIEW, replace(VIEW, image=Path("b.exr"), stops=-0.12))),
      "IRPSO moved 'Key' by 1.2 % of its distance, turned 2 suns by up to 1.1 degrees ('Sun') and changed the exposure "
      "of 2 views by up to -0.12 EV ('b.exr')."),
+    (found(ambient=AmbientChange((0.1, 0.1, 0.1), 0.052, 0.001)),
+     "IRPSO subtracted ambient light of 5.2 % of the lamps' irradiance."),
+    (found(KEY, response=ResponseChange(0.954, 0.001)),
+     "IRPSO moved 'Key' by 1.2 % of its distance, changed its power by -8.6 % and undid a response of exponent 0.954, "
+     "because the files are not linear."),
     (found(replace(KEY, **UNSURE)), "IRPSO changed lamps a little, although no single change is certain."),
     (found(exposures=(replace(VIEW, sure=False),)),
      "IRPSO changed exposures a little, although no single change is certain."),

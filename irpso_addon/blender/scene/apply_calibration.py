@@ -35,26 +35,38 @@ def apply_calibration(scene: Any, calibration: Calibration) -> str:
 
 
 def _expose(scene: Any, calibration: Calibration) -> str:
-    """Changes exposures and vignetting of the scene's list of views; says what became of them."""
-    vignetting = calibration.vignetting
-    if not calibration.exposures and vignetting is None:
+    """Changes what the scene's list of views has of it; says what became of that."""
+    names = [name for name, found in (
+        ("exposures", calibration.exposures), ("vignetting", calibration.vignetting),
+        ("ambient light", calibration.ambient), ("response", calibration.response)) if found]
+    if not names:
         return ""
-    what = "exposures" if vignetting is None else "exposures and vignetting" if calibration.exposures else "vignetting"
+    what = " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
     if scene.irpso.captures:
         return f"; the views of {bpy.path.basename(scene.irpso.captures)} keep their {what}"
     if not scene.irpso.views:
         return f"; background images have no {what} to be changed"
+    return _changed(scene.irpso.views, calibration, names)
+
+
+def _changed(views: Any, calibration: Calibration, names: list[str]) -> str:
+    vignetting, ambient, response = calibration.vignetting, calibration.ambient, calibration.response
     stops = {(view.image, view.camera): view.stops for view in calibration.exposures}
     count = 0
-    for view in scene.irpso.views:
+    for view in views:
         key = Path(bpy.path.abspath(view.image)), view.camera.name if view.camera is not None else ""
         if key in stops:
             view.exposure += stops[key]
             count += 1
         if vignetting is not None:
             view.vignetting += vignetting.power
+        if ambient is not None and not view.ambient:
+            view.ambient_radiance = tuple(map(sum, zip(view.ambient_radiance, ambient.radiance, strict=True)))
+        if response is not None:
+            view.response *= response.exponent
     changed = f", {counted(count, 'exposure')} changed" if calibration.exposures else ""
-    return changed + (f", vignetting of {counted(len(scene.irpso.views), 'view')} changed" if vignetting else "")
+    shared = " and ".join(name for name in names if name != "exposures")
+    return changed + (f", {shared} of {counted(len(views), 'view')} changed" if shared else "")
 
 
 def _depth(obj: Any) -> int:

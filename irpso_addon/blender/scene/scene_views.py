@@ -46,6 +46,8 @@ class NamedView:
     vignetting: float = 0.0
     world: str | None = None  # of that name; None: the scene's
     turn: float = 0.0  # degrees about Z
+    response: float = 1.0
+    ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ class SceneViews:
         return NamedView(image, image, entry.camera, entry.lights, exposure=entry.exposure, mask=str(entry.mask or ""),
                          colorspace=entry.colorspace, faults=tuple(faults), ambient=str(entry.ambient or ""),
                          flat=str(entry.flat or ""), vignetting=entry.vignetting, world=entry.world,
-                         turn=entry.turn)
+                         turn=entry.turn, response=entry.response, ambient_radiance=entry.ambient_radiance)
 
     def _entry(self, entry: Any, where: str) -> NamedView:
         camera = entry.camera.name if entry.camera is not None else ""
@@ -110,7 +112,8 @@ class SceneViews:
         return NamedView(
             entry.image or where, bpy.path.abspath(entry.image), camera, lights or self._rendered_lights(), not lights,
             float(entry.exposure), bpy.path.abspath(entry.mask), entry.colorspace or None, entry.enabled, tuple(faults),
-            bpy.path.abspath(entry.ambient), bpy.path.abspath(entry.flat), float(entry.vignetting))
+            bpy.path.abspath(entry.ambient), bpy.path.abspath(entry.flat), float(entry.vignetting),
+            response=float(entry.response), ambient_radiance=tuple(map(float, entry.ambient_radiance)))
 
     def _backgrounds(self) -> Iterable[NamedView]:
         for camera in self._of_type("CAMERA"):

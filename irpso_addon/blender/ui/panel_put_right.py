@@ -7,7 +7,14 @@ from collections.abc import Sequence
 import bpy
 from bpy.types import Panel
 
-from ...core.checks.calibration_lines import exposure_row, gain_of, lamp_rows, vignetting_row
+from ...core.checks.calibration_lines import (
+    ambient_row,
+    exposure_row,
+    gain_of,
+    lamp_rows,
+    response_row,
+    vignetting_row,
+)
 from ...core.phrases import counted
 from ..jobs.session import session
 from ..panel_common import Tab, letters, wrapped
@@ -44,7 +51,9 @@ class IRPSO_PT_put_right(Tab, Panel):
             wrapped(layout, text, width, icon)
         else:
             layout.operator("irpso.apply_calibration", icon="LIGHT")
-        rows, exposures, vignetting = lamp_rows(calibration), exposure_row(calibration), vignetting_row(calibration)
+        rows, exposures = lamp_rows(calibration), exposure_row(calibration)
+        shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), response_row(calibration))
+                  if row is not None]
         _draw_rows(layout, rows[:SHOWN * ROWS])
         if more := rows[SHOWN * ROWS:]:
             header, body = layout.panel("IRPSO_more_lamps", default_closed=True)
@@ -54,11 +63,10 @@ class IRPSO_PT_put_right(Tab, Panel):
         if exposures is not None:
             _draw_rows(layout, [exposures[:2]])
             wrapped(layout, exposures[2], width, "CAMERA_DATA")
-        if vignetting is not None:
-            _draw_rows(layout, [vignetting])
-        if (exposures or vignetting) and context.scene.irpso.captures:
-            wrapped(layout, "Views of a capture file keep their exposures and vignetting", width, "INFO")
-        if not (rows or exposures or vignetting):
+        _draw_rows(layout, shared)
+        if (exposures or shared) and context.scene.irpso.captures:
+            wrapped(layout, "The capture file keeps its views unchanged", width, "INFO")
+        if not (rows or exposures or shared):
             wrapped(layout, "Small changes, none certain by itself", width, "INFO")
 
 

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..errors import BadInput
+from ..images.response import LEAST_RESPONSE, MOST_RESPONSE
 from ..storage.text_file import read_text
 
 MOST_EXPOSURE = 64  # EV, either way
 MOST_TURN = 3600.0  # degrees, either way
 MOST_VIGNETTING = 16.0  # power of the cosine, either way
+MOST_AMBIENT = 1e6  # W/(m^2 sr)
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,8 @@ class CaptureView:
     flat: Path | None = None
     world: str | None = None  # of that name; None: the scene's
     turn: float = 0.0  # degrees about Z by which the world is turned, against the clock seen from above
+    response: float = 1.0  # as View's
+    ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # as View's
 
 
 def read_captures(path: Path) -> list[CaptureView]:
@@ -86,6 +90,20 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
 
     exposure, turn = number("exposure", "EV", MOST_EXPOSURE), number("turn", "degrees", MOST_TURN)
     vignetting = number("vignetting", "powers of the cosine", MOST_VIGNETTING)
+    response = 1.0 if entry.get("response") is None else number("response", "an exponent", MOST_RESPONSE)
+    if not response >= LEAST_RESPONSE:
+        bad(f'"response" is out of range; it must be between {LEAST_RESPONSE:g} and {MOST_RESPONSE:g}')
+
+    def radiance(key: str) -> tuple[float, float, float]:
+        value = entry.get(key)
+        if value is None:
+            return 0.0, 0.0, 0.0
+        if not isinstance(value, list) or len(value) != 3 or any(
+                isinstance(part, bool) or not isinstance(part, (int, float)) or not 0 <= part <= MOST_AMBIENT
+                for part in value):
+            bad(f'"{key}" is not a color; it must be [red, green, blue], each between 0 and {MOST_AMBIENT:g}')
+        red, green, blue = map(float, value)
+        return red, green, blue
 
     def file(key: str) -> Path | None:
         name = text(key, False)
@@ -96,7 +114,8 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
     return CaptureView(
         image=_located(path.parent, image), camera=camera, lights=tuple(lights), exposure=exposure,
         mask=file("mask"), colorspace=text("colorspace", False), ambient=file("ambient"), flat=file("flat"),
-        world=text("world", False), turn=turn, vignetting=vignetting,
+        world=text("world", False), turn=turn, vignetting=vignetting, response=response,
+        ambient_radiance=radiance("ambient_radiance"),
     )
 
 

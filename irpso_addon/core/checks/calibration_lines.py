@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ..data import Calibration, ExposureChange, LampChange, VignettingChange
+from ..data import AmbientChange, Calibration, ExposureChange, LampChange, ResponseChange, VignettingChange
 from ..phrases import counted, percent
 
 STAYS = "The scene keeps its lamps and exposures."
@@ -19,7 +19,8 @@ def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
     placed = [lamp for lamp in lamps if lamp.sure_place]
     powered = [lamp for lamp in lamps if lamp.sure_power]
     parts = [*_placed([lamp for lamp in placed if not lamp.sun]), *_turned([lamp for lamp in placed if lamp.sun]),
-             *_powered(powered, said=powered == placed), *_exposed(views), *_even(calibration.vignetting)]
+             *_powered(powered, said=powered == placed), *_exposed(views), *_even(calibration.vignetting),
+             *_surrounded(calibration.ambient), *_straightened(calibration.response)]
     what = " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
     if not parts:
         changed = " and ".join(["lamps"] * bool(calibration.lamps) + ["exposures"] * bool(calibration.exposures)
@@ -86,6 +87,20 @@ def vignetting_row(calibration: Calibration) -> tuple[str, str] | None:
     return "Vignetting", f"{-found.stops:+.2f} ± {abs(found.stops * found.error / found.power):.2f} EV in corners"
 
 
+def ambient_row(calibration: Calibration) -> tuple[str, str] | None:
+    """"Ambient Light", "5.2% ± 0.1% of the lamps'"; None: there is none."""
+    found = calibration.ambient
+    if found is None:
+        return None
+    return "Ambient Light", f"{percent(found.share, 1)} ± {percent(found.error, 1)} of the lamps'"
+
+
+def response_row(calibration: Calibration) -> tuple[str, str] | None:
+    """"Response", "exponent 0.95 ± 0.001"; None: it was not changed."""
+    found = calibration.response
+    return None if found is None else ("Response", f"exponent {found.exponent:.3f} ± {found.error:.3f}")
+
+
 def gain_of(calibration: Calibration) -> str:
     """"4.3% → 3.8%": how far left-out views are off, before and after."""
     return f"{percent(calibration.given.relative_rms, 1)} → {percent(calibration.changed.relative_rms, 1)}"
@@ -95,6 +110,18 @@ def _even(found: VignettingChange | None) -> list[str]:
     if found is None or not found.sure:
         return []
     return [f"removed vignetting of {-found.stops:+.2f} EV in the corners"]
+
+
+def _surrounded(found: AmbientChange | None) -> list[str]:
+    if found is None:
+        return []
+    return [f"subtracted ambient light of {percent(found.share, 1)} of the lamps' irradiance"]
+
+
+def _straightened(found: ResponseChange | None) -> list[str]:
+    if found is None:
+        return []
+    return [f"undid a response of exponent {found.exponent:.3f}, because the files are not linear"]
 
 
 def _placed(lamps: Sequence[LampChange]) -> list[str]:

@@ -53,8 +53,8 @@ def read_reference(view: View, max_pixels: int | None = None) -> RadianceImage:
         bottom = rows.start
     reference.check(bool(np.any(valid & (coverage > 0))))
     return RadianceImage(
-        rgb=brightened(straightened(rgb, view), view.camera, view.vignetting), coverage=coverage, valid=valid, warnings=reference.warnings,
-        clipped_share=reference.clipped_share)
+        rgb=brightened(straightened(rgb, view), view.camera, view.vignetting), coverage=coverage, valid=valid,
+        warnings=reference.warnings, clipped_share=reference.clipped_share)
 
 
 class Reference:

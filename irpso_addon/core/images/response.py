@@ -23,7 +23,7 @@ def straightened(rgb: F32, view: View) -> F32:
 
 
 def undone(rgb: F32, scale: float, response: float) -> F32:
-    """``rgb`` times ``scale`` to the power 1 / ``response``, over ``scale``; negative values, which noise makes, stay."""
+    """``rgb`` times ``scale`` to the power 1 / ``response``, over ``scale``.  Negative values, of noise, stay so."""
     if response == 1.0:
         return rgb
     value = rgb * np.float32(scale)

@@ -129,7 +129,8 @@ class LitByEnvironment:
             "u_directions": self.data, "u_shadow": sheet,
         }, {**camera.uniforms, "u_first": BATCH * batch, "u_count": min(BATCH, count - BATCH * batch), "u_all": count,
             "u_center": tuple(visibility.center.tolist()), "u_half_width": 1.01 * visibility.radius,
-            }, {**camera.defines, "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS), "SHARP": str(model.SHARP),
+            }, {**camera.defines, "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS),
+                "SHARP": str(model.SHARP),
                 "PARTS_0": str(model.PARTS[0]), "PARTS_1": str(model.PARTS[1]), "DATA_WIDTH": str(DATA_WIDTH),
                 "SHADOW_SIDE": str(SIDE), "SHADOW_COLUMNS": str(COLUMNS)})
 

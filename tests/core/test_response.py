@@ -1,0 +1,63 @@
+"""Files that hold radiance to some power: read, read again under another opinion, and in parts of blocks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import F32, RadianceImage, View
+from irpso_addon.core.images.image_writer import write_image
+from irpso_addon.core.images.reference_image import read_reference
+from irpso_addon.core.images.response import undone
+from irpso_addon.solve.gpu_path import KeptImages
+from tests.support import synthetic as syn
+
+SIZE = 30, 20
+POWER, EXPOSURE, GAIN = 0.8, 1.5, 0.7
+
+
+@pytest.fixture
+def radiance() -> F32:
+    return np.random.default_rng(2).uniform(0.05, 2.0, (SIZE[1], SIZE[0], 3)).astype(np.float32)
+
+
+@pytest.fixture
+def view(tmp_path: Path, radiance: F32) -> View:
+    """A file that holds (radiance 2^exposure gain) to a power."""
+    path = tmp_path / "a.exr"
+    value = (radiance.astype(np.float64) * 2**EXPOSURE * GAIN) ** POWER
+    write_image(path, value.astype(np.float32), kind="exr", color=True)
+    camera = syn.camera((0.2, -1.0, 1.5), degrees=60, aspect=SIZE[0] / SIZE[1])
+    return View(path, camera, (), exposure=EXPOSURE, gain=GAIN, response=POWER)
+
+
+def test_a_file_is_read_as_radiance(view: View, radiance: F32) -> None:
+    np.testing.assert_allclose(read_reference(view).rgb, radiance, rtol=2e-3)  # half floats in the file
+
+
+def test_a_second_look_is_as_if_read_anew(view: View) -> None:
+    """Exposure, response and vignetting all differ."""
+    read: list[View] = []
+
+    def image(of: View) -> RadianceImage:
+        read.append(of)
+        return read_reference(of)
+
+    kept = KeptImages(image)
+    first = replace(view, response=1.0, gain=1.0, vignetting=2.0)
+    kept(first)
+    for other in (view, first, replace(view, vignetting=4.0, response=0.9, gain=0.6)):
+        np.testing.assert_allclose(kept(other).rgb, read_reference(other).rgb, rtol=1e-4)
+    assert read == [first]
+
+
+def test_nothing_to_do(radiance: F32) -> None:
+    assert undone(radiance, 3.0, 1.0) is radiance
+
+
+def test_noise_below_black_stays_below() -> None:
+    dark = np.array([-0.01, 0.0, 0.01], np.float32)
+    np.testing.assert_allclose(undone(dark, 2.0, 0.5), [-0.0002, 0.0, 0.0002], atol=1e-9)
