@@ -31,6 +31,7 @@ class Chart:
 CHARTS = {
     "ablation": Chart("error of roughness", (0,), {"mean": 2, "median": 3}),
     "calibration": Chart("mean error of roughness", (0, 1), {"": 4}, by=2),
+    "corrected": Chart("share of texels off by more than 0.1, %", (0, 1), {"as given": 2, "corrected": 3}),
     "estimate": Chart("seconds", (0, 1, 2, 3), {"measured": 4, "estimated": 6}, log=True),
     "flash_shoot": Chart("error of roughness", (0,), {"mean": 4, "median": 5}),
     "normals": Chart("mean error of the normals, degrees", (0, 1), {"": 3}, by=2),

@@ -140,10 +140,10 @@ def _solved(
 
 
 def check_environments(scene: SceneData, settings: SolveSettings) -> None:
-    """Raises BadInput where the world shines and what is asked for knows lamps alone."""
+    """Raises BadInput where the world or ambient light shines and what is asked for knows lamps alone."""
     if thread.settings().device == "numpy" and any(any(view.ambient_radiance) for view in scene.views):
-        raise BadInput("device numpy: works with lamps only, but views have ambient light; choose device opengl, or set "
-                       "the views' Ambient Light to 0")
+        raise BadInput("device numpy: works with lamps only, but views have ambient light; choose device opengl, or "
+                       "set the views' Ambient Light to 0")
     lit = next((view.environment.name for view in scene.views if view.environment is not None), None)
     if lit is None:
         return

@@ -30,7 +30,8 @@ def judged(rig: Rig, seed: int = 0) -> Judged:
 def assert_alike(one: SceneData, other: SceneData) -> None:
     for a, b in zip(one.views, other.views, strict=True):
         assert np.isclose(a.gain, b.gain, rtol=1e-12) and a.vignetting == b.vignetting
-        assert a.response == b.response == np.exp(-0.1) and a.ambient_radiance == b.ambient_radiance == (0.02, 0.03, 0.04)
+        assert a.response == b.response == np.exp(-0.1)
+        assert a.ambient_radiance == b.ambient_radiance == (0.02, 0.03, 0.04)
         for x, y in zip(a.lights, b.lights, strict=True):
             np.testing.assert_allclose(x.matrix, y.matrix, atol=1e-12)
             np.testing.assert_allclose(x.power, y.power, rtol=1e-12)
