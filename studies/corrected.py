@@ -1,7 +1,7 @@
 """``python -m studies.corrected``: makes docs/corrected.md, what errors of a scene cost, and what is left once corrected.
 
 The patches of studies/stability are solved with one thing wrong (and with all of them at once), as given and after the
-corrections that a solve makes by itself.  --seeds: patches of each case (default 4); with another number there is no page.
+corrections that a solve makes by itself.  --seeds: patches of each case (default 4); with another number, no page.
 """
 
 from __future__ import annotations
