@@ -83,7 +83,8 @@ def calibrate(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Judged |
         if own.scatter > most:
             continue
         contest.add(str(free), (yield from _share(contest.predictions(free, own), middle, end)))
-        if contest.worth(str(free), taken):
+        if contest.worth(str(free), taken) and (not free.response or (
+                yield from _is_response(contest, free, everything, (middle, end)))):
             taken, found, kept = str(free), own, free
             if not contest.could_gain(taken, everything):
                 break
@@ -92,6 +93,16 @@ def calibrate(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Judged |
     found = yield from _share(fit_rig(sample, kept, start=found, rounds=ROUNDS), 1.0, 1.0)
     ambient = (yield from _ambient(sample, kept, found)) if found.change.ambient else (0.0, 0.0, 0.0)
     return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), ambient)
+
+
+def _is_response(
+    contest: _Contest, free: Free, start: RigFound, share: tuple[float, float],
+) -> Steps[bool]:
+    """Whether a response predicts better than a diffuse that is not Lambert's, which bends brightness alike."""
+    other = replace(free, response=False, diffuse=True)
+    found = yield from _share(fit_rig(contest.sample, other, start=start, rounds=ROUNDS), *share)
+    contest.add(str(other), (yield from _share(contest.predictions(other, found), *share)))
+    return contest.beats(str(free), str(other))
 
 
 def _ambient(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[float, float, float]]:
@@ -174,6 +185,12 @@ class _Contest:
             for value, left_out in zip(values, self.folds.left_out, strict=True):
                 value[others] = seen.as_given(predicted(seen.texels, lobes, ~left_out))
         return values
+
+    def beats(self, name: str, other: str) -> bool:
+        """Whether a rig predicts better than another, beyond the scatter."""
+        unit = CAUCHY * max(min(self._scale(name), self._scale(other)), LEAST_SEEN)
+        gain = (np.log1p((self.left[other] / unit) ** 2) - np.log1p((self.left[name] / unit) ** 2)).sum(1)
+        return bool(gain.sum() > SURE * scatter(gain, self.sample.cluster))
 
     def worth(self, name: str, other: str) -> bool:
         """Whether a rig predicts better than a smaller one: beyond the scatter, and by what can be seen.

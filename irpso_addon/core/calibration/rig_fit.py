@@ -24,12 +24,13 @@ from .texel_materials import lobes_of, materials_of
 PLACE, POWER, GAIN = 0.05, 0.1, 0.03  # what a shoot's figures are off by: of a lamp's distance; relative
 VIGNETTING = 2.0  # power of the cosine
 AMBIENT, RESPONSE = 0.2, 0.3  # of the lamps' typical irradiance; of the logarithm of the response's exponent
+COSINE, TRANSMISSION = 0.3, 1.0  # powers
 LEVEL = 0.3  # of Specular IOR Level
 CAUCHY = 2.4  # standard deviations at which an observation has lost half its weight
 ROUNDS, AGAIN = 6, 3  # from what is given; from what was found
 SETTLED = 2e-4  # of a lamp's distance, relative power or gain
 LONGEST = 0.15  # of a lamp's distance: a step
-SHARED = 3  # numbers of all views: vignetting, ambient light, response
+SHARED = 5  # numbers of all views: vignetting, ambient light, response, two of the diffuse
 REFITS = (0, 3)  # rounds in which the materials are fitted
 MEAN = 1e-4  # of powers, and of gains: brightness as a whole belongs to the base colours
 LEAST = 1e-12
@@ -46,6 +47,7 @@ class Free:
     levels: bool = False  # the Specular IOR Level of each material
     ambient: bool = False
     response: bool = False
+    diffuse: bool = False  # how it departs from Lambert's
 
 
 @dataclass(frozen=True)
@@ -81,10 +83,10 @@ class _RigFit:
         lamps = np.full(4 * self.groups, free.lamps)
         self.slots = [int(slot) for slot in np.unique(sample.slot)] if free.levels else []
         self.free = np.flatnonzero(np.concatenate(
-            [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.response],
+            [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.response, free.diffuse, free.diffuse],
              np.ones(len(self.slots), bool)]))
         self.prior = np.concatenate([np.full(3 * self.groups, PLACE), np.full(self.groups, POWER),
-                                     np.full(self.views, GAIN), [VIGNETTING, AMBIENT, RESPONSE],
+                                     np.full(self.views, GAIN), [VIGNETTING, AMBIENT, RESPONSE, COSINE, TRANSMISSION],
                                      np.full(len(self.slots), LEVEL)])
         self.paints = paints_of(sample.texels)
         self.means = np.zeros((len(self.prior),) * 2)
@@ -116,7 +118,8 @@ class _RigFit:
     def packed(self) -> F64:
         """The change as one vector."""
         return np.concatenate([self.change.offset.ravel(), self.change.log_power, self.change.log_gain,
-                               [self.change.vignetting, self.change.ambient, self.change.log_response],
+                               [self.change.vignetting, self.change.ambient, self.change.log_response,
+                                self.change.cosine, self.change.transmission],
                                np.zeros(len(self.slots))])
 
     def _levelled(self, materials: dict[int, OneMaterial], step: F64) -> dict[int, OneMaterial]:
@@ -131,7 +134,8 @@ class _RigFit:
         offset = change.offset * np.minimum(1.0, LONGEST / np.maximum(lengths, LEAST))
         return RigChange(self.change.offset + offset, self.change.log_power + change.log_power,
                          self.change.log_gain + change.log_gain, self.change.vignetting + change.vignetting,
-                         max(self.change.ambient + change.ambient, 0.0), self.change.log_response + change.log_response)
+                         max(self.change.ambient + change.ambient, 0.0), self.change.log_response + change.log_response,
+                         self.change.cosine + change.cosine, self.change.transmission + change.transmission)
 
     def _unpacked(self, free: F64) -> RigChange:
         values = np.zeros(len(self.prior))
@@ -221,7 +225,8 @@ class _Round:
         columns.append(np.ones(len(self.left)))
         shared = 4 * G + fit.views
         numbers += range(shared, shared + SHARED)
-        columns += [fit.geometry.cosine[:, v], self.around[:, v], self.logarithm[:, v]]
+        columns += [fit.geometry.cosine[:, v], self.around[:, v], self.logarithm[:, v],
+                    *(self.share[:, v] * shape[:, v] for shape in fit.geometry.diffuse)]
         power = 1.0 if self.seen.bent is None else self.seen.bent.power
         columns = [column * power for column in columns]
         for n, slot in enumerate(fit.slots):

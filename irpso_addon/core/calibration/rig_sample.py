@@ -100,6 +100,7 @@ class RigGeometry:
         of_view = [log_cosine(view.camera, sample.position - view.camera.position) for view in sample.rig.views]
         self.cosine = np.stack([of_view[place] for place in sample.view], -1)  # (T, V) log of it to the camera's axis
         shown = np.array([(view.gain * 2.0**view.exposure, view.vignetting) for view in sample.rig.views])[sample.view]
+        self.diffuse = _diffuse_shapes(sample.texels)  # (2, T, V) logarithms
         self.open = np.array([float(view.ambient is None) for view in sample.rig.views])[sample.view]  # (V,)
         self.file = shown[:, 0] * np.exp(shown[:, 1] * self.cosine)  # (T, V) value of files for each unit of radiance
 
@@ -119,7 +120,9 @@ class RigGeometry:
             total, old = sum(after, np.zeros(1)), sum(before, np.zeros(1))
             fine = (total > 0) & (old > 0)
             lamps[:, v] = np.where(fine, total / np.where(fine, old, 1.0), 1.0)
-            shown[:, v] = np.exp(change.log_gain[place] + change.vignetting * self.cosine[:, v])
+            shape = change.cosine * self.diffuse[0, :, v] + change.transmission * self.diffuse[1, :, v]
+            shown[:, v] = np.exp(change.log_gain[place] + change.vignetting * self.cosine[:, v] + shape)
+            lobes[:, v, :, 3] *= np.exp(-shape)[:, None]
             for n, light in enumerate(view.lights):
                 share[v, light.name] = after[n] / np.where(total > 0, total, 1.0)
                 ratio = share[v, light.name] * old / np.maximum(before[n], 1e-30)
@@ -157,6 +160,14 @@ class RigGeometry:
                 scaled = np.where(fine[:, None], slopes @ axes * (group.reach / own), 0.0)
                 result[name] = light_irradiance(light, sample.position, sample.normal), scaled, fine
         return result
+
+
+def _diffuse_shapes(texels: SampledTexels) -> F64:
+    """(2, T, V) logarithms of the cosine to the lamps, and of a dielectric's transmission to them and to the camera."""
+    light = np.maximum(texels.lobes[..., 3], 1e-12)
+    cos_l = np.clip((texels.lobes[..., 2] * light).sum(-1) / light.sum(-1), LEAST_COSINE, 1.0)
+    cos_v = np.clip(texels.cos_v, LEAST_COSINE, 1.0)
+    return np.log(np.stack([cos_l, (1 - brdf.F_dielectric(cos_l)) * (1 - brdf.F_dielectric(cos_v))]))
 
 
 def typical_light(texels: SampledTexels) -> float:
