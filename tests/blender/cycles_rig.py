@@ -81,10 +81,29 @@ def plane(half: float = 20.0) -> Any:
 
 
 def sphere(radius: float = 1.0) -> Any:
-    """A smooth sphere, fine enough that its facets do not show in shading points."""
-    bpy.ops.mesh.primitive_uv_sphere_add(segments=256, ring_count=128, radius=radius)
-    bpy.ops.object.shade_smooth()
-    return bpy.context.object
+    """A smooth sphere with UVs, fine enough that its facets do not show in shading points.
+
+    From arrays: Blender's own operator takes two seconds for one as fine.
+    """
+    columns, rings = 256, 128
+    phi, theta = (np.arange(columns) * 2 * np.pi / columns)[None], (np.arange(1, rings) * np.pi / rings)[:, None]
+    circles = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi], -1)
+    points = np.concatenate([circles.reshape(-1, 3), [(0, 0, 1), (0, 0, -1)]])
+    here = np.arange((rings - 1) * columns).reshape(rings - 1, columns)
+    right = np.roll(here, -1, axis=1)
+    faces = np.stack([here[:-1], here[1:], right[1:], right[:-1]], -1).reshape(-1, 4).tolist()
+    faces += [(len(points) - 2, a, b) for a, b in zip(here[0].tolist(), right[0].tolist(), strict=True)]
+    faces += [(len(points) - 1, b, a) for a, b in zip(here[-1].tolist(), right[-1].tolist(), strict=True)]
+    mesh = bpy.data.meshes.new("sphere")
+    mesh.from_pydata((radius * points).tolist(), [], faces)
+    mesh.shade_smooth()
+    corners = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    uv = np.stack([np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) + 0.5, np.arccos(points[:, 2]) / np.pi], -1)
+    mesh.uv_layers.new(name="UVMap").data.foreach_set("uv", uv[corners].astype(np.float32).ravel())
+    made = bpy.data.objects.new("sphere", mesh)
+    bpy.context.scene.collection.objects.link(made)
+    return made
 
 
 def principled(obj: Any, base: Any, roughness: float, specular: float = 0.5) -> Any:

@@ -255,6 +255,7 @@ def test_solve_apply_solve(scene, module) -> None:
         return float(np.sqrt(np.mean(np.square(places)))), float(np.sqrt(np.mean(np.square(powers))))
 
     session, ball = module("blender.jobs.session").session, bpy.data.objects["Ball"]
+    scene.irpso.model, scene.irpso.indirect, scene.irpso.registration = "one-lobe", "off", "given"
     before = off()
     assert bpy.ops.irpso.solve() == {"FINISHED"}
     first = session.solution_of(ball)

@@ -1,7 +1,7 @@
 """The command line end to end, on real files: results, exit codes, one line for each complaint.
 
-Solves that succeed, what meets the system's limits and a case of each exit code run as programs; exports and other
-complaints run in this process (``irpso_here``).
+A solve that succeeds, what meets a terminal, a signal or a limit, and a case of each exit code run as programs; all
+else runs in this process (``irpso_here``).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def test_solve_writes_the_contracted_files(solved):
     assert re.search(r"^Ball: one-lobe, [\d,]+ of [\d,]+ texels from 10 views in ", done.stdout, re.M)
 
 
-def test_a_part_is_solved_beside_the_maps_that_the_file_has(solved, scenes, irpso, tmp_path):
+def test_a_part_is_solved_beside_the_maps_that_the_file_has(solved, scenes, irpso_here, tmp_path):
     """White is the upper half of the UV map: the lower half stays, bit by bit."""
     folder, _ = solved
     part = np.zeros((64, 4, 3), np.float32)
@@ -64,8 +64,9 @@ def test_a_part_is_solved_beside_the_maps_that_the_file_has(solved, scenes, irps
     assert image.open(str(tmp_path / "part.png"), oiio.ImageSpec(4, 64, 3, "uint8")) and image.write_image(part)
     image.close()
     out = tmp_path / "out"
-    done = irpso("solve", folder / "scene_irpso.blend", "--captures", scenes / "good" / "captures.json", "--size", 128,
-                 "--part-image", tmp_path / "part.png", "--start", "last", "--seed", 3, "--out", out)
+    done = irpso_here("solve", folder / "scene_irpso.blend", "--captures", scenes / "good" / "captures.json",
+                      "--size", 128, "--part-image", tmp_path / "part.png", "--start", "last", "--seed", 3,
+                      "--out", out)
     assert done.returncode == 0, done.stderr
     texels, before = (json.loads((f / "report.json").read_text())["texels"] for f in (out, folder))
     assert texels["solved"] + texels["kept"] + texels["filled"] == texels["covered"] == before["covered"]
@@ -109,10 +110,11 @@ def test_report_has_its_keys(solved):
     assert report["command"][:2] == ["irpso", "solve"]
 
 
-def test_same_seed_same_bytes(solved, scenes, irpso, tmp_path):
+def test_same_seed_same_bytes(solved, scenes, irpso_here, tmp_path):
+    """In another process, that has solved other things before."""
     out, _ = solved
-    done = irpso("solve", scenes / "good" / "scene.blend", "--captures", scenes / "good" / "captures.json",
-                 "--size", 128, "--out", tmp_path)
+    done = irpso_here("solve", scenes / "good" / "scene.blend", "--captures", scenes / "good" / "captures.json",
+                      "--size", 128, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     maps = sorted(FILES - {"report.json", "scene_irpso.blend"})
     assert [read(out / name).tobytes() for name in maps] == [read(tmp_path / name).tobytes() for name in maps]
@@ -346,14 +348,14 @@ def test_full_disk(irpso, capture):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can mount")
-def test_really_full_disk(irpso, capture, tmp_path):
+def test_really_full_disk(irpso_here, capture, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "irpso", str(disk)], capture_output=True).returncode:
         pytest.skip("this machine lets nobody mount")
     try:
-        done = irpso("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--size", 64,
-                     "--out", disk / "out")
+        done = irpso_here("solve", capture / "scene.blend", "--captures", capture / "captures.json", "--size", 64,
+                          "--out", disk / "out")
         assert_bad(done, str(disk / "out"))
         assert list(disk.iterdir()) == []
     finally:
@@ -451,11 +453,13 @@ def test_progress_bar_on_a_terminal(scenes, tmp_path):
 
 
 def test_works_without_rich(scenes, irpso, tmp_path):
-    """Blender ships no rich."""
-    code = "import sys; sys.modules['rich'] = None; from irpso_addon.__main__ import main; sys.exit(main(sys.argv[1:]))"
+    """Blender ships no rich; this terminal asks for its bar."""
+    code = ("import sys; sys.modules['rich'] = None; sys.stderr.isatty = lambda: True; "
+            "from irpso_addon.__main__ import main; sys.exit(main(sys.argv[1:]))")
     done = subprocess.run(
         [sys.executable, "-c", code, "solve", str(scenes / "good" / "scene.blend"), "--captures",
-         str(scenes / "good" / "captures.json"), "--size", "32", "--out", str(tmp_path)],
+         str(scenes / "good" / "captures.json"), "--size", "32", "--model", "one-lobe", "--lamps", "given",
+         "--exposures", "given", "--registration", "given", "--out", str(tmp_path)],
         cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert re.search(r"^irpso: +\d+ % solving", done.stderr, re.M)

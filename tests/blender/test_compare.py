@@ -18,8 +18,9 @@ import pytest
 from irpso_addon.core.images.image_writer import write_image
 from tests.blender.ball import BASE, ROUGH
 
-PASSES = (5, 60)
+PASSES = (5, 400)
 METHODS = ["no solver", "draft", "refined", "swarm", *(f"paper, {n} passes" for n in PASSES)]
+GIVEN = ("--lamps", "given", "--exposures", "given", "--registration", "given")  # to put them right takes seconds
 FILES = {"compare.json", "compare.png", "compare.svg"}
 
 
@@ -80,9 +81,9 @@ def test_solvers_find_the_paint_and_predict_the_views_held_out(compared):
     assert found["refined"]["from_refined"] == {"base_rmse": 0.0, "rough_mae": 0.0}
 
 
-def test_what_a_solve_expected_stands_beside_what_was_measured(scenes, irpso, tmp_path):
+def test_what_a_solve_expected_stands_beside_what_was_measured(scenes, irpso_here, tmp_path):
     """Model auto leaves lamps out; methods that do not have no such figure, and other models no such column."""
-    done = irpso(*command(scenes, tmp_path / "out", "--model", "auto", "--passes"))
+    done = irpso_here(*command(scenes, tmp_path / "out", "--model", "auto", *GIVEN, "--passes"))
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "out" / "compare.json").read_text())
     found = rows(report)
@@ -135,7 +136,7 @@ def test_without_matplotlib_table_and_json_remain(scenes, irpso, tmp_path):
     (tmp_path / "matplotlib").mkdir()
     (tmp_path / "matplotlib" / "__init__.py").write_text("raise ImportError('none here')\n")
     code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from irpso_addon.__main__ import main; "
-    arguments = [str(a) for a in command(scenes, tmp_path / "out", "--passes")]
+    arguments = [str(a) for a in command(scenes, tmp_path / "out", *GIVEN, "--passes")]
     done = subprocess.run([sys.executable, "-c", f"{code}sys.exit(main({arguments!r}))"], cwd=Path(__file__).parents[2],
                           capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -145,10 +146,10 @@ def test_without_matplotlib_table_and_json_remain(scenes, irpso, tmp_path):
     assert list(rows(report)) == METHODS[:4] and all(row["truth"] is None for row in report["rows"])
 
 
-def test_png_truth_alone_judges(scenes, irpso, tmp_path):
+def test_png_truth_alone_judges(scenes, irpso_here, tmp_path):
     """--hold-out 0: all views are solved from, and 16-bit sRGB truth is decoded."""
     truth = write_truth(tmp_path / "truth", "png")
-    done = irpso(*command(scenes, tmp_path / "out", "--truth", truth, "--hold-out", 0, "--passes"))
+    done = irpso_here(*command(scenes, tmp_path / "out", "--truth", truth, "--hold-out", 0, *GIVEN, "--passes"))
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "out" / "compare.json").read_text())
     assert report["views"]["held_out"] == [] and rows(report)["refined"]["held_out"] is None
@@ -193,7 +194,7 @@ def test_older_results_survive_a_failure(scenes, irpso_here, tmp_path):
 
 
 def test_cancel_leaves_nothing(scenes, tmp_path):
-    arguments = [str(a) for a in command(scenes, tmp_path / "out", "--passes", 1_000_000)]
+    arguments = [str(a) for a in command(scenes, tmp_path / "out", *GIVEN, "--passes", 1_000_000)]
     with subprocess.Popen([sys.executable, "-m", "irpso_addon", *arguments], stderr=subprocess.PIPE, text=True,
                           stdout=subprocess.DEVNULL, cwd=Path(__file__).parents[2]) as process:
         for line in process.stderr:

@@ -17,7 +17,7 @@ def opened(scenes, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(scenes / "good" / "scene.blend"))
     settings = bpy.context.scene.irpso
     settings.captures, settings.out = "//captures.json", str(tmp_path / "out")
-    settings.indirect = "off"
+    settings.indirect, settings.lamps, settings.exposures, settings.registration = "off", "given", "given", "given"
     bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
     return bpy.context.window_manager.irpso_views
 

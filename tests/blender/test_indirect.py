@@ -33,6 +33,8 @@ from irpso_addon.solve import pipeline
 from tests.support.texels import finish
 
 BASE, ROUGH, PIXELS = (0.7, 0.35, 0.15), 0.4, 96
+RIGHT = {"lamps": "given", "exposures": "given", "registration": "given"}
+PLAIN = {**RIGHT, "model": "one-lobe"}
 
 
 def build(base, rough, level, metallic=0.0, coat=None) -> bpy.types.Scene:
@@ -160,7 +162,7 @@ def test_albedo_is_recovered_where_direct_light_alone_fails(scene: SceneData, bo
     bouncer = indirect.IndirectRenderer.of_open_file(bounced / "scene.blend")
     errors, rough = {}, {}
     for mode in ("off", "auto"):
-        settings = SolveSettings(size=64, indirect=mode)
+        settings = SolveSettings(size=64, indirect=mode, **(RIGHT if mode == "off" else {}))
         solution = thread.run(lambda settings=settings: pipeline.solve(scene, settings, bounce=bouncer))
         solved = solution.maps.coverage & ~solution.maps.filled
         solved[32:] = False  # the ball's lower half, which sees the floor
@@ -184,8 +186,8 @@ def test_direct_light_is_left_alone(scenes: Path) -> None:
         raise AssertionError("rendered indirect light of a capture without it")
         yield
 
-    found = [thread.run(lambda mode=mode: pipeline.solve(data, SolveSettings(size=32, indirect=mode), bounce=bounce))
-             for mode in ("off", "auto")]
+    settings = [SolveSettings(size=32, indirect=mode, **PLAIN) for mode in ("off", "auto")]
+    found = [thread.run(lambda it=it: pipeline.solve(data, it, bounce=bounce)) for it in settings]
     for name in ("base_color", "roughness", "confidence", "error"):
         np.testing.assert_array_equal(getattr(found[0].maps, name), getattr(found[1].maps, name))
     assert not any("bounced" in warning for solution in found for warning in solution.warnings)
@@ -217,12 +219,13 @@ def test_a_black_level_is_not_rendered(tmp_path: Path, monkeypatch) -> None:
             raise AssertionError("rendered indirect light where there is none")
             yield
 
-    solution = thread.run(lambda: pipeline.solve(data, SolveSettings(size=32), lifted, Test()))
+    settings = SolveSettings(size=32, **PLAIN)
+    solution = thread.run(lambda: pipeline.solve(data, settings, lifted, Test()))
     assert solution.checks.not_bounced.startswith("no surface in the scene")
     assert sum(solution.checks.not_bounced in warning for warning in solution.warnings) == 1
     assert solution.checks.unlit_share > 0.02 and "indirect" not in solution.seconds
     wrong = Wrong()
-    worse = thread.run(lambda: pipeline.solve(data, SolveSettings(size=32), lifted, wrong))
+    worse = thread.run(lambda: pipeline.solve(data, settings, lifted, wrong))
     assert wrong.calls == 1 and "did not improve the fit" in worse.checks.not_bounced
     np.testing.assert_array_equal(worse.maps.base_color, solution.maps.base_color)
 
@@ -281,7 +284,7 @@ def test_a_child_that_fails_costs_a_warning(scene: SceneData, tmp_path: Path) ->
     with pytest.raises(BadInput, match=r"bad\.blend: indirect light cannot be rendered") as caught:
         finish(bouncer(scene, solution_of(BASE, ROUGH, "one-lobe")))
     assert "\n" not in str(caught.value)
-    solution = thread.run(lambda: pipeline.solve(scene, SolveSettings(size=16, indirect="on"), bounce=bouncer))
+    solution = thread.run(lambda: pipeline.solve(scene, SolveSettings(size=16, indirect="on", **PLAIN), bounce=bouncer))
     assert str(caught.value) in solution.warnings and not solution.cancelled
 
 

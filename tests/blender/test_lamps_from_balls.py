@@ -30,7 +30,7 @@ EYE = (0.05, -1.6, 0.3)
 def studio(tmp_path_factory):
     """A folder: scene.blend with the cameras 'Front' and 'Side', and three EXR files, one a lamp, of 'Front'."""
     folder = tmp_path_factory.mktemp("balls")
-    scene = rig.scene(HEIGHT, samples=48)
+    scene = rig.scene(HEIGHT, samples=32)
     scene.render.resolution_x = WIDTH
     scene.cycles.max_bounces = scene.cycles.glossy_bounces = 3
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BLACKMAN_HARRIS", 1.5

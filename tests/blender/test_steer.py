@@ -103,6 +103,7 @@ def scene(extension, scenes: Path, tmp_path: Path) -> bpy.types.Scene:
     bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
     settings = bpy.context.scene.irpso
     settings.size, settings.captures, settings.indirect = SIZE, "//captures.json", "off"
+    settings.model, settings.lamps, settings.exposures, settings.registration = "one-lobe", "given", "given", "given"
     assert bpy.ops.irpso.solve() == {"FINISHED"}
     return bpy.context.scene
 
