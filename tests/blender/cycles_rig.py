@@ -81,7 +81,7 @@ def plane(half: float = 20.0) -> Any:
 
 
 def sphere(radius: float = 1.0) -> Any:
-    """A smooth sphere with UVs, fine enough that its facets do not show in shading points.
+    """A smooth sphere, fine enough that its facets do not show in shading points.
 
     From arrays: Blender's own operator takes two seconds for one as fine.
     """
@@ -97,10 +97,6 @@ def sphere(radius: float = 1.0) -> Any:
     mesh = bpy.data.meshes.new("sphere")
     mesh.from_pydata((radius * points).tolist(), [], faces)
     mesh.shade_smooth()
-    corners = np.empty(len(mesh.loops), np.int32)
-    mesh.loops.foreach_get("vertex_index", corners)
-    uv = np.stack([np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) + 0.5, np.arccos(points[:, 2]) / np.pi], -1)
-    mesh.uv_layers.new(name="UVMap").data.foreach_set("uv", uv[corners].astype(np.float32).ravel())
     made = bpy.data.objects.new("sphere", mesh)
     bpy.context.scene.collection.objects.link(made)
     return made
