@@ -25,9 +25,10 @@ test: lint
 	@$(MAKE) --no-print-directory --keep-going --jobs=$(JOBS) $(SUITES:%=test-%)
 
 # Side by side, the software rasteriser needs no threads of its own (with some, glibc before 2.41 loses a wake-up once in
-# a long while, and waits for ever).
+# a long while, and waits for ever), nor does NumPy's linear algebra, whose threads spin while they wait.
 $(SUITES:%=test-%): test-%: setup
-	@LP_NUM_THREADS=$${LP_NUM_THREADS-0} PYTHONUNBUFFERED=1 bash -o pipefail -c \
+	@LP_NUM_THREADS=$${LP_NUM_THREADS-0} OPENBLAS_NUM_THREADS=$${OPENBLAS_NUM_THREADS-1} PYTHONUNBUFFERED=1 \
+	bash -o pipefail -c \
 	'"$$1" -m pytest "$$3" 2>&1 | while IFS= read -r line; do printf "%s | %s\n" "$$2" "$$line"; done' - \
 	$(RUN) $* tests/$(patsubst studies-%,studies/test_%.py,$*)
 

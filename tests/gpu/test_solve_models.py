@@ -121,13 +121,13 @@ def test_a_start_at_a_draft_is_no_worse_than_one_anew(shoots, name, model):
 @pytest.mark.parametrize("settings", [{}, {"model": "one-lobe-specular"}, {"model": "two-lobe"}],
                          ids=["auto", "specular", "two-lobe"])
 def test_a_stop_keeps_what_was_found_and_leaves_nothing(on_gl, shoots, monkeypatch, settings):
-    """At a third of the solve stage's steps, and at two thirds."""
+    """At a third of the solve stage's steps, and at two thirds; of four tiles."""
     monkeypatch.setattr(gpu_atlas, "TILE", (16, 16))
     shoot: Any = shoots["coat"]
 
     def job(stop: int | None) -> Any:
         def steps() -> Any:
-            inner = pipeline.solve(shoot.scene, SolveSettings(size=SIZE, **settings), shoot.read_image)
+            inner = pipeline.solve(shoot.scene, SolveSettings(size=32, **settings), shoot.read_image)
             count = 0
             try:
                 while True:
@@ -143,7 +143,7 @@ def test_a_stop_keeps_what_was_found_and_leaves_nothing(on_gl, shoots, monkeypat
         return thread.run(steps)
 
     total, whole = job(None)
-    run(shoot, size=SIZE, model="one-lobe")  # what an early stop leaves: its programs are built now
+    run(shoot, size=32, model="one-lobe")  # what an early stop leaves: its programs are built now
     before = on_gl(held)
     assert not whole.cancelled
     for stop in (total // 3, 2 * total // 3):
