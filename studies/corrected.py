@@ -1,4 +1,4 @@
-"""``python -m studies.corrected``: makes docs/corrected.md, what errors of a scene cost, and what is left once corrected.
+"""``python -m studies.corrected``: makes docs/corrected.md, what errors of a scene cost, and what is left of that.
 
 The patches of studies/stability are solved with one thing wrong (and with all of them at once), as given and after the
 corrections that a solve makes by itself.  --seeds: patches of each case (default 4); with another number, no page.

@@ -83,8 +83,8 @@ class _RigFit:
         lamps = np.full(4 * self.groups, free.lamps)
         self.slots = [int(slot) for slot in np.unique(sample.slot)] if free.levels else []
         self.free = np.flatnonzero(np.concatenate(
-            [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.response, free.diffuse, free.diffuse],
-             np.ones(len(self.slots), bool)]))
+            [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.response],
+             np.full(2, free.diffuse), np.ones(len(self.slots), bool)]))
         self.prior = np.concatenate([np.full(3 * self.groups, PLACE), np.full(self.groups, POWER),
                                      np.full(self.views, GAIN), [VIGNETTING, AMBIENT, RESPONSE, COSINE, TRANSMISSION],
                                      np.full(len(self.slots), LEVEL)])
