@@ -12,7 +12,7 @@ uniform float u_step;        // how much roughness may differ from the parents' 
 uniform float u_prior_cut;
 uniform float u_evidence;    // how much of its tables counts where it is judged whether a cell's kinds are apart
 
-const float APART = 0.7;    // nats that two roughnesses must explain the kinds better than one
+const float APART = 1.5;    // nats that two roughnesses must explain the kinds better than one
 const float FAR = 50.0;     // squared distance of colours that is farther than any
 const float OTHER = 0.3;    // standard deviation of a kind's colour, in units of the distance of kinds that are apart
 const float SHADE = 0.2;    // in the same units: kinds that are nearer are shades of one
