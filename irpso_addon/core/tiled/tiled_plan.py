@@ -32,7 +32,7 @@ class PriorKnowledge:
     """What is known of a part of a map before it is searched."""
 
     noise: Mapping[int, Noise] = field(default_factory=dict)  # of the whole, by the number of lobes
-    # (n, n, 4) of the part's cells, whose width is a power of two in texels: roughness, its variance, -, 1 where known
+    # (n, n, 4) of the part's cells, whose width is a power of two in texels: roughness, its variance, 0, 1 where known
     roughness: F32 | None = None
 
 
@@ -80,7 +80,7 @@ class Plan:
         """What the search of a block knows of it."""
         maps = self.solution.maps
         known = (~maps.filled).astype(np.float32)
-        values = np.stack([maps.roughness, np.maximum(maps.roughness_sigma**2, LEAST_SIGMA**2), known, known], -1)
+        values = np.stack([maps.roughness, np.maximum(maps.roughness_sigma**2, LEAST_SIGMA**2), 0 * known, known], -1)
         return PriorKnowledge(self.noise, self.layout.sampled(values, window, cells_of(window)))
 
     def level_map(self, window: uv_blocks.UvBlock, slots: np.ndarray) -> F32 | None:

@@ -5,6 +5,8 @@ Residual tables are summed up a pyramid and estimates handed down as priors: doc
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import moderngl
 import numpy as np
 
@@ -21,7 +23,8 @@ GROSS = 0.01  # ... and leave relative errors of this size: finer ones are the m
 NOISE_MOST = 0.06  # relative: more is not noise, but outliers in every texel: then ...
 NOISE_GUESS = 0.02  # ... this much is taken for a start
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
-Tables = tuple[moderngl.Texture, ...]  # of a kernel's eight outputs
+TABLE_TILES = 4  # across a texture that holds the 16 tables of both kinds
+Textures = tuple[moderngl.Texture, ...]
 
 
 def noise_map(
@@ -74,49 +77,89 @@ def scatter(roughness: F32, observed: Bool) -> float:
     return float(both.mean(dtype=np.float64)) if len(both) else 0.0
 
 
+@dataclass(frozen=True)
+class Cells:
+    """One level of the pyramid, as shaders/solve/cells.glsl reads it.
+
+    The finest cells are texels: eight tables, and base colour.  The others hold two kinds of texels, which differ in
+    base colour: one texture with the tables of both, and each kind's colour and count.
+    """
+
+    size: tuple[int, int]
+    tables: Textures
+    colours: Textures
+
+    def inputs(self) -> dict[str, Textures | moderngl.Texture]:
+        """By the sampler's name."""
+        if len(self.colours) == 1:
+            return {"u_table": self.tables, "u_colour": self.colours[0]}
+        return {"u_table": self.tables[0], "u_colour": self.colours}
+
+    def defines(self) -> dict[str, str]:
+        """Of the shaders that read them."""
+        return {"TEXELS": "1"} if len(self.colours) == 1 else {}
+
+
 def pyramid(
-    device: Device, tables: Tables, gain: float, extent: float = 1.0, around: F32 | None = None,
+    device: Device, tables: Textures, colour: moderngl.Texture, gain: float, extent: float = 1.0,
+    around: F32 | None = None,
 ) -> tuple[moderngl.Texture, moderngl.Texture]:
     """Tables summed upwards, estimates handed downwards: (estimate, prior) of every texel.
 
-    ``gain``: of 1; how much four texels together say, in units of what they say apart.  ``extent``: width of the grid
-    in UV squares.  ``around``: as `tiled_plan.Before.roughness`; it stands in for all levels from its cells on, which
-    lie alike in neighbouring blocks, so that no border shows between them.
+    ``colour``: base colour, 1 where observed.  ``gain``: of 1; how much four texels together say, in units of what
+    they say apart.  ``extent``: width of the grid in UV squares.  ``around``: as `tiled_plan.Before.roughness`; it
+    stands in for all levels from its cells on, which lie alike in neighbouring blocks, so that no border shows between
+    them.
     """
     with device.scope() as owned:
-        levels = _summed(device, tables, gain, 8 if around is None else around.shape[1])
-        estimate: moderngl.Texture | None = None
-        prior: moderngl.Texture | None = None
+        texels = Cells(colour.size, tables, (colour,))
+        levels = _summed(device, texels, gain, 8 if around is None else around.shape[1])
+        parents: tuple[Cells, Textures] | None = None
         if around is not None:
+            size = (around.shape[1], around.shape[1])
+            colours = tuple(device.texture(*size, data=np.zeros_like(around)) for _ in range(2))
+            parents = Cells(size, (), colours), tuple(device.texture(*size, data=around) for _ in range(2))
             levels.pop()
-            estimate = device.texture(around.shape[1], around.shape[1], data=around)
-        for table in reversed(levels):
-            estimate, prior = _handed_down(device, table, estimate, extent)
-        assert estimate is not None and prior is not None
+        for n, level in reversed(list(enumerate(levels))):
+            # Texels that share a pixel are off together: four texels alone do not show that two kinds are apart.
+            found = _handed_down(device, level, parents, extent, 0.0 if n == 1 else 1.0)
+            parents = level, found
+            if n > 0:  # the largest textures of all
+                level.tables[0].release()
+        estimate, prior = found
         owned.hand_over(estimate, prior)
         return estimate, prior
 
 
-def _summed(device: Device, tables: Tables, gain: float, most: int) -> list[Tables]:
-    """The tables and their sums over ever larger cells, until there are no more than ``most`` of these in a row."""
-    levels = [tables]
-    while levels[-1][0].width > most:
+def _summed(device: Device, texels: Cells, gain: float, most: int) -> list[Cells]:
+    """The texels and ever larger cells, until there are no more than ``most`` of these in a row."""
+    levels = [texels]
+    while levels[-1].size[0] > most:
         below = levels[-1]
-        half = ((below[0].width + 1) // 2, (below[0].height + 1) // 2)
-        above = tuple(device.texture(*half) for _ in range(8))
-        with device.target(above) as target:
-            device.draw("solve/pool.frag", target, Inputs({"u_table": below}, {"u_gain": gain}))
-        levels.append(above)
+        width, height = (below.size[0] + 1) // 2, (below.size[1] + 1) // 2
+        first, second, members = (device.texture(width, height) for _ in range(3))
+        with device.target([first, second, members]) as target:
+            device.draw("solve/kinds.frag", target, Inputs(below.inputs(), defines=below.defines()))
+        table = device.texture(TABLE_TILES * width, TABLE_TILES * height)
+        with device.target([table]) as target:
+            device.draw("solve/pool.frag", target, Inputs(
+                {**below.inputs(), "u_members": members}, {"u_gain": gain}, below.defines()))
+        members.release()
+        levels.append(Cells((width, height), (table,), (first, second)))
     return levels
 
 
 def _handed_down(
-    device: Device, table: Tables, parent: moderngl.Texture | None, extent: float,
-) -> tuple[moderngl.Texture, moderngl.Texture]:
-    """(estimate, prior) of a level from its tables and the estimate of the coarser one."""
-    size = table[0].size
-    estimate, prior = device.texture(*size), device.texture(*size)
-    with device.target([estimate, prior]) as target:
-        device.draw("solve/descend.frag", target, Inputs({"u_table": table, "u_parent": parent}, {
-            "u_top": parent is None, "u_step": ROUGHNESS_SLOPE * extent / size[0], "u_prior_cut": PRIOR_CUT}))
-    return estimate, prior
+    device: Device, level: Cells, parents: tuple[Cells, Textures] | None, extent: float, evidence: float,
+) -> Textures:
+    """Estimates of both kinds from a level's tables and the coarser one's estimates; of texels (estimate, prior).
+
+    ``evidence``: 0..1, how much of the tables counts where it is judged whether a cell's kinds are apart.
+    """
+    found = tuple(device.texture(*level.size) for _ in range(2))
+    above = {} if parents is None else {"u_parent": parents[1], "u_parent_colour": parents[0].colours}
+    with device.target(found) as target:
+        device.draw("solve/descend.frag", target, Inputs({**level.inputs(), **above}, {
+            "u_top": parents is None, "u_step": ROUGHNESS_SLOPE * extent / level.size[0], "u_prior_cut": PRIOR_CUT,
+            "u_evidence": evidence}, level.defines()))
+    return found

@@ -172,12 +172,14 @@ class Solver(TilePasses):
         """Pool what texels say, and polish each under its neighbours' prior."""
         valleys, floor = self._valleys(searched), {**self._floor(variance), **self._joint()}
         with self.device.scope():
+            colour = yield from self.albedo(searched[0], chosen=chosen, span=(0.5, 0.6))
             tables = self.textures(8)
-            yield from self.run(chosen, (0.5, 0.75), KernelPass(
+            yield from self.run(chosen, (0.6, 0.8), KernelPass(
                 "solve/table.kernel", tables, valleys, floor, robust=self.robust))
             estimate, prior = neighbours.pyramid(
-                self.device, tuple(tables), self.source.pool_gain, self.source.extent, self.before.roughness)
-            yield from self.run(chosen, (0.75, 1.0), KernelPass(
+                self.device, tuple(tables), colour, self.source.pool_gain, self.source.extent, self.before.roughness)
+            colour.release()
+            yield from self.run(chosen, (0.8, 1.0), KernelPass(
                 "solve/polish.kernel", outputs, {**valleys, "u_estimate": estimate, "u_prior": prior},
                 {**floor, "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": POLISH_STEPS}, robust=self.robust))
 
@@ -273,11 +275,18 @@ class Solver(TilePasses):
         """Variances of the noise that are assumed where the map of it says less, or nothing."""
         return {"u_noise_floor": neighbours.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance}
 
-    def albedo(self, lobe_map: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
-        """Base colour of each texel from its own observations alone; ``lobe_map``: roughness, or the pairs of lobes."""
+    def albedo(
+        self, lobe_map: moderngl.Texture, lobes: int = 1, *, chosen: list[Tile] | None = None,
+        span: tuple[float, float] = (0.0, 1.0),
+    ) -> Generator[Progress, None, moderngl.Texture]:
+        """Base colour of each texel from its own observations alone; ``lobe_map``: roughness, or the pairs of lobes.
+
+        ``chosen``: of these tiles.  ``span``: as of `run`.
+        """
+        chosen = tiles(self.atlas, self.covered) if chosen is None else chosen
         (albedo,) = self.textures(1)
         robust = self.robust and lobes == 1
-        yield from self.run(tiles(self.atlas, self.covered), (0.0, 1.0), KernelPass(
+        yield from self.run(chosen, span, KernelPass(
             "solve/albedo.kernel", [albedo], {"u_found": lobe_map, **({"u_noise": self.noise_map} if robust else {})},
             self._floor(self.noise**2) if robust else {}, lobes, colour=True, robust=robust))
         return albedo

@@ -1,0 +1,180 @@
+"""Which neighbours a texel without a highlight takes its roughness from: those of its base colour, if that matters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.shading.brdf import ROUGHNESS_MIN
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.solve import neighbours
+from irpso_addon.gpu.solve.solver import Solver
+from tests.support.texels import as_metal, exact, finish
+
+SIZE, GAIN = 256, 0.3
+NODES = ROUGHNESS_MIN ** (1 - np.arange(32) / 31)
+SMOOTH, ROUGH = 0.25, 0.6
+DARK, LIGHT = np.array([0.1, 0.16, 0.3]), np.array([0.6, 0.5, 0.4])
+Pyramid = Callable[..., tuple[np.ndarray, np.ndarray]]
+
+
+@pytest.fixture
+def pyramid(on_gl: Any) -> Pyramid:
+    """pyramid(tables, base colour) -> (estimate, prior), (h, w, 4) each."""
+    def call(tables: np.ndarray, base: np.ndarray, **more: Any) -> tuple[np.ndarray, np.ndarray]:
+        def job(device: Device) -> tuple[np.ndarray, np.ndarray]:
+            with device.scope():
+                height, width = tables.shape[:2]
+                each = tuple(device.texture(width, height, data=tables[..., 4 * i:4 * i + 4]) for i in range(8))
+                colour = np.concatenate([base, np.ones((height, width, 1))], -1)
+                found = neighbours.pyramid(device, each, device.texture(width, height, data=colour), GAIN, **more)
+                return device.read(found[0]), device.read(found[1])
+
+        result: tuple[np.ndarray, np.ndarray] = on_gl(job)
+        return result
+
+    return call
+
+
+def stripes(width: int, size: int = SIZE) -> np.ndarray:
+    """(size, size) bool, aslant."""
+    y, x = np.mgrid[:size, :size]
+    return np.asarray(((x + y // 2) // width) % 2 == 0)
+
+
+def told(roughness: np.ndarray, informed: np.ndarray, error: float = 0.02) -> np.ndarray:
+    """Tables (h, w, 32) of texels whose data are normal about their roughness, each with an error of its own."""
+    off = error * np.random.default_rng(3).standard_normal(roughness.shape)
+    cost = 0.5 * ((NODES - (roughness + off)[..., None]) / error) ** 2
+    return np.where(informed[..., None], cost - cost.min(-1, keepdims=True), 0.0)
+
+
+def patch() -> np.ndarray:
+    """Informed texels: some columns side by side, as a highlight leaves them, and then none for three times as many."""
+    return np.broadcast_to(np.arange(SIZE) % 16 < 4, (SIZE, SIZE))
+
+
+def painted(one: np.ndarray) -> np.ndarray:
+    return np.asarray(np.where(one[..., None], DARK, LIGHT))
+
+
+@pytest.mark.parametrize("width", [3, 6, 12])
+def test_roughness_stays_on_its_colours_side_of_a_border(pyramid: Pyramid, width: int) -> None:
+    dark = stripes(width)
+    truth = np.where(dark, SMOOTH, ROUGH)
+    tables = told(truth, patch())
+    with_colour, _ = pyramid(tables, painted(dark))
+    without, _ = pyramid(tables, painted(np.ones_like(dark)))
+    error, before = np.abs(with_colour[..., 0] - truth), np.abs(without[..., 0] - truth)
+    assert before.mean() > 0.1
+    assert error.mean() < 0.01
+    assert np.quantile(error, 0.99) < 0.05
+
+
+def test_a_colour_without_data_in_a_cell_takes_nothing_from_the_other(pyramid: Pyramid) -> None:
+    """A dark band through informed light texels: little of it is informed itself."""
+    y, x = np.mgrid[:SIZE, :SIZE]
+    band = np.abs(y - 30) < 4
+    truth = np.where(band, SMOOTH, ROUGH)
+    found, _ = pyramid(told(truth, ~band | (x % 16 < 2)), painted(band))
+    assert np.abs(found[..., 0] - truth)[band].max() < 0.1  # of one colour: 0.26 in the mean
+
+
+@pytest.mark.parametrize("rough", [lambda u: np.full_like(u, 0.4), lambda u: 0.3 + 0.3 * u], ids=["one", "slope"])
+def test_colours_of_one_roughness_are_pooled(pyramid: Pyramid, rough: Callable[[np.ndarray], np.ndarray]) -> None:
+    """A printed surface: the same estimates as of one colour."""
+    truth = rough(np.broadcast_to((np.arange(SIZE) + 0.5) / SIZE, (SIZE, SIZE)))
+    tables = told(truth, patch())
+    print_ = painted(stripes(5)) * np.random.default_rng(4).uniform(0.6, 1.0, (SIZE, SIZE, 1))
+    (printed, prior), (plain, plain_prior) = pyramid(tables, print_), pyramid(tables, painted(np.ones_like(patch())))
+    off = np.abs(printed[..., 0] - plain[..., 0])
+    assert np.mean(off > 2e-3) < 0.005
+    assert off.max() < 0.02
+    assert np.mean(np.abs(prior[..., 1] / plain_prior[..., 1] - 1) > 0.02) < 0.01
+    assert np.abs(printed[..., 0] - truth).mean() < 1.01 * np.abs(plain[..., 0] - truth).mean()
+
+
+@pytest.mark.parametrize("size", [(64, 64), (50, 37), (9, 20), (5, 3)])
+def test_one_colour_is_a_plain_pyramid(pyramid: Pyramid, size: tuple[int, int]) -> None:
+    """Against a plain pyramid in float64."""
+    truth = np.random.default_rng(5).uniform(0.2, 0.8, size)
+    tables = told(truth, np.random.default_rng(6).uniform(size=size) < 0.3, 0.1)
+    found, prior = pyramid(tables, np.broadcast_to(LIGHT, (*size, 3)))
+    expected, _, _, mean, variance = plain_pyramid(tables)
+    np.testing.assert_allclose(found[..., 0], expected, atol=2e-4)
+    np.testing.assert_allclose(prior[..., 0], mean, atol=2e-4)
+    np.testing.assert_allclose(prior[..., 1], variance, rtol=2e-3)
+
+
+def test_a_part_of_a_map_starts_from_what_lies_around_it(pyramid: Pyramid) -> None:
+    """Its coarse cells are given: colours that its own data do not tell apart take these."""
+    given = np.zeros((4, 4, 4), np.float32)
+    given[...] = 0.35, 0.01, 0.0, 1.0
+    found, _ = pyramid(np.zeros((SIZE, SIZE, 32)), painted(stripes(6)), around=given)
+    np.testing.assert_allclose(found[..., 0], 0.35, atol=1e-6)
+
+
+def test_a_solve_borrows_from_texels_of_its_colour(on_gl: Any) -> None:
+    """The same two roughnesses, seen on stripes of two base colours and on one base colour."""
+    problem, _ = exact(views=5)
+    one = stripes(4, problem.truth.roughness.shape[0])
+    truth = np.where(one, SMOOTH, ROUGH)
+    errors = []
+    for base in (painted(one), np.broadcast_to(LIGHT, (*one.shape, 3))):
+        texels = as_metal(replace(problem, truth=replace(problem.truth, roughness=truth, base=base)), 0.0)
+        noise = 1 + 0.03 * np.random.default_rng(7).standard_normal(texels.rgb.shape)
+        texels = replace(texels, rgb=(texels.rgb * noise).astype(np.float32))
+
+        def job(device: Device, texels: Any = texels) -> np.ndarray:
+            solver = Solver(device, texels.source(device), SolveSettings(size=one.shape[0]))
+            maps = finish(solver.solve())
+            found = maps.read(device)
+            for thing in (maps, solver, solver.source):
+                thing.release()
+            return np.abs(found.roughness - truth)[found.solved]
+
+        errors.append(on_gl(job).mean())
+    assert errors[0] < 0.8 * errors[1]
+
+
+def plain_pyramid(table: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Of every cell, all of one kind: estimate, its variance, whether known; mean and variance of the prior."""
+    height, width = table.shape[:2]
+    mean, variance, known = np.full((height, width), 0.5), np.full((height, width), 0.1), np.zeros((height, width))
+    if width > 8:
+        even = np.pad(table, ((0, height % 2), (0, width % 2), (0, 0)))
+        above = plain_pyramid(GAIN * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]))
+        mean, variance = handed_down(above, (height, width))
+        variance, known = variance + (neighbours.ROUGHNESS_SLOPE / width) ** 2, known + 1
+    cost = table + np.minimum((NODES - mean[..., None]) ** 2 / (2 * variance[..., None]), neighbours.PRIOR_CUT)
+    best = cost.argmin(-1)
+    mid = np.clip(best, 1, 30)
+    c0, c1, c2 = (np.take_along_axis(cost, (mid + i)[..., None], -1)[..., 0] for i in (-1, 0, 1))
+    x0, x1, x2 = NODES[mid - 1], NODES[mid], NODES[mid + 1]
+    s0, s1 = (c1 - c0) / (x1 - x0), (c2 - c1) / (x2 - x1)
+    bend = 2 * (s1 - s0) / (x2 - x0)
+    low = np.where(bend > 0, np.clip((x0 + x1) / 2 - s0 / np.where(bend > 0, bend, 1), x0, x2), NODES[best])
+    said = table.max(-1) > 0
+    return (np.where(said, low, mean), np.where(said, np.minimum(1 / np.maximum(bend, 1e-3), variance), variance),
+            np.where(said, 1, known), mean, variance)
+
+
+def handed_down(above: tuple[np.ndarray, ...], size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance of the four nearest parents, by distance and by how exact they are."""
+    y, x = (np.arange(n) / 2 - 0.25 for n in size)
+    total = np.zeros((3, *size))
+    for j in (0, 1):
+        for i in (0, 1):
+            near = (1 - np.abs(np.floor(y) + j - y))[:, None] * (1 - np.abs(np.floor(x) + i - x))
+            rows, columns = (np.clip(np.floor(at).astype(int) + k, 0, n - 1)
+                             for at, k, n in ((y, j, above[0].shape[0]), (x, i, above[0].shape[1])))
+            estimate, variance, known = (values[rows[:, None], columns] for values in above[:3])
+            weight = near * known / variance
+            total += weight * np.stack([estimate, variance, np.ones_like(weight)])
+    safe = np.where(total[2] > 0, total[2], 1)
+    return np.where(total[2] > 0, total[0] / safe, 0.5), np.where(total[2] > 0, total[1] / safe, 0.1)
