@@ -24,7 +24,7 @@ from studies.stability.sweep import answered
 PAGE = pages.DOCS / "corrected.md"
 SEEDS = 4
 CASES = (
-    ("nothing", "", Trial()),
+    ("nothing", "as it is", Trial()),
     *(("places of lamps", f"{percent(by, 1)} of their distance", Trial(moved=by)) for by in (0.005, 0.01, 0.02)),
     *(("powers", percent(by), Trial(gain=by)) for by in (0.01, 0.03, 0.1)),
     *(("response", f"exponent {power:g}", Trial(tone=power)) for power in (0.95, 0.8, 0.4545)),
