@@ -71,7 +71,10 @@ def tomorrow(scene: str, size: int) -> Steps:
 
 
 def shadings(scene: str, size: int, shading: str, color: str) -> Steps:
-    """During a solve the viewport goes on as the Image Editor does: pictures of it, half way and at the end."""
+    """During a solve the viewport goes on as the Image Editor does: pictures of it, half way and at the end.
+
+    The solve rests for the first picture: on a slow machine it would else be nearly over before that is taken.
+    """
     yield from jobs.opened(scene, size)
     view = robot.area().spaces.active
     view.shading.type, view.shading.color_type = shading, color
@@ -80,7 +83,10 @@ def shadings(scene: str, size: int, shading: str, color: str) -> Steps:
     yield from robot.look("before")
     yield from jobs.started(10)
     yield from robot.until(lambda: jobs.running() is None or jobs.linked(jobs.subject()), LONG)
+    assert jobs.running(), "it was over before maps were on show"
+    robot.invoke("irpso.pause")
     yield from robot.look("first", 1.0)
+    robot.invoke("irpso.pause")
     yield from robot.until(lambda: jobs.running() is None or jobs.running().progress.stage == "maps", LONG)
     yield from robot.look("late", 0.5)
     yield from jobs.ended(LONG)
