@@ -34,7 +34,7 @@ from ..gpu.maps.finish_maps import CoarseSurroundings, FinishedMaps, SolvedTexel
 from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.observation_atlas import CameraSource
 from ..gpu.observe.observations import Observations, ObserveOptions, observe
-from ..gpu.solve.calibration_sample import calibration_sample
+from ..gpu.solve.calibration_sample import calibration_sample, most_texels
 from ..gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
 from ..gpu.solve.model_ladder import Ladder
 from ..gpu.solve.normal_texels import SAMPLE, refined_normals
@@ -261,6 +261,8 @@ def _calibrated(
 ) -> Generator[Progress, None, tuple[Rig, Judged] | None]:
     """What is to be put right of lamps and exposures; None: nothing."""
     settings = given.settings
-    sample = calibration_sample(source, texels, settings.seed, given.scene.scale_known)
-    judged = yield from calibrate(sample, settings.lamps == "auto", settings.exposures == "auto")
+    taken = partial(calibration_sample, source, texels, settings.seed, given.scene.scale_known)
+    sample = taken()
+    judged = yield from calibrate(sample, settings.lamps == "auto", settings.exposures == "auto",
+                                  more=lambda: taken(most_texels(len(sample.view))))
     return None if judged is None else (sample.rig, judged)

@@ -73,6 +73,13 @@ def test_the_line(calibration: Calibration, line: str) -> None:
     assert calibrated(calibration) == (line + END,)
 
 
+def test_errors_that_read_alike_are_left_out() -> None:
+    """The root mean square of few large errors may hide what most views gain."""
+    alike = replace(found(KEY), changed=PredictionError(0.0431, 1.5))
+    assert calibrated(alike) == ("IRPSO moved 'Key' by 1.2 % of its distance and changed its power by -8.6 %. "
+                                 "The scene keeps its lamps and exposures.",)
+
+
 def test_nothing_to_say() -> None:
     assert calibrated(None) == ()
 

@@ -6,6 +6,7 @@ change.  So the change is judged by texels, and base colours by views, that had 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -17,20 +18,20 @@ from ..evaluation.sampled_texels import parts, predicted
 from ..job import Progress, Steps, retold
 from .rig_fit import CAUCHY, ROUNDS, Free, RigFound, fit_rig
 from .rig_sample import RigSample
+from .systematic import systematic
 from .texel_materials import lobes_of
 
 SURE = 3.0  # standard errors from which on a number is changed ...
 LEAST_CHANGE = 0.002  # ... and what is worth it: of a lamp's distance, relative power or gain
 LEAST_VIGNETTING = 0.05  # power of the cosine
 LEAST_AMBIENT = 0.003  # of the lamps' typical irradiance
+LEAST_RESPONSE = 0.02  # of the exponent: less is made up by what a texel's one roughness does not explain
 LEAST_TEXELS = 100
-LEAST_ERROR = 0.005  # of the radiance: what a change must explain
+LEAST_ERROR = 0.005  # of the radiance: what a change must explain of left-out views ...
+LEAST_FIT = 0.002  # ... and of those that are fitted, where base colours explain a part of it
 HALF = 0.5
 COLOURS = 3
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
-# Of what the given rig leaves over in the fit itself, after two rounds and after all: more cannot become half of it in
-# what is left out.
-HOPEFUL = 0.85, 0.65
 WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise: few large errors make them
 HIGHLIGHT = 0.25  # of the radiance: lobes that show more make a highlight
 LEAST_SEEN = 1e-6
@@ -49,10 +50,13 @@ class Judged:
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/(m^2 sr)
 
 
-def calibrate(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Judged | None]:
+def calibrate(
+    sample: RigSample, lamps: bool, exposures: bool, more: Callable[[], RigSample] | None = None,
+) -> Steps[Judged | None]:
     """What is to be changed; None where nothing is, or where too little is seen to judge it.
 
     ``lamps``, ``exposures``: what may be changed.  The fewest numbers are changed that predict about as well as all.
+    ``more``: a larger sample, which says by how much; None: the same.
     """
     folds = split(sample.texels)
     if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
@@ -65,12 +69,12 @@ def calibrate(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Judged |
         other = yield from _share(fit_rig(sample, levels, rounds=2), 0.1, 0.2)
         if other.scatter < PAYS * quick.scatter:
             quick, frees = other, [replace(free, levels=True) for free in frees]
-    if not _off(quick) or quick.scatter > HOPEFUL[0] * quick.given:
+    if not _off(quick) or not _explains(quick):
         return None
     everything = yield from _share(fit_rig(sample, frees[-1]), 0.2, 0.5)
-    if not _off(everything) or everything.scatter > HOPEFUL[1] * everything.given:
+    if not _off(everything) or not _explains(everything):
         return None
-    whole, most, frees = frees[-1], HOPEFUL[1] * everything.given, _pruned(frees, everything)
+    whole, given, frees = frees[-1], everything.given, _pruned(frees, everything)
     if frees[-1] != whole:
         everything = yield from _share(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
     contest = _Contest(sample, everything, folds)
@@ -80,29 +84,58 @@ def calibrate(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Judged |
         own = everything
         if free != frees[-1]:
             own = yield from _share(fit_rig(sample, free, start=everything), begin, middle)
-        if own.scatter > most:
+        if not _explains(own, given):
             continue
         contest.add(str(free), (yield from _share(contest.predictions(free, own), middle, end)))
-        if contest.worth(str(free), taken) and (not free.response or (
-                yield from _is_response(contest, free, everything, (middle, end)))):
+        if contest.worth(free, taken) and (yield from _is_no_material(contest, free, everything, (middle, end))):
             taken, found, kept = str(free), own, free
             if not contest.could_gain(taken, everything):
                 break
     if taken == GIVEN:
         return None
-    found = yield from _share(fit_rig(sample, kept, start=found, rounds=ROUNDS), 1.0, 1.0)
-    ambient = (yield from _ambient(sample, kept, found)) if found.change.ambient else (0.0, 0.0, 0.0)
+    kept, found = yield from _with_ambient(contest, kept, found)
+    large = more() if more is not None else sample
+    found = yield from _share(fit_rig(large, kept, start=found), 1.0, 1.0)
+    ambient = (yield from _ambient(large, kept, found)) if found.change.ambient else (0.0, 0.0, 0.0)
     return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), ambient)
 
 
-def _is_response(
-    contest: _Contest, free: Free, start: RigFound, share: tuple[float, float],
-) -> Steps[bool]:
-    """Whether a response predicts better than a diffuse that is not Lambert's, which bends brightness alike."""
-    other = replace(free, response=False, diffuse=True)
+def _with_ambient(contest: _Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:
+    """A rig that is better than the given one, with ambient light if the fit is sure of it and predicts no worse.
+
+    One number more, which all views share, is not judged by halves of the texels: the lamps of two halves differ by
+    more than it explains.
+    """
+    without = yield from _share(fit_rig(contest.sample, free, start=found, rounds=ROUNDS), 1.0, 1.0)
+    if free.ambient or not free.lamps:
+        return free, without
+    lit = replace(free, ambient=True)
+    other = yield from _share(fit_rig(contest.sample, lit, start=found, rounds=ROUNDS), 1.0, 1.0)
+    if not sure_of_ambient(other):
+        return free, without
+    for name, each in (("without", without), ("lit", other)):
+        contest.add(name, contest.of_whole(each))
+    return (lit, other) if contest.gain("lit", "without").sum() > 0 else (free, without)
+
+
+def _explains(found: RigFound, given: float | None = None) -> bool:
+    """Whether it explains some of what the given rig leaves over."""
+    return (given or found.given) ** 2 - found.scatter**2 > LEAST_FIT**2
+
+
+def _is_no_material(contest: _Contest, free: Free, start: RigFound, share: tuple[float, float]) -> Steps[bool]:
+    """Whether ambient light or a response predicts as well as a diffuse that is not Lambert's, a response better.
+
+    Such a diffuse bends brightness alike.  But some ambient light is in every room.
+    """
+    if not free.response and not free.only_ambient:
+        return True
+    other = replace(free, response=False, ambient=free.ambient and free.response, diffuse=True)
     found = yield from _share(fit_rig(contest.sample, other, start=start, rounds=ROUNDS), *share)
     contest.add(str(other), (yield from _share(contest.predictions(other, found), *share)))
-    return contest.beats(str(free), str(other))
+    if free.response:
+        return contest.beats(str(free), str(other))
+    return not contest.beats(str(other), str(free))
 
 
 def _ambient(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[float, float, float]]:
@@ -161,7 +194,7 @@ class _Contest:
         self.halves = [(half, sample.part(half), self.judged.part(half)) for half in (odd, ~odd)]
         self.judge = Judge(self.judged.texels, folds)
         self.left: dict[str, F64] = {}  # of each rig, (T, V): log of predicted over observed radiance, 0 if not judged
-        lobes = lobes_of(sample, sample.texels, whole.materials)
+        lobes = lobes_of(self.judged, self.judged.texels, whole.materials)  # as of `predictions`
         for name, shown in (("lambert", None), (GIVEN, lobes)):
             self.add(name, [predicted(self.judged.texels, shown, ~left_out) for left_out in folds.left_out])
 
@@ -186,30 +219,43 @@ class _Contest:
                 value[others] = seen.as_given(predicted(seen.texels, lobes, ~left_out))
         return values
 
+    def of_whole(self, found: RigFound) -> list[F64]:
+        """The same of both halves by what all texels found."""
+        seen = self.judged.geometry.under(found.change)
+        lobes = lobes_of(self.judged, seen.texels, found.materials)
+        return [seen.as_given(predicted(seen.texels, lobes, ~left_out)) for left_out in self.folds.left_out]
+
     def beats(self, name: str, other: str) -> bool:
         """Whether a rig predicts better than another, beyond the scatter."""
-        unit = CAUCHY * max(min(self._scale(name), self._scale(other)), LEAST_SEEN)
-        gain = (np.log1p((self.left[other] / unit) ** 2) - np.log1p((self.left[name] / unit) ** 2)).sum(1)
+        gain = self.gain(name, other)
         return bool(gain.sum() > SURE * scatter(gain, self.sample.cluster))
 
-    def worth(self, name: str, other: str) -> bool:
+    def gain(self, name: str, other: str) -> F64:
+        """(T,) by how much a rig predicts each texel better than another."""
+        unit = CAUCHY * max(min(self._scale(name), self._scale(other)), LEAST_SEEN)
+        return np.asarray((np.log1p((self.left[other] / unit) ** 2) - np.log1p((self.left[name] / unit) ** 2)).sum(1))
+
+    def worth(self, free: Free, other: str) -> bool:
         """Whether a rig predicts better than a smaller one: beyond the scatter, and by what can be seen.
 
-        It must also leave less than half of what the given rig leaves.  Lamps can mimic what the model of the material
-        lacks, but only in part.
+        But for ambient light, it must also leave less than half of what the given rig leaves beside noise.  Lamps can
+        mimic what the model of the material lacks, but only in part.
         """
-        scale = {each: self._scale(each) for each in (name, other)}
-        unit = CAUCHY * max(scale[name], LEAST_SEEN)
-        gain = (np.log1p((self.left[other] / unit) ** 2) - np.log1p((self.left[name] / unit) ** 2)).sum(1)
+        name = str(free)
         after, before = self.judge.error(name), self.judge.error(other)
         whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
-        halves = scale[name] < HALF * self._scale(GIVEN)
-        return bool(halves and gain.sum() > SURE * scatter(gain, self.sample.cluster)
-                    and scale[other] ** 2 - scale[name] ** 2 > LEAST_ERROR**2 and whole < WORSE)
+        halves = self._systematic(name) < HALF * self._systematic(GIVEN)
+        return bool((halves or free.only_ambient) and self.beats(name, other) and whole < WORSE
+                    and self._scale(other) ** 2 - self._scale(name) ** 2 > LEAST_ERROR**2)
 
     def could_gain(self, name: str, most: RigFound) -> bool:
         """Whether more numbers than a rig has may be worth it; ``most``: the fit of all of them."""
-        return self._scale(name) ** 2 - most.scatter**2 > LEAST_ERROR**2
+        return self._systematic(name) ** 2 - most.systematic**2 > LEAST_FIT**2
+
+    def _systematic(self, name: str) -> float:
+        """What of a rig's errors is no noise, relative."""
+        left = self.left[name]
+        return systematic(left, left != 0, self.sample.region, self.sample.square)
 
     def _scale(self, name: str) -> float:
         """Robust standard deviation of what a rig's predictions are off by, relative."""
@@ -246,4 +292,4 @@ def sure_of_ambient(found: RigFound) -> bool:
 
 def sure_of_response(found: RigFound) -> bool:
     """Whether the response is off beyond doubt."""
-    return abs(found.change.log_response) > max(SURE * found.error.log_response, LEAST_CHANGE)
+    return abs(found.change.log_response) > max(SURE * found.error.log_response, LEAST_RESPONSE)

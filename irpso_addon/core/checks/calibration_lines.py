@@ -26,10 +26,10 @@ def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
         changed = " and ".join(["lamps"] * bool(calibration.lamps) + ["exposures"] * bool(calibration.exposures)
                                + ["vignetting"] * (calibration.vignetting is not None))
         what = f"changed {changed or 'lamps'} a little, although no single change is certain"
-    before, after = (error.relative_rms for error in (calibration.given, calibration.changed))
-    return (f"IRPSO {what}. The error on left-out views fell from {percent(before, 1)} to {percent(after, 1)} of "
-            "their radiance. "
-            f"{STAYS}",)
+    before, after = (percent(error.relative_rms, 1) for error in (calibration.given, calibration.changed))
+    # Few large errors make the root mean square: it may hide that most became smaller.
+    fell = f"The error on left-out views fell from {before} to {after} of their radiance. " if before != after else ""
+    return (f"IRPSO {what}. {fell}{STAYS}",)
 
 
 def sure_lamps(calibration: Calibration) -> list[LampChange]:
