@@ -24,6 +24,7 @@ from ..core.images.response import file_scale, undone
 from ..core.job import Progress, mapped
 from ..core.live_maps import Live
 from ..core.normals.judge import NormalsJudged, judge_normals
+from ..core.normals.straighten import straightened
 from ..core.normals.tilt_sample import TiltSample
 from ..core.params import SolveSettings
 from ..core.tiled.tiled_plan import PriorKnowledge
@@ -264,5 +265,6 @@ def _calibrated(
     taken = partial(calibration_sample, source, texels, settings.seed, given.scene.scale_known)
     sample = taken()
     judged = yield from calibrate(sample, settings.lamps == "auto", settings.exposures == "auto",
-                                  more=lambda: taken(most_texels(len(sample.view))))
+                                  more=lambda: taken(most_texels(len(sample.view))),
+                                  straight=straightened if settings.normals == "auto" else None)
     return None if judged is None else (sample.rig, judged)

@@ -43,7 +43,7 @@ def rig_sample(problem: Problem) -> RigSample:
     row, column = np.divmod(np.arange(count), shape[1])
     cells = row * CELLS // shape[0] * CELLS + column * CELLS // shape[1]
     return RigSample(texels, rig, numbers, place, flat(believed.normal), 0 * cells.astype(np.int32),
-                     cells.astype(np.int32), np.arange(count, dtype=np.int32), light=typical_light(texels))
+                     cells.astype(np.int32), light=typical_light(texels))
 
 
 def _view(believed: Geometry, k: int, camera: int) -> View:

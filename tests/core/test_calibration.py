@@ -23,7 +23,7 @@ def judged(rig: Rig, seed: int = 0) -> Judged:
     change = RigChange(0.02 * rng.standard_normal((groups, 3)), 0.05 * rng.standard_normal(groups),
                        0.03 * rng.standard_normal(views), 0.7, 0.05, -0.1)
     error = RigChange(np.full((groups, 3), 1e-4), np.full(groups, 1e-4), np.full(views, 1e-4), 0.1)
-    return Judged(RigFound(change, error, 0.01, 0.03, 0.01, {}), PredictionError(0.2, 2.0), PredictionError(0.1, 1.0),
+    return Judged(RigFound(change, error, 0.01, 0.03, {}), PredictionError(0.2, 2.0), PredictionError(0.1, 1.0),
                   (0.02, 0.03, 0.04))
 
 

@@ -78,7 +78,7 @@ def sphere(
                              np.repeat(np.pi * given[..., None], 3, 2), 0 * number, 0 * number, number)
     cluster = ((normal + 1) * CELLS).astype(np.int32) @ np.array([1, 13, 169], np.int32)
     rig = RigSample(observed, Rig.of(views, normal.mean(0)), number, normal, normal,
-                    np.zeros(texels, np.int32), cluster.astype(np.int32), np.arange(texels, dtype=np.int32))
+                    np.zeros(texels, np.int32), cluster.astype(np.int32))
     return TiltSample.of(rig), true
 
 

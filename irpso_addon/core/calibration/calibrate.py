@@ -16,9 +16,9 @@ from ..data import F64, PredictionError
 from ..evaluation.folds import Folds, Judge, scatter, split
 from ..evaluation.sampled_texels import parts, predicted
 from ..job import Progress, Steps, retold
+from .rig import RigChange
 from .rig_fit import CAUCHY, ROUNDS, Free, RigFound, fit_rig
 from .rig_sample import RigSample
-from .systematic import systematic
 from .texel_materials import lobes_of
 
 SURE = 3.0  # standard errors from which on a number is changed ...
@@ -27,9 +27,10 @@ LEAST_VIGNETTING = 0.05  # power of the cosine
 LEAST_AMBIENT = 0.003  # of the lamps' typical irradiance
 LEAST_RESPONSE = 0.02  # of the exponent: less is made up by what a texel's one roughness does not explain
 LEAST_TEXELS = 100
-LEAST_ERROR = 0.005  # of the radiance: what a change must explain of left-out views ...
-LEAST_FIT = 0.002  # ... and of those that are fitted, where base colours explain a part of it
+LEAST_ERROR = 0.002  # of the radiance: what a change must explain of left-out views ...
+LEAST_FIT = 0.001  # ... and of those that are fitted, where base colours explain a part of it
 HALF = 0.5
+TURNS = 4  # of normals and rig
 COLOURS = 3
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
 WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise: few large errors make them
@@ -52,12 +53,17 @@ class Judged:
 
 def calibrate(
     sample: RigSample, lamps: bool, exposures: bool, more: Callable[[], RigSample] | None = None,
+    straight: Callable[[RigSample, RigChange | None], RigSample] | None = None,
 ) -> Steps[Judged | None]:
     """What is to be changed; None where nothing is, or where too little is seen to judge it.
 
     ``lamps``, ``exposures``: what may be changed.  The fewest numbers are changed that predict about as well as all.
-    ``more``: a larger sample, which says by how much; None: the same.
+    ``more``: a larger sample, which says by how much; None: the same.  ``straight``: a sample under the normals that
+    explain it, under a change of the rig; None: normals are those of the mesh.
     """
+    given_sample = sample
+    if straight is not None:
+        sample = straight(sample, None)
     folds = split(sample.texels)
     if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
         return None
@@ -69,10 +75,12 @@ def calibrate(
         other = yield from _share(fit_rig(sample, levels, rounds=2), 0.1, 0.2)
         if other.scatter < PAYS * quick.scatter:
             quick, frees = other, [replace(free, levels=True) for free in frees]
-    if not _off(quick) or not _explains(quick):
+    if not _off(quick) or not _gains(quick):
         return None
     everything = yield from _share(fit_rig(sample, frees[-1]), 0.2, 0.5)
-    if not _off(everything) or not _explains(everything):
+    if not _off(everything) or not _gains(everything):
+        return None
+    if everything.scatter >= HALF * everything.given and not sure_of_ambient(everything):
         return None
     whole, given, frees = frees[-1], everything.given, _pruned(frees, everything)
     if frees[-1] != whole:
@@ -84,19 +92,25 @@ def calibrate(
         own = everything
         if free != frees[-1]:
             own = yield from _share(fit_rig(sample, free, start=everything), begin, middle)
-        if not _explains(own, given):
+        if not _explains(own, free, given):
             continue
         contest.add(str(free), (yield from _share(contest.predictions(free, own), middle, end)))
         if contest.worth(free, taken) and (yield from _is_no_material(contest, free, everything, (middle, end))):
             taken, found, kept = str(free), own, free
-            if not contest.could_gain(taken, everything):
+            if own.scatter**2 - everything.scatter**2 < LEAST_FIT**2:  # more numbers explain no more
                 break
     if taken == GIVEN:
         return None
     kept, found = yield from _with_ambient(contest, kept, found)
-    large = more() if more is not None else sample
-    found = yield from _share(fit_rig(large, kept, start=found), 1.0, 1.0)
-    ambient = (yield from _ambient(large, kept, found)) if found.change.ambient else (0.0, 0.0, 0.0)
+    large = more() if more is not None else given_sample
+    seen = large
+    for _ in range(1 if straight is None else TURNS):
+        if straight is not None:
+            seen = straight(large, found.change)
+        found = yield from _share(fit_rig(seen, kept, start=found), 1.0, 1.0)
+        if seen is large:
+            break
+    ambient = (yield from _ambient(seen, kept, found)) if found.change.ambient else (0.0, 0.0, 0.0)
     return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), ambient)
 
 
@@ -118,9 +132,18 @@ def _with_ambient(contest: _Contest, free: Free, found: RigFound) -> Steps[tuple
     return (lit, other) if contest.gain("lit", "without").sum() > 0 else (free, without)
 
 
-def _explains(found: RigFound, given: float | None = None) -> bool:
-    """Whether it explains some of what the given rig leaves over."""
-    return (given or found.given) ** 2 - found.scatter**2 > LEAST_FIT**2
+def _gains(found: RigFound) -> bool:
+    """Whether it explains anything beside noise."""
+    return found.given**2 - found.scatter**2 > LEAST_FIT**2
+
+
+def _explains(found: RigFound, free: Free, given: float) -> bool:
+    """Whether a fit leaves clearly less over than the given rig: but for ambient light, less than half.
+
+    Lamps, exposures and a response can mimic what the model of the material lacks, but only in part.
+    """
+    half = free.only_ambient or found.scatter < HALF * given
+    return half and given**2 - found.scatter**2 > LEAST_FIT**2
 
 
 def _is_no_material(contest: _Contest, free: Free, start: RigFound, share: tuple[float, float]) -> Steps[bool]:
@@ -238,24 +261,12 @@ class _Contest:
     def worth(self, free: Free, other: str) -> bool:
         """Whether a rig predicts better than a smaller one: beyond the scatter, and by what can be seen.
 
-        But for ambient light, it must also leave less than half of what the given rig leaves beside noise.  Lamps can
-        mimic what the model of the material lacks, but only in part.
         """
         name = str(free)
         after, before = self.judge.error(name), self.judge.error(other)
         whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
-        halves = self._systematic(name) < HALF * self._systematic(GIVEN)
-        return bool((halves or free.only_ambient) and self.beats(name, other) and whole < WORSE
+        return bool(self.beats(name, other) and whole < WORSE
                     and self._scale(other) ** 2 - self._scale(name) ** 2 > LEAST_ERROR**2)
-
-    def could_gain(self, name: str, most: RigFound) -> bool:
-        """Whether more numbers than a rig has may be worth it; ``most``: the fit of all of them."""
-        return self._systematic(name) ** 2 - most.systematic**2 > LEAST_FIT**2
-
-    def _systematic(self, name: str) -> float:
-        """What of a rig's errors is no noise, relative."""
-        left = self.left[name]
-        return systematic(left, left != 0, self.sample.region, self.sample.square)
 
     def _scale(self, name: str) -> float:
         """Robust standard deviation of what a rig's predictions are off by, relative."""

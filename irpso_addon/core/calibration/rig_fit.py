@@ -19,7 +19,6 @@ from ..job import Progress, Steps
 from .paint import Elimination, base_colours, paints_of
 from .rig import RigChange
 from .rig_sample import RigSample, Seen
-from .systematic import systematic
 from .texel_materials import lobes_of, materials_of
 
 PLACE, POWER, GAIN = 0.05, 0.1, 0.03  # what a shoot's figures are off by: of a lamp's distance; relative
@@ -64,7 +63,6 @@ class RigFound:
     error: RigChange
     scatter: float  # relative: what observations leave over, robust
     given: float  # the same where the fit began
-    systematic: float  # what of the scatter is no noise
     materials: dict[int, OneMaterial]  # by slot
 
 
@@ -120,7 +118,7 @@ class _RigFit:
             if np.abs(step[:len(step) - len(self.slots)]).max(initial=0.0) < SETTLED and n + 1 not in REFITS:
                 break
         error = self._unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
-        return RigFound(_centred(self.change), error, now.scatter, given, now.systematic, materials)
+        return RigFound(_centred(self.change), error, now.scatter, given, materials)
 
     def packed(self) -> F64:
         """The change as one vector."""
@@ -189,8 +187,6 @@ class _Round:
         power = 1.0 if seen.bent is None else seen.bent.power
         self.share, self.bend, self.level, self.left = share * power, bend * power, level * power, left * power
         self.scatter *= power
-        sample = fit.sample
-        self.systematic = systematic(self.left, self.weight > 0, sample.region, sample.square)
         self.around, self.logarithm = self._bends()
 
     def _bends(self) -> tuple[F64, F64]:

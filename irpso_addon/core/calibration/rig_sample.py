@@ -15,7 +15,6 @@ from ..shading.lights import light_irradiance
 from ..vignetting import log_cosine
 from .rig import Rig, RigChange
 
-CELLS, REGIONS = 12, 6  # across the object's longest side: whose texels err alike; which show what is no noise
 LEAST_COSINE = 1e-3
 LEAST_LIGHT = 1e-20
 SHEEN = 0.5  # roughness with which light from all around is reflected: its albedo hardly depends on it
@@ -32,19 +31,13 @@ class RigSample:
     normal: F64  # (T, 3) world, unit
     slot: I32  # (T,) material slot
     cluster: I32  # (T,) neighbours, which err alike, share a number
-    square: I32  # (T,) texels that may show the same pixels share a number
     scale_known: bool = True  # the lamps' powers are those of the pictures: the Specular IOR Level is likely to be 0.5
     light: float = 1.0  # W/m^2: the unit of irradiance from all around
 
     def part(self, some: Bool) -> RigSample:
         """Some of the texels."""
         return replace(self, texels=self.texels.part(some), position=self.position[some], normal=self.normal[some],
-                       slot=self.slot[some], cluster=self.cluster[some], square=self.square[some])
-
-    @cached_property
-    def region(self) -> I32:
-        """(T,) texels of the same part of the object share a number."""
-        return cells_of(self.position, REGIONS)
+                       slot=self.slot[some], cluster=self.cluster[some])
 
     @cached_property
     def geometry(self) -> RigGeometry:
@@ -175,13 +168,6 @@ def _diffuse_shapes(texels: SampledTexels) -> F64:
     cos_l = np.clip((texels.lobes[..., 2] * light).sum(-1) / light.sum(-1), LEAST_COSINE, 1.0)
     cos_v = np.clip(texels.cos_v, LEAST_COSINE, 1.0)
     return np.log(np.stack([cos_l, (1 - brdf.F_dielectric(cos_l)) * (1 - brdf.F_dielectric(cos_v))]))
-
-
-def cells_of(position: F64, count: int) -> I32:
-    """(T,) the number of each place's cell, ``count`` of which lie across the longest side of all."""
-    low = position.min(0)
-    at = ((position - low) * (count / max(float(np.ptp(position, axis=0).max()), 1e-12))).astype(np.int32)
-    return np.asarray(at @ np.array([1, count + 1, (count + 1)**2]), np.int32)
 
 
 def typical_light(texels: SampledTexels) -> float:

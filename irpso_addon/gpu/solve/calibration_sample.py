@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.calibration.rig import Rig
-from ...core.calibration.rig_sample import CELLS, RigSample, cells_of, typical_light
-from ...core.data import I32, Bool, View
+from ...core.calibration.rig_sample import RigSample, typical_light
+from ...core.data import F64, I32, Bool, View
 from ..observe.observation_atlas import CameraSource
 from .material_sample import CameraSample, read_sample, spread_squares
 
 SIDE = 2  # texels: width of the squares; what texels are next to each other says how wide they are
 TEXELS = 1000  # at most, half of those in the squares
+CELLS = 12  # across the object's longest side: the texels of a cell err alike
 MOST_TEXELS, OBSERVATIONS = 3000, 150_000  # of the larger sample that says by how much lamps are off
 
 
@@ -26,12 +27,9 @@ def calibration_sample(
         observed, places = read_sample(device, sample, most)
         position = sample.places.reshape(-1, 4)[places, :3].astype(np.float64)
         normal = sample.normals.reshape(-1, 4)[places].astype(np.float64)
-        row, column = np.divmod(places, sample.size[0])
     views, of_layer = views_of(source)
     return RigSample(observed, Rig.of(views, position.mean(0)), of_layer, position, normal[:, :3],
-                     normal[:, 3].round().astype(np.int32), cells_of(position, CELLS),
-                     np.asarray(row // SIDE * sample.size[0] + column // SIDE, np.int32), scale_known,
-                     typical_light(observed))
+                     normal[:, 3].round().astype(np.int32), cells_of(position), scale_known, typical_light(observed))
 
 
 def most_texels(layers: int) -> int:
@@ -48,3 +46,10 @@ def views_of(source: CameraSource) -> tuple[list[View], I32]:
         views += [view.view for view in camera.views]
         of_layer += [n for _ in range(source.layers.channels) for n in own]
     return views, np.array(of_layer, np.int32)
+
+
+def cells_of(position: F64) -> I32:
+    """(T,) the number of each place's cell."""
+    low = position.min(0)
+    at = ((position - low) * (CELLS / max(float(np.ptp(position, axis=0).max()), 1e-12))).astype(np.int32)
+    return np.asarray(at @ np.array([1, CELLS + 1, (CELLS + 1)**2]), np.int32)

@@ -52,7 +52,7 @@ def refined_normals(
         light = _light(blocks, layers.lights, of_layer)
         return RigSample(observed_texels(blocks, layers, light), rig, of_layer, position[at].astype(np.float64),
                          _unit(normal[at][:, :3].astype(np.float64)), normal[at][:, 3].round().astype(np.int32),
-                         np.zeros(len(blocks), np.int32), np.arange(len(blocks), dtype=np.int32), scale_known)
+                         np.zeros(len(blocks), np.int32), scale_known)
 
     for done, at, blocks in _read(source, kept):
         if at is not None and blocks is not None:
