@@ -4,12 +4,19 @@ uniform sampler2D u_sights;      // of each patch: from where its shadows are se
 uniform vec3 u_center;           // of the subject's sphere
 uniform float u_radius;
 
+// Mean of max(cosine, 0) over a patch whose normals' mean has a cosine; its normals are spread evenly about it.
+float facing_of(float cosine, vec3 normal) {
+    float half_width = sqrt(1.5 * max(1.0 - dot(normal, normal), 1e-12));
+    if (abs(cosine) >= half_width) return max(cosine, 0.0);
+    return (cosine + half_width) * (cosine + half_width) / (4.0 * half_width);
+}
+
 Direction direction(int n) {
     vec4 place = texelFetch(u_directions, texel_of(3 * n), 0);
     vec3 normal = texelFetch(u_directions, texel_of(3 * n + 1), 0).xyz, offset = place.xyz - P;
     float inv = inversesqrt(max(dot(offset, offset), 1e-20));
     float facing = -dot(normal, offset) * inv;
-    vec3 power = texelFetch(u_directions, texel_of(3 * n + 2), 0).rgb * (max(facing, 0.0) * inv * inv);
+    vec3 power = texelFetch(u_directions, texel_of(3 * n + 2), 0).rgb * (facing_of(facing, normal) * inv * inv);
     return Direction(offset * inv, place.w * inv * sqrt(0.5 + 0.5 * facing * facing), power);
 }
 

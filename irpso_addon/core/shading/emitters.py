@@ -17,7 +17,8 @@ from ..data import F64, Bool, Emitter, Environment
 from .environment import Directions, directions, environment_irradiance
 
 COUNT = 512  # patches of all emitters of a view, at most; each has a shadow map
-LEAST_COUNT = 16  # of one emitter's side: as many as a lamp's points
+LEAST_COUNT = 16  # of one emitter's side: as many as a lamp's points; ...
+CURVED_COUNT = 128  # ... and so many more where it faces all ways
 FINE = 0.02  # radians, seen from the subject: patches need not be smaller
 PARTS = (16, 4)  # into which a patch is divided where a lobe is as sharp as it is wide, and each of those again
 NEAR = 0.003  # variance of its directions, in radians squared, from which on a patch is divided in any case
@@ -106,7 +107,9 @@ def _levels(side: _Leaves, center: F64, radius: float, most: float) -> int:
     """How many times it is cut in halves: by its size as the subject sees it, and its share of all patches."""
     away = np.maximum(np.linalg.norm(side.corners.mean(1) - center, axis=-1), radius)
     seen = float((side.area / away**2).sum())
-    return int(np.clip(np.ceil(np.log2(np.clip(min(seen / FINE**2, most), LEAST_COUNT, COUNT))), 0, 16))
+    curved = 1 - float(np.linalg.norm(np.average(side.normal, axis=0, weights=side.area)))
+    least = LEAST_COUNT + CURVED_COUNT * curved
+    return int(np.ceil(np.log2(np.clip(min(seen / FINE**2, most), least, max(COUNT, least)))))
 
 
 def _divided(side: _Leaves, center: F64, radius: float, count: int) -> _Leaves:
@@ -179,9 +182,15 @@ def seen_from(found: Patches, P: F64) -> Directions:
     d2 = np.maximum((offset * offset).sum(-1), 1e-20)
     toward = offset / np.sqrt(d2)[:, None]
     facing = -(found.normal * toward).sum(-1)
-    power = found.power * (np.maximum(facing, 0) / d2)[:, None]
+    power = found.power * (_facing(facing, found.normal) / d2)[:, None]
     spread = found.size * np.sqrt((1 + facing**2) / 2 / d2)
     return Directions(toward, power, spread, None if found.parts is None else seen_from(found.parts, P), NEAR)
+
+
+def _facing(cosine: F64, normal: F64) -> F64:
+    """Mean of max(cosine, 0) over a patch whose normals' mean has a cosine; its normals are spread evenly about it."""
+    half = np.sqrt(1.5 * np.maximum(1 - (normal * normal).sum(-1), 1e-12))
+    return np.asarray(np.where(np.abs(cosine) < half, (cosine + half) ** 2 / (4 * half), np.maximum(cosine, 0)))
 
 
 def emitter_irradiance(found: Patches, P: F64, N: F64) -> F64:
@@ -190,7 +199,7 @@ def emitter_irradiance(found: Patches, P: F64, N: F64) -> F64:
     for place, normal, power in zip(found.place, found.normal, found.power, strict=True):
         offset = place - P
         d2 = np.maximum((offset * offset).sum(-1), 1e-20)
-        share = np.maximum((N * offset).sum(-1), 0) * np.maximum(-(offset @ normal), 0) / d2**2
+        share = np.maximum((N * offset).sum(-1), 0) * _facing(-(offset @ normal) / np.sqrt(d2), normal) / d2**1.5
         total += share[:, None] * power
     return total
 
