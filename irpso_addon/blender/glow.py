@@ -33,6 +33,14 @@ def is_light(obj: Any) -> bool:
     return obj.type == "LIGHT" or glows(obj)
 
 
+def shines(obj: Any) -> bool:
+    """Whether an object's light is modelled: what else glows is indirect light."""
+    try:
+        return glows(obj) and any(radiance_of(slot.material).any() for slot in obj.material_slots)
+    except Unmodelled:
+        return False
+
+
 def radiance_of(material: Any) -> F64:
     """(3,) W/(m^2 sr) that a material sends to other surfaces; raises Unmodelled."""
     return np.zeros(3) if material is None else _radiance(_surface(material), 0)

@@ -30,7 +30,8 @@ def test_a_rectangle_is_an_area_lamp(distance):
     panel = glowing.rectangle((0, 0, distance), (0.6, 0, 0), (0, -0.4, 0), (2.0, 1.0, 0.5))
     matrix = np.diag([1.0, 1, 1, 1])
     matrix[2, 3] = distance
-    lamp = Light("lamp", "AREA", np.array([2.0, 1, 0.5]) * np.pi * 1.2 * 0.8, matrix, shape="RECTANGLE", size=(1.2, 0.8))
+    lamp = Light("lamp", "AREA", np.array([2.0, 1, 0.5]) * np.pi * 1.2 * 0.8, matrix, shape="RECTANGLE",
+                 size=(1.2, 0.8))
     P, N = _places(60)
     want = lights.light_irradiance(lamp, P, N)[:, None] * lamp.power
     found = _irradiance(emitters.patches([panel], CENTER, RADIUS), P, N)

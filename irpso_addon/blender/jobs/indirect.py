@@ -139,7 +139,6 @@ class IndirectRenderer:
             "coats": {name: (coat.weight, coat.roughness) for name, coat in solution.coats.items()},
             "side": side, "samples": SAMPLES, "pictures": pictures,
             "known_world": any(view.environment is not None and view.environment.name for view in scene.views),
-            "emitters": sorted({name for *_, names in _pictures(scene.views) for name in names}),
         }), encoding="utf-8")
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...core.data import Coat, Maps, Solution
 from .. import properties
+from ..glow import shines
 from ..material import material
 from ..scene.camera_lens import read_lens
 from ..second_blender import as_child
@@ -35,7 +36,8 @@ def _render(folder: Path) -> None:
         material.write_maps(bpy.data.objects[job["object"]], _solution(job, dict(arrays)))
     _set_up(scene, job)
     rendered = scene.render.resolution_x, scene.render.resolution_y
-    glows = {name: _glow(name) for name in job["emitters"]}
+    glowing = [obj for obj in scene.objects if obj.name != job["object"] and shines(obj)]
+    slots_of = {obj.name: _slots(obj) for obj in glowing}
     for n, (camera, lamps, world, emitters) in enumerate(job["pictures"]):
         if job["known_world"]:
             scene.world = bpy.data.worlds[world] if world else None
@@ -46,7 +48,7 @@ def _render(folder: Path) -> None:
         for obj in scene.objects:
             if obj.type == "LIGHT":
                 obj.hide_render = obj.name not in lamps
-        for name, slots in glows.items():
+        for name, slots in slots_of.items():
             for slot, lit, dark in slots:
                 slot.material = lit if name in emitters else dark
         scene.cycles.seed = n
@@ -55,9 +57,8 @@ def _render(folder: Path) -> None:
         os.replace(folder / "rendering.exr", folder / f"{n}.exr")
 
 
-def _glow(name: str) -> list[tuple[Any, Any, Any]]:
+def _slots(obj: Any) -> list[tuple[Any, Any, Any]]:
     """Slots of an object, with their materials as they are and without light."""
-    obj = bpy.data.objects[name]
     obj = obj if obj.library is None else obj.make_local()
     found = []
     for slot in obj.material_slots:

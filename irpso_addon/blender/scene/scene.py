@@ -19,7 +19,7 @@ from ...core.data import Camera, Emitter, Environment, Light, SceneData, View
 from ...core.errors import BadInput
 from ...core.images.reference_image import with_one_white_balance
 from ..oiio import ensure_openimageio
-from .scene_emitters import read_emitter
+from .scene_emitters import name_instances, read_emitter
 from .scene_material import read_normal_maps
 from .scene_mesh import read_mesh, read_occluders
 from .scene_objects import names_of, read_camera, read_light, rendered_objects
@@ -50,6 +50,7 @@ def read_scene(context: Any | None, object_name: str | None, captures: Path | No
     mesh = read_mesh(subject, depsgraph, maps, reader.warn)
     views = reader.views(captures)
     reader.name_display_images(views)
+    name_instances(depsgraph, reader.warn)
     occluders = read_occluders(subject, depsgraph, reader.warn)
     return SceneData(
         name=Path(bpy.data.filepath).stem, mesh=mesh, occluders=occluders, views=views,

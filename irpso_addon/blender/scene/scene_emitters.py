@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.data import F64, I32, Emitter
 from ...core.errors import BadInput
-from ..glow import Unmodelled, radiance_of
+from ..glow import Unmodelled, glows, radiance_of
 from .scene_mesh import corners_of, evaluated_mesh
 from .scene_objects import FAR, world_matrix
 
@@ -43,6 +43,15 @@ def read_emitter(obj: Any, depsgraph: Any, warn: Warn) -> Emitter | None:
     return Emitter(obj.name, found[lit].astype(np.float32), radiance[lit].astype(np.float32), not closed)
 
 
+def name_instances(depsgraph: Any, warn: Warn) -> None:
+    """Warns of instances that glow: objects alone are emitters."""
+    for instance in depsgraph.object_instances:
+        obj = instance.object.original
+        if instance.is_instance and instance.parent is not None and instance.parent.original != obj and glows(obj):
+            warn(f"object '{obj.name}': glows as an instance of '{instance.parent.original.name}', which is not "
+                 "modelled, so it counts as indirect light; make instances real (Object > Apply)")
+
+
 def _warn_of_visibility(obj: Any, name: str, warn: Warn) -> None:
     if obj.light_linking.receiver_collection or obj.light_linking.blocker_collection:
         warn(f"{name}: light linking is not modelled; unlink it for the pictures")
@@ -57,10 +66,12 @@ def _triangles(obj: Any, depsgraph: Any) -> tuple[F64, I32, bool]:
     with evaluated_mesh(obj, depsgraph) as mesh:
         if mesh is None or not mesh.polygons:
             return np.zeros((0, 3, 3)), np.zeros(0, np.int32), False
-        local, vertices, slots = corners_of(mesh)
+        local, slots = corners_of(mesh)
     corners = local.astype(np.float64) @ world[:3, :3].T + world[:3, 3]
     if not (np.abs(corners) <= FAR).all():
         raise BadInput(f"object '{obj.name}': glows and is too large or too far away; scale it down or move it closer")
+    _, welded = np.unique(local.reshape(-1, 3), axis=0, return_inverse=True)  # a curve's caps share no vertices
+    vertices = welded.reshape(-1, 3)
     edges = np.sort(np.stack([vertices, np.roll(vertices, -1, 1)], -1).reshape(-1, 2), 1)
     along = (vertices < np.roll(vertices, -1, 1)).ravel()  # each edge of a closed shape is run through once each way
     _, number, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)

@@ -119,10 +119,10 @@ def triangles(mesh: Any) -> tuple[I32, I32, I32]:
     return loops, vertices, integers(found, "material_index", 1)[:, 0]
 
 
-def corners_of(mesh: Any) -> tuple[F32, I32, I32]:
-    """Corners (T, 3, 3) in object space, vertices (T, 3) and material index (T,) of the triangulated faces."""
+def corners_of(mesh: Any) -> tuple[F32, I32]:
+    """Corners (T, 3, 3) in object space and material index (T,) of the triangulated faces."""
     _, vertices, slots = triangles(mesh)
-    return _floats(mesh.vertices, "co", 3)[vertices], vertices, slots
+    return _floats(mesh.vertices, "co", 3)[vertices], slots
 
 
 def _check(obj: Any, local: F32, uvs: F32) -> None:
