@@ -172,6 +172,16 @@ def test_what_is_solved_shines_on_nothing(stage):
     assert _shining(stage) == [("Key",)]
 
 
+def test_one_too_faint_to_count_is_left_out(stage):
+    """Key sends 10 W / (4 pi 9 m^2) = 0.088 W/m^2 to the plane's middle, the diode L 1e-4 m^2 / (5.08 - 1.41 m)^2."""
+    bpy.data.objects["Key"].data.energy = 10.0
+    diode = glowing_scene.panel("Diode", (0, 0, 5), 0.01, 8.0)
+    _captures(stage, ["Key"], [])
+    assert _shining(stage) == [("Key",), ("Diode",)]  # below 0.1 % of the lamp; alone it is all the light
+    diode.data.materials[0].node_tree.nodes["Emission"].inputs["Strength"].default_value = 16.0
+    assert _shining(stage) == [("Key", "Diode"), ("Diode",)]
+
+
 def test_one_hidden_from_the_rays_that_light_surfaces(stage):
     panel = glowing_scene.panel("Panel", (0, 0, 3), 0.5, 3.0)
     _captures(stage, ["Key"])

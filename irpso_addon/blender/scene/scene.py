@@ -15,9 +15,10 @@ import bpy
 import numpy as np
 
 from ...core.capture.captures import read_captures
-from ...core.data import Camera, Emitter, Environment, Light, SceneData, View
+from ...core.data import F64, Camera, Emitter, Environment, Light, MeshArrays, SceneData, View
 from ...core.errors import BadInput
 from ...core.images.reference_image import with_one_white_balance
+from ...core.shading.emitters import counts
 from ..oiio import ensure_openimageio
 from .scene_emitters import name_instances, read_emitter
 from .scene_material import read_normal_maps
@@ -48,6 +49,7 @@ def read_scene(context: Any | None, object_name: str | None, captures: Path | No
     reader.name_unmodelled()
     maps = read_normal_maps(subject, reader.warn)
     mesh = read_mesh(subject, depsgraph, maps, reader.warn)
+    reader.sphere = _sphere(mesh)
     views = reader.views(captures)
     reader.name_display_images(views)
     name_instances(depsgraph, reader.warn)
@@ -57,6 +59,13 @@ def read_scene(context: Any | None, object_name: str | None, captures: Path | No
         pixel_filter=_pixel_filter(context.scene), warnings=tuple(dict.fromkeys(reader.warnings)),
         skipped=tuple(reader.skipped), scale_known=reader.scale_known,
     )
+
+
+def _sphere(mesh: MeshArrays) -> tuple[F64, float]:
+    """Centre and radius of a sphere about all corners."""
+    points = mesh.positions.reshape(-1, 3).astype(np.float64)
+    center = (points.min(0) + points.max(0)) / 2
+    return center, float(np.linalg.norm(points - center, axis=1).max())
 
 
 def _check_working_space() -> None:
@@ -104,6 +113,7 @@ class _Reader:
             self.warn("the lamps' power is not known (Shoot): Specular IOR Level is free, and base colors are right "
                       "up to one common factor; measure a grey card for absolute values")
         self.gain = film_gain(scene)
+        self.sphere = np.zeros(3), 0.0  # about the subject: centre and radius
 
     def warn(self, text: str) -> None:
         self.warnings.append(text)
@@ -151,7 +161,9 @@ class _Reader:
 
     def _environment(self, view: NamedView) -> Environment | None:
         """The light of the world and of meshes that glow in a view; views with the same share one."""
-        emitters = tuple(found for name in view.emitters if (found := self._emitter(name)) is not None)
+        lights = [self._light(name) for name in view.lights]
+        emitters = tuple(found for name in view.emitters if (found := self._emitter(name)) is not None
+                         and counts(found, lights, *self.sphere))
         world = self._world(view, alone=not view.lights and not emitters)
         if not emitters:
             return world

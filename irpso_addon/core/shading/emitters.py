@@ -13,8 +13,9 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import F64, Bool, Emitter, Environment
+from ..data import F64, Bool, Emitter, Environment, Light
 from .environment import Directions, directions, environment_irradiance
+from .lights import light_irradiance
 
 COUNT = 512  # patches of all emitters of a view, at most; each has a shadow map
 LEAST_COUNT = 16  # of one emitter's side: as many as a lamp's points; ...
@@ -23,6 +24,7 @@ FINE = 0.02  # radians, seen from the subject: patches need not be smaller
 PARTS = (16, 4)  # into which a patch is divided where a lobe is as sharp as it is wide, and each of those again
 NEAR = 0.003  # variance of its directions, in radians squared, from which on a patch is divided in any case
 NORMALS = 0.5  # spread of normals against that of directions, where patches are cut
+FAINT = 1e-3  # of the irradiance of a view's lamps: an emitter below is left out
 LIFT = 1e-4  # of an emitter's extent: how far before it its shadows are seen from
 
 
@@ -202,6 +204,22 @@ def emitter_irradiance(found: Patches, P: F64, N: F64) -> F64:
         share = np.maximum((N * offset).sum(-1), 0) * _facing(-(offset @ normal) / np.sqrt(d2), normal) / d2**1.5
         total += share[:, None] * power
     return total
+
+
+def counts(emitter: Emitter, lights: Sequence[Light], center: F64, radius: float) -> bool:
+    """Whether it adds to what lamps send to a subject in a sphere, where the sphere is nearest to it."""
+    found = patches([emitter], center, radius, LEAST_COUNT)
+    toward = found.power.mean(-1) @ (found.place - center)
+    length = float(np.linalg.norm(toward))
+    if not length:
+        return bool(len(found.place))
+    N = (toward / length)[None]
+    own = float(emitter_irradiance(found, center + radius * N, N).mean())
+    total = 0.0
+    for light in lights:
+        facing = light.matrix[:3, 2] if light.kind == "SUN" else light.matrix[:3, 3] - center
+        total += float(light.power.mean() * light_irradiance(light, center, facing / np.linalg.norm(facing)))
+    return own >= FAINT * total
 
 
 def around_irradiance(environment: Environment, P: F64, N: F64, count: int) -> F64:
