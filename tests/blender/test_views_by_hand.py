@@ -104,6 +104,25 @@ def test_a_panel_counts_meshes_that_glow(extension, scene) -> None:
     assert readiness.survey(bpy.context).views[1].emitters == 0  # what is solved lights nothing
 
 
+def test_the_shoots_steps_and_tools_know_meshes_that_glow(extension, scene) -> None:
+    """A step counts them as light; what scales or places lamps names them in one line."""
+    steps, pictures, lit, balls = (sys.modules[f"irpso_ext.irpso_addon.blender.shoot.{name}"] for name in (
+        "steps", "view_pictures", "lit_picture", "ball_lamps"))
+    readiness = sys.modules["irpso_ext.irpso_addon.blender.scene.readiness"]
+    panel = glowing_scene.panel("Panel", (2, -2, 2), 0.5, 3.0)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    for view in scene.irpso.views:
+        view.lights.clear()
+        view.lights.add().light = panel
+    step = steps._lamps(bpy.context, readiness.survey(bpy.context).views)
+    assert step.done and step.text == "Light: meshes that glow"
+    view = pictures.listed_views(bpy.context)[0]
+    for tool, word in ((lambda: lit.lights_of(bpy.context, view), "scaled"),
+                       (lambda: balls._only_light(view), "placed")):
+        with pytest.raises(Exception, match=f"is lit by 'Panel', which is not a lamp, and only lamps can be {word}; "):
+            tool()
+
+
 @pytest.mark.parametrize("text", ["x", "[]", "7", json.dumps({"camera": 3, "lamps": [1]}),
                                   json.dumps({"camera": "Ball", "lamps": {"Ball": 1, "Light 1": "on"}})])
 def test_whatever_a_file_says_was_before(scene, text) -> None:
