@@ -1,4 +1,4 @@
-"""Which objects glow, and with what radiance: Emission nodes and Principled BSDFs of one colour and strength.
+"""Which objects glow, and with what radiance: Emission nodes and Principled BSDFs, of one colour or a picture.
 
 Cycles' surfaces send the radiance color times strength from both sides, alike in all directions.
 """
@@ -6,6 +6,7 @@ Cycles' surfaces send the radiance color times strength from both sides, alike i
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import bpy
@@ -19,7 +20,17 @@ CLOSURES = ("BSDF_", "SUBSURFACE_SCATTERING", "EEVEE_SPECULAR", "HOLDOUT")  # ty
 
 
 class Unmodelled(Exception):
-    """Nodes that do not send one radiance."""
+    """Nodes that send a radiance which is not modelled."""
+
+
+@dataclass(frozen=True)
+class Glow:
+    """What adds to a material's radiance."""
+
+    factor: F64  # (3,) W/(m^2 sr)
+    image: Any = None  # which it multiplies; None: the same everywhere
+    uv_map: str = ""  # by which the image lies on the mesh; "": that which renders use
+    repeats: bool = True  # the image beside its square; else its border goes on
 
 
 def glows(obj: Any) -> bool:
@@ -35,15 +46,17 @@ def is_light(obj: Any) -> bool:
 
 def shines(obj: Any) -> bool:
     """Whether an object's light is modelled: what else glows is indirect light."""
+    if not glows(obj):
+        return False
     try:
-        return glows(obj) and any(radiance_of(slot.material).any() for slot in obj.material_slots)
+        return any(glow.factor.any() for slot in obj.material_slots for glow in radiance_of(slot.material))
     except Unmodelled:
         return False
 
 
-def radiance_of(material: Any) -> F64:
-    """(3,) W/(m^2 sr) that a material sends to other surfaces; raises Unmodelled."""
-    return np.zeros(3) if material is None else _radiance(_surface(material), 0)
+def radiance_of(material: Any) -> list[Glow]:
+    """What a material sends to other surfaces; raises Unmodelled."""
+    return [] if material is None else _radiance(_surface(material), 0)
 
 
 def _may_glow(material: Any) -> bool:
@@ -93,36 +106,37 @@ def _source(socket: Any) -> Any:
     return None
 
 
-def _radiance(node: Any, depth: int) -> F64:
-    """(3,) what a shader node sends to other surfaces."""
+def _radiance(node: Any, depth: int) -> list[Glow]:
+    """What a shader node sends to other surfaces."""
     if node is None or (not node.mute and node.type.startswith(CLOSURES) and not _node_may_glow(node)):
-        return np.zeros(3)
+        return []
     if node.mute or depth > DEEPEST:
         raise Unmodelled
     if node.type == "EMISSION":
-        return _color(node.inputs["Color"]) * _number(node.inputs["Strength"])
+        return [_times(_color(node.inputs["Color"]), _number(node.inputs["Strength"]))]
     if node.type == "BSDF_PRINCIPLED" and _number(node.inputs["Alpha"]) == 1 and not any(
             _number(node.inputs[name]) for name in ("Coat Weight", "Sheen Weight")):
-        return _color(node.inputs["Emission Color"]) * _number(node.inputs["Emission Strength"])
+        return [_times(_color(node.inputs["Emission Color"]), _number(node.inputs["Emission Strength"]))]
     if node.type == "ADD_SHADER":
-        return np.asarray(sum((_radiance(_source(socket), depth + 1) for socket in node.inputs[:2]), np.zeros(3)))
+        return [sent for socket in node.inputs[:2] for sent in _radiance(_source(socket), depth + 1)]
     if node.type == "MIX_SHADER":
         share = _share(node.inputs[0])
-        return np.asarray(sum((weight * _radiance(_source(socket), depth + 1)
-                               for socket, weight in ((node.inputs[1], 1 - share), (node.inputs[2], share)) if weight),
-                              np.zeros(3)))
+        return [_times(sent, weight) for socket, weight in ((node.inputs[1], 1 - share), (node.inputs[2], share))
+                if weight for sent in _radiance(_source(socket), depth + 1)]
     if any(_node_may_glow(inner) for inner in _behind(node)):
         raise Unmodelled
-    return np.zeros(3)
+    return []
+
+
+def _times(sent: Glow, weight: float) -> Glow:
+    return replace(sent, factor=sent.factor * weight)
 
 
 def _share(socket: Any) -> float:
     """A mix's factor; what the camera alone sees sends no light to surfaces."""
     node = _source(socket)
-    if node is not None and node.type == "LIGHT_PATH":
-        link = next(link for link in socket.links if not link.is_muted)
-        if link.from_node == node and link.from_socket.name == "Is Camera Ray":
-            return 0.0
+    if node is not None and node.type == "LIGHT_PATH" and _output(socket) == "Is Camera Ray":
+        return 0.0
     return float(np.clip(_number(socket), 0, 1))
 
 
@@ -135,10 +149,32 @@ def _number(socket: Any) -> float:
     return float(socket.default_value)
 
 
-def _color(socket: Any) -> F64:
+def _color(socket: Any) -> Glow:
     node = _source(socket)
-    if node is not None and node.type == "RGB" and not node.mute:
-        return np.array(node.outputs[0].default_value[:3], np.float64)
-    if node is not None:
+    if node is None:
+        return Glow(np.array(socket.default_value[:3], np.float64))
+    if node.mute:
         raise Unmodelled
-    return np.array(socket.default_value[:3], np.float64)
+    if node.type == "RGB":
+        return Glow(np.array(node.outputs[0].default_value[:3], np.float64))
+    mapping = getattr(node, "texture_mapping", None)
+    if (node.type != "TEX_IMAGE" or node.image is None or node.projection != "FLAT" or _output(socket) == "Alpha"
+            or node.extension not in {"REPEAT", "EXTEND"}
+            or tuple(mapping.scale) != (1, 1, 1) or any(mapping.rotation) or any(mapping.translation)):
+        raise Unmodelled
+    return Glow(np.ones(3), node.image, _uv_map(node.inputs["Vector"]), node.extension == "REPEAT")
+
+
+def _uv_map(socket: Any) -> str:
+    node = _source(socket)
+    if node is None or (node.type == "TEX_COORD" and _output(socket) == "UV" and not node.from_instancer):
+        return ""
+    if node.type != "UVMAP" or node.from_instancer:
+        raise Unmodelled
+    return str(node.uv_map)
+
+
+def _output(socket: Any) -> str:
+    """Name of the output that a socket's link, or the last reroute's, comes from."""
+    link = next(link for link in socket.links if not link.is_muted)
+    return _output(link.from_node.inputs[0]) if link.from_node.type == "REROUTE" else str(link.from_socket.name)

@@ -109,6 +109,49 @@ def test_what_the_camera_alone_sees_does_not_shine(stage):
     assert np.allclose(_read(panel).radiance, 3.0)
 
 
+def _picture(panel) -> None:
+    """A gradient in red and a bright quarter in green, as a picture's color of a panel with UVs of its own."""
+    pixels = np.zeros((32, 64, 4), np.float32)
+    pixels[..., 0] = np.linspace(0.1, 1, 64)[None]
+    pixels[16:, 32:, 1] = 2.0
+    pixels[..., 2:] = 0.5, 1.0
+    image = bpy.data.images.new("Soft Box", 64, 32, float_buffer=True)
+    image.colorspace_settings.name = "Linear Rec.709"
+    image.pixels.foreach_set(pixels.ravel())
+    layer = panel.data.uv_layers.new(name="Turned")
+    for loop, uv in zip(layer.data, ((1, 0), (1, 1), (0, 1), (0, 0)), strict=True):
+        loop.uv = uv
+    node = panel.data.materials[0].node_tree.nodes["Emission"]
+    texture = node.id_data.nodes.new("ShaderNodeTexImage")
+    texture.image = image
+    node.id_data.links.new(texture.outputs["Color"], node.inputs["Color"])
+
+
+def test_a_picture_shines_as_cycles_renders_it():
+    """Of a mirror below the panel, and on white paper: which corner is bright, and how much of it arrives."""
+    rig.scene(24, 512)
+    rig.principled(rig.plane(), (1, 1, 1), 0.5, specular=0.0)
+    rig.camera((0, -0.6, 1.2), degrees=60)
+    panel = glowing_scene.panel("Panel", (0.1, 0.0, 0.4), 0.8, 3.0, (0.1, 0.0, 0.0))
+    _picture(panel)
+    panel.visible_camera = False
+    light = _read(panel)
+    assert len(light.triangles) >= 1 << 14
+    area = np.linalg.norm(np.cross(light.triangles[:, 1] - light.triangles[:, 0],
+                                   light.triangles[:, 2] - light.triangles[:, 0]), axis=1) / 2
+    assert np.allclose(area @ light.radiance / area.sum(), 3 * np.array([0.55, 0.5, 0.5]), rtol=0.01)
+    image = rig.render()
+    P = image["position"].reshape(-1, 3)
+    found = emitters.patches([light], P.mean(0), float(np.linalg.norm(np.ptp(P, axis=0)) / 2))
+    up = np.array([0.0, 0, 1])
+    twin = np.array([environment.node_values(emitters.seen_from(found, p), up, up)[0] for p in P]).reshape(24, 24, 3)
+    truth = image["rgb"] * np.pi
+    lit = truth > 0.1 * truth.max()
+    assert np.abs(twin.sum((0, 1)) / truth.sum((0, 1)) - 1).max() < 0.005
+    assert np.quantile(np.abs(twin / np.where(lit, truth, 1) - 1)[lit], 0.9) < 0.05  # noise
+    assert np.ptp((truth[..., 1] / truth[..., 2])[lit.all(-1)]) > 1  # the quarter shows
+
+
 @pytest.mark.parametrize("what", ["texture", "blackbody", "coat", "group"])
 def test_what_is_not_modelled_is_named_in_one_line(stage, what):
     panel = glowing_scene.panel("Panel", (0, 0, 2), 0.5, 3.0)

@@ -125,6 +125,13 @@ def corners_of(mesh: Any) -> tuple[F32, I32]:
     return _floats(mesh.vertices, "co", 3)[vertices], slots
 
 
+def uvs_of(mesh: Any, name: str) -> F32:
+    """Corners (T, 3, 2) in the UV map of that name, "": that which renders use; 0 where there is none."""
+    loops, _, _ = triangles(mesh)
+    layer = mesh.uv_layers.get(name) if name else next((found for found in mesh.uv_layers if found.active_render), None)
+    return np.zeros((len(loops), 3, 2), np.float32) if layer is None else _floats(layer.uv, "vector", 2)[loops]
+
+
 def _check(obj: Any, local: F32, uvs: F32) -> None:
     if not np.isfinite(local).all():
         raise BadInput(f"object '{obj.name}': has vertices that are not finite; run Mesh > Clean Up")
