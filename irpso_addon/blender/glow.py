@@ -33,10 +33,21 @@ class Glow:
     repeats: bool = True  # the image beside its square; else its border goes on
 
 
-def glows(obj: Any) -> bool:
-    """Whether surfaces see light that an object sends, as far as its materials tell at a glance."""
-    return obj.type in SOLID and (obj.visible_diffuse or obj.visible_glossy) and any(
-        slot.material is not None and _may_glow(slot.material) for slot in obj.material_slots)
+def glows(obj: Any, known: dict[Any, bool] | None = None) -> bool:
+    """Whether surfaces see light that an object sends, as far as its materials tell at a glance.
+
+    ``known``: of materials that were looked at before.
+    """
+    if obj.type not in SOLID:
+        return False
+    known = {} if known is None else known
+    for slot in obj.material_slots:
+        material = slot.material
+        if material is not None and material not in known:
+            known[material] = _may_glow(material)
+        if material is not None and known[material]:
+            return bool(obj.visible_diffuse or obj.visible_glossy)
+    return False
 
 
 def is_light(obj: Any) -> bool:

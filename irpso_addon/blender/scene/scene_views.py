@@ -71,6 +71,7 @@ class SceneViews:
         self._all_lights: tuple[str, ...] | None = None
         self._all_glowing: tuple[str, ...] | None = None
         self._named: set[str] = set()  # lights that some view names
+        self._glow: dict[Any, bool] = {}  # of materials
         self._choices: dict[str, str] = {}
 
     def from_captures(self, entries: Iterable[CaptureView], path: Path) -> NamedViews:
@@ -182,7 +183,7 @@ class SceneViews:
     def _absence(self, name: str, kind: str, where: str, absent: str) -> list[Fault]:
         """What is wrong with an object that is named as a camera or light."""
         obj = self._objects.get(name)
-        if obj is not None and (obj.type == kind or (kind == "LIGHT" and glows(obj))):
+        if obj is not None and (obj.type == kind or (kind == "LIGHT" and glows(obj, self._glow))):
             return []
         if kind not in self._choices:  # once: a long list may name many
             glowing = [self._objects[name] for name in self._glowing()] if kind == "LIGHT" else []
@@ -204,14 +205,15 @@ class SceneViews:
         """The meshes that glow and render."""
         if self._all_glowing is None:
             found = rendered_objects(self._view_layer).values()
-            self._all_glowing = tuple(dict.fromkeys(obj.name for obj in found if glows(obj)))
+            self._all_glowing = tuple(dict.fromkeys(obj.name for obj in found if glows(obj, self._glow)))
         return self._all_glowing
 
     def _lamps(self, names: Sequence[str]) -> tuple[str, ...]:
         """Of a view's lights, those that are no meshes."""
-        return tuple(name for name in names if name not in self._objects or not glows(self._objects[name]))
+        return tuple(name for name in names if name not in self._objects or not glows(self._objects[name], self._glow))
 
     def _emitters(self, names: Sequence[str]) -> tuple[str, ...]:
         """The meshes that glow in a view that names lights: those that it names, and those that no view names."""
-        named = tuple(name for name in names if name not in self._lamps(names))
+        lamps = self._lamps(names)
+        named = tuple(name for name in names if name not in lamps)
         return named + tuple(name for name in self._glowing() if name not in self._named)
