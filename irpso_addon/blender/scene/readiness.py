@@ -150,7 +150,8 @@ def _views(context: bpy.types.Context) -> tuple[list[ViewState], Faults]:
     render = context.scene.render
     aspect = (render.resolution_x / render.resolution_y) if render.resolution_y else 1.0
     subject = context.active_object.name if context.active_object else ""  # it shines on nothing
-    taken = [replace(view, emitters=tuple(name for name in view.emitters if name != subject)) for view in named.views]
+    taken = [replace(view, emitters=tuple(name for name in view.emitters if name != subject))
+             if subject in view.emitters else view for view in named.views]
     views = [_state(view, _aspect(context.scene, view.camera) or aspect) for view in taken]
     for view, state in zip(taken, views, strict=True):
         world = context.scene.world if view.world is None else bpy.data.worlds.get(view.world)

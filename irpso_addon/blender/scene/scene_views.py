@@ -215,5 +215,5 @@ class SceneViews:
     def _emitters(self, names: Sequence[str]) -> tuple[str, ...]:
         """The meshes that glow in a view that names lights: those that it names, and those that no view names."""
         lamps = self._lamps(names)
-        named = tuple(name for name in names if name not in lamps)
+        named = tuple(name for name in names if name not in lamps) if len(lamps) < len(names) else ()
         return named + tuple(name for name in self._glowing() if name not in self._named)
