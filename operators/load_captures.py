@@ -4,6 +4,7 @@ from pathlib import Path
 
 import bpy
 
+from ..irpso_addon.blender.glow import is_light
 from ..irpso_addon.core.capture.captures import CaptureView, read_captures
 from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.phrases import counted
@@ -57,6 +58,6 @@ def _objects(
     wanted = [(view.camera, "CAMERA"), *((name, "LIGHT") for name in view.lights)]
     for name, kind in wanted:
         obj = scene.objects.get(name)
-        if obj is None or obj.type != kind:
+        if obj is None or not (obj.type == kind or (kind == "LIGHT" and is_light(obj))):
             raise BadInput(f"{path}: view {index}: the scene has no {kind.lower()} '{name}'; correct the name")
     return scene.objects[view.camera], [scene.objects[name] for name in view.lights]

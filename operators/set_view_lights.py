@@ -2,9 +2,11 @@
 
 import bpy
 
+from ..irpso_addon.blender.glow import is_light
+
 
 class IRPSO_OT_set_view_lights(bpy.types.Operator):
-    """Set the active view's lights to the selected lights, or to every light that renders if none is selected"""
+    """Set the active view's lights to the selected lights and glowing meshes, or to all if none is selected"""
 
     bl_idname = "irpso.set_view_lights"
     bl_label = "Use Selected Lights"
@@ -24,7 +26,7 @@ class IRPSO_OT_set_view_lights(bpy.types.Operator):
         settings = context.scene.irpso
         view = settings.views[settings.active_view]
         view.lights.clear()
-        chosen = [obj for obj in context.selected_objects if obj.type == "LIGHT"]
+        chosen = [obj for obj in context.selected_objects if is_light(obj)]
         for obj in chosen:
             view.lights.add().light = obj
         self.report({"INFO"}, f"{len(chosen)} lights" if chosen else "every light that renders")

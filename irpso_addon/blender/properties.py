@@ -24,6 +24,7 @@ from bpy.types import PropertyGroup
 from ..core.capture.captures import MOST_VIGNETTING
 from ..core.images.response import LEAST_RESPONSE, MOST_RESPONSE
 from ..core.params import ExportSettings, ShootSettings, SolveSettings, choice_name
+from .glow import is_light
 
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # of paths: "//" is the .blend's folder
 FORMATS = (
@@ -38,7 +39,7 @@ def _is_camera(_: PropertyGroup, obj: bpy.types.Object) -> bool:
 
 
 def _is_light(_: PropertyGroup, obj: bpy.types.Object) -> bool:
-    return obj.type == "LIGHT"
+    return is_light(obj)
 
 
 REGIONS = (

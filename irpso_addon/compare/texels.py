@@ -11,7 +11,8 @@ import numpy as np
 from ..core.data import F32, I32, Bool, RadianceImage, SceneData, View
 from ..core.evaluation.prediction import Pixels, PlaceView
 from ..core.job import Progress
-from ..core.shading.environment import LEAST, directions, environment_irradiance
+from ..core.shading.emitters import around_irradiance
+from ..core.shading.environment import COUNT, LEAST
 from ..core.shading.lights import light_irradiance
 from ..gpu.device import thread
 from ..gpu.device.context import Device
@@ -117,7 +118,7 @@ def _irradiance(view: View, position: F32, normal: F32) -> F32:
     result[some] = sum((light_irradiance(light, position[some], normal[some])[:, None] * light.power
                         for light in view.lights), np.zeros((len(some), 3)))
     if view.environment is not None:
-        result[some] += environment_irradiance(directions(view.environment), normal[some])
+        result[some] += around_irradiance(view.environment, position[some], normal[some], COUNT)
     return result
 
 

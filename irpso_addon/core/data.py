@@ -94,18 +94,34 @@ class Light:
 
 
 @dataclass(frozen=True)
-class Environment:
-    """Light from far away, the same at every place."""
+class Emitter:
+    """A mesh that glows: each face sends the same radiance in all directions."""
 
-    name: str
+    name: str  # of the object
+    triangles: F32  # (T, 3, 3) world, metres; counter-clockwise from the front
+    radiance: F32  # (T, 3) W/(m^2 sr), linear RGB
+    both_sides: bool = True  # False: a closed shape, whose inside nobody sees
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Light that no lamp sends: from far away, the same at every place, and from meshes that glow."""
+
+    name: str  # of the world; "" where there are emitters alone
     radiance: F32  # (h, w, 3) linear, equirectangular as Blender maps it, row 0 straight down; W/(m^2 sr)
     rotation: F64  # (3, 3) directions in the world to directions in the picture
     turn: float = 0.0  # radians about Z of it that a view asked for
+    emitters: tuple[Emitter, ...] = ()  # each name once
 
     @property
-    def key(self) -> tuple[str, float]:
+    def key(self) -> tuple[str, float, tuple[str, ...]]:
         """The same for views under the same light."""
-        return self.name, self.turn
+        return self.name, self.turn, tuple(emitter.name for emitter in self.emitters)
+
+    @property
+    def title(self) -> str:
+        """For messages."""
+        return f"world '{self.name}'" if self.name else f"object '{self.emitters[0].name}'"
 
 
 @dataclass(frozen=True)
@@ -129,6 +145,12 @@ class View:
     response: float = 1.0  # the file holds radiance to this power; 1: it is linear
     # Light from all around, alike from everywhere, that shines beside the lights: W/(m^2 sr), linear RGB
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def light_names(self) -> tuple[str, ...]:
+        """Its lamps and the meshes that glow."""
+        emitters = self.environment.emitters if self.environment is not None else ()
+        return tuple(light.name for light in self.lights) + tuple(emitter.name for emitter in emitters)
 
     @property
     def files(self) -> tuple[Path, ...]:

@@ -144,7 +144,7 @@ def check_environments(scene: SceneData, settings: SolveSettings) -> None:
     if thread.settings().device == "numpy" and any(any(view.ambient_radiance) for view in scene.views):
         raise BadInput("device numpy: works with lamps only, but views have ambient light; choose device opengl, or "
                        "set the views' Ambient Light to 0")
-    lit = next((view.environment.name for view in scene.views if view.environment is not None), None)
+    lit = next((view.environment.title for view in scene.views if view.environment is not None), None)
     if lit is None:
         return
     for what, cure, asked in (
@@ -153,9 +153,8 @@ def check_environments(scene: SceneData, settings: SolveSettings) -> None:
         ("ndf beckmann", "ndf ggx", settings.ndf == "beckmann" and settings.model in {"two-lobe", "auto"}),
     ):
         if asked:
-            raise BadInput(f"{what}: works with lamps only, but world '{lit}' shines on the views; choose {cure}, or "
-                           "take "
-                           "pictures under lamps with a black world")
+            raise BadInput(f"{what}: works with lamps only, but {lit} shines on the views; choose {cure}, or "
+                           "take pictures under lamps, with a black world and nothing that glows")
 
 
 def outcome(

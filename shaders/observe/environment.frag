@@ -1,18 +1,16 @@
-// Light from all around on every pixel, of one batch of directions: irradiance, and what the specular lobe returns at
+// Light from all around, or from meshes that glow, on every pixel, of one batch of directions: irradiance, and what the specular lobe returns at
 // nodes of roughness (twin: node_values in irpso_addon/core/shading/environment.py).  Batches add up.
 //
-// Defines: FIRST_NODE, NODE_COUNT (the nodes of this draw), NODE_ALPHA2 (of all), IRRADIANCE where that is wanted too.
+// Defines: FIRST_NODE, NODE_COUNT (the nodes of this draw), NODE_ALPHA2 (of all), IRRADIANCE where that is wanted too,
+// EMITTERS for patches of meshes.
 #include "include/brdf.glsl"
 #include "include/pixel.glsl"
 #include "include/shadow.glsl"
 uniform sampler2D u_facet;
-uniform sampler2D u_directions;  // two texels each: toward, spread; power, 0.  A level's parts follow all of the level
-uniform sampler2D u_shadow;      // linear depth, nearest: one map for each direction of the batch
+uniform sampler2D u_shadow;      // linear depth from u_center on, nearest: the batch's maps
 uniform int u_first;             // direction of the batch
 uniform int u_count;             // directions in it
 uniform int u_all;               // directions in all
-uniform vec3 u_center;           // of the subject's sphere
-uniform float u_half_width;      // of a shadow map, metres
 
 const float LIT_EDGE = 0.02;     // share of a direction's light between which and the rest an edge of its shadow lies
 const float alpha2_of[] = float[](NODE_ALPHA2);
@@ -24,7 +22,7 @@ layout(location = 1) out vec4 o_node[NODE_COUNT];  // RGB, W/(m^2 sr), at IOR 1.
 layout(location = 0) out vec4 o_node[NODE_COUNT];
 #endif
 
-vec3 N, V, dx, dy, d_v_dx, d_v_dy;  // the last: per pixel step, of the normal and of the direction to the camera
+vec3 P, N, V, dx, dy, d_v_dx, d_v_dy;  // the last: per pixel step, of the normal and of the direction to the camera
 float cos_v, root_v[NODE_COUNT];
 
 struct Direction { vec3 toward; float spread; vec3 power; };
@@ -33,16 +31,19 @@ ivec2 texel_of(int at) {
     return ivec2(uint(at) % uint(DATA_WIDTH), uint(at) / uint(DATA_WIDTH));
 }
 
-Direction direction(int n) {
-    vec4 a = texelFetch(u_directions, texel_of(2 * n), 0), b = texelFetch(u_directions, texel_of(2 * n + 1), 0);
-    return Direction(a.xyz, a.w, b.rgb);
+ivec2 corner_of(int map) {
+    return SHADOW_SIDE * ivec2(uint(map) % uint(SHADOW_COLUMNS), uint(map) / uint(SHADOW_COLUMNS));
 }
 
-// Whether any of a direction's light comes from above the surface.
-bool above(int n) {
-    vec4 a = texelFetch(u_directions, texel_of(2 * n), 0);
-    return dot(N, a.xyz) > -2.0 * a.w;
+vec3 right_of(vec3 forward) {
+    return normalize(cross(forward, abs(forward.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(0.0, 1.0, 0.0)));
 }
+
+#ifdef EMITTERS
+#include "observe/from_emitters.glsl"
+#else
+#include "observe/from_world.glsl"
+#endif
 
 // Whether the sharpest lobe of this draw sees more of a direction than where it is.
 bool wide(Direction d) {
@@ -50,7 +51,7 @@ bool wide(Direction d) {
     float square = max(dot(H, H), 1e-12);
     vec3 off = cross(N, H);
     return dot(N, d.toward) > -2.0 * d.spread && d.power != vec3(0.0) &&
-        d.spread * d.spread > SHARP * (dot(off, off) + alpha2_of[FIRST_NODE] * square);
+        (close_by(d) || d.spread * d.spread > SHARP * (dot(off, off) + alpha2_of[FIRST_NODE] * square));
 }
 
 void add(Direction d, float lit) {
@@ -85,23 +86,11 @@ void add(Direction d, float lit) {
 #endif
 }
 
-// Share of the light of the batch's n-th direction that arrives, by a parallel map.
-float lit_of(int n, vec3 toward, vec3 P, vec4 facet) {
-    vec3 forward = -toward;
-    vec3 right = normalize(cross(forward, abs(forward.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(0.0, 1.0, 0.0)));
-    vec3 up = cross(right, forward);
-    float texel = 2.0 * u_half_width / float(SHADOW_SIDE);
-    vec3 lifted = P + N * facet.w + facet.xyz * LIFT * texel - u_center;
-    vec2 at = vec2(dot(right, lifted), dot(up, lifted)) / texel + 0.5 * float(SHADOW_SIDE) - 0.5;
-    ivec2 corner = SHADOW_SIDE * ivec2(uint(n) % uint(SHADOW_COLUMNS), uint(n) / uint(SHADOW_COLUMNS));
-    return lit_in(u_shadow, corner, SHADOW_SIDE, at, dot(forward, lifted) - BIAS * texel,
-                  depth_slope(facet.xyz, forward, right, up, texel));
-}
-
 void main() {
     ivec2 here = ivec2(gl_FragCoord.xy);
     Pixel pixel;
     if (!load_pixel(here, pixel)) discard;
+    P = pixel.P;
     N = pixel.N;
     V = toward_camera(pixel.P);
     cos_v = clamp(dot(N, V), 1e-3, 1.0);
@@ -127,7 +116,7 @@ void main() {
         if (n >= u_count) break;
         int part = (u_first + n) * PARTS_0 + i;
         Direction d = direction(i < 0 ? u_first + n : j < 0 ? u_all + part : u_all * (1 + PARTS_0) + part * PARTS_1 + j);
-        if (i < 0) lit = lit_of(n, d.toward, pixel.P, facet);
+        if (i < 0) lit = lit_of(n, d.toward, facet);
         if (lit > 0.0 && j < 0 && wide(d)) {
             if (i < 0) i = 0;
             else j = 0;

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import bpy
 import pytest
+
+from tests.support import glowing_scene
 
 
 @pytest.fixture
@@ -63,6 +66,61 @@ def test_it_is_undone_and_a_solve_has_all_lamps(scene) -> None:
         view.lights.clear()
     assert bpy.ops.irpso.solve(write=False) == {"FINISHED"}
     assert lamps(bpy.context.scene) == before and bpy.context.scene.camera.name == camera
+
+
+def test_meshes_that_glow_are_lights_of_views(scene) -> None:
+    """One that a view names goes off and on with it; another stays on; undo takes the button back."""
+    named = glowing_scene.panel("Named", (2, -2, 2), 0.5, 3.0)
+    other = glowing_scene.panel("Other", (-2, -2, 2), 0.5, 3.0)
+    for obj in bpy.context.selected_objects:
+        obj.select_set(False)
+    for obj in (named, bpy.data.objects["Light 1"], bpy.data.objects["Ball"]):
+        obj.select_set(True)
+    scene.irpso.active_view = 0
+    bpy.ops.ed.undo_push(message="before")
+    assert bpy.ops.irpso.set_view_lights("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert {item.light.name for item in scene.irpso.views[0].lights} == {"Named", "Light 1"}
+    assert bpy.ops.irpso.look_through_view() == {"FINISHED"}
+    assert not named.hide_render and not other.hide_render
+    scene.irpso.active_view = 1
+    assert bpy.ops.irpso.look_through_view() == {"FINISHED"}
+    assert named.hide_render and not other.hide_render
+    assert bpy.ops.irpso.look_back() == {"FINISHED"}
+    assert not named.hide_render and not named.hide_viewport
+    bpy.ops.ed.undo()
+    assert "Named" not in {item.light.name for item in bpy.context.scene.irpso.views[0].lights}
+
+
+def test_a_panel_counts_meshes_that_glow(extension, scene) -> None:
+    readiness = sys.modules["irpso_ext.irpso_addon.blender.scene.readiness"]
+    glowing_scene.panel("Panel", (2, -2, 2), 0.5, 3.0)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    scene.irpso.views[0].lights.clear()
+    every, one = readiness.survey(bpy.context).views[:2]
+    assert (every.emitters, every.light) == (1, "All lights")
+    assert (one.lights, one.emitters, one.light) == (1, 1, "2 lights")
+    assert one.environment == "Panel"  # is estimated as a world is
+    bpy.context.view_layer.objects.active = bpy.data.objects["Panel"]
+    assert readiness.survey(bpy.context).views[1].emitters == 0  # what is solved lights nothing
+
+
+def test_the_shoots_steps_and_tools_know_meshes_that_glow(extension, scene) -> None:
+    """A step counts them as light; what scales or places lamps names them in one line."""
+    steps, pictures, lit, balls = (sys.modules[f"irpso_ext.irpso_addon.blender.shoot.{name}"] for name in (
+        "steps", "view_pictures", "lit_picture", "ball_lamps"))
+    readiness = sys.modules["irpso_ext.irpso_addon.blender.scene.readiness"]
+    panel = glowing_scene.panel("Panel", (2, -2, 2), 0.5, 3.0)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    for view in scene.irpso.views:
+        view.lights.clear()
+        view.lights.add().light = panel
+    step = steps._lamps(bpy.context, readiness.survey(bpy.context).views)
+    assert step.done and step.text == "Light: meshes that glow"
+    view = pictures.listed_views(bpy.context)[0]
+    for tool, word in ((lambda: lit.lights_of(bpy.context, view), "scaled"),
+                       (lambda: balls._only_light(view), "placed")):
+        with pytest.raises(Exception, match=f"is lit by 'Panel', which is not a lamp, and only lamps can be {word}; "):
+            tool()
 
 
 @pytest.mark.parametrize("text", ["x", "[]", "7", json.dumps({"camera": 3, "lamps": [1]}),

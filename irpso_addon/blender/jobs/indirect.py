@@ -33,9 +33,10 @@ PASSES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "DiffCol":
           "GlossDir": "Glossy Direct", "GlossInd": "Glossy Indirect", "GlossCol": "Glossy Color",
           "IndexOB": "Object Index"}
 Result = TypeVar("Result")
-# A camera, the lamps that shine, and the world that is known light beside them.  No lamps and no world: things that
-# glow, and the world where it is nobody's known light.
-Picture = tuple[str, tuple[str, ...], str]
+# A camera, the lamps that shine, and the world and meshes that are known light beside them.  None of them: other things
+# that glow, and the world where it is nobody's known light.
+Picture = tuple[str, tuple[str, ...], str, tuple[str, ...]]
+NOTHING: tuple[tuple[str, ...], str, tuple[str, ...]] = (), "", ()  # shines
 
 
 @dataclass(frozen=True)
@@ -74,10 +75,10 @@ class IndirectRenderer:
         wanted = _pictures(scene.views)
 
         def read(path: Path, picture: Picture) -> Bounced:
-            return read_light(path, "Ind" if picture[1] or picture[2] else "Dir")
+            return read_light(path, "Ind" if any(picture[1:]) else "Dir")
 
         found = yield from self._rendered(scene, solution, wanted, SIDE, read)
-        return {i: _sum(found[picture[0], (), ""], found[picture]) for i, picture in enumerate(wanted)}
+        return {i: _sum(found[(picture[0], *NOTHING)], found[picture]) for i, picture in enumerate(wanted)}
 
     def sample(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, BouncedSample]:
         """What a few views, spread over all, hold of indirect light, by small pictures.
@@ -90,14 +91,14 @@ class IndirectRenderer:
             return _read_passes(path)
 
         found = yield from self._rendered(scene, solution, wanted, min(TEST_SIDE, SIDE), read)
-        return sampled(light_picture(found[picture[0], (), ""], found[picture]) for picture in wanted)
+        return sampled(light_picture(found[(picture[0], *NOTHING)], found[picture]) for picture in wanted)
 
     def _rendered(
         self, scene: SceneData, solution: Solution, wanted: Sequence[Picture], side: int,
         read: Callable[[Path, Picture], Result],
     ) -> Generator[Progress, None, dict[Picture, Result]]:
         """What ``read`` makes of each of the pictures, and of each of their cameras' without lamps."""
-        pictures: list[Picture] = [*dict.fromkeys((camera, (), "") for camera, _, _ in wanted),
+        pictures: list[Picture] = [*dict.fromkeys((camera, *NOTHING) for camera, *_ in wanted),
                                    *dict.fromkeys(wanted)]
         found: dict[Picture, Result] = {}
         with tempfile.TemporaryDirectory(prefix="irpso-indirect-") as name:
@@ -137,7 +138,7 @@ class IndirectRenderer:
             "model": solution.model, "levels": solution.levels, "metallic": solution.metallic, "ndf": solution.ndf,
             "coats": {name: (coat.weight, coat.roughness) for name, coat in solution.coats.items()},
             "side": side, "samples": SAMPLES, "pictures": pictures,
-            "known_world": any(view.environment is not None for view in scene.views),
+            "known_world": any(view.environment is not None and view.environment.name for view in scene.views),
         }), encoding="utf-8")
 
 
@@ -145,8 +146,10 @@ def _pictures(views: Sequence[View]) -> list[Picture]:
     """Of each view.  Raises BadInput where a view's world is turned."""
     if any(view.environment is not None and view.environment.turn for view in views):
         raise BadInput("indirect light: cannot be rendered under a world that a view turns; use Indirect Light off")
-    return [(view.camera.name, tuple(light.name for light in view.lights),
-             view.environment.name if view.environment is not None else "") for view in views]
+    around = [view.environment for view in views]
+    return [(view.camera.name, tuple(light.name for light in view.lights), found.name if found is not None else "",
+             tuple(emitter.name for emitter in found.emitters) if found is not None else ())
+            for view, found in zip(views, around, strict=True)]
 
 
 @contextmanager

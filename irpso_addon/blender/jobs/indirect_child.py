@@ -12,6 +12,7 @@ import numpy as np
 
 from ...core.data import Coat, Maps, Solution
 from .. import properties
+from ..glow import shines
 from ..material import material
 from ..scene.camera_lens import read_lens
 from ..second_blender import as_child
@@ -35,7 +36,9 @@ def _render(folder: Path) -> None:
         material.write_maps(bpy.data.objects[job["object"]], _solution(job, dict(arrays)))
     _set_up(scene, job)
     rendered = scene.render.resolution_x, scene.render.resolution_y
-    for n, (camera, lamps, world) in enumerate(job["pictures"]):
+    glowing = [obj for obj in scene.objects if obj.name != job["object"] and shines(obj)]
+    slots_of = {obj.name: _slots(obj) for obj in glowing}
+    for n, (camera, lamps, world, emitters) in enumerate(job["pictures"]):
         if job["known_world"]:
             scene.world = bpy.data.worlds[world] if world else None
         scene.camera = bpy.data.objects[camera]
@@ -45,10 +48,37 @@ def _render(folder: Path) -> None:
         for obj in scene.objects:
             if obj.type == "LIGHT":
                 obj.hide_render = obj.name not in lamps
+        for name, slots in slots_of.items():
+            for slot, lit, dark in slots:
+                slot.material = lit if name in emitters else dark
         scene.cycles.seed = n
         scene.render.filepath = str(folder / "rendering.exr")
         bpy.ops.render.render(write_still=True, scene=scene.name)
         os.replace(folder / "rendering.exr", folder / f"{n}.exr")
+
+
+def _slots(obj: Any) -> list[tuple[Any, Any, Any]]:
+    """Slots of an object, with their materials as they are and without light."""
+    obj = obj if obj.library is None else obj.make_local()
+    found = []
+    for slot in obj.material_slots:
+        material = slot.material
+        if material is not None and material.node_tree is not None:
+            slot.link = "OBJECT"  # else the slots of the other objects with this mesh would change as well
+            found.append((slot, material, _dark(material)))
+    return found
+
+
+def _dark(material: Any) -> Any:
+    """A copy that does not glow."""
+    copy = material.copy()
+    for node in copy.node_tree.nodes:
+        strength = {"EMISSION": "Strength", "BSDF_PRINCIPLED": "Emission Strength"}.get(node.type)
+        if strength is not None:
+            for link in list(node.inputs[strength].links):
+                copy.node_tree.links.remove(link)
+            node.inputs[strength].default_value = 0.0
+    return copy
 
 
 def _solution(job: dict[str, Any], arrays: dict[str, Any]) -> Solution:

@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ..glow import is_light
 from .scene_views import NamedView, SceneViews
 
 
@@ -20,15 +21,16 @@ def named_view(context: bpy.types.Context, index: int) -> NamedView | None:
 
 
 def look_through(scene: bpy.types.Scene, view: NamedView) -> None:
-    """Through its camera, and of all lamps those on that were on."""
-    lamps = [obj for obj in scene.objects if obj.type == "LIGHT"]
+    """Through its camera, and of all lamps those on that were on; of meshes that glow, if views name them."""
+    named = {item.light for entry in scene.irpso.views for item in entry.lights}
+    lamps = [obj for obj in scene.objects if obj.type == "LIGHT" or (obj in named and is_light(obj))]
     if not is_looking(scene):
         before = {"camera": scene.camera.name if scene.camera else "",
                   "lamps": {lamp.name: [lamp.hide_render, lamp.hide_viewport] for lamp in lamps}}
         scene.irpso.looked = json.dumps(before)
     scene.camera = scene.objects[view.camera]
     for lamp in lamps:
-        lamp.hide_render = lamp.hide_viewport = lamp.name not in view.lights
+        lamp.hide_render = lamp.hide_viewport = lamp.name not in view.lights + view.emitters
 
 
 def look_back(scene: bpy.types.Scene) -> None:
@@ -46,7 +48,7 @@ def lamps_back(scene: bpy.types.Scene) -> None:
     lamps = _before(scene).get("lamps", {})
     for name, hidden in lamps.items() if isinstance(lamps, dict) else ():
         lamp = scene.objects.get(name)
-        if lamp is not None and lamp.type == "LIGHT" and isinstance(hidden, list) and len(hidden) == 2:
+        if lamp is not None and is_light(lamp) and isinstance(hidden, list) and len(hidden) == 2:
             lamp.hide_render, lamp.hide_viewport = bool(hidden[0]), bool(hidden[1])
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -34,9 +34,10 @@ class ViewState:
 
     image: str  # absolute path, "" where there is none
     camera: str = ""
-    lights: int = 0  # how many
+    lights: int = 0  # how many lamps
     light: str = ""  # the one, or how many, in words
-    environment: str = ""  # the world that lights it and its turn, "" where none does
+    emitters: int = 0  # how many meshes glow in it
+    environment: str = ""  # the world that lights it and its turn, and what glows; "" where nothing does
     used: bool = True  # not switched off
     file: ImagePreview | None = None
     faults: Faults = field(default_factory=list)  # with these it cannot be used
@@ -148,11 +149,14 @@ def _views(context: bpy.types.Context) -> tuple[list[ViewState], Faults]:
         named = source.from_scene()
     render = context.scene.render
     aspect = (render.resolution_x / render.resolution_y) if render.resolution_y else 1.0
-    views = [_state(view, _aspect(context.scene, view.camera) or aspect) for view in named.views]
-    for view, state in zip(named.views, views, strict=True):
+    subject = context.active_object.name if context.active_object else ""  # it shines on nothing
+    taken = [replace(view, emitters=tuple(name for name in view.emitters if name != subject))
+             if subject in view.emitters else view for view in named.views]
+    views = [_state(view, _aspect(context.scene, view.camera) or aspect) for view in taken]
+    for view, state in zip(taken, views, strict=True):
         world = context.scene.world if view.world is None else bpy.data.worlds.get(view.world)
-        if lighting(world, alone=not view.lights):
-            state.environment = f"{world.name} {view.turn}"
+        lit = [f"{world.name} {view.turn}"] if lighting(world, alone=not view.lights and not view.emitters) else []
+        state.environment = " ".join([*lit, *view.emitters])
     if not captures and context.scene.irpso.views:
         _mark_duplicates(views)
     return views, [] if named.fault is None else [named.fault.line]
@@ -167,10 +171,11 @@ def _aspect(scene: bpy.types.Scene, camera: str) -> float | None:
 
 def _state(named: NamedView, aspect: float) -> ViewState:
     """A view with what its files say; ``aspect``: of its camera's pictures."""
-    light = "World" if not named.lights else "All lights" if named.every_light else _light(named.lights)
+    lit = named.lights + named.emitters
+    light = "World" if not lit else "All lights" if named.every_light else _light(lit)
     view = ViewState(
         named.image, named.camera, len(named.lights), light,
-        used=named.enabled, faults=[fault.line for fault in named.faults])
+        len(named.emitters), used=named.enabled, faults=[fault.line for fault in named.faults])
     if named.colorspace and known_space(named.colorspace) is None:
         view.faults.append(f"Color space '{named.colorspace}' is not known")
     if view.image:

@@ -7,22 +7,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...core.capture.captures import read_captures
-from ...core.data import Camera, Environment, Light, SceneData, View
+from ...core.data import F64, Camera, Emitter, Environment, Light, MeshArrays, SceneData, View
 from ...core.errors import BadInput
 from ...core.images.reference_image import with_one_white_balance
+from ...core.shading.emitters import counts
 from ..oiio import ensure_openimageio
+from .scene_emitters import name_instances, read_emitter
 from .scene_material import read_normal_maps
 from .scene_mesh import read_mesh, read_occluders
 from .scene_objects import names_of, read_camera, read_light, rendered_objects
 from .scene_views import NamedView, SceneViews
 from .scene_world import lighting, read_environment
 
+NO_WORLD = Environment("", np.zeros((1, 2, 3), np.float32), np.eye(3))
 _DISPLAY_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".tga"}
 
 
@@ -38,20 +43,29 @@ def read_scene(context: Any | None, object_name: str | None, captures: Path | No
     if not bpy.data.filepath:
         raise BadInput("the scene was never saved; save it first (File > Save)")
     depsgraph = context.evaluated_depsgraph_get()
-    reader = _Reader(context.scene, depsgraph)
     _check_working_space()
     subject = subject_of(context, object_name)
-    reader.name_unmodelled(subject)
+    reader = _Reader(context.scene, depsgraph, subject)
+    reader.name_unmodelled()
     maps = read_normal_maps(subject, reader.warn)
     mesh = read_mesh(subject, depsgraph, maps, reader.warn)
+    reader.sphere = _sphere(mesh)
     views = reader.views(captures)
     reader.name_display_images(views)
+    name_instances(depsgraph, reader.warn)
     occluders = read_occluders(subject, depsgraph, reader.warn)
     return SceneData(
         name=Path(bpy.data.filepath).stem, mesh=mesh, occluders=occluders, views=views,
         pixel_filter=_pixel_filter(context.scene), warnings=tuple(dict.fromkeys(reader.warnings)),
         skipped=tuple(reader.skipped), scale_known=reader.scale_known,
     )
+
+
+def _sphere(mesh: MeshArrays) -> tuple[F64, float]:
+    """Centre and radius of a sphere about all corners."""
+    points = mesh.positions.reshape(-1, 3).astype(np.float64)
+    center = (points.min(0) + points.max(0)) / 2
+    return center, float(np.linalg.norm(points - center, axis=1).max())
 
 
 def _check_working_space() -> None:
@@ -85,24 +99,28 @@ def subject_of(context: Any, name: str | None) -> Any:
 class _Reader:
     """Collects views, each camera and light read once, and warnings."""
 
-    def __init__(self, scene: Any, depsgraph: Any) -> None:
-        self.scene, self.depsgraph = scene, depsgraph
+    def __init__(self, scene: Any, depsgraph: Any, subject: Any) -> None:
+        self.scene, self.depsgraph, self.subject = scene, depsgraph, subject
         self.warnings: list[str] = []
         self.skipped: list[tuple[str, str]] = []
         self._cameras: dict[str, Camera] = {}
         self._lights: dict[str, Light] = {}
-        self._environments: dict[tuple[str, float], Environment | None] = {}
+        self._worlds: dict[tuple[str, float], Environment | None] = {}
+        self._emitters: dict[str, Emitter | None] = {}
+        self._environments: dict[tuple[str, float, tuple[str, ...]], Environment] = {}
         self.scale_known = bool(getattr(getattr(scene, "irpso", None), "scale_known", True))
         if not self.scale_known:
             self.warn("the lamps' power is not known (Shoot): Specular IOR Level is free, and base colors are right "
                       "up to one common factor; measure a grey card for absolute values")
         self.gain = film_gain(scene)
+        self.sphere = np.zeros(3), 0.0  # about the subject: centre and radius
 
     def warn(self, text: str) -> None:
         self.warnings.append(text)
 
-    def name_unmodelled(self, subject: Any) -> None:
+    def name_unmodelled(self) -> None:
         """Warns of what lights or shapes the references but not the solver's model."""
+        subject = self.subject
         for modifier in subject.modifiers:
             if modifier.show_viewport != modifier.show_render or (
                 modifier.show_render and getattr(modifier, "levels", 0) != getattr(modifier, "render_levels", 0)
@@ -142,14 +160,33 @@ class _Reader:
         return with_one_white_balance(found)
 
     def _environment(self, view: NamedView) -> Environment | None:
-        """The world's light in a view."""
+        """The light of the world and of meshes that glow in a view; views with the same share one."""
+        lights = [self._light(name) for name in view.lights]
+        emitters = tuple(found for name in view.emitters if (found := self._emitter(name)) is not None
+                         and counts(found, lights, *self.sphere))
+        world = self._world(view, alone=not view.lights and not emitters)
+        if not emitters:
+            return world
+        made = replace(world or NO_WORLD, emitters=emitters)
+        return self._environments.setdefault(made.key, made)
+
+    def _world(self, view: NamedView, alone: bool) -> Environment | None:
         world = self.scene.world if view.world is None else bpy.data.worlds[view.world]
-        if not lighting(world, alone=not view.lights):
+        if not lighting(world, alone):
             return None
         key = world.name, view.turn
-        if key not in self._environments:
-            self._environments[key] = read_environment(world, math.radians(view.turn), self.warn)
-        return self._environments[key]
+        if key not in self._worlds:
+            self._worlds[key] = read_environment(world, math.radians(view.turn), self.warn)
+        return self._worlds[key]
+
+    def _emitter(self, name: str) -> Emitter | None:
+        """A mesh that glows; that which is solved shines on nothing."""
+        obj = self.scene.objects[name]
+        if obj == self.subject:
+            return None
+        if name not in self._emitters:
+            self._emitters[name] = read_emitter(obj, self.depsgraph, self.warn)
+        return self._emitters[name]
 
     def _camera(self, name: str) -> Camera:
         if name not in self._cameras:

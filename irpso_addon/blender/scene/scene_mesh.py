@@ -12,11 +12,11 @@ import numpy as np
 
 from ...core.data import F32, F64, I32, MeshArrays, NormalMap
 from ...core.errors import BadInput
+from ..glow import SOLID
 from .scene_material import SlotNormalMap
 from .scene_objects import FAR, rendered_objects, world_matrix
 
 MAX_TRIANGLES = 20_000_000  # of the occluders: 720 MB
-_SOLID = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 
 Warn = Callable[[str], None]
 
@@ -119,6 +119,19 @@ def triangles(mesh: Any) -> tuple[I32, I32, I32]:
     return loops, vertices, integers(found, "material_index", 1)[:, 0]
 
 
+def corners_of(mesh: Any) -> tuple[F32, I32]:
+    """Corners (T, 3, 3) in object space and material index (T,) of the triangulated faces."""
+    _, vertices, slots = triangles(mesh)
+    return _floats(mesh.vertices, "co", 3)[vertices], slots
+
+
+def uvs_of(mesh: Any, name: str) -> F32:
+    """Corners (T, 3, 2) in the UV map of that name, "": that which renders use; 0 where there is none."""
+    loops, _, _ = triangles(mesh)
+    layer = mesh.uv_layers.get(name) if name else next((found for found in mesh.uv_layers if found.active_render), None)
+    return np.zeros((len(loops), 3, 2), np.float32) if layer is None else _floats(layer.uv, "vector", 2)[loops]
+
+
 def _check(obj: Any, local: F32, uvs: F32) -> None:
     if not np.isfinite(local).all():
         raise BadInput(f"object '{obj.name}': has vertices that are not finite; run Mesh > Clean Up")
@@ -208,11 +221,11 @@ def _solids(subject: Any, depsgraph: Any, warn: Warn) -> Iterator[tuple[Any, int
             # Curves, texts and metaballs follow as meshes; an instancer may be there for its instances alone.
             visible = original.name_full in shown and original != subject and obj.type == "MESH"
             visible = visible and (original.instance_type == "NONE" or original.show_instancer_for_render)
-        if visible and obj.type in _SOLID and (original.visible_camera or original.visible_shadow):
+        if visible and obj.type in SOLID and (original.visible_camera or original.visible_shadow):
             yield obj, hash((obj.as_pointer(), obj.data.as_pointer())), np.array(instance.matrix_world, np.float64)
     # What is hidden in the viewport alone still renders.
     for name, obj in shown.items():
-        if name in iterated or obj == subject or obj.type not in _SOLID:
+        if name in iterated or obj == subject or obj.type not in SOLID:
             continue
         evaluated = obj.evaluated_get(depsgraph)
         if not evaluated.is_evaluated and len(obj.modifiers):
@@ -229,8 +242,7 @@ def _local_triangles(obj: Any) -> F32:
     try:
         if mesh is None or not mesh.polygons:
             return np.zeros((0, 3, 3), np.float32)
-        _, vertices, _ = triangles(mesh)
-        return _floats(mesh.vertices, "co", 3)[vertices]
+        return corners_of(mesh)[0]
     finally:
         obj.to_mesh_clear()
 

@@ -13,6 +13,7 @@ from typing import Any
 import bpy
 
 from ...core.capture.captures import MOST_EXPOSURE, CaptureView
+from ..glow import glows
 from .scene_objects import names_of, rendered_objects
 from .scene_world import is_black
 
@@ -34,7 +35,7 @@ class NamedView:
     title: str  # the image as the user named it, else which view it is
     image: str  # absolute path, "" where there is none
     camera: str
-    lights: tuple[str, ...]
+    lights: tuple[str, ...]  # lamps
     every_light: bool = False  # the view names none, and these are all that render
     exposure: float = 0.0  # EV
     mask: str = ""  # absolute path, "" where there is none
@@ -48,6 +49,7 @@ class NamedView:
     turn: float = 0.0  # degrees about Z
     response: float = 1.0
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    emitters: tuple[str, ...] = ()  # meshes that glow in it
 
 
 @dataclass(frozen=True)
@@ -67,11 +69,16 @@ class SceneViews:
         for obj in scene.objects:  # of two with one name, one of which is linked, the first: as scene.objects.get
             self._objects.setdefault(obj.name, obj)
         self._all_lights: tuple[str, ...] | None = None
+        self._all_glowing: tuple[str, ...] | None = None
+        self._named: set[str] = set()  # lights that some view names
+        self._glow: dict[Any, bool] = {}  # of materials
         self._choices: dict[str, str] = {}
 
     def from_captures(self, entries: Iterable[CaptureView], path: Path) -> NamedViews:
         """Those of a capture file."""
-        return NamedViews(tuple(self._captured(entry, f"{path}: view {index}") for index, entry in enumerate(entries)))
+        found = tuple(entries)
+        self._named = {name for entry in found for name in entry.lights}
+        return NamedViews(tuple(self._captured(entry, f"{path}: view {index}") for index, entry in enumerate(found)))
 
     def from_scene(self) -> NamedViews:
         """Those of the scene's own list, else the cameras' background images under every light that renders."""
@@ -79,6 +86,7 @@ class SceneViews:
         name, cure = self._scene.name, ("has no view; add views in the IRPSO tab, give the cameras background images, "
                                         "or pass a captures.json")
         if entries:
+            self._named = {item.light.name for entry in entries for item in entry.lights if item.light is not None}
             views = tuple(self._entry(entry, f"view {i} of scene '{name}'") for i, entry in enumerate(entries))
             used = any(view.enabled for view in views)
             return NamedViews(views, None if used else Fault("Every view is switched off", f"scene '{name}': {cure}"))
@@ -93,7 +101,8 @@ class SceneViews:
         faults += self._light_faults(entry.lights, where, "is not in the scene")
         faults += self._world_faults(entry, where)
         image = str(entry.image)
-        return NamedView(image, image, entry.camera, entry.lights, exposure=entry.exposure, mask=str(entry.mask or ""),
+        return NamedView(image, image, entry.camera, self._lamps(entry.lights), emitters=self._emitters(entry.lights),
+                         exposure=entry.exposure, mask=str(entry.mask or ""),
                          colorspace=entry.colorspace, faults=tuple(faults), ambient=str(entry.ambient or ""),
                          flat=str(entry.flat or ""), vignetting=entry.vignetting, world=entry.world,
                          turn=entry.turn, response=entry.response, ambient_radiance=entry.ambient_radiance)
@@ -110,10 +119,12 @@ class SceneViews:
                                 f"{where}: exposure {entry.exposure:g} is out of range; "
                                 f"must be between -{MOST_EXPOSURE} and {MOST_EXPOSURE} EV"))
         return NamedView(
-            entry.image or where, bpy.path.abspath(entry.image), camera, lights or self._rendered_lights(), not lights,
+            entry.image or where, bpy.path.abspath(entry.image), camera,
+            self._lamps(lights) if lights else self._rendered_lights(), not lights,
             float(entry.exposure), bpy.path.abspath(entry.mask), entry.colorspace or None, entry.enabled, tuple(faults),
             bpy.path.abspath(entry.ambient), bpy.path.abspath(entry.flat), float(entry.vignetting),
-            response=float(entry.response), ambient_radiance=tuple(map(float, entry.ambient_radiance)))
+            response=float(entry.response), ambient_radiance=tuple(map(float, entry.ambient_radiance)),
+            emitters=self._emitters(lights) if lights else self._glowing())
 
     def _backgrounds(self) -> Iterable[NamedView]:
         for camera in self._of_type("CAMERA"):
@@ -130,7 +141,7 @@ class SceneViews:
                 faults += self._dark_faults() + self._camera_faults(camera.name, "background images", "")
                 yield NamedView(image.name, bpy.path.abspath(image.filepath, library=image.library), camera.name,
                                 self._rendered_lights(), True, colorspace=image.colorspace_settings.name,
-                                faults=tuple(faults))
+                                faults=tuple(faults), emitters=self._glowing())
 
     def _camera_faults(self, name: str, where: str, absent: str) -> list[Fault]:
         if not name:
@@ -156,7 +167,7 @@ class SceneViews:
             names = ", ".join(f"'{world.name}'" for world in bpy.data.worlds) or "none"
             return [Fault(f"World '{entry.world}' is not in the file",
                           f"{where}: world '{entry.world}' does not exist; there are: {names}")]
-        if not entry.lights and is_black(world):
+        if not entry.lights and not self._emitters(()) and is_black(world):
             return [Fault("No light, and the world is black",
                           f"{where}: has no light and the world is black; name the lights that were on, or give the "
                           "world its environment")]
@@ -164,7 +175,7 @@ class SceneViews:
 
     def _dark_faults(self) -> list[Fault]:
         """Of a view that names no light."""
-        return [] if self._rendered_lights() or not is_black(self._scene.world) else [Fault(
+        return [] if self._rendered_lights() or self._glowing() or not is_black(self._scene.world) else [Fault(
             "No light in the scene renders",
             f"scene '{self._scene.name}': has no light that renders and its world is black; add those of the "
             "references")]
@@ -172,10 +183,11 @@ class SceneViews:
     def _absence(self, name: str, kind: str, where: str, absent: str) -> list[Fault]:
         """What is wrong with an object that is named as a camera or light."""
         obj = self._objects.get(name)
-        if obj is not None and obj.type == kind:
+        if obj is not None and (obj.type == kind or (kind == "LIGHT" and glows(obj, self._glow))):
             return []
         if kind not in self._choices:  # once: a long list may name many
-            self._choices[kind] = names_of(self._of_type(kind)) or "none"
+            glowing = [self._objects[name] for name in self._glowing()] if kind == "LIGHT" else []
+            self._choices[kind] = names_of(self._of_type(kind) + glowing) or "none"
         what = "does not exist in the scene" if obj is None else f"is a {obj.type.lower()}"
         return [Fault(f"{kind.capitalize()} '{name}' {absent}",
                       f"{where}: {kind.lower()} '{name}' {what}; there are: {self._choices[kind]}")]
@@ -188,3 +200,20 @@ class SceneViews:
             found = rendered_objects(self._view_layer).values()
             self._all_lights = tuple(obj.name for obj in found if obj.type == "LIGHT")
         return self._all_lights
+
+    def _glowing(self) -> tuple[str, ...]:
+        """The meshes that glow and render."""
+        if self._all_glowing is None:
+            found = rendered_objects(self._view_layer).values()
+            self._all_glowing = tuple(dict.fromkeys(obj.name for obj in found if glows(obj, self._glow)))
+        return self._all_glowing
+
+    def _lamps(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Of a view's lights, those that are no meshes."""
+        return tuple(name for name in names if name not in self._objects or not glows(self._objects[name], self._glow))
+
+    def _emitters(self, names: Sequence[str]) -> tuple[str, ...]:
+        """The meshes that glow in a view that names lights: those that it names, and those that no view names."""
+        lamps = self._lamps(names)
+        named = tuple(name for name in names if name not in lamps) if len(lamps) < len(names) else ()
+        return named + tuple(name for name in self._glowing() if name not in self._named)

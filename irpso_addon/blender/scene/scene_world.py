@@ -217,7 +217,7 @@ def _picture(term: _Term, warn: Warn) -> F32:
     factor = np.asarray(term.factor, np.float32)
     if term.image is None:
         return np.broadcast_to(factor, (GREY, 2 * GREY, 3)).copy()
-    picture = _pixels(term.image, warn)
+    picture = pixels_of(term.image, warn)
     if term.ball:
         return np.asarray(from_mirror_ball(picture) * factor, np.float32)
     for line in aspect_warning(term.image.name, picture):
@@ -225,7 +225,7 @@ def _picture(term: _Term, warn: Warn) -> F32:
     return np.asarray(picture * factor, np.float32)
 
 
-def _pixels(image: Any, warn: Warn) -> F32:
+def pixels_of(image: Any, warn: Warn, whose: str = "the world") -> F32:
     """(h, w, 3) linear, row 0 at the bottom.  Raises BadInput."""
     inside = image.packed_file is not None or image.source == "GENERATED"
     if not inside and image.source == "FILE":
@@ -235,13 +235,13 @@ def _pixels(image: Any, warn: Warn) -> F32:
             warn(line)
         return picture
     if not inside:
-        raise BadInput(f"image '{image.name}' (of the world): is not a single picture; choose one HDR or EXR file")
+        raise BadInput(f"image '{image.name}' (of {whose}): is not a single picture; choose one HDR or EXR file")
     if (not image.has_data and image.size[0] == 0) or 0 in image.size:
-        raise BadInput(f"image '{image.name}' (of the world): has no pixels; choose the file again")
-    return _inside(image, warn)
+        raise BadInput(f"image '{image.name}' (of {whose}): has no pixels; choose the file again")
+    return _inside(image, warn, whose)
 
 
-def _inside(image: Any, warn: Warn) -> F32:
+def _inside(image: Any, warn: Warn, whose: str) -> F32:
     """Of a picture that the .blend holds."""
     width, height = image.size
     pixels = np.empty(width * height * 4, np.float32)
@@ -249,7 +249,7 @@ def _inside(image: Any, warn: Warn) -> F32:
     rgb = pixels.reshape(height, width, 4)[..., :3]
     bad = int((~np.isfinite(rgb) | (rgb < 0)).any(-1).sum())
     if bad:
-        warn(f"image '{image.name}' (of the world): {bad} pixels are NaN, infinite or negative; they are treated as "
+        warn(f"image '{image.name}' (of {whose}): {bad} pixels are NaN, infinite or negative; they are treated as "
              "black")
     rgb = reduced(np.where(np.isfinite(rgb) & (rgb > 0), rgb, np.float32(0)), WIDTH)
     if image.is_float:

@@ -129,8 +129,11 @@ def _only_light(view: ListedView) -> bpy.types.Object | None:
     if len(view.entry.lights) != 1:
         return None
     light = view.entry.lights[0].light
-    if light is None or light.type != "LIGHT":
+    if light is None:
         raise BadInput(f"{view.name}: its view has an empty light entry; choose a light or remove the entry")
+    if light.type != "LIGHT":
+        raise BadInput(f"{view.name}: is lit by '{light.name}', which is not a lamp, and only lamps can be placed; "
+                       "switch the view off")
     return light
 
 

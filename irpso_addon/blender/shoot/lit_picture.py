@@ -84,8 +84,12 @@ def lights_of(context: bpy.types.Context, view: ListedView) -> list[bpy.types.Ob
     if not view.entry.lights:
         return [obj for obj in rendered_objects(context.view_layer).values() if obj.type == "LIGHT"]
     found = [item.light for item in view.entry.lights]
-    if any(obj is None or obj.type != "LIGHT" for obj in found):
+    if None in found:
         raise BadInput(f"{view.name}: its view has an empty light entry; choose a light or remove the entry")
+    glowing = next((obj.name for obj in found if obj.type != "LIGHT"), None)
+    if glowing is not None:
+        raise BadInput(f"{view.name}: is lit by '{glowing}', which is not a lamp, and only lamps can be scaled; choose "
+                       "a picture under lamps")
     return found
 
 

@@ -87,15 +87,18 @@ def _mesh(context: bpy.types.Context, used: list[readiness.ViewState]) -> Step:
 
 def _lamps(context: bpy.types.Context, used: list[readiness.ViewState]) -> Step:
     world = not is_black(context.scene.world)
-    dark = [view for view in used if not view.lights and not world]
+    dark = [view for view in used if not view.lights + view.emitters and not world]
     if dark:
         return Step(f"Light: no lamp lights {len(dark)} of {len(used)} views; place the lamps of the shoot", False,
                     ("object.light_add", "Add Lamp"))
     if not used:
         return _planned(context.scene.irpso.shoot)
     if not any(view.lights for view in used):
+        if any(view.emitters for view in used):
+            return Step("Light: meshes that glow", True)
         return Step(f"Light: lit by the world '{context.scene.world.name}'", True)
-    lamps = {item.light for view in context.scene.irpso.views if view.enabled for item in view.lights if item.light}
+    lamps = {item.light for view in context.scene.irpso.views if view.enabled for item in view.lights
+             if item.light and item.light.type == "LIGHT"}
     lamps = lamps or {obj for obj in context.scene.objects if obj.type == "LIGHT"}
     flash = lamps and all(obj.parent is not None and obj.parent.type == "CAMERA" for obj in lamps)
     return Step("Light: a flash on the camera" if flash else f"Light: {counted(len(lamps), 'lamp')}", True)

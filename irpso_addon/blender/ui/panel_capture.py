@@ -265,8 +265,8 @@ def _draw_lights(layout: bpy.types.UILayout, view: Any, state: ViewState) -> Non
         row.prop(item, "light", text=" " if index else "Lights")
         row.operator("irpso.remove_view_light", text="", icon="REMOVE").index = index
     if not view.lights:
-        if state.lights:
-            lights.label(text=f"Lights: all {state.lights} that render", icon="LIGHT")
+        if state.lights + state.emitters:
+            lights.label(text=f"Lights: all {state.lights + state.emitters} that render", icon="LIGHT")
         else:
             lights.label(text="Lit by the world", icon="WORLD")
     layout.operator("irpso.set_view_lights", icon="RESTRICT_SELECT_OFF")

@@ -101,7 +101,7 @@ class _Measured:
         return Checks(
             name=texels.name,
             views=tuple(
-                ViewCheck(view.image.name, view.camera.name, tuple(light.name for light in view.lights), clipped,
+                ViewCheck(view.image.name, view.camera.name, view.light_names, clipped,
                           figures, slope) for (view, clipped, figures), slope in zip(self.views, slopes, strict=True)),
             lights=tuple(self.places.lights([r.gain for r in residuals])), noise=noise,
             materials=tuple(_materials(texels, noise)),

@@ -43,6 +43,7 @@ class Directions:
     power: F64  # (N, 3) W/m^2 on a surface that faces it, linear RGB
     spread: F64  # (N,) radians: standard deviation of its light about it, along each of two axes
     parts: Directions | None = None  # PARTS of each direction, one direction's after the other's; power 0: none
+    near: float = np.inf  # variance from which on its parts replace a direction whatever the lobe
 
 
 def texel_directions(height: int, width: int) -> tuple[F64, F64]:
@@ -202,7 +203,7 @@ def _chosen(light: Directions, which: Bool) -> Directions:
     parts = light.parts
     if parts is not None:
         parts = _chosen(parts, np.repeat(which, len(parts.toward) // len(light.toward)))
-    return Directions(light.toward[which], light.power[which], light.spread[which], parts)
+    return Directions(light.toward[which], light.power[which], light.spread[which], parts, light.near)
 
 
 def _wide(light: Directions, N: F64, V: F64, roughness: float) -> Bool:
@@ -212,7 +213,7 @@ def _wide(light: Directions, N: F64, V: F64, roughness: float) -> Bool:
     H = light.toward + V
     square = np.maximum((H * H).sum(-1), 1e-12)
     sin2h = (np.cross(N, H) ** 2).sum(-1) / square
-    seen = light.spread**2 / square > SHARP * (sin2h + roughness**4)
+    seen = (light.spread**2 / square > SHARP * (sin2h + roughness**4)) | (light.spread**2 > light.near)
     return np.asarray((light.toward @ N > -2 * light.spread) & seen)
 
 

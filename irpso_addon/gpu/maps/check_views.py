@@ -57,7 +57,7 @@ def with_view_pictures(views: Iterator[CheckedView], pictures: list[ViewPicture]
         predicted = np.where(covered, (seen.predicted * seen.irradiance)[::step, ::step], np.nan)
         scale = max(float(np.nanmax(reference)) if np.isfinite(reference).any() else 0.0, 1e-20)
         pictures.append(ViewPicture(
-            seen.view.image.name, seen.view.camera.name, tuple(light.name for light in seen.view.lights),
+            seen.view.image.name, seen.view.camera.name, seen.view.light_names,
             (reference / scale).astype(np.float16), np.minimum(predicted / scale, HALF_MOST).astype(np.float16), scale))
         yield seen
 

@@ -1,13 +1,13 @@
 """Environments on cameras' pixels: irradiance, and what the specular lobe returns at nodes of roughness.
 
-One shadow map for each direction; a draw takes a batch of them.  The nodes are kept as half floats in one texture,
-part by part, each of the picture's size.
+One shadow map for each direction; a draw takes a batch of them.  Meshes that glow add theirs (`emitter_light`).  The
+nodes are kept as half floats in one texture, part by part, each of the picture's size.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import moderngl
@@ -18,6 +18,7 @@ from ...core.shading import environment as model
 from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps
 from ..gbuffer.projection import Projection
+from .emitter_light import LitByEmitters
 from .visibility import FAR_TEXEL, Frustum, LightVisibility, parallel_frustum
 
 SIDE = 256  # texels of a direction's shadow map
@@ -55,6 +56,7 @@ class LitByEnvironment:
         data = _rows(self.directions)
         self.data = device.texture(data.shape[1], data.shape[0], 4, data)
         self.sheets: list[moderngl.Texture] = []
+        self.emitters = LitByEmitters(device, visibility, environment.emitters) if environment.emitters else None
 
     def draw_shadows(self) -> Iterator[float]:
         """All maps; yields the share that is done."""
@@ -70,6 +72,8 @@ class LitByEnvironment:
                         device.draw("observe/copy.frag", sheet, Inputs({"u_map": single}, {"u_corner": corner}),
                                     viewport=(*corner, SIDE, SIDE))
                 yield min(first + BATCH, count) / count
+        if self.emitters is not None:
+            yield from self.emitters.draw_shadows()
 
     def _frustum(self, toward: F64) -> Frustum:
         """Depth from the subject's centre on: half floats are finest there."""
@@ -114,24 +118,25 @@ class LitByEnvironment:
         """Of all batches, into textures of nodes from ``first`` on; irradiance before them, if there is one more."""
         device = self.device
         with device.target(outputs, clear=True) as target, device.adding():
-            for batch, sheet in enumerate(self.sheets):
-                inputs = self._inputs(camera, batch, sheet)
-                defines = {"FIRST_NODE": str(first), "NODE_COUNT": str(count),
+            for inputs in (*self._batches(), *(self.emitters.batches() if self.emitters is not None else ())):
+                maps = camera.maps
+                textures = {"u_position": maps.position, "u_normal": maps.normal, "u_facet": maps.facet}
+                defines = {"FIRST_NODE": str(first), "NODE_COUNT": str(count), "SHARP": str(model.SHARP),
+                           "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS),
                            **({"IRRADIANCE": "1"} if len(outputs) > count else {})}
-                device.draw("observe/environment.frag", target, replace(inputs, defines={**inputs.defines, **defines}),
-                            cells=camera.maps.cells)
+                device.draw("observe/environment.frag", target, Inputs(
+                    {**textures, **inputs.textures}, {**camera.uniforms, **inputs.uniforms},
+                    {**camera.defines, **inputs.defines, **defines}), cells=maps.cells)
                 yield None
 
-    def _inputs(self, camera: Pixels, batch: int, sheet: moderngl.Texture) -> Inputs:
+    def _batches(self) -> Iterator[Inputs]:
+        """What the shader needs of each sheet's directions, beside what it needs of pixels."""
         count, visibility = len(self.directions.toward), self.visibility
-        return Inputs({
-            "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_facet": camera.maps.facet,
-            "u_directions": self.data, "u_shadow": sheet,
-        }, {**camera.uniforms, "u_first": BATCH * batch, "u_count": min(BATCH, count - BATCH * batch), "u_all": count,
-            "u_center": tuple(visibility.center.tolist()), "u_half_width": 1.01 * visibility.radius,
-            }, {**camera.defines, "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS),
-                "SHARP": str(model.SHARP),
-                "PARTS_0": str(model.PARTS[0]), "PARTS_1": str(model.PARTS[1]), "DATA_WIDTH": str(DATA_WIDTH),
+        for batch, sheet in enumerate(self.sheets):
+            yield Inputs({"u_directions": self.data, "u_shadow": sheet}, {
+                "u_first": BATCH * batch, "u_count": min(BATCH, count - BATCH * batch), "u_all": count,
+                "u_center": tuple(visibility.center.tolist()), "u_half_width": 1.01 * visibility.radius,
+            }, {"PARTS_0": str(model.PARTS[0]), "PARTS_1": str(model.PARTS[1]), "DATA_WIDTH": str(DATA_WIDTH),
                 "SHADOW_SIDE": str(SIDE), "SHADOW_COLUMNS": str(COLUMNS)})
 
     def _divided(
@@ -187,7 +192,7 @@ def _rows(directions: model.Directions) -> F32:
         levels.append(np.stack([first, second], 1).reshape(-1, 4))
         level = level.parts
     texels = np.concatenate(levels)
-    height = -(-len(texels) // DATA_WIDTH)
+    height = max(-(-len(texels) // DATA_WIDTH), 1)
     padded = np.zeros((height * DATA_WIDTH, 4), np.float32)
     padded[:len(texels)] = texels
     return padded.reshape(height, DATA_WIDTH, 4)

@@ -40,6 +40,7 @@ HALF_MOST = 60_000.0  # half floats end at 65504
 READERS = 2  # images read ahead of the one that is looked at
 ReadImage = Callable[[View], RadianceImage]
 F16 = NDArray[np.float16]
+EnvironmentKey = tuple[str, float, tuple[str, ...]]
 Reference = tuple[F16, float, float]  # as ObservedView.reference, .scale and .clipped
 
 
@@ -166,7 +167,7 @@ class _Observer:
         self.images: dict[int, moderngl.Texture] = {}
         self.references: dict[int, Reference] = {}
         self.lit: dict[tuple[str, int], moderngl.Texture] = {}  # by light and camera
-        self.around: dict[tuple[tuple[str, float], int], EnvironmentLight] = {}  # by environment and camera
+        self.around: dict[tuple[EnvironmentKey, int], EnvironmentLight] = {}  # by environment and camera
         self.open: list[moderngl.Texture] = []  # irradiance by ambient light of radiance 1, where some view has any
         table = principled_table()
         self.table = device.texture(table.shape[1], table.shape[0], table.shape[2], table)
@@ -261,7 +262,7 @@ class _Observer:
                           for group in self.members]
                 chosen = [c for c, keys in enumerate(lit_by) if key in keys]
 
-                def told(share: float, i: int = i, name: str = environment.name) -> Progress:
+                def told(share: float, i: int = i, name: str = environment.title) -> Progress:
                     return Progress(0.5 + 0.3 * (i + share) / len(environments), "observe", f"light of {name}")
 
                 with self.device.scope() as passing:

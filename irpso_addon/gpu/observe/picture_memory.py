@@ -8,6 +8,7 @@ import numpy as np
 
 from ...core.data import F64, Environment, View
 from ...core.reporting import estimates
+from ...core.shading.emitters import mean_power
 from ...core.shading.environment import texel_directions
 
 
@@ -43,4 +44,5 @@ def channels_needed(views: Sequence[View]) -> int:
 def mean_radiance(environment: Environment) -> F64:
     """(3,) over all directions."""
     _, solid = texel_directions(*environment.radiance.shape[:2])
-    return np.asarray((environment.radiance * solid[..., None]).sum((0, 1), dtype=np.float64) / (4 * np.pi))
+    world = (environment.radiance * solid[..., None]).sum((0, 1), dtype=np.float64) / (4 * np.pi)
+    return np.asarray(world + mean_power(environment.emitters))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.data import F32, F64, I32, Bool
 from ...core.evaluation.sampled_texels import SampledTexels
-from ...core.shading.environment import directions, environment_irradiance
+from ...core.shading.emitters import around_irradiance
 from ...core.shading.lights import light_irradiance
 from ..device.context import Device
 from ..observe.observation_atlas import (
@@ -211,7 +211,7 @@ class CameraSample(CameraSource):
         position = self.places.reshape(-1, 4)[texels, :3].astype(np.float64)
         normal = self.normals.reshape(-1, 4)[texels, :3].astype(np.float64)
         shone = {view.environment.key: view.environment for view in views if view.environment is not None}
-        around = {key: environment_irradiance(directions(found, FEW), normal) for key, found in shone.items()}
+        around = {key: around_irradiance(found, position, normal, FEW) for key, found in shone.items()}
         irradiance = np.stack([
             sum((light_irradiance(light, position, normal)[:, None] * light.power for light in view.lights),
                 around[view.environment.key] if view.environment is not None else np.zeros((len(texels), 3))
