@@ -113,7 +113,8 @@ class SceneViews:
             entry.image or where, bpy.path.abspath(entry.image), camera, lights or self._rendered_lights(), not lights,
             float(entry.exposure), bpy.path.abspath(entry.mask), entry.colorspace or None, entry.enabled, tuple(faults),
             bpy.path.abspath(entry.ambient), bpy.path.abspath(entry.flat), float(entry.vignetting),
-            response=float(entry.response), ambient_radiance=tuple(map(float, entry.ambient_radiance)))
+            turn=float(entry.turn), response=float(entry.response),
+            ambient_radiance=tuple(map(float, entry.ambient_radiance)))
 
     def _backgrounds(self) -> Iterable[NamedView]:
         for camera in self._of_type("CAMERA"):
