@@ -78,7 +78,7 @@ def test_an_exact_world_stays(made):
 @pytest.mark.parametrize("reflect", [
     partial(brdf.principled, level=0.8), partial(brdf.principled, metallic=0.5, coat=Coat(0.6, 0.25))])
 def test_other_materials_do_not_turn_a_world(reflect):
-    """Their highlights are brighter all around: no turn explains that."""
+    """Highlights that are brighter all around; and a material of which the model explains little."""
     made = shoot(_views(SKY), replace(syn.PATCHES, reflect=reflect))
     assert _solved(made, made.scene).calibration is None
 

@@ -23,7 +23,8 @@ from .world_sample import Changed, LightAt, WorldSample
 TURN_STEP, STRENGTH_STEP = np.radians(1.0), 0.02  # of the grids: of a turn, and of the logarithm of a strength
 WIDE = 2.0  # steps over which slopes are taken
 LEAST_STEP = 0.3  # that is worth a change
-LIKELY = 2.0  # standard errors
+LIKELY, MANY_LIKELY = 2.0, 3.0  # standard errors from which on a slope is followed, of one number and of several
+MOST = 12  # turns that have numbers of their own: of more, each world is turned as a whole
 FAR = (8, 4, 2, 1)  # of these steps: in which a world as a whole is searched ...
 NEAR = (2, 1)  # ... and each turn of it, about where the world was found
 FARTHEST = 24  # steps from what is given
@@ -59,11 +60,14 @@ class Valley:
         slopes = np.bincount(np.unique(cluster, return_inverse=True)[1], (after - before) / 2 + at * bend)
         return WIDE * float(np.sqrt((slopes**2).sum()) / bend.sum()) if bend.sum() > LEAST else np.inf
 
-    def slopes(self, cluster: I32) -> bool:
-        """Whether the point lies beside the bottom, beyond the scatter of clusters and by what is worth a change."""
+    def slopes(self, cluster: I32, likely: float) -> bool:
+        """Whether the point lies beside the bottom, beyond the scatter of clusters and by what is worth a change.
+
+        ``likely``: standard errors.
+        """
         before, here, after = self.costs
         down = before - after
-        beyond = abs(float(down.sum())) > LIKELY * scatter(down, cluster)
+        beyond = abs(float(down.sum())) > likely * scatter(down, cluster)
         level = float((before - 2 * here + after).sum()) > LEAST and abs(self.bottom()) < LEAST_STEP
         return beyond and not level
 
@@ -83,14 +87,25 @@ class WorldFit:
         left, good = self._left(sample.under(sample.given, np.zeros(self.worlds)))
         self.unit = CAUCHY * (1.4826 * float(np.median(np.abs(left[good]))) + 1e-4) if good.any() else 1.0
 
-    def numbers(self) -> list[F64]:
-        """What is to be found: each turn, and each strength that anything shows, as directions between points."""
-        count = self.turns + self.worlds
-        strengths = [np.eye(count)[self.turns + w] for w in range(self.worlds)]
-        if not self.sample.lamps:  # brightness as a whole belongs to the base colours
-            mean = sum(strengths, np.zeros(count)) / self.worlds
-            strengths = [strength - mean for strength in strengths[1:]]
-        return [*np.eye(count)[:self.turns], *strengths]
+    @property
+    def turn_numbers(self) -> list[F64]:
+        """Directions between points: each turn."""
+        return list(np.eye(self.turns + self.worlds)[:self.turns]) if self.turns <= MOST else self._wholes
+
+    @property
+    def strength_numbers(self) -> list[F64]:
+        """Directions between points: each strength that anything shows."""
+        strengths = list(np.eye(self.turns + self.worlds)[self.turns:])
+        if self.sample.lamps:
+            return strengths
+        mean = sum(strengths, np.zeros(self.turns + self.worlds)) / self.worlds
+        return [strength - mean for strength in strengths[1:]]  # brightness as a whole belongs to the base colours
+
+    @property
+    def _wholes(self) -> list[F64]:
+        """All turns of a world alike."""
+        return [np.array([*(each == name for each in self.sample.names), *np.zeros(self.worlds)], float)
+                for name in self.sample.worlds]
 
     def change(self, point: F64) -> WorldNumbers:
         """What a point amounts to."""
@@ -106,13 +121,13 @@ class WorldFit:
     def found(self) -> Steps[F64]:
         """The lowest point: worlds as a whole first, then each number by itself."""
         point = np.zeros(self.turns + self.worlds)
-        for name in self.sample.worlds:
-            whole = np.array([*(each == name for each in self.sample.names), *np.zeros(self.worlds)], float)
+        for whole in self._wholes:
             point = yield from self._lower(point, whole, FAR)
         for _ in range(SWEEPS):
             start = point
-            for number in self.numbers():
-                point = yield from self._lower(point, number, FAR if number[self.turns:].any() else NEAR)
+            for numbers, steps in ((self.turn_numbers, NEAR), (self.strength_numbers, FAR)):
+                for number in numbers:
+                    point = yield from self._lower(point, number, steps)
             if np.array_equal(start, point):
                 break
         return point

@@ -14,13 +14,14 @@ from ..data import F64, Bool, PredictionError
 from ..evaluation.folds import Folds, Judge, scatter, split
 from ..evaluation.sampled_texels import predicted
 from ..job import Steps
-from .calibrate import GIVEN, LEAST_SEEN, LEAST_TEXELS, SURE, WORSE
+from .calibrate import GIVEN, HALF, LEAST_SEEN, LEAST_TEXELS, SURE, WORSE
 from .rig_fit import CAUCHY
 from .texel_materials import lobes_of
-from .world_fit import LEAST_STEP, STRENGTH_STEP, TURN_STEP, WorldFit, WorldNumbers
+from .world_fit import LEAST_STEP, LIKELY, MANY_LIKELY, STRENGTH_STEP, TURN_STEP, WorldFit, WorldNumbers
 from .world_sample import Changed, LightAt, WorldSample
 
 CHANGED = "changed"
+EXPLAINED = 0.15  # error of left-out radiance above which a turn may take up what the model of the material lacks
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,10 @@ def judge_worlds(sample: WorldSample, light: LightAt) -> Steps[WorldsJudged | No
 
 def _slopes(fit: WorldFit, point: F64) -> Steps[bool]:
     """Whether some number is beside its valley's bottom."""
-    for number in fit.numbers():
-        if (yield from fit.valley(point, number)).slopes(fit.sample.rig.cluster):
+    numbers = [*fit.turn_numbers, *fit.strength_numbers]
+    likely = LIKELY if len(numbers) == 1 else MANY_LIKELY
+    for number in numbers:
+        if (yield from fit.valley(point, number)).slopes(fit.sample.rig.cluster, likely):
             return True
     return False
 
@@ -84,13 +87,12 @@ def _slopes(fit: WorldFit, point: F64) -> Steps[bool]:
 def _found(fit: WorldFit, point: F64, some: Bool | None = None) -> Steps[WorldsJudged]:
     """Where the numbers' valleys are lowest about a point; ``some``: (T,) of the texels alone."""
     error = np.zeros(len(point))
-    turns, strengths = fit.numbers()[:fit.turns], fit.numbers()[fit.turns:]
-    for number in strengths:  # without light drawn anew: turns are judged at their bottoms
+    for number in fit.strength_numbers:  # without light drawn anew: turns are judged at their bottoms
         valley = yield from fit.valley(point, number)
         point = point + valley.bottom(some) * number
         error += valley.error(fit.sample.rig.cluster) * np.abs(number)
     at = point
-    for number in turns:
+    for number in fit.turn_numbers:
         valley = yield from fit.valley(point, number)
         at = at + valley.bottom(some) * number
         error += valley.error(fit.sample.rig.cluster) * np.abs(number)
@@ -130,13 +132,22 @@ class _Contest:
         self.left[name] = np.log(np.where(some, one, 1.0) / np.where(some, observed, 1.0))
 
     def worth_it(self) -> bool:
-        """Whether texels that had no part in it agree, beyond the scatter, and left-out views are predicted better."""
+        """Whether texels that had no part in it agree, beyond the scatter, and left-out views are predicted better.
+
+        Where the material is not explained, less than half of the error must be left.
+        """
         cost = {name: sum(self.fit.costs(changed) * half for half, changed in zip(self.halves, seen, strict=True))
                 for name, seen in self.seen.items()}
         gain = np.asarray(cost[GIVEN] - cost[CHANGED])
-        left = self.left[CHANGED]
-        unit = CAUCHY * max(1.4826 * float(np.median(np.abs(left[left != 0]))), LEAST_SEEN)
-        foretold = np.log1p((self.left[GIVEN] / unit) ** 2).sum() - np.log1p((left / unit) ** 2).sum()
+        unit = CAUCHY * self._scale(CHANGED)
+        loss = {name: float(np.log1p((left / unit) ** 2).sum()) for name, left in self.left.items()}
         after, before = self.judge.error(CHANGED), self.judge.error(GIVEN)
         whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
-        return bool(gain.sum() > scatter(gain, self.sample.rig.cluster) and foretold > 0 and whole < WORSE)
+        explained = after.relative_rms < EXPLAINED or self._scale(CHANGED) < HALF * self._scale(GIVEN)
+        return bool(gain.sum() > scatter(gain, self.sample.rig.cluster) and loss[CHANGED] < loss[GIVEN]
+                    and whole < WORSE and explained)
+
+    def _scale(self, name: str) -> float:
+        """Robust standard deviation of what predictions of left-out views are off by, relative."""
+        left = self.left[name]
+        return 1.4826 * max(float(np.median(np.abs(left[left != 0]))), LEAST_SEEN)
