@@ -27,8 +27,8 @@ SOLVES = """\
 |---|---|---|---|---|---|---|---|---|"""
 
 TURNED = """\
-| off by | worlds | turned by | base colour | mean | median | confident | share | seconds |
-|---|---|---|---|---|---|---|---|---|"""
+| off by | worlds | turned by | base colour | mean | median | confident | share |
+|---|---|---|---|---|---|---|---|"""
 
 
 def turned_row(degrees: float, lamps: str, r: Recovered, solution: Solution) -> str:
@@ -36,7 +36,7 @@ def turned_row(degrees: float, lamps: str, r: Recovered, solution: Solution) -> 
     found = solution.calibration.worlds if solution.calibration is not None else ()
     by = f"{math.degrees(found[0].turn):+.2f} ± {math.degrees(found[0].turn_error):.2f}" if found else "0"
     return (f"| {degrees:g} | {lamps} | {by} | {r.albedo:.1f} | {r.mean:.3f} | {r.median:.3f} | {r.confident:.3f} | "
-            f"{percent(r.share)} | {sum(r.seconds.values()):.0f} |")
+            f"{percent(r.share)} |")
 
 
 def write_turned(rows: Sequence[str], renderer: str, path: Path) -> None:
