@@ -42,7 +42,7 @@ class IRPSO_OT_load_captures(bpy.types.Operator):
             item.image, item.mask = stored(view.image), stored(view.mask)
             item.ambient, item.flat = stored(view.ambient), stored(view.flat)
             item.camera, item.exposure, item.colorspace = camera, view.exposure, view.colorspace or ""
-            item.vignetting, item.response = view.vignetting, view.response
+            item.vignetting, item.response, item.turn = view.vignetting, view.response, view.turn
             item.ambient_radiance = view.ambient_radiance
             for light in lights:
                 item.lights.add().light = light

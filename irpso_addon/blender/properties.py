@@ -21,7 +21,7 @@ from bpy.props import (
 )
 from bpy.types import PropertyGroup
 
-from ..core.capture.captures import MOST_VIGNETTING
+from ..core.capture.captures import MOST_TURN, MOST_VIGNETTING
 from ..core.images.response import LEAST_RESPONSE, MOST_RESPONSE
 from ..core.params import ExportSettings, ShootSettings, SolveSettings, choice_name
 from .glow import is_light
@@ -89,6 +89,10 @@ class IRPSO_PG_view(PropertyGroup):
         name="Ambient Light", size=3, default=(0.0, 0.0, 0.0), min=0.0, precision=4,
         description="Radiance of light that comes alike from everywhere and shines beside the lights, in W/(m² sr), "
                     "linear RGB")
+    turn: FloatProperty(
+        name="World Turn", default=0.0, min=-MOST_TURN, max=MOST_TURN, soft_min=-180.0, soft_max=180.0, precision=2,
+        description="Degrees about Z by which the world is turned in this view, counter-clockwise seen from above, as "
+                    "on a turntable")
     mask: StringProperty(
         name="Mask", subtype="FILE_PATH", options=RELATIVE,
         description="Image that is white where the object can be trusted (optional)")

@@ -116,7 +116,12 @@ class Environment:
     @property
     def key(self) -> tuple[str, float, tuple[str, ...]]:
         """The same for views under the same light."""
-        return self.name, self.turn, tuple(emitter.name for emitter in self.emitters)
+        return *self.world, tuple(emitter.name for emitter in self.emitters)
+
+    @property
+    def world(self) -> tuple[str, float]:
+        """The same for views under the same world and turn."""
+        return self.name, self.turn
 
     @property
     def title(self) -> str:
@@ -328,8 +333,22 @@ class ResponseChange:
 
 
 @dataclass(frozen=True)
+class WorldChange:
+    """A world, under one of the turns that views ask for, put right."""
+
+    world: str
+    given: float  # radians: the turn that views ask for
+    turn: float  # radians about Z to be added to it, against the clock as seen from above
+    turn_error: float  # its standard error
+    strength: float  # factor of its light, the same under all of the world's turns
+    strength_error: float  # its standard error, relative
+    sure_turn: bool  # whether its turn is off beyond doubt; else it is changed along with the others
+    sure_strength: bool  # the same of its strength
+
+
+@dataclass(frozen=True)
 class Calibration:
-    """What was put right of lamps and exposures, because left-out views are then predicted better."""
+    """What was put right of the light and of exposures, because left-out views are then predicted better."""
 
     lamps: tuple[LampChange, ...]
     exposures: tuple[ExposureChange, ...]
@@ -338,6 +357,7 @@ class Calibration:
     vignetting: VignettingChange | None = None
     ambient: AmbientChange | None = None
     response: ResponseChange | None = None
+    worlds: tuple[WorldChange, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -395,7 +415,7 @@ class Solution:
     pictures: tuple[ViewPicture, ...] = ()  # of each view, reduced: reference beside prediction
     predictions: dict[str, MaterialPrediction] = field(default_factory=dict)  # material slot name -> errors of models
     priors: dict[str, JointPrior] = field(default_factory=dict)  # material slot name -> what its texels were drawn to
-    calibration: Calibration | None = None  # lamps and exposures that were put right; None: they are as given
+    calibration: Calibration | None = None  # light and exposures that were put right; None: they are as given
     normals: RefinedNormals | None = None  # shading normals that were refined; None: they are as given
     normals_why: str = ""  # why they are as given; "": they were refined, or not to be
     resumed_blocks: int = 0  # of a solve in blocks: those that an earlier run had left

@@ -119,9 +119,10 @@ class SolveSettings(Table):
         ("auto", "Correct both where the pictures show clearly that they are off"),
         ("given", "Use the scene's cameras unchanged"),
     ), advanced=True)
-    lamps: str = parameter("auto", "Place and power of the lamps, and ambient light", label="Lamps", choices=(
+    lamps: str = parameter("auto", "Place and power of the lamps, turn of the world, and ambient light", label="Lamps",
+                           choices=(
         ("auto", "Correct where that predicts left-out views better"),
-        ("given", "Use the scene's lamps and the views' ambient light unchanged"),
+        ("given", "Use the scene's lamps and world, and the views' ambient light, unchanged"),
     ), advanced=True)
     exposures: str = parameter("auto", "Exposure of each view, vignetting and response", label="Exposures", choices=(
         ("given", "Use each view's exposure, vignetting and response unchanged"),

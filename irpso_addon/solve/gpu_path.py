@@ -16,8 +16,9 @@ from typing import TypeVar
 import numpy as np
 
 from ..core.calibration.calibrate import Judged, calibrate
-from ..core.calibration.put_right import put_right, told
+from ..core.calibration.put_right import put_right, told, told_of_worlds, under_worlds
 from ..core.calibration.rig import Rig
+from ..core.calibration.worlds import judge_worlds
 from ..core.data import F32, I32, Bool, Bounced, Calibration, MeshArrays, RadianceImage, SceneData, View
 from ..core.errors import BadInput, Cancelled
 from ..core.images.response import file_scale, undone
@@ -39,6 +40,7 @@ from ..gpu.solve.calibration_sample import calibration_sample, most_texels
 from ..gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
 from ..gpu.solve.model_ladder import Ladder
 from ..gpu.solve.normal_texels import SAMPLE, refined_normals
+from ..gpu.solve.world_light import world_sample
 
 Result = TypeVar("Result")
 ReadImage = Callable[[View], RadianceImage]
@@ -213,10 +215,13 @@ class _Views:
 def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Generator[Progress, None, _Views]:
     """Observe; lamps and exposures put right and normals refined, where that is allowed and pays, observe again."""
     scene, part, settings = given.scene, given.part, given.settings
-    allowed = given.calibrates and all(view.environment is None for view in scene.views)
+    dark = all(view.environment is None for view in scene.views)
+    glows = any(view.environment is not None and view.environment.emitters for view in scene.views)
+    allowed = given.calibrates and dark
+    turns = given.calibrates and not dark and not glows and settings.lamps == "auto"
     calibrates, refines = allowed and "auto" in (settings.lamps, settings.exposures), allowed and (
         settings.normals == "auto")
-    read_image = KeptImages(given.read_image) if calibrates or refines else given.read_image
+    read_image = KeptImages(given.read_image) if calibrates or refines or turns else given.read_image
     observed = partial(observe, device, mesh=grid.mesh, read_image=read_image,
                        limits=ObserveOptions(given.bounced, part, level=given.level))
     observations: Observations = yield from clock.stage("observe", observed(scene=scene))
@@ -227,12 +232,17 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
         return CameraSource(device, part.grid(device, grid.maps), observations, scene.mesh.extent)
 
     texels = part.solved & grid.coverage
-    judged = None
+    calibration: Calibration | None = None
     normals: NormalsJudged | str = ""
     if calibrates:
         judged = yield from clock.stage("calibrate", _calibrated(source(), given, texels))
-    if judged is not None:
-        scene = put_right(scene, *judged)
+        if judged is not None:
+            scene, calibration = put_right(scene, *judged), told(*judged)
+    if turns:
+        calibration = yield from clock.stage("calibrate", _turned(device, source(), given, texels, grid))
+        if calibration is not None:
+            scene = under_worlds(scene, calibration.worlds)
+    if calibration is not None:
         observations.release()
         observations = yield from clock.stage("observe", observed(scene=scene), (0.33, 0.35))
     if refines:
@@ -242,7 +252,7 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
         grid = draw_texels(device, grid.mesh, len(grid.coverage))
         observations.release()
         observations = yield from clock.stage("observe", observed(scene=scene), (0.33, 0.35))
-    return _Views(scene, None if judged is None else told(*judged), normals, grid, observations)
+    return _Views(scene, calibration, normals, grid, observations)
 
 
 def _refined(
@@ -255,6 +265,17 @@ def _refined(
     if isinstance(judged, NormalsJudged):
         mesh.refine((yield from refined_normals(source, texels, judged, known)))
     return judged
+
+
+def _turned(
+    device: Device, source: CameraSource, given: Given, texels: Bool, grid: TexelGrid,
+) -> Generator[Progress, None, Calibration | None]:
+    """What is to be put right of worlds; None: nothing."""
+    with device.scope():
+        sample, light = yield from world_sample(
+            source, grid.maps, texels, given.settings.seed, given.scene, grid.mesh)
+        judged = yield from judge_worlds(sample, light)
+    return None if judged is None else told_of_worlds(judged)
 
 
 def _calibrated(

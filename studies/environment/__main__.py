@@ -1,24 +1,37 @@
 """``python -m studies.environment``: makes docs/environment.md, how exact light from all around is, and what it tells.
 
 Needs Blender as a module and matplotlib.  Pictures are kept in build/environment.  --rigs: these alone, and no page.
+--turned: the table of worlds that are turned, alone.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 from pathlib import Path
 
 from irpso_addon.blender.oiio import ensure_openimageio
 from irpso_addon.core.shading import environment
 from studies.environment import radiance
 from studies.environment.converge import convergence
-from studies.environment.page import draw, error_row, recovered_row, write
+from studies.environment.page import draw, error_row, recovered_row, turned_row, write, write_turned
 from studies.environment.recover import recover
 from studies.environment.shoot import RIGS
 
 ROOT = Path(__file__).resolve().parents[2]
 ROUGHNESS = (0.1, 0.2, 0.4, 0.7)
+TURNS = (1.0, 3.0, 8.0)  # degrees
 PIXELS, SAMPLES = 28, 2048
+
+
+def turned(pictures: Path, page: Path) -> None:
+    """One HDRI that is off about Z, as given and corrected."""
+    rig, rows = RIGS[0], []
+    for degrees, lamps in itertools.product((0.0, *TURNS), ("given", "auto")):
+        found, solution = recover(rig, pictures / rig.name, turn=degrees, lamps=lamps)
+        rows.append(turned_row(degrees, lamps, found, solution))
+        print(rows[-1], flush=True)
+    write_turned(rows, solution.device.get("renderer", ""), page)
 
 
 def main() -> int:
@@ -26,11 +39,15 @@ def main() -> int:
     names = [rig.name for rig in RIGS]
     parser = argparse.ArgumentParser(prog="python -m studies.environment", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rigs", nargs="+", choices=names, metavar="NAME", help=f"of {', '.join(names)}")
+    parser.add_argument("--turned", action="store_true", help="the table of worlds that are turned, and no other")
     parser.add_argument("--samples", type=int, default=SAMPLES, help="of Cycles, a pixel, where radiance is compared")
     parser.add_argument("--pictures", type=Path, default=ROOT / "build" / "environment", help="folder that keeps them")
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder for environment.md and its chart")
     options = parser.parse_args()
     ensure_openimageio()
+    if options.turned:
+        turned(options.pictures, options.out / "environment.md")
+        return 0
     solves = []
     for rig in RIGS:
         if rig.name in (options.rigs or names):
@@ -48,6 +65,7 @@ def main() -> int:
     converged = list(convergence())
     draw(converged, options.out / "environment.svg")
     write(converged, errors, solves, solution.device.get("renderer", ""), options.out / "environment.md")
+    turned(options.pictures, options.out / "environment.md")
     return 0
 
 

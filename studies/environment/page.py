@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from irpso_addon.blender import files
+from irpso_addon.core.data import Solution
 from irpso_addon.core.phrases import percent
 from irpso_addon.core.shading import environment
 from studies import pages
@@ -23,6 +25,25 @@ CYCLES = """\
 SOLVES = """\
 | light | views | model | base colour | mean | median | confident | share | seconds |
 |---|---|---|---|---|---|---|---|---|"""
+
+TURNED = """\
+| off by | worlds | turned by | base colour | mean | median | confident | share |
+|---|---|---|---|---|---|---|---|"""
+
+
+def turned_row(degrees: float, lamps: str, r: Recovered, solution: Solution) -> str:
+    """A line of the table of worlds that are turned."""
+    found = solution.calibration.worlds if solution.calibration is not None else ()
+    by = f"{math.degrees(found[0].turn):+.2f} ± {math.degrees(found[0].turn_error):.2f}" if found else "0"
+    return (f"| {degrees:g} | {lamps} | {by} | {r.albedo:.1f} | {r.mean:.3f} | {r.median:.3f} | {r.confident:.3f} | "
+            f"{percent(r.share)} |")
+
+
+def write_turned(rows: Sequence[str], renderer: str, path: Path) -> None:
+    """The figures of worlds that are turned, which are measured by themselves."""
+    pages.fill(path if path.exists() else pages.DOCS / "environment.md", {
+        "turned made": pages.measured(renderer, f"Blender {files.blender_version()}"),
+        "turned": "\n".join([TURNED, *rows])}, path)
 
 
 def error_row(e: Error) -> str:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from irpso_addon.blender import files
 from irpso_addon.blender.scene.scene import read_scene
-from irpso_addon.core.data import Solution
+from irpso_addon.core.data import SceneData, Solution
 from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.shading.environment import about_z
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline
 from studies.environment import shoot
@@ -36,14 +37,17 @@ class Recovered:
     seconds: dict[str, float]
 
 
-def recover(rig: shoot.Rig, folder: Path, size: int = SIZE, model: str = "auto") -> tuple[Recovered, Solution]:
-    """``folder`` keeps the pictures."""
+def recover(
+    rig: shoot.Rig, folder: Path, size: int = SIZE, model: str = "auto", turn: float = 0.0, lamps: str = "auto",
+) -> tuple[Recovered, Solution]:
+    """``folder`` keeps the pictures; ``turn``: degrees by which the scene has its worlds wrong."""
     if not (folder / DONE).exists():
         shoot.make(folder, rig)
         (folder / DONE).write_text(rig.name, encoding="utf-8")
     files.open_blend(folder / "scene.blend")
-    scene = read_scene(None, None, folder / "captures.json")
-    solution: Solution = thread.run(lambda: pipeline.solve(scene, SolveSettings(size=size, model=model)))
+    scene = _turned(read_scene(None, None, folder / "captures.json"), turn)
+    settings = SolveSettings(size=size, model=model, lamps=lamps)
+    solution: Solution = thread.run(lambda: pipeline.solve(scene, settings))
     maps, (base, rough) = solution.maps, truth(shoot.BOTTLE, size)
     solved = maps.coverage & ~maps.filled
     off, error = (maps.base_color - base)[solved].astype(np.float64), np.abs(maps.roughness - rough)[solved]
@@ -52,3 +56,11 @@ def recover(rig: shoot.Rig, folder: Path, size: int = SIZE, model: str = "auto")
         rig, ", ".join(sorted(set(solution.model.values()))), len(scene.views),
         float(-10 * np.log10(np.mean(off**2))), float(error.mean()), float(np.median(error)),
         float(error[sure].mean()) if sure.any() else float("nan"), float(sure.mean()), solution.seconds), solution
+
+
+def _turned(scene: SceneData, degrees: float) -> SceneData:
+    """With the worlds about Z elsewhere than they shone from; their records do not show it."""
+    about = about_z(np.radians(degrees))
+    return replace(scene, views=tuple(
+        replace(view, environment=replace(view.environment, rotation=view.environment.rotation @ about))
+        if view.environment is not None else view for view in scene.views)) if degrees else scene

@@ -177,6 +177,29 @@ def test_ambient_light_and_response_of_the_list(scene, records, keep) -> None:
     assert not any(second.ambient_radiance) and second.response == pytest.approx(0.9)
 
 
+def test_a_world_is_turned_in_the_list_and_brightened(scene, records, keep, module) -> None:
+    """The views under that turn of it, and no others; what a solve reads is then what it has found."""
+    world = bpy.data.worlds.new("Studio")
+    if world.node_tree is None:
+        world.use_nodes = True
+    scene.world = world
+    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    background.inputs["Color"].default_value, background.inputs["Strength"].default_value = (1, 1, 1, 1), 2.0
+    for n, view in enumerate(scene.irpso.views):
+        view.turn = 30.0 * (n % 2)
+    change = records.WorldChange("Studio", np.radians(30.0), np.radians(-2.5), 0.001, 1.1, 0.002, True, True)
+    keep(worlds=(change,))
+    apply()
+    turns = [view.turn for view in scene.irpso.views]
+    assert turns == [pytest.approx(27.5 if n % 2 else 0.0) for n in range(len(turns))]
+    assert background.inputs["Strength"].default_value == pytest.approx(2.2)
+    named = module("blender.scene.scene_views").SceneViews(scene, bpy.context.view_layer).from_scene().views
+    assert [view.turn for view in named] == pytest.approx(turns)
+    keep(worlds=(replace(change, world="Gone"),))
+    with pytest.raises(RuntimeError, match="world 'Gone': is not in the file any more"):
+        bpy.ops.irpso.apply_calibration()
+
+
 @pytest.mark.parametrize(("spoil", "words"), [
     (lambda lamp: bpy.data.objects.remove(lamp), "'Light 1': is not in the scene any more"),
     (lambda lamp: lamp.constraints.new("COPY_LOCATION"), "'Light 1': a constraint places it"),

@@ -123,6 +123,7 @@ def view_list():
         vignetting: bpy.props.FloatProperty()
         response: bpy.props.FloatProperty(default=1.0)
         ambient_radiance: bpy.props.FloatVectorProperty(size=3)
+        turn: bpy.props.FloatProperty()
         flat: bpy.props.StringProperty()
         enabled: bpy.props.BoolProperty(default=True)
         colorspace: bpy.props.StringProperty()

@@ -17,6 +17,7 @@ from irpso_addon.core.checks.calibration_lines import (
     lamp_rows,
     place_change,
     power_change,
+    world_rows,
 )
 from irpso_addon.core.data import (
     AmbientChange,
@@ -25,6 +26,7 @@ from irpso_addon.core.data import (
     LampChange,
     PredictionError,
     ResponseChange,
+    WorldChange,
 )
 
 KEY = LampChange(("Key",), (0.03, 0.0, -0.04), 0.002, 0.0123, 0.914, 0.003)
@@ -32,6 +34,7 @@ RIM = replace(KEY, lights=("Rim",), offset=(0.0, 0.006, 0.0), share=0.003, power
 SUN = replace(KEY, lights=("Sun",), offset=(0.02, 0.0, 0.0), share=0.02, sun=True, sure_power=False)
 FLASH = replace(KEY, lights=("Flash A", "Flash B"), cameras=("A", "B"))
 VIEW = ExposureChange(Path("refs/a.exr"), "A", 0.05, 0.01)
+WORLD = WorldChange("Room", 0.0, math.radians(3.14), math.radians(0.21), 1.082, 0.003, True, False)
 UNSURE = {"sure_place": False, "sure_power": False}
 END = (" The error on left-out views fell from 4.3 % to 3.8 % of their radiance. "
        "The scene keeps its lamps and exposures.")
@@ -99,3 +102,22 @@ def test_rows_of_the_panel() -> None:
     assert lamp_rows(calibration)[:2] == [("Key", "50 ± 2 mm"), ("Power", "× 0.914 ± 0.3 %")]
     assert exposure_row(calibration) == ("2 Exposures", "up to -0.12 EV", "a.exr")
     assert exposure_row(found(exposures=(replace(VIEW, sure=False),))) is None
+
+
+@pytest.mark.parametrize(("worlds", "line"), [
+    ((WORLD,), "IRPSO turned world 'Room' by +3.1 degrees."),
+    ((replace(WORLD, sure_strength=True),),
+     "IRPSO turned world 'Room' by +3.1 degrees and changed the strength of world 'Room' by +8.2 %."),
+    ((WORLD, replace(WORLD, given=1.0, turn=-0.1), replace(WORLD, given=2.0, sure_turn=False)),
+     "IRPSO changed 2 turns of world 'Room' by up to -5.7 degrees."),
+])
+def test_worlds(worlds: tuple[WorldChange, ...], line: str) -> None:
+    end = END.replace("lamps and exposures", "world and the views' turns")
+    assert calibrated(found(worlds=worlds)) == (line + end,)
+
+
+def test_rows_of_worlds() -> None:
+    assert world_rows(found(worlds=(WORLD,))) == [("Room", "+3.1 ± 0.2°")]
+    both = found(worlds=(replace(WORLD, sure_strength=True), replace(WORLD, turn=0.2)))
+    assert world_rows(both) == [("Room", "up to +11.5 ± 0.2°"), ("Strength of Room", "× 1.082 ± 0.3 %")]
+    assert world_rows(found()) == []

@@ -10,13 +10,14 @@ import pytest
 from irpso_addon.core.data import RadianceImage, SceneData, View
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
-from irpso_addon.core.shading import brdf, environment
+from irpso_addon.core.shading import environment
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
 from irpso_addon.gpu.observe.observations import ObserveOptions, observe
 from irpso_addon.solve import pipeline
 from tests.support import skies
 from tests.support import synthetic as syn
+from tests.support.sky_shoot import shoot
 
 SIZE = 48
 DIRECTIONS = 128
@@ -72,54 +73,24 @@ def test_nodes_and_irradiance_are_those_of_the_twin():
 
 # ---- solved for
 
-PIXELS = 40
-
-
-def _picture(sky, view: View, truth: syn.Truth) -> RadianceImage:
-    """The bumpy plane's exact picture: a sum over all pixels of the environment that stand above the plane."""
-    toward, solid = environment.texel_directions(*sky.radiance.shape[:2])
-    L = (toward @ sky.rotation).reshape(-1, 3)
-    power = (sky.radiance * solid[..., None]).reshape(-1, 3).astype(np.float64)
-    L, power = L[L[:, 2] > 0], power[L[:, 2] > 0]
-    origin, direction = syn.pixel_rays(view.camera, PIXELS, PIXELS)
-    points = syn.meet_plane(origin, direction)
-    seen = np.isfinite(points[..., 0]) & (np.abs(points[..., :2]) <= 1).all(-1)
-    rgb = np.zeros((PIXELS, PIXELS, 3))
-    uv, normal = syn.plane_uv(points[seen]), syn.plane_normal(points[seen])
-    base, rough = truth.base(uv[:, 0], uv[:, 1]), truth.roughness(uv[:, 0], uv[:, 1])
-    values = []
-    for n, (N, V) in enumerate(zip(normal, -direction[seen], strict=True)):
-        f = brdf.principled(base[n], rough[n], L, V, N)
-        values.append((f * np.maximum(L @ N, 0)[:, None] * power).sum(0))
-    rgb[seen] = values
-    rgb[seen] += syn.radiance(truth, points[seen], -direction[seen], view.lights)
-    return RadianceImage(rgb.astype(np.float32), seen.astype(np.float32), np.ones(seen.shape, bool))
-
-
-def _shoot(views: list[View], truth: syn.Truth = syn.PATCHES) -> syn.Shoot:
-    images = {view.image.name: _picture(view.environment, view, truth) for view in views}
-    scene = SceneData("plane", syn.plane_mesh(), np.zeros((0, 3, 3), np.float32), tuple(views), pixel_filter=0.01)
-    return syn.Shoot(scene, images, truth)
-
-
-def _errors(shoot: syn.Shoot, **settings: object) -> tuple[float, float]:
+def _errors(made: syn.Shoot, **settings: object) -> tuple[float, float]:
     """(median error of roughness, of base colour) away from the edges of the quarters."""
-    solution = thread.run(lambda: pipeline.solve(shoot.scene, SolveSettings(size=32, **settings), shoot.read_image))
+    solution = thread.run(lambda: pipeline.solve(made.scene, SolveSettings(size=32, **settings), made.read_image))
     at = (np.arange(32) + 0.5) / 32
     u, v = np.meshgrid(at, at)
     inner = solution.maps.coverage & ~solution.maps.filled & (np.abs(u - 0.5) > 0.06) & (np.abs(v - 0.5) > 0.06)
-    rough = np.abs(solution.maps.roughness - shoot.truth.roughness(u, v))[inner]
-    base = np.abs(solution.maps.base_color - shoot.truth.base(u, v))[inner]
+    rough = np.abs(solution.maps.roughness - made.truth.roughness(u, v))[inner]
+    base = np.abs(solution.maps.base_color - made.truth.base(u, v))[inner]
     assert solution.texels["solved"] > 500
     return float(np.median(rough)), float(np.median(base))
 
 
 def test_views_without_lamps_are_solved():
     sky = skies.sky(48, sun=60.0, width=0.12, window=8.0)
-    shoot = _shoot([View(Path(f"{n}.exr"), cam, (), environment=sky) for n, cam in enumerate(syn.cameras(6))])
-    rough, base = _errors(shoot, model="one-lobe")
+    made = shoot([View(Path(f"{n}.exr"), cam, (), environment=sky) for n, cam in enumerate(syn.cameras(6))])
+    rough, base = _errors(made, model="one-lobe")
     assert rough < 0.02 and base < 0.01
-    rough, base = _errors(shoot, model="auto")
+    rough, base = _errors(made, model="auto")
     assert rough < 0.03 and base < 0.015
 
 
@@ -128,7 +99,7 @@ def test_lamps_and_the_world_count_together():
     lamps, cams = syn.lamps(4), syn.cameras(2)
     views = [View(Path(f"{c}_{n}.exr"), cam, (lamp,), environment=sky)
              for c, cam in enumerate(cams) for n, lamp in enumerate(lamps)]
-    rough, base = _errors(_shoot(views), model="one-lobe-specular")
+    rough, base = _errors(shoot(views), model="one-lobe-specular")
     assert rough < 0.02 and base < 0.01
 
 

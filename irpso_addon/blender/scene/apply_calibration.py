@@ -1,4 +1,4 @@
-"""The scene as a solve has put it right: its lamps, and the exposures of its list of views."""
+"""The scene as a solve has put it right: its lamps and worlds, and the exposures and turns of its list of views."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ...core.data import Calibration
 from ...core.phrases import counted
+from .change_world import multiply_strength, strengthened, turn_views
 from .move_light import axes_of, check_place, check_power, light_named, moved_matrix, multiply_power, place
 
 
@@ -20,6 +21,7 @@ def apply_calibration(scene: Any, calibration: Calibration) -> str:
         for light in lights:
             check_place(light)
             check_power(light)
+    strengths = strengthened(calibration.worlds)
     places = {}
     for lamp, lights in zip(calibration.lamps, groups, strict=True):
         axes = [axes_of(scene, camera) for camera in lamp.cameras] or [np.eye(3)]
@@ -31,6 +33,11 @@ def apply_calibration(scene: Any, calibration: Calibration) -> str:
         place(light, places[light])
     for lamp, lights in zip(calibration.lamps, groups, strict=True):
         multiply_power(lights, lamp.power)
+    for world, factor in strengths.items():
+        multiply_strength(world, factor)
+    if calibration.worlds:
+        brighter = f"strength of {counted(len(strengths), 'world')} changed" if strengths else ""
+        return ", ".join(filter(None, [brighter, turn_views(scene, calibration.worlds)]))
     return f"{counted(len(places), 'lamp')} changed{_expose(scene, calibration)}"
 
 

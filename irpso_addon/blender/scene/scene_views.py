@@ -123,7 +123,8 @@ class SceneViews:
             self._lamps(lights) if lights else self._rendered_lights(), not lights,
             float(entry.exposure), bpy.path.abspath(entry.mask), entry.colorspace or None, entry.enabled, tuple(faults),
             bpy.path.abspath(entry.ambient), bpy.path.abspath(entry.flat), float(entry.vignetting),
-            response=float(entry.response), ambient_radiance=tuple(map(float, entry.ambient_radiance)),
+            turn=float(entry.turn), response=float(entry.response),
+            ambient_radiance=tuple(map(float, entry.ambient_radiance)),
             emitters=self._emitters(lights) if lights else self._glowing())
 
     def _backgrounds(self) -> Iterable[NamedView]:

@@ -14,6 +14,7 @@ from ...core.checks.calibration_lines import (
     lamp_rows,
     response_row,
     vignetting_row,
+    world_rows,
 )
 from ...core.phrases import counted
 from ..jobs.session import session
@@ -53,7 +54,7 @@ class IRPSO_PT_put_right(Tab, Panel):
             layout.operator("irpso.apply_calibration", icon="LIGHT")
         rows, exposures = lamp_rows(calibration), exposure_row(calibration)
         shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), response_row(calibration))
-                  if row is not None]
+                  if row is not None] + world_rows(calibration)
         _draw_rows(layout, rows[:SHOWN * ROWS])
         if more := rows[SHOWN * ROWS:]:
             header, body = layout.panel("IRPSO_more_lamps", default_closed=True)

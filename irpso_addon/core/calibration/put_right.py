@@ -10,16 +10,20 @@ from ..checks.light_checks import moved
 from ..data import (
     AmbientChange,
     Calibration,
+    Environment,
     ExposureChange,
     LampChange,
     ResponseChange,
     SceneData,
     View,
     VignettingChange,
+    WorldChange,
 )
+from ..shading.environment import about_z
 from ..vignetting import corner_stops
 from .calibrate import LEAST_CHANGE, SURE, Judged, sure_of_vignetting
 from .rig import Rig
+from .worlds import WorldsJudged
 
 
 def put_right(scene: SceneData, rig: Rig, judged: Judged) -> SceneData:
@@ -57,7 +61,22 @@ def applied(scene: SceneData, calibration: Calibration) -> SceneData:
         replace(view, lights=tuple(lights.get(light.name, light) for light in view.lights),
                 gain=view.gain * gains.get((view.image, view.camera.name), 1.0),
                 vignetting=view.vignetting + darker, response=view.response * exponent,
-                ambient_radiance=_brightened(view, around)) for view in scene.views))
+                ambient_radiance=_brightened(view, around),
+                environment=_turned(view.environment, calibration.worlds)) for view in scene.views))
+
+
+def under_worlds(scene: SceneData, worlds: tuple[WorldChange, ...]) -> SceneData:
+    """The scene after a change of its worlds."""
+    return replace(scene, views=tuple(
+        replace(view, environment=_turned(view.environment, worlds)) for view in scene.views))
+
+
+def _turned(environment: Environment | None, worlds: tuple[WorldChange, ...]) -> Environment | None:
+    for change in worlds if environment is not None else ():
+        if environment is not None and environment.world == (change.world, change.given):
+            return replace(environment, radiance=environment.radiance * np.float32(change.strength),
+                           rotation=environment.rotation @ about_z(change.turn), turn=environment.turn + change.turn)
+    return environment
 
 
 def _brightened(view: View, by: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -93,3 +112,16 @@ def told(rig: Rig, judged: Judged) -> Calibration:
     response = None if not change.log_response else ResponseChange(
         float(np.exp(change.log_response)), error.log_response)
     return Calibration(tuple(lamps), exposures, judged.given, judged.changed, vignetting, ambient, response)
+
+
+def told_of_worlds(judged: WorldsJudged) -> Calibration:
+    """All that was changed of worlds, and which of it is beyond doubt."""
+    change, error = judged.change, judged.error
+    names = list(dict.fromkeys(name for name, _ in judged.keys))
+    changes = []
+    for k, (name, given) in enumerate(judged.keys):
+        w = names.index(name)
+        changes.append(WorldChange(
+            name, given, float(change.turn[k]), float(error.turn[k]), float(np.exp(change.log_strength[w])),
+            float(error.log_strength[w]), judged.sure_turns[k], judged.sure_strengths[w]))
+    return Calibration((), (), judged.given, judged.changed, worlds=tuple(changes))

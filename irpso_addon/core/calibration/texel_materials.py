@@ -50,12 +50,13 @@ def _roughness(texels: SampledTexels, one: OneMaterial) -> F64:
     light = texels.irradiance.mean(-1)
     weight = np.where(usable, texels.quality * light ** (2 / 3) / unit ** (4 / 3), 0.0)
     cos_v, paints = np.clip(texels.cos_v, 1e-3, 1.0), paints_of(texels)
-    ratio = fresnel_ratio(texels.lobes, cos_v, np.asarray(one.level))
+    ratio = fresnel_ratio(texels.lobes, cos_v, np.asarray(one.level), texels.nodes)
     costs = np.empty((len(NODES), len(f)))
     for n, (roughness, energy) in enumerate(zip(NODES, _energies(one.level), strict=True)):
         gain, taken = (np.interp(texels.cos_v, COSINES, energy[:, k]) for k in (0, 1))
         diffuse = (1 - taken) / np.pi
-        specular = (lobe_values(texels.lobes, cos_v, np.full(len(f), roughness)) * ratio).sum(-1) * gain
+        shape = lobe_values(texels.lobes, cos_v, np.full(len(f), roughness), nodes=texels.nodes)
+        specular = (shape * ratio).sum(-1) * gain
         base = base_colours(paints, weight, diffuse, f - specular)
         costs[n] = (weight * (f - specular - base * diffuse) ** 2).sum(1)
     degrees = np.maximum(usable.sum(1) - 2, 1)

@@ -1,14 +1,23 @@
-"""What a user is told of lamps and exposures that a solve put right."""
+"""What a user is told of light and exposures that a solve put right."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
-from ..data import AmbientChange, Calibration, ExposureChange, LampChange, ResponseChange, VignettingChange
+from ..data import (
+    AmbientChange,
+    Calibration,
+    ExposureChange,
+    LampChange,
+    ResponseChange,
+    VignettingChange,
+    WorldChange,
+)
 from ..phrases import counted, percent
 
 STAYS = "The scene keeps its lamps and exposures."
+WORLD_STAYS = "The scene keeps its world and the views' turns."
 
 
 def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
@@ -20,7 +29,8 @@ def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
     powered = [lamp for lamp in lamps if lamp.sure_power]
     parts = [*_placed([lamp for lamp in placed if not lamp.sun]), *_turned([lamp for lamp in placed if lamp.sun]),
              *_powered(powered, said=powered == placed), *_exposed(views), *_even(calibration.vignetting),
-             *_surrounded(calibration.ambient), *_straightened(calibration.response)]
+             *_surrounded(calibration.ambient), *_straightened(calibration.response),
+             *_worlds(calibration.worlds)]
     what = " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
     if not parts:
         changed = " and ".join(["lamps"] * bool(calibration.lamps) + ["exposures"] * bool(calibration.exposures)
@@ -29,7 +39,7 @@ def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
     before, after = (percent(error.relative_rms, 1) for error in (calibration.given, calibration.changed))
     # Few large errors make the root mean square: it may hide that most became smaller.
     fell = f"The error on left-out views fell from {before} to {after} of their radiance. " if before != after else ""
-    return (f"IRPSO {what}. {fell}{STAYS}",)
+    return (f"IRPSO {what}. {fell}{WORLD_STAYS if calibration.worlds else STAYS}",)
 
 
 def sure_lamps(calibration: Calibration) -> list[LampChange]:
@@ -101,6 +111,21 @@ def response_row(calibration: Calibration) -> tuple[str, str] | None:
     return None if found is None else ("Response", f"exponent {found.exponent:.3f} ± {found.error:.3f}")
 
 
+def world_rows(calibration: Calibration) -> list[tuple[str, str]]:
+    """Name and turn of each world that is off beyond doubt, "'Studio'", "+3.1 ± 0.2°"; a row for its strength."""
+    rows = []
+    for name, changes in _by_world(calibration.worlds).items():
+        turned = [change for change in changes if change.sure_turn]
+        if turned:
+            worst = max(turned, key=lambda change: abs(change.turn))
+            most = "up to " if len(turned) > 1 else ""
+            rows.append((name, f"{most}{math.degrees(worst.turn):+.1f} ± {math.degrees(worst.turn_error):.1f}°"))
+        if changes[0].sure_strength:
+            rows.append((f"Strength of {name}",
+                         f"× {changes[0].strength:.3f} ± {percent(changes[0].strength_error, 1)}"))
+    return rows
+
+
 def gain_of(calibration: Calibration) -> str:
     """"4.3% → 3.8%": how far left-out views are off, before and after."""
     return f"{percent(calibration.given.relative_rms, 1)} → {percent(calibration.changed.relative_rms, 1)}"
@@ -161,3 +186,22 @@ def _exposed(views: Sequence[ExposureChange]) -> list[str]:
     if len(views) == 1:
         return [f"changed the exposure of '{views[0].image.name}' by {worst}"]
     return [f"changed the exposure of {len(views)} views by up to {worst} ('{views[0].image.name}')"]
+
+
+def _worlds(worlds: Sequence[WorldChange]) -> list[str]:
+    parts = []
+    for name, changes in _by_world(worlds).items():
+        turned = [change for change in changes if change.sure_turn]
+        if turned:
+            worst = max(turned, key=lambda change: abs(change.turn))
+            what = f"{len(turned)} turns of world '{name}' by up to" if len(turned) > 1 else f"world '{name}' by"
+            verb = "changed" if len(turned) > 1 else "turned"
+            parts.append(f"{verb} {what} {math.degrees(worst.turn):+.1f} degrees")
+        if changes[0].sure_strength:
+            parts.append(f"changed the strength of world '{name}' by {percent(changes[0].strength - 1, 1, sign=True)}")
+    return parts
+
+
+def _by_world(worlds: Sequence[WorldChange]) -> dict[str, list[WorldChange]]:
+    return {name: [change for change in worlds if change.world == name]
+            for name in dict.fromkeys(change.world for change in worlds)}

@@ -45,6 +45,16 @@ class Directions:
     parts: Directions | None = None  # PARTS of each direction, one direction's after the other's; power 0: none
     near: float = np.inf  # variance from which on its parts replace a direction whatever the lobe
 
+    def turned(self, by: float) -> Directions:
+        """The light turned by so many radians about Z, against the clock as seen from above."""
+        return Directions(self.toward @ about_z(by), self.power, self.spread, self.parts and self.parts.turned(by))
+
+
+def about_z(turn: float) -> F64:
+    """(3, 3) directions in the world to those in which the light shone before it was turned, radians."""
+    cos, sin = float(np.cos(turn)), float(np.sin(turn))
+    return np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
 
 def texel_directions(height: int, width: int) -> tuple[F64, F64]:
     """((h, w, 3) unit directions, (h, 1) solid angle of each) of an equirectangular picture, row 0 at the bottom.

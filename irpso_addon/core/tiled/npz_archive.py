@@ -44,6 +44,7 @@ from ..data import (
     View,
     ViewPicture,
     VignettingChange,
+    WorldChange,
 )
 from ..errors import BadInput
 from ..lens import Lens
@@ -59,7 +60,7 @@ MOST = 1 << 28  # bytes of a packed record
 RECORDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (
     NormalMap, MeshArrays, Camera, Lens, Light, Emitter, Environment, View, Region, SceneData, Bounced, Maps, Solution,
     ViewPicture, Coat, JointPrior, PredictionError, MaterialPrediction, LampChange, ExposureChange, VignettingChange,
-    AmbientChange, ResponseChange, Calibration, SolveSettings,
+    AmbientChange, ResponseChange, WorldChange, Calibration, SolveSettings,
     Residual, Slope, LightResidual, Misfit, ViewCheck, MaterialCheck, Checks, Noise, Plan)}
 _KINDS = "biuf"  # of arrays: truth values, integers, floats
 _TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can tell: else other bytes each time

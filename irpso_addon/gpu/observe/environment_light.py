@@ -13,7 +13,7 @@ from typing import Protocol
 import moderngl
 import numpy as np
 
-from ...core.data import F32, F64, Environment
+from ...core.data import F32, F64, Emitter
 from ...core.shading import environment as model
 from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps
@@ -50,13 +50,15 @@ class Pixels(Protocol):
 class LitByEnvironment:
     """One environment's directions and their shadow maps; all belongs to the scope."""
 
-    def __init__(self, device: Device, visibility: LightVisibility, environment: Environment, count: int) -> None:
-        self.device, self.visibility = device, visibility
-        self.directions = model.directions(environment, count)
+    def __init__(
+        self, device: Device, visibility: LightVisibility, directions: model.Directions,
+        emitters: tuple[Emitter, ...] = (),
+    ) -> None:
+        self.device, self.visibility, self.directions = device, visibility, directions
         data = _rows(self.directions)
         self.data = device.texture(data.shape[1], data.shape[0], 4, data)
         self.sheets: list[moderngl.Texture] = []
-        self.emitters = LitByEmitters(device, visibility, environment.emitters) if environment.emitters else None
+        self.emitters = LitByEmitters(device, visibility, emitters) if emitters else None
 
     def draw_shadows(self) -> Iterator[float]:
         """All maps; yields the share that is done."""

@@ -266,7 +266,8 @@ class _Observer:
                     return Progress(0.5 + 0.3 * (i + share) / len(environments), "observe", f"light of {name}")
 
                 with self.device.scope() as passing:
-                    lit = LitByEnvironment(self.device, visibility, environment, self.limits.directions)
+                    lit = LitByEnvironment(self.device, visibility, environment_model.directions(
+                        environment, self.limits.directions), environment.emitters)
                     for done in lit.draw_shadows():
                         yield told(0.4 * done)
                     for n, c in enumerate(chosen):
@@ -283,7 +284,7 @@ class _Observer:
             return
         with self.device.scope() as kept:
             visibility = LightVisibility(self.device, self.mesh, self.occluders, 1)
-            lit = LitByEnvironment(self.device, visibility, uniform_environment(), environment_model.COUNT)
+            lit = LitByEnvironment(self.device, visibility, environment_model.directions(uniform_environment()))
             for done in lit.draw_shadows():
                 yield Progress(0.8 * done, "observe", "ambient light")
             for camera in self.cameras:

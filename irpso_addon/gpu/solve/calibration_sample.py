@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import moderngl
 import numpy as np
 
 from ...core.calibration.rig import Rig
 from ...core.calibration.rig_sample import RigSample, typical_light
-from ...core.data import F64, I32, Bool, View
+from ...core.data import F32, F64, I32, Bool, View
 from ..observe.observation_atlas import CameraSource
 from .material_sample import CameraSample, read_sample, spread_squares
 
@@ -20,16 +21,27 @@ def calibration_sample(
     source: CameraSource, texels: Bool, seed: int, scale_known: bool, most: int = TEXELS,
 ) -> RigSample:
     """``texels``: (h, w) those to choose from.  ``scale_known``: as of the scene.  ``most``: of them."""
+    return sampled(source, texels, seed, scale_known, most)[0]
+
+
+def sampled(
+    source: CameraSource, texels: Bool, seed: int, scale_known: bool, most: int = TEXELS,
+    facet: moderngl.Texture | None = None,
+) -> tuple[RigSample, tuple[F32, F32, F32]]:
+    """As `calibration_sample`, and the (T, 4) position, normal and ``facet`` of its texels, as of GBufferMaps."""
     device = source.device
     squares = spread_squares(texels, most // SIDE, seed, SIDE)
     with device.scope():
         sample = CameraSample(device, source, texels, squares)
         observed, places = read_sample(device, sample, most)
-        position = sample.places.reshape(-1, 4)[places, :3].astype(np.float64)
-        normal = sample.normals.reshape(-1, 4)[places].astype(np.float64)
+        surface = sample.places.reshape(-1, 4)[places], sample.normals.reshape(-1, 4)[places]
+    flat = surface[1] if facet is None else squares.pack_texture(device, facet).reshape(-1, 4)[places]
+    position, normal = (each.astype(np.float64) for each in surface)
     views, of_layer = views_of(source)
-    return RigSample(observed, Rig.of(views, position.mean(0)), of_layer, position, normal[:, :3],
-                     normal[:, 3].round().astype(np.int32), cells_of(position), scale_known, typical_light(observed))
+    rig = RigSample(observed, Rig.of(views, position[:, :3].mean(0)), of_layer, position[:, :3], normal[:, :3],
+                    normal[:, 3].round().astype(np.int32), cells_of(position[:, :3]), scale_known,
+                    typical_light(observed))
+    return rig, (*surface, flat)
 
 
 def most_texels(layers: int) -> int:

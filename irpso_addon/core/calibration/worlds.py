@@ -1,0 +1,153 @@
+"""Whether worlds are turned, or made brighter: only where left-out views are then predicted better.
+
+Half of the texels say what is to be changed; of the other half, views are left out in turn and predicted under it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data import F64, Bool, PredictionError
+from ..evaluation.folds import Folds, Judge, scatter, split
+from ..evaluation.sampled_texels import predicted
+from ..job import Steps
+from .calibrate import GIVEN, HALF, LEAST_SEEN, LEAST_TEXELS, SURE, WORSE
+from .rig_fit import CAUCHY
+from .texel_materials import lobes_of
+from .world_fit import LEAST_STEP, LIKELY, MANY_LIKELY, STRENGTH_STEP, TURN_STEP, WorldFit, WorldNumbers
+from .world_sample import Changed, LightAt, WorldSample
+
+CHANGED = "changed"
+EXPLAINED = 0.15  # error of left-out radiance above which a turn may take up what the model of the material lacks
+
+
+@dataclass(frozen=True)
+class WorldsJudged:
+    """A change that is worth making."""
+
+    keys: tuple[tuple[str, float], ...]  # (K,) of the environments, as given
+    change: WorldNumbers
+    error: WorldNumbers  # standard errors
+    given: PredictionError  # of left-out views, as the scene is given
+    changed: PredictionError
+
+    @property
+    def sure_turns(self) -> list[bool]:
+        """(K,) whether each is turned beyond doubt."""
+        return _sure(self.change.turn, self.error.turn, LEAST_STEP * TURN_STEP)
+
+    @property
+    def sure_strengths(self) -> list[bool]:
+        """(W,) whether each world is brighter or darker beyond doubt."""
+        return _sure(self.change.log_strength, self.error.log_strength, LEAST_STEP * STRENGTH_STEP)
+
+
+def _sure(values: F64, errors: F64, least: float) -> list[bool]:
+    return [bool(abs(value) > max(SURE * error, least)) for value, error in zip(values, errors, strict=True)]
+
+
+def judge_worlds(sample: WorldSample, light: LightAt) -> Steps[WorldsJudged | None]:
+    """What is to be changed of the worlds; None where nothing is, or where too little is seen to judge it."""
+    folds, sample = split(sample.rig.texels), sample.clean()
+    if folds is None or int(sample.rig.texels.usable().any(1).sum()) < LEAST_TEXELS:
+        return None
+    fit = WorldFit(sample, light)
+    point = np.zeros(fit.turns + fit.worlds)
+    if not (yield from _slopes(fit, point)):
+        return None
+    point = yield from fit.found()
+    found = yield from _found(fit, point)
+    if not any((*found.sure_turns, *found.sure_strengths)):
+        return None
+    contest = _Contest(sample, folds, fit)
+    contest.add(GIVEN, [sample.under(sample.given, np.zeros(fit.worlds))] * 2)
+    halves = []
+    for others in contest.halves[::-1]:
+        change = (yield from _found(fit, point, others)).change
+        halves.append(sample.under((yield from light(change.turn)), change.log_strength))
+    contest.add(CHANGED, halves)
+    if not contest.worth_it():
+        return None
+    return replace(found, given=contest.judge.error(GIVEN), changed=contest.judge.error(CHANGED))
+
+
+def _slopes(fit: WorldFit, point: F64) -> Steps[bool]:
+    """Whether some number is beside its valley's bottom."""
+    numbers = [*fit.turn_numbers, *fit.strength_numbers]
+    likely = LIKELY if len(numbers) == 1 else MANY_LIKELY
+    for number in numbers:
+        if (yield from fit.valley(point, number)).slopes(fit.sample.rig.cluster, likely):
+            return True
+    return False
+
+
+def _found(fit: WorldFit, point: F64, some: Bool | None = None) -> Steps[WorldsJudged]:
+    """Where the numbers' valleys are lowest about a point; ``some``: (T,) of the texels alone."""
+    error = np.zeros(len(point))
+    for number in fit.strength_numbers:  # without light drawn anew: turns are judged at their bottoms
+        valley = yield from fit.valley(point, number)
+        point = point + valley.bottom(some) * number
+        error += valley.error(fit.sample.rig.cluster) * np.abs(number)
+    at = point
+    for number in fit.turn_numbers:
+        valley = yield from fit.valley(point, number)
+        at = at + valley.bottom(some) * number
+        error += valley.error(fit.sample.rig.cluster) * np.abs(number)
+    none = PredictionError(0.0, 0.0)
+    return WorldsJudged(fit.sample.keys, fit.change(at), fit.change(error), none, none)
+
+
+class _Contest:
+    """What the given worlds and changed ones predict of left-out views."""
+
+    def __init__(self, sample: WorldSample, folds: Folds, fit: WorldFit) -> None:
+        self.sample, self.folds, self.fit = sample, folds, fit
+        odd: Bool = np.unique(sample.rig.cluster, return_inverse=True)[1] % 2 == 1
+        self.halves = [odd, ~odd]
+        self.judge = Judge(sample.rig.texels, folds)
+        self.judge.add("lambert", [predicted(sample.rig.texels, None, ~out) for out in folds.left_out])
+        self.seen: dict[str, Sequence[Changed]] = {}
+        self.left: dict[str, F64] = {}  # (T, V) log of predicted over observed radiance, 0 if not judged
+
+    def add(self, name: str, seen: Sequence[Changed]) -> None:
+        """``seen``: as a light has them, of each half of the texels."""
+        self.seen[name] = seen
+        given = self.sample.rig.texels.reflected
+        shown = [np.zeros_like(given) for _ in self.folds.left_out]
+        one = np.ones(given.shape[:2])
+        for half, changed in zip(self.halves, seen, strict=True):
+            for value, out in zip(shown, self.folds.left_out, strict=True):
+                texels = changed.texels
+                known = replace(texels, quality=np.where(out, 0.0, texels.quality))
+                lobes = lobes_of(self.sample.rig, known, self.fit.materials)
+                value[half] = (predicted(texels, lobes, ~out) * changed.brighter)[half]
+        for value, out in zip(shown, self.folds.left_out, strict=True):
+            one[:, out] = value[:, out].mean(-1)
+        self.judge.add(name, shown)
+        observed = given.mean(-1)
+        some = self.judge.judged & (observed > 0) & (one > 0)
+        self.left[name] = np.log(np.where(some, one, 1.0) / np.where(some, observed, 1.0))
+
+    def worth_it(self) -> bool:
+        """Whether texels that had no part in it agree, beyond the scatter, and left-out views are predicted better.
+
+        Where the material is not explained, less than half of the error must be left.
+        """
+        cost = {name: sum(self.fit.costs(changed) * half for half, changed in zip(self.halves, seen, strict=True))
+                for name, seen in self.seen.items()}
+        gain = np.asarray(cost[GIVEN] - cost[CHANGED])
+        unit = CAUCHY * self._scale(CHANGED)
+        loss = {name: float(np.log1p((left / unit) ** 2).sum()) for name, left in self.left.items()}
+        after, before = self.judge.error(CHANGED), self.judge.error(GIVEN)
+        whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
+        explained = after.relative_rms < EXPLAINED or self._scale(CHANGED) < HALF * self._scale(GIVEN)
+        return bool(gain.sum() > scatter(gain, self.sample.rig.cluster) and loss[CHANGED] < loss[GIVEN]
+                    and whole < WORSE and explained)
+
+    def _scale(self, name: str) -> float:
+        """Robust standard deviation of what predictions of left-out views are off by, relative."""
+        left = self.left[name]
+        return 1.4826 * max(float(np.median(np.abs(left[left != 0]))), LEAST_SEEN)

@@ -1,0 +1,108 @@
+"""Worlds that are turned, or too bright, are put right; exact pictures of a plane, without a renderer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.calibration.put_right import applied, under_worlds
+from irpso_addon.core.data import Coat, Environment, SceneData, Solution, View
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.shading import brdf
+from irpso_addon.core.shading.environment import about_z
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import pipeline
+from tests.support import skies
+from tests.support import synthetic as syn
+from tests.support.sky_shoot import shoot
+
+SKY = skies.sky(48, sun=60.0, width=0.12, window=8.0)
+QUARTER = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+ROOM = replace(skies.sky(48, QUARTER, window=12.0), name="room")
+
+
+def _spoilt(scene: SceneData, **by: tuple[float, float]) -> SceneData:
+    """The worlds turned by so many degrees, and so many times as bright."""
+    def other(environment: Environment) -> Environment:
+        degrees, factor = by[environment.name]
+        return replace(environment, rotation=environment.rotation @ about_z(math.radians(degrees)),
+                       radiance=environment.radiance * np.float32(factor))
+
+    return replace(scene, views=tuple(
+        view if view.environment is None else replace(view, environment=other(view.environment))
+        for view in scene.views))
+
+
+def _solved(made: syn.Shoot, scene: SceneData, **settings: object) -> Solution:
+    return thread.run(lambda: pipeline.solve(
+        scene, SolveSettings(size=32, model="one-lobe", **settings), made.read_image))
+
+
+def _views(*environments: Environment) -> list[View]:
+    return [View(Path(f"{environment.name} {n}.exr"), camera, (), environment=environment)
+            for n, camera in enumerate(syn.cameras(6)) for environment in environments]
+
+
+@pytest.fixture(scope="module")
+def made() -> syn.Shoot:
+    """Under one world alone."""
+    return shoot(_views(SKY))
+
+
+@pytest.mark.parametrize("degrees", [-1.0, 3.0, 8.0])
+def test_a_turned_world_is_turned_back(made, degrees):
+    scene = _spoilt(made.scene, sky=(degrees, 1.0))
+    solution = _solved(made, scene)
+    (world,) = solution.calibration.worlds
+    assert math.degrees(world.turn) == pytest.approx(-degrees, abs=0.25)  # 0.02, 0.07 and 0.18 here
+    assert world.sure_turn and not world.sure_strength and world.strength == pytest.approx(1.0, abs=1e-4)
+    assert f"IRPSO turned world 'sky' by {math.degrees(world.turn):+.1f} degrees" in solution.warnings[0]
+    right = under_worlds(scene, (world,)).views[0].environment
+    assert np.allclose(right.rotation, SKY.rotation @ about_z(math.radians(degrees) + world.turn))
+    again = applied(scene, solution.calibration)
+    assert np.array_equal(again.views[0].environment.rotation, right.rotation)
+
+
+def test_an_exact_world_stays(made):
+    auto, given = (_solved(made, made.scene, lamps=lamps) for lamps in ("auto", "given"))
+    assert auto.calibration is None
+    for name in ("base_color", "roughness", "confidence"):
+        assert getattr(auto.maps, name).tobytes() == getattr(given.maps, name).tobytes()
+
+
+@pytest.mark.parametrize("reflect", [
+    partial(brdf.principled, level=0.8), partial(brdf.principled, metallic=0.5, coat=Coat(0.6, 0.25))])
+def test_other_materials_do_not_turn_a_world(reflect):
+    """Highlights that are brighter all around; and a material of which the model explains little."""
+    made = shoot(_views(SKY), replace(syn.PATCHES, reflect=reflect))
+    assert _solved(made, made.scene).calibration is None
+
+
+def test_an_overcast_sky_shows_neither_turn_nor_strength():
+    made = shoot(_views(skies.sky(48)))
+    assert _solved(made, _spoilt(made.scene, sky=(20.0, 1.5))).calibration is None
+
+
+def test_the_strengths_of_two_worlds_and_their_turns():
+    """Brightness as a whole belongs to the base colours: each takes half of what they differ by."""
+    made = shoot(_views(SKY, ROOM))
+    sky, room = _solved(made, _spoilt(made.scene, sky=(-2.0, 1.0), room=(3.0, 1.1))).calibration.worlds
+    assert sky.strength / room.strength == pytest.approx(1.1, rel=0.005)  # 0.1 % off here
+    assert sky.strength * room.strength == pytest.approx(1.0, rel=1e-3)
+    assert math.degrees(sky.turn) == pytest.approx(2.0, abs=0.4) and math.degrees(room.turn) == pytest.approx(
+        -3.0, abs=0.5)
+
+
+def test_a_world_beside_lamps():
+    lamps = syn.lamps(4)
+    views = [View(Path(f"{c} {n}.exr"), camera, (lamp,), environment=SKY)
+             for c, camera in enumerate(syn.cameras(3)) for n, lamp in enumerate(lamps)]
+    made = shoot(views)
+    (world,) = _solved(made, _spoilt(made.scene, sky=(4.0, 1.1))).calibration.worlds
+    assert world.strength == pytest.approx(1 / 1.1, rel=0.005)  # 0.2 % off here
+    assert math.degrees(world.turn) == pytest.approx(-4.0, abs=0.25)
