@@ -18,10 +18,14 @@ NAME = "Subject"
 CAMERAS = ((0.0, 0.15), (0.8, 0.35), (-0.75, -0.2))  # radians to the side and up, from +Z
 LAMPS, CONE = 12, math.radians(70)
 DISTANCE, LAMP_DISTANCE = 4.0, 3.0  # metres
+ROOM_SAMPLES = 256
 
 
-def make(asset: Asset, folder: Path, lamps: int = LAMPS) -> None:
-    """``folder``: scene.blend without a trace of the truth, captures.json, refs."""
+def make(asset: Asset, folder: Path, lamps: int = LAMPS, room: bool = False) -> None:
+    """``folder``: scene.blend without a trace of the truth, captures.json, refs.
+
+    ``room``: with a picture of each camera under light of radiance 1 from everywhere, "room Camera 1.exr".
+    """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     _set_up(asset)
     subject = _add_mesh(asset)
@@ -30,7 +34,10 @@ def make(asset: Asset, folder: Path, lamps: int = LAMPS) -> None:
     for slot, material in zip(subject.material_slots, painted, strict=True):
         slot.material = material
     (folder / "refs").mkdir(parents=True, exist_ok=True)
-    views = _render_all(folder, asset, [_camera(i) for i in range(len(CAMERAS))], _lamps(asset, lamps))
+    cameras, lights = [_camera(i) for i in range(len(CAMERAS))], _lamps(asset, lamps)
+    views = _render_all(folder, asset, cameras, lights)
+    if room:
+        _render_room(folder, cameras, lights)
     for slot, material in zip(subject.material_slots, blank, strict=True):
         slot.material = material
     for material in painted:
@@ -163,6 +170,24 @@ def _render_all(
         lamp.hide_render = False
     scene.render.filepath = ""
     return views
+
+
+def _render_room(folder: Path, cameras: list[bpy.types.Object], lamps: list[bpy.types.Object]) -> None:
+    scene = bpy.context.scene
+    scene.world = world = bpy.data.worlds.new("room")
+    if world.node_tree is None:  # Blender 5 makes the nodes at once
+        world.use_nodes = True
+    world.node_tree.nodes["Background"].inputs["Color"].default_value = (1, 1, 1, 1)
+    for lamp in lamps:
+        lamp.hide_render = True
+    scene.cycles.samples = ROOM_SAMPLES
+    for camera in cameras:
+        scene.camera, scene.render.filepath = camera, str(folder / f"refs/room {camera.name}.exr")
+        bpy.ops.render.render(write_still=True)
+    for lamp in lamps:
+        lamp.hide_render = False
+    bpy.data.worlds.remove(world)
+    scene.render.filepath = ""
 
 
 def _add_noise(path: Path, noise: float, rng: np.random.Generator) -> None:

@@ -55,12 +55,12 @@ def _mean(values: np.ndarray) -> float:
     return float(np.mean(values, dtype=np.float64)) if values.size else 0.0
 
 
-def scene_of(asset: Asset, folder: Path, lamps: int = capture.LAMPS) -> SceneData:
+def scene_of(asset: Asset, folder: Path, lamps: int = capture.LAMPS, room: bool = False) -> SceneData:
     """The scene, which is open then; ``folder`` keeps its pictures, rendered where the code that made them changed."""
-    key = hashlib.sha256(f"{asset.name} {asset.pixels} {asset.samples} {lamps}".encode() + b"".join(
+    key = hashlib.sha256(f"{asset.name} {asset.pixels} {asset.samples} {lamps}{' room' * room}".encode() + b"".join(
         (Path(__file__).parent / name).read_bytes() for name in ("assets.py", "capture.py"))).hexdigest()
     if not (folder / MADE_BY).exists() or (folder / MADE_BY).read_text(encoding="utf-8") != key:
-        capture.make(asset, folder, lamps)
+        capture.make(asset, folder, lamps, room)
         (folder / MADE_BY).write_text(key, encoding="utf-8")
     files.open_blend(folder / "scene.blend")
     return read_scene(None, None, folder / "captures.json")
