@@ -22,6 +22,7 @@ from .draw_budget import Rectangle
 from .programs import SLOWER, Programs, first_line
 
 BAD_MATCH = "0x3009"  # EGL's word for a version that is not there
+SOFTWARE = ("llvmpipe", "softpipe")  # how the names of renderers without a GPU begin
 Made = TypeVar("Made", moderngl.Texture, moderngl.Buffer, moderngl.Framebuffer, moderngl.VertexArray)
 
 
@@ -75,6 +76,7 @@ class DeviceMemory:
         self.ctx.clear_errors()  # of what the context was asked while it was made
         self.info: dict[str, Any] = self.ctx.info
         self.name: str = self.info["GL_RENDERER"]
+        self.is_software = self.name.startswith(SOFTWARE)  # draws on the processor
         self.lost = False  # whether it is of no more use
         self._context_check: ContextCheck | None = None
         self.programs = Programs(self.ctx, self.check_alive)

@@ -29,6 +29,8 @@ from ..device.occupied_cells import CELL
 from .observations import EDGE_QUALITY, Observations, ObservedView
 
 TILE = (512, 128)  # width and height, in texels
+NARROW = 128  # width where a software renderer reads more than UNROLLED layers, and at most ...
+NARROW_BLOCKS = 192  # ... so many blocks: with more, tiles are low too, and draws many; decision 0026
 ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
 UNROLLED = 16  # layers up to which loops over them are unrolled; shaders/solve/each_group.glsl goes so far
 REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
@@ -98,10 +100,11 @@ class ObservationAtlas:
 
     def __init__(self, device: Device, source: Source, tile: tuple[int, int] | None = None) -> None:
         """``tile``: its width and height (else TILE), less where the maps or the device's textures are smaller."""
-        tile = tile or TILE
         self.device = device
         self.layers = layers = source.layers
         rows, (width, height) = layers.blocks, source.size
+        narrow = device.is_software and len(layers.groups) > UNROLLED and rows <= NARROW_BLOCKS
+        tile = tile or (min(TILE[0], NARROW) if narrow else TILE[0], TILE[1])
         self.tile = (min(tile[0], width), max(1, min(tile[1], height, ATLAS_ROWS // rows)))
         self.texture = device.texture(self.tile[0], self.tile[1] * rows)
         self.target = device.framebuffer([self.texture])
