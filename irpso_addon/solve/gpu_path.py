@@ -18,6 +18,7 @@ import numpy as np
 from ..core.calibration.calibrate import Judged, calibrate
 from ..core.calibration.put_right import put_right, told, told_of_worlds, under_worlds
 from ..core.calibration.rig import Rig
+from ..core.calibration.rig_sample import RigSample
 from ..core.calibration.worlds import judge_worlds
 from ..core.data import F32, I32, Bool, Bounced, Calibration, MeshArrays, RadianceImage, SceneData, View
 from ..core.errors import BadInput, Cancelled
@@ -36,10 +37,11 @@ from ..gpu.maps.finish_maps import CoarseSurroundings, FinishedMaps, SolvedTexel
 from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.observation_atlas import CameraSource
 from ..gpu.observe.observations import Observations, ObserveOptions, observe
-from ..gpu.solve.calibration_sample import calibration_sample, most_texels
+from ..gpu.solve.calibration_sample import calibration_sample, most_texels, sampled
 from ..gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
 from ..gpu.solve.model_ladder import Ladder
 from ..gpu.solve.normal_texels import SAMPLE, refined_normals
+from ..gpu.solve.openness import openness
 from ..gpu.solve.world_light import world_sample
 
 Result = TypeVar("Result")
@@ -235,7 +237,7 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
     calibration: Calibration | None = None
     normals: NormalsJudged | str = ""
     if calibrates:
-        judged = yield from clock.stage("calibrate", _calibrated(source(), given, texels))
+        judged = yield from clock.stage("calibrate", _calibrated(source(), given, texels, grid))
         if judged is not None:
             scene, calibration = put_right(scene, *judged), told(*judged)
     if turns:
@@ -279,13 +281,20 @@ def _turned(
 
 
 def _calibrated(
-    source: CameraSource, given: Given, texels: Bool,
+    source: CameraSource, given: Given, texels: Bool, grid: TexelGrid,
 ) -> Generator[Progress, None, tuple[Rig, Judged] | None]:
     """What is to be put right of lamps and exposures; None: nothing."""
     settings = given.settings
-    taken = partial(calibration_sample, source, texels, settings.seed, given.scene.scale_known)
-    sample = taken()
-    judged = yield from calibrate(sample, settings.lamps == "auto", settings.exposures == "auto",
-                                  more=lambda: taken(most_texels(len(sample.view))),
+    known = given.scene.scale_known
+    sample = calibration_sample(source, texels, settings.seed, known)
+
+    def more(ambient: bool) -> RigSample:
+        large, surface = sampled(
+            source, texels, settings.seed, known, most_texels(len(sample.view)), grid.maps.facet)
+        if not ambient:
+            return large
+        return replace(large, openness=openness(source.device, source, grid.mesh, given.scene, large, surface))
+
+    judged = yield from calibrate(sample, settings.lamps == "auto", settings.exposures == "auto", more,
                                   straight=straightened if settings.normals == "auto" else None)
     return None if judged is None else (sample.rig, judged)

@@ -74,12 +74,12 @@ def errors(solution: Solution) -> tuple[float, float]:
 
 
 def test_the_room_is_found(scene: SceneData) -> None:
-    """Most of what it costs is mended.  The estimate does not see what the dish hides, the maps do."""
+    """All of what it costs is mended; the dish hides a part of it."""
     given, found = solve(scene, lamps="given", exposures="given"), solve(scene)
     told = replace(scene, views=tuple(replace(view, ambient_radiance=RADIANCE) for view in scene.views))
     known = solve(told, lamps="given", exposures="given")
     assert found.calibration is not None and found.calibration.ambient is not None
-    np.testing.assert_allclose(found.calibration.ambient.radiance, RADIANCE, rtol=0.05)  # 2.2 % of green here
+    np.testing.assert_allclose(found.calibration.ambient.radiance, RADIANCE, rtol=0.04)  # 2.5 % of blue here
     before, after, right = (errors(solution) for solution in (given, found, known))
-    assert after[1] < 0.2 * before[1] and right[1] < 0.1 * before[1]  # 0.0074 and 0.0055 of 0.0752 here
-    assert after[0] < 0.85 * before[0] and right[0] < 0.6 * before[0]  # 0.070 and 0.046 of 0.089
+    assert after[1] < 0.1 * before[1] and right[1] < 0.1 * before[1]  # 0.0046 and 0.0055 of 0.0752 here
+    assert after[0] < 0.6 * before[0] and right[0] < 0.6 * before[0]  # 0.038 and 0.046 of 0.089

@@ -52,14 +52,14 @@ class Judged:
 
 
 def calibrate(
-    sample: RigSample, lamps: bool, exposures: bool, more: Callable[[], RigSample] | None = None,
+    sample: RigSample, lamps: bool, exposures: bool, more: Callable[[bool], RigSample] | None = None,
     straight: Callable[[RigSample, RigChange | None], RigSample] | None = None,
 ) -> Steps[Judged | None]:
     """What is to be changed; None where nothing is, or where too little is seen to judge it.
 
     ``lamps``, ``exposures``: what may be changed.  The fewest numbers are changed that predict about as well as all.
-    ``more``: a larger sample, which says by how much; None: the same.  ``straight``: a sample under the normals that
-    explain it, under a change of the rig; None: normals are those of the mesh.
+    ``more``: a larger sample, with its openness where asked, which says by how much; None: the same.  ``straight``: a
+    sample under the normals that explain it, under a change of the rig; None: normals are those of the mesh.
     """
     given_sample = sample
     if straight is not None:
@@ -102,7 +102,7 @@ def calibrate(
     if taken == GIVEN:
         return None
     kept, found = yield from _with_ambient(contest, kept, found)
-    large = more() if more is not None else given_sample
+    large = more(kept.ambient) if more is not None else given_sample
     seen = large
     for _ in range(1 if straight is None else TURNS):
         if straight is not None:

@@ -33,11 +33,13 @@ class RigSample:
     cluster: I32  # (T,) neighbours, which err alike, share a number
     scale_known: bool = True  # the lamps' powers are those of the pictures: the Specular IOR Level is likely to be 0.5
     light: float = 1.0  # W/m^2: the unit of irradiance from all around
+    openness: F64 | None = None  # (T,) share of light from all around that nothing hides; None: all of it
 
     def part(self, some: Bool) -> RigSample:
         """Some of the texels."""
         return replace(self, texels=self.texels.part(some), position=self.position[some], normal=self.normal[some],
-                       slot=self.slot[some], cluster=self.cluster[some])
+                       slot=self.slot[some], cluster=self.cluster[some],
+                       openness=None if self.openness is None else self.openness[some])
 
     @cached_property
     def geometry(self) -> RigGeometry:
@@ -101,7 +103,9 @@ class RigGeometry:
         self.cosine = np.stack([of_view[place] for place in sample.view], -1)  # (T, V) log of it to the camera's axis
         shown = np.array([(view.gain * 2.0**view.exposure, view.vignetting) for view in sample.rig.views])[sample.view]
         self.diffuse = _diffuse_shapes(sample.texels)  # (2, T, V) logarithms
-        self.open = np.array([float(view.ambient is None) for view in sample.rig.views])[sample.view]  # (V,)
+        lit = np.array([float(view.ambient is None) for view in sample.rig.views])[sample.view]
+        reached = np.ones(len(sample.slot)) if sample.openness is None else sample.openness
+        self.open = reached[:, None] * lit  # (T, V) share of the light from all around
         self.file = shown[:, 0] * np.exp(shown[:, 1] * self.cosine)  # (T, V) value of files for each unit of radiance
 
     def under(self, change: RigChange) -> Seen:
@@ -142,7 +146,7 @@ class RigGeometry:
         """``lamps``, ``shown``: (T, V) factors of the lamps' irradiance and of what a picture shows of radiance."""
         texels = self.sample.texels
         irradiance = np.maximum(texels.irradiance * lamps[..., None], LEAST_LIGHT)
-        ambient = max(change.ambient, 0.0) * self.sample.light * self.open[:, None]
+        ambient = max(change.ambient, 0.0) * self.sample.light * self.open[..., None]
         sheen = brdf.principled_energy(SHEEN, np.clip(texels.cos_v, LEAST_COSINE, 1.0))[..., 1] / np.pi
         return Bent(ambient / irradiance, ambient * sheen[..., None] / irradiance,
                     irradiance * (shown * self.file)[..., None], float(np.exp(change.log_response)))

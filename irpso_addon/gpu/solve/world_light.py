@@ -25,12 +25,20 @@ Key = tuple[str, float]
 
 
 @dataclass
-class _Texels:
+class SampleTexels:
     """The sample's texels that a camera sees, as if they were its pixels."""
 
     maps: GBufferMaps
     uniforms: dict[str, object]
     defines: dict[str, str]
+
+
+def sample_grid(device: Device, values: F32) -> moderngl.Texture:
+    """(T, 4) of a sample's texels, as a texture."""
+    height = -(-len(values) // WIDTH)
+    grid = np.zeros((height * WIDTH, 4), np.float32)
+    grid[:len(values)] = values
+    return device.texture(WIDTH, height, 4, grid.reshape(height, WIDTH, 4))
 
 
 class WorldLight:
@@ -43,10 +51,10 @@ class WorldLight:
         """``surface``: (T, 4) each, as of GBufferMaps; ``seen``: (T, cameras) by which camera."""
         self.device, self.count = device, len(seen)
         position, normal, facet = surface
-        shared = self._texture(normal), self._texture(facet)
+        shared = sample_grid(device, normal), sample_grid(device, facet)
         cameras = source.observations.cameras
-        self.cameras = [_Texels(
-            GBufferMaps(self._texture(np.where(own[:, None], position, np.float32(0))), *shared),
+        self.cameras = [SampleTexels(
+            GBufferMaps(sample_grid(device, np.where(own[:, None], position, np.float32(0))), *shared),
             {**camera.uniforms, "u_footprint": 0.0}, camera.defines)
             for camera, own in zip(cameras, seen.T, strict=True)]
         self.visibility = LightVisibility(device, mesh, Occluders(device, scene.occluders), 1)
@@ -59,12 +67,6 @@ class WorldLight:
         self.environments: list[Environment] = list(found.values())
         self.directions = {each.world: model.directions(each, DIRECTIONS) for each in self.environments}
         self._kept: dict[tuple[Key, float], dict[int, tuple[F32, F32]]] = {}
-
-    def _texture(self, values: F32) -> moderngl.Texture:
-        height = -(-self.count // WIDTH)
-        grid = np.zeros((height * WIDTH, 4), np.float32)
-        grid[:self.count] = values
-        return self.device.texture(WIDTH, height, 4, grid.reshape(height, WIDTH, 4))
 
     def __call__(self, turns: F64) -> Steps[Around]:
         """As of `LightAt`."""

@@ -1,0 +1,44 @@
+"""How much of the light from all around reaches a sample of texels, by what the object and its surroundings hide."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.calibration.rig_sample import RigSample
+from ...core.data import F32, F64, SceneData
+from ...core.shading import environment as model
+from ..device.context import Device
+from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders
+from ..observe.ambient_light import uniform_environment
+from ..observe.environment_light import LitByEnvironment
+from ..observe.observation_atlas import CameraSource
+from ..observe.visibility import LightVisibility
+from .world_light import SampleTexels, sample_grid
+
+
+def openness(
+    device: Device, source: CameraSource, mesh: MeshBuffer, scene: SceneData, sample: RigSample,
+    surface: tuple[F32, F32, F32],
+) -> F64:
+    """(T,) irradiance over that of a place from which nothing is hidden; 1 where no camera sees the texel.
+
+    ``surface``: (T, 4) each, as of GBufferMaps.
+    """
+    usable, camera = sample.texels.quality > 0, sample.texels.camera
+    seen = np.where(usable.any(1), camera[usable.argmax(1)], -1)  # by whichever camera: each one's pixels face it
+    result = np.ones(len(seen))
+    with device.scope():
+        visibility = LightVisibility(device, mesh, Occluders(device, scene.occluders), 1)
+        lit = LitByEnvironment(device, visibility, model.directions(uniform_environment()))
+        for _ in lit.draw_shadows():
+            pass
+        normal, facet = (sample_grid(device, values) for values in surface[1:])
+        for n in np.unique(seen[seen >= 0]):
+            own = seen == n
+            of = source.observations.cameras[n]
+            maps = GBufferMaps(sample_grid(device, np.where(own[:, None], surface[0], np.float32(0))), normal, facet)
+            texels = SampleTexels(maps, {**of.uniforms, "u_footprint": 0.0}, of.defines)
+            *_, made = lit.irradiance(texels)
+            assert made is not None
+            result[own] = device.read(made).reshape(-1, 4)[:len(seen)][own, 1] / np.pi
+    return result
