@@ -39,6 +39,7 @@ LEAST_SEEN = 1e-6
 GIVEN = "given"
 
 Result = TypeVar("Result")
+Straight = Callable[[RigSample, RigChange | None], RigSample]
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Judged:
 
 def calibrate(
     sample: RigSample, lamps: bool, exposures: bool, more: Callable[[bool], RigSample] | None = None,
-    straight: Callable[[RigSample, RigChange | None], RigSample] | None = None,
+    straight: Straight | None = None,
 ) -> Steps[Judged | None]:
     """What is to be changed; None where nothing is, or where too little is seen to judge it.
 
@@ -61,12 +62,22 @@ def calibrate(
     ``more``: a larger sample, with its openness where asked, which says by how much; None: the same.  ``straight``: a
     sample under the normals that explain it, under a change of the rig; None: normals are those of the mesh.
     """
-    given_sample = sample
-    if straight is not None:
-        sample = straight(sample, None)
+    larger = more or (lambda ambient: sample)
+    judged, off = yield from _judged(sample, lamps, exposures, larger, None)
+    if judged is None and off and straight is not None:  # a mesh that is wrong in detail may hide what is off
+        seen = straight(sample, None)
+        if seen is not sample:
+            judged, _ = yield from _judged(seen, lamps, exposures, larger, straight)
+    return judged
+
+
+def _judged(
+    sample: RigSample, lamps: bool, exposures: bool, more: Callable[[bool], RigSample], straight: Straight | None,
+) -> Steps[tuple[Judged | None, bool]]:
+    """What is to be changed, and whether something seems to be off."""
     folds = split(sample.texels)
     if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
-        return None
+        return None, False
     frees = _frees(sample, lamps, exposures)
     yield Progress(0.0, "calibrate", "lamps and exposures")
     quick = yield from _share(fit_rig(sample, frees[-1], rounds=2), 0.0, 0.1)
@@ -76,12 +87,12 @@ def calibrate(
         if other.scatter < PAYS * quick.scatter:
             quick, frees = other, [replace(free, levels=True) for free in frees]
     if not _off(quick) or not _gains(quick):
-        return None
+        return None, False
     everything = yield from _share(fit_rig(sample, frees[-1]), 0.2, 0.5)
     if not _off(everything) or not _gains(everything):
-        return None
+        return None, True
     if everything.scatter >= HALF * everything.given and not sure_of_ambient(everything):
-        return None
+        return None, True
     whole, given, frees = frees[-1], everything.given, _pruned(frees, everything)
     if frees[-1] != whole:
         everything = yield from _share(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
@@ -92,7 +103,7 @@ def calibrate(
         own = everything
         if free != frees[-1]:
             own = yield from _share(fit_rig(sample, free, start=everything), begin, middle)
-        if not _explains(own, free, given):
+        if not _explains(own, free, given, everything):
             continue
         contest.add(str(free), (yield from _share(contest.predictions(free, own), middle, end)))
         if contest.worth(free, taken) and (yield from _is_no_material(contest, free, everything, (middle, end))):
@@ -100,9 +111,9 @@ def calibrate(
             if own.scatter**2 - everything.scatter**2 < LEAST_FIT**2:  # more numbers explain no more
                 break
     if taken == GIVEN:
-        return None
+        return None, True
     kept, found = yield from _with_ambient(contest, kept, found)
-    large = more(kept.ambient) if more is not None else given_sample
+    large = more(kept.ambient)
     seen = large
     for _ in range(1 if straight is None else TURNS):
         if straight is not None:
@@ -111,7 +122,7 @@ def calibrate(
         if seen is large:
             break
     ambient = (yield from _ambient(seen, kept, found)) if found.change.ambient else (0.0, 0.0, 0.0)
-    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), ambient)
+    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), ambient), True
 
 
 def _with_ambient(contest: _Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:
@@ -137,13 +148,14 @@ def _gains(found: RigFound) -> bool:
     return found.given**2 - found.scatter**2 > LEAST_FIT**2
 
 
-def _explains(found: RigFound, free: Free, given: float) -> bool:
-    """Whether a fit leaves clearly less over than the given rig: but for ambient light, less than half.
+def _explains(found: RigFound, free: Free, given: float, everything: RigFound) -> bool:
+    """Whether a fit leaves clearly less over than the given rig: less than half.
 
-    Lamps, exposures and a response can mimic what the model of the material lacks, but only in part.
+    Lamps, exposures and a response can mimic what the model of the material lacks, but only in part.  Ambient light
+    alone must explain more than what would then be left for all other numbers.
     """
-    half = free.only_ambient or found.scatter < HALF * given
-    return half and given**2 - found.scatter**2 > LEAST_FIT**2
+    left, gain = found.scatter**2 - everything.scatter**2, given**2 - found.scatter**2
+    return gain > LEAST_FIT**2 and (left < gain if free.only_ambient else found.scatter < HALF * given)
 
 
 def _is_no_material(contest: _Contest, free: Free, start: RigFound, share: tuple[float, float]) -> Steps[bool]:
