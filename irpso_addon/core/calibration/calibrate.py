@@ -31,6 +31,9 @@ LEAST_ERROR = 0.002  # of the radiance: what a change must explain of left-out v
 LEAST_FIT = 0.001  # ... and of those that are fitted, where base colours explain a part of it
 HALF = 0.5
 TURNS = 4  # of normals and rig
+# Of a lamp's distance, in the mean: normals take up a part of what lamps are off by, and on flat faces the two may walk off
+# together.
+FARTHEST = 0.025
 COLOURS = 3
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
 WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise: few large errors make them
@@ -121,6 +124,8 @@ def _judged(
         found = yield from _share(fit_rig(seen, kept, start=found), 1.0, 1.0)
         if seen is large:
             break
+    if straight is not None and np.linalg.norm(found.change.offset, axis=1).mean() > FARTHEST:
+        return None, True
     ambient = (yield from _ambient(seen, kept, found)) if found.change.ambient else (0.0, 0.0, 0.0)
     return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), ambient), True
 
