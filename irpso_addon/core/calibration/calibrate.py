@@ -31,8 +31,8 @@ LEAST_ERROR = 0.002  # of the radiance: what a change must explain of left-out v
 LEAST_FIT = 0.001  # ... and of those that are fitted, where base colours explain a part of it
 HALF = 0.5
 TURNS = 4  # of normals and rig
-# Of a lamp's distance, in the mean: normals take up a part of what lamps are off by, and on flat faces the two may walk off
-# together.
+# Of a lamp's distance, in the mean: normals take up a part of what lamps are off by, and on flat faces the two may walk
+# off together.
 FARTHEST = 0.025
 COLOURS = 3
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
