@@ -31,8 +31,8 @@ LEAST_ERROR = 0.002  # of the radiance: what a change must explain of left-out v
 LEAST_FIT = 0.001  # ... and of those that are fitted, where base colours explain a part of it
 HALF = 0.5
 TURNS = 4  # of normals and rig
-# Of a lamp's distance, in the mean: normals take up a part of what lamps are off by, and on flat faces the two may walk
-# off together.
+# Of a lamp's distance, in the mean.  Farther, lamps may mimic what a mesh has wrong, and walk off together with turned
+# normals.
 FARTHEST = 0.025
 COLOURS = 3
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
@@ -124,7 +124,7 @@ def _judged(
         found = yield from _share(fit_rig(seen, kept, start=found), 1.0, 1.0)
         if seen is large:
             break
-    if straight is not None and np.linalg.norm(found.change.offset, axis=1).mean() > FARTHEST:
+    if _far(found) and (straight is not None or not contest.leaves_half(taken)):
         return None, True
     ambient = (yield from _ambient(seen, kept, found)) if found.change.ambient else (0.0, 0.0, 0.0)
     return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), ambient), True
@@ -146,6 +146,11 @@ def _with_ambient(contest: _Contest, free: Free, found: RigFound) -> Steps[tuple
     for name, each in (("without", without), ("lit", other)):
         contest.add(name, contest.of_whole(each))
     return (lit, other) if contest.gain("lit", "without").sum() > 0 else (free, without)
+
+
+def _far(found: RigFound) -> bool:
+    """Whether lamps would move farther than a shoot's figures are usually off."""
+    return bool(np.linalg.norm(found.change.offset, axis=1).mean() > FARTHEST)
 
 
 def _gains(found: RigFound) -> bool:
@@ -284,6 +289,10 @@ class _Contest:
         whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
         return bool(self.beats(name, other) and whole < WORSE
                     and self._scale(other) ** 2 - self._scale(name) ** 2 > LEAST_ERROR**2)
+
+    def leaves_half(self, name: str) -> bool:
+        """Whether a rig leaves less than half of what the given one does, of left-out views."""
+        return self._scale(name) < HALF * self._scale(GIVEN)
 
     def _scale(self, name: str) -> float:
         """Robust standard deviation of what a rig's predictions are off by, relative."""
