@@ -16,12 +16,20 @@ bpy = pytest.importorskip("bpy")
 
 @pytest.fixture
 def irpso_here(capfd):
-    """As ``irpso`` (tests/conftest.py), but in this process, as Blender runs it; a start of a program takes seconds."""
+    """As ``irpso`` (tests/conftest.py), but in this process, as Blender runs it; a start of a program takes seconds.
+
+    The device that the command line asks for is that command's alone.
+    """
     from irpso_addon.__main__ import main
+    from irpso_addon.gpu.device import thread
 
     def run(*arguments):
         capfd.readouterr()
-        code = main(list(map(str, arguments)))
+        device = thread.settings()
+        try:
+            code = main(list(map(str, arguments)))
+        finally:
+            thread.configure(device)
         return subprocess.CompletedProcess(arguments, code, *capfd.readouterr())
 
     return run
