@@ -6,6 +6,7 @@ import hashlib
 import os
 import subprocess
 import sys
+import typing
 import zipfile
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from irpso_addon.core.maps.export import layers, write_maps
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.storage.atomic_io import _FAR, LOCK, PART, FolderLock, remove_leftovers, replacing
 from irpso_addon.core.tiled import npz_archive
+from irpso_addon.core.tiled.tiled_plan import Plan
 from irpso_addon.core.tiled.uv_blocks import all_blocks
 from irpso_addon.core.tiled.work_folder import WorkFolder
 
@@ -84,6 +86,23 @@ def test_bundle_gives_back_what_it_got(tmp_path, thing):
     assert (tmp_path / "b.npz").read_bytes() == first  # the same thing, the same bytes
     with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
         assert "thing.json" in file.files
+
+
+def records_in(kind: object, found: set[type]) -> set[type]:
+    """All dataclasses that values of a type may hold, by its fields' types."""
+    if isinstance(kind, type) and is_dataclass(kind) and kind not in found:
+        found.add(kind)
+        for hint in typing.get_type_hints(kind).values():
+            records_in(hint, found)
+    for argument in typing.get_args(kind):
+        records_in(argument, found)
+    return found
+
+
+@pytest.mark.parametrize("kind", [Solution, SceneData, Plan])
+def test_bundle_knows_each_record_that_a_result_may_hold(kind):
+    """A solve that refined normals could not be stored: its record was not among them."""
+    assert records_in(kind, set()) <= set(npz_archive.RECORDS.values())
 
 
 def test_loaded_arrays_can_be_changed_and_shared_ones_are_kept_once(tmp_path):
