@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from irpso_addon.core.data import Coat
 from irpso_addon.core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
-from irpso_addon.core.evaluation.folds import Judge, lightness, split
+from irpso_addon.core.evaluation.folds import Judge, lightness, limited, split
 from irpso_addon.core.evaluation.joint_material import JointSearch
 from irpso_addon.core.evaluation.sampled_texels import SampledTexels, one_lobe, predicted
 from irpso_addon.core.shading import brdf
@@ -230,3 +230,28 @@ def test_a_coat_is_found(kind: str, metallic: float, different: bool) -> None:
     assert found.coat.roughness == pytest.approx(COAT.roughness, abs=0.03)
     if not different:
         assert found.roughness == pytest.approx(0.6, abs=0.06) and found.metallic == pytest.approx(metallic, abs=0.1)
+
+
+def test_one_texel_counts_no_more_than_all_others() -> None:
+    values = RNG.uniform(0, 1, 50)
+    np.testing.assert_array_equal(limited(values), values)
+    values[7] = 1e4
+    got = limited(values)
+    assert got[7] == pytest.approx(np.delete(values, 7).sum())
+    np.testing.assert_array_equal(np.delete(got, 7), np.delete(values, 7))
+    np.testing.assert_array_equal(limited(values[:1]), values[:1])
+
+
+def test_a_single_highlight_that_is_predicted_too_bright_does_not_choose_the_model() -> None:
+    """A roughness of each texel is right, but in one texel, whose highlight the folds see too sharp."""
+    rough = RNG.uniform(0.3, 0.7, 60)
+    texels, _ = sampled(60, 12, 2, rough)
+    folds = split(texels)
+    judge = Judge(texels, folds)
+    own = rough.copy()
+    own[np.argmin(texels.nearest())] = 0.05
+    one = np.full(60, 0.5)
+    for name, lobes in (("lambert", None), ("a value a texel", one_lobe(own, 0.5)), ("one value", one_lobe(one, 0.5))):
+        judge.add(name, [predicted(texels, lobes, ~left_out) for left_out in folds.left_out])
+    assert judge.error("a value a texel").relative_rms > 2 * judge.error("one value").relative_rms
+    assert judge.leads("a value a texel", 0.15, ["one value"])

@@ -152,9 +152,16 @@ class Judge:
 
 
 def _losses(candidates: Mapping[str, Candidate]) -> dict[str, F64]:
-    least = [max(min(float(getattr(c, part).sum()) for c in candidates.values()), 1e-30)
-             for part in ("squares", "lightness")]
-    return {name: c.squares / least[0] + c.lightness / least[1] for name, c in candidates.items()}
+    both = {name: (limited(c.squares), limited(c.lightness)) for name, c in candidates.items()}
+    least = [max(min(float(of[part].sum()) for of in both.values()), 1e-30) for part in (0, 1)]
+    return {name: squares / least[0] + lightness / least[1] for name, (squares, lightness) in both.items()}
+
+
+def limited(values: F64) -> F64:
+    """(T,) values >= 0, of which none is larger than the sum of the others: one texel's luck chooses no model."""
+    if len(values) < 2:
+        return values
+    return np.minimum(values, values.sum() - values.max())
 
 
 def scatter(values: F64, clusters: I32) -> float:

@@ -21,7 +21,7 @@ from .material_sample import MaterialSample, clusters, read_sample, sampled
 from .solver import Solver
 
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
-JUDGED = 1000  # texels, of a sample
+JUDGED = 2000  # texels, of a sample
 RACE = 0.5  # of its loss: what is so much worse than the best in the first fold is not tried in the others
 CLEAR = 0.15  # of its loss: a fit that leads by so much over one value for the material needs no prior
 CLEAR_TWO = 0.5  # the same of two lobes, which have no prior: false ones flash so seldom that samples miss it
