@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 from collections.abc import Callable, Generator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from .errors import Cancelled
@@ -77,6 +77,11 @@ def mapped(steps: Steps[Result], transform: Callable[[Progress], Progress], *, k
 def retold(steps: Steps[Result], transform: Callable[[Progress], Progress]) -> Steps[Result]:
     """`mapped`, of what has nothing to keep."""
     return mapped(steps, transform, keeps=False)
+
+
+def share_of(steps: Steps[Result], begin: float, end: float) -> Steps[Result]:
+    """A job as that part of the whole."""
+    return retold(steps, lambda step: replace(step, fraction=begin + (end - begin) * step.fraction))
 
 
 def run_to_end(steps: Steps[Result], show: Callable[[Progress], object]) -> Result:

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..core.calibration.calibrate import Judged, calibrate
+from ..core.calibration.calibrate import Judged, calibrate, found_again
 from ..core.calibration.put_right import put_right, told, told_of_worlds, under_worlds
 from ..core.calibration.rig import Rig
 from ..core.calibration.rig_sample import RigSample
@@ -162,6 +162,7 @@ class Given:
     before: PriorKnowledge | None = None
     around: CoarseSurroundings | None = None
     model: Mapping[str, str] | None = None  # by material, whatever the block would choose
+    settled: Judged | None = None  # what a round before, whose cameras were others, has put right
     calibrates: bool = False  # lamps and exposures may be put right, and normals refined, as the settings let
     keeps_partial: bool = True  # a stopped solve gives maps of what it has found; else it raises Cancelled
 
@@ -172,6 +173,7 @@ class Solved:
 
     scene: SceneData  # lamps and exposures put right
     calibration: Calibration | None  # what was
+    judged: Judged | None  # the same of lamps and exposures, as it was found
     normals: NormalsJudged | str  # what was refined; or why normals are as given; "": they are to be
     grid: TexelGrid  # normals refined
     observations: Observations
@@ -200,7 +202,7 @@ def solve_grid(
     made: FinishedMaps = yield from clock.stage("maps", make_maps(device, scene, texels, part, given.around))
     if made.albedo.cancelled and not given.keeps_partial:
         raise Cancelled
-    return Solved(scene, views.calibration, views.normals, grid, observations, ladder, made)
+    return Solved(scene, views.calibration, views.judged, views.normals, grid, observations, ladder, made)
 
 
 @dataclass(frozen=True)
@@ -209,6 +211,7 @@ class _Views:
 
     scene: SceneData
     calibration: Calibration | None
+    judged: Judged | None
     normals: NormalsJudged | str
     grid: TexelGrid
     observations: Observations
@@ -235,11 +238,12 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
 
     texels = part.solved & grid.coverage
     calibration: Calibration | None = None
+    judged: Judged | None = None
     normals: NormalsJudged | str = ""
     if calibrates:
-        judged = yield from clock.stage("calibrate", _calibrated(source(), given, texels, grid))
+        rig, judged = yield from clock.stage("calibrate", _calibrated(source(), given, texels, grid))
         if judged is not None:
-            scene, calibration = put_right(scene, *judged), told(*judged)
+            scene, calibration = put_right(scene, rig, judged), told(rig, judged)
     if turns:
         calibration = yield from clock.stage("calibrate", _turned(device, source(), given, texels, grid))
         if calibration is not None:
@@ -254,7 +258,7 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
         grid = draw_texels(device, grid.mesh, len(grid.coverage))
         observations.release()
         observations = yield from clock.stage("observe", observed(scene=scene), (0.33, 0.35))
-    return _Views(scene, calibration, normals, grid, observations)
+    return _Views(scene, calibration, judged, normals, grid, observations)
 
 
 def _refined(
@@ -282,7 +286,7 @@ def _turned(
 
 def _calibrated(
     source: CameraSource, given: Given, texels: Bool, grid: TexelGrid,
-) -> Generator[Progress, None, tuple[Rig, Judged] | None]:
+) -> Generator[Progress, None, tuple[Rig, Judged | None]]:
     """What is to be put right of lamps and exposures; None: nothing."""
     settings = given.settings
     known = given.scene.scale_known
@@ -295,6 +299,8 @@ def _calibrated(
             return large
         return replace(large, openness=openness(source.device, source, grid.mesh, given.scene, large, surface))
 
-    judged = yield from calibrate(sample, settings.lamps == "auto", settings.exposures == "auto", more,
-                                  straight=straightened if settings.normals == "auto" else None)
-    return None if judged is None else (sample.rig, judged)
+    if given.settled is not None:
+        return sample.rig, (yield from found_again(given.settled, more, straightened))
+    return sample.rig, (yield from calibrate(
+        sample, settings.lamps == "auto", settings.exposures == "auto", more,
+        straight=straightened if settings.normals == "auto" else None))

@@ -5,7 +5,7 @@ Each function is a generator of Progress and must run on the GL thread: ``gpu.de
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from ..core import log
-from ..core.check_records import Checks
+from ..core.calibration.calibrate import Judged
+from ..core.check_records import Checks, Misfit
 from ..core.checks.bounced_light import BouncedSample, why_not
 from ..core.checks.calibration_lines import calibrated
 from ..core.checks.normals_line import refined
@@ -52,6 +53,7 @@ from ..gpu.observe.picture_memory import most_pixels
 from .gpu_path import Clock, Given, ReadImage, Solved, TexelGrid, draw_texels, solve_grid
 
 ALIGN_ROUNDS = 4  # of finding where cameras look
+NEAR = 0.05  # pixels that a camera may be off after a round that put it right: no other round is worth its time
 FORETOLD = 1.1  # ratio of the products of both errors of left-out views: less is scatter of the samples
 ROUND_SIZE = 512  # texels: of maps that only the next round needs
 NO_CONFIDENCE = "method paper: gives no uncertainty; confidence is 0 and the standard errors are 0.5 everywhere"
@@ -91,6 +93,7 @@ class Outcome:
     noise: Mapping[int, Noise]  # by the number of lobes
     robust: bool  # whether outliers were disbelieved
     bounced: Mapping[int, Bounced] | None  # indirect light by the view's place in the scene
+    judged: Judged | None  # what was put right of lamps and exposures
 
 
 def bake_gbuffer(scene: SceneData, size: int) -> Generator[Progress, None, GBuffer]:
@@ -170,16 +173,15 @@ def outcome(
         return best
     small = replace(settings, size=min(settings.size, ROUND_SIZE))  # of rounds that only the next one needs
     try:
-        again = partial(_round, settings=small, read_image=read_image, clock=clock)
-        rough = yield from _align(best, settings, again)
+        solve_round = partial(_round, read_image=read_image, clock=clock, settled=best.judged)
+        rough = yield from _align(best, settings, partial(solve_round, settings=small))
         aligned, lit, why = rough.given, None, ""
         if bounce is not None and _bounced(settings, rough.solution):
-            lit, why = yield from _take_out_indirect(
-                rough, scene, settings, bounce, partial(_round, read_image=read_image, clock=clock), clock)
+            lit, why = yield from _take_out_indirect(rough, scene, settings, bounce, solve_round, clock)
         if lit is not None:
             best = lit
         elif aligned is not scene:
-            best = rough if small == settings else (yield from _round(aligned, settings, read_image, clock))
+            best = rough if small == settings else (yield from solve_round(aligned, settings))
         best = _not_bounced(best, why, _tried(settings))
         if aligned is not scene and first.checks is not None:
             lines = mended(first.checks, settings.registration == "auto", settings.exposures == "solve")
@@ -206,7 +208,8 @@ def _align(
         assert best.solution.checks is not None
         aligned = corrected(best.given, best.solution.checks.registration, shifts=settings.registration == "auto",
                             gains=settings.exposures == "solve")
-        if aligned is best.given:
+        if aligned is best.given or (
+                n > 0 and _near(best.solution.checks.registration, gains=settings.exposures == "solve")):
             break
         if n == 0 and settings.size > ROUND_SIZE:  # coarser maps explain less: like is compared with like
             best = yield from again(best.given)
@@ -215,6 +218,11 @@ def _align(
             break
         best = after
     return best
+
+
+def _near(misfits: Sequence[Misfit], gains: bool) -> bool:
+    """Whether cameras (``gains``: and exposures) that were put right are off by less than is worth another round."""
+    return not any(misfit.grown or misfit.pixels > NEAR or (gains and misfit.drifted) for misfit in misfits)
 
 
 def _better(after: Outcome, before: Outcome) -> bool:
@@ -285,9 +293,13 @@ def _not_bounced(best: Outcome, why: str, tried: tuple[str, ...]) -> Outcome:
 
 def _round(
     scene: SceneData, settings: SolveSettings, read_image: ReadImage, clock: Clock,
-    bounced: Mapping[int, Bounced] | None = None,
+    bounced: Mapping[int, Bounced] | None = None, settled: Judged | None = None,
 ) -> Generator[Progress, None, Outcome]:
-    """One solve of the scene as it is given; ``bounced``: indirect light, by the view's place in the scene."""
+    """One solve of the scene as it is given.
+
+    ``bounced``: indirect light, by the view's place in the scene.  ``settled``: which numbers of lamps and exposures an
+    earlier round has put right.
+    """
     device = thread.device()
     with device.scope():
         drawn = yield from clock.stage("gbuffer", _drawn(device, scene, settings.size))
@@ -297,7 +309,8 @@ def _round(
         last = earlier_result_of(part, scene, settings, grid.slots)
         solved = yield from solve_grid(
             device, grid, Given(
-                scene, settings, read_image, part, last, bounced, calibrates=scene.region is None), clock)
+                scene, settings, read_image, part, last, bounced, settled=settled,
+                calibrates=scene.region is None), clock)
         checks, pictures = yield from clock.stage("maps", _checks(scene, settings, solved.made, grid))
         solution = _solution(scene, settings, gbuffer, solved, part)
         normals = _normals(grid, solved)
@@ -312,7 +325,7 @@ def _round(
             normals_why=solved.normals if isinstance(solved.normals, str) else "")
         return Outcome(
             solved.scene, scene, solution, solved.observations.level, solved.ladder.noise, solved.ladder.robust,
-            bounced)
+            bounced, solved.judged)
 
 
 def _normals(given: TexelGrid, solved: Solved) -> RefinedNormals | None:

@@ -8,40 +8,32 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
-from ..data import F64, PredictionError
-from ..evaluation.folds import Folds, Judge, scatter, split
-from ..evaluation.sampled_texels import parts, predicted
-from ..job import Progress, Steps, retold
+from ..data import PredictionError
+from ..evaluation.folds import split
+from ..job import Progress, Steps, share_of
+from .contest import GIVEN, HALF, SURE, Contest
 from .rig import RigChange
-from .rig_fit import CAUCHY, ROUNDS, Free, RigFound, fit_rig
+from .rig_fit import ROUNDS, Free, RigFound, fit_rig
 from .rig_sample import RigSample
-from .texel_materials import lobes_of
 
-SURE = 3.0  # standard errors from which on a number is changed ...
-LEAST_CHANGE = 0.002  # ... and what is worth it: of a lamp's distance, relative power or gain
+LEAST_CHANGE = 0.002  # what is worth it: of a lamp's distance, relative power or gain
 LEAST_VIGNETTING = 0.05  # power of the cosine
 LEAST_AMBIENT = 0.003  # of the lamps' typical irradiance
 LEAST_RESPONSE = 0.02  # of the exponent: less is made up by what a texel's one roughness does not explain
 LEAST_TEXELS = 100
-LEAST_ERROR = 0.002  # of the radiance: what a change must explain of left-out views ...
-LEAST_FIT = 0.001  # ... and of those that are fitted, where base colours explain a part of it
-HALF = 0.5
+LEAST_FIT = 0.001  # of the radiance: what a change must explain of fitted views, where base colours explain a part
 TURNS = 4  # of normals and rig
 # Of a lamp's distance, in the mean.  Farther, lamps may mimic what a mesh has wrong, and walk off together with turned
 # normals.
 FARTHEST = 0.025
 COLOURS = 3
+COLOURED = 1000  # texels that say the colour of light from all around
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
-WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise: few large errors make them
-HIGHLIGHT = 0.25  # of the radiance: lobes that show more make a highlight
-LEAST_SEEN = 1e-6
-GIVEN = "given"
 
-Result = TypeVar("Result")
+Larger = Callable[[bool], RigSample]
 Straight = Callable[[RigSample, RigChange | None], RigSample]
 
 
@@ -52,11 +44,13 @@ class Judged:
     found: RigFound
     given: PredictionError  # of left-out views, as the scene is given
     changed: PredictionError
+    free: Free  # what was looked for
+    turned: bool = False  # whether texels were turned to the normals that explain them
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/(m^2 sr)
 
 
 def calibrate(
-    sample: RigSample, lamps: bool, exposures: bool, more: Callable[[bool], RigSample] | None = None,
+    sample: RigSample, lamps: bool, exposures: bool, more: Larger | None = None,
     straight: Straight | None = None,
 ) -> Steps[Judged | None]:
     """What is to be changed; None where nothing is, or where too little is seen to judge it.
@@ -75,7 +69,7 @@ def calibrate(
 
 
 def _judged(
-    sample: RigSample, lamps: bool, exposures: bool, more: Callable[[bool], RigSample], straight: Straight | None,
+    sample: RigSample, lamps: bool, exposures: bool, more: Larger, straight: Straight | None,
 ) -> Steps[tuple[Judged | None, bool]]:
     """What is to be changed, and whether something seems to be off."""
     folds = split(sample.texels)
@@ -83,32 +77,32 @@ def _judged(
         return None, False
     frees = _frees(sample, lamps, exposures)
     yield Progress(0.0, "calibrate", "lamps and exposures")
-    quick = yield from _share(fit_rig(sample, frees[-1], rounds=2), 0.0, 0.1)
+    quick = yield from share_of(fit_rig(sample, frees[-1], rounds=2), 0.0, 0.1)
     if sample.scale_known:
         levels = replace(frees[-1], levels=True)
-        other = yield from _share(fit_rig(sample, levels, rounds=2), 0.1, 0.2)
+        other = yield from share_of(fit_rig(sample, levels, rounds=2), 0.1, 0.2)
         if other.scatter < PAYS * quick.scatter:
             quick, frees = other, [replace(free, levels=True) for free in frees]
     if not _off(quick) or not _gains(quick):
         return None, False
-    everything = yield from _share(fit_rig(sample, frees[-1]), 0.2, 0.5)
+    everything = yield from share_of(fit_rig(sample, frees[-1]), 0.2, 0.5)
     if not _off(everything) or not _gains(everything):
         return None, True
     if everything.scatter >= HALF * everything.given and not sure_of_ambient(everything):
         return None, True
     whole, given, frees = frees[-1], everything.given, _pruned(frees, everything)
     if frees[-1] != whole:
-        everything = yield from _share(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
-    contest = _Contest(sample, everything, folds)
+        everything = yield from share_of(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
+    contest = Contest(sample, everything, folds)
     taken, found, kept = GIVEN, everything, frees[-1]
     for n, free in enumerate(frees):
         begin, middle, end = (0.5 + 0.5 * (n + part) / len(frees) for part in (0.0, 0.3, 1.0))
         own = everything
         if free != frees[-1]:
-            own = yield from _share(fit_rig(sample, free, start=everything), begin, middle)
+            own = yield from share_of(fit_rig(sample, free, start=everything), begin, middle)
         if not _explains(own, free, given, everything):
             continue
-        contest.add(str(free), (yield from _share(contest.predictions(free, own), middle, end)))
+        contest.add(str(free), (yield from share_of(contest.predictions(free, own), middle, end)))
         if contest.worth(free, taken) and (yield from _is_no_material(contest, free, everything, (middle, end))):
             taken, found, kept = str(free), own, free
             if own.scatter**2 - everything.scatter**2 < LEAST_FIT**2:  # more numbers explain no more
@@ -116,31 +110,61 @@ def _judged(
     if taken == GIVEN:
         return None, True
     kept, found = yield from _with_ambient(contest, kept, found)
-    large = more(kept.ambient)
-    seen = large
-    for _ in range(1 if straight is None else TURNS):
-        if straight is not None:
-            seen = straight(large, found.change)
-        found = yield from _share(fit_rig(seen, kept, start=found), 1.0, 1.0)
-        if seen is large:
-            break
-    if _far(found) and (straight is not None or not contest.leaves_half(taken)):
+    kept, found, ambient = yield from _final(kept, found, more, straight)
+    if not _off(found) or (_far(found) and (straight is not None or not contest.leaves_half(taken))):
         return None, True
-    ambient = (yield from _ambient(seen, kept, found)) if found.change.ambient else (0.0, 0.0, 0.0)
-    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), ambient), True
+    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), kept, straight is not None,
+                  ambient), True
 
 
-def _with_ambient(contest: _Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:
+def found_again(before: Judged, more: Larger, straight: Straight) -> Steps[Judged | None]:
+    """The same change where cameras have been put right since: no other numbers, but their values anew.
+
+    None where nothing is off any more.  ``more``, ``straight``: as of `calibrate`.
+    """
+    free, found, ambient = yield from _final(
+        before.free, before.found, more, straight if before.turned else None, ROUNDS)
+    if not _off(found) or _far(found):
+        return None
+    return replace(before, found=found, free=free, ambient_radiance=ambient)
+
+
+def _final(
+    free: Free, found: RigFound, more: Larger, straight: Straight | None, rounds: int | None = None,
+) -> Steps[tuple[Free, RigFound, tuple[float, float, float]]]:
+    """By how much the numbers are off, by the larger sample, and the radiance from all around in each channel.
+
+    Without ambient light, where the larger sample is not sure of it.  ``rounds``: of the first fit, if materials are to
+    be found in it too.
+    """
+    large = more(free.ambient)
+    while True:
+        seen = large
+        for _ in range(1 if straight is None else TURNS):
+            if straight is not None:
+                seen = straight(large, found.change)
+            found = yield from share_of(fit_rig(seen, free, start=found, rounds=rounds), 1.0, 1.0)
+            rounds = None
+            if seen is large:
+                break
+        if not free.ambient:
+            return free, found, (0.0, 0.0, 0.0)
+        if sure_of_ambient(found):
+            return free, found, (yield from _ambient(seen, free, found))
+        free = replace(free, ambient=False)
+
+
+def _with_ambient(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:
     """A rig that is better than the given one, with ambient light if the fit is sure of it and predicts no worse.
 
     One number more, which all views share, is not judged by halves of the texels: the lamps of two halves differ by
     more than it explains.
     """
-    without = yield from _share(fit_rig(contest.sample, free, start=found, rounds=ROUNDS), 1.0, 1.0)
+    without = yield from share_of(fit_rig(contest.sample, free, start=found, rounds=ROUNDS), 1.0, 1.0)
     if free.ambient or not free.lamps:
         return free, without
     lit = replace(free, ambient=True)
-    other = yield from _share(fit_rig(contest.sample, lit, start=found, rounds=ROUNDS), 1.0, 1.0)
+    other = yield from share_of(fit_rig(contest.sample, lit, start=found, rounds=ROUNDS), 1.0, 1.0)
     if not sure_of_ambient(other):
         return free, without
     for name, each in (("without", without), ("lit", other)):
@@ -168,7 +192,7 @@ def _explains(found: RigFound, free: Free, given: float, everything: RigFound) -
     return gain > LEAST_FIT**2 and (left < gain if free.only_ambient else found.scatter < HALF * given)
 
 
-def _is_no_material(contest: _Contest, free: Free, start: RigFound, share: tuple[float, float]) -> Steps[bool]:
+def _is_no_material(contest: Contest, free: Free, start: RigFound, share: tuple[float, float]) -> Steps[bool]:
     """Whether ambient light or a response predicts as well as a diffuse that is not Lambert's, a response better.
 
     Such a diffuse bends brightness alike.  But some ambient light is in every room.
@@ -176,32 +200,31 @@ def _is_no_material(contest: _Contest, free: Free, start: RigFound, share: tuple
     if not free.response and not free.only_ambient:
         return True
     other = replace(free, response=False, ambient=free.ambient and free.response, diffuse=True)
-    found = yield from _share(fit_rig(contest.sample, other, start=start, rounds=ROUNDS), *share)
-    contest.add(str(other), (yield from _share(contest.predictions(other, found), *share)))
+    found = yield from share_of(fit_rig(contest.sample, other, start=start, rounds=ROUNDS), *share)
+    contest.add(str(other), (yield from share_of(contest.predictions(other, found), *share)))
     if free.response:
         return contest.beats(str(free), str(other))
     return not contest.beats(str(other), str(free))
 
 
 def _ambient(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[float, float, float]]:
-    """Radiance of the light from all around in red, green and blue, each by the sample's pictures in that channel."""
+    """Radiance of the light from all around in red, green and blue, by the sample's pictures in each channel.
+
+    Some of the texels say its colour, all of them how much there is.
+    """
     grey = found.change.ambient * sample.light / np.pi
-    texels = sample.texels
-    if texels.reflected.shape[-1] < COLOURS:  # layers of one channel each: all of them share the light
+    if sample.texels.reflected.shape[-1] < COLOURS:  # layers of one channel each: all of them share the light
         return grey, grey, grey
+    sample = sample.part(np.arange(len(sample.slot)) % max(len(sample.slot) // COLOURED, 1) == 0)
+    texels = sample.texels
     radiance = []
     for channel in range(COLOURS):
         own = replace(sample, texels=replace(texels, reflected=texels.reflected[..., channel:channel + 1],
                                              irradiance=texels.irradiance[..., channel:channel + 1]))
-        fit = yield from _share(fit_rig(own, free, start=found), 1.0, 1.0)
-        radiance.append(fit.change.ambient * own.light / np.pi)
-    red, green, blue = (float(value) for value in radiance)
+        fit = yield from share_of(fit_rig(own, free, start=found), 1.0, 1.0)
+        radiance.append(fit.change.ambient)
+    red, green, blue = (grey * value / max(np.mean(radiance), LEAST_AMBIENT) for value in radiance)
     return red, green, blue
-
-
-def _share(steps: Steps[Result], begin: float, end: float) -> Steps[Result]:
-    """As that part of the whole."""
-    return retold(steps, lambda step: replace(step, fraction=begin + (end - begin) * step.fraction))
 
 
 def _frees(sample: RigSample, lamps: bool, exposures: bool) -> list[Free]:
@@ -225,88 +248,6 @@ def _pruned(frees: list[Free], everything: RigFound) -> list[Free]:
     ambient, response = sure_of_ambient(everything), sure_of_response(everything)
     less = [replace(free, ambient=free.ambient and ambient, response=free.response and response) for free in frees]
     return list(dict.fromkeys(free for free in less if free != Free(False, False, levels=free.levels)))
-
-
-class _Contest:
-    """What the given rig and others predict of left-out views, highlights apart."""
-
-    def __init__(self, sample: RigSample, whole: RigFound, folds: Folds) -> None:
-        """``whole``: with all numbers free, of all texels."""
-        self.sample, self.folds = sample, folds
-        self.judged = diffuse_alone(sample, whole)
-        odd = np.unique(sample.cluster, return_inverse=True)[1] % 2 == 1
-        # Which texels each half has, what says its change, and what is judged:
-        self.halves = [(half, sample.part(half), self.judged.part(half)) for half in (odd, ~odd)]
-        self.judge = Judge(self.judged.texels, folds)
-        self.left: dict[str, F64] = {}  # of each rig, (T, V): log of predicted over observed radiance, 0 if not judged
-        lobes = lobes_of(self.judged, self.judged.texels, whole.materials)  # as of `predictions`
-        for name, shown in (("lambert", None), (GIVEN, lobes)):
-            self.add(name, [predicted(self.judged.texels, shown, ~left_out) for left_out in folds.left_out])
-
-    def add(self, name: str, predictions: list[F64]) -> None:
-        """``predictions``: of each fold, (T, V, C) radiance over the given irradiance."""
-        self.judge.add(name, predictions)
-        shown = np.ones_like(self.sample.texels.cos_v)
-        for left_out, prediction in zip(self.folds.left_out, predictions, strict=True):
-            shown[:, left_out] = prediction[:, left_out].mean(-1)
-        observed = self.judged.texels.reflected.mean(-1)
-        known = self.judge.judged & (observed > 0) & (shown > 0)
-        self.left[name] = np.log(np.where(known, shown, 1.0) / np.where(known, observed, 1.0))
-
-    def predictions(self, free: Free, whole: RigFound) -> Steps[list[F64]]:
-        """Under a change, as `add` takes them: of each half of the texels by what the other one found."""
-        values = [np.zeros_like(self.sample.texels.reflected) for _ in self.folds.left_out]
-        for n, ((_, half, _), (others, _, judged)) in enumerate(zip(self.halves, self.halves[::-1], strict=True)):
-            found = yield from _share(fit_rig(half, free, start=whole), n / 2, (n + 1) / 2)
-            seen = judged.geometry.under(found.change)
-            lobes = lobes_of(judged, seen.texels, whole.materials)
-            for value, left_out in zip(values, self.folds.left_out, strict=True):
-                value[others] = seen.as_given(predicted(seen.texels, lobes, ~left_out))
-        return values
-
-    def of_whole(self, found: RigFound) -> list[F64]:
-        """The same of both halves by what all texels found."""
-        seen = self.judged.geometry.under(found.change)
-        lobes = lobes_of(self.judged, seen.texels, found.materials)
-        return [seen.as_given(predicted(seen.texels, lobes, ~left_out)) for left_out in self.folds.left_out]
-
-    def beats(self, name: str, other: str) -> bool:
-        """Whether a rig predicts better than another, beyond the scatter."""
-        gain = self.gain(name, other)
-        return bool(gain.sum() > SURE * scatter(gain, self.sample.cluster))
-
-    def gain(self, name: str, other: str) -> F64:
-        """(T,) by how much a rig predicts each texel better than another."""
-        unit = CAUCHY * max(min(self._scale(name), self._scale(other)), LEAST_SEEN)
-        return np.asarray((np.log1p((self.left[other] / unit) ** 2) - np.log1p((self.left[name] / unit) ** 2)).sum(1))
-
-    def worth(self, free: Free, other: str) -> bool:
-        """Whether a rig predicts better than a smaller one: beyond the scatter, and by what can be seen.
-
-        """
-        name = str(free)
-        after, before = self.judge.error(name), self.judge.error(other)
-        whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
-        return bool(self.beats(name, other) and whole < WORSE
-                    and self._scale(other) ** 2 - self._scale(name) ** 2 > LEAST_ERROR**2)
-
-    def leaves_half(self, name: str) -> bool:
-        """Whether a rig leaves less than half of what the given one does, of left-out views."""
-        return self._scale(name) < HALF * self._scale(GIVEN)
-
-    def _scale(self, name: str) -> float:
-        """Robust standard deviation of what a rig's predictions are off by, relative."""
-        left = self.left[name][self.left[name] != 0]
-        return 1.4826 * float(np.median(np.abs(left))) if len(left) else 0.0
-
-
-def diffuse_alone(sample: RigSample, found: RigFound) -> RigSample:
-    """The sample without what highlights make bright: where texels differ in roughness, those hide all else."""
-    texels = sample.texels
-    seen = sample.geometry.under(found.change).texels
-    specular = parts(seen, lobes_of(sample, seen, found.materials))[1][..., 0]
-    shown = np.maximum(seen.reflected.mean(-1), LEAST_SEEN)
-    return replace(sample, texels=replace(texels, quality=np.where(specular < HIGHLIGHT * shown, texels.quality, 0.0)))
 
 
 def _off(found: RigFound) -> bool:

@@ -21,7 +21,8 @@ from ..data import (
 )
 from ..shading.environment import about_z
 from ..vignetting import corner_stops
-from .calibrate import LEAST_CHANGE, SURE, Judged, sure_of_vignetting
+from .calibrate import LEAST_CHANGE, Judged, sure_of_vignetting
+from .contest import SURE
 from .rig import Rig
 from .worlds import WorldsJudged
 

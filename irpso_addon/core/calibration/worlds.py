@@ -14,7 +14,8 @@ from ..data import F64, Bool, PredictionError
 from ..evaluation.folds import Folds, Judge, scatter, split
 from ..evaluation.sampled_texels import predicted
 from ..job import Steps
-from .calibrate import GIVEN, HALF, LEAST_SEEN, LEAST_TEXELS, SURE, WORSE
+from .calibrate import LEAST_TEXELS
+from .contest import GIVEN, HALF, LEAST_SEEN, SURE, WORSE
 from .rig_fit import CAUCHY
 from .texel_materials import lobes_of
 from .world_fit import LEAST_STEP, LIKELY, MANY_LIKELY, STRENGTH_STEP, TURN_STEP, WorldFit, WorldNumbers

@@ -1,0 +1,105 @@
+"""What the given rig and others predict of left-out views, highlights apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..data import F64
+from ..evaluation.folds import Folds, Judge, scatter
+from ..evaluation.sampled_texels import parts, predicted
+from ..job import Steps, share_of
+from .rig_fit import CAUCHY, Free, RigFound, fit_rig
+from .rig_sample import RigSample
+from .texel_materials import lobes_of
+
+SURE = 3.0  # standard errors from which on a number is changed, or a rig better
+LEAST_ERROR = 0.002  # of the radiance: what a change must explain of left-out views
+HALF = 0.5
+WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise: few large errors make them
+HIGHLIGHT = 0.25  # of the radiance: lobes that show more make a highlight
+LEAST_SEEN = 1e-6
+GIVEN = "given"
+
+
+class Contest:
+    """What the given rig and others predict of left-out views, highlights apart."""
+
+    def __init__(self, sample: RigSample, whole: RigFound, folds: Folds) -> None:
+        """``whole``: with all numbers free, of all texels."""
+        self.sample, self.folds = sample, folds
+        self.judged = diffuse_alone(sample, whole)
+        odd = np.unique(sample.cluster, return_inverse=True)[1] % 2 == 1
+        # Which texels each half has, what says its change, and what is judged:
+        self.halves = [(half, sample.part(half), self.judged.part(half)) for half in (odd, ~odd)]
+        self.judge = Judge(self.judged.texels, folds)
+        self.left: dict[str, F64] = {}  # of each rig, (T, V): log of predicted over observed radiance, 0 if not judged
+        lobes = lobes_of(self.judged, self.judged.texels, whole.materials)  # as of `predictions`
+        for name, shown in (("lambert", None), (GIVEN, lobes)):
+            self.add(name, [predicted(self.judged.texels, shown, ~left_out) for left_out in folds.left_out])
+
+    def add(self, name: str, predictions: list[F64]) -> None:
+        """``predictions``: of each fold, (T, V, C) radiance over the given irradiance."""
+        self.judge.add(name, predictions)
+        shown = np.ones_like(self.sample.texels.cos_v)
+        for left_out, prediction in zip(self.folds.left_out, predictions, strict=True):
+            shown[:, left_out] = prediction[:, left_out].mean(-1)
+        observed = self.judged.texels.reflected.mean(-1)
+        known = self.judge.judged & (observed > 0) & (shown > 0)
+        self.left[name] = np.log(np.where(known, shown, 1.0) / np.where(known, observed, 1.0))
+
+    def predictions(self, free: Free, whole: RigFound) -> Steps[list[F64]]:
+        """Under a change, as `add` takes them: of each half of the texels by what the other one found."""
+        values = [np.zeros_like(self.sample.texels.reflected) for _ in self.folds.left_out]
+        for n, ((_, half, _), (others, _, judged)) in enumerate(zip(self.halves, self.halves[::-1], strict=True)):
+            found = yield from share_of(fit_rig(half, free, start=whole), n / 2, (n + 1) / 2)
+            seen = judged.geometry.under(found.change)
+            lobes = lobes_of(judged, seen.texels, whole.materials)
+            for value, left_out in zip(values, self.folds.left_out, strict=True):
+                value[others] = seen.as_given(predicted(seen.texels, lobes, ~left_out))
+        return values
+
+    def of_whole(self, found: RigFound) -> list[F64]:
+        """The same of both halves by what all texels found."""
+        seen = self.judged.geometry.under(found.change)
+        lobes = lobes_of(self.judged, seen.texels, found.materials)
+        return [seen.as_given(predicted(seen.texels, lobes, ~left_out)) for left_out in self.folds.left_out]
+
+    def beats(self, name: str, other: str) -> bool:
+        """Whether a rig predicts better than another, beyond the scatter."""
+        gain = self.gain(name, other)
+        return bool(gain.sum() > SURE * scatter(gain, self.sample.cluster))
+
+    def gain(self, name: str, other: str) -> F64:
+        """(T,) by how much a rig predicts each texel better than another."""
+        unit = CAUCHY * max(min(self._scale(name), self._scale(other)), LEAST_SEEN)
+        return np.asarray((np.log1p((self.left[other] / unit) ** 2) - np.log1p((self.left[name] / unit) ** 2)).sum(1))
+
+    def worth(self, free: Free, other: str) -> bool:
+        """Whether a rig predicts better than a smaller one: beyond the scatter, and by what can be seen.
+
+        """
+        name = str(free)
+        after, before = self.judge.error(name), self.judge.error(other)
+        whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
+        return bool(self.beats(name, other) and whole < WORSE
+                    and self._scale(other) ** 2 - self._scale(name) ** 2 > LEAST_ERROR**2)
+
+    def leaves_half(self, name: str) -> bool:
+        """Whether a rig leaves less than half of what the given one does, of left-out views."""
+        return self._scale(name) < HALF * self._scale(GIVEN)
+
+    def _scale(self, name: str) -> float:
+        """Robust standard deviation of what a rig's predictions are off by, relative."""
+        left = self.left[name][self.left[name] != 0]
+        return 1.4826 * float(np.median(np.abs(left))) if len(left) else 0.0
+
+
+def diffuse_alone(sample: RigSample, found: RigFound) -> RigSample:
+    """The sample without what highlights make bright: where texels differ in roughness, those hide all else."""
+    texels = sample.texels
+    seen = sample.geometry.under(found.change).texels
+    specular = parts(seen, lobes_of(sample, seen, found.materials))[1][..., 0]
+    shown = np.maximum(seen.reflected.mean(-1), LEAST_SEEN)
+    return replace(sample, texels=replace(texels, quality=np.where(specular < HIGHLIGHT * shown, texels.quality, 0.0)))
