@@ -208,10 +208,7 @@ def _is_no_material(contest: Contest, free: Free, start: RigFound, share: tuple[
 
 
 def _ambient(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[float, float, float]]:
-    """Radiance of the light from all around in red, green and blue, by the sample's pictures in each channel.
-
-    Some of the texels say its colour, all of them how much there is.
-    """
+    """Radiance of the light from all around in red, green and blue, each by some texels' pictures in that channel."""
     grey = found.change.ambient * sample.light / np.pi
     if sample.texels.reflected.shape[-1] < COLOURS:  # layers of one channel each: all of them share the light
         return grey, grey, grey
@@ -222,8 +219,8 @@ def _ambient(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[floa
         own = replace(sample, texels=replace(texels, reflected=texels.reflected[..., channel:channel + 1],
                                              irradiance=texels.irradiance[..., channel:channel + 1]))
         fit = yield from share_of(fit_rig(own, free, start=found), 1.0, 1.0)
-        radiance.append(fit.change.ambient)
-    red, green, blue = (grey * value / max(np.mean(radiance), LEAST_AMBIENT) for value in radiance)
+        radiance.append(fit.change.ambient * own.light / np.pi)
+    red, green, blue = (float(value) for value in radiance)
     return red, green, blue
 
 
