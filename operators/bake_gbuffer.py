@@ -33,6 +33,7 @@ class IRPSO_OT_bake_gbuffer(ModalJob, bpy.types.Operator):
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
         """Writes the images."""
         coverage = value.coverage.astype("f4")
-        material.write_images(obj, {"position": value.position, "normal": value.normal, "coverage": coverage})
+        layers = {"position": value.position, "world_normal": value.normal, "coverage": coverage}
+        material.write_images(obj, layers)  # "normal" is the solved normal map
         self.report({"INFO"}, f"{obj.name}: {int(coverage.sum()):,} of {coverage.size:,} texels are covered")
         yield from ()

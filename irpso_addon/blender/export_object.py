@@ -29,7 +29,8 @@ def export_object(
     lost: list[str] = []
     mesh = read_mesh(obj, bpy.context.evaluated_depsgraph_get(), {}, lambda _: None)
     used = [obj.material_slots[slot].material for slot in np.unique(mesh.slots) if slot < len(obj.material_slots)]
-    found = ExportObject(obj.name, mesh, surfaces, _normals(obj, used, lost.append))
+    own = maps.normal if isinstance(maps, Maps) else None
+    found = ExportObject(obj.name, mesh, surfaces, _normals(obj, used, lost.append) if own is None else own)
     if isinstance(maps, MapFiles):
         layers = [layer for layer in target_export.LAYERS if layer in maps.paths]
         reader = MapReader.of_files(maps, layers)
@@ -72,7 +73,7 @@ def with_strength(pixels: F32, strength: float) -> F32:
 
 def _normal_map(material: bpy.types.Material | None, warn: Warn) -> SlotNormalMap | None:
     principled = None if material is None else find_principled(material)
-    return None if principled is None else normal_map_of(material, principled, warn, solved=True)
+    return None if principled is None else normal_map_of(material, principled, warn)
 
 
 def _alike(a: SlotNormalMap, b: SlotNormalMap) -> bool:

@@ -25,6 +25,7 @@ from .gpu_path import Clock
 from .pipeline import Bounce, Outcome, outcome
 
 PLANNED = 0.25  # of the whole, once the plan is made
+MESH_NORMALS = "a map that is solved in blocks keeps the mesh's normals"
 NO_INDIRECT = "several UDIMs: indirect light is not subtracted; darken the surroundings"
 
 
@@ -83,11 +84,13 @@ def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generato
     read = partial(read_reference, max_pixels=most_pixels(scene.views, uv_blocks.PICTURES * thread.settings().memory))
     began = time.perf_counter()
     made: Outcome = yield from retold(
-        outcome(replace(scene, mesh=mesh), replace(settings, size=small.size), read, bounce), _of_plan)
+        outcome(replace(scene, mesh=mesh), replace(settings, size=small.size, normals="mesh"), read, bounce), _of_plan)
     clock.seconds["plan"] = time.perf_counter() - began
     if made.solution.cancelled:
         raise Cancelled
     solution = _with_every_material(made.solution, scene.mesh, udims, settings)
+    if settings.normals == "auto":
+        solution = replace(solution, normals_why=MESH_NORMALS)
     yield from clock.stage("pictures", _developed(scene.views, work))
     kernels = "compute" if thread.device().prefers_compute else "fragment"
     return Plan(replace(made.scene, mesh=scene.mesh), settings, udims, request.block, request.halo,

@@ -123,3 +123,27 @@ def test_exports_have_it(empty, tmp_path: Path) -> None:
         stored = file.read(0, file.height)[::-1, :, :3]
         expected = (maps.normal - 0.5) * [1, green, 1] + 0.5
         np.testing.assert_allclose(stored, expected, atol=0.003)
+
+
+def test_exports_have_the_normals_of_the_result_that_is_exported(empty, tmp_path: Path) -> None:
+    """Whatever the material shows now: nothing, or another result's."""
+    obj, with_map, without = make_plane(), with_normals(), make_solution(ONE, make_maps(seed=1))
+    solution = make_solution(ONE, with_map)
+    paths, lost = export_object(obj, with_map, solved_surfaces(obj, solution), "gltf", tmp_path / "bare")
+    assert tmp_path / "bare" / "Plane_normal.png" in paths and not lost
+    material.write_maps(obj, solution)
+    paths, _ = export_object(obj, without.maps, solved_surfaces(obj, without), "gltf", tmp_path / "other")
+    assert not [path for path in paths if "normal" in path.name]
+
+
+def test_a_normal_map_is_read_though_somebody_deleted_the_node_that_replaced_it(empty) -> None:
+    obj = make_plane()
+    principled = principled_of(obj.data.materials[0])
+    tree = principled.id_data
+    own, texture = tree.nodes.new("ShaderNodeNormalMap"), tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.new("Bumps", 4, 4, float_buffer=True, is_data=True)
+    tree.links.new(texture.outputs["Color"], own.inputs["Color"])
+    tree.links.new(own.outputs["Normal"], principled.inputs["Normal"])
+    material.write_maps(obj, make_solution(ONE, with_normals()))
+    tree.nodes.remove(principled.inputs["Normal"].links[0].from_node)
+    assert read_normal_maps(obj, lambda _: None)[0].pixels.shape == (4, 4, 3)

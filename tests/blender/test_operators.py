@@ -134,11 +134,14 @@ def test_save_the_maps_instead_of_packing(scene, tmp_path: Path) -> None:
     refused(bpy.ops.irpso.export_maps, "captures.json", directory=no_folder)
 
 
-def test_bake_gbuffer(scene) -> None:
+def test_bake_gbuffer(scene, module) -> None:
+    flat = np.full((SIZE, SIZE, 3), (0.5, 0.5, 1.0), np.float32)
+    module("blender.material.material").put_image(bpy.data.objects["Ball"], "normal", flat)
     assert bpy.ops.irpso.bake_gbuffer() == {"FINISHED"}
     coverage = pixels("Ball_coverage")[..., 0] > 0.5
     assert coverage.mean() > 0.9  # a UV sphere fills the square but for its poles
-    normal, position = pixels("Ball_normal")[coverage], pixels("Ball_position")[coverage]
+    np.testing.assert_array_equal(pixels("Ball_normal"), flat)  # a solved normal map is another thing
+    normal, position = pixels("Ball_world_normal")[coverage], pixels("Ball_position")[coverage]
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, atol=1e-5)
     # A unit sphere at the origin; the chords of 24 x 48 facets lie up to 1 % below it.
     np.testing.assert_allclose(normal, position, atol=0.02)

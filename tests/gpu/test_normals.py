@@ -8,6 +8,11 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.data import Light, Solution
+from irpso_addon.core.images.image_writer import write_image
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve import tiled_solve
+from irpso_addon.solve.plan_preparation import TiledRequest
 from tests.support import shoots
 from tests.support import synthetic as syn
 
@@ -92,6 +97,23 @@ def test_a_map_of_more_texels_than_are_fitted(rough, monkeypatch) -> None:
     monkeypatch.setattr("irpso_addon.gpu.solve.normal_texels.MOST", 3000)
     before, after = angles(shoots.run(rough, **QUICK, size=96))
     assert after.mean() < 0.6 * before.mean()
+
+
+def test_a_map_in_blocks_keeps_the_normals_of_the_mesh(rough, refined, tmp_path) -> None:
+    """Blocks hold no normal map; the plan, which is one small map, may not promise one."""
+    assert refined.normals is not None
+    views = []
+    for view in rough.scene.views:
+        write_image(tmp_path / view.image.name, rough.images[view.image.name].rgb, kind="exr", color=True)
+        views.append(replace(view, image=tmp_path / view.image.name))
+    request = TiledRequest(replace(rough.scene, views=tuple(views)), SolveSettings(**QUICK, size=96), block=64)
+    out = tmp_path / "maps"
+    out.mkdir()
+    solution = thread.run(lambda: tiled_solve.run(request, out, tmp_path / "work", "exr"))
+    assert solution.normals is None and solution.maps.normal is None and "in blocks" in solution.normals_why
+    assert not any("normal map" in line for line in solution.warnings)
+    assert [path for path in out.iterdir() if "roughness" in path.name]
+    assert not [path for path in out.iterdir() if "normal" in path.name]
 
 
 def test_few_lamps_leave_the_normals(rough) -> None:

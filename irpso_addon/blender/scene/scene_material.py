@@ -103,13 +103,13 @@ def _name_differences(material: Any, principled: Any, warn: Warn) -> None:
              "Multiscatter GGX is assumed")
 
 
-def normal_map_of(material: Any, principled: Any, warn: Warn, solved: bool = False) -> SlotNormalMap | None:
+def normal_map_of(material: Any, principled: Any, warn: Warn) -> SlotNormalMap | None:
     """The normal map that ``principled`` has; warns of one that cannot be read.  Raises BadInput for a broken image.
 
-    ``solved``: the one that a solve has made, too; else what was there before, because the next solve decides anew.
+    Where a solve has linked its own, what was there before: the next solve decides anew.
     """
     node, _ = _source(principled.inputs["Normal"])
-    if node is not None and node.get(TAG) == NORMAL.role and not solved:
+    if node.get(TAG) == NORMAL.role if node is not None else NORMAL.tag in principled:
         node = _before_solve(material.node_tree)
     if node is None:
         return None
