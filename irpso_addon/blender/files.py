@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
@@ -70,6 +71,16 @@ def keep_pictures(folder: Path) -> None:
         for name in names:
             if getattr(group, name).startswith("//"):
                 setattr(group, name, relative_path(Path(bpy.path.abspath(getattr(group, name))), folder))
+
+
+def keep_lamps(names: Sequence[str]) -> None:
+    """Marks lamps as measured, which a solve leaves as they are given.  Raises BadInput."""
+    for name in names:
+        obj = bpy.data.objects.get(name)
+        if obj is None or obj.type != "LIGHT":
+            there = [other for other in bpy.data.objects if other.type == "LIGHT"]
+            raise BadInput(f"lamp '{name}': is not a lamp of this file; there are: {_names(there)}")
+        obj.irpso_keep = True
 
 
 def object_named(name: str) -> bpy.types.Object:

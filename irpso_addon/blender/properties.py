@@ -244,21 +244,24 @@ CLASSES = (IRPSO_PG_light, IRPSO_PG_view, IRPSO_PG_lens, IRPSO_PG_ball, IRPSO_PG
 
 
 def register() -> None:
-    """Adds ``scene.irpso`` and ``camera.irpso_lens``: enough to read a scene's views without the add-on."""
+    """Adds ``scene.irpso``, ``camera.irpso_lens`` and ``object.irpso_keep``: a scene's views are read by them."""
     for cls in CLASSES:
         if not cls.is_registered:  # a second copy of this module may have removed the property alone
             bpy.utils.register_class(cls)
     bpy.types.Scene.irpso = PointerProperty(type=IRPSO_PG_scene)
     bpy.types.Camera.irpso_lens = PointerProperty(type=IRPSO_PG_lens)
+    bpy.types.Object.irpso_keep = BoolProperty(
+        name="Keep as Given", description="Of a lamp: its place and power were measured; a solve changes neither")
     if bpy.app.module:
         atexit.register(unregister)  # the bpy module of 4.5 hangs or crashes at exit on classes left registered
 
 
 def unregister() -> None:
-    """Removes both; the properties go before their classes."""
+    """Removes them; the properties go before their classes."""
     atexit.unregister(unregister)
     if hasattr(bpy.types.Scene, "irpso"):  # a second copy of this module may have removed it already
         del bpy.types.Scene.irpso
         del bpy.types.Camera.irpso_lens
+        del bpy.types.Object.irpso_keep
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -81,6 +81,8 @@ def _add_solve(commands: Any) -> None:
     part.add_argument("--part-image", type=Path, metavar="FILE", help="solve only where this image over the UV map is "
                                                                       "white")
     part.add_argument("--selected-faces", action="store_true", help="solve only the selected faces")
+    solve.add_argument("--keep", action="append", default=[], metavar="LAMP", help="a lamp whose place and power were "
+                       "measured: they stay as they are given; may be repeated")
     solve.add_argument("--report", type=Path, metavar="FILE", help="also write report.json to this file")
     _add_format(solve)
     add_settings(solve, SolveSettings)

@@ -37,6 +37,7 @@ class Request:
     kind: str = "exr"
     report: Path | None = None
     part: solve_object.Part = solve_object.ALL
+    keep: tuple[str, ...] = ()  # lamps that are sure
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -46,7 +47,7 @@ def run(arguments: argparse.Namespace) -> None:
     request = Request(
         scene=scene, out=arguments.out or scene.parent / f"{scene.stem}_irpso", settings=options.settings(arguments),
         captures=arguments.captures, object_name=arguments.object, kind=arguments.format, report=arguments.report,
-        part=_part(arguments))
+        part=_part(arguments), keep=tuple(arguments.keep))
     solution = solve(request)
     if solution.cancelled:
         raise Cancelled(solution)
@@ -67,6 +68,7 @@ def solve(request: Request) -> Solution:
     started = time.perf_counter()
     with console.quiet():
         files.open_blend(request.scene)
+    files.keep_lamps(request.keep)
     order = replace(
         solve_object.read(None, request.object_name, request.captures, request.settings, request.part),
         folder=request.out, kind=request.kind)

@@ -91,6 +91,7 @@ class Light:
     size: tuple[float, float] = (1.0, 1.0)  # AREA: metres along local X and Y, before the object's scale
     spread: float = np.pi  # AREA: full angle, radians
     cast_shadow: bool = True
+    kept: bool = False  # place and power were measured: a solve changes neither
 
 
 @dataclass(frozen=True)

@@ -315,6 +315,11 @@ def test_unknown_object(irpso_here, capture):
         assert_bad(irpso_here("solve", capture / "scene.blend", "--object", name), name)
 
 
+def test_a_lamp_to_keep_that_is_not_there(capture, irpso_here) -> None:
+    assert_bad(irpso_here("solve", capture / "scene.blend", "--keep", "Light 1", "--keep", "Ball"),
+               "lamp 'Ball': is not a lamp of this file; there are: 'Light 0', ")
+
+
 # ---- places that cannot be written
 
 

@@ -216,6 +216,12 @@ def test_fields(stage):
     np.testing.assert_allclose(light.matrix, stage.key.matrix_world, atol=1e-6)
 
 
+def test_a_lamp_that_was_measured(stage):
+    assert not stage.read().views[0].lights[0].kept
+    stage.key.irpso_keep = True
+    assert stage.read().views[0].lights[0].kept
+
+
 def test_a_light_disabled_in_the_viewport_keeps_its_place(stage):
     parent = bpy.data.objects.new("Rig", None)
     stage.scene.collection.objects.link(parent)

@@ -107,7 +107,8 @@ def _read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
              "both")
     if getattr(lamp.cycles, "is_portal", False):
         warn(f"light '{obj.name}': is a portal, which gives no light; remove it from the views")
-    common = {"name": obj.name, "kind": lamp.type, "matrix": matrix, "cast_shadow": bool(lamp.use_shadow)}
+    common = {"name": obj.name, "kind": lamp.type, "matrix": matrix, "cast_shadow": bool(lamp.use_shadow),
+              "kept": bool(getattr(obj, "irpso_keep", False))}
     if lamp.type in {"POINT", "SPOT"}:
         radius = float(lamp.shadow_soft_size)
         if not lamp.normalize:

@@ -13,9 +13,11 @@ from ...core.checks.calibration_lines import (
     gain_of,
     lamp_rows,
     response_row,
+    sure_lamps,
     vignetting_row,
     world_rows,
 )
+from ...core.data import LampChange
 from ...core.phrases import counted
 from ..jobs.session import session
 from ..panel_common import Tab, letters, wrapped
@@ -55,12 +57,13 @@ class IRPSO_PT_put_right(Tab, Panel):
         rows, exposures = lamp_rows(calibration), exposure_row(calibration)
         shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), response_row(calibration))
                   if row is not None] + world_rows(calibration)
-        _draw_rows(layout, rows[:SHOWN * ROWS])
-        if more := rows[SHOWN * ROWS:]:
+        lamps = sure_lamps(calibration)
+        _draw_lamps(layout, lamps[:SHOWN], rows)
+        if len(lamps) > SHOWN:
             header, body = layout.panel("IRPSO_more_lamps", default_closed=True)
-            header.label(text=counted(len(more) // ROWS, "More Lamp"))
+            header.label(text=counted(len(lamps) - SHOWN, "More Lamp"))
             if body is not None:
-                _draw_rows(body, more)
+                _draw_lamps(body, lamps[SHOWN:], rows[SHOWN * ROWS:])
         if exposures is not None:
             _draw_rows(layout, [exposures[:2]])
             wrapped(layout, exposures[2], width, "CAMERA_DATA")
@@ -69,6 +72,36 @@ class IRPSO_PT_put_right(Tab, Panel):
             wrapped(layout, "The capture file keeps its views unchanged", width, "INFO")
         if not (rows or exposures or shared):
             wrapped(layout, "Small changes, none certain by itself", width, "INFO")
+
+
+def _draw_lamps(layout: bpy.types.UILayout, lamps: Sequence[LampChange], rows: Sequence[tuple[str, str]]) -> None:
+    """Figures of each, and whether the next solve is to leave it alone."""
+    for n, lamp in enumerate(lamps):
+        _draw_rows(layout, rows[n * ROWS:(n + 1) * ROWS])
+        obj = bpy.data.objects.get(lamp.lights[0])
+        if obj is not None:
+            row = layout.split(factor=0.5)
+            row.label()
+            row.prop(obj, "irpso_keep")
+
+
+class IRPSO_PT_lamp(Panel):
+    """Whether a lamp was measured, beside its other settings."""
+
+    bl_label = "IRPSO"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "data"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Of lamps alone."""
+        return context.object is not None and context.object.type == "LIGHT"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """The one setting."""
+        self.layout.prop(context.object, "irpso_keep")
 
 
 def _draw_rows(layout: bpy.types.UILayout, rows: Sequence[tuple[str, str]]) -> None:

@@ -17,7 +17,7 @@ from ...core.phrases import counted, percent
 from ..jobs import solve_object
 from ..jobs.session import session
 from ..panel_common import Tab, letters, split, wrapped
-from .panel_put_right import IRPSO_PT_put_right
+from .panel_put_right import IRPSO_PT_lamp, IRPSO_PT_put_right
 from .panel_solve import draw_unseen
 
 NAMES = 0.5  # of the panel's width
@@ -156,4 +156,4 @@ def predicted(prediction: MaterialPrediction) -> str:
     return f"Left-out {prediction.left_out}: {percent(error.relative_rms, 1)} off, {error.lightness:.1f} L*"
 
 
-CLASSES = (IRPSO_PT_result, IRPSO_PT_put_right, IRPSO_PT_checks)
+CLASSES = (IRPSO_PT_result, IRPSO_PT_put_right, IRPSO_PT_checks, IRPSO_PT_lamp)

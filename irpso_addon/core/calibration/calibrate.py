@@ -60,6 +60,7 @@ def calibrate(
     sample under the normals that explain it, under a change of the rig; None: normals are those of the mesh.
     """
     larger = more or (lambda ambient: sample)
+    lamps = lamps and not all(group.kept for group in sample.rig.groups)
     judged, off = yield from _judged(sample, lamps, exposures, larger, None)
     if judged is None and off and straight is not None:  # a mesh that is wrong in detail may hide what is off
         seen = straight(sample, None)

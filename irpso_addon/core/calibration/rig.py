@@ -27,6 +27,7 @@ class RigGroup:
     reach: float  # metres to the object, of the first; of a SUN 1: it is turned, by radians
     cameras: tuple[str, ...] = ()  # of lamps that cameras carry: theirs
     sun: bool = False
+    kept: bool = False  # what is given of one of them is sure
 
     @property
     def carried(self) -> bool:
@@ -86,7 +87,8 @@ class Rig:
         if flash is not None:
             groups.append(flash)
         taken = () if flash is None else flash.lights
-        groups += [RigGroup(name, (name,), (np.eye(3),), _reach(light, middle), sun=light.kind == "SUN")
+        groups += [RigGroup(name, (name,), (np.eye(3),), _reach(light, middle), sun=light.kind == "SUN",
+                             kept=light.kept)
                    for name, light in lights.items() if name not in taken]
         return cls(tuple(views), tuple(groups))
 
@@ -127,4 +129,4 @@ def _flash(lights: dict[str, Light], cameras: dict[str, dict[str, Camera]], midd
         return None
     names = tuple(name for name, _ in carried)
     return RigGroup(names[0], names, tuple(camera.world_to_camera[:3, :3].T for _, camera in carried), reach,
-                    tuple(camera.name for _, camera in carried))
+                    tuple(camera.name for _, camera in carried), kept=any(lights[name].kept for name in names))

@@ -85,7 +85,8 @@ class _RigFit:
         self.groups, self.views = len(sample.rig.groups), len(sample.rig.views)
         self.group, self.levels = sample.rig.number(), free.levels
         self.change = RigChange.none(self.groups, self.views)
-        lamps = np.full(4 * self.groups, free.lamps)
+        self.kept = np.array([group.kept for group in sample.rig.groups], bool)
+        lamps = np.concatenate([np.repeat(~self.kept, 3), ~self.kept]) & free.lamps
         self.slots = [int(slot) for slot in np.unique(sample.slot)] if free.levels else []
         self.free = np.flatnonzero(np.concatenate(
             [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.response],
@@ -118,7 +119,7 @@ class _RigFit:
             if np.abs(step[:len(step) - len(self.slots)]).max(initial=0.0) < SETTLED and n + 1 not in REFITS:
                 break
         error = self._unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
-        return RigFound(_centred(self.change), error, now.scatter, given, materials)
+        return RigFound(_centred(self.change, bool(self.kept.any())), error, now.scatter, given, materials)
 
     def packed(self) -> F64:
         """The change as one vector."""
@@ -150,9 +151,12 @@ class _RigFit:
                          *values[gains:gains + SHARED].tolist())
 
 
-def _centred(change: RigChange) -> RigChange:
-    """With the medians of powers and gains as they were given: one lamp that is off changes no other."""
-    return replace(change, log_power=change.log_power - np.median(change.log_power),
+def _centred(change: RigChange, kept: bool) -> RigChange:
+    """With the medians of powers and gains as they were given: one lamp that is off changes no other.
+
+    ``kept``: some lamps are sure, and with them what the others' powers are to be compared with.
+    """
+    return replace(change, log_power=change.log_power - (0.0 if kept else np.median(change.log_power)),
                    log_gain=change.log_gain - np.median(change.log_gain))
 
 
