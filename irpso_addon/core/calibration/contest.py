@@ -77,9 +77,7 @@ class Contest:
         return np.asarray((np.log1p((self.left[other] / unit) ** 2) - np.log1p((self.left[name] / unit) ** 2)).sum(1))
 
     def worth(self, free: Free, other: str) -> bool:
-        """Whether a rig predicts better than a smaller one: beyond the scatter, and by what can be seen.
-
-        """
+        """Whether a rig predicts better than a smaller one: beyond the scatter, and by what can be seen."""
         name = str(free)
         after, before = self.judge.error(name), self.judge.error(other)
         whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
