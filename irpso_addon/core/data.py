@@ -257,7 +257,7 @@ class JointPrior:
 
     roughness: float
     strength: float  # nats that a texel pays per squared log ratio; ONE_VALUE and more: all texels have that roughness
-    sigma: float = 0.0  # standard error of ``roughness``, where all texels have that one
+    sigma: float = 0.0  # what it is off by at a texel (standard error), where all texels have that one
     others: tuple[float, ...] = ()  # roughnesses that some texels lie about instead, at most two
 
     @property

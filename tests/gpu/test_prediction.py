@@ -10,6 +10,7 @@ import pytest
 from irpso_addon.core.data import Solution
 from irpso_addon.core.evaluation import folds
 from irpso_addon.core.shading import brdf
+from irpso_addon.gpu.solve.texel_records import SolvedTexels
 from tests.support import synthetic as syn
 from tests.support.shoots import errors, rig, run
 
@@ -52,6 +53,18 @@ def test_one_value_is_taken_where_texels_would_find_false_lobes(real):
     assert np.abs(maps.roughness[solved] - ROUGH).max() < 0.03
     # no texel tells its own roughness: confidence says so, though the value is right
     assert prediction.fits and 0.4 < maps.confidence[solved].mean() <= maps.confidence.max() <= 0.5
+
+
+def test_the_spread_of_texels_is_that_of_those_whose_own_data_show_their_roughness() -> None:
+    rng = np.random.default_rng(3)
+    sigma = np.full((60, 60), 0.02, np.float32)
+    own = 0.3 + 0.08 * rng.standard_normal(sigma.shape) + sigma * rng.standard_normal(sigma.shape)
+    sigma[:30] = 0.2
+    own[:30] = rng.uniform(0, 1, (30, 60))
+    solved = np.ones(sigma.shape, bool)
+    found = SolvedTexels(own.astype(np.float32), sigma, sigma, solved, sigma, sigma, sigma, sigma)
+    assert found.spread(solved) == pytest.approx(0.08, rel=0.1)
+    assert found.spread(np.indices(solved.shape)[0] < 30) == 0.0  # nobody knows
 
 
 def test_what_was_predicted_is_what_the_left_out_lamps_show(real):

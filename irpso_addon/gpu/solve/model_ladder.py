@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Iterable
 from dataclasses import replace
 
@@ -166,6 +167,9 @@ class Ladder:
             result.predictions[name] = decision.prediction
         if decision.prior is not None:
             self.priors[name] = decision.prior
+            if decision.differ:
+                off = math.hypot(decision.prior.sigma, result.texels.spread(texels))
+                self.priors[name] = replace(decision.prior, sigma=off)
         if decision.level is not None:
             self.decided_levels[name] = decision.level
         if decision.metallic > 0:

@@ -50,6 +50,7 @@ class Decision:
     coat: Coat | None = None
     prior: JointPrior | None = None  # that the texels are to be drawn with
     prediction: MaterialPrediction | None = None  # None: nothing could be left out
+    differ: bool = False  # texels seem to differ, though one value for all of them was taken
     cancelled: bool = False  # the trials were stopped
 
 
@@ -368,4 +369,6 @@ class _Contest:
         # Jackknife (Quenouille 1956) over the folds.
         sigma = float(np.sqrt((len(values) - 1) * values.var())) if trial.strength == ONE_VALUE else 0.0
         level = None if trial.model == "one-lobe" else one.level
-        return Decision(trial.model, why, level, one.metallic, one.coat, trial.prior(joint, sigma), prediction)
+        # The lightness of most pixels says that texels differ, though the few brightest would flash.
+        differ = trial.strength == ONE_VALUE and errors[FITTED[self.fitted.model]].lightness < best.lightness
+        return Decision(trial.model, why, level, one.metallic, one.coat, trial.prior(joint, sigma), prediction, differ)

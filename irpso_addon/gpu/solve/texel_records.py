@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import moderngl
@@ -9,6 +10,10 @@ import numpy as np
 
 from ...core.data import F32, Bool
 from ..device.context import Device
+
+INFORMED = 0.05  # standard error of a texel's roughness up to which it shows how texels differ ...
+FEW = 50  # ... if so many do
+MAD = 1.4826  # standard deviation of a normal distribution, in units of its median absolute deviation
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,15 @@ class SolvedTexels:
         """``other`` inside, these elsewhere; the residuals without a lobe stay these."""
         mixed = {name: np.where(inside, getattr(other, name), values) for name, values in vars(self).items()}
         return SolvedTexels(**mixed | {"lambert_residual": self.lambert_residual})
+
+    def spread(self, texels: Bool) -> float:
+        """Standard deviation of the roughness of some texels, (h, w), beyond its noise; 0 where few are informed."""
+        informed = texels & self.solved & (self.sigma < INFORMED)
+        if int(informed.sum()) < FEW:
+            return 0.0
+        own, noise = (of[informed].astype(np.float64) for of in (self.roughness, self.sigma))
+        variance = (MAD * float(np.median(np.abs(own - np.median(own))))) ** 2
+        return math.sqrt(max(variance - float(np.median(noise**2)), 0.0))
 
 
 @dataclass(frozen=True)
