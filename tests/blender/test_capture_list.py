@@ -282,7 +282,7 @@ def test_names_are_shortened_to_what_differs(module) -> None:
 
 
 def test_asking_is_cheap(scene, module, survey) -> None:
-    """500 views in far less than the 20 ms that the window may wait (3.1 ms were measured)."""
+    """Of 500 views, in at most 20 times what reading their fields once takes; 10 were measured, 3 ms in all."""
     bpy.ops.irpso.add_folder(directory="//refs")
     for n in range(490):
         view = scene.irpso.views.add()
@@ -290,11 +290,18 @@ def test_asking_is_cheap(scene, module, survey) -> None:
         view.lights.add().light = bpy.data.objects["Light 1"]
     survey()
     readiness, times = module("blender.scene.readiness"), []
-    for _ in range(5):
+
+    def read() -> None:
+        for view in scene.irpso.views:
+            assert view.enabled and view.image and view.camera.name and [item.light.name for item in view.lights]
+
+    for _ in range(7):
         start = time.thread_time()
         readiness.survey(bpy.context)
-        times.append(time.thread_time() - start)
-    assert min(times) < 0.02, times
+        middle = time.thread_time()
+        read()
+        times.append((middle - start) / (time.thread_time() - middle))
+    assert min(times) < 20, times
 
 
 def test_every_selected_mesh_is_looked_at(scene, survey) -> None:
