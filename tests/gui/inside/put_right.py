@@ -38,7 +38,7 @@ def keep_result() -> None:
 
 
 def applied(scene: str, size: int) -> Steps:
-    """Apply, undo, apply again."""
+    """Keep a lamp and undo it; apply, undo, apply again."""
     yield from jobs.opened(scene, size)
     keep_result()
     given = lamps()
@@ -49,6 +49,11 @@ def applied(scene: str, size: int) -> Steps:
         yield 0.5
     spot = yield from robot.find("irpso.apply_calibration(")
     yield from robot.look("offered")
+    kept = yield from robot.find("irpso_keep")  # of the lamp that was moved the farthest
+    yield from robot.click(*kept)
+    yield from robot.until(lambda: bpy.data.objects["Light 4"].irpso_keep, 5)
+    yield from robot.key("Z", ctrl=True)
+    yield from robot.until(lambda: not bpy.data.objects["Light 4"].irpso_keep, 5)
     yield from robot.click(*spot)
     yield from robot.until(lambda: state() == "applied", 5)
     after = lamps()
