@@ -216,7 +216,7 @@ def test_fields(stage):
     np.testing.assert_allclose(light.matrix, stage.key.matrix_world, atol=1e-6)
 
 
-def test_a_lamp_that_was_measured(stage):
+def test_a_lamp_that_was_measured(extension, stage):
     assert not stage.read().views[0].lights[0].kept
     stage.key.irpso_keep = True
     assert stage.read().views[0].lights[0].kept
