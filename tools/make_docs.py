@@ -39,6 +39,7 @@ HIDDEN = {"HIDDEN"}
 TARGETS_START, TARGETS_END = "<!-- made by `make docs` from irpso_addon/core/maps/targets.py -->\n", "\n<!-- end -->"
 TARGETS_HEAD = ("target", "file", "channels", "bits", "colour space", "when")
 EDITORS = {"VIEW_3D": "3D Viewport", "IMAGE_EDITOR": "Image Editor"}
+TABS = {"data": "Properties, Object Data"}  # of panels in the Properties editor, by their context
 
 PARAMETERS = """\
 # Parameters
@@ -160,7 +161,7 @@ def panels() -> str:
     for cls in found:
         parent = names.get(getattr(cls, "bl_parent_id", ""), "")
         tab = getattr(cls, "bl_category", "")
-        where = f"{EDITORS[cls.bl_space_type]}, sidebar, tab {tab}" if tab else "menu"
+        where = f"{EDITORS[cls.bl_space_type]}, sidebar, tab {tab}" if tab else TABS.get(getattr(cls, "bl_context", ""), "menu")
         label = cls.bl_label or "the active view"
         name = f"{parent} > {label}" if parent else label
         rows.append((name or cls.__name__, where, sentence(cls.__doc__)))

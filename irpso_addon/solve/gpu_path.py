@@ -300,7 +300,7 @@ def _calibrated(
         return replace(large, openness=openness(source.device, source, grid.mesh, given.scene, large, surface))
 
     if given.settled is not None:
-        return sample.rig, (yield from found_again(given.settled, more, straightened))
+        return sample.rig, (yield from found_again(given.settled, sample, more, straightened))
     return sample.rig, (yield from calibrate(
         sample, settings.lamps == "auto", settings.exposures == "auto", more,
         straight=straightened if settings.normals == "auto" else None))

@@ -118,16 +118,26 @@ def _judged(
                   ambient), True
 
 
-def found_again(before: Judged, more: Larger, straight: Straight) -> Steps[Judged | None]:
+def found_again(before: Judged, sample: RigSample, more: Larger, straight: Straight) -> Steps[Judged | None]:
     """The same change where cameras have been put right since: no other numbers, but their values anew.
 
-    None where nothing is off any more.  ``more``, ``straight``: as of `calibrate`.
+    None where nothing is off any more, or left-out views are not predicted better.  ``sample``, ``more``, ``straight``:
+    as of `calibrate`.
     """
+    seen = straight(sample, None) if before.turned else sample
+    folds = split(seen.texels)
+    if folds is None:
+        return None
     free, found, ambient = yield from _final(
         before.free, before.found, more, straight if before.turned else None, ROUNDS)
-    if not _off(found) or _far(found):
+    if not _off(found) or (_far(found) and not _far(before.found)):
         return None
-    return replace(before, found=found, free=free, ambient_radiance=ambient)
+    contest = Contest(seen, found, folds)
+    contest.add(str(free), (yield from share_of(contest.predictions(free, found), 1.0, 1.0)))
+    if not contest.beats(str(free), GIVEN):
+        return None
+    return replace(before, found=found, given=contest.judge.error(GIVEN), changed=contest.judge.error(str(free)),
+                   free=free, ambient_radiance=ambient)
 
 
 def _final(

@@ -370,5 +370,6 @@ class _Contest:
         sigma = float(np.sqrt((len(values) - 1) * values.var())) if trial.strength == ONE_VALUE else 0.0
         level = None if trial.model == "one-lobe" else one.level
         # The lightness of most pixels says that texels differ, though the few brightest would flash.
-        differ = trial.strength == ONE_VALUE and errors[FITTED[self.fitted.model]].lightness < best.lightness
+        differ = (trial.strength == ONE_VALUE and self.fitted.model in ("one-lobe", "one-lobe-specular")
+                  and errors[FITTED[self.fitted.model]].lightness < best.lightness)
         return Decision(trial.model, why, level, one.metallic, one.coat, trial.prior(joint, sigma), prediction, differ)

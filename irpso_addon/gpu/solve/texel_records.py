@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import moderngl
 import numpy as np
 
+from ...core.checks.residuals import MAD
 from ...core.data import F32, Bool
 from ..device.context import Device
 
 INFORMED = 0.05  # standard error of a texel's roughness up to which it shows how texels differ ...
 FEW = 50  # ... if so many do
-MAD = 1.4826  # standard deviation of a normal distribution, in units of its median absolute deviation
 
 
 @dataclass(frozen=True)
