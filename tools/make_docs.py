@@ -161,7 +161,8 @@ def panels() -> str:
     for cls in found:
         parent = names.get(getattr(cls, "bl_parent_id", ""), "")
         tab = getattr(cls, "bl_category", "")
-        where = f"{EDITORS[cls.bl_space_type]}, sidebar, tab {tab}" if tab else TABS.get(getattr(cls, "bl_context", ""), "menu")
+        elsewhere = TABS.get(getattr(cls, "bl_context", ""), "menu")
+        where = f"{EDITORS[cls.bl_space_type]}, sidebar, tab {tab}" if tab else elsewhere
         label = cls.bl_label or "the active view"
         name = f"{parent} > {label}" if parent else label
         rows.append((name or cls.__name__, where, sentence(cls.__doc__)))

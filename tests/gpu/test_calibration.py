@@ -153,7 +153,7 @@ def test_lamps_that_were_measured_stay(plane) -> None:
 
 
 def test_lamps_far_off_come_back_with_cameras_that_are_off(plane) -> None:
-    """All stand 5 % of their distance off, and cameras look a pixel aside; the figures told are those of both mended."""
+    """All stand 5 % of their distance off, and cameras look a pixel aside; the figures told are of both mended."""
     rng = np.random.default_rng(12)
     by = {light.name: 0.09 * rng.standard_normal(3) for view in plane.scene.views for light in view.lights}
     wrong = relit(plane, lambda x: moved(x, by[x.name]))
