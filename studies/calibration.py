@@ -15,7 +15,7 @@ import numpy as np
 
 from irpso_addon.blender.oiio import ensure_openimageio
 from irpso_addon.core.checks.light_checks import moved
-from irpso_addon.core.checks.registration import moved as shifted
+from irpso_addon.core.checks.mended_cameras import moved as shifted
 from irpso_addon.core.data import Camera, Light, SceneData, Solution
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.phrases import percent

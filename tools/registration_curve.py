@@ -32,7 +32,7 @@ from irpso_addon.blender.material import material  # noqa: E402
 from irpso_addon.blender.sample import demo  # noqa: E402
 from irpso_addon.blender.scene.scene import read_scene  # noqa: E402
 from irpso_addon.cli.demo import make  # noqa: E402
-from irpso_addon.core.checks.registration import moved  # noqa: E402
+from irpso_addon.core.checks.mended_cameras import moved  # noqa: E402
 from irpso_addon.core.data import F32, Bool, SceneData, Solution  # noqa: E402
 from irpso_addon.core.evaluation.metrics import map_errors, psnr  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402

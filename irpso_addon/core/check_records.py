@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 SIGMAS = 4.0  # a shift or gain so many standard errors off is beyond doubt
-GROWN = 4.0  # a growth must be so many times as sure as a shift: shapes that are off look like one
+# Standard errors of a growth, roll or bend from which on it is beyond doubt: shapes that are off look like one.
+CERTAIN = 8.0
 LEAST_SHIFT, LEAST_GAIN = 0.02, 0.003  # less is not worth a second solve: pixels, relative
 
 
@@ -64,6 +65,10 @@ class Misfit:
     growth: float = 0.0  # relative: by how much the content is larger than the prediction
     growth_error: float = 0.0  # its standard error
     centre: tuple[float, float] = (0.0, 0.0)  # of the object, where the shift was found: pixels from the image's middle
+    roll: float = 0.0  # radians: by how much the content is turned counter-clockwise
+    roll_error: float = 0.0  # its standard error
+    bend: float = 0.0  # what the lens's k1 lacks, of all cameras with this lens; 0 unless beyond doubt
+    bend_error: float = 0.0  # its standard error
 
     @property
     def pixels(self) -> float:
@@ -78,7 +83,22 @@ class Misfit:
     @property
     def grown(self) -> bool:
         """The focal length is off beyond doubt, and worth mending: at the image's edges."""
-        return abs(self.growth) > max(LEAST_SHIFT / max(self.size), SIGMAS * self.growth_error) * GROWN
+        return abs(self.growth) > max(self._least, CERTAIN * self.growth_error)
+
+    @property
+    def rolled(self) -> bool:
+        """The camera is turned about its axis beyond doubt, and that is worth mending."""
+        return abs(self.roll) > max(self._least, CERTAIN * self.roll_error)
+
+    @property
+    def warped(self) -> bool:
+        """The camera is off by more than a shift."""
+        return self.grown or self.rolled or self.bend != 0
+
+    @property
+    def _least(self) -> float:
+        """Relative: what moves an image's edges by little."""
+        return 4 * LEAST_SHIFT / max(self.size)
 
     @property
     def drifted(self) -> bool:

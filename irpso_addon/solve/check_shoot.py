@@ -14,8 +14,8 @@ from ..core.checks.drawn_view import DrawnView
 from ..core.checks.edge_shift import EdgeShift, has_outline, outline_distance, shift_of
 from ..core.checks.epipolar import Side, neighbours, side_of
 from ..core.checks.highlights import irradiance
-from ..core.checks.registration import moved
-from ..core.checks.registration_fit import silhouette
+from ..core.checks.mended_cameras import moved
+from ..core.checks.outline_fit import silhouette
 from ..core.checks.shoot_check import ShootCheck
 from ..core.checks.shoot_measure import ShootMeasure
 from ..core.data import F32, Light, SceneData, View

@@ -17,10 +17,10 @@ from ..core.calibration.calibrate import Judged
 from ..core.check_records import Checks, Misfit
 from ..core.checks.bounced_light import BouncedSample, why_not
 from ..core.checks.calibration_lines import calibrated
+from ..core.checks.mended_cameras import corrected
 from ..core.checks.normals_line import refined
-from ..core.checks.registration import corrected
 from ..core.checks.residuals import is_indirect
-from ..core.checks.solve_checks import TexelFit, measure, worse
+from ..core.checks.solve_checks import TexelFit, left_over, measure
 from ..core.checks.warnings import grouped, mended, warnings
 from ..core.cpu_solver import solver
 from ..core.data import (
@@ -54,7 +54,7 @@ from .gpu_path import Clock, Given, ReadImage, Solved, TexelGrid, draw_texels, s
 
 ALIGN_ROUNDS = 4  # of finding where cameras look
 NEAR = 0.05  # pixels that a camera may be off after a round that put it right: no other round is worth its time
-FORETOLD = 1.1  # ratio of the products of both errors of left-out views: less is scatter of the samples
+FORETOLD = 1.1  # ratio of errors of lightness of left-out views: less is scatter of the samples
 ROUND_SIZE = 512  # texels: of maps that only the next round needs
 NO_CONFIDENCE = "method paper: gives no uncertainty; confidence is 0 and the standard errors are 0.5 everywhere"
 
@@ -222,23 +222,21 @@ def _align(
 
 def _near(misfits: Sequence[Misfit], gains: bool) -> bool:
     """Whether cameras (``gains``: and exposures) that were put right are off by less than is worth another round."""
-    return not any(misfit.grown or misfit.pixels > NEAR or (gains and misfit.drifted) for misfit in misfits)
+    return not any(misfit.warped or misfit.pixels > NEAR or (gains and misfit.drifted) for misfit in misfits)
 
 
 def _better(after: Outcome, before: Outcome) -> bool:
-    """Whether maps explain the views better than others of the same size, and predict left-out ones no worse."""
+    """Whether maps explain the views better than others of the same size, and predict left-out ones no worse.
+
+    Of a few texels' radiance, single highlights make the errors: lightness says it.  Worse by less than the views are
+    explained better is scatter.
+    """
     assert after.solution.checks is not None and before.solution.checks is not None
-    foretold = [np.log(_foretold(after.solution.predictions[name]) / _foretold(found))
+    foretold = [np.log(max(after.solution.predictions[name].error.lightness, 1e-6) / max(found.error.lightness, 1e-6))
                 for name, found in before.solution.predictions.items() if name in after.solution.predictions]
+    explained = left_over(before.solution.checks) - left_over(after.solution.checks)
     # All materials together: a view that is put right seldom suits the small sample of each.
-    return not worse(after.solution.checks, before.solution.checks) and (
-        not foretold or float(np.mean(foretold)) < np.log(FORETOLD))
-
-
-def _foretold(prediction: MaterialPrediction) -> float:
-    """Error of what was left out, by radiance and lightness alike."""
-    error = prediction.error
-    return max(error.relative_rms * error.lightness, 1e-12)
+    return explained > 0 and (not foretold or float(np.mean(foretold)) < max(np.log(FORETOLD), explained))
 
 
 def _bounced(settings: SolveSettings, solution: Solution) -> bool:

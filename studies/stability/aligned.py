@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from irpso_addon.core.check_records import Checks
-from irpso_addon.core.checks.registration import corrected
-from irpso_addon.core.checks.solve_checks import worse
+from irpso_addon.core.checks.mended_cameras import corrected
+from irpso_addon.core.checks.solve_checks import left_over
 from irpso_addon.core.checks.warnings import mended
 from irpso_addon.core.data import SceneData, View
 from irpso_addon.solve.pipeline import ALIGN_ROUNDS
@@ -39,7 +39,7 @@ def rounds(
         mended_problem = _mended(problem, better.views)
         there = solve(mended_problem)
         told = checks_of(mended_problem, there, better.views)
-        if worse(told, checks):
+        if left_over(told) >= left_over(checks):
             break
         scene, answer, checks, changed = better, there, told, True
     return answer, checks, mended(first, True, exposures) if changed else ()

@@ -12,7 +12,7 @@ from mathutils import Vector
 
 from irpso_addon.blender import files
 from irpso_addon.blender.scene.scene import read_scene
-from irpso_addon.core.checks.registration import moved
+from irpso_addon.core.checks.mended_cameras import moved
 from irpso_addon.core.checks.shoot_check import ShootCheck, findings
 from irpso_addon.core.data import SceneData
 from irpso_addon.gpu.device import thread

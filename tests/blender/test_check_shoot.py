@@ -15,7 +15,7 @@ import pytest
 
 from irpso_addon.blender import files
 from irpso_addon.blender.scene.scene import read_scene
-from irpso_addon.core.checks.registration import moved
+from irpso_addon.core.checks.mended_cameras import moved
 from irpso_addon.core.checks.shoot_check import ShootCheck
 from irpso_addon.core.data import SceneData, View
 from irpso_addon.gpu.device import thread

@@ -10,7 +10,7 @@ import pytest
 from irpso_addon.blender import files
 from irpso_addon.blender.sample import demo
 from irpso_addon.blender.scene.scene import read_scene
-from irpso_addon.core.checks.registration import moved
+from irpso_addon.core.checks.mended_cameras import moved
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline

@@ -10,7 +10,7 @@ import pytest
 
 from irpso_addon.core.checks.drawn_view import DrawnView
 from irpso_addon.core.checks.epipolar import Side, compared, epipolar_distances, neighbours, side_of
-from irpso_addon.core.checks.registration import moved
+from irpso_addon.core.checks.mended_cameras import moved
 from irpso_addon.core.data import Camera, RadianceImage, View
 from irpso_addon.core.projection import rays_of
 from tests.support import synthetic as syn

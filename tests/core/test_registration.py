@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.check_records import Misfit
-from irpso_addon.core.checks.registration import Registration, corrected
-from irpso_addon.core.checks.registration_fit import fit_views, gain_of_cameras, silhouette
+from irpso_addon.core.checks.mended_cameras import corrected
+from irpso_addon.core.checks.outline_fit import GROWTH, silhouette
+from irpso_addon.core.checks.registration import Registration
+from irpso_addon.core.checks.registration_fit import fit_views, gain_of_cameras
 from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
 from irpso_addon.core.data import Camera, MeshArrays, SceneData, View
 from tests.support.synthetic import plane_mesh
@@ -151,7 +153,7 @@ def test_a_mask_drawn_too_small_is_no_shift():
     inner = silhouette(covered.astype(np.float32), drawn_over(shrunk=1.0))
     assert inner is not None
     np.testing.assert_allclose(inner.shift, 0, atol=0.02)
-    assert inner.growth == pytest.approx(-1 / RADIUS, rel=0.1)
+    assert inner.values[GROWTH] == pytest.approx(-1 / RADIUS, rel=0.1)
     assert silhouette(covered.astype(np.float32), np.ones(covered.shape, np.float32)) is None
 
 
@@ -159,7 +161,7 @@ def test_a_mask_of_something_else_says_nothing():
     half = drawn_over() * (np.arange(WIDTH) < WIDTH / 2)  # cut off through the middle: the right outline is gone
     found = silhouette(np.isfinite(ball()[2]).astype(np.float32), half.astype(np.float32))
     assert found is not None
-    assert np.all(np.abs(found.shift) < 4 * np.sqrt(np.diag(found.covariance)) + 0.05)
+    assert np.all(np.abs(found.shift) < 4 * np.sqrt(np.diag(found.shift_covariance)) + 0.05)
 
 
 def test_a_focal_length_that_is_off() -> None:

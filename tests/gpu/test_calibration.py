@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core.checks.registration import moved as aside
+from irpso_addon.core.checks.mended_cameras import moved as aside
 from irpso_addon.core.data import Calibration, Light, Solution
 from tests.support import shoots
 from tests.support import synthetic as syn

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core import lens_mesh
-from irpso_addon.core.checks.registration import moved
+from irpso_addon.core.checks.mended_cameras import moved
 from irpso_addon.core.data import Bounced, Camera, SceneData, View
 from irpso_addon.core.lens import Lens
 from irpso_addon.core.projection import pixel_widths, pixels_of

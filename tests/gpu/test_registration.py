@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core.checks.registration import moved
+from irpso_addon.core.checks.mended_cameras import moved
 from irpso_addon.core.data import Camera
 from irpso_addon.gpu.gbuffer.drawn_outline import DrawnOutline
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer

@@ -1,4 +1,4 @@
-"""How far each view lies from where its camera says, and how far its exposure has drifted; and scenes put right.
+"""How far each view lies from where its camera says, and how far its exposure has drifted.
 
 Texture cannot tell where a camera looks, since the maps are what the views agree on; so every pixel's brightness
 (a factor on the prediction, the same in all views of the camera) is eliminated, and what is left moves the camera:
@@ -13,14 +13,15 @@ sandwich of Huber 1967 over clusters), because neighbouring pixels share their e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..check_records import SIGMAS, Misfit
-from ..data import F32, F64, Bool, Camera, SceneData, View
-from .registration_fit import Fit, Outline, ViewFit, blurred, eroded, fit_views, gain_of_cameras, silhouette, tiles_of
+from ..check_records import CERTAIN, LEAST_SHIFT, SIGMAS, Misfit
+from ..data import F32, F64, Bool, Camera, View
+from ..projection import lens_for
+from .outline_fit import BEND, GROWTH, ROLL, Optics, Outline, silhouette
+from .registration_fit import Fit, ViewFit, blurred, eroded, fit_views, gain_of_cameras, tiles_of
 from .view_check_data import CheckedView, PixelWindow
 
 MEAN = np.full(3, 1 / 3, np.float32)  # of the channels
@@ -32,7 +33,7 @@ UNEXPLAINED = 5.0  # pixels of doubt per unit of relative error left in the pixe
 RIM = 4  # pixels next to an edge of the object, left to the silhouette
 SHIFT_FLOOR, GAIN_FLOOR = 0.005, 0.001  # errors that no statistics shows: pixels, relative
 GAIN_PER_PIXEL = 0.005  # relative, per pixel of shift: while cameras are off the base colours are wrong too
-LIKELY = 2.0  # a shift so many off is likely
+ALIKE = 0.05  # relative: focal lengths of cameras that have one lens
 LEAST_ALONE = 0.1  # pixels from the other views of its camera: then a view is believed to have moved by itself
 
 
@@ -58,7 +59,9 @@ class Registration:
         gains = gain_of_cameras([(e.uv, e.fit.factor) for e in self._done])
         logs = [e.fit.log_gain + g for e, g in zip(self._done, gains, strict=True)]
         mean = float(np.mean(np.concatenate(logs))) if logs else 0.0
-        return tuple(m for e, log in zip(self._done, logs, strict=True) for m in e.misfits(log - mean))
+        bends = _bends(self._done)
+        return tuple(m for e, log, bend in zip(self._done, logs, bends, strict=True)
+                     for m in e.misfits(log - mean, *bend))
 
     def _finish(self) -> None:
         if self._camera is not None and self._camera.views:
@@ -96,7 +99,8 @@ class _Collected:
         rows = np.stack([np.where(whole, a, np.nan).ravel()[self.at] for a in (predicted, right, up, observed)])
         self.seen.append(rows.astype(np.float32))
         if self._coverage is None or not np.array_equal(self._coverage, checked.coverage):
-            self._coverage, self._outline = checked.coverage, silhouette(self.window.drawn, checked.coverage)
+            optics = optics_of(checked.view.camera, self.window)
+            self._coverage, self._outline = checked.coverage, silhouette(self.window.drawn, checked.coverage, optics)
         self.outlines.append(self._outline)
 
     def solve(self) -> _Estimate:
@@ -112,9 +116,7 @@ class _Collected:
         fit = fit_views(np.stack(self.seen, 1)[..., known].astype(np.float64),
                         np.stack([a.ravel()[at] for a in (factor, right, up)]).astype(np.float64),
                         tiles_of(rows, columns), free=not single)
-        shift, error, alone = _settled(fit, [None if o is None else (o.shift, o.covariance) for o in self.outlines])
-        drawn = [o for o, departs in zip(self.outlines, alone, strict=True) if o is not None and not departs]
-        return _Estimate(self.views, self.window, shift, error, alone, drawn, fit, self.window.uv.reshape(-1, 2)[at])
+        return _Estimate(self.views, self.window, fit, self.outlines, self.window.uv.reshape(-1, 2)[at])
 
 
 @dataclass(frozen=True)
@@ -123,34 +125,75 @@ class _Estimate:
 
     views: list[View]
     window: PixelWindow
-    shift: F64  # (V, 2) pixels
-    shift_error: F64  # (V,)
-    alone: Bool  # (V,)
-    outlines: list[Outline]  # of the views that share their shift
     fit: Fit
+    outlines: list[Outline | None]
     uv: F32  # (N, 2) where the fit's pixels look
 
-    def misfits(self, log_gain: F64) -> list[Misfit]:
-        """With the views' gains, (V,)."""
-        errors = np.sqrt(self.fit.gain_error**2 + GAIN_FLOOR**2 + (GAIN_PER_PIXEL * np.hypot(*self.shift.T)) ** 2)
-        growth, growth_error, centre = self._growth()
+    def bend(self) -> tuple[float, float] | None:
+        """What its lens's k1 lacks, and its standard error; None: no outline shows it."""
+        drawn = [o for o in self.outlines if o is not None and o.optics is not None]
+        if not drawn:
+            return None
+        return (float(np.mean([o.values[BEND] for o in drawn])),
+                float(np.mean([o.covariance[BEND, BEND] for o in drawn])) ** 0.5)
+
+    def misfits(self, log_gain: F64, bend: float, bend_error: float) -> list[Misfit]:
+        """With the views' gains, (V,), and what the lens's k1 lacks."""
+        outlines = [None if o is None else o.bent(bend) for o in self.outlines]
+        shift, shift_error, alone = _settled(
+            self.fit, [None if o is None else (o.shift, o.shift_covariance) for o in outlines])
+        gain_error = np.sqrt(self.fit.gain_error**2 + GAIN_FLOOR**2 + (GAIN_PER_PIXEL * np.hypot(*shift.T)) ** 2)
+        drawn = [o for o, departs in zip(outlines, alone, strict=True) if o is not None and not departs]
+        growth, roll = (_of_one_shape(drawn, value) for value in (GROWTH, ROLL))
+        x, y = (float(np.mean([o.centre[axis] for o in drawn])) + self.window.corner[axis]
+                - self.window.image[axis] / 2 if drawn else 0.0 for axis in (0, 1))
         return [
-            Misfit(view.image, view.camera.name, self.window.image, (float(x), float(y)), float(error),
-                   float(np.exp(gain)), float(gain_error), bool(alone), growth, growth_error, centre)
-            for view, (x, y), error, gain, gain_error, alone in zip(
-                self.views, self.shift, self.shift_error, log_gain, errors, self.alone, strict=True)]
+            Misfit(view.image, view.camera.name, self.window.image, (float(right), float(up)), float(error),
+                   float(np.exp(gain)), float(its_error), bool(departs), *growth, (x, y), *roll, bend, bend_error)
+            for view, (right, up), error, gain, its_error, departs in zip(
+                self.views, shift, shift_error, log_gain, gain_error, alone, strict=True)]
 
-    def _growth(self) -> tuple[float, float, tuple[float, float]]:
-        """Of the camera's content, its standard error, and about which place: pixels from the image's middle.
 
-        The outlines are of one shape, so that their errors do not average out.
-        """
-        if not self.outlines:
-            return 0.0, 0.0, (0.0, 0.0)
-        x, y = (float(np.mean([o.centre[axis] for o in self.outlines])) + self.window.corner[axis]
-                - self.window.image[axis] / 2 for axis in (0, 1))
-        return (float(np.mean([o.growth for o in self.outlines])),
-                float(np.mean([o.growth_error**2 for o in self.outlines])) ** 0.5, (x, y))
+def _of_one_shape(outlines: list[Outline], value: int) -> tuple[float, float]:
+    """One of several outlines' values, and its standard error: they are of one shape, so errors do not average out."""
+    if not outlines:
+        return 0.0, 0.0
+    return (float(np.mean([o.values[value] for o in outlines])),
+            float(np.mean([o.covariance[value, value] for o in outlines])) ** 0.5)
+
+
+def _bends(cameras: list[_Estimate]) -> list[tuple[float, float]]:
+    """What each camera's k1 lacks, and its standard error; 0 unless it is beyond doubt, and worth mending.
+
+    Cameras with one focal length and one size of pictures are taken to have one lens.
+    """
+    found = [(0.0, 0.0)] * len(cameras)
+    left = {n: optics for n, camera in enumerate(cameras)
+            if (optics := optics_of(camera.views[0].camera, camera.window)) is not None}
+    while left:
+        first = min(left)
+        size, focal = cameras[first].window.image, left[first].focal
+        alike = [n for n, optics in left.items()
+                 if cameras[n].window.image == size and abs(np.log(optics.focal / focal)) < ALIKE]
+        left = {n: optics for n, optics in left.items() if n not in alike}
+        each = np.array([bend for n in alike if (bend := cameras[n].bend()) is not None])
+        if not len(each):
+            continue
+        weights = 1 / np.maximum(each[:, 1], 1e-9) ** 2
+        lacks, error = float(weights @ each[:, 0] / weights.sum()), float(weights.sum() ** -0.5)
+        corner = 0.5 * float(np.hypot(*size))
+        if abs(lacks) > max(LEAST_SHIFT / (corner * (corner / focal) ** 2), CERTAIN * error):
+            for n in alike:
+                found[n] = lacks, error
+    return found
+
+
+def optics_of(camera: Camera, window: PixelWindow) -> Optics | None:
+    """Of a camera's window; None where a bend would not be one of k1's."""
+    if camera.orthographic or (camera.lens is not None and camera.lens.fisheye):
+        return None
+    lens = lens_for(camera, window.image)
+    return Optics((lens.cx - window.corner[0], window.image[1] - lens.cy - window.corner[1]), lens.fx)
 
 
 def _settled(fit: Fit, outlines: list[ViewFit | None]) -> tuple[F64, F64, Bool]:
@@ -185,64 +228,3 @@ def _joined(pixels: ViewFit, outline: ViewFit | None) -> ViewFit:
     first, second = np.linalg.inv(pixels[1]), np.linalg.inv(outline[1] + SHIFT_FLOOR**2 * np.eye(2))
     total = np.linalg.inv(first + second)
     return total @ (first @ pixels[0] + second @ outline[0]), total
-
-
-def corrected(scene: SceneData, misfits: Sequence[Misfit], shifts: bool, gains: bool) -> SceneData:
-    """The scene with cameras and exposures put right; the scene itself where none is off beyond doubt.
-
-    Where a camera is, the others are put right as well, by what is likely (two standard errors): the round comes
-    anyway.  Not so gains: those of views lit from behind run away with the roughness that explains them as well.
-    Views of a camera that share their shift go on sharing it; one that departs gets a camera of its own.
-    """
-    found = {(m.image, m.camera): m for m in misfits}
-    shifts = shifts and any(m.shifted or m.grown for m in misfits)
-    gains = gains and any(m.drifted for m in misfits)
-    cameras: dict[str, Camera] = {}
-    views = []
-    for view in scene.views:
-        misfit = found.get((view.image, view.camera.name))
-        if misfit is not None and shifts and (misfit.grown or misfit.pixels > LIKELY * misfit.shift_error):
-            name = f"{view.camera.name} ({view.image.name})" if misfit.alone else view.camera.name
-            if name not in cameras:
-                cameras[name] = replace(_mended(view.camera, misfit), name=name)
-            view = replace(view, camera=cameras[name])
-        if misfit is not None and gains and misfit.drifted:
-            view = replace(view, gain=view.gain * misfit.gain)
-        views.append(view)
-    return replace(scene, views=tuple(views)) if shifts or gains else scene
-
-
-def moved(camera: Camera, shift: tuple[float, float], size: tuple[int, int]) -> Camera:
-    """The camera whose image lies ``shift`` pixels (right, up) from that of ``camera``; ``size``: width, height."""
-    if camera.lens is not None:
-        across, up = (pixels * whole / count for pixels, whole, count in zip(
-            shift, (camera.lens.width, camera.lens.height), size, strict=True))
-        lens = replace(camera.lens, cx=camera.lens.cx + across, cy=camera.lens.cy - up)
-        return replace(camera, lens=lens, projection=lens.matrix)
-    projection = camera.projection.copy()
-    for axis in (0, 1):
-        projection[axis] += 2 * shift[axis] / size[axis] * projection[3]
-    return replace(camera, projection=projection)
-
-
-def _mended(camera: Camera, misfit: Misfit) -> Camera:
-    """The camera shifted, and where it has grown beyond doubt, grown about the object."""
-    if not misfit.grown:
-        return moved(camera, misfit.shift, misfit.size)
-    (x, y), (right, up), by = misfit.centre, misfit.shift, misfit.growth
-    return moved(grown(camera, by), (right - by * x, up - by * y), misfit.size)
-
-
-def grown(camera: Camera, by: float) -> Camera:
-    """The camera whose image is larger by this factor less 1, about its middle: a longer focal length."""
-    if by == 0:
-        return camera
-    if camera.lens is not None:
-        lens = camera.lens
-        middle = lens.width / 2, lens.height / 2
-        lens = replace(lens, fx=lens.fx * (1 + by), fy=lens.fy * (1 + by),
-                       cx=middle[0] + (lens.cx - middle[0]) * (1 + by), cy=middle[1] + (lens.cy - middle[1]) * (1 + by))
-        return replace(camera, lens=lens, projection=lens.matrix)
-    projection = camera.projection.copy()
-    projection[:2] *= 1 + by
-    return replace(camera, projection=projection)

@@ -1,4 +1,4 @@
-"""Least squares for registration: shifts and gains of views from pixels and silhouettes; see registration.py."""
+"""Least squares for registration: shifts and gains of views from their pixels; see registration.py."""
 
 from __future__ import annotations
 
@@ -21,8 +21,6 @@ WIDEST = 10.0  # pixels: prior of shifts, so that nothing to see gives a large e
 BINS = 64  # by BINS, over the UV square: what two cameras show of it is compared
 Image = TypeVar("Image", F32, Bool)
 ViewFit = tuple[F64, F64]  # shift (2,) and its covariance (2, 2), pixels
-ALIKE = 0.9  # least cosine between what a silhouette's slope is and what it should be
-BAND = 3  # pixels around a silhouette in which the image's must lie
 
 
 @dataclass(frozen=True)
@@ -59,12 +57,12 @@ def fit_views(seen: F64, factor: F64, tiles: I32, free: bool = True) -> Fit:
     weight = known / ((noise * level) ** 2 + edges)
     for _ in range(ROUNDS):
         solved, inverse, remains, change = _projected(columns, predicted, left, weight, free)
-        noise = np.array([[_scale(r[t])] for r, t in zip(remains / level, known, strict=True)])
+        noise = np.array([[scale(r[t])] for r, t in zip(remains / level, known, strict=True)])
         sure = known / ((noise * level) ** 2 + edges)
-        spread = max(_scale((remains * np.sqrt(sure))[known]), 1e-6)
+        spread = max(scale((remains * np.sqrt(sure))[known]), 1e-6)
         weight = sure / spread**2 / (1.0 + remains**2 * sure / (CAUCHY * spread) ** 2)
     views = len(known)
-    scores = np.stack([_by_tile(weight[v] * column[v] * remains[v], tiles) for column in columns for v in range(views)])
+    scores = np.stack([by_tile(weight[v] * column[v] * remains[v], tiles) for column in columns for v in range(views)])
     covariance = inverse @ (scores @ scores.T) @ inverse
     blind = np.tile(known.sum(axis=1) < LEAST_PIXELS, 3)  # views that tell nothing: clipped, masked, not seen
     covariance = np.where(blind | blind[:, None], 0.0, covariance) + np.diag(np.where(blind, WIDEST**2, 0.0))
@@ -103,68 +101,19 @@ def _projected(columns: F64, predicted: F64, left: F64, weight: F64, free: bool)
     return solved, inverse, (remains - predicted * change) * (weight > 0), change
 
 
-def _scale(values: F64) -> float:
+def scale(values: F64) -> float:
     """Robust standard deviation (from the median of absolute values)."""
     return 1.4826 * float(np.median(np.abs(values))) + 1e-6 if len(values) else 1.0
 
 
-def _by_tile(values: F64, tiles: I32) -> F64:
+def by_tile(values: F64, tiles: I32) -> F64:
+    """Sums over the pixels of each tile."""
     return np.bincount(tiles, values, minlength=int(tiles.max(initial=0)) + 1)
 
 
 def tiles_of(rows: I32, columns: I32) -> I32:
     """(N,) number of the TILE by TILE square that each pixel lies in."""
     return np.asarray(np.unique(rows // TILE * 65536 + columns // TILE, return_inverse=True)[1], np.int32)
-
-
-@dataclass(frozen=True)
-class Outline:
-    """How an object's outline in an image differs from where it should be."""
-
-    shift: F64  # (2,) pixels, at ``centre``
-    covariance: F64  # (2, 2)
-    growth: float  # relative
-    growth_error: float  # its standard error
-    centre: F64  # (2,) x, y of the outline, about which it grows, from the lower left corner of the first pixel
-
-
-def silhouette(share: F32, coverage: F32) -> Outline | None:
-    """Shift of the object's outline in an image, and by how much it has grown; None where none can be seen.
-
-    ``share`` (h, w) 0..1: of each pixel's square, what the object should cover; ``coverage`` (h, w) 0..1: the image's
-    alpha or mask.  Along the outline the difference of the two areas is the displacement's part across it.
-    """
-    seen, drawn = blurred(blurred(coverage)), blurred(blurred(share))
-    (up, right), (up_drawn, right_drawn) = np.gradient(seen), np.gradient(drawn)
-    steep, steep_drawn = np.hypot(up, right), np.hypot(up_drawn, right_drawn)
-    alike = up * up_drawn + right * right_drawn > ALIKE * steep * steep_drawn  # not where a mask cuts the object
-    up, right = 0.5 * (up + up_drawn), 0.5 * (right + right_drawn)
-    lowest, highest = coverage, coverage
-    for _ in range(BAND):
-        lowest, highest = _around(lowest, np.minimum), _around(highest, np.maximum)
-    near = (steep_drawn > 0.05) & (steep > 0.005) & alike & (highest > 0.75) & (lowest < 0.25)
-    near[:BAND], near[-BAND:], near[:, :BAND], near[:, -BAND:] = False, False, False, False
-    at = np.flatnonzero(near)
-    if len(at) < 50:
-        return None
-    row, column = np.unravel_index(at, share.shape)
-    place = np.stack([column, row]) + 0.5
-    centre: F64 = place.mean(1, keepdims=True, dtype=np.float64)  # about which shift and growth are hardly correlated
-    wide = max(float(np.abs(place - centre).max()), 1.0)
-    slope = np.stack([right.ravel()[at], up.ravel()[at]]).astype(np.float64)
-    slope = np.concatenate([slope, (slope * (place - centre)).sum(0, keepdims=True) / wide])
-    left = (drawn - seen).ravel()[at].astype(np.float64)
-    weight = np.ones(len(at))
-    for _ in range(2 * ROUNDS):
-        inverse = np.linalg.inv((weight * slope) @ slope.T + np.eye(3) * WIDEST**-2)
-        found = inverse @ (slope @ (weight * left))
-        remains = left - found @ slope
-        weight = 1.0 / (1.0 + (remains / (CAUCHY * _scale(remains))) ** 2)
-    tiles = tiles_of(row.astype(np.int32), column.astype(np.int32))
-    scores = np.stack([_by_tile(weight * remains * part, tiles) for part in slope])
-    covariance = inverse @ (scores @ scores.T) @ inverse
-    return Outline(found[:2], covariance[:2, :2], float(found[2]) / wide,
-                   float(np.sqrt(covariance[2, 2])) / wide, centre[:, 0])
 
 
 def blurred(image: F32) -> F32:
@@ -181,11 +130,11 @@ def blurred(image: F32) -> F32:
 def eroded(mask: Bool, steps: int) -> Bool:
     """Without what lies within so many pixels (by rows and columns) of anything outside."""
     for _ in range(steps):
-        mask = _around(mask, np.logical_and)
+        mask = around(mask, np.logical_and)
     return mask
 
 
-def _around(image: Image, least: np.ufunc) -> Image:
+def around(image: Image, least: np.ufunc) -> Image:
     """The least (or greatest) of each pixel and its eight neighbours; beyond the edges lies the edge."""
     for axis in (0, 1):
         wide = np.pad(image, [(1, 1) if a == axis else (0, 0) for a in (0, 1)], mode="edge")

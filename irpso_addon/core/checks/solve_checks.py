@@ -121,16 +121,11 @@ class _Measured:
         return 1 / max(float(np.median(np.concatenate([*self.areas, np.zeros(0)]))), 1e-9)
 
 
-def worse(after: Checks, before: Checks) -> bool:
-    """Whether what was put right between two solves of one size was in vain: the maps explain no more of the views.
+def left_over(checks: Checks) -> float:
+    """Logarithm of the relative errors of brightness that views leave over, the mean of them; of noise and gain too.
 
-    By what each view leaves over, its noise included: noise stays, so it decides nothing.
+    Between two solves of one size it says whether what was put right explains the views better.
     """
-    return _left_over(after) >= _left_over(before)
-
-
-def _left_over(checks: Checks) -> float:
-    """Logarithm of the relative errors of brightness that views leave over, the mean of them; of noise and gain too."""
     errors = [np.hypot(r.spread, np.log(r.gain)) for r in (view.residual for view in checks.views) if r.pixels >= LEAST]
     return float(np.mean(np.log(np.maximum(errors, 1e-9)))) if errors else np.inf
 

@@ -20,6 +20,7 @@ MANY = 1.5  # ratio of the variances for many observations, a third left out
 LEAST_SETS = 3  # of lamps, or cameras: with fewer, leaving one out leaves too little
 LEAST_KNOWN = 2  # good observations that a texel keeps where it is predicted
 WHITE = 99.5  # per cent of the radiances that lie below white
+LEAST_CLUSTERS = 8  # fewer are too few to leave one's errors out
 ALIKE = 0.05, 0.08  # of the loss, by which a smaller model may be worse: the scatter, but between these
 
 
@@ -56,8 +57,10 @@ class Judge:
     flashes there is an error: normals and shadows that are off put it in the wrong place.
     """
 
-    def __init__(self, texels: SampledTexels, folds: Folds) -> None:
+    def __init__(self, texels: SampledTexels, folds: Folds, clusters: I32 | None = None) -> None:
+        """``clusters``: (T,) groups of neighbouring texels, which err alike; None: each texel is one."""
         self.texels, self.folds = texels, folds
+        self.clusters = np.arange(len(texels.cos_v), dtype=np.int32) if clusters is None else clusters
         self.radiance = texels.reflected * texels.irradiance
         usable = texels.usable()
         self.white = float(np.percentile(self.radiance[usable], WHITE)) if usable.any() else 1.0
@@ -86,7 +89,7 @@ class Judge:
         """
         left_out = self.folds.left_out[0]
         errors = {name: self._errors(value, left_out) for name, value in predictions.items()}
-        total = {name: float(values.sum()) for name, values in _losses(errors).items()}
+        total = {name: float(values.sum()) for name, values in _losses(errors, self.clusters).items()}
         return [name for name in names if total[name] <= (1 + margin) * min(total.values())]
 
     def _errors(self, value: F64, layers: Bool) -> Candidate:
@@ -98,25 +101,26 @@ class Judge:
         return Candidate((off**2).sum((1, 2)), (light**2).mean(2).sum(1))
 
     def error(self, name: str) -> PredictionError:
-        """Of a candidate, over all that was left out."""
+        """Of a candidate, over all that was left out; `limited`: of the surface, not of one place."""
         candidate = self.candidates[name]
+        squares, light = (
+            float(limited(of, self.clusters).sum()) for of in (candidate.squares, candidate.lightness))
         signal = float((self.radiance[self.judged] ** 2).sum())
-        return PredictionError(float(np.sqrt(candidate.squares.sum() / max(signal, 1e-30))),
-                               float(np.sqrt(candidate.lightness.sum() / max(int(self.judged.sum()), 1))))
+        return PredictionError(float(np.sqrt(squares / max(signal, 1e-30))),
+                               float(np.sqrt(light / max(int(self.judged.sum()), 1))))
 
-    def choose(self, families: Sequence[Sequence[str]], clusters: I32) -> str:
+    def choose(self, families: Sequence[Sequence[str]]) -> str:
         """The best of the smallest family that predicts about as well as the best one.
 
         ``families``: names of candidates, from the smallest models on.  Both errors count, each relative to the least:
         lightness alone misses the texel that may flash under another lamp, radiance alone the body of dark things.
-        ``clusters``: (T,) groups of neighbouring texels, which err alike.
         """
         loss = self._losses()
         total = {name: float(values.sum()) for name, values in loss.items()}
         firsts = [min(family, key=lambda name: total[name]) for family in families]
         best = min(firsts, key=lambda name: total[name])
         for name in firsts:
-            spread = scatter(loss[name] - loss[best], clusters) / total[best]
+            spread = scatter(loss[name] - loss[best], self.clusters) / total[best]
             if total[name] <= (1 + min(max(spread, ALIKE[0]), ALIKE[1])) * total[best]:
                 return name
         return best
@@ -148,20 +152,27 @@ class Judge:
 
     def _losses(self) -> dict[str, F64]:
         """(T,) of each candidate: both squared errors, each relative to the least of them."""
-        return _losses(self.candidates)
+        return _losses(self.candidates, self.clusters)
 
 
-def _losses(candidates: Mapping[str, Candidate]) -> dict[str, F64]:
-    both = {name: (limited(c.squares), limited(c.lightness)) for name, c in candidates.items()}
+def _losses(candidates: Mapping[str, Candidate], clusters: I32) -> dict[str, F64]:
+    both = {name: (limited(c.squares, clusters), limited(c.lightness, clusters)) for name, c in candidates.items()}
     least = [max(min(float(of[part].sum()) for of in both.values()), 1e-30) for part in (0, 1)]
     return {name: squares / least[0] + lightness / least[1] for name, (squares, lightness) in both.items()}
 
 
-def limited(values: F64) -> F64:
-    """(T,) values >= 0, of which none is larger than the sum of the others: one texel's luck chooses no model."""
-    if len(values) < 2:
-        return values
-    return np.minimum(values, values.sum() - values.max())
+def limited(values: F64, clusters: I32) -> F64:
+    """(T,) values >= 0, of which no cluster has more than all others: one place's luck chooses no model.
+
+    Of fewer than LEAST_CLUSTERS, no texel has more than all others.
+    """
+    _, of = np.unique(clusters, return_inverse=True)
+    if of.max(initial=0) + 1 < LEAST_CLUSTERS:
+        of = np.arange(len(values))
+    sums = np.bincount(of, values)
+    most = int(sums.argmax()) if len(sums) else 0
+    others = float(sums.sum() - sums[most]) if len(sums) > 1 else np.inf
+    return values if others >= sums.max(initial=0.0) else np.where(of == most, values * (others / sums[most]), values)
 
 
 def scatter(values: F64, clusters: I32) -> float:

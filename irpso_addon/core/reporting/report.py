@@ -101,7 +101,8 @@ def _checks(checks: Checks) -> dict[str, Any]:
                   "exponent_error": view.slope.error if view.slope else None}
         if misfit := shifts.get((view.view, view.camera)):
             record |= {"shift": misfit.shift, "shift_error": misfit.shift_error, "growth": misfit.growth,
-                       "growth_error": misfit.growth_error, "exposure": misfit.gain,
+                       "growth_error": misfit.growth_error, "roll": misfit.roll, "roll_error": misfit.roll_error,
+                       "bend": misfit.bend, "bend_error": misfit.bend_error, "exposure": misfit.gain,
                        "exposure_error": misfit.gain_error}
         views.append(record)
     return {**found, "views": views, "exponent": checks.slope.exponent if checks.slope else None,

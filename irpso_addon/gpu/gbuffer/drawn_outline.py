@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.checks.registration import moved
+from ...core.checks.mended_cameras import moved
 from ...core.data import F32, Camera
 from ..device.context import Device
 from ..device.draw_budget import Rectangle

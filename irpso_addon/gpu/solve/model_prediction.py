@@ -168,7 +168,7 @@ class _Contest:
         self.solver.shown = False
         self.search = JointSearch(observed)
         self.joints: list[Joint] = []  # of each fold
-        self.judge = Judge(observed, folds)
+        self.judge = Judge(observed, folds, clusters(sample, places))
         self.predictions: dict[str, list[F64]] = {}
         self.trials: dict[str, _Trial] = {}
         self.coats: CoatSearch | None = None  # where one is sought
@@ -200,7 +200,7 @@ class _Contest:
         if self.fitted.model in ("one-lobe", "one-lobe-specular"):
             spared = self.judge.spared()
             leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
-        taken = incumbent if leads else self.judge.choose(self._families(), clusters(self.sample, self.places))
+        taken = incumbent if leads else self.judge.choose(self._families())
         coated = yield from self._under_coats(taken, metal or apart)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
@@ -230,7 +230,7 @@ class _Contest:
         trials = [trial for trial in self.trials.values() if trial.coat and self._no_worse(trial.name, error)]
         if FREE_COAT in trials and not self.judge.leads(FREE_COAT.name, CLEAR_TWO, [trial.name for trial in trials]):
             trials.remove(FREE_COAT)  # what no prior holds together must be clear, as of two lobes
-        found = self.judge.choose([[taken], *_by_size(trials)], clusters(self.sample, self.places))
+        found = self.judge.choose([[taken], *_by_size(trials)])
         return found if found != taken and self.judge.leads(found, CLEAR_COAT, [taken]) else None
 
     def _no_worse(self, name: str, than: PredictionError) -> bool:
