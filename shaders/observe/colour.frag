@@ -3,11 +3,15 @@
 uniform sampler2D u_image;       // radiance, quality (0: unusable, 1: good, between: partly covered)
 uniform sampler2D u_irradiance;  // of the view's lights; a = shadow edge
 #ifdef BOUNCED
-uniform sampler2D u_bounced;     // indirect irradiance
+uniform sampler2D u_bounced;     // indirect irradiance; a: the sum of what is light from all around
 uniform sampler2D u_glossy;      // what highlights of it add to the picture
 
 // Indirect light is known to some per cent only: where it is this share of all light, an observation counts half.
 const float BOUNCED_SHARE = 0.2;
+// Light from all around is taken to be alike from everywhere, so that it is known to about half.  That error is alike in
+// neighbours and does not average out: relative to what is typical, an observation has half its weight at this share.
+const float AMBIENT_SHARE = 0.005;
+const float TYPICAL = 10.0;  // irradiance over the level, which is radiance: of a surface of albedo 0.3
 #endif
 
 layout(location = 0) out vec4 o_colour;  // radiance / irradiance (1/sr), quality (about 1: good)
@@ -21,13 +25,16 @@ void main() {
     bool silhouette = int(texelFetch(u_rim, at, 0).r) >= SILHOUETTE;
     bool edge = irradiance.a > 0.0 || silhouette;
 #ifdef BOUNCED
-    vec3 bounced = texelFetch(u_bounced, at, 0).rgb;
+    vec4 bounced = texelFetch(u_bounced, at, 0);
     vec4 image = texelFetch(u_image, at, 0);
     // What is known to some per cent makes nothing negative that was not.
     image.rgb = max(image.rgb - texelFetch(u_glossy, at, 0).rgb, min(image.rgb, 0.0));
-    float share = dot(bounced, vec3(1.0)) / max(dot(bounced + irradiance.rgb, vec3(1.0)), 1e-20) / BOUNCED_SHARE;
-    o_colour = observation(image, irradiance.rgb + bounced, cos_v, edge);
-    o_colour.a /= 1.0 + share * share;
+    vec3 all = irradiance.rgb + bounced.rgb;
+    float light = max(dot(all, vec3(1.0)), 1e-20);
+    float share = dot(bounced.rgb, vec3(1.0)) / light / BOUNCED_SHARE;
+    float ambient = bounced.a / light / AMBIENT_SHARE, typical = bounced.a / (3.0 * TYPICAL * u_level) / AMBIENT_SHARE;
+    o_colour = observation(image, all, cos_v, edge);
+    o_colour.a *= min((1.0 + typical * typical) / (1.0 + ambient * ambient), 1.0) / (1.0 + share * share);
 #else
     o_colour = observation(texelFetch(u_image, at, 0), irradiance.rgb, cos_v, edge);
 #endif

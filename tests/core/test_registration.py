@@ -11,11 +11,12 @@ import pytest
 
 from irpso_addon.core.check_records import Misfit
 from irpso_addon.core.checks.mended_cameras import corrected
-from irpso_addon.core.checks.outline_fit import GROWTH, silhouette
+from irpso_addon.core.checks.outline_fit import BEND, GROWTH, Optics, silhouette
 from irpso_addon.core.checks.registration import Registration
 from irpso_addon.core.checks.registration_fit import fit_views, gain_of_cameras
 from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
 from irpso_addon.core.data import Camera, MeshArrays, SceneData, View
+from irpso_addon.core.projection import pixels_of
 from tests.support.synthetic import plane_mesh
 
 WIDTH, HEIGHT, RADIUS = 150, 120, 48.0
@@ -174,6 +175,71 @@ def test_a_focal_length_that_is_off() -> None:
     before, after = ((c.projection @ place)[:2] * (WIDTH / 2, HEIGHT / 2) for c in (camera_, new))
     np.testing.assert_allclose(after - before, (0.2, 0.1) + by * (before - (30.0, -10.0)), atol=1e-9)
     assert not replace(misfit, growth_error=0.001).grown
+
+
+def blob(displacement: np.ndarray, optics: Optics) -> np.ndarray:
+    """(h, w) share of each pixel that a leaf of three lobes covers, by 8 x 8 points.
+
+    ``displacement``: as `Outline.values`, about (70, 66), where it has its middle.
+    """
+    steps = (np.arange(8) + 0.5) / 8
+    across, up = np.meshgrid((np.arange(WIDTH)[:, None] + steps).ravel(), (np.arange(HEIGHT)[:, None] + steps).ravel())
+    seen = np.stack([across, up])
+    middle, axis = np.array([70.0, 66.0])[:, None, None], np.array(optics.axis)[:, None, None]
+
+    def by(place: np.ndarray) -> np.ndarray:
+        right, high = place - middle
+        far, own = ((at - axis) / optics.focal for at in (place, middle))
+        bend = optics.focal * (far * (far**2).sum(0) - own * (own**2).sum(0))
+        x, y, growth, roll, k1 = displacement
+        return np.stack([x + growth * right - roll * high, y + growth * high + roll * right]) + k1 * bend
+
+    place = seen
+    for _ in range(5):
+        place = seen - by(place)
+    right, high = place - middle
+    inside = np.hypot(right, high) < 40 * (1 + 0.25 * np.cos(3 * np.arctan2(high, right)))
+    return inside.reshape(HEIGHT, 8, WIDTH, 8).mean((1, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("wrong", [
+    (0.0, 0.0, 0.0, 0.0, 0.0), (0.4, -0.3, 0.0, 0.01, 0.0), (-0.2, 0.5, 0.006, -0.004, 0.0),
+    (0.1, 0.1, 0.0, 0.0, -0.05), (0.3, -0.2, -0.004, 0.006, 0.04)])
+def test_an_outline_says_how_its_camera_is_off(wrong: tuple[float, ...]) -> None:
+    """Each number to 0.03 pixels at the outline: of the second order, and the middle that they are about is another."""
+    optics = Optics((WIDTH / 2, HEIGHT / 2), 100.0)
+    found = silhouette(blob(np.zeros(5), optics), blob(np.array(wrong), optics), optics)
+    assert found is not None
+    np.testing.assert_allclose(found.centre, (70, 66), atol=1.5)
+    off = found.values - wrong
+    moves = np.array([1.0, 1.0, 45.0, 45.0, 100.0 * 0.5**3])  # pixels at the outline, by a value of 1
+    np.testing.assert_allclose(off * moves, 0, atol=0.03)
+    straight = found.bent(0.0)
+    assert straight.values[BEND] == 0
+    if wrong[BEND] == 0:
+        np.testing.assert_allclose((straight.values - wrong)[:4] * moves[:4], 0, atol=0.03)
+
+
+def test_a_camera_that_is_turned_and_bent() -> None:
+    """The corrected camera shows places near the object where the picture has them: displaced as the outline is."""
+    roll, bend, focal = 0.004, -0.06, 150.0
+    camera_ = replace(camera(), projection=np.array(
+        [[2 * focal / WIDTH, 0, 0, 0], [0, 2 * focal / HEIGHT, 0, 0], [0, 0, -1, -0.2], [0, 0, -1.0, 0]]))
+    misfit = Misfit(Path("a.exr"), "Cam", (WIDTH, HEIGHT), (0.2, 0.1), 0.01, 1.0, 0.01, False, 0.0, 1e-4, (20.0, -10.0),
+                    roll, 1e-5, bend, 1e-3)
+    assert misfit.rolled and misfit.warped and not misfit.grown
+    scene = SceneData("s", plane_mesh(), np.zeros((0, 3, 3), np.float32), (View(Path("a.exr"), camera_, ()),))
+    new = corrected(scene, [misfit], shifts=True, gains=False).views[0].camera
+    pixels = np.array([[20.0, -10.0], [50.0, 5.0], [-30.0, 20.0]])
+    points = np.concatenate([pixels / focal, -np.ones((3, 1))], 1)
+    before, after = (pixels_of(c, points, (WIDTH, HEIGHT)) - np.array([WIDTH, HEIGHT]) / 2 for c in (camera_, new))
+    np.testing.assert_allclose(before, pixels, atol=1e-9)
+    centre = pixels[0]
+    by = lambda at: focal * (at / focal) * ((at / focal) ** 2).sum(-1, keepdims=True)  # noqa: E731
+    right, high = (pixels - centre).T
+    wanted = np.array([0.2, 0.1]) + roll * np.stack([-high, right], -1) + bend * (by(pixels) - by(centre[None]))
+    np.testing.assert_allclose(after - before, wanted, atol=0.01)  # of second order
+    assert not replace(misfit, roll_error=0.001).rolled
 
 
 def test_the_pixels_factors_are_eliminated_exactly():

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core.checks.mended_cameras import moved
+from irpso_addon.core.checks.mended_cameras import bent, moved, rolled
+from irpso_addon.core.checks.solve_checks import left_over
 from irpso_addon.core.data import Camera
 from irpso_addon.gpu.gbuffer.drawn_outline import DrawnOutline
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
@@ -55,6 +56,31 @@ def test_only_what_explains_the_pictures_better_is_put_right() -> None:
         assert any("; corrected" in warning for warning in found.warnings) == mended
         assert found.checks is not None
         assert all(misfit.shifted != mended for misfit in found.checks.registration)
+
+
+def test_a_turn_about_the_axis_and_a_lens_that_bends_are_put_right() -> None:
+    """Three cameras with one lens, each turned by its own angle; the scene knows neither."""
+    given = syn.cameras(3, degrees=34.0)
+    there = {camera.name: bent(rolled(camera, angle), -0.25, (PIXELS, PIXELS))
+             for camera, angle in zip(given, (0.012, -0.009, 0.006), strict=True)}
+    rig = [(there[camera.name], [lamp]) for camera in given for lamp in syn.lamps(8)]
+    made = syn.shoot(syn.PATCHES, rig, (PIXELS, PIXELS), samples=6)
+    known = {camera.name: camera for camera in given}
+    views = tuple(replace(view, camera=known[view.camera.name]) for view in made.scene.views)
+    wrong = replace(made, scene=replace(made.scene, views=views))
+    settings = {"model": "one-lobe", "indirect": "off"}
+    as_given = shoots.run(wrong, **settings, registration="given").checks
+    assert as_given is not None
+    for misfit in as_given.registration:
+        angle = {camera.name: angle for camera, angle in zip(given, (0.012, -0.009, 0.006), strict=True)}[misfit.camera]
+        assert misfit.rolled and misfit.roll == pytest.approx(angle, abs=1e-3)
+        assert misfit.bend == pytest.approx(-0.25, abs=0.03)
+    mended = shoots.run(wrong, **settings, registration="auto")
+    assert mended.checks is not None
+    assert {"turned", "distortion"} <= {word for word in ("turned", "distortion") for line in mended.warnings
+                                        if word in line and line.endswith("; corrected")}
+    assert not any(misfit.rolled or misfit.bend for misfit in mended.checks.registration)
+    assert left_over(mended.checks) < left_over(as_given) - np.log(4)
 
 
 @pytest.mark.parametrize("width", [2 * PIXELS / WIDE, 2 * PIXELS / (WIDE + 1), 3.0])

@@ -119,17 +119,17 @@ def _judged(
 
 
 def found_again(before: Judged, sample: RigSample, more: Larger, straight: Straight) -> Steps[Judged | None]:
-    """The same change where cameras have been put right since: no other numbers, but their values anew.
+    """The same change where cameras have been put right since: no other numbers but ambient light, their values anew.
 
-    None where nothing is off any more, or left-out views are not predicted better.  ``sample``, ``more``, ``straight``:
-    as of `calibrate`.
+    Cameras that are off hide ambient light, which makes little of the radiance.  None where nothing is off any more, or
+    left-out views are not predicted better.  ``sample``, ``more``, ``straight``: as of `calibrate`.
     """
     seen = straight(sample, None) if before.turned else sample
     folds = split(seen.texels)
     if folds is None:
         return None
-    free, found, ambient = yield from _final(
-        before.free, before.found, more, straight if before.turned else None, ROUNDS)
+    free, found = yield from _with_ambient(Contest(seen, before.found, folds), before.free, before.found)
+    free, found, ambient = yield from _final(free, found, more, straight if before.turned else None, ROUNDS)
     if not _off(found) or (_far(found) and not _far(before.found)):
         return None
     contest = Contest(seen, found, folds)

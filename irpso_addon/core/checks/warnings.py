@@ -155,6 +155,13 @@ def mended(checks: Checks, shifts: bool, gains: bool) -> tuple[str, ...]:
         lines.append(f"{some(sorted(zoomed))}: focal length off (by {percent(worst.growth, 2, sign=True)} in "
                      f"'{worst.camera}'); "
                      "corrected")
+    if turned := {m.camera: m for m in checks.registration if m.rolled and shifts}:
+        worst = max(turned.values(), key=lambda m: abs(m.roll))
+        lines.append(f"{some(sorted(turned))}: turned about the viewing axis (by "
+                     f"{np.degrees(worst.roll):+.2f} degrees in '{worst.camera}'); corrected")
+    if bent := {m.camera: m for m in checks.registration if m.bend and shifts}:
+        worst = max(bent.values(), key=lambda m: abs(m.bend))
+        lines.append(f"{some(sorted(bent))}: lens distortion missing (radial term k1 {worst.bend:+.3f}); corrected")
     if drifted:
         worst = max(drifted, key=lambda m: abs(float(np.log(m.gain))))
         lines.append(f"{some([m.image.name for m in drifted])}: exposure off (by "
