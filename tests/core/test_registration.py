@@ -12,10 +12,11 @@ import pytest
 from irpso_addon.core.check_records import Misfit
 from irpso_addon.core.checks.mended_cameras import corrected
 from irpso_addon.core.checks.outline_fit import BEND, GROWTH, Optics, silhouette
-from irpso_addon.core.checks.registration import Registration
+from irpso_addon.core.checks.registration import Registration, optics_of
 from irpso_addon.core.checks.registration_fit import fit_views, gain_of_cameras
 from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
 from irpso_addon.core.data import Camera, MeshArrays, SceneData, View
+from irpso_addon.core.lens import Lens
 from irpso_addon.core.projection import pixels_of
 from tests.support.synthetic import plane_mesh
 
@@ -218,6 +219,16 @@ def test_an_outline_says_how_its_camera_is_off(wrong: tuple[float, ...]) -> None
     assert straight.values[BEND] == 0
     if wrong[BEND] == 0:
         np.testing.assert_allclose((straight.values - wrong)[:4] * moves[:4], 0, atol=0.03)
+
+
+def test_a_lens_that_was_measured_is_left_as_it_is() -> None:
+    """k1 alone may be what a round before has found."""
+    window = next(views([(0, 0)])).window
+    lens = Lens(WIDTH, HEIGHT, 100.0, 100.0, 80.0, 50.0, radial=(-0.1, 0.0, 0.0, 0.0))
+    assert optics_of(replace(camera(), lens=lens), window) == Optics((80.0, HEIGHT - 50.0), 100.0)
+    for measured in (replace(lens, radial=(-0.1, 0.01, 0.0, 0.0)), replace(lens, tangential=(1e-4, 0.0)),
+                     replace(lens, fisheye=True)):
+        assert optics_of(replace(camera(), lens=measured), window) is None
 
 
 def test_a_camera_that_is_turned_and_bent() -> None:

@@ -189,8 +189,9 @@ def _bends(cameras: list[_Estimate]) -> list[tuple[float, float]]:
 
 
 def optics_of(camera: Camera, window: PixelWindow) -> Optics | None:
-    """Of a camera's window; None where a bend would not be one of k1's."""
-    if camera.orthographic or (camera.lens is not None and camera.lens.fisheye):
+    """Of a camera's window; None where a bend would not be one of k1's, or a lens with more terms was measured."""
+    lens = camera.lens
+    if camera.orthographic or (lens is not None and (lens.fisheye or any(lens.radial[1:]) or any(lens.tangential))):
         return None
     lens = lens_for(camera, window.image)
     return Optics((lens.cx - window.corner[0], window.image[1] - lens.cy - window.corner[1]), lens.fx)
