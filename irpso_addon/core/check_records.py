@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 SIGMAS = 4.0  # a shift or gain so many standard errors off is beyond doubt
-# Standard errors of a growth, roll or bend from which on it is beyond doubt: shapes that are off look like one.
-CERTAIN = 8.0
+CERTAIN = 8.0  # the same of a roll or bend, which shapes that are off may look like ...
+GROWN = 16.0  # ... and of a growth, which they mostly look like
 LEAST_SHIFT, LEAST_GAIN = 0.02, 0.003  # less is not worth a second solve: pixels, relative
 
 
@@ -83,7 +83,7 @@ class Misfit:
     @property
     def grown(self) -> bool:
         """The focal length is off beyond doubt, and worth mending: at the image's edges."""
-        return abs(self.growth) > max(self._least, CERTAIN * self.growth_error)
+        return abs(self.growth) > max(self._least, GROWN * self.growth_error)
 
     @property
     def rolled(self) -> bool:

@@ -55,7 +55,7 @@ PARTS = {  # part: functions, methods and generators of it, below irpso_addon
     "fill": ["gpu.maps.fill:fill", "gpu.maps.fill:Filler.fill"],
     "standard errors": ["gpu.maps.finish_maps:_certainty"],
     "rest of the maps": ["gpu.maps.finish_maps:make_maps", "solve.pipeline:_solution"],
-    "checks": ["solve.pipeline:_checks", "core.checks.registration:corrected"],
+    "checks": ["solve.pipeline:_checks", "core.checks.mended_cameras:corrected"],
     "indirect light": ["solve.pipeline:_take_out_indirect"],
 }
 EXPECTS = "blender.jobs.solve_object:expected"

@@ -17,7 +17,7 @@ from .registration_fit import CAUCHY, ROUNDS, WIDEST, around, blurred, by_tile, 
 ALIKE = 0.9  # least cosine between what a silhouette's slope is and what it should be
 BAND = 3  # pixels around a silhouette in which the image's must lie
 LEAST_OUTLINE = 50  # pixels
-GROWTH, ROLL, BEND = 2, 3, 4  # their places in `Outline.values`; the shift is before them
+GROWTH, ROLL, BEND, INSET = range(2, 6)  # their places in `Outline.values`; the shift is before them
 
 
 class Optics(NamedTuple):
@@ -29,22 +29,24 @@ class Optics(NamedTuple):
 
 @dataclass(frozen=True)
 class Outline:
-    """The outline's displacement: shift x, y (pixels, at ``centre``), growth (relative), roll (radians), bend.
+    """The outline's displacement: shift x, y (pixels, at ``centre``), growth (relative), roll (radians), bend, inset.
 
     The growth and the roll (counter-clockwise) are about ``centre``.  The bend is what a lens's radial term k1 lacks.
+    The inset (pixels) is what a mask that is drawn too small, or a mesh that is too large, looks like.
     """
 
-    values: F64  # (5,)
-    inverse: F64  # (5, 5) of the normal matrix of least squares
-    covariance: F64  # (5, 5) of the values, by tiles
+    values: F64  # (6,)
+    inverse: F64  # (6, 6) of the normal matrix of least squares
+    covariance: F64  # (6, 6) of the values, by tiles
     centre: F64  # (2,) x, y of the outline, from the lower left corner of the first pixel
     optics: Optics | None  # None: the bend is not looked for
 
     def bent(self, bend: float) -> Outline:
-        """The same, where the bend is known."""
-        ratio = self.inverse[:, BEND] / self.inverse[BEND, BEND]
-        step = np.eye(5) - np.outer(ratio, np.eye(5)[BEND])
-        return Outline(self.values - ratio * (self.values[BEND] - bend), self.inverse,
+        """The same, where the bend is known and there is no inset."""
+        known = [BEND, INSET]
+        ratio = self.inverse[:, known] @ np.linalg.inv(self.inverse[np.ix_(known, known)])
+        step = np.eye(6) - ratio @ np.eye(6)[known]
+        return Outline(self.values - ratio @ (self.values[known] - (bend, 0.0)), self.inverse,
                        step @ self.covariance @ step.T, self.centre, self.optics)
 
     @property
@@ -83,7 +85,9 @@ def silhouette(share: F32, coverage: F32, optics: Optics | None = None) -> Outli
     across = np.stack([right.ravel()[at], up.ravel()[at]]).astype(np.float64)
     fields = _fields(place, centre, optics)
     widest = np.array([max(float(np.abs(field).max()), 1e-9) for field in fields])  # pixels by a value of 1
-    slope = np.stack([(across * field).sum(0) for field in fields]) / widest[:, None]
+    slope = np.stack([*((across * field).sum(0) for field in fields), np.hypot(*across)])
+    widest = np.append(widest, 1.0)
+    slope /= widest[:, None]
     left = (drawn - seen).ravel()[at].astype(np.float64)
     weight = np.ones(len(at))
     for _ in range(2 * ROUNDS):
@@ -99,7 +103,7 @@ def silhouette(share: F32, coverage: F32, optics: Optics | None = None) -> Outli
 
 
 def _fields(place: F64, centre: F64, optics: Optics | None) -> list[F64]:
-    """(2, N) pixels by which each of the five values moves the outline's places."""
+    """(2, N) pixels by which each of the first five values moves the outline's places."""
     x, y = place - centre
     one, none = np.ones_like(x), np.zeros_like(x)
     bend = np.stack([none, none])
