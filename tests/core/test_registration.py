@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core.check_records import CERTAIN, Misfit
+from irpso_addon.core.check_records import CERTAIN, GROWN, Misfit
 from irpso_addon.core.checks.mended_cameras import corrected
-from irpso_addon.core.checks.outline_fit import BEND, GROWTH, INSET, Optics, silhouette
+from irpso_addon.core.checks.outline_fit import BEND, GROWTH, INSET, ROLL, Optics, silhouette
 from irpso_addon.core.checks.registration import Registration, optics_of
 from irpso_addon.core.checks.registration_fit import eroded, fit_views, gain_of_cameras
 from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
@@ -230,6 +230,10 @@ def test_a_mask_drawn_too_small_bends_no_lens() -> None:
     assert found is not None
     assert 1 < abs(found.values[INSET]) < 2**0.5  # by the square of eight neighbours
     assert abs(found.values[BEND]) < CERTAIN * found.covariance[BEND, BEND] ** 0.5
+    settled = found.bent(0.0)
+    np.testing.assert_allclose(settled.shift, 0, atol=0.1)
+    assert abs(settled.values[GROWTH]) < GROWN * settled.covariance[GROWTH, GROWTH] ** 0.5
+    assert abs(settled.values[ROLL]) < CERTAIN * settled.covariance[ROLL, ROLL] ** 0.5
 
 
 def test_a_lens_that_was_measured_is_left_as_it_is() -> None:

@@ -11,12 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..check_records import CERTAIN
 from ..data import F32, F64
 from .registration_fit import CAUCHY, ROUNDS, WIDEST, around, blurred, by_tile, scale, tiles_of
 
 ALIKE = 0.9  # least cosine between what a silhouette's slope is and what it should be
 BAND = 3  # pixels around a silhouette in which the image's must lie
 LEAST_OUTLINE = 50  # pixels
+LEAST_INSET = 0.25  # pixels: less is not told from growth
+ROUND = 0.98  # squared correlation of inset and growth: that of outlines so round that they are the same
 GROWTH, ROLL, BEND, INSET = range(2, 6)  # their places in `Outline.values`; the shift is before them
 
 
@@ -42,11 +45,14 @@ class Outline:
     optics: Optics | None  # None: the bend is not looked for
 
     def bent(self, bend: float) -> Outline:
-        """The same, where the bend is known and there is no inset."""
-        known = [BEND, INSET]
+        """The same, where the bend is known; without an inset, unless that is beyond doubt."""
+        inset, error = self.values[INSET], self.covariance[INSET, INSET] ** 0.5
+        alike = self.inverse[GROWTH, INSET] ** 2 / (self.inverse[GROWTH, GROWTH] * self.inverse[INSET, INSET])
+        beyond = alike < ROUND and abs(inset) > max(LEAST_INSET, CERTAIN * error)
+        known = [BEND] if beyond else [BEND, INSET]
         ratio = self.inverse[:, known] @ np.linalg.inv(self.inverse[np.ix_(known, known)])
         step = np.eye(6) - ratio @ np.eye(6)[known]
-        return Outline(self.values - ratio @ (self.values[known] - (bend, 0.0)), self.inverse,
+        return Outline(self.values - ratio @ (self.values[known] - (bend, 0.0)[:len(known)]), self.inverse,
                        step @ self.covariance @ step.T, self.centre, self.optics)
 
     @property
