@@ -228,8 +228,8 @@ def _near(misfits: Sequence[Misfit], gains: bool) -> bool:
 def _better(after: Outcome, before: Outcome) -> bool:
     """Whether maps explain the views better than others of the same size, and predict left-out ones no worse.
 
-    Of a few texels' radiance, single highlights make the errors: lightness says it.  Worse by less than the views are
-    explained better is scatter.
+    Predictions are judged by lightness, because single highlights make their errors of radiance.  What is worse by less
+    than the views are explained better is scatter.
     """
     assert after.solution.checks is not None and before.solution.checks is not None
     foretold = [np.log(max(after.solution.predictions[name].error.lightness, 1e-6) / max(found.error.lightness, 1e-6))

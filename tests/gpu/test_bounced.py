@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.data import Bounced
+from irpso_addon.core.observation_quality import DARK_SHARE
 from irpso_addon.core.samples import selftest
 from irpso_addon.core.tiled.uv_blocks import Crop, cropped
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid
@@ -119,3 +120,39 @@ def test_a_part_of_a_picture_has_the_light_of_that_part(on_gl, square):
     there = whole[crop.y:crop.y + crop.height, crop.x:crop.x + crop.width]
     assert (found[..., 3] == there[..., 3]).all() and found[..., 3].sum() > 500
     np.testing.assert_allclose(found[..., :3], there[..., :3], rtol=1e-4)
+
+
+def test_weak_lamps_count_less_beside_light_from_all_around(on_gl, square):
+    """By the square of how far such light's share exceeds half a per cent; under typical light nothing changes."""
+    def seen(radiance: float):
+        views = tuple(replace(view, ambient_radiance=(radiance,) * 3) for view in square.scene.views)
+
+        def work(device):
+            mesh = MeshBuffer(device, square.scene.mesh)
+            found = finish(observe(device, replace(square.scene, views=views), mesh, square.read_image))
+            result = [device.read(view.colour).copy() for view in found.cameras[0].views], found.level
+            found.release()
+            mesh.release()
+            return result
+
+        return on_gl(work)
+
+    plain, level = seen(0.0)
+    e = []
+    for view, colour in zip(square.scene.views, plain, strict=True):
+        good = colour[..., 3] > 0
+        shown = square.read_image(view).rgb[good].mean(-1)
+        e.append((good, shown / colour[good][:, :3].mean(-1)))
+    ambient = 0.01 * float(np.median(np.concatenate([irradiance for _, irradiance in e])))  # W/m^2
+    lit, _ = seen(ambient / np.pi)
+    least = 1.0
+    for (good, irradiance), before, after in zip(e, plain, lit, strict=True):
+        dark = DARK_SHARE * level
+        together = irradiance + ambient
+        share, typical = (ambient / all_light / 0.005 for all_light in (together, 10 * level))
+        wanted = np.minimum((1 + typical**2) / (1 + share**2), 1) / (1 + (ambient / together / 0.2) ** 2) * (
+            together / (together + dark) * (irradiance + dark) / irradiance) ** 2
+        got = after[good][:, 3] / before[good][:, 3]
+        np.testing.assert_allclose(got, wanted, rtol=0.05)
+        least = min(least, float(got.min()))
+    assert least < 0.5
