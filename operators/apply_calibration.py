@@ -1,4 +1,4 @@
-"""Give the scene the lamps and exposures that a solve has found."""
+"""Give the scene the cameras, lamps and exposures that a solve has found."""
 
 import bpy
 
@@ -8,14 +8,14 @@ from ..irpso_addon.core.errors import BadInput
 from .helpers.needs_solution import NeedsSolution
 
 NOTHING = {
-    "none": "The last solve changed no lamps or exposures",
-    "applied": "The scene has these lamps and exposures already",
-    "outdated": "The scene's lamps were changed after this solve; solve again",
+    "none": "The last solve changed no cameras, lamps or exposures",
+    "applied": "The scene has these cameras, lamps and exposures already",
+    "outdated": "The scene's cameras or lamps were changed after this solve; solve again",
 }
 
 
 class IRPSO_OT_apply_calibration(NeedsSolution, bpy.types.Operator):
-    """Set the scene's lamps and its views' exposures to the values that the last solve found"""
+    """Set the scene's cameras and lamps and its views' exposures to the values that the last solve found"""
 
     bl_idname = "irpso.apply_calibration"
     bl_label = "Apply to Scene"
@@ -23,7 +23,7 @@ class IRPSO_OT_apply_calibration(NeedsSolution, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Not during a solve, which has read the lamps as they are now."""
+        """Not during a solve, which has read the scene as it is now."""
         if session.running is not None:
             cls.poll_message_set("A job is running: wait, or stop it first")
             return False
@@ -32,13 +32,12 @@ class IRPSO_OT_apply_calibration(NeedsSolution, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Once for each solution: the scene remembers it, so that undo brings the button back."""
         obj = self.subject(context)
-        calibration = self.solution(obj).calibration
         state = session.calibration_state(context.scene, obj)
-        if calibration is None or state in NOTHING:
+        if state in NOTHING:
             self.report({"ERROR"}, NOTHING[state])
             return {"CANCELLED"}
         try:
-            line = apply_calibration(context.scene, calibration)
+            line = apply_calibration(context.scene, self.solution(obj))
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

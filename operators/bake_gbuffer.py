@@ -28,7 +28,7 @@ class IRPSO_OT_bake_gbuffer(ModalJob, bpy.types.Operator):
         warn = partial(self.report, {"WARNING"})
         mesh = read_mesh(obj, context.evaluated_depsgraph_get(), read_normal_maps(obj, warn), warn)
         data = SceneData(name=obj.name, mesh=mesh, occluders=np.zeros((0, 3, 3), np.float32), views=())
-        return Task("solve.pipeline:bake_gbuffer", (data, size))
+        return Task("solve.one_round:bake_gbuffer", (data, size))
 
     def finish(self, obj: bpy.types.Object, value: Any, cancelled: bool) -> Iterator[None]:
         """Writes the images."""

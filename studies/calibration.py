@@ -20,8 +20,8 @@ from irpso_addon.core.data import Camera, Light, SceneData, Solution
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.phrases import percent
 from irpso_addon.gpu.device import thread
-from irpso_addon.solve import pipeline
-from irpso_addon.solve.gpu_path import ReadImage
+from irpso_addon.solve import one_round, pipeline
+from irpso_addon.solve.kept_images import ReadImage
 from studies import charts, pages
 from studies.intervals.assets import ASSETS, TEXELS, Asset, truth
 from studies.intervals.measure import scene_of
@@ -97,15 +97,15 @@ def _aside(camera: Camera, rng: np.random.Generator) -> Camera:
     return shifted(replace(camera, projection=projection), (SHIFT * np.cos(way), SHIFT * np.sin(way)), size)
 
 
-def solved(scene: SceneData, told: str, read_image: ReadImage | None = None) -> tuple[pipeline.Outcome, float]:
+def solved(scene: SceneData, told: str, read_image: ReadImage | None = None) -> tuple[one_round.Outcome, float]:
     """The outcome and its seconds."""
     start = time.perf_counter()
     settings = SolveSettings(size=TEXELS, lamps=told, exposures=told)
-    outcome: pipeline.Outcome = thread.run(lambda: pipeline.outcome(scene, settings, read_image))
+    outcome: one_round.Outcome = thread.run(lambda: pipeline.outcome(scene, settings, read_image))
     return outcome, time.perf_counter() - start
 
 
-def judged(asset: Asset, case: Case, told: str, scene: SceneData, found: tuple[pipeline.Outcome, float]) -> Row:
+def judged(asset: Asset, case: Case, told: str, scene: SceneData, found: tuple[one_round.Outcome, float]) -> Row:
     """``scene``: as it is."""
     outcome, seconds = found
     base, roughness = truth(asset)

@@ -27,7 +27,7 @@ from irpso_addon.core.tiled.uv_blocks import HALO
 from irpso_addon.core.tiled.work_folder import WorkFolder
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.device.draw_budget import DrawBudget
-from irpso_addon.solve import pipeline
+from irpso_addon.solve import gpu_path, pipeline
 from irpso_addon.solve.block_solve import solve_block
 from irpso_addon.solve.plan_preparation import TiledRequest, make_plan
 
@@ -121,7 +121,7 @@ def a_block(scene: SceneData, settings: SolveSettings, work: WorkFolder) -> tupl
     plans: list[Any] = []
 
     def plan() -> Generator[Progress, None, None]:
-        clock = pipeline.Clock()
+        clock = gpu_path.Clock()
         plans.append((yield from make_plan(TiledRequest(scene, settings, halo=HALO), work, clock)))
 
     def block() -> Generator[Progress, None, None]:

@@ -16,7 +16,7 @@ from irpso_addon.blender.oiio import ensure_openimageio
 from irpso_addon.core.data import F64, MeshArrays, RadianceImage, SceneData, View
 from irpso_addon.core.images.reference_image import read_reference
 from irpso_addon.core.shading.lights import light_irradiance
-from irpso_addon.solve.gpu_path import ReadImage
+from irpso_addon.solve.kept_images import ReadImage
 from studies import pages
 from studies.calibration import HEAD, NAMES, PAGE, Case, judged, line, solved, wrong
 from studies.intervals.assets import ASSETS

@@ -20,7 +20,7 @@ from irpso_addon.core.normals.tangent_map import wearing
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.phrases import percent
 from irpso_addon.gpu.device import thread
-from irpso_addon.solve import pipeline
+from irpso_addon.solve import one_round, pipeline
 from studies import charts, pages
 from studies.intervals.assets import ASSETS, TEXELS, Asset, truth, unit
 from studies.intervals.measure import scene_of
@@ -102,7 +102,7 @@ def solved(scene: SceneData, normals: str) -> tuple[Solution, float]:
 def normals_of(mesh: MeshArrays) -> F32:
     """(n, n, 3) shading normals of the texels."""
     scene = SceneData("normals", mesh, np.zeros((0, 3, 3), np.float32), ())
-    gbuffer: pipeline.GBuffer = thread.run(lambda: pipeline.bake_gbuffer(scene, TEXELS))
+    gbuffer: one_round.GBuffer = thread.run(lambda: one_round.bake_gbuffer(scene, TEXELS))
     return gbuffer.normal
 
 

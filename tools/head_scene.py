@@ -24,7 +24,7 @@ from irpso_addon.core.images.colour import srgb_to_linear
 from irpso_addon.core.images.image_file import open_image
 from irpso_addon.core.resampling import at_size
 from irpso_addon.gpu.device import thread
-from irpso_addon.solve import pipeline
+from irpso_addon.solve import one_round
 
 NAME = "Head"
 MESH, COLOURS = "LeePerrySmith.glb", "Map-COL.jpg"
@@ -94,7 +94,7 @@ def texels(head: bpy.types.Object, size: int) -> tuple[F32, Bool]:
     """World position of each texel (n, n, 3), carried on past the borders of the UV islands, and which are covered."""
     mesh = read_mesh(head, bpy.context.evaluated_depsgraph_get(), {}, print)
     scene = SceneData(NAME, mesh, np.zeros((0, 3, 3), np.float32), ())
-    buffers: pipeline.GBuffer = thread.run(lambda: pipeline.bake_gbuffer(scene, size))
+    buffers: one_round.GBuffer = thread.run(lambda: one_round.bake_gbuffer(scene, size))
     position, known = buffers.position.copy(), buffers.coverage.copy()
     for _ in range(4):
         near = [(np.roll(position * known[..., None], (dy, dx), (0, 1)), np.roll(known, (dy, dx), (0, 1)))

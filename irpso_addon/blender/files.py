@@ -19,6 +19,7 @@ from . import properties
 from .material.material import SUFFIXES
 from .material.tags import maps_of
 
+MEASURED = "LIGHT", "CAMERA"  # types of objects that a solve may change
 PICTURES = ("image", "mask", "ambient", "flat")  # of a view
 # A .blend starts so when plain, gzip (before 3.0) or Zstandard.
 MAGIC = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")
@@ -73,13 +74,13 @@ def keep_pictures(folder: Path) -> None:
                 setattr(group, name, relative_path(Path(bpy.path.abspath(getattr(group, name))), folder))
 
 
-def keep_lamps(names: Sequence[str]) -> None:
-    """Marks lamps as measured, which a solve leaves as they are given.  Raises BadInput."""
+def keep(names: Sequence[str]) -> None:
+    """Marks lamps and cameras as measured, which a solve leaves as they are given.  Raises BadInput."""
     for name in names:
         obj = bpy.data.objects.get(name)
-        if obj is None or obj.type != "LIGHT":
-            there = [other for other in bpy.data.objects if other.type == "LIGHT"]
-            raise BadInput(f"lamp '{name}': is not a lamp of this file; there are: {_names(there)}")
+        if obj is None or obj.type not in MEASURED:
+            there = [other for other in bpy.data.objects if other.type in MEASURED]
+            raise BadInput(f"'{name}': is not a lamp or camera of this file; there are: {_names(there)}")
         obj.irpso_keep = True
 
 

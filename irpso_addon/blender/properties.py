@@ -251,7 +251,8 @@ def register() -> None:
     bpy.types.Scene.irpso = PointerProperty(type=IRPSO_PG_scene)
     bpy.types.Camera.irpso_lens = PointerProperty(type=IRPSO_PG_lens)
     bpy.types.Object.irpso_keep = BoolProperty(
-        name="Keep as Given", description="Of a lamp: its place and power were measured; a solve changes neither")
+        name="Keep as Given",
+        description="Of a lamp or camera: its place, and power or lens, were measured; a solve does not change them")
     if bpy.app.module:
         atexit.register(unregister)  # the bpy module of 4.5 hangs or crashes at exit on classes left registered
 

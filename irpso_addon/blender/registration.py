@@ -16,13 +16,14 @@ from .sample import sample
 from .scene import thumbnails
 from .shoot import picture_draw
 from .ui import panels
-from .viewer import editors, view_draw, view_properties, views
+from .viewer import editors, places_draw, view_draw, view_properties, views
 
 COMMAND = "irpso"
 
 _command_handle: Any = None
 _operators: Sequence[type] = ()
-_PARTS = (view_properties, views, editors, view_draw, picture_draw, sample, presets)  # that register more than classes
+# That register more than classes:
+_PARTS = (view_properties, views, editors, view_draw, places_draw, picture_draw, sample, presets)
 
 
 def register(operators: Sequence[type], command: Callable[[list[str]], int]) -> None:

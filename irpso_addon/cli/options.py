@@ -12,6 +12,9 @@ from ..core.params import DeviceSettings, ExportSettings, ShootSettings, SolveSe
 
 KINDS = ("exr", "png", "tiff")
 TILES = (512, 1024, 2048, 4096, 8192)  # texels
+CALIBRATED = {  # what a solve may correct: its setting, and that setting's value where it may not
+    "lamps": ("lamps", "given"), "cameras": ("registration", "given"), "exposures": ("exposures", "given"),
+    "normals": ("normals", "mesh")}
 EXIT_CODES = """\
 exit codes: 0 done; 1 unexpected error; 2 wrong usage; 3 bad input (one line states which file or object, what is
 wrong, what to do); 130 cancelled (the maps found so far are kept)"""
@@ -81,8 +84,9 @@ def _add_solve(commands: Any) -> None:
     part.add_argument("--part-image", type=Path, metavar="FILE", help="solve only where this image over the UV map is "
                                                                       "white")
     part.add_argument("--selected-faces", action="store_true", help="solve only the selected faces")
-    solve.add_argument("--keep", action="append", default=[], metavar="LAMP", help="a lamp whose place and power were "
-                       "measured: they stay as they are given; may be repeated")
+    solve.add_argument("--keep", action="append", default=[], metavar="NAME", help="a lamp or camera that was "
+                       "measured: a solve does not change it; may be repeated")
+    _add_calibrate(solve)
     solve.add_argument("--report", type=Path, metavar="FILE", help="also write report.json to this file")
     _add_format(solve)
     add_settings(solve, SolveSettings)
@@ -137,6 +141,7 @@ def _add_farm(commands: Any) -> None:
     job.add_argument("--any-worker", action="store_true", help="tasks may run on workers without a GPU, which need "
                      "Mesa's software OpenGL and take many times as long")
     _add_format(job)
+    _add_calibrate(job)
     add_settings(job, SolveSettings)
     add_settings(job, DeviceSettings, without=("device",))
 
@@ -194,6 +199,28 @@ def add_settings(
         choices = [key for key, _ in meta["choices"]] or None
         command.add_argument(f"--{field.name.replace('_', '-')}", dest=field.name, default=default,
                              type=_reader(field), choices=choices, help=help_text)
+
+
+class _Calibrate(argparse.Action):
+    """Sets what `CALIBRATED` names; a flag of a single setting that comes later overrides it."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None,
+    ) -> None:
+        named = {"auto": tuple(CALIBRATED), "off": ()}.get(values, tuple(values.split(",")))
+        unknown = next((name for name in named if name not in CALIBRATED), None)
+        if unknown is not None:
+            raise argparse.ArgumentError(self, f"'{unknown}' is not known; choose auto, off, or some of "
+                                               f"{','.join(CALIBRATED)}")
+        for name, (setting, given) in CALIBRATED.items():
+            setattr(namespace, setting, "auto" if name in named else given)
+
+
+def _add_calibrate(command: argparse.ArgumentParser) -> None:
+    flags = ", ".join(f"--{setting}" for setting, _ in CALIBRATED.values())
+    command.add_argument("--calibrate", action=_Calibrate, metavar="WHAT", default=argparse.SUPPRESS, help="what of "
+                         f"the scene a solve may correct: auto (all of it), off, or a list of {','.join(CALIBRATED)}; "
+                         f"sets {flags} (default: auto)")
 
 
 def _choice(key: str) -> str:

@@ -37,7 +37,7 @@ class Request:
     kind: str = "exr"
     report: Path | None = None
     part: solve_object.Part = solve_object.ALL
-    keep: tuple[str, ...] = ()  # lamps that are sure
+    keep: tuple[str, ...] = ()  # lamps and cameras that are sure
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -68,7 +68,7 @@ def solve(request: Request) -> Solution:
     started = time.perf_counter()
     with console.quiet():
         files.open_blend(request.scene)
-    files.keep_lamps(request.keep)
+    files.keep(request.keep)
     order = replace(
         solve_object.read(None, request.object_name, request.captures, request.settings, request.part),
         folder=request.out, kind=request.kind)

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.data import F32, F64, I32, Bool, PredictionError, RadianceImage, SceneData, View
+from ..core.change_records import PredictionError
+from ..core.data import F32, F64, I32, Bool, RadianceImage, SceneData, View
 from ..core.errors import BadInput
 from ..core.evaluation.metrics import map_errors, prediction_error
 from ..core.evaluation.prediction import Pixels, PlaceView, Surface, predict, shown

@@ -26,7 +26,7 @@ from ..core.versions import versions
 from ..gpu.device import thread
 from ..gpu.observe.picture_memory import most_pixels
 from ..solve import pipeline
-from ..solve.gpu_path import reference_key
+from ..solve.kept_images import reference_key
 from .judge import Judge, ReadImage, make_judge
 
 FEWEST_VIEWS = 4  # of which one is held out

@@ -114,9 +114,9 @@ class SolveSettings(Table):
         ("off", "Do not subtract it: the pictures show direct light only"),
         ("on", "Subtract it from every picture"),
     ))
-    registration: str = parameter("auto", "Direction and focal length of the cameras", label="Camera Alignment",
-                                  choices=(
-        ("auto", "Correct both where the pictures show clearly that they are off"),
+    registration: str = parameter("auto", "Direction, roll, focal length and radial distortion of the cameras",
+                                  label="Camera Alignment", choices=(
+        ("auto", "Correct what the pictures show clearly to be off"),
         ("given", "Use the scene's cameras unchanged"),
     ), advanced=True)
     lamps: str = parameter("auto", "Place and power of the lamps, turn of the world, and ambient light", label="Lamps",

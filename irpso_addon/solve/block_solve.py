@@ -26,7 +26,8 @@ from ..gpu.maps.finish_maps import CoarseSurroundings, filled
 from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.picture_memory import channels_needed
 from ..gpu.solve.ladder_records import EarlierResult
-from .gpu_path import Clock, Given, draw_texels, reference_key, solve_grid
+from .gpu_path import Clock, Given, draw_texels, solve_grid
+from .kept_images import reference_key
 from .plan_preparation import picture_path
 
 Pictures = dict[Hashable, Callable[[], RadianceImage]]  # by `_picture_key`
@@ -74,8 +75,8 @@ def _block(
     solved = yield from solve_grid(device, grid, Given(
         replace(plan.scene, mesh=mesh, views=views, warnings=(), skipped=()), settings,
         lambda view: pictures[_picture_key(view)](), part, _last(plan, window, grid.slots), plan.bounced,
-        level=plan.level, before=plan.before(window), around=around, model=plan.solution.model, keeps_partial=False),
-        clock)
+        level=plan.level, before=plan.before(window), around=around, model=plan.solution.model, stride=plan.stride,
+        keeps_partial=False), clock)
     made, core = solved.made, window.core
     inside, relative = made.solved[core], made.relative[core].astype(np.float64)
     counts = (grid.coverage[core], inside | made.shown[core], made.good[core],

@@ -7,10 +7,9 @@ the GL thread, inside a scope of the device (`Device.scope`), which frees what i
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Hashable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from threading import Lock
 from typing import TypeVar
 
 import numpy as np
@@ -20,44 +19,38 @@ from ..core.calibration.put_right import put_right, told, told_of_worlds, under_
 from ..core.calibration.rig import Rig
 from ..core.calibration.rig_sample import RigSample
 from ..core.calibration.worlds import judge_worlds
-from ..core.data import F32, I32, Bool, Bounced, Calibration, MeshArrays, RadianceImage, SceneData, View
+from ..core.change_records import Calibration
+from ..core.data import F32, I32, Bool, Bounced, MeshArrays, SceneData
 from ..core.errors import BadInput, Cancelled
-from ..core.images.response import file_scale, undone
 from ..core.job import Progress, mapped
 from ..core.live_maps import Live
+from ..core.maps.stride import SparseTexels, pixels_per_texel, stride_of
 from ..core.normals.judge import NormalsJudged, judge_normals
 from ..core.normals.straighten import straightened
 from ..core.normals.tilt_sample import TiltSample
 from ..core.params import SolveSettings
 from ..core.tiled.tiled_plan import PriorKnowledge
-from ..core.vignetting import brightened
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import GBufferMaps, MeshBuffer, draw_texel_grid
 from ..gpu.maps.finish_maps import CoarseSurroundings, FinishedMaps, SolvedTexelGrid, make_maps
 from ..gpu.maps.partial_solve import PartialSolve
-from ..gpu.observe.observation_atlas import CameraSource
+from ..gpu.observe.observation_atlas import CameraSource, TexelSurface
 from ..gpu.observe.observations import Observations, ObserveOptions, observe
 from ..gpu.solve.calibration_sample import calibration_sample, most_texels, sampled
 from ..gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
 from ..gpu.solve.model_ladder import Ladder
 from ..gpu.solve.normal_texels import SAMPLE, refined_normals
 from ..gpu.solve.openness import openness
+from ..gpu.solve.sparse_ladder import SparseLadder, looked, picked, surface_of
 from ..gpu.solve.world_light import world_sample
+from .kept_images import KeptImages, ReadImage
+from .outlined_scene import Observed, through_right_cameras
 
 Result = TypeVar("Result")
-ReadImage = Callable[[View], RadianceImage]
-KEPT_BYTES = 400_000_000
 STAGES = {  # share of a round's progress
-    "pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.3), "calibrate": (0.3, 0.33),
-    "normals": (0.33, 0.35),
+    "pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.3), "cameras": (0.3, 0.3),
+    "calibrate": (0.3, 0.33), "normals": (0.33, 0.35),
     "solve": (0.35, 0.85), "maps": (0.85, 1.0), "indirect": (0.0, 1.0), "indirect_test": (0.0, 1.0)}
-
-
-def reference_key(view: View) -> Hashable:
-    """All that the radiance of a view's reference image follows from: what differs in nothing of it is read once."""
-    files = view.image, view.mask, view.ambient, view.flat
-    dark = (view.vignetting, view.camera.name) if view.vignetting else ()
-    return *files, view.colorspace, view.exposure, view.gain, view.response, view.white_balance, *dark
 
 
 @dataclass
@@ -88,41 +81,6 @@ class Clock:
 
     def _covered(self, look: Callable[[], Live]) -> Live:
         return replace(look(), coverage=self.coverage)
-
-
-def _again(rgb: F32, first: View, view: View) -> F32:
-    """Radiance of a view's picture, which was read as of ``first``, another opinion of the same view."""
-    if first.response != view.response:
-        dark = brightened(rgb, first.camera, -first.vignetting)
-        rgb = brightened(undone(dark, file_scale(first), view.response / first.response), view.camera, view.vignetting)
-    else:
-        rgb = brightened(rgb, view.camera, view.vignetting - first.vignetting)
-    return rgb * np.float32(first.gain / view.gain)
-
-
-class KeptImages:
-    """References as they were read, as many as KEPT_BYTES hold, for a second look under other exposures."""
-
-    def __init__(self, read_image: ReadImage) -> None:
-        self._read = read_image
-        self._kept: dict[Hashable, tuple[View, RadianceImage]] = {}  # as it was first read
-        self._lock, self._bytes = Lock(), 0
-
-    def __call__(self, view: View) -> RadianceImage:
-        """A view's radiance."""
-        key = reference_key(replace(view, gain=1.0, response=1.0, vignetting=0.0))
-        kept = self._kept.get(key)
-        if kept is not None:
-            first, image = kept
-            if (first.gain, first.vignetting, first.response) == (view.gain, view.vignetting, view.response):
-                return image
-            return replace(image, rgb=_again(image.rgb, first, view))
-        image = self._read(view)
-        with self._lock:  # references are read ahead by threads
-            self._bytes += image.rgb.nbytes + image.coverage.nbytes + image.valid.nbytes
-            if self._bytes <= KEPT_BYTES:
-                self._kept[key] = view, image
-        return image
 
 
 @dataclass(frozen=True)
@@ -162,7 +120,9 @@ class Given:
     before: PriorKnowledge | None = None
     around: CoarseSurroundings | None = None
     model: Mapping[str, str] | None = None  # by material, whatever the block would choose
+    stride: int = 0  # every how many-th texel is solved; 0: as the pictures tell them apart
     settled: Judged | None = None  # what a round before, whose cameras were others, has put right
+    aligns: bool = False  # cameras may be put right by outlines
     calibrates: bool = False  # lamps and exposures may be put right, and normals refined, as the settings let
     keeps_partial: bool = True  # a stopped solve gives maps of what it has found; else it raises Cancelled
 
@@ -171,12 +131,14 @@ class Given:
 class Solved:
     """What a grid's solve has given."""
 
-    scene: SceneData  # lamps and exposures put right
-    calibration: Calibration | None  # what was
+    scene: SceneData  # cameras, lamps and exposures put right
+    given: SceneData  # the same, lamps and exposures as they were given
+    calibration: Calibration | None  # what was put right of these
     judged: Judged | None  # the same of lamps and exposures, as it was found
     normals: NormalsJudged | str  # what was refined; or why normals are as given; "": they are to be
     grid: TexelGrid  # normals refined
     observations: Observations
+    stride: int  # every how many-th texel was searched
     ladder: LadderResult  # before it was joined to what a partial solve leaves as it was
     made: FinishedMaps
 
@@ -189,20 +151,50 @@ def solve_grid(
     views = yield from _observed(device, grid, given, clock)
     scene, grid, observations = views.scene, views.grid, views.observations
     maps = part.grid(device, grid.maps)
-    materials = Materials(np.where(part.solved, grid.slots, -1), scene.mesh.slot_names)
-    source = CameraSource(device, maps, observations, scene.mesh.extent)
-    ladder: LadderResult = yield from clock.stage("solve", Ladder(
-        device, source, given.settings, materials, given.last, given.before,
-        scale_known=scene.scale_known).solve())
+    sparse = _sparse(views, given)
+    ladder: LadderResult = yield from clock.stage("solve", _ladder(device, maps, views, given, sparse))
     if ladder.cancelled and not given.keeps_partial:
         raise Cancelled
     if given.model is not None:
         ladder.model = dict(given.model)
-    texels = SolvedTexelGrid(maps, grid.slots, observations, ladder, given.settings.ndf)
+    found = None if sparse is None else SparseLadder(sparse, ladder)
+    texels = SolvedTexelGrid(
+        maps, grid.slots, observations, found.everywhere() if found else ladder, given.settings.ndf, found)
     made: FinishedMaps = yield from clock.stage("maps", make_maps(device, scene, texels, part, given.around))
     if made.albedo.cancelled and not given.keeps_partial:
         raise Cancelled
-    return Solved(scene, views.calibration, views.judged, views.normals, grid, observations, ladder, made)
+    return Solved(scene, views.given, views.calibration, views.judged, views.normals, grid, observations,
+                  sparse.stride if sparse else 1, texels.ladder, made)
+
+
+def _sparse(views: _Views, given: Given) -> SparseTexels | None:
+    """The texels that are solved; None: all.  The published method solves each."""
+    stride, size = given.stride, len(views.grid.slots)
+    if given.settings.method == "paper":
+        return None
+    if not stride:
+        cameras = [(camera.camera, camera.maps.position.size) for camera in views.observations.cameras]
+        stride = stride_of(pixels_per_texel(views.scene.mesh, cameras, size), size)
+    return None if stride == 1 else SparseTexels.of(views.grid.position, _slots(views, given), stride)
+
+
+def _slots(views: _Views, given: Given) -> I32:
+    """(n, n) material slot of each texel to solve, -1 elsewhere."""
+    return np.where(given.part.solved, views.grid.slots, -1)
+
+
+def _ladder(
+    device: Device, maps: GBufferMaps, views: _Views, given: Given, sparse: SparseTexels | None,
+) -> Generator[Progress, None, LadderResult]:
+    """The solve stage, of the ``sparse`` texels alone where there are such."""
+    scene, slots, last = views.scene, _slots(views, given), given.last
+    surface: TexelSurface = maps
+    if sparse is not None:
+        surface, slots = surface_of(device, maps, sparse), sparse.picked(slots)
+        last = None if last is None else picked(last, sparse)
+    steps = Ladder(device, CameraSource(device, surface, views.observations, scene.mesh.extent), given.settings,
+                   Materials(slots, scene.mesh.slot_names), last, given.before, scale_known=scene.scale_known).solve()
+    return (yield from (steps if sparse is None else looked(steps, sparse)))
 
 
 @dataclass(frozen=True)
@@ -210,6 +202,7 @@ class _Views:
     """What the views show, once all that may be is put right."""
 
     scene: SceneData
+    given: SceneData  # cameras put right alone
     calibration: Calibration | None
     judged: Judged | None
     normals: NormalsJudged | str
@@ -226,39 +219,45 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
     turns = given.calibrates and not dark and not glows and settings.lamps == "auto"
     calibrates, refines = allowed and "auto" in (settings.lamps, settings.exposures), allowed and (
         settings.normals == "auto")
-    read_image = KeptImages(given.read_image) if calibrates or refines or turns else given.read_image
+    read_image = KeptImages(given.read_image) if calibrates or refines or turns or given.aligns else given.read_image
     observed = partial(observe, device, mesh=grid.mesh, read_image=read_image,
                        limits=ObserveOptions(given.bounced, part, level=given.level))
     observations: Observations = yield from clock.stage("observe", observed(scene=scene))
     if not observations.cameras:
         raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
 
-    def source() -> CameraSource:
-        return CameraSource(device, part.grid(device, grid.maps), observations, scene.mesh.extent)
+    def source(shown: Observations) -> CameraSource:
+        return CameraSource(device, part.grid(device, grid.maps), shown, scene.mesh.extent)
 
     texels = part.solved & grid.coverage
+    if given.aligns and dark:  # what judges it knows lamps
+        seen = yield from clock.stage("cameras", through_right_cameras(
+            device, grid.mesh, Observed(scene, observations), lambda other: observed(scene=other),
+            lambda shown: calibration_sample(source(shown), texels, settings.seed, scene.scale_known)))
+        given = replace(given, scene=seen.scene)
+        scene, observations = seen.scene, seen.observations
     calibration: Calibration | None = None
     judged: Judged | None = None
     normals: NormalsJudged | str = ""
     if calibrates:
-        rig, judged = yield from clock.stage("calibrate", _calibrated(source(), given, texels, grid))
+        rig, judged = yield from clock.stage("calibrate", _calibrated(source(observations), given, texels, grid))
         if judged is not None:
             scene, calibration = put_right(scene, rig, judged), told(rig, judged)
     if turns:
-        calibration = yield from clock.stage("calibrate", _turned(device, source(), given, texels, grid))
+        calibration = yield from clock.stage("calibrate", _turned(device, source(observations), given, texels, grid))
         if calibration is not None:
             scene = under_worlds(scene, calibration.worlds)
     if calibration is not None:
         observations.release()
         observations = yield from clock.stage("observe", observed(scene=scene), (0.33, 0.35))
     if refines:
-        normals = yield from clock.stage("normals", _refined(source(), given, texels, grid.mesh))
+        normals = yield from clock.stage("normals", _refined(source(observations), given, texels, grid.mesh))
     if isinstance(normals, NormalsJudged):
         grid.maps.release()
         grid = draw_texels(device, grid.mesh, len(grid.coverage))
         observations.release()
         observations = yield from clock.stage("observe", observed(scene=scene), (0.33, 0.35))
-    return _Views(scene, calibration, judged, normals, grid, observations)
+    return _Views(scene, given.scene, calibration, judged, normals, grid, observations)
 
 
 def _refined(

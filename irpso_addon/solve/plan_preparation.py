@@ -13,16 +13,18 @@ from ..core.errors import BadInput, Cancelled
 from ..core.images.reference_image import read_reference
 from ..core.images.response import file_scale
 from ..core.job import Progress, retold
+from ..core.maps.stride import pixels_per_texel, stride_of
 from ..core.params import SolveSettings
 from ..core.tiled import npz_archive, uv_blocks
-from ..core.tiled.reference_cache import cache_reference
+from ..core.tiled.reference_cache import CachedReference, cache_reference
 from ..core.tiled.tiled_plan import Plan
 from ..core.tiled.uv_blocks import BLOCK, HALO
 from ..core.tiled.work_folder import WorkFolder
 from ..gpu.device import thread
 from ..gpu.observe.picture_memory import most_pixels
 from .gpu_path import Clock
-from .pipeline import Bounce, Outcome, outcome
+from .one_round import Outcome
+from .pipeline import Bounce, outcome
 
 PLANNED = 0.25  # of the whole, once the plan is made
 MESH_NORMALS = "a map that is solved in blocks keeps the mesh's normals"
@@ -95,7 +97,19 @@ def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generato
     kernels = "compute" if thread.device().prefers_compute else "fragment"
     return Plan(replace(made.scene, mesh=scene.mesh), settings, udims, request.block, request.halo,
                 thread.settings().memory, kernels, tuple(map(file_scale, scene.views)), solution, made.level,
-                made.noise, made.robust, made.bounced, _blend(bounce) if made.bounced is not None else "")
+                made.noise, made.robust, made.bounced, _stride(made.scene.views, scene.mesh, settings, work),
+                _blend(bounce) if made.bounced is not None else "")
+
+
+def _stride(views: tuple[View, ...], mesh: MeshArrays, settings: SolveSettings, work: WorkFolder) -> int:
+    """Every how many-th texel the blocks solve: of all the same, so that no border shows between them."""
+    if settings.method == "paper":
+        return 1
+    cameras = []
+    for n, view in enumerate(views):
+        file = CachedReference(picture_path(work, n))
+        cameras.append((view.camera, (file.width, file.height)))
+    return stride_of(pixels_per_texel(mesh, cameras, settings.size), settings.size)
 
 
 def _blend(bounce: Bounce | None) -> str:

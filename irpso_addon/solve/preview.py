@@ -34,7 +34,8 @@ from ..gpu.observe.observation_atlas import CameraSource, ObservationAtlas, Tile
 from ..gpu.observe.observations import Observations, ObserveOptions, observe
 from ..gpu.solve import live_readback
 from ..gpu.solve.solver import Solver
-from .gpu_path import TexelGrid, draw_texels, reference_key
+from .gpu_path import TexelGrid, draw_texels
+from .kept_images import reference_key
 
 VIEWS = 12  # looked at, at most
 FEWEST = 3  # with which to begin, when reading is slow

@@ -104,5 +104,6 @@ def total(plan: Plan, work: WorkFolder) -> Solution:
     texels = dict(zip(("covered", "observed", "solved", "filled"), (int(n) for n in stats[:4]), strict=True))
     reduced = (f"{int(stats[6])} of {len(every)} blocks see their pictures reduced, to fit into {plan.memory:g} GB; "
                "more Memory shows more of them",) if stats[6] else ()
-    return replace(plan.solution, texels={**texels, "kept": 0}, warnings=(*plan.solution.warnings, *reduced),
-                   device=thread.device().describe(), residual=float(np.sqrt(stats[4] / max(stats[5], 1.0))))
+    return replace(plan.solution, stride=plan.stride, texels={**texels, "kept": 0},
+                   warnings=(*plan.solution.warnings, *reduced), device=thread.device().describe(),
+                   residual=float(np.sqrt(stats[4] / max(stats[5], 1.0))))

@@ -36,7 +36,7 @@ KERNELS = {"solve/search.kernel": "search", "solve/table.kernel": "tables", "sol
 REST = "rest of the solve"
 PARTS = {  # part: functions, methods and generators of it, below irpso_addon
     DEVICE: ["gpu.device.context:Device.__init__", "gpu.device.context:Device._measure_compute"],
-    "G-buffer": ["solve.gpu_path:draw_texels", "gpu.gbuffer.gbuffer:draw_pixel_grid", "solve.pipeline:_checked"],
+    "G-buffer": ["solve.gpu_path:draw_texels", "gpu.gbuffer.gbuffer:draw_pixel_grid", "solve.one_round:_checked"],
     "visibility": ["gpu.observe.visibility:LightVisibility.lit_maps",
                    "gpu.observe.environment_light:LitByEnvironment.light"],
     "observations": ["gpu.observe.observations:observe"],
@@ -48,14 +48,14 @@ PARTS = {  # part: functions, methods and generators of it, below irpso_addon
     "trials of models": ["gpu.solve.model_ladder:Ladder._try_larger", "gpu.solve.model_ladder:Ladder._level",
                          "gpu.solve.model_prediction:ModelPrediction.decide",
                          "gpu.solve.model_prediction:ModelPrediction.metal"],
-    "calibration": ["solve.gpu_path:_calibrated"],
+    "calibration": ["solve.gpu_path:_calibrated", "solve.outlined_scene:through_right_cameras"],
     "normals": ["solve.gpu_path:_refined"],
     "base colour of pixels": ["gpu.maps.albedo:AlbedoSolver.solve"],
     "back-projection": ["gpu.maps.albedo:AlbedoSolver._back_project"],
     "fill": ["gpu.maps.fill:fill", "gpu.maps.fill:Filler.fill"],
     "standard errors": ["gpu.maps.finish_maps:_certainty"],
-    "rest of the maps": ["gpu.maps.finish_maps:make_maps", "solve.pipeline:_solution"],
-    "checks": ["solve.pipeline:_checks", "core.checks.mended_cameras:corrected"],
+    "rest of the maps": ["gpu.maps.finish_maps:make_maps", "solve.one_round:_solution"],
+    "checks": ["solve.one_round:_checks", "core.checks.mended_cameras:corrected"],
     "indirect light": ["solve.pipeline:_take_out_indirect"],
 }
 EXPECTS = "blender.jobs.solve_object:expected"

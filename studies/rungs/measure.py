@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irpso_addon.core.data import F64, PredictionError
+from irpso_addon.core.change_records import PredictionError
+from irpso_addon.core.data import F64
 from irpso_addon.core.evaluation.folds import FOLDS, WHITE, lightness
 from studies.stability.measured import merl, rig
 

@@ -11,6 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from irpso_addon.core.check_records import Checks
+from irpso_addon.core.checks.camera_changes import camera_changes
+from irpso_addon.core.checks.camera_lines import corrected_cameras
 from irpso_addon.core.checks.mended_cameras import corrected
 from irpso_addon.core.checks.solve_checks import left_over
 from irpso_addon.core.checks.warnings import mended
@@ -28,10 +30,9 @@ def rounds(
     problem: Problem, solve: Callable[[Problem], Answer], exposures: bool,
 ) -> tuple[Answer, Checks, tuple[str, ...]]:
     """(answer, its checks, what was put right before it, in words): cameras always, exposures where asked."""
-    scene = SceneData("patch", plane_mesh(), np.zeros((0, 3, 3), np.float32), views_of(problem))
+    given = scene = SceneData("patch", plane_mesh(), np.zeros((0, 3, 3), np.float32), views_of(problem))
     answer = solve(problem)
     first = checks = checks_of(problem, answer)
-    changed = False
     for _ in range(ALIGN_ROUNDS):
         better = corrected(scene, checks.registration, shifts=True, gains=exposures)
         if better is scene:
@@ -41,8 +42,9 @@ def rounds(
         told = checks_of(mended_problem, there, better.views)
         if left_over(told) >= left_over(checks):
             break
-        scene, answer, checks, changed = better, there, told, True
-    return answer, checks, mended(first, True, exposures) if changed else ()
+        scene, answer, checks = better, there, told
+    lines = corrected_cameras(camera_changes(given, scene, checks.registration))
+    return answer, checks, (*lines, *(mended(first.registration) if exposures and scene is not given else ()))
 
 
 def _mended(problem: Problem, views: Sequence[View]) -> Problem:

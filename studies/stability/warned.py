@@ -13,7 +13,7 @@ from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
 from irpso_addon.core.checks.warnings import warnings
 from irpso_addon.core.data import Camera, Light, View
 from irpso_addon.core.phrases import percent
-from irpso_addon.solve.pipeline import unfit
+from irpso_addon.solve.one_round import unfit
 
 from .methods import Answer, predicted
 from .problem import Problem
@@ -25,7 +25,7 @@ KINDS = {  # words of a warning -> its kind in the atlas; the first that fits
     "no model predicts": "no model fits", "good observations": "few observations", "highlight": "no highlight",
     "lit in no view": "not seen",
 }
-UNSEEN = 0.05  # irpso_addon/solve/pipeline.py: share of texels seen by no view
+UNSEEN = 0.05  # irpso_addon/solve/one_round.py: share of texels seen by no view
 
 
 def warned(answer: Answer, checks: Checks, mended: Sequence[str] = ()) -> list[tuple[str, str]]:
@@ -39,7 +39,7 @@ def warned(answer: Answer, checks: Checks, mended: Sequence[str] = ()) -> list[t
 
 
 def checks_of(problem: Problem, answer: Answer, views: Sequence[View] = ()) -> Checks:
-    """As irpso_addon/solve/pipeline.py, _checks; ``views``: the problem's, where they were put right."""
+    """As irpso_addon/solve/one_round.py, _checks; ``views``: the problem's, where they were put right."""
     assert answer.observed is not None and answer.sigma is not None
     return measure(checked_views(problem, answer, views or views_of(problem)), TexelFit(
         "patch", {"Paint": answer.model}, np.zeros(answer.solved.shape, np.int32), ("Paint",), answer.solved,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -88,6 +89,17 @@ def stage(empty, tmp_path):
 
     return types.SimpleNamespace(
         scene=empty, subject=subject, camera=camera, key=key, folder=tmp_path, captures=captures, read=read)
+
+
+@pytest.fixture
+def ball_scene(extension, scenes: Path, tmp_path: Path) -> bpy.types.Scene:
+    """A private copy of the good scene, open, its ball active, its views in the list."""
+    shutil.copytree(scenes / "good", tmp_path / "good")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "good" / "scene.blend"), load_ui=False)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
+    bpy.context.scene.irpso.captures = "//captures.json"
+    bpy.ops.irpso.load_captures()
+    return bpy.context.scene
 
 
 @pytest.fixture

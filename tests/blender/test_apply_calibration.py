@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,33 +14,27 @@ OFFSET, POWER = (0.05, 0.0, -0.02), 0.9
 
 
 @pytest.fixture
-def scene(extension, scenes: Path, tmp_path: Path) -> bpy.types.Scene:
-    """A private copy of the good scene, open, its ball active, its views in the list."""
-    shutil.copytree(scenes / "good", tmp_path / "good")
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "good" / "scene.blend"), load_ui=False)
-    bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
-    scene = bpy.context.scene
-    scene.irpso.size, scene.irpso.captures = 64, "//captures.json"
-    bpy.ops.irpso.load_captures()
-    return scene
+def scene(ball_scene: bpy.types.Scene) -> bpy.types.Scene:
+    ball_scene.irpso.size = 64
+    return ball_scene
 
 
 @pytest.fixture
 def records(module):
-    return module("core.data")
+    return module("core.change_records")
 
 
 @pytest.fixture
 def keep(records, module):
     """``keep(*lamps, exposures=...)``: a solution of the ball that has put these right."""
-    session = module("blender.jobs.session").session
+    data, session = module("core.data"), module("blender.jobs.session").session
 
     def of(*lamps, exposures=(), vignetting=None, obj=None, **more):
         grey, none = np.full((4, 4), 0.5, np.float32), np.zeros((4, 4), bool)
-        maps = records.Maps(np.full((4, 4, 3), 0.5, np.float32), grey, grey, grey, none, ~none, grey, grey)
+        maps = data.Maps(np.full((4, 4, 3), 0.5, np.float32), grey, grey, grey, none, ~none, grey, grey)
         error = records.PredictionError(0.04, 2.0)
         found = records.Calibration(lamps, exposures, error, replace(error, relative_rms=0.03), vignetting, **more)
-        solution = replace(records.Solution.of_maps(maps, {"Paint": "one-lobe"}), calibration=found)
+        solution = replace(data.Solution.of_maps(maps, {"Paint": "one-lobe"}), calibration=found)
         session.keep(obj or bpy.data.objects["Ball"], solution)
         return session
 
@@ -84,7 +77,7 @@ def test_a_lamp_is_moved_once(scene, records, keep, hidden, parented) -> None:
     np.testing.assert_allclose(world(lamp), before, atol=1e-5)
     assert lamp.data.energy == pytest.approx(POWER * energy)
     assert state(scene, bpy.data.objects["Ball"]) == "applied"
-    with pytest.raises(RuntimeError, match="has these lamps and exposures already"):
+    with pytest.raises(RuntimeError, match="has these cameras, lamps and exposures already"):
         bpy.ops.irpso.apply_calibration()
     keep(change(records))  # what the next solve puts right is another change
     assert state(scene, bpy.data.objects["Ball"]) == "open"
@@ -140,6 +133,32 @@ def test_a_sun_is_turned(scene, records, keep, module) -> None:
     np.testing.assert_allclose(after[:3, 2], light.matrix[:3, 2], atol=1e-6)
     np.testing.assert_allclose(after[:3, 3], place, atol=1e-6)
     np.testing.assert_allclose(after[:3, :3].T @ after[:3, :3], np.eye(3), atol=1e-6)
+
+
+def test_the_viewport_shows_where_lamps_are_put(scene, records, keep, module) -> None:
+    """Drawn are the places that Apply to Scene gives: of a lamp, of a flash, and the ends of a sun's direction."""
+    camera, sun = bpy.data.objects["Camera 1"], bpy.data.objects["Light 2"]
+    sun.data = bpy.data.lights.new("Sun", "SUN")
+    bpy.context.view_layer.update()
+    lamps = (change(records), change(records, "Light 1", cameras=("Camera 1",), sure_power=False),
+             change(records, "Light 2", sun=True, sure_place=False),
+             change(records, "Light 3", sure_place=False, sure_power=False))
+    cameras = (records.CameraChange("Camera 1", (96, 64), 1.8, 0.1, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.01, 0.0)),
+               records.CameraChange("Gone", (96, 64), 1.8, 0.1, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.01, 0.0)))
+    session = keep(*lamps)
+    solution = replace(session.facts_of(bpy.data.objects["Ball"]), cameras=cameras)
+    shown = module("blender.viewer.places_draw").marks(scene, solution, 0.5)
+    given = [world(bpy.data.objects[name]) for name in ("Light 0", "Light 1", "Light 2")]
+    assert [text for *_, text in shown] == [
+        "54 ± 2 mm, × 0.900 ± 0.3 %", "54 ± 2 mm", "× 0.900 ± 0.3 %", "1.80 ± 0.10 px"]
+    apply()
+    after = [world(bpy.data.objects[name]) for name in ("Light 0", "Light 1", "Light 2")]
+    for n in (0, 1):
+        np.testing.assert_allclose(shown[n][0], given[n][:3, 3], atol=1e-6)
+        np.testing.assert_allclose(shown[n][1], after[n][:3, 3], atol=1e-6)
+    for end, matrix in zip(shown[2][:2], (given[2], after[2]), strict=True):
+        np.testing.assert_allclose(end, matrix[:3, 3] + 0.5 * matrix[:3, 2] / np.linalg.norm(matrix[:3, 2]), atol=1e-6)
+    np.testing.assert_allclose(shown[3][0], np.array(camera.matrix_world)[:3, 3], atol=1e-6)
 
 
 def test_exposures_of_the_list(scene, records, keep) -> None:

@@ -98,11 +98,11 @@ def test_report_has_its_keys(solved):
     report = json.loads((out / "report.json").read_text())
     assert set(report) == {field.name for field in fields(SolveSettings)} | {
         "versions", "command", "models", "seconds", "texels", "texels_per_second",
-        "views", "residual", "warnings", "calibration", "refined_normals", "normals_given_because", "checks", "device",
-        "peak_memory_bytes", "cancelled"}
+        "views", "residual", "warnings", "calibration", "cameras", "refined_normals", "normals_given_because", "checks",
+        "device", "peak_memory_bytes", "cancelled"}
     assert report["models"]["Paint"]["model"] == "one-lobe" and report["models"]["Paint"]["why"]
     assert set(report["seconds"]) == {
-        "scene", "gbuffer", "observe", "calibrate", "normals", "solve", "maps", "write", "total"}
+        "scene", "gbuffer", "observe", "cameras", "calibrate", "normals", "solve", "maps", "write", "total"}
     assert {"covered", "observed", "solved", "filled", "kept"} == set(report["texels"])
     assert report["texels"]["solved"] + report["texels"]["filled"] == report["texels"]["covered"]
     assert len(report["views"]["used"]) == 10 and report["views"]["skipped"] == []
@@ -317,7 +317,7 @@ def test_unknown_object(irpso_here, capture):
 
 def test_a_lamp_to_keep_that_is_not_there(capture, irpso_here) -> None:
     assert_bad(irpso_here("solve", capture / "scene.blend", "--keep", "Light 1", "--keep", "Ball"),
-               "lamp 'Ball': is not a lamp of this file; there are: 'Light 0', ")
+               "'Ball': is not a lamp or camera of this file; there are: 'Camera 0', 'Camera 1', 'Light 0', ")
 
 
 # ---- places that cannot be written

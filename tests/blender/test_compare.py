@@ -115,7 +115,8 @@ def test_more_passes_find_more(compared):
 
 def test_times_are_told_by_stage(compared):
     for method, row in rows(compared[2]).items():
-        stages = {"total"} if method == "no solver" else {"gbuffer", "observe", "calibrate", "solve", "maps", "total"}
+        stages = {"total"} if method == "no solver" else {
+            "gbuffer", "observe", "cameras", "calibrate", "solve", "maps", "total"}
         assert set(row["seconds"]) == stages
         assert row["seconds"]["total"] == pytest.approx(sum(row["seconds"][s] for s in stages - {"total"})) or not (
             stages - {"total"})

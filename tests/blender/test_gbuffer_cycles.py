@@ -20,7 +20,7 @@ from irpso_addon.core.shading import lights
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid
 from irpso_addon.gpu.observe.visibility import LightVisibility
-from irpso_addon.solve import pipeline
+from irpso_addon.solve import one_round
 from tests.blender import cycles_rig as rig
 
 TEXELS = 192
@@ -111,9 +111,9 @@ def angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=-1) / 2, 0, 1)))
 
 
-def gbuffer(subject) -> pipeline.GBuffer:
+def gbuffer(subject) -> one_round.GBuffer:
     scene = read_all(subject)
-    return thread.run(lambda: pipeline.bake_gbuffer(scene, TEXELS))
+    return thread.run(lambda: one_round.bake_gbuffer(scene, TEXELS))
 
 
 def test_positions_and_smooth_normals_are_those_that_cycles_bakes():

@@ -11,8 +11,9 @@ import pytest
 
 from irpso_addon.blender import properties
 from irpso_addon.blender.ui import panel_result, panel_solve
+from irpso_addon.core.change_records import PredictionError
 from irpso_addon.core.checks.check_figures import Level
-from irpso_addon.core.data import MaterialPrediction, PredictionError
+from irpso_addon.core.data import MaterialPrediction
 from irpso_addon.core.params import SolveSettings, choice_name
 
 CHOICES = {f.name: [key for key, _ in f.metadata["choices"]] for f in fields(SolveSettings)}

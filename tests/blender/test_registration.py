@@ -93,6 +93,13 @@ def test_what_was_off_is_put_right(shot, settings, pixels, gain):
     left = after.checks.registration
     assert max(m.pixels for m in left) < pixels  # 0.13 here in turns
     assert max(abs(np.log(m.gain)) for m in left) < gain
+    told = {(change.camera, change.image is not None): change for change in after.cameras}
+    wanted = {(camera, False): shift for camera, shift in SHIFTS.items()} | {
+        ("Camera 1", True): np.add(SHIFTS["Camera 1"], LONE_SHIFT)}
+    assert told.keys() == wanted.keys()
+    for key, shift in wanted.items():
+        np.testing.assert_allclose(np.array(told[key].shift) * PIXELS, shift, atol=pixels)
+        assert told[key].pixels == pytest.approx(np.hypot(*shift), abs=pixels) and told[key].sure
     where = after.maps.coverage & ~after.maps.filled & ~before.maps.filled
     assert psnr(shot, after.maps, where) > psnr(shot, before.maps, where) + 2
     off = [np.abs(s.maps.roughness - shot[0].roughness)[where].mean() for s in (before, after)]

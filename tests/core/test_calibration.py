@@ -10,7 +10,8 @@ from irpso_addon.core.calibration.calibrate import Judged
 from irpso_addon.core.calibration.put_right import applied, put_right, told
 from irpso_addon.core.calibration.rig import Rig, RigChange
 from irpso_addon.core.calibration.rig_fit import Free, RigFound
-from irpso_addon.core.data import Light, PredictionError, SceneData
+from irpso_addon.core.change_records import PredictionError
+from irpso_addon.core.data import Light, SceneData
 from tests.support import shoots
 from tests.support import synthetic as syn
 

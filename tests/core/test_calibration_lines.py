@@ -9,6 +9,15 @@ from typing import Any
 
 import pytest
 
+from irpso_addon.core.change_records import (
+    AmbientChange,
+    Calibration,
+    ExposureChange,
+    LampChange,
+    PredictionError,
+    ResponseChange,
+    WorldChange,
+)
 from irpso_addon.core.checks.calibration_lines import (
     calibrated,
     exposure_row,
@@ -18,15 +27,6 @@ from irpso_addon.core.checks.calibration_lines import (
     place_change,
     power_change,
     world_rows,
-)
-from irpso_addon.core.data import (
-    AmbientChange,
-    Calibration,
-    ExposureChange,
-    LampChange,
-    PredictionError,
-    ResponseChange,
-    WorldChange,
 )
 
 KEY = LampChange(("Key",), (0.03, 0.0, -0.04), 0.002, 0.0123, 0.914, 0.003)

@@ -11,8 +11,9 @@ import pytest
 
 from irpso_addon.core.check_records import CERTAIN, GROWN, Misfit
 from irpso_addon.core.checks.mended_cameras import corrected
+from irpso_addon.core.checks.outline_cameras import optics_of
 from irpso_addon.core.checks.outline_fit import BEND, GROWTH, INSET, ROLL, Optics, silhouette
-from irpso_addon.core.checks.registration import Registration, optics_of
+from irpso_addon.core.checks.registration import Registration
 from irpso_addon.core.checks.registration_fit import eroded, fit_views, gain_of_cameras
 from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
 from irpso_addon.core.data import Camera, MeshArrays, SceneData, View
@@ -239,11 +240,12 @@ def test_a_mask_drawn_too_small_bends_no_lens() -> None:
 def test_a_lens_that_was_measured_is_left_as_it_is() -> None:
     """k1 alone may be what a round before has found."""
     window = next(views([(0, 0)])).window
+    place = window.corner, window.image
     lens = Lens(WIDTH, HEIGHT, 100.0, 100.0, 80.0, 50.0, radial=(-0.1, 0.0, 0.0, 0.0))
-    assert optics_of(replace(camera(), lens=lens), window) == Optics((80.0, HEIGHT - 50.0), 100.0)
+    assert optics_of(replace(camera(), lens=lens), *place) == Optics((80.0, HEIGHT - 50.0), 100.0)
     for measured in (replace(lens, radial=(-0.1, 0.01, 0.0, 0.0)), replace(lens, tangential=(1e-4, 0.0)),
                      replace(lens, fisheye=True)):
-        assert optics_of(replace(camera(), lens=measured), window) is None
+        assert optics_of(replace(camera(), lens=measured), *place) is None
 
 
 def test_a_camera_that_is_turned_and_bent() -> None:

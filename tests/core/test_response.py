@@ -12,7 +12,7 @@ from irpso_addon.core.data import F32, RadianceImage, View
 from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.images.reference_image import read_reference
 from irpso_addon.core.images.response import undone
-from irpso_addon.solve.gpu_path import KeptImages
+from irpso_addon.solve.kept_images import KeptImages
 from tests.support import synthetic as syn
 
 SIZE = 30, 20

@@ -61,8 +61,9 @@ def test_a_breach_in_a_page(style: Any) -> None:
 
 WARNED = {  # where warnings are made: functions, or the records whose first argument they are
     "irpso_addon/core/checks/warnings.py": None,
+    "irpso_addon/core/checks/camera_lines.py": {"corrected_cameras"},
     "irpso_addon/core/checks/shoot_check.py": {"Finding"},
-    "irpso_addon/solve/pipeline.py": {"unfit", "_warnings"},
+    "irpso_addon/solve/one_round.py": {"unfit", "_warnings"},
 }
 
 

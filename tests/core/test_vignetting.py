@@ -17,7 +17,7 @@ from irpso_addon.core.tiled import uv_blocks
 from irpso_addon.core.tiled.reference_cache import CachedReference, cache_reference
 from irpso_addon.core.vignetting import brightened, corner_stops
 from irpso_addon.solve import block_solve
-from irpso_addon.solve.gpu_path import KeptImages
+from irpso_addon.solve.kept_images import KeptImages
 from tests.support import synthetic as syn
 
 LENS = Lens(6000, 4000, fx=4021.3, fy=4020.7, cx=3024.9, cy=1973.4, radial=(-0.105, 0.092, -0.031, 0.004),

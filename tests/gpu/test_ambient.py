@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import Calibration, Solution
+from irpso_addon.core.change_records import Calibration
+from irpso_addon.core.data import Solution
 from irpso_addon.core.shading import brdf
 from tests.support import shoots
 from tests.support import synthetic as syn

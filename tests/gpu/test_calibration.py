@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from irpso_addon.core.change_records import Calibration
 from irpso_addon.core.checks.mended_cameras import moved as aside
-from irpso_addon.core.data import Calibration, Light, Solution
+from irpso_addon.core.data import Light, Solution
 from tests.support import shoots
 from tests.support import synthetic as syn
 
@@ -87,6 +88,24 @@ def test_all_lamps_and_exposures_at_once(plane) -> None:
     before = rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
     after = rough_error(plane, shoots.run(wrong, **AUTO))
     assert before > 0.02 and after < 0.2 * before
+
+
+def test_lamps_that_are_far_off_come_back(plane) -> None:
+    """A quarter of their distance, as where nobody measured them, and powers by 15 %."""
+    rng = np.random.default_rng(9)
+    lights = {light.name: light for view in plane.scene.views for light in view.lights}
+    away = {}
+    for name, light in lights.items():
+        toward = light.matrix[:3, 3] / np.linalg.norm(light.matrix[:3, 3])
+        across = np.cross(toward, rng.standard_normal(3))
+        away[name] = (0.25 * np.linalg.norm(light.matrix[:3, 3]) * across / np.linalg.norm(across),
+                      np.exp(0.15 * rng.standard_normal()))
+    wrong = relit(plane, lambda x: replace(moved(x, away[x.name][0]), power=x.power * away[x.name][1]))
+    solution = shoots.run(wrong, **AUTO)
+    left = [np.linalg.norm(np.array(lamp.offset) + away[lamp.lights[0]][0]) / np.linalg.norm(away[lamp.lights[0]][0])
+            for lamp in found(solution).lamps]
+    assert len(left) == len(lights) and np.median(left) < 0.1
+    assert rough_error(plane, solution) < 0.2 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
 
 
 def test_a_flash_beside_the_camera() -> None:

@@ -18,7 +18,7 @@ from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe import observation_atlas
 from irpso_addon.gpu.solve.paper_swarm import Limits, PaperMaps, PaperSwarm, Swarms, limits_for, spans
-from irpso_addon.solve import pipeline
+from irpso_addon.solve import one_round, pipeline
 from tests.support import synthetic as syn
 from tests.support import texel_problem as bench
 
@@ -396,7 +396,7 @@ def test_through_the_pipeline(model):
     chosen = settings(size=32, particles=16, iterations=600, model=model)
     solution = thread.run(lambda: pipeline.solve(shoot.scene, chosen, shoot.read_image))
     maps = solution.maps
-    assert not maps.confidence.any() and pipeline.NO_CONFIDENCE in solution.warnings
+    assert not maps.confidence.any() and one_round.NO_CONFIDENCE in solution.warnings
     # It cannot know where it is unsure.
     assert not any("highlight came near" in words or "observations" in words for words in solution.warnings)
     solved = maps.coverage & ~maps.filled

@@ -10,6 +10,7 @@ import pytest
 from irpso_addon.core.data import Solution
 from irpso_addon.core.evaluation import folds
 from irpso_addon.core.shading import brdf
+from irpso_addon.gpu.solve.model_ladder import Ladder
 from irpso_addon.gpu.solve.texel_records import SolvedTexels
 from tests.support import synthetic as syn
 from tests.support.shoots import errors, rig, run
@@ -95,6 +96,20 @@ def test_in_its_own_world_the_fit_decides():
     assert found.predictions["Paint"].taken == "a value a texel"
     assert found.priors == {}
     assert np.median(errors(found, syn.PATCHES).rough) < 1e-4
+
+
+def test_two_lobes_must_predict_better_than_one_lobe(monkeypatch):
+    """However evidence came to prefer them: as where a scan's normals put highlights beside their places."""
+    def two(*_):
+        yield from ()
+        return "two-lobe", "evidence"
+
+    monkeypatch.setattr(Ladder, "_try_larger", two)
+    found = run(shoot(syn.PATCHES, cameras=2), model="auto")
+    prediction = found.predictions["Paint"]
+    assert found.model == {"Paint": "one-lobe"} and prediction.taken == "a value a texel"
+    assert prediction.tried["two lobes"].lightness > 0.8 * prediction.error.lightness
+    assert np.median(errors(found, syn.PATCHES).rough) < 0.02
 
 
 def test_where_no_model_fits_the_result_says_so():

@@ -58,7 +58,7 @@ def test_the_result_is_told_in_full(solved, patches, method):
     assert found.texels["covered"] == maps.coverage.sum()
     assert found.texels["solved"] == (maps.coverage & ~maps.filled).sum()
     assert found.texels["solved"] + found.texels["filled"] == found.texels["covered"]
-    assert set(found.seconds) == {"gbuffer", "observe", "solve", "maps"}
+    assert set(found.seconds) == {"gbuffer", "observe", "cameras", "solve", "maps"}
     assert min(found.seconds.values()) > 0
     assert found.views_used == tuple(view.image.name for view in patches.scene.views)
     assert found.views_skipped == ()

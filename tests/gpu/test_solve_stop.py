@@ -84,7 +84,7 @@ def test_a_stop_before_the_standard_errors_keeps_them(patches, solved, monkeypat
     np.testing.assert_allclose(found.maps.confidence, solved["refined"].maps.confidence, atol=1e-6)
 
 
-@pytest.mark.parametrize("stage", ["gbuffer", "observe"])
+@pytest.mark.parametrize("stage", ["gbuffer", "observe", "cameras"])
 def test_a_stop_before_the_search_has_nothing_to_keep(patches, monkeypatch, stage):
     with pytest.raises(Cancelled):
         stopped(patches, stage, monkeypatch, after=1)
@@ -108,7 +108,7 @@ def test_progress_only_grows(patches):
     assert 0 <= fractions[0]
     assert 0.99 < fractions[-1] <= 1
     stages = [step.stage for step in told]
-    assert list(dict.fromkeys(stages)) == ["gbuffer", "observe", "calibrate", "normals", "solve", "maps"]
+    assert list(dict.fromkeys(stages)) == ["gbuffer", "observe", "cameras", "calibrate", "normals", "solve", "maps"]
 
 
 def test_nothing_is_left_on_the_device(on_gl, patches):

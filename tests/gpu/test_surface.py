@@ -16,7 +16,7 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid, facets
 from irpso_addon.gpu.gbuffer.projection import clip_matrix
-from irpso_addon.solve import pipeline
+from irpso_addon.solve import one_round
 from tests.support import synthetic as syn
 
 SNAP = 1.5 / 256  # pixels
@@ -24,9 +24,9 @@ SIZE = 57  # odd on purpose
 NOTHING = np.zeros((0, 3, 3), np.float32)
 
 
-def bake(mesh: MeshArrays, size: int = SIZE) -> pipeline.GBuffer:
+def bake(mesh: MeshArrays, size: int = SIZE) -> one_round.GBuffer:
     scene = SceneData("test", mesh, NOTHING, ())
-    return thread.run(lambda: pipeline.bake_gbuffer(scene, size))
+    return thread.run(lambda: one_round.bake_gbuffer(scene, size))
 
 
 def raster(uvs: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:

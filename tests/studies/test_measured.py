@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import F64, MaterialPrediction, PredictionError
+from irpso_addon.core.change_records import PredictionError
+from irpso_addon.core.data import F64, MaterialPrediction
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
 from studies.stability.measured import fit, foreseen, merl, rig

@@ -211,9 +211,9 @@ class Session:
         scene.irpso.remedied = ",".join(filter(None, marks))
 
     def calibration_state(self, scene: bpy.types.Scene, obj: bpy.types.Object) -> CalibrationState:
-        """Of what the last solution of ``obj`` has put right of lamps and exposures."""
+        """Of what the last solution of ``obj`` has put right of cameras, lamps and exposures."""
         results = self.results_of(obj)
-        if not results or results[-1].facts.calibration is None:
+        if not results or not results[-1].facts.put_right:
             return "none"
         found = (re.fullmatch(rf"{CALIBRATION} (\d+ )(\d+)", mark) for mark in scene.irpso.remedied.split(","))
         marks = [mark for mark in found if mark is not None]
@@ -229,7 +229,7 @@ class Session:
     def open_remedies(self, scene: bpy.types.Scene, obj: bpy.types.Object) -> dict[int, Remedy]:
         """Those of the last solution of ``obj`` that the scene has not had, by their places.
 
-        Those of lamps count from where the solve has put the lamps: they wait until the scene has them there.
+        Those of lamps count from where the solve has put cameras and lamps: they wait until the scene has them there.
         """
         solution = self.facts_of(obj)
         offered = remedies(solution.checks) if solution is not None and solution.checks is not None else ()

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ...core.calibration.put_right import applied
+from ...core.checks.camera_changes import with_cameras
 from ...core.data import F32, Region, SceneData, Solution
 from ...core.errors import BadInput
 from ...core.images.mask import read_mask
@@ -57,12 +58,13 @@ def with_part(
     if last is None and start == "last":
         nothing = f"{obj.name}: has no result to start from; the search started from scratch"
         data = replace(data, warnings=(*data.warnings, nothing))
-    if last is not None and last.calibration is not None and region is not None:
-        # The part is lit as the rest was, whose lamps and exposures the solve has put right.
+    if last is not None and last.put_right and region is not None:
+        # The part is lit and seen as the rest was, whose cameras, lamps and exposures the solve has put right.
         if session.calibration_state((context or bpy.context).scene, obj) == "open":
-            data = applied(data, last.calibration)
+            data = with_cameras(data, last.cameras)  # in whose axes a flash has moved
+            data = applied(data, last.calibration) if last.calibration is not None else data
         else:  # the scene has them
-            last = replace(last, calibration=None)
+            last = replace(last, calibration=None, cameras=())
     if region is not None and last is not None and last.maps.normal is not None:  # the part's normals are the rest's
         data = replace(data, mesh=wearing(data.mesh, last.maps.normal))
     return replace(data, region=region, start=last)

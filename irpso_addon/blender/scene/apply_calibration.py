@@ -1,4 +1,7 @@
-"""The scene as a solve has put it right: its lamps and worlds, and the exposures and turns of its list of views."""
+"""The scene as a solve has put it right.
+
+Its lamps, worlds and cameras, and the exposures and turns of its list of views.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,30 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...core.data import Calibration
-from ...core.phrases import counted
+from ...core.change_records import Calibration
+from ...core.data import Solution
+from ...core.errors import BadInput
+from ...core.phrases import counted, some
+from .change_camera import change_cameras, changeable
 from .change_world import multiply_strength, strengthened, turn_views
-from .move_light import axes_of, check_place, check_power, light_named, moved_matrix, multiply_power, place
+from .move_light import axes_of, check_place, check_power, moved_matrix, multiply_power, object_named, place
 
 
-def apply_calibration(scene: Any, calibration: Calibration) -> str:
-    """Changes the scene, and says what of it.  Raises BadInput, and changes nothing, where a lamp cannot be changed."""
-    groups = [[light_named(scene, name) for name in lamp.lights] for lamp in calibration.lamps]
+def apply_calibration(scene: Any, solution: Solution) -> str:
+    """Changes the scene, and says what of it.  Raises BadInput, and changes nothing, where something cannot be."""
+    cameras = changeable(scene, solution.cameras)
+    alone = [change.image.name for change in solution.cameras if change.image is not None]
+    if alone and not cameras and solution.calibration is None:
+        raise BadInput(f"{some(alone)}: departs from the other views of its camera; give it a camera of its own, then "
+                       "solve again")
+    lit = _light(scene, solution.calibration) if solution.calibration is not None else ""
+    kept = f"{counted(len(alone), 'single view')} kept" if alone else ""
+    return ", ".join(filter(None, [change_cameras(scene, cameras) if cameras else "", lit, kept]))
+
+
+def _light(scene: Any, calibration: Calibration) -> str:
+    """Lamps, worlds and exposures."""
+    groups = [[object_named(scene, name) for name in lamp.lights] for lamp in calibration.lamps]
     for lights in groups:
         for light in lights:
             check_place(light)

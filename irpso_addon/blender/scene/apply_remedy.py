@@ -6,7 +6,7 @@ from typing import Any
 
 from ...core.checks.remedies import Remedy
 from ...core.errors import BadInput
-from .move_light import check_place, check_power, light_named, moved_matrix, multiply_power, place
+from .move_light import check_place, check_power, moved_matrix, multiply_power, object_named, place
 
 
 def is_done(scene: Any, remedy: Remedy) -> bool:
@@ -27,7 +27,7 @@ def apply_remedy(scene: Any, remedy: Remedy) -> None:
         for view in scene.irpso.views:
             view.colorspace = remedy.value
     else:
-        light = light_named(scene, remedy.target)
+        light = object_named(scene, remedy.target)
         if remedy.kind == "power":
             check_power(light)
             multiply_power([light], remedy.factor)

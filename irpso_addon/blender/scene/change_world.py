@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ...core.data import WorldChange
+from ...core.change_records import WorldChange
 from ...core.errors import BadInput
 from ...core.phrases import counted
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 
 from ...core.errors import BadInput
 from .scene_objects import world_matrix
@@ -16,27 +16,28 @@ PLACE = "location", "rotation", "delta_location", "delta_rotation"  # starts of 
 POWER = ("energy",)
 
 
-def light_named(scene: Any, name: str) -> Any:
-    """The light.  Raises BadInput where it is gone."""
-    light = scene.objects.get(name)
-    if light is None or light.type != "LIGHT":
-        raise BadInput(f"light '{name}': is not in the scene any more; solve again")
-    if light.library is not None:
-        raise BadInput(f"light '{name}': belongs to another file; make it local (Object > Relations > Make Local)")
-    return light
+def object_named(scene: Any, name: str, kind: str = "LIGHT") -> Any:
+    """The light or camera.  Raises BadInput where it is gone, or not to be changed."""
+    obj, what = scene.objects.get(name), f"{kind.lower()} '{name}'"
+    if obj is None or obj.type != kind:
+        raise BadInput(f"{what}: is not in the scene any more; solve again")
+    if obj.library is not None:
+        raise BadInput(f"{what}: belongs to another file; make it local (Object > Relations > Make Local)")
+    return obj
 
 
-def check_place(light: Any) -> None:
-    """Raises BadInput where the light cannot be moved because something else places it."""
-    if any(constraint.enabled for constraint in light.constraints):
-        raise BadInput(f"light '{light.name}': a constraint places it; apply the constraint, then try again")
-    if _animated(light, PLACE):
-        raise BadInput(f"light '{light.name}': keyframes or a driver place it; remove them, then try again")
+def check_place(obj: Any) -> None:
+    """Raises BadInput where the light or camera cannot be moved because something else places it."""
+    what = f"{obj.type.lower()} '{obj.name}'"
+    if any(constraint.enabled for constraint in obj.constraints):
+        raise BadInput(f"{what}: a constraint places it; apply the constraint, then try again")
+    if animated(obj, PLACE):
+        raise BadInput(f"{what}: keyframes or a driver place it; remove them, then try again")
 
 
 def check_power(light: Any) -> None:
     """Raises BadInput where the light's power is not its own."""
-    if _animated(light.data, POWER):
+    if animated(light.data, POWER):
         raise BadInput(f"light '{light.name}': keyframes or a driver set its power; remove them, then try again")
 
 
@@ -46,13 +47,18 @@ def moved_matrix(light: Any, offset: Sequence[float]) -> Matrix:
     if light.data.type != "SUN":
         return Matrix.Translation(offset) @ world
     before = world.col[2].xyz.normalized()
-    after = before.copy()
+    turn = before.rotation_difference(sun_turned(before, offset)).to_matrix().to_4x4()
+    place = Matrix.Translation(world.translation)
+    return place @ turn @ place.inverted() @ world
+
+
+def sun_turned(direction: Vector, offset: Sequence[float]) -> Vector:
+    """A direction to a SUN, changed by radians along the world's axes."""
+    after = direction.copy()
     for axis, by in enumerate(offset):  # one by one, as a solve does it
         after[axis] += by
         after.normalize()
-    turn = before.rotation_difference(after).to_matrix().to_4x4()
-    place = Matrix.Translation(world.translation)
-    return place @ turn @ place.inverted() @ world
+    return after
 
 
 def place(light: Any, world: Matrix) -> None:
@@ -89,7 +95,8 @@ def axes_of(scene: Any, camera: str) -> np.ndarray:
     return np.asarray(axes / np.linalg.norm(axes, axis=0))
 
 
-def _animated(block: Any, paths: tuple[str, ...]) -> bool:
+def animated(block: Any, paths: tuple[str, ...]) -> bool:
+    """Whether keyframes or drivers set a property whose path begins like one of these."""
     animation = block.animation_data
     if animation is None:
         return False

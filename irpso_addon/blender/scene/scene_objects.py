@@ -73,6 +73,7 @@ def read_camera(obj: Any, scene: Any, depsgraph: Any) -> Camera:
         name=obj.name, world_to_camera=np.linalg.inv(matrix), projection=projection,
         position=matrix[:3, 3].copy(), forward=-matrix[:3, 2], orthographic=obj.data.type == "ORTHO",
         aspect=width / height if lens is None else lens.width / lens.height, lens=lens,
+        kept=bool(getattr(obj, "irpso_keep", False)),
     )
 
 

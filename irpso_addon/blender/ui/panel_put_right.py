@@ -1,4 +1,4 @@
-"""The panel Put Right: lamps and exposures that the last solve has corrected, and the button that applies them."""
+"""The panel Put Right: cameras, lamps and exposures that the last solve has corrected, and its button."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import bpy
 from bpy.types import Panel
 
+from ...core.change_records import Calibration
 from ...core.checks.calibration_lines import (
     ambient_row,
     exposure_row,
@@ -17,21 +18,22 @@ from ...core.checks.calibration_lines import (
     vignetting_row,
     world_rows,
 )
-from ...core.data import LampChange
+from ...core.checks.camera_lines import camera_rows, sure_cameras
 from ...core.phrases import counted
 from ..jobs.session import session
 from ..panel_common import Tab, letters, wrapped
 
-SHOWN = 3  # lamps
-ROWS = 2  # of each
+SHOWN = 3  # lamps, and cameras
+ROWS = 2  # of each lamp
+Items = Sequence[tuple[str, Sequence[tuple[str, str]]]]  # names of objects, and their rows
 STATES = {
     "applied": ("CHECKMARK", "The scene has them"),
-    "outdated": ("INFO", "The scene's lamps were changed after this solve. Solve again."),
+    "outdated": ("INFO", "The scene's cameras or lamps were changed after this solve. Solve again."),
 }
 
 
 class IRPSO_PT_put_right(Tab, Panel):
-    """Lamps and exposures that the last solve corrected."""
+    """Cameras, lamps and exposures that the last solve corrected."""
 
     bl_label = "Corrections"
     bl_parent_id = "IRPSO_PT_result"
@@ -40,53 +42,68 @@ class IRPSO_PT_put_right(Tab, Panel):
     def poll(cls, context: bpy.types.Context) -> bool:
         """Only where something was."""
         solution = session.facts_of(session.subject(context))
-        return solution is not None and solution.calibration is not None
+        return solution is not None and solution.put_right
 
     def draw(self, context: bpy.types.Context) -> None:
         """A row for each figure, and the button."""
         solution = session.facts_of(session.subject(context))
-        assert solution is not None and solution.calibration is not None
-        calibration, layout, width = solution.calibration, self.layout, letters(context)
-        _draw_rows(layout, [("Left-out Views", gain_of(calibration))])
+        assert solution is not None
+        layout, width = self.layout, letters(context)
+        if solution.calibration is not None:
+            _draw_rows(layout, [("Left-out Views", gain_of(solution.calibration))])
         state = session.calibration_state(context.scene, session.subject(context))
         if state in STATES:
             icon, text = STATES[state]
             wrapped(layout, text, width, icon)
         else:
-            layout.operator("irpso.apply_calibration", icon="LIGHT")
-        rows, exposures = lamp_rows(calibration), exposure_row(calibration)
-        shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), response_row(calibration))
-                  if row is not None] + world_rows(calibration)
-        lamps = sure_lamps(calibration)
-        _draw_lamps(layout, lamps[:SHOWN], rows)
-        if len(lamps) > SHOWN:
-            header, body = layout.panel("IRPSO_more_lamps", default_closed=True)
-            header.label(text=counted(len(lamps) - SHOWN, "More Lamp"))
-            if body is not None:
-                _draw_lamps(body, lamps[SHOWN:], rows[SHOWN * ROWS:])
-        if exposures is not None:
-            _draw_rows(layout, [exposures[:2]])
-            wrapped(layout, exposures[2], width, "CAMERA_DATA")
-        _draw_rows(layout, shared)
-        if (exposures or shared) and context.scene.irpso.captures:
+            layout.operator("irpso.apply_calibration", icon="CHECKMARK")
+            layout.prop(context.window_manager.irpso_views, "places")
+        cameras = [(camera.camera, camera_rows(camera)) for camera in sure_cameras(solution.cameras)]
+        _draw_items(layout, cameras, "Camera")
+        rows = _draw_light(layout, solution.calibration, width) if solution.calibration is not None else False
+        if rows and context.scene.irpso.captures:
             wrapped(layout, "The capture file keeps its views unchanged", width, "INFO")
-        if not (rows or exposures or shared):
+        if not (cameras or rows or (solution.calibration and sure_lamps(solution.calibration))):
             wrapped(layout, "Small changes, none certain by itself", width, "INFO")
 
 
-def _draw_lamps(layout: bpy.types.UILayout, lamps: Sequence[LampChange], rows: Sequence[tuple[str, str]]) -> None:
-    """Figures of each, and whether the next solve is to leave it alone."""
-    for n, lamp in enumerate(lamps):
-        _draw_rows(layout, rows[n * ROWS:(n + 1) * ROWS])
-        obj = bpy.data.objects.get(lamp.lights[0])
-        if obj is not None:
-            row = layout.split(factor=0.5)
-            row.label()
-            row.prop(obj, "irpso_keep")
+def _draw_light(layout: bpy.types.UILayout, calibration: Calibration, width: int) -> bool:
+    """Rows of lamps, worlds and exposures; whether something of the views is in them."""
+    rows, exposures = lamp_rows(calibration), exposure_row(calibration)
+    shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), response_row(calibration))
+              if row is not None] + world_rows(calibration)
+    lamps = [(lamp.lights[0], rows[n * ROWS:(n + 1) * ROWS]) for n, lamp in enumerate(sure_lamps(calibration))]
+    _draw_items(layout, lamps, "Lamp")
+    if exposures is not None:
+        _draw_rows(layout, [exposures[:2]])
+        wrapped(layout, exposures[2], width, "CAMERA_DATA")
+    _draw_rows(layout, shared)
+    return bool(exposures or shared)
+
+
+def _draw_items(layout: bpy.types.UILayout, items: Items, what: str) -> None:
+    """Cameras or lamps by their names, those beyond the first in a panel that is closed."""
+    for name, rows in items[:SHOWN]:
+        _draw_item(layout, name, rows)
+    if len(items) > SHOWN:
+        header, body = layout.panel(f"IRPSO_more_{what.lower()}s", default_closed=True)
+        header.label(text=counted(len(items) - SHOWN, f"More {what}"))
+        for name, rows in items[SHOWN:] if body is not None else ():
+            _draw_item(body, name, rows)
+
+
+def _draw_item(layout: bpy.types.UILayout, name: str, rows: Sequence[tuple[str, str]]) -> None:
+    """Figures of it, and whether the next solve is to leave it alone."""
+    _draw_rows(layout, rows)
+    obj = bpy.data.objects.get(name)
+    if obj is not None:
+        row = layout.split(factor=0.5)
+        row.label()
+        row.prop(obj, "irpso_keep")
 
 
 class IRPSO_PT_lamp(Panel):
-    """Whether a lamp was measured, beside its other settings."""
+    """Whether a lamp or camera was measured, beside its other settings."""
 
     bl_label = "IRPSO"
     bl_space_type = "PROPERTIES"
@@ -96,8 +113,8 @@ class IRPSO_PT_lamp(Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Of lamps alone."""
-        return context.object is not None and context.object.type == "LIGHT"
+        """Of lamps and cameras alone."""
+        return context.object is not None and context.object.type in {"LIGHT", "CAMERA"}
 
     def draw(self, context: bpy.types.Context) -> None:
         """The one setting."""

@@ -1,4 +1,4 @@
-"""What the IRPSO tab of the Image Editor shows: of the window, not of the file, so nothing of it is saved or undone."""
+"""What the IRPSO tab of the Image Editor and the viewport show: of the window, so nothing of it is saved or undone."""
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
@@ -30,8 +30,19 @@ def _redraw(_group: PropertyGroup, _context: bpy.types.Context) -> None:
     editors.refresh()
 
 
+def _redraw_viewports(_group: PropertyGroup, context: bpy.types.Context) -> None:
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
 class IRPSO_PG_views(PropertyGroup):
     """``window_manager.irpso_views``."""
+
+    places: BoolProperty(
+        name="Show in Viewport", default=True, update=_redraw_viewports,
+        description="Draw where the last solve found lamps beside where the scene has them, and which cameras were off")
 
     show: EnumProperty(name="Show", items=SHOWS, update=_redraw, description="Content of the Image Editor")
     map: EnumProperty(name="Map", items=MAPS, update=_redraw, description="Map to show")

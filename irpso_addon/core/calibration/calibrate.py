@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data import PredictionError
+from ..change_records import PredictionError
 from ..evaluation.folds import split
 from ..job import Progress, Steps, share_of
 from .contest import GIVEN, HALF, SURE, Contest
@@ -87,6 +87,8 @@ def _judged(
     if not _off(quick) or not _gains(quick):
         return None, False
     everything = yield from share_of(fit_rig(sample, frees[-1]), 0.2, 0.5)
+    if frees[-1].lamps and not _gains(everything):
+        everything = yield from _from_afar(sample, frees[-1])
     if not _off(everything) or not _gains(everything):
         return None, True
     if everything.scatter >= HALF * everything.given and not sure_of_ambient(everything):
@@ -116,6 +118,13 @@ def _judged(
         return None, True
     return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), kept, straight is not None,
                   ambient), True
+
+
+def _from_afar(sample: RigSample, free: Free) -> Steps[RigFound]:
+    """All numbers at once run away where lamps are far off; lamps alone come near."""
+    near = yield from share_of(fit_rig(sample, Free(True, False, levels=free.levels), rounds=2 * ROUNDS), 0.5, 0.5)
+    found = yield from share_of(fit_rig(sample, free, start=near, rounds=ROUNDS), 0.5, 0.5)
+    return replace(found if found.scatter < near.scatter else near, given=near.given)
 
 
 def found_again(before: Judged, sample: RigSample, more: Larger, straight: Straight) -> Steps[Judged | None]:

@@ -6,19 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..checks.light_checks import moved
-from ..data import (
+from ..change_records import (
     AmbientChange,
     Calibration,
-    Environment,
     ExposureChange,
     LampChange,
     ResponseChange,
-    SceneData,
-    View,
     VignettingChange,
     WorldChange,
 )
+from ..checks.light_checks import moved
+from ..data import Environment, SceneData, View
 from ..shading.environment import about_z
 from ..vignetting import corner_stops
 from .calibrate import LEAST_CHANGE, Judged, sure_of_vignetting

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data import F64, Bool, PredictionError
+from ..change_records import PredictionError
+from ..data import F64, Bool
 from ..evaluation.folds import Folds, Judge, scatter, split
 from ..evaluation.sampled_texels import predicted
 from ..job import Steps

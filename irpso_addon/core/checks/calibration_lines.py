@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ..data import (
+from ..change_records import (
     AmbientChange,
     Calibration,
     ExposureChange,

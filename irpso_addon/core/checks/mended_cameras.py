@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..check_records import Misfit
-from ..data import Camera, SceneData
+from ..data import Camera, SceneData, View
 from ..projection import lens_for, pixels_of, rays_of
 
+NEAR = 0.05  # pixels that a camera may be off: less is not worth another solve
 LIKELY = 2.0  # a shift so many standard errors off is likely
 
 
@@ -19,17 +20,19 @@ def corrected(scene: SceneData, misfits: Sequence[Misfit], shifts: bool, gains: 
 
     Where a camera is, the others are put right as well, by what is likely (two standard errors): the round comes
     anyway.  Not so gains: those of views lit from behind run away with the roughness that explains them as well.
-    Views of a camera that share their shift go on sharing it; one that departs gets a camera of its own.
+    Views of a camera that share their shift go on sharing it; one that departs gets a camera of its own.  Cameras that
+    are kept stay.
     """
     found = {(m.image, m.camera): m for m in misfits}
-    shifts = shifts and any(m.shifted or m.warped for m in misfits)
+    kept = _kept(scene)
+    shifts = shifts and any((m.shifted or m.warped) and m.camera not in kept for m in misfits)
     gains = gains and any(m.drifted for m in misfits)
     cameras: dict[str, Camera] = {}
     views = []
     for view in scene.views:
         misfit = found.get((view.image, view.camera.name))
-        if misfit is not None and shifts and (misfit.warped or misfit.pixels > LIKELY * misfit.shift_error):
-            name = f"{view.camera.name} ({view.image.name})" if misfit.alone else view.camera.name
+        if misfit is not None and shifts and not view.camera.kept and _likely(misfit):
+            name = name_alone(view) if misfit.alone else view.camera.name
             if name not in cameras:
                 cameras[name] = replace(_mended(view.camera, misfit), name=name)
             view = replace(view, camera=cameras[name])
@@ -37,6 +40,26 @@ def corrected(scene: SceneData, misfits: Sequence[Misfit], shifts: bool, gains: 
             view = replace(view, gain=view.gain * misfit.gain)
         views.append(view)
     return replace(scene, views=tuple(views)) if shifts or gains else scene
+
+
+def near(scene: SceneData, misfits: Sequence[Misfit], gains: bool) -> bool:
+    """Whether cameras (``gains``: and exposures) need no further solve; kept cameras do not count."""
+    kept = _kept(scene)
+    return not any((gains and misfit.drifted) or (misfit.camera not in kept and (misfit.warped or misfit.pixels > NEAR))
+                   for misfit in misfits)
+
+
+def _kept(scene: SceneData) -> set[str]:
+    return {view.camera.name for view in scene.views if view.camera.kept}
+
+
+def name_alone(view: View) -> str:
+    """Of the camera of a view that departs from the others of its camera."""
+    return f"{view.camera.name} ({view.image.name})"
+
+
+def _likely(misfit: Misfit) -> bool:
+    return misfit.warped or misfit.pixels > LIKELY * misfit.shift_error
 
 
 def moved(camera: Camera, shift: tuple[float, float], size: tuple[int, int]) -> Camera:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..data import RefinedNormals
+from ..change_records import RefinedNormals
 
 
 def refined(normals: RefinedNormals | None) -> tuple[str, ...]:

@@ -13,14 +13,15 @@ sandwich of Huber 1967 over clusters), because neighbouring pixels share their e
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..check_records import CERTAIN, LEAST_SHIFT, SIGMAS, Misfit
-from ..data import F32, F64, Bool, Camera, View
-from ..projection import lens_for
-from .outline_fit import BEND, GROWTH, ROLL, Optics, Outline, silhouette
+from ..check_records import SIGMAS, Misfit
+from ..data import F32, F64, Bool, View
+from .outline_cameras import OutlinedCamera, Silhouettes, bends, of_one_shape
+from .outline_fit import GROWTH, ROLL, Outline
 from .registration_fit import Fit, ViewFit, blurred, eroded, fit_views, gain_of_cameras, tiles_of
 from .view_check_data import CheckedView, PixelWindow
 
@@ -33,7 +34,7 @@ UNEXPLAINED = 5.0  # pixels of doubt per unit of relative error left in the pixe
 RIM = 4  # pixels next to an edge of the object, left to the silhouette
 SHIFT_FLOOR, GAIN_FLOOR = 0.005, 0.001  # errors that no statistics shows: pixels, relative
 GAIN_PER_PIXEL = 0.005  # relative, per pixel of shift: while cameras are off the base colours are wrong too
-ALIKE = 0.05  # relative: focal lengths of cameras that have one lens
+BLIND = 1e4  # pixels: error of a shift that shading says nothing of
 LEAST_ALONE = 0.1  # pixels from the other views of its camera: then a view is believed to have moved by itself
 
 
@@ -59,9 +60,8 @@ class Registration:
         gains = gain_of_cameras([(e.uv, e.fit.factor) for e in self._done])
         logs = [e.fit.log_gain + g for e, g in zip(self._done, gains, strict=True)]
         mean = float(np.mean(np.concatenate(logs))) if logs else 0.0
-        bends = _bends(self._done)
-        return tuple(m for e, log, bend in zip(self._done, logs, bends, strict=True)
-                     for m in e.misfits(log - mean, *bend))
+        return tuple(m for e, log, bend in zip(self._done, logs, bends([e.seen for e in self._done]), strict=True)
+                     for m in _misfits(e.seen, e.fit, log - mean, *bend))
 
     def _finish(self) -> None:
         if self._camera is not None and self._camera.views:
@@ -81,8 +81,7 @@ class _Collected:
         self.at = at[:: max(1, -(-len(at) // SAMPLES))]
         self.seen: list[F32] = []  # (4, N): predicted radiance, its slopes, observed; NaN where it tells nothing
         self.outlines: list[Outline | None] = []
-        self._coverage: F32 | None = None
-        self._outline: Outline | None = None
+        self._silhouettes = Silhouettes(window.drawn, window.corner, window.image)
         self._product = np.zeros(window.covered.shape, np.float32)
         self._square = np.zeros(window.covered.shape, np.float32)
 
@@ -98,10 +97,7 @@ class _Collected:
         up, right = np.gradient(predicted)
         rows = np.stack([np.where(whole, a, np.nan).ravel()[self.at] for a in (predicted, right, up, observed)])
         self.seen.append(rows.astype(np.float32))
-        if self._coverage is None or not np.array_equal(self._coverage, checked.coverage):
-            optics = optics_of(checked.view.camera, self.window)
-            self._coverage, self._outline = checked.coverage, silhouette(self.window.drawn, checked.coverage, optics)
-        self.outlines.append(self._outline)
+        self.outlines.append(self._silhouettes.of(checked.view.camera, checked.coverage))
 
     def solve(self) -> _Estimate:
         usable = self._square > 1e-6 * max(float(self._square.max(initial=0.0)), 1e-30)
@@ -116,85 +112,41 @@ class _Collected:
         fit = fit_views(np.stack(self.seen, 1)[..., known].astype(np.float64),
                         np.stack([a.ravel()[at] for a in (factor, right, up)]).astype(np.float64),
                         tiles_of(rows, columns), free=not single)
-        return _Estimate(self.views, self.window, fit, self.outlines, self.window.uv.reshape(-1, 2)[at])
+        seen = OutlinedCamera(self.views, self.window.corner, self.window.image, self.outlines)
+        return _Estimate(seen, fit, self.window.uv.reshape(-1, 2)[at])
 
 
 @dataclass(frozen=True)
 class _Estimate:
     """Of one camera's V views."""
 
-    views: list[View]
-    window: PixelWindow
+    seen: OutlinedCamera
     fit: Fit
-    outlines: list[Outline | None]
     uv: F32  # (N, 2) where the fit's pixels look
 
-    def bend(self) -> tuple[float, float] | None:
-        """What its lens's k1 lacks, and its standard error; None: no outline shows it."""
-        drawn = [o for o in self.outlines if o is not None and o.optics is not None]
-        if not drawn:
-            return None
-        return (float(np.mean([o.values[BEND] for o in drawn])),
-                float(np.mean([o.covariance[BEND, BEND] for o in drawn])) ** 0.5)
 
-    def misfits(self, log_gain: F64, bend: float, bend_error: float) -> list[Misfit]:
-        """With the views' gains, (V,), and what the lens's k1 lacks."""
-        outlines = [None if o is None else o.bent(bend) for o in self.outlines]
-        shift, shift_error, alone = _settled(
-            self.fit, [None if o is None else (o.shift, o.shift_covariance) for o in outlines])
-        gain_error = np.sqrt(self.fit.gain_error**2 + GAIN_FLOOR**2 + (GAIN_PER_PIXEL * np.hypot(*shift.T)) ** 2)
-        drawn = [o for o, departs in zip(outlines, alone, strict=True) if o is not None and not departs]
-        growth, roll = (_of_one_shape(drawn, value) for value in (GROWTH, ROLL))
-        x, y = (float(np.mean([o.centre[axis] for o in drawn])) + self.window.corner[axis]
-                - self.window.image[axis] / 2 if drawn else 0.0 for axis in (0, 1))
-        return [
-            Misfit(view.image, view.camera.name, self.window.image, (float(right), float(up)), float(error),
-                   float(np.exp(gain)), float(its_error), bool(departs), *growth, (x, y), *roll, bend, bend_error)
-            for view, (right, up), error, gain, its_error, departs in zip(
-                self.views, shift, shift_error, log_gain, gain_error, alone, strict=True)]
+def outline_misfits(cameras: Sequence[OutlinedCamera]) -> tuple[Misfit, ...]:
+    """What outlines alone say, one for each view: no maps are needed for it; gains are 1."""
+    blind = [Fit(np.zeros((count, 2)), np.tile(BLIND**2 * np.eye(2), (count, 1, 1)), np.zeros(count),
+                 np.full(count, BLIND), np.zeros(0), 0.0) for count in (len(camera.views) for camera in cameras)]
+    return tuple(m for camera, fit, bend in zip(cameras, blind, bends(cameras), strict=True)
+                 for m in _misfits(camera, fit, fit.log_gain, *bend))
 
 
-def _of_one_shape(outlines: list[Outline], value: int) -> tuple[float, float]:
-    """One of several outlines' values, and its standard error: they are of one shape, so errors do not average out."""
-    if not outlines:
-        return 0.0, 0.0
-    return (float(np.mean([o.values[value] for o in outlines])),
-            float(np.mean([o.covariance[value, value] for o in outlines])) ** 0.5)
-
-
-def _bends(cameras: list[_Estimate]) -> list[tuple[float, float]]:
-    """What each camera's k1 lacks, and its standard error; 0 unless it is beyond doubt, and worth mending.
-
-    Cameras with one focal length and one size of pictures are taken to have one lens.
-    """
-    found = [(0.0, 0.0)] * len(cameras)
-    left = {n: optics for n, camera in enumerate(cameras)
-            if (optics := optics_of(camera.views[0].camera, camera.window)) is not None}
-    while left:
-        first = min(left)
-        size, focal = cameras[first].window.image, left[first].focal
-        alike = [n for n, optics in left.items()
-                 if cameras[n].window.image == size and abs(np.log(optics.focal / focal)) < ALIKE]
-        left = {n: optics for n, optics in left.items() if n not in alike}
-        each = np.array([bend for n in alike if (bend := cameras[n].bend()) is not None])
-        if not len(each):
-            continue
-        weights = 1 / np.maximum(each[:, 1], 1e-9) ** 2
-        lacks, error = float(weights @ each[:, 0] / weights.sum()), float(weights.sum() ** -0.5)
-        corner = 0.5 * float(np.hypot(*size))
-        if abs(lacks) > max(LEAST_SHIFT / (corner * (corner / focal) ** 2), CERTAIN * error):
-            for n in alike:
-                found[n] = lacks, error
-    return found
-
-
-def optics_of(camera: Camera, window: PixelWindow) -> Optics | None:
-    """Of a camera's window; None where a bend would not be one of k1's, or a lens with more terms was measured."""
-    lens = camera.lens
-    if camera.orthographic or (lens is not None and (lens.fisheye or any(lens.radial[1:]) or any(lens.tangential))):
-        return None
-    lens = lens_for(camera, window.image)
-    return Optics((lens.cx - window.corner[0], window.image[1] - lens.cy - window.corner[1]), lens.fx)
+def _misfits(camera: OutlinedCamera, fit: Fit, log_gain: F64, bend: float, bend_error: float) -> list[Misfit]:
+    """With the views' gains, (V,), and what the lens's k1 lacks."""
+    outlines = [None if o is None else o.bent(bend) for o in camera.outlines]
+    shift, shift_error, alone = _settled(fit, [None if o is None else (o.shift, o.shift_covariance) for o in outlines])
+    gain_error = np.sqrt(fit.gain_error**2 + GAIN_FLOOR**2 + (GAIN_PER_PIXEL * np.hypot(*shift.T)) ** 2)
+    drawn = [o for o, departs in zip(outlines, alone, strict=True) if o is not None and not departs]
+    growth, roll = (of_one_shape(drawn, value) for value in (GROWTH, ROLL))
+    x, y = (float(np.mean([o.centre[axis] for o in drawn])) + camera.corner[axis] - camera.image[axis] / 2
+            if drawn else 0.0 for axis in (0, 1))
+    return [
+        Misfit(view.image, view.camera.name, camera.image, (float(right), float(up)), float(error),
+               float(np.exp(gain)), float(its_error), bool(departs), *growth, (x, y), *roll, bend, bend_error)
+        for view, (right, up), error, gain, its_error, departs in zip(
+            camera.views, shift, shift_error, log_gain, gain_error, alone, strict=True)]
 
 
 def _settled(fit: Fit, outlines: list[ViewFit | None]) -> tuple[F64, F64, Bool]:

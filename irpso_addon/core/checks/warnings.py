@@ -145,29 +145,14 @@ def _shifted(off: Sequence[Misfit]) -> str:
     return f"{where}: {worst.pixels:.2f} pixels off ({x:+.2f}, {y:+.2f} in '{worst.image.name}')"
 
 
-def mended(checks: Checks, shifts: bool, gains: bool) -> tuple[str, ...]:
-    """What a solve put right, given the checks of its first round."""
-    off = [m for m in checks.registration if m.shifted and shifts]
-    drifted = [m for m in checks.registration if m.drifted and gains]
-    lines = [f"{_shifted(off)}; corrected"] if off else []
-    if zoomed := {m.camera: m for m in checks.registration if m.grown and shifts}:
-        worst = max(zoomed.values(), key=lambda m: abs(m.growth))
-        lines.append(f"{some(sorted(zoomed))}: focal length off (by {percent(worst.growth, 2, sign=True)} in "
-                     f"'{worst.camera}'); "
-                     "corrected")
-    if turned := {m.camera: m for m in checks.registration if m.rolled and shifts}:
-        worst = max(turned.values(), key=lambda m: abs(m.roll))
-        lines.append(f"{some(sorted(turned))}: turned about the viewing axis (by "
-                     f"{np.degrees(worst.roll):+.2f} degrees in '{worst.camera}'); corrected")
-    if bent := {m.camera: m for m in checks.registration if m.bend and shifts}:
-        worst = max(bent.values(), key=lambda m: abs(m.bend))
-        lines.append(f"{some(sorted(bent))}: lens distortion missing (radial term k1 {worst.bend:+.3f}); corrected")
-    if drifted:
-        worst = max(drifted, key=lambda m: abs(float(np.log(m.gain))))
-        lines.append(f"{some([m.image.name for m in drifted])}: exposure off (by "
-                     f"{percent(worst.gain - 1, 1, sign=True)} in "
-                     f"'{worst.image.name}'); corrected")
-    return tuple(lines)
+def mended(gains: Sequence[Misfit]) -> tuple[str, ...]:
+    """What a solve put right of exposures, given the checks of its first round."""
+    drifted = [m for m in gains if m.drifted]
+    if not drifted:
+        return ()
+    worst = max(drifted, key=lambda m: abs(float(np.log(m.gain))))
+    return (f"{some([m.image.name for m in drifted])}: exposure off (by {percent(worst.gain - 1, 1, sign=True)} in "
+            f"'{worst.image.name}'); corrected",)
 
 
 def moved_lights(checks: Checks) -> list[LightResidual]:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data import F64, I32, Bool, PredictionError
+from ..change_records import PredictionError
+from ..data import F64, I32, Bool
 from .sampled_texels import SampledTexels
 
 FOLDS = 3

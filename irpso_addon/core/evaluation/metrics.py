@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data import F64, Bool, PredictionError
+from ..change_records import PredictionError
+from ..data import F64, Bool
 from ..resampling import BAD
 from .folds import WHITE, lightness
 

@@ -1,4 +1,4 @@
-"""The maps as a set: files and their names, export, merging of blocks, the region that a partial solve changes.
+"""The maps as a set: which texels are solved, files and names, export, merging of blocks, regions of partial solves.
 
 May use core.images, core.storage and core.tiled.
 """

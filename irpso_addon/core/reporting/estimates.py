@@ -14,7 +14,10 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import BadInput
+from ..maps.stride import stride_of
 from ..params import SolveSettings
 from ..shading.environment import COUNT, NODE_ROWS, NODES
 from ..storage.text_file import read_text
@@ -22,9 +25,12 @@ from ..tiled.uv_blocks import BLOCK, FIRST_UDIM, HALO, PICTURES, all_blocks, is_
 from .report import write_report
 
 COVERED = 0.8  # of a map's texels lie in UV islands ...
-SHOWN = 0.35  # ... and of a picture's pixels show the object
+SHOWN = 0.35  # ... and of a picture's pixels show the object, ...
+SIDE = 0.5  # ... of whose texels a camera sees so many
 ATLAS_BYTES = 134_000_000  # at most, see gpu/observe/observation_atlas.py
-TEXEL_BYTES = 17 * 16  # of the textures on the texel grid that are alive together
+GRID_BYTES = 3 * 16  # of a texel: its G-buffer, ...
+SOLVE_BYTES = 14 * 16  # ... the search's textures, of the texels that are solved, ...
+MAPS_BYTES = 10 * 16  # ... and those of the maps, which come later
 HOST_BYTES = 150_000_000  # of a process before it reads anything
 HOST_TEXEL_BYTES = 48
 ENVIRONMENT_BYTES = 8 * NODES + 16  # of a pixel, see gpu/observe/environment_light.py
@@ -119,10 +125,11 @@ def estimate(
     around = AROUND_BYTES + AROUND_PIXEL_BYTES * pixels if lit else 0.0
     blocks = sum(2 + v.lights + (2 * NODE_ROWS if lit else 0) for v in views)
     atlas = min(ATLAS_BYTES, 512 * 128 * 16 * blocks)
+    solving = atlas + SOLVE_BYTES * texels / _stride(views, replace(settings, size=side), reduced) ** 2
     reading = DEVELOPING if large else int(READING * min(60 * largest, DEVELOPING + 20 * pixels))
     found = Estimate(
         seconds=seconds, disk_bytes=2 * MAP_BYTES * texels,
-        gpu_bytes=int(each * pixels + max(atlas + TEXEL_BYTES * texels, around)),
+        gpu_bytes=int(each * pixels + max(GRID_BYTES * texels + max(solving, MAPS_BYTES * texels), around)),
         host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + reading),
         learnt=bool(factors), reduced=reduced)
     if not large:
@@ -181,7 +188,7 @@ def _once(views: Sequence[ViewSize], settings: SolveSettings, reduced: float) ->
     lobes = reduced * sum(v.width * v.height * v.lights for v in views)
     cameras = {(v.camera, v.width, v.height) for v in views}
     shown = SHOWN * reduced * sum(w * h for _, w, h in cameras)
-    passes = min(120, len(cameras) * (5 if shown > texels else 20))  # of gpu/maps/albedo.py
+    passes = min(120, len(cameras) * (5 if shown > texels else 12))  # of gpu/maps/albedo.py
     around = {(v.camera, v.width, v.height, v.environment) for v in views if v.environment}
     shadows = AROUND * len({environment for *_, environment in around})
     around_pixels = SHOWN * reduced * sum(w * h for _, w, h, _ in around)
@@ -192,7 +199,16 @@ def _once(views: Sequence[ViewSize], settings: SolveSettings, reduced: float) ->
         search = PAPER * count * settings.iterations
     return {"gbuffer": 0.1e-6 * texels,
             "observe": 0.25e-6 * (pixels + lobes) + shadows + 1e-6 * AROUND_PIXEL * around_pixels,
-            "solve": fixed + 1e-6 * texels * search, "maps": 0.4e-6 * pixels + 0.09e-6 * passes * texels}
+            "solve": fixed + 1e-6 * texels / _stride(views, settings, reduced) ** 2 * search,
+            "maps": 0.4e-6 * pixels + 0.09e-6 * passes * texels}
+
+
+def _stride(views: Sequence[ViewSize], settings: SolveSettings, reduced: float) -> int:
+    """Every how many-th texel will be solved, as far as sizes tell."""
+    if settings.method == "paper":
+        return 1
+    largest = min(reduced, 1.0) * max((v.width * v.height for v in views), default=0)
+    return stride_of(np.array([SHOWN * largest / (SIDE * COVERED * settings.size**2)]), settings.size)
 
 
 def learnt(

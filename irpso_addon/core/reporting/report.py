@@ -10,8 +10,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ..change_records import Calibration
 from ..check_records import Checks
-from ..data import Calibration, Solution
+from ..data import Solution
 from ..errors import BadInput
 from ..params import SolveSettings
 from ..storage.atomic_io import write_whole
@@ -42,6 +43,7 @@ def build_report(
         "models": {slot: _model(solution, slot) for slot in solution.model},
         "seconds": {**solution.seconds, "total": total},
         "texels": dict(solution.texels),
+        "stride": solution.stride,
         "texels_per_second": {
             "solve": solved / solving if solving else None,
             "total": solved / total if total else None,
@@ -52,6 +54,7 @@ def build_report(
         },
         "residual": solution.residual,
         "calibration": _calibration(solution.calibration) if solution.calibration else None,
+        "cameras": [{**asdict(camera), "image": camera.image and camera.image.name} for camera in solution.cameras],
         "refined_normals": asdict(solution.normals) if solution.normals else None,
         "normals_given_because": solution.normals_why or None,
         "checks": _checks(solution.checks) if solution.checks else None,

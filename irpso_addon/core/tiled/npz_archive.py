@@ -19,33 +19,36 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from ..change_records import (
+    AmbientChange,
+    Calibration,
+    CameraChange,
+    ExposureChange,
+    LampChange,
+    PredictionError,
+    RefinedNormals,
+    ResponseChange,
+    VignettingChange,
+    WorldChange,
+)
 from ..check_records import Checks, LightResidual, MaterialCheck, Misfit, Residual, Slope, ViewCheck
 from ..data import (
-    AmbientChange,
     Bounced,
-    Calibration,
     Camera,
     Coat,
     Emitter,
     Environment,
-    ExposureChange,
     JointPrior,
-    LampChange,
     Light,
     Maps,
     MaterialPrediction,
     MeshArrays,
     NormalMap,
-    PredictionError,
-    RefinedNormals,
     Region,
-    ResponseChange,
     SceneData,
     Solution,
     View,
     ViewPicture,
-    VignettingChange,
-    WorldChange,
 )
 from ..errors import BadInput
 from ..lens import Lens
@@ -54,14 +57,14 @@ from ..storage.atomic_io import replacing
 from ..versions import version
 from .tiled_plan import Noise, Plan
 
-FORMAT = 15  # of the files; another one is refused
+FORMAT = 17  # of the files; another one is refused
 THING = "thing.json"
 MOST = 1 << 28  # bytes of a packed record
 # The records that a file may hold.  Their names and their fields' names are the file's format: raise FORMAT with them.
 RECORDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (
     NormalMap, MeshArrays, Camera, Lens, Light, Emitter, Environment, View, Region, SceneData, Bounced, Maps, Solution,
-    ViewPicture, Coat, JointPrior, PredictionError, MaterialPrediction, LampChange, ExposureChange, VignettingChange,
-    AmbientChange, ResponseChange, WorldChange, Calibration, RefinedNormals, SolveSettings,
+    ViewPicture, Coat, JointPrior, PredictionError, MaterialPrediction, LampChange, CameraChange, ExposureChange,
+    VignettingChange, AmbientChange, ResponseChange, WorldChange, Calibration, RefinedNormals, SolveSettings,
     Residual, Slope, LightResidual, Misfit, ViewCheck, MaterialCheck, Checks, Noise, Plan)}
 _KINDS = "biuf"  # of arrays: truth values, integers, floats
 _TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can tell: else other bytes each time

@@ -53,6 +53,7 @@ class Plan:
     noise: Mapping[int, Noise]  # by the number of lobes
     robust: bool  # whether outliers are disbelieved
     bounced: Mapping[int, Bounced] | None  # indirect light by the view's place in the scene
+    stride: int = 1  # every how many-th texel is solved, see core/maps/stride.py
     blend: str = ""  # fingerprint of the .blend in which that was rendered
 
     @property

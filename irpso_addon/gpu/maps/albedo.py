@@ -23,7 +23,7 @@ from ..observe.view_drawing import channel_masks
 from ..solve.live_readback import base_color
 from .fill import Filler
 
-ITERATIONS = 10  # more sharpens noise
+ITERATIONS = 6  # more sharpens noise: without any, ten are no better
 COARSE_ITERATIONS, COARSE = 5, 1.15  # where so many pixels and more show a texel, there is little to sharpen
 PASSES_MAX = 120  # camera passes in all: with many cameras each iteration takes a share of them
 SHARP = 4  # iterations after which the texture is worth a look: at first it is blurred
@@ -71,6 +71,13 @@ class AlbedoSolver:
         self.around = around
         self.cancelled = False
         self.pixels_per_texel = 1.0  # area; known after a solve
+
+    def take(self, lobes: moderngl.Texture, level: moderngl.Texture | None) -> None:
+        """From here on views are predicted from these, instead of what the solver was made with, which it frees."""
+        for name, texture in (("u_lobes", lobes), ("u_level", level)):
+            if texture is not None:
+                self.known[name].release()
+                self.known[name] = texture
 
     def solve(self, iterations: int = ITERATIONS) -> Generator[Progress, None, moderngl.Texture]:
         """Returns RGBA32F: linear base colour, and how far pixels showed the texel (1: wholly)."""

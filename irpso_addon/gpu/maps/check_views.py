@@ -18,12 +18,11 @@ from ..device.draw_budget import Rectangle
 from ..device.programs import UNLIT_BELOW
 from ..gbuffer.drawn_outline import DrawnOutline
 from ..observe.observations import EDGE_QUALITY, HALF_MOST, ObservedCamera, ObservedView
+from ..observe.picture_outlines import is_outlined, middle_rows
 from .albedo import AlbedoSolver
 
-WINDOW = 1_500_000  # pixels of a view that are looked at, at most: its middle rows
 MIN_COS_V = 0.2  # of a pixel that is unlit: seen flatter, shaders/include/observed.glsl says nothing of it
 PICTURE_SIDE = 512  # pixels
-OUTLINED = 0.5  # coverage below which a reference has an outline; the middle
 
 
 def check_views(
@@ -37,7 +36,7 @@ def check_views(
     for texture in (base, *albedo.known.values()):
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
     for camera in albedo.observations.cameras:
-        part = _viewport(camera)
+        part = middle_rows(camera)
         with device.scope():
             drawn = _diffuse(albedo, camera, base)
             diffuse = device.read(drawn[0], part)
@@ -62,13 +61,6 @@ def with_view_pictures(views: Iterator[CheckedView], pictures: list[ViewPicture]
         yield seen
 
 
-def _viewport(camera: ObservedCamera) -> Rectangle:
-    """The window's place: the camera's (``ObservedCamera.window``), or its middle rows."""
-    x, y, w, h = camera.window
-    rows = min(h, max(WINDOW // w, 1))
-    return x, y + (h - rows) // 2, w, rows
-
-
 def _window(
     device: Device, camera: ObservedCamera, part: Rectangle, cos_v: F32, outline: DrawnOutline | None,
 ) -> PixelWindow:
@@ -76,8 +68,9 @@ def _window(
     assert maps.uv is not None
     position, normal = device.read(maps.position, part), device.read(maps.normal, part)
     covered = position[..., 3] > 0.5
-    outlined = any(bool((view.reference[..., 3] < OUTLINED).any()) for view in camera.views)
-    share = outline.shares(camera.camera, maps.position.size, part) if outline is not None and outlined else None
+    share = None
+    if outline is not None and is_outlined(camera):
+        share = outline.shares(camera.camera, maps.position.size, part)
     return PixelWindow(corner=part[:2], image=maps.position.size, covered=covered,
                        position=position[..., :3], normal=normal[..., :3], uv=device.read(maps.uv, part),
                        slot=normal[..., 3], cos_v=cos_v, share=share)

@@ -17,6 +17,7 @@ from ..gbuffer.gbuffer import GBufferMaps
 from ..observe.observations import Observations
 from ..solve import live_readback
 from ..solve.ladder_records import LadderResult
+from ..solve.sparse_ladder import SparseLadder
 from ..solve.texel_records import SolvedTexels
 from .albedo import ITERATIONS, AlbedoSolver, Gloss
 from .fill import fill
@@ -56,6 +57,7 @@ class SolvedTexelGrid:
     observations: Observations
     ladder: LadderResult
     ndf: str
+    sparse: SparseLadder | None = None  # what ``ladder`` was made from, where not every texel was solved
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,10 @@ def make_maps(
         base = device.read((yield from albedo.solve(iterations=0 if joined.cancelled else ITERATIONS)))
     else:  # the method has searched it itself
         base = np.concatenate([joined.base, own.solved[..., None]], -1).astype(np.float32)
+    if texels.sparse is not None:  # base colour tells where one material ends
+        joined = part.join_ladder(texels.sparse.everywhere(base[..., :3]), scene.start)
+        lobes, level = _filled_lobes(device, joined, lambert, around)
+        albedo.take(lobes, level)
     shown = base[..., 3] > 0.25
     base_texture = filled(device, part.join_base(base), around.base if around else None)
     good = own.solved & shown

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...core.data import F32, F64, I32, ONE_VALUE, Bool, Coat, JointPrior, MaterialPrediction, PredictionError
+from ...core.change_records import PredictionError
+from ...core.data import F32, F64, I32, ONE_VALUE, Bool, Coat, JointPrior, MaterialPrediction
 from ...core.errors import Cancelled
 from ...core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
 from ...core.evaluation.folds import ALIKE, Folds, Judge, split
@@ -180,9 +181,12 @@ class _Contest:
         metal = min(joint.metal.metallic for joint in self.joints) > PLAIN_METALLIC
         yield from self._folds(self._own)
         yield from self._folds(self._uniform, [*UNIFORM, *([UNIFORM_METAL] if metal else [])])
-        incumbent = FITTED[self.fitted.model]
-        clear = CLEAR_TWO if self.fitted.model == "two-lobe" else CLEAR
-        if not self.solver.cancelled and not self.judge.leads(incumbent, clear, self.predictions):
+        incumbent, clear = FITTED[self.fitted.model], CLEAR
+        if self.fitted.model == "two-lobe":
+            clear = CLEAR_TWO
+            if not self.solver.cancelled and not self.judge.leads(incumbent, clear, self.predictions):
+                self.fitted, incumbent, clear = Fitted("one-lobe"), FITTED["one-lobe"], CLEAR
+        if not self.solver.cancelled and not self._leads(incumbent, clear):
             yield from self._folds(self._drawn, PARTS, race=True)
             near = self.judge.near([trial.name for trial in UNIFORM], HOPEFUL)
             yield from self._folds(self._drawn, DRAWN if UNIFORM[0].name in near else [], race=True)
@@ -196,7 +200,7 @@ class _Contest:
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
-        leads = self.judge.leads(incumbent, clear, self.predictions)
+        leads = self._leads(incumbent, clear)
         if self.fitted.model in ("one-lobe", "one-lobe-specular"):
             spared = self.judge.spared()
             leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
@@ -206,6 +210,11 @@ class _Contest:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors |= {name: self.judge.error(name) for name in self.predictions}
         return self._decision(MaterialPrediction(self.folds.of, coated or taken, errors, leads and not coated))
+
+    def _leads(self, incumbent: str, clear: float) -> bool:
+        """Over all but two lobes that were given up."""
+        return self.judge.leads(incumbent, clear, [
+            name for name in self.predictions if name != FITTED["two-lobe"] or name == incumbent])
 
     def _under_coats(self, taken: str, metal: bool) -> Generator[Progress, None, str | None]:
         """The trial with a coat that is to be taken instead, if there is one."""
@@ -299,12 +308,13 @@ class _Contest:
         return [["lambert"], *_by_size(plain), *_by_size(metal), *own]
 
     def _own(self, known: Bool, joint: Joint, trials: list[_Trial]) -> Generator[Progress, None, None]:
-        """No lobe, and the model that the fit prefers."""
+        """No lobe, and the model that the fit prefers; beside two lobes also one."""
         self._add("lambert", None, known)
         model, name = self.fitted.model, FITTED[self.fitted.model]
         if model == "two-lobe":
             self._add(name, (yield from self._two_lobes()), known)
-        elif model != "lambert":
+            model, name = "one-lobe", FITTED["one-lobe"]
+        if model != "lambert":
             level = self.fitted.level if model == "one-lobe-specular" else 0.5
             self.solver.use_level(self._grid(level) if level != 0.5 else None)
             (values,) = yield from self.solver.under_priors([None])

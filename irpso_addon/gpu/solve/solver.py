@@ -296,7 +296,8 @@ class Solver(TilePasses):
     ) -> float:
         """Maps the noise; returns its median variance, by which the slack between cameras is set too."""
         unknown = self.source.camera_slack**2 or neighbours.NOISE_FLOOR**2
-        noise, variance = neighbours.noise_map(self.device, valleys, support, lobes, unknown)
+        cells = None if self.before.roughness is None else self.before.roughness.shape[1]
+        noise, variance = neighbours.noise_map(self.device, valleys, support, lobes, unknown, cells)
         if lobes in self.before.noise:
             variance = self.before.noise[lobes].variance
         if self.noise_map is not None:

@@ -12,7 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from irpso_addon.core.data import F64, PredictionError
+from irpso_addon.core.change_records import PredictionError
+from irpso_addon.core.data import F64
 from irpso_addon.core.models import LADDER
 from irpso_addon.gpu.solve.model_prediction import DRAWN, DRAWN_LEVEL, DRAWN_METAL, FITTED, UNIFORM, UNIFORM_METAL
 from studies import pages

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irpso_addon.core.data import F64, Bool, PredictionError
+from irpso_addon.core.change_records import PredictionError
+from irpso_addon.core.data import F64, Bool
 from irpso_addon.core.evaluation.folds import lightness
 from irpso_addon.core.images.colour import linear_to_srgb
 

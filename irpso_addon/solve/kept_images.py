@@ -1,0 +1,58 @@
+"""Reference images of views: what tells two apart, and those that are kept for a second look."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import replace
+from threading import Lock
+
+import numpy as np
+
+from ..core.data import F32, RadianceImage, View
+from ..core.images.response import file_scale, undone
+from ..core.vignetting import brightened
+
+ReadImage = Callable[[View], RadianceImage]
+KEPT_BYTES = 400_000_000
+
+
+def reference_key(view: View) -> Hashable:
+    """All that the radiance of a view's reference image follows from: what differs in nothing of it is read once."""
+    files = view.image, view.mask, view.ambient, view.flat
+    dark = (view.vignetting, view.camera.name) if view.vignetting else ()
+    return *files, view.colorspace, view.exposure, view.gain, view.response, view.white_balance, *dark
+
+
+def _again(rgb: F32, first: View, view: View) -> F32:
+    """Radiance of a view's picture, which was read as of ``first``, another opinion of the same view."""
+    if first.response != view.response:
+        dark = brightened(rgb, first.camera, -first.vignetting)
+        rgb = brightened(undone(dark, file_scale(first), view.response / first.response), view.camera, view.vignetting)
+    else:
+        rgb = brightened(rgb, view.camera, view.vignetting - first.vignetting)
+    return rgb * np.float32(first.gain / view.gain)
+
+
+class KeptImages:
+    """References as they were read, as many as KEPT_BYTES hold, for a second look under other exposures."""
+
+    def __init__(self, read_image: ReadImage) -> None:
+        self._read = read_image
+        self._kept: dict[Hashable, tuple[View, RadianceImage]] = {}  # as it was first read
+        self._lock, self._bytes = Lock(), 0
+
+    def __call__(self, view: View) -> RadianceImage:
+        """A view's radiance."""
+        key = reference_key(replace(view, gain=1.0, response=1.0, vignetting=0.0))
+        kept = self._kept.get(key)
+        if kept is not None:
+            first, image = kept
+            if (first.gain, first.vignetting, first.response) == (view.gain, view.vignetting, view.response):
+                return image
+            return replace(image, rgb=_again(image.rgb, first, view))
+        image = self._read(view)
+        with self._lock:  # references are read ahead by threads
+            self._bytes += image.rgb.nbytes + image.coverage.nbytes + image.valid.nbytes
+            if self._bytes <= KEPT_BYTES:
+                self._kept[key] = view, image
+        return image

@@ -1,0 +1,228 @@
+"""One round of a solve: the scene as it is given, once from its G-buffer to its maps and what the views say of them.
+
+Each function is a generator of Progress and must run on the GL thread, as in `pipeline`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..core.calibration.calibrate import Judged
+from ..core.change_records import Calibration, RefinedNormals
+from ..core.check_records import Checks
+from ..core.checks.calibration_lines import calibrated
+from ..core.checks.normals_line import refined
+from ..core.checks.solve_checks import TexelFit, measure
+from ..core.checks.warnings import grouped, warnings
+from ..core.data import F32, Bool, Bounced, Maps, MaterialPrediction, SceneData, Solution, ViewPicture
+from ..core.errors import BadInput
+from ..core.job import Progress
+from ..core.normals.tangent_map import encoded
+from ..core.params import SolveSettings
+from ..core.phrases import percent
+from ..core.tiled.tiled_plan import Noise
+from ..gpu.device import thread
+from ..gpu.device.context import Device
+from ..gpu.gbuffer.drawn_outline import DrawnOutline
+from ..gpu.gbuffer.gbuffer import overlap_counts
+from ..gpu.maps.check_views import check_views, with_view_pictures
+from ..gpu.maps.finish_maps import FinishedMaps
+from ..gpu.maps.partial_solve import PartialSolve, earlier_result_of, partial_solve_of
+from .gpu_path import Clock, Given, Solved, TexelGrid, draw_texels, solve_grid
+from .kept_images import ReadImage
+
+NO_CONFIDENCE = "method paper: gives no uncertainty; confidence is 0 and the standard errors are 0.5 everywhere"
+
+
+@dataclass(frozen=True)
+class GBuffer:
+    """The texel grid as arrays, row 0 at the bottom; zero where not covered."""
+
+    position: F32  # (n, n, 3) world, metres
+    normal: F32  # (n, n, 3) world, unit, normal map included
+    coverage: Bool  # (n, n)
+    overlap: Bool  # (n, n) more than one triangle claims the texel
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a solve has found of its scene as a whole, beside the maps."""
+
+    scene: SceneData  # cameras, lamps and exposures put right
+    given: SceneData  # the same, lamps as they were given; exposures, too, unless they were solved beside cameras
+    solution: Solution
+    level: float  # typical radiance of the views
+    noise: Mapping[int, Noise]  # by the number of lobes
+    robust: bool  # whether outliers were disbelieved
+    bounced: Mapping[int, Bounced] | None  # indirect light by the view's place in the scene
+    judged: Judged | None  # what was put right of lamps and exposures
+
+
+def bake_gbuffer(scene: SceneData, size: int) -> Generator[Progress, None, GBuffer]:
+    """Position, normal and coverage of every texel.
+
+    Raises BadInput when no texel of the UV square is covered.
+    """
+    device = thread.device()
+    with device.scope():
+        grid = draw_texels(device, scene.mesh, size)
+        yield Progress(0.5, "gbuffer")
+        gbuffer = _checked(device, grid, scene.mesh.name, size)
+        yield Progress(1.0, "gbuffer")
+        return gbuffer
+
+
+def _checked(device: Device, grid: TexelGrid, name: str, size: int) -> GBuffer:
+    """The texel grid as arrays.  Raises BadInput when no texel of the UV square is covered."""
+    if not grid.coverage.any():
+        raise BadInput(f"{name}: no face covers a texel of the 0-1 UV square at {size} x {size}; "
+                       "unwrap the mesh (UV > Smart UV Project)")
+    overlap = overlap_counts(device, grid.mesh, size) > 1.5
+    return GBuffer(grid.position, grid.normal, grid.coverage, overlap & grid.coverage)
+
+
+def one_round(
+    scene: SceneData, settings: SolveSettings, read_image: ReadImage, clock: Clock,
+    bounced: Mapping[int, Bounced] | None = None, settled: Judged | None = None, aligns: bool = False,
+) -> Generator[Progress, None, Outcome]:
+    """One solve of the scene as it is given.
+
+    ``bounced``: indirect light, by the view's place in the scene.  ``settled``: which numbers of lamps and exposures an
+    earlier round has put right.  ``aligns``: cameras may be put right by outlines first.
+    """
+    device = thread.device()
+    with device.scope():
+        drawn = yield from clock.stage("gbuffer", _drawn(device, scene, settings.size))
+        grid, gbuffer = drawn
+        clock.coverage = grid.coverage
+        part = partial_solve_of(device, scene, settings.size, grid.position, grid.slots)
+        last = earlier_result_of(part, scene, settings, grid.slots)
+        solved = yield from solve_grid(
+            device, grid, Given(
+                scene, settings, read_image, part, last, bounced, settled=settled, aligns=aligns,
+                calibrates=scene.region is None), clock)
+        checks, pictures = yield from clock.stage("maps", _checks(scene, settings, solved.made, grid))
+        solution = _solution(scene, settings, gbuffer, solved, part)
+        normals = _normals(grid, solved)
+        if normals is not None or _keeps_normals(scene):
+            solution = replace(solution, maps=replace(
+                solution.maps, normal=encoded(scene.mesh, solved.grid.normal, grid.coverage)))
+        lines = (*calibrated(solved.calibration), *refined(normals), *solution.warnings,
+                 *warnings(checks, tried(settings)), *([NO_CONFIDENCE] if settings.method == "paper" else []))
+        solution = replace(
+            solution, seconds=clock.seconds, device=device.describe(), checks=checks, pictures=pictures,
+            calibration=_calibration(scene, solved), warnings=lines, normals=normals,
+            normals_why=solved.normals if isinstance(solved.normals, str) else "")
+        return Outcome(
+            solved.scene, solved.given, solution, solved.observations.level, solved.ladder.noise, solved.ladder.robust,
+            bounced, solved.judged)
+
+
+def _normals(given: TexelGrid, solved: Solved) -> RefinedNormals | None:
+    """What is to be said of normals that were refined."""
+    judged = solved.normals
+    if isinstance(judged, str):
+        return None
+    texels = given.coverage & solved.grid.coverage
+    cosine = (given.normal[texels] * solved.grid.normal[texels]).sum(-1, dtype=np.float64)
+    tilt = float(np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))))
+    return RefinedNormals(tilt, judged.given, judged.refined)
+
+
+def _keeps_normals(scene: SceneData) -> bool:
+    """Whether a part is solved, under the normals that the last result has."""
+    return scene.region is not None and scene.start is not None and scene.start.maps.normal is not None
+
+
+def _calibration(scene: SceneData, solved: Solved) -> Calibration | None:
+    """What was put right; a part is lit as the rest was."""
+    if scene.region is not None and scene.start is not None:
+        return scene.start.calibration
+    return solved.calibration
+
+
+def _drawn(device: Device, scene: SceneData, size: int) -> Generator[Progress, None, tuple[TexelGrid, GBuffer]]:
+    """The mesh and its G-buffer, on the device and as arrays."""
+    grid = draw_texels(device, scene.mesh, size)
+    yield Progress(0.5, "gbuffer")
+    gbuffer = _checked(device, grid, scene.mesh.name, size)
+    yield Progress(1.0, "gbuffer")
+    return grid, gbuffer
+
+
+def _solution(
+    scene: SceneData, settings: SolveSettings, gbuffer: GBuffer, solved: Solved, part: PartialSolve,
+) -> Solution:
+    """The maps with their figures; checks, and the warnings that follow from these, are not in it yet."""
+    made, observations = solved.made, solved.observations
+    ladder, maps = made.ladder, made.maps
+    relative = made.relative[made.solved].astype(np.float64)
+    return Solution(
+        maps=maps, model=ladder.model, why=ladder.why, seconds={}, device={}, levels=ladder.levels,
+        metallic=ladder.metallic, coats=ladder.coats,
+        predictions=ladder.predictions, priors=ladder.priors, stride=solved.stride,
+        residual=float(np.sqrt(np.mean(relative**2))) if len(relative) else 0.0,
+        cancelled=ladder.cancelled or made.albedo.cancelled, ndf=settings.ndf,
+        texels={"covered": int(gbuffer.coverage.sum()), "observed": int((made.solved | made.shown).sum()),
+                "solved": int(made.good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum()),
+                "kept": int((part.known & ~made.good).sum())},
+        views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
+        views_skipped=scene.skipped + observations.skipped,
+        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps, settings.udim),
+                  *(unfit(name, found) for name, found in ladder.predictions.items() if not found.fits)))
+
+
+def _checks(
+    scene: SceneData, settings: SolveSettings, made: FinishedMaps, grid: TexelGrid,
+) -> Generator[Progress, None, tuple[Checks, tuple[ViewPicture, ...]]]:
+    """What the views say of the maps, and how they look beside what those predict."""
+    pictures: list[ViewPicture] = []
+    outline = None if scene.region is not None else DrawnOutline(  # that of a part is not the object's
+        made.albedo.device, grid.mesh, scene.occluders, scene.pixel_filter)
+    views = with_view_pictures(check_views(made.albedo, made.base, outline), pictures)
+    texels = TexelFit(scene.mesh.name, made.ladder.model, grid.slots, scene.mesh.slot_names, made.good,
+                      made.ladder.texels.observations, made.maps.roughness, made.maps.roughness_sigma,
+                      sure=settings.method != "paper", chosen=settings.model == "auto",
+                      misfit=any(not found.clear for found in made.ladder.predictions.values()))
+    yield Progress(1.0, "maps", "checks")
+    return measure(views, texels), tuple(pictures)
+
+
+def unfit(name: str, prediction: MaterialPrediction) -> str:
+    """What to say of a material that no model explains."""
+    error = prediction.error
+    return (f"material '{name}': no model predicts left-out {prediction.left_out} (off by "
+            f"{percent(error.relative_rms)} of the radiance, {error.lightness:.0f} L*), so its confidence is 0; IRPSO "
+            "cannot solve for materials that are translucent, move or mirror their surroundings, or for other light "
+            "than the lamps'")
+
+
+def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, udim: str) -> list[str]:
+    """What a user must know of the mesh before trusting the maps."""
+    covered = max(int(gbuffer.coverage.sum()), 1)
+    name = scene.mesh.name
+    lines = []
+    overlap = gbuffer.overlap.sum() / covered
+    if overlap > 0.001:
+        lines.append(f"{name}: {100 * overlap:.1f} % of its texels are claimed by more than one face "
+                     "(overlapping UVs); they show one face's result")
+    grid = scene.mesh.uvs if scene.mesh.grid is None else scene.mesh.grid
+    outside = np.mean(np.any((grid < -1e-4) | (grid > 1 + 1e-4), axis=(1, 2)))
+    if outside > 0:
+        where = "outside the 0-1 UV square" if udim == "first" else "in no UDIM square"
+        lines.append(f"{name}: {100 * outside:.1f} % of its faces are {where} and are not solved"
+                     + ("; set UDIM to All to solve every square" if udim == "first" else ""))
+    unseen = (gbuffer.coverage & maps.filled).sum() / covered
+    if unseen > 0.05:
+        lines.append(f"{name}: {100 * unseen:.0f} % of its texels are lit in no view, so IRPSO filled them from their "
+                     "neighbours")
+    return lines
+
+
+def tried(settings: SolveSettings) -> tuple[str, ...]:
+    """Settings by which the solve puts right what `warnings` are about."""
+    tried = {"registration": settings.registration == "auto", "exposures": settings.exposures == "solve"}
+    return tuple(name for name, does in tried.items() if does)
