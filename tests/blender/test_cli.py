@@ -99,7 +99,7 @@ def test_report_has_its_keys(solved):
     assert set(report) == {field.name for field in fields(SolveSettings)} | {
         "versions", "command", "models", "seconds", "texels", "texels_per_second",
         "views", "residual", "warnings", "calibration", "cameras", "refined_normals", "normals_given_because", "checks",
-        "device", "peak_memory_bytes", "cancelled"}
+        "device", "peak_memory_bytes", "cancelled", "stride"}
     assert report["models"]["Paint"]["model"] == "one-lobe" and report["models"]["Paint"]["why"]
     assert set(report["seconds"]) == {
         "scene", "gbuffer", "observe", "cameras", "calibrate", "normals", "solve", "maps", "write", "total"}
