@@ -5,7 +5,7 @@ RUN = $(VENV)/bin/python
 # tests/NAME, or tests/studies/test_NAME.py
 SUITES = blender gpu core studies-stability studies-measured studies-intervals \
 	studies-resilience studies-fuzz studies-bench studies-budget studies-rungs studies-environment studies-emitters \
-	studies-pages
+	studies-standard_errors studies-pages
 
 .PHONY: setup demo test $(SUITES:%=test-%) test-gui screenshots lint lint-systems docs site bench stability zip release clean
 

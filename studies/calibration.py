@@ -63,9 +63,9 @@ class Row:
     seconds: float
 
 
-def wrong(scene: SceneData, case: Case) -> SceneData:
-    """The scene with honest errors, the same in every run."""
-    rng = np.random.default_rng(SEED)
+def wrong(scene: SceneData, case: Case, rng: np.random.Generator | None = None) -> SceneData:
+    """The scene with honest errors; without ``rng`` the same in every run."""
+    rng = rng or np.random.default_rng(SEED)
     lights: dict[str, Light] = {}
     cameras: dict[str, Camera] = {}
     for view in scene.views:

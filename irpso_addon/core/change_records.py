@@ -20,7 +20,7 @@ class LampChange:
 
     lights: tuple[str, ...]
     offset: tuple[float, float, float]  # metres; of a flash in its camera's axes: right, up, backwards; SUN: radians
-    offset_error: float  # standard error of each
+    offset_error: tuple[float, float, float]  # standard errors of these
     share: float  # length of the offset, of the distance to the object
     power: float  # factor
     power_error: float  # its standard error, relative

@@ -42,7 +42,7 @@ def keep(records, module):
 
 
 def change(records, name: str = "Light 0", **other):
-    return replace(records.LampChange((name,), OFFSET, 0.002, 0.02, POWER, 0.003), **other)
+    return replace(records.LampChange((name,), OFFSET, (0.002,) * 3, 0.02, POWER, 0.003), **other)
 
 
 def world(obj: bpy.types.Object) -> np.ndarray:

@@ -25,7 +25,7 @@ def judged(rig: Rig, seed: int = 0) -> Judged:
                        0.03 * rng.standard_normal(views), 0.7, 0.05, -0.1)
     error = RigChange(np.full((groups, 3), 1e-4), np.full(groups, 1e-4), np.full(views, 1e-4), 0.1)
     return Judged(RigFound(change, error, 0.01, 0.03, {}), PredictionError(0.2, 2.0), PredictionError(0.1, 1.0),
-                  Free(True, True, vignetting=True, ambient=True, response=True), False, (0.02, 0.03, 0.04))
+                  Free(True, True, vignetting=True, ambient=True, response=True), error, False, (0.02, 0.03, 0.04))
 
 
 def assert_alike(one: SceneData, other: SceneData) -> None:

@@ -29,7 +29,7 @@ from irpso_addon.core.checks.calibration_lines import (
     world_rows,
 )
 
-KEY = LampChange(("Key",), (0.03, 0.0, -0.04), 0.002, 0.0123, 0.914, 0.003)
+KEY = LampChange(("Key",), (0.03, 0.0, -0.04), (0.002,) * 3, 0.0123, 0.914, 0.003)
 RIM = replace(KEY, lights=("Rim",), offset=(0.0, 0.006, 0.0), share=0.003, power=1.05)
 SUN = replace(KEY, lights=("Sun",), offset=(0.02, 0.0, 0.0), share=0.02, sun=True, sure_power=False)
 FLASH = replace(KEY, lights=("Flash A", "Flash B"), cameras=("A", "B"))

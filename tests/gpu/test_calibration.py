@@ -72,7 +72,7 @@ def test_a_lamp_in_the_wrong_place(plane) -> None:
     solution = shoots.run(relit(plane, lambda x: moved(x, off) if x.name == "Light 3" else x), **AUTO)
     lamp = next(lamp for lamp in found(solution).lamps if lamp.lights == ("Light 3",))
     assert np.linalg.norm(np.array(lamp.offset) + off) < 0.05 * np.linalg.norm(off)
-    assert lamp.share == pytest.approx(0.2 / 3.1, rel=0.15) and 0 < lamp.offset_error < 0.02
+    assert lamp.share == pytest.approx(0.2 / 3.1, rel=0.15) and 0 < max(lamp.offset_error) < 0.03
 
 
 def test_all_lamps_and_exposures_at_once(plane) -> None:

@@ -18,6 +18,7 @@ from .contest import GIVEN, HALF, SURE, Contest
 from .rig import RigChange
 from .rig_fit import ROUNDS, Free, RigFound, fit_rig
 from .rig_sample import RigSample
+from .standard_errors import standard_errors
 
 LEAST_CHANGE = 0.002  # what is worth it: of a lamp's distance, relative power or gain
 LEAST_VIGNETTING = 0.05  # power of the cosine
@@ -45,6 +46,7 @@ class Judged:
     given: PredictionError  # of left-out views, as the scene is given
     changed: PredictionError
     free: Free  # what was looked for
+    error: RigChange  # standard errors of the change
     turned: bool = False  # whether texels were turned to the normals that explain them
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/(m^2 sr)
 
@@ -113,11 +115,13 @@ def _judged(
     if taken == GIVEN:
         return None, True
     kept, found = yield from _with_ambient(contest, kept, found)
-    kept, found, ambient = yield from _final(kept, found, more, straight)
+    final = yield from _final(kept, found, more, straight)
+    found = final.found
     if not _off(found) or (_far(found) and (straight is not None or not contest.leaves_half(taken))):
         return None, True
-    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), kept, straight is not None,
-                  ambient), True
+    error = yield from standard_errors(final.sample, final.free, found)
+    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), final.free, error,
+                  straight is not None, final.ambient), True
 
 
 def _from_afar(sample: RigSample, free: Free) -> Steps[RigFound]:
@@ -138,21 +142,33 @@ def found_again(before: Judged, sample: RigSample, more: Larger, straight: Strai
     if folds is None:
         return None
     free, found = yield from _with_ambient(Contest(seen, before.found, folds), before.free, before.found)
-    free, found, ambient = yield from _final(free, found, more, straight if before.turned else None, ROUNDS)
+    final = yield from _final(free, found, more, straight if before.turned else None, ROUNDS)
+    free, found = final.free, final.found
     if not _off(found) or (_far(found) and not _far(before.found)):
         return None
     contest = Contest(seen, found, folds)
     contest.add(str(free), (yield from share_of(contest.predictions(free, found), 1.0, 1.0)))
     if not contest.beats(str(free), GIVEN):
         return None
+    error = yield from standard_errors(final.sample, free, found)
     return replace(before, found=found, given=contest.judge.error(GIVEN), changed=contest.judge.error(str(free)),
-                   free=free, ambient_radiance=ambient)
+                   free=free, error=error, ambient_radiance=final.ambient)
+
+
+@dataclass(frozen=True)
+class _Final:
+    """By how much a rig is off."""
+
+    sample: RigSample  # to which it was fitted
+    free: Free
+    found: RigFound
+    ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)  # radiance from all around in each channel
 
 
 def _final(
     free: Free, found: RigFound, more: Larger, straight: Straight | None, rounds: int | None = None,
-) -> Steps[tuple[Free, RigFound, tuple[float, float, float]]]:
-    """By how much the numbers are off, by the larger sample, and the radiance from all around in each channel.
+) -> Steps[_Final]:
+    """By the larger sample.
 
     Without ambient light, where the larger sample is not sure of it.  ``rounds``: of the first fit, if materials are to
     be found in it too.
@@ -168,9 +184,9 @@ def _final(
             if seen is large:
                 break
         if not free.ambient:
-            return free, found, (0.0, 0.0, 0.0)
+            return _Final(seen, free, found)
         if sure_of_ambient(found):
-            return free, found, (yield from _ambient(seen, free, found))
+            return _Final(seen, free, found, (yield from _ambient(seen, free, found)))
         free = replace(free, ambient=False)
 
 

@@ -16,7 +16,7 @@ from ..change_records import (
     WorldChange,
 )
 from ..checks.light_checks import moved
-from ..data import Environment, SceneData, View
+from ..data import F64, Environment, SceneData, View
 from ..shading.environment import about_z
 from ..vignetting import corner_stops
 from .calibrate import LEAST_CHANGE, Judged, sure_of_vignetting
@@ -88,15 +88,14 @@ def _brightened(view: View, by: tuple[float, float, float]) -> tuple[float, floa
 
 def told(rig: Rig, judged: Judged) -> Calibration:
     """All that was changed, and which of it is beyond doubt."""
-    change, error = judged.found.change, judged.found.error
+    change, error = judged.found.change, judged.error
     lamps = []
     for n, group in enumerate(rig.groups):
         if not change.offset[n].any() and not change.log_power[n]:
             continue
         moves = np.abs(change.offset[n]) > np.maximum(SURE * error.offset[n], LEAST_CHANGE)
-        x, y, z = (float(v) * group.reach for v in change.offset[n])
         lamps.append(LampChange(
-            group.lights, (x, y, z), float(np.sqrt(np.mean(error.offset[n] ** 2))) * group.reach,
+            group.lights, _three(change.offset[n] * group.reach), _three(error.offset[n] * group.reach),
             float(np.linalg.norm(change.offset[n])), float(np.exp(change.log_power[n])), float(error.log_power[n]),
             group.cameras, group.sun, bool(moves.any()),
             bool(abs(change.log_power[n]) > max(SURE * error.log_power[n], LEAST_CHANGE))))
@@ -111,6 +110,11 @@ def told(rig: Rig, judged: Judged) -> Calibration:
     response = None if not change.log_response else ResponseChange(
         float(np.exp(change.log_response)), error.log_response)
     return Calibration(tuple(lamps), exposures, judged.given, judged.changed, vignetting, ambient, response)
+
+
+def _three(values: F64) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
 
 
 def told_of_worlds(judged: WorldsJudged) -> Calibration:

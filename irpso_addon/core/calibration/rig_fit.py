@@ -77,6 +77,11 @@ def fit_rig(
     return _RigFit(sample, free).found(start, (rounds or ROUNDS) if refit else AGAIN, refit)
 
 
+def errors_at(sample: RigSample, free: Free, found: RigFound, factor: float) -> RigChange:
+    """Standard errors of what was found, as if observations scattered by ``factor`` times what they do."""
+    return _RigFit(sample, free).errors(found, factor)
+
+
 class _RigFit:
     """The rounds of `fit_rig`; numbers: offsets, powers, gains, SHARED, and levels of the materials."""
 
@@ -118,8 +123,18 @@ class _RigFit:
             materials = self._levelled(materials, step)
             if np.abs(step[:len(step) - len(self.slots)]).max(initial=0.0) < SETTLED and n + 1 not in REFITS:
                 break
-        error = self._unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
-        return RigFound(_centred(self.change, bool(self.kept.any())), error, now.scatter, given, materials)
+        return RigFound(_centred(self.change, bool(self.kept.any())), self._spread(covariance), now.scatter, given,
+                        materials)
+
+    def errors(self, found: RigFound, factor: float) -> RigChange:
+        """As `errors_at`."""
+        self.change = found.change
+        seen = self.geometry.under(found.change)
+        now = _Round(self, seen, lobes_of(self.sample, seen.texels, found.materials), None)
+        return self._spread(now.step(factor)[1])
+
+    def _spread(self, covariance: F64) -> RigChange:
+        return self._unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
 
     def packed(self) -> F64:
         """The change as one vector."""
@@ -204,15 +219,15 @@ class _Round:
             around, value = around * lit, value / lit
         return around, np.log(np.maximum(value, LEAST))
 
-    def step(self) -> tuple[F64, F64]:
-        """(change of the free numbers, their covariance)."""
+    def step(self, factor: float = 1.0) -> tuple[F64, F64]:
+        """(change of the free numbers, their covariance); ``factor``: times the scatter of the observations."""
         fit, free = self.fit, self.fit.free
         elimination = Elimination(fit.paints, self.weight, self.share, self.bend, self.scatter)
         normal, pull, scores = self._sums(elimination)
         normal, pull, scores = normal[np.ix_(free, free)], pull[free], scores[free]
-        variance = self.scatter**2
+        variance = (factor * self.scatter)**2
         meat = (scores**2).sum(1)
-        ratio = meat / np.maximum(normal.diagonal() * variance, LEAST)
+        ratio = meat / np.maximum(normal.diagonal() * self.scatter**2, LEAST)
         alike = max(float(np.median(ratio)) if len(ratio) else 1.0, 1.0)  # observations for one that is independent
         prior = (np.diag(1 / fit.prior**2) + fit.means)[np.ix_(free, free)]
         information = normal / (variance * alike) + prior

@@ -58,12 +58,12 @@ def lamp_name(lamp: LampChange) -> str:
 
 
 def place_change(lamp: LampChange) -> str:
-    """"31 ± 2 mm", of a sun "1.2 ± 0.1°"; the error is that of each part."""
-    length = math.hypot(*lamp.offset)
+    """"31 ± 2 mm", of a sun "1.2 ± 0.1°"; the error is the root mean square of its parts'."""
+    length, error = math.hypot(*lamp.offset), math.hypot(*lamp.offset_error) / math.sqrt(3)
     if lamp.sun:
-        return f"{math.degrees(length):.1f} ± {math.degrees(lamp.offset_error):.1f}°"
+        return f"{math.degrees(length):.1f} ± {math.degrees(error):.1f}°"
     digits = 0 if length >= 0.01 else 1
-    return f"{length * 1000:.{digits}f} ± {lamp.offset_error * 1000:.{digits}f} mm"
+    return f"{length * 1000:.{digits}f} ± {error * 1000:.{digits}f} mm"
 
 
 def power_change(lamp: LampChange) -> str:

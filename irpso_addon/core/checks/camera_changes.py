@@ -15,6 +15,7 @@ from .mended_cameras import bent, grown, moved, name_alone, rolled
 
 ROUNDING = 1e-9  # relative: of a focal length that comes from a matrix and from a lens
 POINTS = 3000  # of the mesh, that pictures are compared at
+COMMON = 2.0  # times the standard errors of checks: pictures err alike too (python -m studies.standard_errors)
 
 
 def camera_changes(given: SceneData, changed: SceneData, misfits: Sequence[Misfit]) -> tuple[CameraChange, ...]:
@@ -71,8 +72,8 @@ def _change(before: Camera, after: Camera, misfit: Misfit, positions: F32) -> Ca
     shift = _middle(after) - _middle(before)
     sure = focal != 1 or roll != 0 or k1 != 0 or pixels > max(LEAST_SHIFT, SIGMAS * misfit.shift_error)
     return CameraChange(
-        before.name, misfit.size, pixels, misfit.shift_error, focal, misfit.growth_error, roll, misfit.roll_error, k1,
-        misfit.bend_error, (float(shift[0]), float(shift[1])), sure=sure)
+        before.name, misfit.size, pixels, COMMON * misfit.shift_error, focal, COMMON * misfit.growth_error, roll,
+        COMMON * misfit.roll_error, k1, COMMON * misfit.bend_error, (float(shift[0]), float(shift[1])), sure=sure)
 
 
 def _roll(before: Camera, after: Camera) -> float:

@@ -198,11 +198,16 @@ def spread_point(uniforms: dict[str, Any], offset: F64, height: F64, square: F64
 def polygon_edge(a: F64, e: F64, N: F64) -> F64:
     """One edge of Lambert's sum, from a along e, all (..., 3)."""
     c = np.cross(a, e)
-    size, along = np.linalg.norm(c, axis=-1), (a * (a + e)).sum(-1)
+    size, along = np.sqrt(_dot(c, c)), _dot(a, a + e)
     far = size > 1e-6 * np.abs(along)
     angle = np.where(far, np.arctan2(size, along) / np.where(far, size, 1), 1 / np.where(along == 0, 1, along))
-    value: F64 = (c * N).sum(-1) * angle
+    value: F64 = _dot(c, N) * angle
     return value
+
+
+def _dot(a: F64, b: F64) -> F64:
+    """Of the last axes; an eighth of the time of a product and its sum."""
+    return np.asarray(np.einsum("...i,...i", a, b))
 
 
 def area_corners(ellipse: bool) -> F64:
@@ -215,19 +220,19 @@ def area_corners(ellipse: bool) -> F64:
     return corners
 
 
-def area_irradiance(light: Light, P: F64, N: F64) -> F64:
-    """Irradiance of a uniform polygon, clipped at the horizon.  Lambert 1760, "Photometria"; Baum et al. 1989."""
-    uniforms = light_uniforms(light)
-    u, v = np.asarray(uniforms["u_light_axis_u"]), np.asarray(uniforms["u_light_axis_v"])
-    center = np.asarray(uniforms["u_light_position"]) - P
-    corners = area_corners(uniforms["u_light_ellipse"])
-    total = np.zeros(P.shape[:-1])
-    leave, enter = np.zeros(P.shape), np.zeros(P.shape)  # where the outline goes below the horizon and comes back
-    clipped = np.zeros(P.shape[:-1], bool)
-    for corner, following in zip(corners, np.roll(corners, -1, 0), strict=True):
-        a = center + corner[0] * u + corner[1] * v
-        e = np.broadcast_to((following - corner) @ np.stack([u, v]), P.shape)
-        za, ze = (a * N).sum(-1), (e * N).sum(-1)
+def _edges_sum(outline: F64, N: F64) -> F64:
+    """Lambert's sum (T,) of a polygon (E, T, 3) that is above the horizon."""
+    along = np.roll(outline, -1, 0) - outline
+    return np.asarray(polygon_edge(outline, along, np.broadcast_to(N, outline.shape)).sum(0))
+
+
+def _clipped_sum(outline: F64, N: F64) -> F64:
+    """The same of one that is in part above."""
+    total, clipped = np.zeros(N.shape[:-1]), np.zeros(N.shape[:-1], bool)
+    leave, enter = np.zeros(N.shape), np.zeros(N.shape)  # where the outline goes below the horizon and comes back
+    for a, following in zip(outline, np.roll(outline, -1, 0), strict=True):
+        e = following - a
+        za, ze = _dot(a, N), _dot(e, N)
         zb = za + ze
         rises, falls = (za < 0) & (zb >= 0), (za >= 0) & (zb < 0)
         clipped |= rises | falls
@@ -236,11 +241,26 @@ def area_irradiance(light: Light, P: F64, N: F64) -> F64:
         a, e = a + e * start, e * (end - start)
         enter, leave = np.where(rises[..., None], a, enter), np.where(falls[..., None], a + e, leave)
         total += np.where((za >= 0) | (zb >= 0), polygon_edge(a, e, N), 0)
-    total += np.where(clipped, polygon_edge(leave, enter - leave, N), 0)
+    return total + np.where(clipped, polygon_edge(leave, enter - leave, N), 0)
+
+
+def area_irradiance(light: Light, P: F64, N: F64) -> F64:
+    """Irradiance of a uniform polygon, clipped at the horizon.  Lambert 1760, "Photometria"; Baum et al. 1989."""
+    uniforms = light_uniforms(light)
+    u, v = np.asarray(uniforms["u_light_axis_u"]), np.asarray(uniforms["u_light_axis_v"])
+    center = np.asarray(uniforms["u_light_position"]) - P
+    corners = area_corners(uniforms["u_light_ellipse"]) @ np.stack([u, v])
+    outline = center + corners.reshape(-1, *[1] * (P.ndim - 1), 3)
+    height = _dot(outline, np.broadcast_to(N, outline.shape))
+    total, above = np.zeros(P.shape[:-1]), (height >= 0).any(0)
+    whole = above & (height >= 0).all(0)
+    part = above & ~whole
+    total[whole] = _edges_sum(outline[:, whole], N[whole])
+    total[part] = _clipped_sum(outline[:, part], N[part])
     hu, hv = np.linalg.norm(u), np.linalg.norm(v)
     total = np.abs(total) / (2 * np.pi * (np.pi if uniforms["u_light_ellipse"] else 4) * hu * hv)
     offset, weight = light_sample(light, P, 0, 1)
-    point = weight * np.maximum((offset * N).sum(-1) / np.linalg.norm(offset, axis=-1), 0)
+    point = weight * np.maximum(_dot(offset, N) / np.linalg.norm(offset, axis=-1), 0)
     front = center @ np.asarray(uniforms["u_light_axis"]) < 0
     small = max(hu, hv) < POINT_SIZE * np.linalg.norm(center, axis=-1)
     irradiance: F64 = np.where(front, np.where(small, point, total), 0.0)

@@ -31,7 +31,7 @@ def keep_result() -> None:
     grey, none = np.full((4, 4), 0.5, np.float32), np.zeros((4, 4), bool)
     maps = data.Maps(np.full((4, 4, 3), 0.5, np.float32), grey, grey, grey, none, ~none, grey, grey)
     moved = tuple(
-        changes.LampChange((name,), (0.01 * n + 0.02, 0.0, 0.03), 0.002, 0.01 + 0.001 * n, 0.9 + 0.03 * n, 0.003)
+        changes.LampChange((name,), (0.01 * n + 0.02, 0.0, 0.03), (0.002,) * 3, 0.01 + 0.001 * n, 0.9 + 0.03 * n, 0.003)
         for n, name in enumerate(lamps()))
     folder = robot.FOLDER  # of no picture: the views are those of captures.json
     views = tuple(changes.ExposureChange(folder / f"Camera {n}, Light 0.exr", f"Camera {n}", 0.03 * n - 0.02, 0.005)
