@@ -102,9 +102,9 @@ def test_rows() -> None:
     wrong = misfit(before.views[0].camera, growth=0.003, roll=0.0017, bend=-0.1)
     after = corrected(before, [wrong], shifts=True, gains=False)
     change, = camera_changes(before, after, [wrong])
-    assert camera_rows(replace(change, pixels=1.234)) == [  # twice the standard errors of the check
-        (change.camera, "1.23 ± 0.02 px"), ("Focal Length", "+0.30 % ± 0.02 %"), ("Roll", "+0.10 ± 0.02°"),
-        ("Lens k1", "-0.100 ± 0.002")]
+    assert camera_rows(replace(change, pixels=1.234)) == [
+        (change.camera, "1.23 ± 0.03 px"), ("Focal Length", "+0.30 % ± 0.03 %"), ("Roll", "+0.10 ± 0.03°"),
+        ("Lens k1", "-0.100 ± 0.003")]
     unsure = replace(change, sure=False)
     assert sure_cameras([unsure, change, replace(change, pixels=99.0)])[0].pixels == 99
     assert unsure not in sure_cameras([unsure])

@@ -17,7 +17,7 @@ from .rig import RigChange
 from .rig_fit import Free, RigFound, errors_at, fit_rig
 from .rig_sample import RigSample
 
-COMMON = 1.35  # times what the parts show: they have errors in common too (python -m studies.standard_errors)
+COMMON = 1.5  # times what the parts show: they have errors in common too (python -m studies.standard_errors)
 
 
 def standard_errors(sample: RigSample, free: Free, found: RigFound) -> Steps[RigChange]:
@@ -39,8 +39,9 @@ def _parts(sample: RigSample) -> list[tuple[RigSample, RigSample]]:
     beyond = along > np.median(along)
     light = np.maximum(texels.lobes[..., 3], 1e-12)
     steep = (texels.lobes[..., 2] * light).sum(-1) / light.sum(-1)
-    usual = np.nanmedian(np.where(texels.quality > 0, steep, np.nan), axis=1, keepdims=True)
-    steeper = steep > usual
+    seen = texels.quality > 0
+    seen[~seen.any(1)] = True  # of texels that nothing shows, any side does
+    steeper = steep > np.nanmedian(np.where(seen, steep, np.nan), axis=1, keepdims=True)
     return [(sample.part(beyond), sample.part(~beyond)), (_seen(sample, steeper), _seen(sample, ~steeper))]
 
 

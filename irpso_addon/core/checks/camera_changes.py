@@ -15,7 +15,7 @@ from .mended_cameras import bent, grown, moved, name_alone, rolled
 
 ROUNDING = 1e-9  # relative: of a focal length that comes from a matrix and from a lens
 POINTS = 3000  # of the mesh, that pictures are compared at
-COMMON = 2.0  # times the standard errors of checks: pictures err alike too (python -m studies.standard_errors)
+COMMON = 2.5  # times the standard errors of checks: pictures err alike too (python -m studies.standard_errors)
 
 
 def camera_changes(given: SceneData, changed: SceneData, misfits: Sequence[Misfit]) -> tuple[CameraChange, ...]:
