@@ -18,7 +18,7 @@ from ..core.calibration.calibrate import Judged, calibrate, found_again
 from ..core.calibration.put_right import put_right, told, told_of_worlds, under_worlds
 from ..core.calibration.rig import Rig
 from ..core.calibration.rig_sample import RigSample
-from ..core.calibration.worlds import judge_worlds
+from ..core.calibration.worlds import are_few, judge_worlds
 from ..core.change_records import Calibration
 from ..core.data import F32, I32, Bool, Bounced, MeshArrays, SceneData
 from ..core.errors import BadInput, Cancelled
@@ -276,6 +276,8 @@ def _turned(
     device: Device, source: CameraSource, given: Given, texels: Bool, grid: TexelGrid,
 ) -> Generator[Progress, None, Calibration | None]:
     """What is to be put right of worlds; None: nothing."""
+    if not are_few(given.scene.views):
+        return None
     with device.scope():
         sample, light = yield from world_sample(
             source, grid.maps, texels, given.settings.seed, given.scene, grid.mesh)

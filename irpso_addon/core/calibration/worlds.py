@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..change_records import PredictionError
-from ..data import F64, Bool
+from ..data import F64, Bool, View
 from ..evaluation.folds import Folds, Judge, scatter, split
 from ..evaluation.sampled_texels import predicted
 from ..job import Steps
@@ -23,6 +23,7 @@ from .world_fit import LEAST_STEP, LIKELY, MANY_LIKELY, STRENGTH_STEP, TURN_STEP
 from .world_sample import Changed, LightAt, WorldSample
 
 CHANGED = "changed"
+MOST_WORLDS = 6  # that are judged: the light of each is drawn anew for each turn, which takes a second or more
 EXPLAINED = 0.15  # error of left-out radiance above which a turn may take up what the model of the material lacks
 
 
@@ -49,6 +50,11 @@ class WorldsJudged:
 
 def _sure(values: F64, errors: F64, least: float) -> list[bool]:
     return [bool(abs(value) > max(SURE * error, least)) for value, error in zip(values, errors, strict=True)]
+
+
+def are_few(views: Sequence[View]) -> bool:
+    """Whether the views' worlds are few enough to be judged."""
+    return len({view.environment.world[0] for view in views if view.environment is not None}) <= MOST_WORLDS
 
 
 def judge_worlds(sample: WorldSample, light: LightAt) -> Steps[WorldsJudged | None]:
@@ -92,12 +98,12 @@ def _found(fit: WorldFit, point: F64, some: Bool | None = None) -> Steps[WorldsJ
     for number in fit.strength_numbers:  # without light drawn anew: turns are judged at their bottoms
         valley = yield from fit.valley(point, number)
         point = point + valley.bottom(some) * number
-        error += valley.error(fit.sample.rig.cluster) * np.abs(number)
+        error[number != 0] += valley.error(fit.sample.rig.cluster) * np.abs(number[number != 0])  # it may be infinite
     at = point
     for number in fit.turn_numbers:
         valley = yield from fit.valley(point, number)
         at = at + valley.bottom(some) * number
-        error += valley.error(fit.sample.rig.cluster) * np.abs(number)
+        error[number != 0] += valley.error(fit.sample.rig.cluster) * np.abs(number[number != 0])  # it may be infinite
     none = PredictionError(0.0, 0.0)
     return WorldsJudged(fit.sample.keys, fit.change(at), fit.change(error), none, none)
 
