@@ -47,7 +47,8 @@ class Free:
     levels: bool = False  # the Specular IOR Level of each material
     ambient: bool = False
     response: bool = False
-    diffuse: bool = False  # how it departs from Lambert's
+    cosine: bool = False  # a power of the cosine: the usual way in which a diffuse is not Lambert's
+    diffuse: bool = False  # all that it may have beside Lambert's
 
     @property
     def only_ambient(self) -> bool:
@@ -95,7 +96,7 @@ class _RigFit:
         self.slots = [int(slot) for slot in np.unique(sample.slot)] if free.levels else []
         self.free = np.flatnonzero(np.concatenate(
             [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.response],
-             np.full(2, free.diffuse), np.ones(len(self.slots), bool)]))
+             [free.cosine or free.diffuse, free.diffuse], np.ones(len(self.slots), bool)]))
         self.prior = np.concatenate([np.full(3 * self.groups, PLACE), np.full(self.groups, POWER),
                                      np.full(self.views, GAIN), [VIGNETTING, AMBIENT, RESPONSE, COSINE, TRANSMISSION],
                                      np.full(len(self.slots), LEVEL)])
@@ -250,7 +251,7 @@ class _Round:
         shared = 4 * G + fit.views
         numbers += range(shared, shared + SHARED)
         columns += [fit.geometry.cosine[:, v], self.around[:, v], self.logarithm[:, v],
-                    *(self.share[:, v] * shape[:, v] for shape in fit.geometry.diffuse)]
+                    *(self.share[:, v] * shape[:, v] for shape in self.seen.diffuse)]
         power = 1.0 if self.seen.bent is None else self.seen.bent.power
         columns = [column * power for column in columns]
         for n, slot in enumerate(fit.slots):

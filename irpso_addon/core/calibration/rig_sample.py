@@ -56,6 +56,7 @@ class Seen:
     slopes: dict[str, F64]  # of each lamp, (T, 3): of the logarithm of irradiance, in its group's axes and reach
     fine: dict[str, Bool]  # of each lamp, (T,): where the slopes are known
     share: dict[tuple[int, str], F64]  # of the layer's irradiance, (T,): by layer and lamp
+    diffuse: F64  # (2, T, V) slopes of the logarithm of radiance by the shape of the diffuse
     bent: Bent | None = None  # light from all around, and the response of the files; None: there is neither
 
     def as_given(self, reflected: F64) -> F64:
@@ -102,7 +103,6 @@ class RigGeometry:
         of_view = [log_cosine(view.camera, sample.position - view.camera.position) for view in sample.rig.views]
         self.cosine = np.stack([of_view[place] for place in sample.view], -1)  # (T, V) log of it to the camera's axis
         shown = np.array([(view.gain * 2.0**view.exposure, view.vignetting) for view in sample.rig.views])[sample.view]
-        self.diffuse = _diffuse_shapes(sample.texels)  # (2, T, V) logarithms
         lit = np.array([float(view.ambient is None) for view in sample.rig.views])[sample.view]
         reached = np.ones(len(sample.slot)) if sample.openness is None else sample.openness
         self.open = reached[:, None] * lit  # (T, V) share of the light from all around
@@ -124,14 +124,17 @@ class RigGeometry:
             total, old = sum(after, np.zeros(1)), sum(before, np.zeros(1))
             fine = (total > 0) & (old > 0)
             lamps[:, v] = np.where(fine, total / np.where(fine, old, 1.0), 1.0)
-            shape = change.cosine * self.diffuse[0, :, v] + change.transmission * self.diffuse[1, :, v]
-            shown[:, v] = np.exp(change.log_gain[place] + change.vignetting * self.cosine[:, v] + shape)
-            lobes[:, v, :, 3] *= np.exp(-shape)[:, None]
+            shown[:, v] = np.exp(change.log_gain[place] + change.vignetting * self.cosine[:, v])
             for n, light in enumerate(view.lights):
                 share[v, light.name] = after[n] / np.where(total > 0, total, 1.0)
                 ratio = share[v, light.name] * old / np.maximum(before[n], 1e-30)
                 lobes[:, v, n] = _turned(lobes[:, v, n], _angles(lights[light.name], view.camera, sample),
                                          _angles(light, view.camera, sample), np.where(before[n] > 0, ratio, 1.0))
+        diffuse = diffuse_shapes(lobes, texels.cos_v)
+        if change.cosine or change.transmission:
+            shape = change.cosine * diffuse[0] + change.transmission * diffuse[1]
+            shown *= np.exp(shape)
+            lobes[..., 3] *= np.exp(-shape)[..., None]
         brighter, bent = lamps * shown, self._bent(change, lamps, shown) if change.bends else None
         reflected = texels.reflected / brighter[..., None]
         if bent is not None:
@@ -140,7 +143,7 @@ class RigGeometry:
             share = {(v, name): part * lit[:, v] for (v, name), part in share.items()}
         return Seen(replace(texels, reflected=reflected, lobes=lobes), brighter,
                     {name: slopes for name, (_, slopes, _) in now.items()},
-                    {name: fine for name, (*_, fine) in now.items()}, share, bent)
+                    {name: fine for name, (*_, fine) in now.items()}, share, diffuse, bent)
 
     def _bent(self, change: RigChange, lamps: F64, shown: F64) -> Bent:
         """``lamps``, ``shown``: (T, V) factors of the lamps' irradiance and of what a picture shows of radiance."""
@@ -166,11 +169,14 @@ class RigGeometry:
         return result
 
 
-def _diffuse_shapes(texels: SampledTexels) -> F64:
-    """(2, T, V) logarithms of the cosine to the lamps, and of a dielectric's transmission to them and to the camera."""
-    light = np.maximum(texels.lobes[..., 3], 1e-12)
-    cos_l = np.clip((texels.lobes[..., 2] * light).sum(-1) / light.sum(-1), LEAST_COSINE, 1.0)
-    cos_v = np.clip(texels.cos_v, LEAST_COSINE, 1.0)
+def diffuse_shapes(lobes: F64, cos_v: F64) -> F64:
+    """(2, T, V) logarithms of the cosine to the lamps, and of a dielectric's transmission to them and to the camera.
+
+    ``lobes``, ``cos_v``: as `SampledTexels` has them.
+    """
+    light = np.maximum(lobes[..., 3], 1e-12)
+    cos_l = np.clip((lobes[..., 2] * light).sum(-1) / light.sum(-1), LEAST_COSINE, 1.0)
+    cos_v = np.clip(cos_v, LEAST_COSINE, 1.0)
     return np.log(np.stack([cos_l, (1 - brdf.F_dielectric(cos_l)) * (1 - brdf.F_dielectric(cos_v))]))
 
 
