@@ -30,9 +30,9 @@ def degrees_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.degrees(np.arccos(np.clip((unit(a) * unit(b)).sum(-1), -1, 1)))
 
 
-def principled(roughness: float) -> Reflect:
+def principled(roughness: float, base: np.ndarray = BASE) -> Reflect:
     def reflect(toward_light: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        wide = [np.broadcast_to(v, normal.shape) for v in (BASE, toward_light, TOWARD)]
+        wide = [np.broadcast_to(v, normal.shape) for v in (base, toward_light, TOWARD)]
         return np.asarray(brdf.principled(wide[0], np.full(len(normal), roughness), wide[1], wide[2], normal))
     return reflect
 
@@ -46,6 +46,20 @@ def rough_diffuse(toward_light: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return BASE / np.pi * value[:, None]
 
 
+def dielectric_diffuse(toward_light: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Light that a smooth surface of index 1.5 lets in and out (Wolff 1994, "Diffuse-reflectance model").
+
+    Fresnel's equations in full.  White light at right angles sees BASE.
+    """
+    return BASE / np.pi * (_let_in((normal * toward_light).sum(-1)) * _let_in(normal @ TOWARD) / 0.96**2)[:, None]
+
+
+def _let_in(cosine: np.ndarray) -> np.ndarray:
+    inside = np.sqrt(1 - (1 - np.clip(cosine, 0, 1) ** 2) / 1.5**2)
+    across, along = (cosine - 1.5 * inside) / (cosine + 1.5 * inside), (inside - 1.5 * cosine) / (inside + 1.5 * cosine)
+    return np.asarray(1 - (across**2 + along**2) / 2)
+
+
 def bumps(position: np.ndarray, slope: float) -> np.ndarray:
     """What is added to the sphere's normals: waves of about a tenth of its width."""
     x, y, z = position.T
@@ -54,20 +68,22 @@ def bumps(position: np.ndarray, slope: float) -> np.ndarray:
 
 def sphere(
     reflect: Reflect, *, lamps: int = 24, texels: int = 600, noise: float = 0.0, slope: float = 0.0, seed: int = 1,
+    turned: float = 0.0,
 ) -> tuple[TiltSample, np.ndarray]:
-    """The observations, and the true normals (T, 3).  ``noise``: relative; ``slope``: of the bumps."""
+    """The observations, and the true normals (T, 3).
+
+    ``noise``: relative; ``slope``: of the bumps; ``turned``: radians by which each sun is believed elsewhere.
+    """
     rng = np.random.default_rng(seed)
-    every = unit(rng.standard_normal((8 * texels, 3)))
-    normal = every[every[:, 2] > 0.25][:texels]
+    normal, lit = directions(rng, texels, lamps)
     true = unit(normal + bumps(normal, slope))
-    toward = unit(rng.standard_normal((16 * lamps, 3)))
-    toward = toward[toward[:, 2] > 0.4][:lamps]
+    radiance = np.stack([reflect(way, true) * np.maximum(true @ way, 0)[:, None] for way in lit], 1)
+    radiance *= 1 + noise * rng.standard_normal((texels, lamps, 1))
+    toward = unit(lit + np.tan(turned) * unit(np.cross(lit, rng.standard_normal((lamps, 3)))))
     camera = Camera("Camera", np.eye(4), np.eye(4), 5 * TOWARD, -TOWARD, True, 1.0)
     views = [View(Path(f"{n}.exr"), camera, (sun(f"Sun {n}", way),)) for n, way in enumerate(toward)]
     cos_v = np.repeat((normal @ TOWARD)[:, None], lamps, 1)
     given = np.clip(normal @ toward.T, 1e-3, 1)  # (T, V)
-    radiance = np.stack([reflect(way, true) * np.maximum(true @ way, 0)[:, None] for way in toward], 1)
-    radiance *= 1 + noise * rng.standard_normal((*given.shape, 1))
     half = unit(toward + TOWARD)
     fresnel = brdf.F_dielectric((half * TOWARD).sum(-1))
     sin2h = 1 - (normal @ half.T) ** 2
@@ -80,6 +96,13 @@ def sphere(
     rig = RigSample(observed, Rig.of(views, normal.mean(0)), number, normal, normal,
                     np.zeros(texels, np.int32), cluster.astype(np.int32))
     return TiltSample.of(rig), true
+
+
+def directions(rng: np.random.Generator, texels: int, lamps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Normals that face the camera (T, 3), and the ways to suns (V, 3)."""
+    every = unit(rng.standard_normal((8 * texels, 3)))
+    toward = unit(rng.standard_normal((16 * lamps, 3)))
+    return every[every[:, 2] > 0.25][:texels], toward[toward[:, 2] > 0.4][:lamps]
 
 
 def sun(name: str, toward: np.ndarray) -> Light:

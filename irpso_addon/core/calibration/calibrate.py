@@ -24,9 +24,9 @@ LEAST_CHANGE = 0.002  # what is worth it: of a lamp's distance, relative power o
 LEAST_VIGNETTING = 0.05  # power of the cosine
 LEAST_AMBIENT = 0.003  # of the lamps' typical irradiance
 LEAST_RESPONSE = 0.02  # of the exponent: less is made up by what a texel's one roughness does not explain
-# Power of the cosine: shoots that Cycles rendered, with lamps off, show up to 0.02; photographs of a matt figurine 0.1
-# to 0.2.
-LEAST_BEND = 0.03
+# Power of the cosine.  Shoots that Cycles rendered show up to 0.02, one of flat faces under few lamps 0.06; photographs
+# of a matt figurine show 0.1 to 0.2.
+LEAST_BEND = 0.08
 LEAST_TEXELS = 100
 LEAST_FIT = 0.001  # of the radiance: what a change must explain of fitted views, where base colours explain a part
 TURNS = 4  # of normals and rig
@@ -52,6 +52,7 @@ class Judged:
     error: RigChange  # standard errors of the change
     turned: bool = False  # whether texels were turned to the normals that explain them
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/(m^2 sr)
+
 
 def calibrate(
     sample: RigSample, lamps: bool, exposures: bool, more: Larger | None = None,
@@ -116,7 +117,7 @@ def _judged(
                 break
     if taken == GIVEN:
         return None, True
-    kept, found = yield from _with_cosine(contest, *(yield from _with_ambient(contest, kept, found)))
+    kept, found = yield from _with_diffuse(contest, *(yield from _with_ambient(contest, kept, found)))
     final = yield from _final(kept, found, more, straight)
     found = final.found
     if not _off(found) or (_far(found) and (straight is not None or not contest.leaves_half(taken))):
@@ -210,22 +211,24 @@ def _with_ambient(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[
     return (lit, other) if contest.gain("lit", "without").sum() > 0 else (free, without)
 
 
-def _with_cosine(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:
-    """The same beside a power of the cosine, if the fit is sure of a large one and does not clearly predict worse.
+def _with_diffuse(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:
+    """The same beside a diffuse that is not Lambert's, if there is one: lamps lean to make up for it.
 
-    Real diffuse reflection is darker at grazing light than Lambert's, because light is refracted on its way in.  Lamps
-    that lean can make up for that, so that prediction hardly tells the two apart; but one number explains it, which is
-    near 0 where the diffuse is Lambert's.
+    Real diffuse reflection is darker at grazing light, because light is refracted on its way in and out.  Lamps that
+    lean explain a power of the cosine about as well, so that prediction hardly tells the two apart.  But it is one
+    number, and near 0 where the diffuse is Lambert's.  All numbers of the diffuse must predict better.
     """
     if not free.lamps or free.response:
         return free, found
-    bent = replace(free, cosine=True)
-    other = yield from share_of(fit_rig(contest.sample, bent, start=found, rounds=ROUNDS), 1.0, 1.0)
-    if abs(other.change.cosine) < max(SURE * other.error.cosine, LEAST_BEND):
-        return free, found
-    for name, each in (("lambert's", found), ("bent", other)):
-        contest.add(name, contest.of_whole(each))
-    return (free, found) if contest.beats("lambert's", "bent") else (bent, other)
+    best, name = (free, found), "lambert's"
+    contest.add(name, contest.of_whole(found))
+    for bent in (replace(free, cosine=True), replace(free, diffuse=True)):
+        other = yield from share_of(fit_rig(contest.sample, bent, start=found, rounds=ROUNDS), 1.0, 1.0)
+        contest.add(str(bent), contest.of_whole(other))
+        sure = abs(other.change.cosine) > max(SURE * other.error.cosine, LEAST_BEND)
+        if sure and not contest.beats(name, str(bent)) if bent.cosine else contest.beats(str(bent), name):
+            best, name = (bent, other), str(bent)
+    return best
 
 
 def _far(found: RigFound) -> bool:

@@ -1,0 +1,40 @@
+"""Suns that are believed elsewhere come back where the diffuse is not Lambert's: they do not lean to make up for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.calibration.calibrate import Judged, calibrate
+from irpso_addon.core.job import run_to_end
+from tests.support import tilted_sphere as balls
+
+TURNED = np.radians(5.0)
+
+
+def bent(toward_light: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """As the matt figurine of the photographs reflects, about."""
+    return balls.BASE / np.pi * np.clip((normal * toward_light).sum(-1), 1e-3, 1)[:, None] ** 0.15
+
+
+def glossy(diffuse: balls.Reflect) -> balls.Reflect:
+    """With the highlight of Principled, roughness 0.4."""
+    black = balls.principled(0.4, 0 * balls.BASE)
+    return lambda toward_light, normal: diffuse(toward_light, normal) + black(toward_light, normal)
+
+
+@pytest.mark.parametrize(("diffuse", "off", "numbers"), [
+    (balls.principled(0.4), 0.1, "lambert's"),
+    (glossy(bent), 0.1, "cosine"),  # degrees; 3.5 without the numbers of a diffuse, here and in the next
+    (glossy(balls.dielectric_diffuse), 0.2, "diffuse"),
+])
+def test_suns_come_back(diffuse: balls.Reflect, off: float, numbers: str) -> None:
+    sample, _ = balls.sphere(diffuse, texels=800, noise=0.01, turned=TURNED)
+    judged = run_to_end(calibrate(sample.rig, lamps=True, exposures=True), lambda progress: None)
+    assert isinstance(judged, Judged)
+    found = {"cosine": judged.free.cosine, "diffuse": judged.free.diffuse, "lambert's": True}
+    assert next(name for name, is_free in found.items() if is_free) == numbers
+    lit = balls.directions(np.random.default_rng(1), 800, 24)[1]
+    lights = sample.rig.rig.lights(judged.found.change)
+    left = [balls.degrees_between(lights[f"Sun {n}"].matrix[:3, 2], way) for n, way in enumerate(lit)]
+    assert np.median(left) < off
