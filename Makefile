@@ -7,7 +7,7 @@ SUITES = blender gpu core studies-stability studies-measured studies-intervals \
 	studies-resilience studies-fuzz studies-bench studies-budget studies-rungs studies-environment studies-emitters \
 	studies-standard_errors studies-pages
 
-.PHONY: setup demo test $(SUITES:%=test-%) test-gui screenshots lint lint-systems docs site bench stability zip release clean
+.PHONY: setup demo test suites $(SUITES:%=test-%) test-gui screenshots lint lint-systems docs site bench stability zip release clean
 
 setup: $(VENV)/.ready
 
@@ -21,6 +21,9 @@ demo: setup
 # those of the studies make OpenGL contexts of their own.  A suite keeps one core busy, so JOBS of them run side by side, the
 # longest first; each line says whose it is.  If one fails the others still run, and the target fails.
 JOBS ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
+
+suites:  # their names, for .ci/run
+	@echo $(SUITES)
 
 test: lint
 	@$(MAKE) --no-print-directory --keep-going --jobs=$(JOBS) $(SUITES:%=test-%)
