@@ -176,21 +176,21 @@ def _final(
     Without ambient light, where the larger sample is not sure of it.  ``rounds``: of the first fit, if materials are to
     be found in it too.
     """
-    large = more(free.ambient)
-    while True:
-        seen = large
-        for _ in range(1 if straight is None else TURNS):
-            if straight is not None:
-                seen = straight(large, found.change)
-            found = yield from share_of(fit_rig(seen, free, start=found, rounds=rounds), 1.0, 1.0)
-            rounds = None
-            if seen is large:
-                break
-        if not free.ambient:
-            return _Final(seen, free, found)
-        if sure_of_ambient(found):
-            return _Final(seen, free, found, (yield from _ambient(seen, free, found)))
-        free = replace(free, ambient=False)
+    large = seen = more(free.ambient)
+    turn, turns = 0, 1 if straight is None else TURNS
+    while turn < turns:
+        if straight is not None:
+            seen = straight(large, found.change)
+        found = yield from share_of(fit_rig(seen, free, start=found, rounds=rounds), 1.0, 1.0)
+        rounds = None
+        turn = turns if seen is large else turn + 1
+        if free.ambient and not sure_of_ambient(found):
+            if free.only_ambient:
+                none = RigChange.none(len(found.change.offset), len(found.change.log_gain))
+                return _Final(seen, replace(free, ambient=False), replace(found, change=none))
+            free, turn = replace(free, ambient=False), 0
+    ambient = (yield from _ambient(seen, free, found)) if free.ambient else (0.0, 0.0, 0.0)
+    return _Final(seen, free, found, ambient)
 
 
 def _with_ambient(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:
