@@ -324,6 +324,11 @@ class Solution:
         """Whether the scene's cameras, its light or its exposures were."""
         return self.calibration is not None or bool(self.cameras)
 
+    @property
+    def for_scene(self) -> bool:
+        """Whether some of it can be given to the scene: a view that departs has no camera of its own there."""
+        return self.calibration is not None or any(change.image is None for change in self.cameras)
+
     @classmethod
     def of_maps(
         cls, maps: Maps, model: dict[str, str], levels: dict[str, float] | None = None, ndf: str = "ggx", why: str = "",

@@ -118,6 +118,22 @@ def test_a_flash_is_moved_in_each_cameras_axes(scene, records, keep) -> None:
     assert flashes[0].data == flashes[1].data and flashes[0].data.energy == pytest.approx(POWER * energy)
 
 
+def test_a_flash_of_a_camera_that_is_turned_too(scene, records, keep) -> None:
+    """It ends where the solve had it: that moved it along the turned axes, from where it had stood."""
+    flash, camera = bpy.data.objects["Light 1"], bpy.data.objects["Camera 1"]
+    flash.parent, flash.location, flash.hide_viewport = camera, (0.1, 0.05, 0.0), True
+    before = world(flash)[:3, 3]
+    session = keep(change(records, lights=("Light 1",), cameras=("Camera 1",)))
+    turned = records.CameraChange("Camera 1", (96, 64), 1.8, 0.1, 1.0, 0.0, 0.1, 0.0, 0.0, 0.0, (0.0, 0.0))
+    ball = bpy.data.objects["Ball"]
+    session.keep(ball, replace(session.solution_of(ball), cameras=(turned,)))
+    axes = world(camera)[:3, :3]
+    apply()
+    assert np.abs(world(camera)[:3, :3] - axes).max() > 0.05
+    axes = world(camera)[:3, :3] / np.linalg.norm(world(camera)[:3, :3], axis=0)
+    np.testing.assert_allclose(world(flash)[:3, 3], before + axes @ OFFSET, atol=1e-5)
+
+
 def test_a_sun_is_turned(scene, records, keep, module) -> None:
     """As the solve's own record of it is; it stays where it is."""
     sun = bpy.data.objects["Light 0"]
@@ -139,6 +155,8 @@ def test_the_viewport_shows_where_lamps_are_put(scene, records, keep, module) ->
     """Drawn are the places that Apply to Scene gives: of a lamp, of a flash, and the ends of a sun's direction."""
     camera, sun = bpy.data.objects["Camera 1"], bpy.data.objects["Light 2"]
     sun.data = bpy.data.lights.new("Sun", "SUN")
+    flash = bpy.data.objects["Light 1"]
+    flash.parent, flash.location, flash.hide_viewport = camera, (0.1, 0.05, 0.0), True  # as Import Shoot adds them
     bpy.context.view_layer.update()
     lamps = (change(records), change(records, "Light 1", cameras=("Camera 1",), sure_power=False),
              change(records, "Light 2", sun=True, sure_place=False),

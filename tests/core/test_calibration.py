@@ -11,6 +11,7 @@ from irpso_addon.core.calibration.put_right import applied, put_right, told
 from irpso_addon.core.calibration.rig import Rig, RigChange
 from irpso_addon.core.calibration.rig_fit import Free, RigFound
 from irpso_addon.core.change_records import PredictionError
+from irpso_addon.core.checks.mended_cameras import name_alone, rolled
 from irpso_addon.core.data import Light, SceneData
 from tests.support import shoots
 from tests.support import synthetic as syn
@@ -81,3 +82,25 @@ def test_a_carried_flash_moves_in_its_cameras_axes() -> None:
     for view, light in zip(scene.views, rig.lights(change).values(), strict=True):
         place = view.camera.world_to_camera @ light.matrix[:, 3]
         np.testing.assert_allclose(place[:3], (0.09, 0.08, 0.02), atol=1e-9)
+
+
+def test_a_flash_is_one_lamp_whose_cameras_were_turned() -> None:
+    """By a degree about their axes, each another way; the flashes stayed."""
+    views = [replace(view, camera=rolled(view.camera, np.radians(turn)))
+             for view, turn in zip(flash_shoot().views, (1, -1, 0, 0.5, -1), strict=True)]
+    group, = Rig.of(views, MIDDLE).groups
+    assert len(group.lights) == 5
+
+
+def test_records_name_the_cameras_of_the_scene() -> None:
+    """Also where a view has got a camera of its own."""
+    views = list(flash_shoot().views)
+    names = [view.camera.name for view in views]
+    views[1] = replace(views[1], camera=replace(views[1].camera, name=name_alone(views[1])))
+    scene = replace(flash_shoot(), views=tuple(views))
+    rig = Rig.of(views, MIDDLE)
+    found = judged(rig)
+    calibration = told(rig, found)
+    assert calibration.lamps[0].cameras == tuple(names)
+    assert [exposure.camera for exposure in calibration.exposures] == names
+    assert_alike(applied(scene, calibration), put_right(scene, rig, found))

@@ -11,7 +11,7 @@ import pytest
 from irpso_addon.core.check_records import Misfit
 from irpso_addon.core.checks.camera_changes import camera_changes, with_cameras
 from irpso_addon.core.checks.camera_lines import camera_rows, sure_cameras
-from irpso_addon.core.checks.mended_cameras import corrected, name_alone, near
+from irpso_addon.core.checks.mended_cameras import corrected, given_name, name_alone, near
 from irpso_addon.core.data import Camera, SceneData, View
 from irpso_addon.core.lens import Lens
 from irpso_addon.core.projection import pixels_of
@@ -80,6 +80,16 @@ def test_a_view_that_departs_is_told_alone() -> None:
     assert [view.camera.name for view in again.views] == [
         seen_by.name, name_alone(before.views[1]), seen_by.name]
     np.testing.assert_allclose(again.views[1].camera.projection, after.views[1].camera.projection, atol=1e-12)
+
+
+def test_cameras_of_single_views_have_names_of_their_own() -> None:
+    """One folder for each lamp may hold the same names of files."""
+    seen_by = given("perspective")
+    views = [View(Path(folder) / "1.exr", seen_by, ()) for folder in ("lamp 1", "lamp 2")]
+    names = [name_alone(view) for view in views]
+    assert len({*names, seen_by.name}) == 3
+    for view, name in zip(views, names, strict=True):
+        assert given_name(view) == given_name(replace(view, camera=replace(seen_by, name=name))) == seen_by.name
 
 
 def test_what_is_kept_or_was_not_changed_is_not_told() -> None:

@@ -12,8 +12,8 @@ import pytest
 from irpso_addon.core.check_records import CERTAIN, GROWN, Misfit
 from irpso_addon.core.checks.mended_cameras import corrected
 from irpso_addon.core.checks.outline_cameras import optics_of
-from irpso_addon.core.checks.outline_fit import BEND, GROWTH, INSET, ROLL, Optics, silhouette
-from irpso_addon.core.checks.registration import Registration
+from irpso_addon.core.checks.outline_fit import BEND, GROWTH, INSET, ROLL, Optics, Outline, silhouette
+from irpso_addon.core.checks.registration import OutlinedCamera, Registration, outline_misfits
 from irpso_addon.core.checks.registration_fit import eroded, fit_views, gain_of_cameras
 from irpso_addon.core.checks.view_check_data import CheckedView, PixelWindow
 from irpso_addon.core.data import Camera, MeshArrays, SceneData, View
@@ -347,3 +347,14 @@ def test_views_that_tell_nothing_are_not_moved() -> None:
     assert np.isfinite(fit.shift).all() and (np.abs(fit.shift[2:]) < 1e-6).all()
     assert (np.sqrt(fit.covariance[2:, 0, 0]) > 1).all() and (fit.gain_error[2:] > 1).all()
     assert (fit.gain_error[:2] < 0.1).all()
+
+
+@pytest.mark.parametrize("outlined", [1, 3, 5, 9])
+def test_views_without_an_outline_go_by_those_of_their_camera_that_have_one(outlined):
+    seen_by = camera()
+    views = tuple(View(Path(f"{n}.exr"), seen_by, ()) for n in range(10))
+    outline = Outline(np.array([1.5, 0.5, 0, 0, 0, 0]), np.eye(6), 1e-4 * np.eye(6), np.array([75.0, 60.0]), None)
+    outlines = [outline] * outlined + [None] * (10 - outlined)
+    found = outline_misfits([OutlinedCamera(views, (0, 0), (WIDTH, HEIGHT), outlines)])
+    assert not any(misfit.alone for misfit in found)
+    np.testing.assert_allclose([misfit.shift for misfit in found], [(1.5, 0.5)] * 10, atol=0.02)

@@ -19,6 +19,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...core.checks.bounced_light import BouncedSample, LightPicture, sampled
+from ...core.checks.mended_cameras import given_name
 from ...core.data import F32, Bounced, SceneData, Solution, View
 from ...core.errors import BadInput
 from ...core.job import Progress
@@ -147,7 +148,7 @@ def _pictures(views: Sequence[View]) -> list[Picture]:
     if any(view.environment is not None and view.environment.turn for view in views):
         raise BadInput("indirect light: cannot be rendered under a world that a view turns; use Indirect Light off")
     around = [view.environment for view in views]
-    return [(view.camera.name, tuple(light.name for light in view.lights), found.name if found is not None else "",
+    return [(given_name(view), tuple(light.name for light in view.lights), found.name if found is not None else "",
              tuple(emitter.name for emitter in found.emitters) if found is not None else ())
             for view, found in zip(views, around, strict=True)]
 

@@ -234,7 +234,8 @@ class Session:
         solution = self.facts_of(obj)
         offered = remedies(solution.checks) if solution is not None and solution.checks is not None else ()
         done = self.remedied(scene, obj)
-        waits = self.calibration_state(scene, obj) in ("open", "outdated")
+        waits = (solution is not None and solution.for_scene
+                 and self.calibration_state(scene, obj) in ("open", "outdated"))
         return {index: remedy for index, remedy in enumerate(offered) if not (
             index in done or is_done(scene, remedy) or (waits and remedy.kind in ("power", "move")))}
 

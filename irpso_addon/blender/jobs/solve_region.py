@@ -63,8 +63,10 @@ def with_part(
         if session.calibration_state((context or bpy.context).scene, obj) == "open":
             data = with_cameras(data, last.cameras)  # in whose axes a flash has moved
             data = applied(data, last.calibration) if last.calibration is not None else data
-        else:  # the scene has them
-            last = replace(last, calibration=None, cameras=())
+        else:  # the scene has them, but for views that depart from their camera
+            alone = tuple(change for change in last.cameras if change.image is not None)
+            data = with_cameras(data, alone)
+            last = replace(last, calibration=None, cameras=alone)
     if region is not None and last is not None and last.maps.normal is not None:  # the part's normals are the rest's
         data = replace(data, mesh=wearing(data.mesh, last.maps.normal))
     return replace(data, region=region, start=last)

@@ -5,6 +5,7 @@ Its lamps, worlds and cameras, and the exposures and turns of its list of views.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,30 +28,49 @@ def apply_calibration(scene: Any, solution: Solution) -> str:
     if alone and not cameras and solution.calibration is None:
         raise BadInput(f"{some(alone)}: departs from the other views of its camera; give it a camera of its own, then "
                        "solve again")
-    lit = _light(scene, solution.calibration) if solution.calibration is not None else ""
-    kept = f"{counted(len(alone), 'single view')} kept" if alone else ""
-    return ", ".join(filter(None, [change_cameras(scene, cameras) if cameras else "", lit, kept]))
+    calibration = solution.calibration
+    moves = _moves(scene, calibration, {change.camera: change.roll for _, change in cameras}) if calibration else {}
+    changed = change_cameras(scene, cameras) if cameras else ""
+    lit = _light(scene, calibration, moves) if calibration is not None else ""
+    kept = f"{counted(len(alone), 'view')} left with the scene's camera" if alone else ""
+    return ", ".join(filter(None, [changed, lit, kept]))
 
 
-def _light(scene: Any, calibration: Calibration) -> str:
-    """Lamps, worlds and exposures."""
+def _moves(scene: Any, calibration: Calibration, rolls: Mapping[str, float]) -> dict[Any, Any]:
+    """Where lamps are to stand, object to world.  The solve moved flashes along the axes of cameras that it had turned.
+
+    Raises BadInput, as `_light` would, where a light or world cannot be changed.
+    """
     groups = [[object_named(scene, name) for name in lamp.lights] for lamp in calibration.lamps]
     for lights in groups:
         for light in lights:
             check_place(light)
             check_power(light)
-    strengths = strengthened(calibration.worlds)
+    strengthened(calibration.worlds)
     places = {}
     for lamp, lights in zip(calibration.lamps, groups, strict=True):
-        axes = [axes_of(scene, camera) for camera in lamp.cameras] or [np.eye(3)]
+        axes = [axes_of(scene, camera) @ _turn(rolls.get(camera, 0.0)) for camera in lamp.cameras] or [np.eye(3)]
         for light, turned in zip(lights, axes, strict=True):
             places[light] = moved_matrix(light, turned @ lamp.offset)
+    return places
+
+
+def _turn(roll: float) -> np.ndarray:
+    """Of a camera's axes, where its pictures turn counter-clockwise."""
+    cos, sin = np.cos(roll), np.sin(roll)
+    return np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _light(scene: Any, calibration: Calibration, places: Mapping[Any, Any]) -> str:
+    """Lamps, worlds and exposures; cameras have been changed, and turned what is parented to them."""
+    strengths = strengthened(calibration.worlds)
+    bpy.context.view_layer.update()
     for light in sorted(places, key=_depth):
         if light.parent in places:  # which has just been moved
             bpy.context.view_layer.update()
         place(light, places[light])
-    for lamp, lights in zip(calibration.lamps, groups, strict=True):
-        multiply_power(lights, lamp.power)
+    for lamp in calibration.lamps:
+        multiply_power([object_named(scene, name) for name in lamp.lights], lamp.power)
     for world, factor in strengths.items():
         multiply_strength(world, factor)
     if calibration.worlds:

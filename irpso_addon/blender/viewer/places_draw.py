@@ -19,6 +19,7 @@ from ...core.checks.camera_lines import camera_rows, sure_cameras
 from ...core.data import Solution
 from ..jobs.session import session
 from ..scene.move_light import sun_turned
+from ..scene.scene_objects import world_matrix
 from . import plot
 from .plot import Color, Theme
 
@@ -35,7 +36,7 @@ _handler: object = None
 def draw() -> None:
     """The draw handler."""
     context = bpy.context
-    obj, shown = context.active_object, context.window_manager.irpso_views
+    obj, shown = session.subject(context), context.window_manager.irpso_views
     if obj is None or not shown.places or not context.space_data.overlay.show_overlays:
         return
     solution = session.facts_of(obj)
@@ -54,19 +55,19 @@ def marks(scene: Any, solution: Solution, sun: float) -> list[tuple[np.ndarray, 
     At most MOST, those that were moved the farthest.  Of a sun the places are ends of its direction, ``sun`` metres
     from where it is drawn.  A camera keeps its place.
     """
-    found = []
+    found, depsgraph = [], bpy.context.evaluated_depsgraph_get()
     for lamp in sure_lamps(solution.calibration) if solution.calibration is not None else ():
         text = ", ".join([place_change(lamp)] * lamp.sure_place + [power_change(lamp)] * lamp.sure_power)
-        found += [(*places, text) for places in _places(scene, lamp, sun)]
+        found += [(*places, text) for places in _places(scene, lamp, sun, depsgraph)]
     for camera in sure_cameras(solution.cameras):
         obj = scene.objects.get(camera.camera)
         if obj is not None:
-            place = np.array(obj.matrix_world.translation)
+            place = world_matrix(obj, depsgraph)[:3, 3]
             found.append((place, place, camera_rows(camera)[0][1]))
     return found[:MOST]
 
 
-def _places(scene: Any, lamp: LampChange, sun: float) -> list[tuple[np.ndarray, np.ndarray]]:
+def _places(scene: Any, lamp: LampChange, sun: float, depsgraph: Any) -> list[tuple[np.ndarray, np.ndarray]]:
     """Of each light of a lamp that is still in the scene."""
     places = []
     for n, name in enumerate(lamp.lights):
@@ -75,12 +76,14 @@ def _places(scene: Any, lamp: LampChange, sun: float) -> list[tuple[np.ndarray, 
             camera = scene.objects.get(lamp.cameras[n])
             if camera is None:
                 continue
-            axes = np.array(camera.matrix_world.to_3x3().normalized())
+            axes = world_matrix(camera, depsgraph)[:3, :3]
+            axes /= np.linalg.norm(axes, axis=0)
         if light is None:
             continue
-        place, offset = np.array(light.matrix_world.translation), axes @ np.array(lamp.offset)
+        world = world_matrix(light, depsgraph)  # hidden ones, as flashes are, have no matrix_world
+        place, offset = world[:3, 3], axes @ np.array(lamp.offset)
         if lamp.sun:
-            before = light.matrix_world.col[2].xyz.normalized()
+            before = Vector(world[:3, 2]).normalized()
             places.append((place + sun * np.array(before), place + sun * np.array(sun_turned(before, offset))))
         else:
             places.append((place, place + offset))

@@ -140,6 +140,8 @@ def found_again(before: Judged, sample: RigSample, more: Larger, straight: Strai
     Cameras that are off hide ambient light, which makes little of the radiance.  None where nothing is off any more, or
     left-out views are not predicted better.  ``sample``, ``more``, ``straight``: as of `calibrate`.
     """
+    if len(sample.rig.groups) != len(before.found.change.offset):  # cameras have left a flash that they shared
+        return None
     seen = straight(sample, None) if before.turned else sample
     folds = split(seen.texels)
     if folds is None:

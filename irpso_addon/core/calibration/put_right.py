@@ -16,6 +16,7 @@ from ..change_records import (
     WorldChange,
 )
 from ..checks.light_checks import moved
+from ..checks.mended_cameras import given_name
 from ..data import F64, Environment, SceneData, View
 from ..shading.environment import about_z
 from ..vignetting import corner_stops
@@ -42,7 +43,7 @@ def put_right(scene: SceneData, rig: Rig, judged: Judged) -> SceneData:
 def applied(scene: SceneData, calibration: Calibration) -> SceneData:
     """The scene after a change that an earlier solve of it has made."""
     given = {light.name: light for view in scene.views for light in view.lights}
-    cameras = {view.camera.name: view.camera for view in scene.views}
+    cameras = {given_name(view): view.camera for view in scene.views}
     lights = {}
     for lamp in calibration.lamps:
         for name, carried in zip(lamp.lights, lamp.cameras or (None,) * len(lamp.lights), strict=True):
@@ -58,7 +59,7 @@ def applied(scene: SceneData, calibration: Calibration) -> SceneData:
     around = (0.0, 0.0, 0.0) if calibration.ambient is None else calibration.ambient.radiance
     return replace(scene, views=tuple(
         replace(view, lights=tuple(lights.get(light.name, light) for light in view.lights),
-                gain=view.gain * gains.get((view.image, view.camera.name), 1.0),
+                gain=view.gain * gains.get((view.image, given_name(view)), 1.0),
                 vignetting=view.vignetting + darker, response=view.response * exponent,
                 ambient_radiance=_brightened(view, around),
                 environment=_turned(view.environment, calibration.worlds)) for view in scene.views))
@@ -100,7 +101,7 @@ def told(rig: Rig, judged: Judged) -> Calibration:
             group.cameras, group.sun, bool(moves.any()),
             bool(abs(change.log_power[n]) > max(SURE * error.log_power[n], LEAST_CHANGE))))
     exposures = tuple(
-        ExposureChange(view.image, view.camera.name, float(gain / np.log(2)), float(sigma / np.log(2)),
+        ExposureChange(view.image, given_name(view), float(gain / np.log(2)), float(sigma / np.log(2)),
                        bool(abs(gain) > max(SURE * sigma, LEAST_CHANGE)))
         for view, gain, sigma in zip(rig.views, change.log_gain, error.log_gain, strict=True) if gain)
     cameras = [view.camera for view in rig.views]

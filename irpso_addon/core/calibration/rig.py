@@ -11,9 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..checks.light_checks import moved
+from ..checks.mended_cameras import given_name
 from ..data import F64, Camera, Light, View
 
-SAME = 1e-3  # of the distance: lamps that stand so alike beside their cameras are one flash
+# Of the distance: lamps that stand so alike beside their cameras are one flash.  So do they where a solve has turned
+# cameras by a degree about their axes, and left the flashes.
+SAME = 5e-3
 SAME_POWER = 1e-6  # relative
 
 
@@ -81,7 +84,7 @@ class Rig:
         for view in views:
             for light in view.lights:
                 lights.setdefault(light.name, light)
-                cameras.setdefault(light.name, {}).setdefault(view.camera.name, view.camera)
+                cameras.setdefault(light.name, {}).setdefault(given_name(view), view.camera)
         groups: list[RigGroup] = []
         flash = _flash(lights, cameras, middle)
         if flash is not None:
@@ -129,4 +132,5 @@ def _flash(lights: dict[str, Light], cameras: dict[str, dict[str, Camera]], midd
         return None
     names = tuple(name for name, _ in carried)
     return RigGroup(names[0], names, tuple(camera.world_to_camera[:3, :3].T for _, camera in carried), reach,
-                    tuple(camera.name for _, camera in carried), kept=any(lights[name].kept for name in names))
+                    tuple(next(iter(cameras[name])) for name in names),
+                    kept=any(lights[name].kept for name in names))

@@ -55,7 +55,16 @@ def _kept(scene: SceneData) -> set[str]:
 
 def name_alone(view: View) -> str:
     """Of the camera of a view that departs from the others of its camera."""
-    return f"{view.camera.name} ({view.image.name})"
+    return f"{view.camera.name}{_departs(view)}"
+
+
+def given_name(view: View) -> str:
+    """Of its camera in the scene, whether or not the view has got one of its own."""
+    return view.camera.name.removesuffix(_departs(view))
+
+
+def _departs(view: View) -> str:
+    return f" ({'/'.join(view.image.parts[-2:])})"  # one folder for each lamp may hold the same names
 
 
 def _likely(misfit: Misfit) -> bool:

@@ -130,13 +130,16 @@ def outline_misfits(cameras: Sequence[OutlinedCamera]) -> tuple[Misfit, ...]:
     blind = [Fit(np.zeros((count, 2)), np.tile(BLIND**2 * np.eye(2), (count, 1, 1)), np.zeros(count),
                  np.full(count, BLIND), np.zeros(0), 0.0) for count in (len(camera.views) for camera in cameras)]
     return tuple(m for camera, fit, bend in zip(cameras, blind, bends(cameras), strict=True)
-                 for m in _misfits(camera, fit, fit.log_gain, *bend))
+                 for m in _misfits(camera, fit, fit.log_gain, *bend, blind=True))
 
 
-def _misfits(camera: OutlinedCamera, fit: Fit, log_gain: F64, bend: float, bend_error: float) -> list[Misfit]:
-    """With the views' gains, (V,), and what the lens's k1 lacks."""
+def _misfits(
+    camera: OutlinedCamera, fit: Fit, log_gain: F64, bend: float, bend_error: float, blind: bool = False,
+) -> list[Misfit]:
+    """With the views' gains, (V,), and what the lens's k1 lacks.  ``blind``: pixels say nothing."""
     outlines = [None if o is None else o.bent(bend) for o in camera.outlines]
-    shift, shift_error, alone = _settled(fit, [None if o is None else (o.shift, o.shift_covariance) for o in outlines])
+    shift, shift_error, alone = _settled(
+        fit, [None if o is None else (o.shift, o.shift_covariance) for o in outlines], blind)
     gain_error = np.sqrt(fit.gain_error**2 + GAIN_FLOOR**2 + (GAIN_PER_PIXEL * np.hypot(*shift.T)) ** 2)
     drawn = [o for o, departs in zip(outlines, alone, strict=True) if o is not None and not departs]
     growth, roll = (of_one_shape(drawn, value) for value in (GROWTH, ROLL))
@@ -149,8 +152,11 @@ def _misfits(camera: OutlinedCamera, fit: Fit, log_gain: F64, bend: float, bend_
             camera.views, shift, shift_error, log_gain, gain_error, alone, strict=True)]
 
 
-def _settled(fit: Fit, outlines: list[ViewFit | None]) -> tuple[F64, F64, Bool]:
-    """Pixels and silhouettes together: (V, 2) shifts, (V,) their standard errors, (V,) departs from its camera."""
+def _settled(fit: Fit, outlines: list[ViewFit | None], blind: bool) -> tuple[F64, F64, Bool]:
+    """Pixels and silhouettes together: (V, 2) shifts, (V,) their standard errors, (V,) departs from its camera.
+
+    Where pixels say nothing, a view without a silhouette goes by those of its camera's others.
+    """
     views = range(len(outlines))
     floor = SHIFT_FLOOR**2 * np.eye(2)
     pixels = [(fit.shift[v], MODEL**2 * fit.covariance[v]) for v in views]
@@ -160,8 +166,9 @@ def _settled(fit: Fit, outlines: list[ViewFit | None]) -> tuple[F64, F64, Bool]:
     each = [_joined((pixels[v][0], pixels[v][1] + doubt), outlines[v]) for v in views]
     shift = np.array([e[0] for e in each])
     error = np.array([np.sqrt(np.trace(e[1]) / 2) for e in each])
-    middle = np.median(shift, axis=0)
-    alone = np.hypot(*(shift - middle).T) > np.maximum(LEAST_ALONE, SIGMAS * error)
+    known = np.array([o is not None or not blind for o in outlines])
+    middle = np.median(shift[known], axis=0) if known.any() else np.zeros(2)
+    alone = known & (np.hypot(*(shift - middle).T) > np.maximum(LEAST_ALONE, SIGMAS * error))
     together = np.flatnonzero(~alone)
     if len(together):
         weights = np.array([np.linalg.inv(pixels[v][1] + floor) for v in together])

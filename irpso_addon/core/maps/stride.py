@@ -87,7 +87,7 @@ class SparseTexels:
     """The texels that are solved where not all are: one of each block; and what the others take from them.
 
     A texel takes the bilinear mean of the four solved ones around it, as far as these are of its material and of the
-    same piece of the surface.  A solved one keeps its own values.
+    same piece of the surface.
     """
 
     rows: I32  # (m, m) of the solved texel of each block: the first one that is covered
