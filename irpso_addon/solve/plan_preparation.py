@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from ..core.data import MeshArrays, SceneData, Solution, View
 from ..core.errors import BadInput, Cancelled
 from ..core.images.reference_image import read_reference
@@ -97,11 +99,13 @@ def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generato
     kernels = "compute" if thread.device().prefers_compute else "fragment"
     return Plan(replace(made.scene, mesh=scene.mesh), settings, udims, request.block, request.halo,
                 thread.settings().memory, kernels, tuple(map(file_scale, scene.views)), solution, made.level,
-                made.noise, made.robust, made.bounced, _stride(made.scene.views, scene.mesh, settings, work),
+                made.noise, made.robust, made.bounced, _stride(made.scene.views, scene.mesh, udims, settings, work),
                 _blend(bounce) if made.bounced is not None else "")
 
 
-def _stride(views: tuple[View, ...], mesh: MeshArrays, settings: SolveSettings, work: WorkFolder) -> int:
+def _stride(
+    views: tuple[View, ...], mesh: MeshArrays, udims: tuple[int, ...], settings: SolveSettings, work: WorkFolder,
+) -> int:
     """Every how many-th texel the blocks solve: of all the same, so that no border shows between them."""
     if settings.method == "paper":
         return 1
@@ -109,7 +113,8 @@ def _stride(views: tuple[View, ...], mesh: MeshArrays, settings: SolveSettings, 
     for n, view in enumerate(views):
         file = CachedReference(picture_path(work, n))
         cameras.append((view.camera, (file.width, file.height)))
-    return stride_of(pixels_per_texel(mesh, cameras, settings.size), settings.size)
+    solved = np.isin(uv_blocks.udim_of_each(mesh.uvs), udims)
+    return stride_of(pixels_per_texel(mesh, cameras, settings.size, solved), settings.size)
 
 
 def _blend(bounce: Bounce | None) -> str:

@@ -63,6 +63,18 @@ def test_a_mirrored_mesh_is_the_same() -> None:
     np.testing.assert_allclose(other.mean(), found.mean())
 
 
+def test_triangles_that_are_not_solved_do_not_count() -> None:
+    """Another square of the UV plane, in which texels are four times as wide, or whose triangles are left out."""
+    aside = SQUARE.uvs / 4 + (1, 0)
+    both = replace(SQUARE, uvs=np.concatenate([SQUARE.uvs, aside]).astype(np.float32), **{
+        name: np.concatenate([getattr(SQUARE, name)] * 2) for name in ("positions", "normals")})
+    camera = syn.camera((0, 0, 2), width=4.0)
+    alone, beside = (pixels_per_texel(mesh, [(camera, (400, 400))], SIZE) for mesh in (SQUARE, both))
+    np.testing.assert_allclose(beside, alone.mean(), rtol=1e-6)
+    other = pixels_per_texel(both, [(camera, (400, 400))], SIZE, np.repeat([False, True], len(SQUARE.uvs)))
+    np.testing.assert_allclose(other, 16 * alone.mean(), rtol=1e-6)
+
+
 def test_lenses_count() -> None:
     """A barrel squeezes what lies off the axis."""
     camera = syn.camera((0, 0, 2), degrees=60)

@@ -25,16 +25,22 @@ T = TypeVar("T", bound=np.generic)
 I64 = NDArray[np.int64]
 
 
-def pixels_per_texel(mesh: MeshArrays, cameras: Sequence[tuple[Camera, tuple[int, int]]], size: int) -> F64:
+def pixels_per_texel(
+    mesh: MeshArrays, cameras: Sequence[tuple[Camera, tuple[int, int]]], size: int, counted: Bool | None = None,
+) -> F64:
     """(S,) pixels that a texel fills in the picture that shows it best, at places all over the map.
 
     ``cameras``: with width and height of their pictures.  ``size``: texels on a side of the map.  What no camera faces
-    is left out.  Objects in front are not looked for: there may be fewer pixels than this, not more.
+    is left out.  Objects in front are not looked for: there may be fewer pixels than this, not more.  ``counted``: (T,)
+    the triangles that are solved; None: those whose middle lies on the map.
     """
     grid = (mesh.uvs if mesh.grid is None else mesh.grid).astype(np.float64)
+    if counted is None:
+        middle = grid.mean(axis=1)
+        counted = np.all((middle >= 0) & (middle <= 1), axis=1)
     edges = grid[:, 1:] - grid[:, :1]  # (T, 2 edges, uv)
     area = _crossed(edges[:, 0], edges[:, 1])
-    total = np.cumsum(np.where(np.abs(area) > FLAT, np.abs(area), 0.0))
+    total = np.cumsum(np.where(counted & (np.abs(area) > FLAT), np.abs(area), 0.0))
     if not len(total) or total[-1] == 0:
         return np.zeros(0)
     chosen = np.searchsorted(total, (np.arange(SAMPLE) + 0.5) / SAMPLE * total[-1])

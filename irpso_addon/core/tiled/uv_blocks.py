@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data import F32, F64, Bool, Camera
+from ..data import F32, F64, I32, Bool, Camera
 from ..errors import BadInput
 from ..projection import pixels_of
 from ..resampling import linear
@@ -70,6 +70,11 @@ def corner(udim: int) -> F64:
     return np.array([(udim - FIRST_UDIM) % 10, (udim - FIRST_UDIM) // 10], np.float64)
 
 
+def udim_of_each(uvs: F32) -> I32:
+    """(T,) the number of the square that holds a triangle's middle; uvs: (T, 3, 2)."""
+    return np.asarray(FIRST_UDIM + _squares(uvs) @ np.array([1, 10]), np.int32)
+
+
 def udims_of(uvs: F32) -> tuple[int, ...]:
     """The UDIMs of the squares that hold triangles (by their middle), ascending; uvs: (T, 3, 2).
 
@@ -123,7 +128,7 @@ class Layout:
 
     def grid(self, uvs: F32) -> F32:
         """(T, 3, 2) where triangles lie on it, 0..1; those of other squares lie outside."""
-        numbers = FIRST_UDIM + _squares(uvs) @ np.array([1, 10])
+        numbers = udim_of_each(uvs)
         place = np.searchsorted(self.udims, numbers).clip(0, len(self.udims) - 1)
         known = np.array(self.udims)[place] == numbers
         at = np.stack([place % self.columns, place // self.columns], -1)
