@@ -39,7 +39,7 @@ def apply_calibration(scene: Any, solution: Solution) -> str:
 def _moves(scene: Any, calibration: Calibration, rolls: Mapping[str, float]) -> dict[Any, Any]:
     """Where lamps are to stand, object to world.  The solve moved flashes along the axes of cameras that it had turned.
 
-    Raises BadInput, as `_light` would, where a light or world cannot be changed.
+    Raises BadInput where a light or world cannot be changed.
     """
     groups = [[object_named(scene, name) for name in lamp.lights] for lamp in calibration.lamps]
     for lights in groups:

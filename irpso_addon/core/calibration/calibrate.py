@@ -228,7 +228,7 @@ def _with_diffuse(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[
         other = yield from share_of(fit_rig(contest.sample, bent, start=found, rounds=ROUNDS), 1.0, 1.0)
         contest.add(str(bent), contest.of_whole(other))
         sure = abs(other.change.cosine) > max(SURE * other.error.cosine, LEAST_BEND)
-        if sure and not contest.beats(name, str(bent)) if bent.cosine else contest.beats(str(bent), name):
+        if (sure and not contest.beats(name, str(bent))) if bent.cosine else contest.beats(str(bent), name):
             best, name = (bent, other), str(bent)
     return best
 
