@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from ..data import F64, Bool
@@ -27,7 +25,7 @@ def materials_of(sample: RigSample, texels: SampledTexels, levels: bool) -> dict
     for slot in np.unique(sample.slot):
         own = texels.part(sample.slot == slot)
         if own.usable().any():
-            joint = JointSearch(own).fit(known)
+            joint = JointSearch(own, metals=False).fit(known)
             found[int(slot)] = joint.apart if levels else joint.plain
     return found
 
@@ -52,7 +50,8 @@ def _roughness(texels: SampledTexels, one: OneMaterial) -> F64:
     cos_v, paints = np.clip(texels.cos_v, 1e-3, 1.0), paints_of(texels)
     ratio = fresnel_ratio(texels.lobes, cos_v, np.asarray(one.level), texels.nodes)
     costs = np.empty((len(NODES), len(f)))
-    for n, (roughness, energy) in enumerate(zip(NODES, _energies(one.level), strict=True)):
+    energies = brdf.principled_energy_level(NODES[:, None], COSINES, np.full((len(NODES), 1), one.level))
+    for n, (roughness, energy) in enumerate(zip(NODES, energies, strict=True)):
         gain, taken = (np.interp(texels.cos_v, COSINES, energy[:, k]) for k in (0, 1))
         diffuse = (1 - taken) / np.pi
         shape = lobe_values(texels.lobes, cos_v, np.full(len(f), roughness), nodes=texels.nodes)
@@ -63,12 +62,6 @@ def _roughness(texels: SampledTexels, one: OneMaterial) -> F64:
     noise = max(float(np.median(costs.min(0) / degrees)), LEAST)
     costs = costs / noise + 2 * HELD_TOGETHER * (np.log(NODES / one.roughness) ** 2)[:, None]
     return _lowest(costs)
-
-
-@lru_cache(maxsize=16)
-def _energies(level: float) -> list[F64]:
-    """Of each of NODES: as of brdf.principled_energy_level."""
-    return [brdf.principled_energy_level(roughness, COSINES, level) for roughness in NODES]
 
 
 def _lowest(costs: F64) -> F64:

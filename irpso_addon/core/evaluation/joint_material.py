@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -58,13 +60,14 @@ class Joint:
 class JointSearch:
     """The model at all nodes, so that any part of the layers can be fitted at once."""
 
-    def __init__(self, texels: SampledTexels) -> None:
+    def __init__(self, texels: SampledTexels, metals: bool = True) -> None:
+        """``metals``: whether Metallic may differ from 0, which takes several times as long."""
         count, layers = texels.cos_v.shape
         most = max(MOST // max(layers, 1), 32)
         if count > most:
             texels = texels.part(np.linspace(0, count - 1, most).astype(np.int32))
         self.texels = texels
-        self.nodes = _Nodes.of(texels)
+        self.nodes, self.metallic = _Nodes.of(texels, metals), METALLIC if metals else METALLIC[:1]
         unit = np.maximum(texels.reflected, texels.typical())
         # Half vectors come as near to a texel's normal as this, in the median: lobes that are half as wide stay unseen.
         self.nearest = texels.nearest()  # (T,)
@@ -80,7 +83,7 @@ class JointSearch:
         degrees = np.maximum((self.weight[:, known] > 0).sum((1, 2)) - 2, 1)
         least = plain[plain.sum(2).min(1).argmin()].min(0)  # (T,) at the best level
         noise = max(float(np.median(least / degrees)), LEAST)
-        tried = [_Tried.of(plain if metallic == 0 else _costs(sums, metallic), noise) for metallic in METALLIC]
+        tried = [_Tried.of(plain if metallic == 0 else _costs(sums, metallic), noise) for metallic in self.metallic]
         whole, apart = np.stack([t.whole for t in tried]), np.stack([t.apart for t in tried])
         together = whole.min(2)
         return Joint(plain=OneMaterial(tried[0].roughness(PLAIN)), specular=_best(together[:1], tried),
@@ -92,11 +95,12 @@ class JointSearch:
 
         (levels, roughnesses, T, C) each, or (1, ...) where no level is in it.
         """
-        weight, f = self.weight[:, layers], self.texels.reflected[:, layers]
+        every = slice(None) if layers.all() else layers  # nothing is copied
+        weight, f = self.weight[:, every], self.texels.reflected[:, every]
         result = {"ff": (weight * f * f).sum(1)[None, None]}
         for name, values in self.nodes.products.items():
             factor = weight * f if len(name) == 1 else weight
-            total = np.moveaxis(values[:, :, layers] @ factor, 0, 1)  # (nodes, T, C)
+            total = np.moveaxis(values[:, :, every] @ factor, 0, 1)  # (nodes, T, C)
             result[name if len(name) == 2 else name + "f"] = total.reshape(-1, len(ROUGHNESS), *total.shape[1:])
         return result
 
@@ -108,44 +112,71 @@ class _Nodes:
     products: dict[str, F64]  # (T, levels roughnesses or roughnesses, V) each: a, s, A, S and their products in pairs
 
     @classmethod
-    def of(cls, texels: SampledTexels) -> _Nodes:
-        """Of a sample."""
+    def of(cls, texels: SampledTexels, metals: bool) -> _Nodes:
+        """Of a sample; without A and S, unless there may be ``metals``."""
+        single = dict(zip("as", _dielectric(texels), strict=True))
+        if metals:
+            single |= zip("AS", _metallic(texels), strict=True)
+        pairs = {one + other: single[one] * single[other]
+                 for one, other in combinations_with_replacement(single, 2)}
         count, layers = texels.cos_v.shape
-        shape = (len(LEVELS), len(ROUGHNESS), count, layers)
-        a, s = np.empty(shape), np.empty(shape)
-        A, S = np.empty(shape[1:]), np.empty(shape[1:])
-        cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
-        ratios = [fresnel_ratio(texels.lobes, cos_v, np.asarray(level), texels.nodes) for level in LEVELS]
-        for j, roughness in enumerate(ROUGHNESS):
-            rough = np.full(count, roughness)
-            lobe = lobe_values(texels.lobes, cos_v, rough, nodes=texels.nodes)
-            for i, level in enumerate(LEVELS):
-                energy = brdf.principled_energy_level(roughness, COSINES, level)
-                gain, taken = (np.interp(texels.cos_v, COSINES, energy[:, k]) for k in (0, 1))
-                a[i, j] = (1 - taken) / np.pi
-                s[i, j] = (lobe * ratios[i]).sum(-1) * gain
-            own, edge = metal_values(texels.lobes, cos_v, rough, texels.nodes)
-            gain = metal_gain(rough, texels.cos_v, np.full((count, 1), METAL_BASE))[..., 0]
-            A[j], S[j] = own * gain, edge * gain
-        pairs = {"a": a, "s": s, "A": A, "S": S, "aa": a * a, "as": a * s, "ss": s * s, "aA": a * A, "aS": a * S,
-                 "sA": s * A, "sS": s * S, "AA": A * A, "AS": A * S, "SS": S * S}
-        return cls({name: np.ascontiguousarray(np.moveaxis(value.reshape(-1, count, layers), 0, 1))
-                    for name, value in pairs.items()})
+        return cls({name: value.reshape(count, -1, layers) for name, value in (single | pairs).items()})
+
+
+def _dielectric(texels: SampledTexels) -> tuple[F64, F64]:
+    """a and s, (T, levels, roughnesses, V) each."""
+    count, layers = texels.cos_v.shape
+    a, s = (np.empty((count, len(LEVELS), len(ROUGHNESS), layers)) for _ in range(2))
+    cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
+    ratios = [fresnel_ratio(texels.lobes, cos_v, np.asarray(level), texels.nodes) for level in LEVELS]
+    for j, roughness in enumerate(ROUGHNESS):
+        lobe = lobe_values(texels.lobes, cos_v, np.full(count, roughness), nodes=texels.nodes)
+        for i, ratio in enumerate(ratios):
+            gain, taken = (np.interp(texels.cos_v, COSINES, energy) for energy in _energies()[i, j])
+            a[:, i, j] = (1 - taken) / np.pi
+            s[:, i, j] = (lobe * ratio).sum(-1) * gain
+    return a, s
+
+
+@cache
+def _energies() -> F64:
+    """(levels, roughnesses, 2, COSINES) as of `brdf.principled_energy_level`."""
+    return np.array([[brdf.principled_energy_level(roughness, COSINES, level).T for roughness in ROUGHNESS]
+                     for level in LEVELS])
+
+
+def _metallic(texels: SampledTexels) -> tuple[F64, F64]:
+    """A and S, (T, 1, roughnesses, V) each."""
+    count, layers = texels.cos_v.shape
+    A, S = (np.empty((count, 1, len(ROUGHNESS), layers)) for _ in range(2))
+    cos_v, base = np.clip(texels.cos_v, 1e-3, 1.0), np.full((count, 1), METAL_BASE)
+    for j, roughness in enumerate(ROUGHNESS):
+        rough = np.full(count, roughness)
+        gain = metal_gain(rough, texels.cos_v, base)[..., 0]
+        A[:, 0, j], S[:, 0, j] = (part * gain for part in metal_values(texels.lobes, cos_v, rough, texels.nodes))
+    return A, S
 
 
 def _costs(sums: list[dict[str, F64]], metallic: float) -> F64:
     """(levels, roughnesses, T) weighted squared residual, base colour in closed form for each channel."""
     x, m, total = 1 - metallic, metallic, np.zeros(1)
     for of in sums:
+        if m == 0:
+            total = total + _residual(of["ff"], of["aa"], of["af"] - of["as"], of["ss"] - 2 * of["sf"])
+            continue
         white_data = x * of["af"] + m * of["Af"]
         rest_data = x * of["sf"] + m * of["Sf"]
         white = x * x * of["aa"] + 2 * x * m * of["aA"] + m * m * of["AA"]
         both = x * x * of["as"] + x * m * (of["aS"] + of["sA"]) + m * m * of["AS"]
         rest = x * x * of["ss"] + 2 * x * m * of["sS"] + m * m * of["SS"]
-        base = np.clip((white_data - both) / np.maximum(white, LEAST), 0, 1)
-        cost = of["ff"] - 2 * rest_data + rest + base * (base * white - 2 * (white_data - both))
-        total = total + np.maximum(cost, 0.0).sum(-1)
+        total = total + _residual(of["ff"], white, white_data - both, rest - 2 * rest_data)
     return total
+
+
+def _residual(ff: F64, white: F64, slope: F64, rest: F64) -> F64:
+    """(..., T) least of ff + rest + b^2 white - 2 b slope over b in [0, 1], summed over channels."""
+    base = np.clip(slope / np.maximum(white, LEAST), 0, 1)
+    return np.asarray(np.maximum(ff + rest + base * (base * white - 2 * slope), 0.0).sum(-1))
 
 
 def _parts(cost: F64, seen: Bool) -> tuple[OneMaterial, ...]:
