@@ -15,6 +15,7 @@ from ..change_records import PredictionError
 from ..evaluation.folds import split
 from ..job import Progress, Steps, share_of
 from .contest import GIVEN, HALF, SURE, Contest
+from .far_exposures import far_exposures
 from .rig import RigChange
 from .rig_fit import ROUNDS, Free, RigFound, fit_rig
 from .rig_sample import RigSample
@@ -66,11 +67,32 @@ def calibrate(
     """
     larger = more or (lambda ambient: sample)
     lamps = lamps and not all(group.kept for group in sample.rig.groups)
-    judged, off = yield from _judged(sample, lamps, exposures, larger, None)
-    if judged is None and off and straight is not None:  # a mesh that is wrong in detail may hide what is off
+    folds = split(sample.texels)
+    if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
+        return None
+    yield Progress(0.0, "calibrate", "lamps and exposures")
+    far = (yield from far_exposures(sample, folds)) if exposures else None
+    if far is None:
+        return (yield from _with_details(sample, lamps, exposures, larger, straight))
+    evened = far.evened
+    judged = yield from _with_details(
+        evened(sample), lamps, exposures, lambda ambient: evened(larger(ambient)), straight)
+    if judged is None:
+        return Judged(far.found, far.given, far.changed, far.free, far.found.error)
+    found = replace(judged.found, change=far.with_gains(judged.found.change))
+    return replace(judged, found=found, given=far.given, free=replace(judged.free, exposures=True),
+                   error=far.with_errors(judged.error))
+
+
+def _with_details(
+    sample: RigSample, lamps: bool, exposures: bool, more: Larger, straight: Straight | None,
+) -> Steps[Judged | None]:
+    """What is to be changed, beside a mesh that is wrong in detail too: that may hide what is off."""
+    judged, off = yield from _judged(sample, lamps, exposures, more, None)
+    if judged is None and off and straight is not None:
         seen = straight(sample, None)
         if seen is not sample:
-            judged, _ = yield from _judged(seen, lamps, exposures, larger, straight)
+            judged, _ = yield from _judged(seen, lamps, exposures, more, straight)
     return judged
 
 
@@ -79,10 +101,8 @@ def _judged(
 ) -> Steps[tuple[Judged | None, bool]]:
     """What is to be changed, and whether something seems to be off."""
     folds = split(sample.texels)
-    if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
-        return None, False
+    assert folds is not None
     frees = _frees(sample, lamps, exposures)
-    yield Progress(0.0, "calibrate", "lamps and exposures")
     quick = yield from share_of(fit_rig(sample, frees[-1], rounds=2), 0.0, 0.1)
     if sample.scale_known:
         levels = replace(frees[-1], levels=True)

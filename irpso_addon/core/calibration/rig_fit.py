@@ -33,6 +33,7 @@ LONGEST = 0.15  # of a lamp's distance: a step
 SHARED = 5  # numbers of all views: vignetting, ambient light, response, two of the diffuse
 REFITS = (0, 3)  # rounds in which the materials are fitted
 MEAN = 1e-4  # of powers, and of gains: brightness as a whole belongs to the base colours
+DIFFUSE = 0.5  # share of the diffuse in what is no highlight
 LEAST = 1e-12
 STEP = 0.02  # relative, of roughness: for derivatives
 
@@ -83,6 +84,18 @@ def errors_at(sample: RigSample, free: Free, found: RigFound, factor: float) -> 
     return _RigFit(sample, free).errors(found, factor)
 
 
+def left_over(sample: RigSample, found: RigFound) -> F64:
+    """(T, V) logarithm of radiance over what was found; NaN where highlights show, or nothing is known.
+
+    Base colours are those of all cameras: their own would take up an exposure that a camera's views have in common.
+    """
+    fit = _RigFit(sample, Free(False, False))
+    fit.paints = [replace(paint, cameras=(np.ones(len(paint.layers), bool),)) for paint in fit.paints]
+    seen = sample.geometry.under(found.change)
+    now = _Round(fit, seen, lobes_of(sample, seen.texels, found.materials), None)
+    return np.where(now.good & (now.share > DIFFUSE), now.left, np.nan)
+
+
 class _RigFit:
     """The rounds of `fit_rig`; numbers: offsets, powers, gains, SHARED, and levels of the materials."""
 
@@ -101,6 +114,7 @@ class _RigFit:
                                      np.full(self.views, GAIN), [VIGNETTING, AMBIENT, RESPONSE, COSINE, TRANSMISSION],
                                      np.full(len(self.slots), LEVEL)])
         self.paints = paints_of(sample.texels)
+        self.start = np.zeros(len(self.prior))  # whose means are kept
         self.means = np.zeros((len(self.prior),) * 2)
         gains = 4 * self.groups, 4 * self.groups + self.views
         for first, end in ((3 * self.groups, 4 * self.groups), gains):
@@ -112,6 +126,7 @@ class _RigFit:
         if start is not None:
             self.change = start.change
             self.change = self._unpacked(self.packed()[self.free])  # what is not free is as it is given
+            self.start = self.packed()
         for n in range(rounds):
             yield Progress(n / rounds, "calibrate")
             seen = self.geometry.under(self.change)
@@ -136,6 +151,12 @@ class _RigFit:
 
     def _spread(self, covariance: F64) -> RigChange:
         return self._unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
+
+    def spread(self) -> F64:
+        """Standard deviations of the prior; of a gain that is far off, as an automatic flash makes it, a wider one."""
+        spread, gains = self.prior.copy(), slice(4 * self.groups, 4 * self.groups + self.views)
+        spread[gains] = np.maximum(spread[gains], np.abs(self.change.log_gain) / CAUCHY)
+        return spread
 
     def packed(self) -> F64:
         """The change as one vector."""
@@ -230,9 +251,10 @@ class _Round:
         meat = (scores**2).sum(1)
         ratio = meat / np.maximum(normal.diagonal() * self.scatter**2, LEAST)
         alike = max(float(np.median(ratio)) if len(ratio) else 1.0, 1.0)  # observations for one that is independent
-        prior = (np.diag(1 / fit.prior**2) + fit.means)[np.ix_(free, free)]
-        information = normal / (variance * alike) + prior
-        gradient = pull / (variance * alike) - prior @ fit.packed()[free]
+        prior, means = (part[np.ix_(free, free)] for part in (np.diag(1 / fit.spread() ** 2), fit.means))
+        information = normal / (variance * alike) + prior + means
+        now = fit.packed()[free]
+        gradient = pull / (variance * alike) - prior @ now - means @ (now - fit.start[free])
         covariance = np.linalg.inv(information)
         return covariance @ gradient, covariance
 

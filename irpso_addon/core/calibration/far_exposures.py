@@ -1,0 +1,101 @@
+"""Views whose exposure is far off, as an automatic flash or automatic brightness makes it: found before all else.
+
+The fit of a rig disbelieves observations that depart from all others, and with them such a view as a whole.  So its
+exposure is first taken from what it shows of texels that other views show too, by medians (median polish: Tukey,
+Exploratory Data Analysis, 1977), and then fitted.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..change_records import PredictionError
+from ..data import F64
+from ..evaluation.folds import Folds
+from ..job import Steps, share_of
+from .contest import GIVEN, HALF, SURE, Contest
+from .rig import RigChange
+from .rig_fit import ROUNDS, Free, RigFound, fit_rig, left_over
+from .rig_sample import RigSample
+
+FAR = 0.15  # logarithm of a gain
+POLISHED = 12  # rounds of medians
+LEAST_SHARED = 30  # texels that a view shares with others
+
+
+@dataclass(frozen=True)
+class FarExposures:
+    """The gains of views that are far off."""
+
+    found: RigFound  # of these gains alone
+    free: Free
+    given: PredictionError  # of left-out views, as the scene is given
+    changed: PredictionError
+
+    def evened(self, sample: RigSample) -> RigSample:
+        """A sample as if its views had these exposures."""
+        gain = self.found.change.log_gain
+        views = tuple(replace(view, gain=view.gain * float(np.exp(by)))
+                      for view, by in zip(sample.rig.views, gain, strict=True))
+        reflected = sample.texels.reflected * np.exp(-gain)[sample.view][None, :, None]
+        return replace(sample, texels=replace(sample.texels, reflected=reflected), rig=replace(sample.rig, views=views))
+
+    def with_gains(self, change: RigChange) -> RigChange:
+        """A change of the evened rig as one of the given rig."""
+        return replace(change, log_gain=change.log_gain + self.found.change.log_gain)
+
+    def with_errors(self, error: RigChange) -> RigChange:
+        """Its standard errors."""
+        own = self.found.error.log_gain
+        return replace(error, log_gain=np.where(error.log_gain > 0, error.log_gain, own))
+
+
+def far_exposures(sample: RigSample, folds: Folds) -> Steps[FarExposures | None]:
+    """The gains that are far off beyond doubt, if left-out views are predicted better with them.
+
+    The typical view keeps its exposure, as in `fit_rig`.
+    """
+    free = Free(False, True, levels=not sample.scale_known)
+    first = yield from share_of(fit_rig(sample, replace(free, exposures=False), rounds=1), 0.0, 0.02)
+    polished = _polished(sample, left_over(sample, first))
+    if np.abs(polished).max(initial=0.0) < FAR:
+        return None
+    none = RigChange.none(len(sample.rig.groups), len(sample.rig.views))
+    start = replace(first, change=replace(none, log_gain=polished))
+    found = yield from share_of(fit_rig(sample, free, start=start, rounds=ROUNDS), 0.02, 0.05)
+    gain, error = found.change.log_gain, found.error.log_gain
+    far = np.abs(gain) > np.maximum(SURE * error, FAR)
+    if not far.any():
+        return None
+    contest = Contest(sample, found, folds)
+    contest.add(str(free), (yield from share_of(contest.predictions(free, found), 0.05, 0.1)))
+    given, changed = contest.judge.error(GIVEN), contest.judge.error(str(free))
+    if not contest.beats(str(free), GIVEN) or changed.lightness >= HALF * given.lightness:
+        return None  # lamps that stand elsewhere make views brighter or darker too
+    alone = replace(none, log_gain=np.where(far, gain, 0.0))
+    return FarExposures(replace(found, change=alone, error=replace(none, log_gain=np.where(far, error, 0.0))), free,
+                        given, changed)
+
+
+def _polished(sample: RigSample, left: F64) -> F64:
+    """(V,) logarithms of what each view shows over what the others do of the same texels, by medians; 0: unknown.
+
+    ``left``: as of `left_over`.
+    """
+    channel, views = sample.texels.channel, len(sample.rig.views)
+    gain, known = np.zeros(views), np.zeros(views, bool)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of texels and views without any
+        for _ in range(POLISHED):
+            rest = left - gain[sample.view]
+            for same in (channel == one for one in np.unique(channel)):
+                rest[:, same] -= np.nanmedian(rest[:, same], axis=1, keepdims=True)
+            for view in range(views):
+                own = rest[:, sample.view == view]
+                known[view] = np.isfinite(own).any(1).sum() >= LEAST_SHARED
+                gain[view] += np.nanmedian(own) if known[view] else 0.0
+            gain -= np.median(gain[known]) if known.any() else 0.0
+    return np.where(known, gain, 0.0)
