@@ -22,6 +22,7 @@ import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
+from typing import ClassVar
 
 import drjit as dr
 import mitsuba as mi
@@ -131,6 +132,9 @@ def main() -> None:
 class Run:
     """One capture, loaded, with the textures to be found."""
 
+    samples, texture = SAMPLES, TEXTURE
+    integrator: ClassVar = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+
     def __init__(self, capture: Path, export: Path, bsdf: str) -> None:
         scene = json.loads((export / "scene.json").read_text())
         self.views = json.loads((capture / "captures.json").read_text())["views"]
@@ -141,19 +145,27 @@ class Run:
         self.level = float(np.mean([p[..., :3][w[..., 0]].mean() for p, w in zip(pictures, whole, strict=True)]))
         self.references = [mi.TensorXf(p[..., :3].copy()) for p in pictures]
         self.masks = [mi.TensorXf(w.astype(np.float32)) for w in whole]
-        start = np.full((TEXTURE, TEXTURE, 3), 0.5, np.float32)
+        start = np.full((self.texture, self.texture, 3), 0.5, np.float32)
         kind = {"type": "principled", "specular": 0.5} if bsdf == "stock" else {"type": "matched"}
         material = mi.load_dict({**kind, "base_color": bitmap(start), "roughness": bitmap(start[..., :1])})
         mesh = mi.load_dict({"type": "ply", "filename": str(export / "mesh.ply"), "bsdf": material})
         height, width = pictures[0].shape[:2]
         self.sensors = {name: sensor(camera, width, height) for name, camera in scene["cameras"].items()}
-        self.scenes = {name: mi.load_dict({"type": "scene", "mesh": mesh, "light": {
-            "type": "point", "position": light["position"],
-            "intensity": {"type": "rgb", "value": [light["watts"] / (4 * np.pi)] * 3}}})
-            for name, light in scene["lights"].items()}
-        self.integrator = mi.load_dict({"type": "direct", "emitter_samples": 1, "bsdf_samples": 0})
+        self.scenes = {name: mi.load_dict({"type": "scene", "mesh": mesh, "light": light})
+                       for name, light in self.lights(capture, scene).items()}
+        self.renderer = mi.load_dict(self.integrator)
         self.parameters = mi.traverse(material)
         self.parameters.keep([BASE_KEY, ROUGH_KEY])
+
+    def lights(self, capture: Path, scene: dict) -> dict:
+        """What shines, by a key of its own."""
+        return {name: {"type": "point", "position": light["position"],
+                       "intensity": {"type": "rgb", "value": [light["watts"] / (4 * np.pi)] * 3}}
+                for name, light in scene["lights"].items()}
+
+    def lit_by(self, view: dict) -> str:
+        """The key of what shines in a view."""
+        return view["lights"][0]
 
     def optimise(self, rate: float, budget: float, seed: int) -> tuple[list[dict], int]:
         """The scores at each mark, and how many iterations there were."""
@@ -172,8 +184,9 @@ class Run:
             order = order or list(rng.permutation(len(self.views)))
             i = int(order.pop())
             view = self.views[i]
-            image = mi.render(self.scenes[view["lights"][0]], params=self.parameters, spp=SAMPLES, spp_grad=SAMPLES,
-                              sensor=self.sensors[view["camera"]], integrator=self.integrator, seed=step)
+            image = mi.render(self.scenes[self.lit_by(view)], params=self.parameters, spp=self.samples,
+                              spp_grad=self.samples, sensor=self.sensors[view["camera"]], integrator=self.renderer,
+                              seed=step)
             dr.backward(dr.mean(dr.abs(image - self.references[i]) * self.masks[i] / self.level, axis=None))
             adam.step()
             adam[BASE_KEY], adam[ROUGH_KEY] = dr.clip(adam[BASE_KEY], *BASE), dr.clip(adam[ROUGH_KEY], *ROUGH)
@@ -188,10 +201,11 @@ class Run:
 
     def score(self, adam) -> dict:
         grid = self.judge["seen"].shape[0]
-        base = at_size(np.array(adam[BASE_KEY]).reshape(TEXTURE, TEXTURE, 3), grid)
-        rough = at_size(np.array(adam[ROUGH_KEY]).reshape(TEXTURE, TEXTURE, 1), grid)[..., 0]
+        square = self.texture, self.texture
+        base = at_size(np.array(adam[BASE_KEY]).reshape(*square, 3), grid)
+        rough = at_size(np.array(adam[ROUGH_KEY]).reshape(*square, 1), grid)[..., 0]
         return {where: asdict(map_errors(base, rough, self.judge["base"], self.judge["rough"], self.judge[where]))
-                for where in ("seen", "informed")}
+                for where in ("seen", "informed") if where in self.judge}
 
 
 def bitmap(values):

@@ -1,7 +1,7 @@
 """``python -m studies.environment``: makes docs/environment.md, how exact light from all around is, and what it tells.
 
 Needs Blender as a module and matplotlib.  Pictures are kept in build/environment.  --rigs: these alone, and no page.
---turned: the table of worlds that are turned, alone.
+--turned: the table of worlds that are turned, alone.  --mitsuba PYTHON: the comparison with Mitsuba, alone.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 from irpso_addon.blender.oiio import ensure_openimageio
 from irpso_addon.core.shading import environment
 from studies.environment import radiance
+from studies.environment.contest import compare
 from studies.environment.converge import convergence
 from studies.environment.page import draw, error_row, recovered_row, turned_row, write, write_turned
 from studies.environment.recover import recover
@@ -40,11 +41,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m studies.environment", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rigs", nargs="+", choices=names, metavar="NAME", help=f"of {', '.join(names)}")
     parser.add_argument("--turned", action="store_true", help="the table of worlds that are turned, and no other")
+    parser.add_argument("--mitsuba", metavar="PYTHON", help="a Python that has Mitsuba (requirements-bench.txt): the "
+                        "comparison with it, and no other table")
+    parser.add_argument("--budget", type=float, default=90.0, help="seconds of each run of Mitsuba")
     parser.add_argument("--samples", type=int, default=SAMPLES, help="of Cycles, a pixel, where radiance is compared")
     parser.add_argument("--pictures", type=Path, default=ROOT / "build" / "environment", help="folder that keeps them")
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder for environment.md and its chart")
     options = parser.parse_args()
     ensure_openimageio()
+    if options.mitsuba:
+        compare(options.pictures, options.mitsuba, options.budget, options.out)
+        return 0
     if options.turned:
         turned(options.pictures, options.out / "environment.md")
         return 0
