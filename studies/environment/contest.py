@@ -17,7 +17,6 @@ from irpso_addon.core.data import F64, Bool, Solution
 from irpso_addon.core.evaluation.chart_data import Curve, Panel
 from irpso_addon.core.evaluation.metrics import map_errors
 from irpso_addon.core.resampling import at_size
-from irpso_addon.gpu.device import thread
 from studies import pages
 from studies.bench import capture_judge
 from studies.environment import shoot
@@ -105,16 +104,13 @@ def write(points: list[Point], versions: str, renderer: str, out: Path) -> None:
          pages.measured(renderer, versions), out / "environment_time")
 
 
-def renderer() -> str:
-    """The name of the device that solves."""
-    return str(thread.run(lambda: thread.device().name))
-
-
 def compare(pictures: Path, python: str, budget: float, out: Path) -> None:
     """All of it: the table of docs/environment.md and its chart."""
     rig, points = shoot.RIGS[0], []
+    _, solution = recover(rig, pictures / rig.name, min(SIZES))
     for point in contest(rig, pictures / rig.name, python, budget):
         points.append(point)
         print(" | ".join(point.row()), flush=True)
     told = json.loads((pictures / rig.name / "mitsuba" / "matched.json").read_text(encoding="utf-8"))
-    write(points, f"Blender {files.blender_version()}, Mitsuba {told['version']}", renderer(), out)
+    write(points, f"Blender {files.blender_version()}, Mitsuba {told['version']}",
+          solution.device.get("renderer", ""), out)
