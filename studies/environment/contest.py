@@ -13,10 +13,9 @@ import numpy as np
 
 from irpso_addon.blender import files
 from irpso_addon.cli.chart import draw
-from irpso_addon.core.data import F64, Bool, Solution
+from irpso_addon.core.data import F64, Bool
 from irpso_addon.core.evaluation.chart_data import Curve, Panel
 from irpso_addon.core.evaluation.metrics import map_errors
-from irpso_addon.core.resampling import at_size
 from studies import pages
 from studies.bench import capture_judge
 from studies.environment import shoot
@@ -24,12 +23,11 @@ from studies.environment.recover import SIZE, recover
 from studies.intervals.assets import truth
 
 RIVAL = Path(__file__).with_name("rival.py")
-SIZES = (32, 64, 128)
 # Of Mitsuba: material, learning rate, samples a pixel.  The best base colour, by the truth, of .01 and .02 with 16 and
 # .02 with 64 samples (matched also of .05 with 16) after a minute under one HDRI.
 SETTINGS = (("matched", 0.02, 64), ("stock", 0.02, 16))
 LABELS = {"irpso": "IRPSO, auto", "matched": "Mitsuba, matched", "stock": "Mitsuba, principled"}
-HEAD = ("method", "setting", "seconds", "base colour, dB", "roughness, mean error", "median", "off by > 0.1")
+HEAD = ("method", "seconds", "base colour, dB", "roughness, mean error", "median", "off by > 0.1")
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,6 @@ class Point:
     """One method's maps after some time."""
 
     method: str
-    setting: str
     seconds: float
     albedo_psnr: float  # dB
     rough_mae: float
@@ -46,21 +43,19 @@ class Point:
 
     def row(self) -> list[str]:
         """Of the table."""
-        return [LABELS[self.method], self.setting, f"{self.seconds:.0f}", f"{self.albedo_psnr:.1f}",
+        return [LABELS[self.method], f"{self.seconds:.0f}", f"{self.albedo_psnr:.1f}",
                 f"{self.rough_mae:.3f}", f"{self.rough_median:.3f}", f"{100 * self.rough_fail:.0f} %"]
 
 
 def contest(rig: shoot.Rig, pictures: Path, python: str, budget: float) -> Iterator[Point]:
     """``pictures`` keeps them; ``python`` has Mitsuba; ``budget``: seconds of each of its runs."""
-    solved = {}
-    for size in reversed(SIZES):  # the first solve of a process waits for compilers: the largest is run again
-        if size == SIZE:
-            recover(rig, pictures, size)
-        _, solved[size] = recover(rig, pictures, size)
-    where = solved[SIZE].maps.coverage & ~solved[SIZE].maps.filled
+    recover(rig, pictures)  # the first solve of a process waits for compilers
+    _, solved = recover(rig, pictures)
+    where = solved.maps.coverage & ~solved.maps.filled
     base, rough = (np.asarray(of, np.float64) for of in truth(shoot.BOTTLE, SIZE))
-    for size in SIZES:
-        yield _of(solved[size], size, base, rough, where)
+    errors = asdict(map_errors(solved.maps.base_color, solved.maps.roughness, base, rough, where))
+    errors.pop("albedo_rmse")
+    yield Point("irpso", sum(solved.seconds.values()), **errors)
     export = pictures / "mitsuba"
     _export(export, base, rough, where)
     for bsdf, rate, samples in SETTINGS:
@@ -69,14 +64,7 @@ def contest(rig: shoot.Rig, pictures: Path, python: str, budget: float) -> Itera
                         "--samples", str(samples), "--budget", str(budget)], check=True)
         for row in json.loads(out.read_text(encoding="utf-8"))["rows"]:
             row.pop("albedo_rmse")
-            yield Point(bsdf, "", **row)
-
-
-def _of(solution: Solution, size: int, base: F64, rough: F64, where: Bool) -> Point:
-    found, other = at_size(solution.maps.base_color, SIZE), at_size(solution.maps.roughness, SIZE)[..., 0]
-    errors = asdict(map_errors(found, other, base, rough, where))
-    errors.pop("albedo_rmse")
-    return Point("irpso", f"{size} x {size}", sum(solution.seconds.values()), **errors)
+            yield Point(bsdf, **row)
 
 
 def _export(folder: Path, base: F64, rough: F64, where: Bool) -> None:
@@ -94,20 +82,19 @@ def write(points: list[Point], versions: str, renderer: str, out: Path) -> None:
         "mitsuba made": pages.measured(renderer, versions),
         "mitsuba": pages.table(HEAD, [point.row() for point in points])}, page)
     panels = [Panel(title, [
-        Curve(LABELS[method], place, [p.seconds for p in own], [getattr(p, error) for p in own],
-              [p.setting for p in own])
+        Curve(LABELS[method], place, [p.seconds for p in own], [getattr(p, error) for p in own])
         for place, method in zip((0, 4, 5), LABELS, strict=True)
         if (own := [p for p in points if p.method == method])], log=not up, up=up)
         for title, error, up in (("base colour, PSNR in dB", "albedo_psnr", True),
                                  ("roughness, mean error", "rough_mae", False))]
-    draw([panels], "A bottle under one HDRI, 12 views: error against time (IRPSO: the points are map sizes)",
+    draw([panels], "A bottle under one HDRI, 12 views: error against time",
          pages.measured(renderer, versions), out / "environment_time")
 
 
 def compare(pictures: Path, python: str, budget: float, out: Path) -> None:
     """All of it: the table of docs/environment.md and its chart."""
     rig, points = shoot.RIGS[0], []
-    _, solution = recover(rig, pictures / rig.name, min(SIZES))
+    _, solution = recover(rig, pictures / rig.name, SIZE)
     for point in contest(rig, pictures / rig.name, python, budget):
         points.append(point)
         print(" | ".join(point.row()), flush=True)
