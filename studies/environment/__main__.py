@@ -43,7 +43,7 @@ def main() -> int:
     parser.add_argument("--turned", action="store_true", help="the table of worlds that are turned, and no other")
     parser.add_argument("--mitsuba", metavar="PYTHON", help="a Python that has Mitsuba (requirements-bench.txt): the "
                         "comparison with it, and no other table")
-    parser.add_argument("--budget", type=float, default=90.0, help="seconds of each run of Mitsuba")
+    parser.add_argument("--budget", type=float, default=60.0, help="seconds of each run of Mitsuba")
     parser.add_argument("--samples", type=int, default=SAMPLES, help="of Cycles, a pixel, where radiance is compared")
     parser.add_argument("--pictures", type=Path, default=ROOT / "build" / "environment", help="folder that keeps them")
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder for environment.md and its chart")
