@@ -21,7 +21,8 @@ from .rig import RigChange
 from .rig_fit import ROUNDS, Free, RigFound, fit_rig, left_over
 from .rig_sample import RigSample
 
-FAR = 0.15  # logarithm of a gain
+FAR = 0.25  # logarithm of the largest gain: powers and places of lamps that are honestly off make less
+TAKEN = 0.15  # and of the others that are then taken
 POLISHED = 12  # rounds of medians
 LEAST_SHARED = 30  # texels that a view shares with others
 
@@ -67,8 +68,8 @@ def far_exposures(sample: RigSample, folds: Folds) -> Steps[FarExposures | None]
     start = replace(first, change=replace(none, log_gain=polished))
     found = yield from share_of(fit_rig(sample, free, start=start, rounds=ROUNDS), 0.02, 0.05)
     gain, error = found.change.log_gain, found.error.log_gain
-    far = np.abs(gain) > np.maximum(SURE * error, FAR)
-    if not far.any():
+    far = np.abs(gain) > np.maximum(SURE * error, TAKEN)
+    if np.abs(gain[far]).max(initial=0.0) < FAR:
         return None
     contest = Contest(sample, found, folds)
     contest.add(str(free), (yield from share_of(contest.predictions(free, found), 0.05, 0.1)))
