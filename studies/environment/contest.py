@@ -13,7 +13,7 @@ import numpy as np
 
 from irpso_addon.blender import files
 from irpso_addon.cli.chart import draw
-from irpso_addon.core.data import F64, Bool
+from irpso_addon.core.data import F64, Bool, Solution
 from irpso_addon.core.evaluation.chart_data import Curve, Panel
 from irpso_addon.core.evaluation.metrics import map_errors
 from studies import pages
@@ -47,10 +47,8 @@ class Point:
                 f"{self.rough_mae:.3f}", f"{self.rough_median:.3f}", f"{100 * self.rough_fail:.0f} %"]
 
 
-def contest(rig: shoot.Rig, pictures: Path, python: str, budget: float) -> Iterator[Point]:
-    """``pictures`` keeps them; ``python`` has Mitsuba; ``budget``: seconds of each of its runs."""
-    recover(rig, pictures)  # the first solve of a process waits for compilers
-    _, solved = recover(rig, pictures)
+def contest(solved: Solution, pictures: Path, python: str, budget: float) -> Iterator[Point]:
+    """``solved``: of the open file; ``python`` has Mitsuba; ``budget``: seconds of each of its runs."""
     where = solved.maps.coverage & ~solved.maps.filled
     base, rough = (np.asarray(of, np.float64) for of in truth(shoot.BOTTLE, SIZE))
     errors = asdict(map_errors(solved.maps.base_color, solved.maps.roughness, base, rough, where))
@@ -94,10 +92,11 @@ def write(points: list[Point], versions: str, renderer: str, out: Path) -> None:
 def compare(pictures: Path, python: str, budget: float, out: Path) -> None:
     """All of it: the table of docs/environment.md and its chart."""
     rig, points = shoot.RIGS[0], []
-    _, solution = recover(rig, pictures / rig.name, SIZE)
-    for point in contest(rig, pictures / rig.name, python, budget):
+    folder = pictures / rig.name
+    recover(rig, folder)  # the first solve of a process waits for compilers
+    _, solved = recover(rig, folder)
+    for point in contest(solved, folder, python, budget):
         points.append(point)
         print(" | ".join(point.row()), flush=True)
-    told = json.loads((pictures / rig.name / "mitsuba" / "matched.json").read_text(encoding="utf-8"))
-    write(points, f"Blender {files.blender_version()}, Mitsuba {told['version']}",
-          solution.device.get("renderer", ""), out)
+    told = json.loads((folder / "mitsuba" / "matched.json").read_text(encoding="utf-8"))
+    write(points, f"Blender {files.blender_version()}, Mitsuba {told['version']}", solved.device.get("renderer", ""), out)

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from studies.bench import capture_mitsuba as bench
 
 mi = bench.mi
-# Mitsuba looks from its -Z and has Y above; columns: its axes in Blender's world.
+# Columns: the axes of Mitsuba's environment maps, whose Y is up, in Blender's world, whose Z is.
 FROM_MITSUBA = np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
 
 
