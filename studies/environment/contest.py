@@ -99,4 +99,5 @@ def compare(pictures: Path, python: str, budget: float, out: Path) -> None:
         points.append(point)
         print(" | ".join(point.row()), flush=True)
     told = json.loads((folder / "mitsuba" / "matched.json").read_text(encoding="utf-8"))
-    write(points, f"Blender {files.blender_version()}, Mitsuba {told['version']}", solved.device.get("renderer", ""), out)
+    write(points, f"Blender {files.blender_version()}, Mitsuba {told['version']}",
+          solved.device.get("renderer", ""), out)
