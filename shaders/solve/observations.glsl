@@ -8,7 +8,8 @@
 // GROUP(k, first, end) for each group, with constants where layers are so few that unrolled loops pay (compilers leave
 // a loop around a loop).
 // NDF_BECKMANN: Cook-Torrance with Beckmann's distribution instead of the Principled BSDF.
-// SPECULAR: the Specular IOR Level of each texel is read from u_level; without, it is 0.5.
+// SPECULAR: the Specular IOR Level of each texel is read from u_level, or with LEVEL_SEARCHED it is set in obs_level;
+// without, it is 0.5.
 // METALLIC: of one lobe; Metallic is u_metallic; without, it is 0.
 // ENVIRONMENT: layers have nodes of what lobes return of light from all around, after those of the lights.
 // COAT: of one lobe; what a coat reflects is taken off each observation, and the rest is what lies below it by itself.
@@ -22,7 +23,9 @@ uniform ivec2 u_tile;
 uniform float u_group_slack;
 
 #ifdef SPECULAR
+#ifndef LEVEL_SEARCHED
 uniform sampler2D u_level;
+#endif
 float obs_level;
 #endif
 
@@ -140,7 +143,7 @@ bool load_observations() {
 #ifdef ENVIRONMENT
     obs_at = at;
 #endif
-#ifdef SPECULAR
+#if defined(SPECULAR) && !defined(LEVEL_SEARCHED)
     obs_level = texelFetch(u_level, texel, 0).r;
 #endif
     bool edges[LAYERS];

@@ -16,26 +16,42 @@ COAT_TAG = "irpso_coat"  # the same of its Coat Weight, and with more behind it 
 NORMAL_TAG = "irpso_normal"  # the same of its Normal
 NORMAL_LINK_TAG = "irpso_normal_link"
 NORMAL_ROLE = "normal_map"  # of our Normal Map node
-PRIOR_TAG = "irpso_prior"  # on a material: as JointPrior
+PRIOR_TAG = "irpso_prior"  # on a material: as JointPrior, without ...
+PRIOR_LEVEL_TAG = "irpso_prior_level"  # ... its level and how strongly texels' levels were drawn to it
 PARKED_TAG = "irpso_parked"  # on a Principled that a two-lobe group stands in for: how it was shown
 
 
 def tag_prior(material: bpy.types.Material, prior: JointPrior | None) -> None:
     """Keep what the material's texels were drawn to."""
+    for name in (PRIOR_TAG, PRIOR_LEVEL_TAG):
+        if name in material:
+            del material[name]
     if prior is not None:
         material[PRIOR_TAG] = [prior.roughness, prior.strength, prior.sigma, *prior.others]
-    elif PRIOR_TAG in material:
-        del material[PRIOR_TAG]
+        if prior.level_strength > 0:
+            material[PRIOR_LEVEL_TAG] = [prior.level, prior.level_strength]
 
 
 def prior_of(material: bpy.types.Material) -> JointPrior | None:
     """What the material's texels were drawn to, where that is known."""
-    values = material.get(PRIOR_TAG)
-    if not hasattr(values, "__len__") or not 3 <= len(values) <= 5 or not all(isinstance(x, float) for x in values):
+    values = _numbers(material, PRIOR_TAG)
+    if not 3 <= len(values) <= 5:
         return None
     roughness, strength, sigma, *others = values
-    good = all(0 < value <= 1 for value in (roughness, *others)) and strength > 0 and sigma >= 0
-    return JointPrior(roughness, strength, sigma, tuple(others)) if good else None
+    if not all(0 < value <= 1 for value in (roughness, *others)) or strength <= 0 or sigma < 0:
+        return None
+    match _numbers(material, PRIOR_LEVEL_TAG):
+        case [level, level_strength] if 0 < level <= 1 and level_strength > 0:
+            return JointPrior(roughness, strength, sigma, tuple(others), level, level_strength)
+    return JointPrior(roughness, strength, sigma, tuple(others))
+
+
+def _numbers(material: bpy.types.Material, name: str) -> list[float]:
+    """Of a custom property; none where it holds anything else."""
+    values = material.get(name)
+    if not hasattr(values, "__len__") or not all(isinstance(x, float) for x in values):
+        return []
+    return list(values)
 
 
 def maps_of(obj: bpy.types.Object) -> dict[str, bpy.types.Image]:

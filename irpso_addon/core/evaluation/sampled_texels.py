@@ -85,8 +85,8 @@ class Lobes:
     coat: Coat | None = None
 
 
-def one_lobe(roughness: F64, level: float, metallic: float = 0.0, coat: Coat | None = None) -> Lobes:
-    """(T,) roughness under one Specular IOR Level."""
+def one_lobe(roughness: F64, level: float | F64, metallic: float = 0.0, coat: Coat | None = None) -> Lobes:
+    """(T,) roughness under one Specular IOR Level, or one for each."""
     return Lobes(np.stack([roughness, roughness], -1), np.ones(len(roughness)), np.full(len(roughness), level),
                  metallic=metallic, coat=coat)
 

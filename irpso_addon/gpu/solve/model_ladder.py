@@ -141,7 +141,7 @@ class Ladder:
         for name in (name for name in larger.get("one-lobe", []) if name in self.priors):
             self._put(result, (yield from self._one_lobe(name)), [name])
         for name in larger.get("one-lobe-specular", []):
-            decided = name in self.decided_levels or name in self.decided_coats
+            decided = name in self.decided_levels or name in self.decided_coats or self._levels_differ(name)
             solved = self._one_lobe(name) if decided else self._specular([name])
             self._put(result, (yield from solved), [name])
         if "one-lobe-metallic" in larger:
@@ -182,6 +182,8 @@ class Ladder:
         level = None
         if name in self.decided_levels:
             level = np.full(self.masks[name].shape, self.decided_levels[name], np.float32)
+        elif self._levels_differ(name):
+            (level,) = yield from self.solver.levels_under([self.priors[name]], self._tiles(self.solver, [name]))
         self.solver.use_level(level)
         self.solver.use_metallic(self.decided_metallic.get(name, 0.0))
         self.solver.use_coat(self.decided_coats.get(name))
@@ -191,12 +193,17 @@ class Ladder:
         self.solver.use_coat(None)
         if level is not None:
             part.level = np.where(self.masks[name], level, np.float32(0.5))
+        if name in self.decided_levels:
             part.levels = {name: self.decided_levels[name]}
         if name in self.decided_metallic:
             part.metallic = {name: self.decided_metallic[name]}
         if name in self.decided_coats:
             part.coats = {name: self.decided_coats[name]}
         return part
+
+    def _levels_differ(self, name: str) -> bool:
+        """Whether each texel of a material has its own level, under the material's prior."""
+        return name in self.priors and self.priors[name].level_strength > 0
 
     def _metallic(self, names: list[str]) -> Generator[Progress, None, LadderResult]:
         """One lobe of each material with its Metallic and Specular IOR Level."""

@@ -22,6 +22,7 @@ from .material_sample import MaterialSample, clusters, read_sample, sampled
 from .solver import Solver
 
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
+LEVEL_STRENGTHS = ((200.0, 1.0), (200.0, 0.2), (10.0, 0.2))  # where levels differ too: of roughness, and of level
 JUDGED = 2000  # texels, of a sample
 RACE = 0.5  # of its loss: what is so much worse than the best in the first fold is not tried in the others
 CLEAR = 0.15  # of its loss: a fit that leads by so much over one value for the material needs no prior
@@ -72,13 +73,14 @@ class _Trial:
     strength: float  # of the prior about the joint roughness
     material: Callable[[Joint], OneMaterial]
     coat: str = ""  # what is free below a coat, a word of core/evaluation/coat_search.py; "": there is none
+    level_strength: float = 0.0  # of the prior about the joint level; 0: all texels have that level
 
     def prior(self, joint: Joint, sigma: float = 0.0) -> JointPrior | None:
         """That its texels are drawn with."""
         if self.strength == 0:
             return None
         one = self.material(joint)
-        return JointPrior(one.roughness, self.strength, sigma, one.others)
+        return JointPrior(one.roughness, self.strength, sigma, one.others, one.level, self.level_strength)
 
 
 def _trials(name: str, model: str, material: Callable[[Joint], OneMaterial], coat: str = "") -> list[_Trial]:
@@ -92,6 +94,8 @@ UNIFORM = (
 UNIFORM_METAL = _Trial("one value, level and metallic", "one-lobe-metallic", ONE_VALUE, lambda joint: joint.metal)
 DRAWN = _trials("a value a texel", "one-lobe", lambda joint: joint.plain)
 DRAWN_LEVEL = _trials("a value a texel, one level", "one-lobe-specular", lambda joint: joint.apart)
+DRAWN_LEVELS = [_Trial(f"a value and level a texel, prior {strength:g}, {level:g}", "one-lobe-specular", strength,
+                       lambda joint: joint.specular, level_strength=level) for strength, level in LEVEL_STRENGTHS]
 DRAWN_METAL = _trials("a value a texel, one metallic", "one-lobe-metallic", lambda joint: joint.apart_metal)
 UNIFORM_COAT = _Trial("one value, level and coat", "one-lobe-specular", ONE_VALUE, lambda joint: joint.coated[PLAIN],
                       PLAIN)
@@ -110,12 +114,14 @@ FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specula
 
 
 def _by_size(trials: list[_Trial]) -> list[list[str]]:
-    """Names of one value for the material, of parts, and of texels that are drawn, by model."""
+    """Names of one value for the material, of parts, and of texels that are drawn, by model; those with levels last."""
     uniform = [[trial.name] for trial in trials if trial.strength == ONE_VALUE]
     parts = [[trial.name] for trial in trials if trial in PARTS]
-    drawn = [trial for trial in trials if trial.strength != ONE_VALUE and trial not in PARTS]
-    return [*uniform, *parts, *([trial.name for trial in drawn if trial.model == model]
-                                for model in dict.fromkeys(trial.model for trial in drawn))]
+    drawn: dict[tuple[str, bool], list[str]] = {}
+    for trial in trials:
+        if trial.strength != ONE_VALUE and trial not in PARTS:
+            drawn.setdefault((trial.model, trial in DRAWN_LEVELS), []).append(trial.name)
+    return [*uniform, *parts, *drawn.values()]
 
 
 class ModelPrediction:
@@ -192,6 +198,7 @@ class _Contest:
             yield from self._folds(self._drawn, DRAWN if UNIFORM[0].name in near else [], race=True)
             free = max(abs(joint.apart.level - 0.5) for joint in self.joints) > SAME_LEVEL
             yield from self._folds(self._drawn, DRAWN_LEVEL if free and UNIFORM[1].name in near else [], race=True)
+            yield from self._folds(self._drawn_levels, DRAWN_LEVELS, race=True)
         # A metal's roughness may differ from texel to texel: then one value says little of it.
         apart = min(joint.apart_metal.metallic for joint in self.joints) > SOME_METALLIC
         if not self.solver.cancelled and (
@@ -340,6 +347,15 @@ class _Contest:
         for trial, values in zip(trials, maps, strict=True):
             self._add(trial.name, one_lobe(self._at(values), one.level, one.metallic, one.coat), known)
 
+    def _drawn_levels(self, known: Bool, joint: Joint, trials: list[_Trial]) -> Generator[Progress, None, None]:
+        """The same with a level a texel, which is drawn too."""
+        priors = {trial.name: prior for trial in trials if (prior := trial.prior(joint)) is not None}
+        levels = yield from self.solver.levels_under(list(priors.values()))
+        for (name, prior), level in zip(priors.items(), levels, strict=True):
+            self.solver.use_level(level)
+            (values,) = yield from self.solver.under_priors([prior])
+            self._add(name, one_lobe(self._at(values), level.ravel()[self.places].astype(np.float64)), known)
+
     def _two_lobes(self) -> Generator[Progress, None, Lobes]:
         self.solver.use_level(None)
         maps = yield from self.solver.solve_two()
@@ -378,7 +394,7 @@ class _Contest:
         values = np.array([trial.material(joint).roughness for joint in self.joints])
         # Jackknife (Quenouille 1956) over the folds.
         sigma = float(np.sqrt((len(values) - 1) * values.var())) if trial.strength == ONE_VALUE else 0.0
-        level = None if trial.model == "one-lobe" else one.level
+        level = None if trial.model == "one-lobe" or trial in DRAWN_LEVELS else one.level
         # The lightness of most pixels says that texels differ, though the few brightest would flash.
         differ = (trial.strength == ONE_VALUE and self.fitted.model in ("one-lobe", "one-lobe-specular")
                   and errors[FITTED[self.fitted.model]].lightness < best.lightness)

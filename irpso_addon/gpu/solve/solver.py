@@ -28,6 +28,7 @@ SURE = 0.02  # ... texels this sure of their roughness ...
 UNSURE_SHARE = 0.05  # ... but for this share of them, need no neighbours
 ROBUST_SEARCHES = 4  # at most
 POLISH_STEPS = 4  # Levenberg-Marquardt, from each valley
+LEVEL_STEPS = 3  # the same at each Specular IOR Level that a texel tries
 STRIDES = (1, 2, 1)  # two lobes: how far away the neighbours are whose pairs a texel tries, pass by pass
 QUIET_PASSES = 1  # of them, without noise
 TAU = 0.03  # two lobes: how much the roughnesses of neighbours differ
@@ -136,6 +137,30 @@ class Solver(TilePasses):
             self.joint = None
             owned.hand_over(self.noise_map)
         return results
+
+    def levels_under(
+        self, priors: Sequence[JointPrior], only: list[Tile] | None = None,
+    ) -> Generator[Progress, None, list[F32]]:
+        """(h, w) Specular IOR Level of each texel under each prior of the material; all are about the same level.
+
+        The level in use is another one afterwards.  ``only``: of these tiles.
+        """
+        levels = []
+        with self.device.scope() as owned:
+            self.use_level(np.full(self.source.size[::-1], priors[0].level, np.float32))
+            self.joint = priors[0]  # outliers are believed, as of `_believed`
+            searched = yield from self.searched(only)
+            outputs = self.textures(1)
+            for prior in priors:
+                self.joint = prior
+                yield from self.run(searched.tiles, (0.5, 1.0), KernelPass(
+                    "solve/level.kernel", outputs, self._valleys(searched.outputs), {
+                        **self._floor(searched.variance), **self._joint(), "u_joint_level": prior.level,
+                        "u_level_strength": prior.level_strength, "u_steps": LEVEL_STEPS}))
+                levels.append(self.device.read(outputs[0])[..., 0].copy())
+            self.joint = None
+            owned.hand_over(self.noise_map)
+        return levels
 
     def searched(self, chosen: list[Tile] | None = None) -> Generator[Progress, None, Searched]:
         """Search every texel alone, for one lobe.  ``chosen``: these tiles."""

@@ -1,0 +1,97 @@
+"""Specular IOR Levels that differ from texel to texel, about their material's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import JointPrior
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.shading import brdf
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.solve.solver import Solver
+from tests.support import synthetic as syn
+from tests.support.shoots import errors, rig, run
+from tests.support.texels import Texels, as_metal, exact, finish
+
+ROUGH = 0.4
+PRIOR = JointPrior(ROUGH, 200.0, level=0.35, level_strength=0.2)
+LEVELS = 0.15, 0.8
+
+
+def levels_of(on_gl: Any, texels: Texels, priors: list[JointPrior]) -> list[np.ndarray]:
+    def find(device: Device) -> list[np.ndarray]:
+        solver = Solver(device, texels.source(device), SolveSettings(size=max(16, texels.quality.shape[0])))
+        solver.shown = False
+        found = finish(solver.levels_under(priors))
+        solver.use_level(None)
+        for thing in (solver, solver.source):
+            thing.release()
+        return found
+
+    return on_gl(find)
+
+
+@pytest.fixture(scope="module")
+def halves() -> tuple[Texels, np.ndarray]:
+    """Texels of one roughness and two levels with 1 % noise, and the levels."""
+    problem, _ = exact()
+    shape = problem.truth.roughness.shape
+    one = replace(problem, truth=replace(problem.truth, roughness=np.full(shape, ROUGH)))
+    left = np.arange(shape[1]) < shape[1] // 2
+    low, high = (as_metal(one, 0.0, level) for level in LEVELS)
+    noise = 1 + 0.01 * np.random.default_rng(5).standard_normal(low.rgb.shape)
+    rgb = np.where(left[:, None, None], low.rgb, high.rgb) * noise
+    return replace(low, rgb=rgb.astype(np.float32)), np.broadcast_to(np.where(left, *LEVELS), shape)
+
+
+def test_each_texel_finds_its_own(on_gl, halves):
+    texels, truth = halves
+    (found,) = levels_of(on_gl, texels, [PRIOR])
+    off = np.abs(np.log(found / truth))
+    assert np.median(off) < 0.1
+    assert np.quantile(off, 0.9) < 0.4
+
+
+def test_a_strong_prior_holds_them(on_gl, halves):
+    texels, _ = halves
+    weak, strong = levels_of(on_gl, texels, [PRIOR, replace(PRIOR, level_strength=1e4)])
+    assert np.abs(np.log(strong / PRIOR.level)).max() < 0.05
+    assert np.abs(np.log(weak / PRIOR.level)).mean() > 0.5
+
+
+def test_a_texel_that_nothing_tells_takes_its_material_s(on_gl, halves):
+    texels, _ = halves
+    quality = texels.quality.copy()
+    quality[:8, :, 1:] = 0.0  # one observation
+    (found,) = levels_of(on_gl, replace(texels, quality=quality), [PRIOR])
+    assert np.abs(np.log(found[:8] / PRIOR.level)).max() < 0.01
+
+
+def varied(base: np.ndarray, *others: Any) -> np.ndarray:
+    """A surface of one roughness, whose light parts reflect more."""
+    return brdf.principled(base, *others, level=np.where(base.mean(-1) > 0.4, *LEVELS[::-1]))
+
+
+def test_auto_takes_them_where_they_predict_better():
+    light = syn.quarters([(0.6, 0.5, 0.4), (0.2, 0.3, 0.2), (0.7, 0.7, 0.7), (0.1, 0.12, 0.15)])
+    truth = replace(syn.PATCHES, base=light, roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), ROUGH))
+    views = rig(1, 16)
+    found = run(syn.shoot(replace(truth, reflect=varied), views, noise=0.01), model="auto")
+    prediction = found.predictions["Paint"]
+    assert prediction.taken.startswith("a value and level a texel")
+    assert prediction.error.lightness < 0.8 * prediction.tried["one value and level"].lightness
+    maps = found.maps
+    solved = maps.coverage & ~maps.filled
+    n = len(maps.roughness)
+    at = (np.arange(n) + 0.5) / n
+    level = np.where(light(*np.meshgrid(at, at)).mean(-1) > 0.4, *LEVELS[::-1])
+    assert maps.specular is not None and found.levels == {}  # a map, no number
+    assert np.median(np.abs(np.log(maps.specular / level))[solved]) < 0.15
+    assert np.median(errors(found, truth).rough) < 0.03
+    again = run(syn.shoot(replace(truth, reflect=partial(brdf.principled, level=0.35)), views, noise=0.01), model="auto")
+    assert not again.predictions["Paint"].taken.startswith("a value and level a texel")
