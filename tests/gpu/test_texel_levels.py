@@ -93,5 +93,6 @@ def test_auto_takes_them_where_they_predict_better():
     assert maps.specular is not None and found.levels == {}  # a map, no number
     assert np.median(np.abs(np.log(maps.specular / level))[solved]) < 0.15
     assert np.median(errors(found, truth).rough) < 0.03
-    again = run(syn.shoot(replace(truth, reflect=partial(brdf.principled, level=0.35)), views, noise=0.01), model="auto")
+    one = replace(truth, reflect=partial(brdf.principled, level=0.35))
+    again = run(syn.shoot(one, views, noise=0.01), model="auto")
     assert not again.predictions["Paint"].taken.startswith("a value and level a texel")

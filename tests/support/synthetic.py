@@ -15,6 +15,7 @@ import numpy as np
 from irpso_addon.core.data import Camera, Light, MeshArrays, RadianceImage, SceneData, View
 from irpso_addon.core.lens import Lens
 from irpso_addon.core.shading import brdf, lights
+from irpso_addon.core.vectors import dot, length
 
 CELLS = 24
 MARGIN = 0.05  # of the UV square, left free around the island
@@ -243,8 +244,8 @@ def radiance(truth: Truth, points: np.ndarray, toward_viewer: np.ndarray, lamps:
         count = 1 if light.kind != "AREA" and light.radius == 0 else emitter_points
         for i in range(count):
             offset, weight = lights.light_sample(light, points, np.full(points.shape[:-1], i), count)
-            L = offset / np.linalg.norm(offset, axis=-1, keepdims=True)
-            cosine = np.maximum((L * normal).sum(-1), 0)
+            L = offset / length(offset)[..., None]
+            cosine = np.maximum(dot(L, normal), 0)
             for low, high in blocks:
                 weight = weight * ~box_blocks(points, L * 100 if light.kind == "SUN" else offset, low, high)
             whole = truth.reflect(base, rough, L, toward_viewer, normal)

@@ -12,6 +12,7 @@ from ..data import F64, I32, Bool, Camera, Light
 from ..evaluation.sampled_texels import SampledTexels
 from ..shading import brdf
 from ..shading.lights import light_irradiance
+from ..vectors import dot, length
 from ..vignetting import log_cosine
 from .rig import Rig, RigChange
 
@@ -192,10 +193,10 @@ def _angles(light: Light, camera: Camera, sample: RigSample) -> tuple[F64, F64]:
                 else light.matrix[:3, 3] - sample.position)
     to_camera = np.broadcast_to(-camera.forward, sample.position.shape) if camera.orthographic else (
         camera.position - sample.position)
-    L, V = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12) for v in (to_light, to_camera))
-    H = (L + V) / np.maximum(np.linalg.norm(L + V, axis=-1, keepdims=True), 1e-12)
+    L, V = (v / np.maximum(length(v)[..., None], 1e-12) for v in (to_light, to_camera))
+    H = (L + V) / np.maximum(length(L + V)[..., None], 1e-12)
     N = sample.normal
-    return (N * L).sum(-1), 1 - np.clip((N * H).sum(-1), -1, 1) ** 2
+    return dot(N, L), 1 - np.clip(dot(N, H), -1, 1) ** 2
 
 
 def _turned(lobe: F64, now: tuple[F64, F64], given: tuple[F64, F64], share: F64) -> F64:

@@ -9,6 +9,7 @@ from ..evaluation.joint_material import COSINES, HELD_TOGETHER, JointSearch, One
 from ..evaluation.lobe_values import fresnel_ratio, lobe_values
 from ..evaluation.sampled_texels import Lobes, SampledTexels
 from ..shading import brdf
+from ..vectors import dot, mean
 from .paint import base_colours, paints_of
 from .rig_sample import RigSample
 
@@ -43,9 +44,9 @@ def lobes_of(sample: RigSample, texels: SampledTexels, materials: dict[int, OneM
 def _roughness(texels: SampledTexels, one: OneMaterial) -> F64:
     """(T,) by the squared errors of the cube root of radiance, as `JointSearch`."""
     usable: Bool = texels.usable()
-    f = texels.reflected.mean(-1)
-    unit = np.maximum(f, texels.typical().mean(-1))
-    light = texels.irradiance.mean(-1)
+    f = mean(texels.reflected)
+    unit = np.maximum(f, mean(texels.typical()))
+    light = mean(texels.irradiance)
     weight = np.where(usable, texels.quality * light ** (2 / 3) / unit ** (4 / 3), 0.0)
     cos_v, paints = np.clip(texels.cos_v, 1e-3, 1.0), paints_of(texels)
     ratio = fresnel_ratio(texels.lobes, cos_v, np.asarray(one.level), texels.nodes)
@@ -55,7 +56,7 @@ def _roughness(texels: SampledTexels, one: OneMaterial) -> F64:
         gain, taken = (np.interp(texels.cos_v, COSINES, energy[:, k]) for k in (0, 1))
         diffuse = (1 - taken) / np.pi
         shape = lobe_values(texels.lobes, cos_v, np.full(len(f), roughness), nodes=texels.nodes)
-        specular = (shape * ratio).sum(-1) * gain
+        specular = dot(shape, ratio) * gain
         base = base_colours(paints, weight, diffuse, f - specular)
         costs[n] = (weight * (f - specular - base * diffuse) ** 2).sum(1)
     degrees = np.maximum(usable.sum(1) - 2, 1)

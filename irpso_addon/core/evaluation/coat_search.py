@@ -13,6 +13,7 @@ import numpy as np
 
 from ..data import F64, Bool, Coat
 from ..shading import brdf
+from ..vectors import dot
 from .joint_material import COSINES, LEVELS, METAL_BASE, ROUGHNESS, UNSEEN, Joint, JointSearch, OneMaterial
 from .lobe_values import coat_values, fresnel_ratio, lobe_values, metal_values
 from .sampled_texels import LEAST, SampledTexels
@@ -150,7 +151,7 @@ class _Descent:
         (ratio,) = self._keep("level", level, lambda: (fresnel_ratio(lobes, self.cos_v, np.asarray(level), nodes),))
         energy = brdf.principled_energy_level(roughness, COSINES, level)
         gain, taken = (np.interp(self.cos_v, COSINES, energy[:, k]) for k in (0, 1))
-        white, rest = (1 - taken) / np.pi, (shape * ratio).sum(-1) * gain
+        white, rest = (1 - taken) / np.pi, dot(shape, ratio) * gain
         if metallic > 0:
             own, edge = self._keep("metal", roughness, lambda: self._metal(roughness))
             white, rest = (1 - metallic) * white + metallic * own, (1 - metallic) * rest + metallic * edge

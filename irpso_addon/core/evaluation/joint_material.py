@@ -19,6 +19,7 @@ import numpy as np
 
 from ..data import F64, Bool, Coat
 from ..shading import brdf
+from ..vectors import dot, summed
 from .lobe_values import fresnel_ratio, lobe_values, metal_values
 from .sampled_texels import LEAST, SampledTexels, metal_gain
 
@@ -134,7 +135,7 @@ def _dielectric(texels: SampledTexels) -> tuple[F64, F64]:
         for i, ratio in enumerate(ratios):
             gain, taken = (np.interp(texels.cos_v, COSINES, energy) for energy in _energies()[i, j])
             a[:, i, j] = (1 - taken) / np.pi
-            s[:, i, j] = (lobe * ratio).sum(-1) * gain
+            s[:, i, j] = dot(lobe, ratio) * gain
     return a, s
 
 
@@ -176,7 +177,7 @@ def _costs(sums: list[dict[str, F64]], metallic: float) -> F64:
 def _residual(ff: F64, white: F64, slope: F64, rest: F64) -> F64:
     """(..., T) least of ff + rest + b^2 white - 2 b slope over b in [0, 1], summed over channels."""
     base = np.clip(slope / np.maximum(white, LEAST), 0, 1)
-    return np.asarray(np.maximum(ff + rest + base * (base * white - 2 * slope), 0.0).sum(-1))
+    return summed(np.maximum(ff + rest + base * (base * white - 2 * slope), 0.0))
 
 
 def _parts(cost: F64, seen: Bool) -> tuple[OneMaterial, ...]:

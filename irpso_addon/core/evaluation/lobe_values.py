@@ -12,6 +12,7 @@ import numpy as np
 
 from ..data import F64, Coat
 from ..shading import brdf, environment
+from ..vectors import dot
 
 MIDDLE = 0.35  # roughness at which V.H is taken where that of the lobe is not at hand
 
@@ -65,7 +66,7 @@ def metal_values(lobes: F64, cos_v: F64, roughness: F64, nodes: F64 | None = Non
     across = half_cosine(lobes, cos_v, nodes, roughness)
     shape = lobe_values(lobes, cos_v, roughness, nodes=nodes) / brdf.F_dielectric(across)
     edge = brdf.F_schlick(across)
-    return (shape * (1 - edge)).sum(-1), (shape * edge).sum(-1)
+    return dot(shape, 1 - edge), dot(shape, edge)
 
 
 def coat_values(lobes: F64, cos_v: F64, coat: Coat, nodes: F64 | None = None) -> tuple[F64, F64]:

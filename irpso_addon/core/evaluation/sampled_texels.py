@@ -13,6 +13,7 @@ import numpy as np
 
 from ..data import F64, I32, Bool, Coat
 from ..shading import brdf
+from ..vectors import mean, median_of_known, summed
 from .lobe_values import coat_values, fresnel_ratio, lobe_values, metal_values
 
 MISSED_SHADOW = 0.3  # of a texel's typical reflection: darker is taken for a shadow that the shadow map missed
@@ -46,7 +47,7 @@ class SampledTexels:
             same = self.channel == channel
             seen = np.where(self.quality[:, same, None] > 0, self.reflected[:, same], np.nan)
             some = (self.quality[:, same] > 0).any(1)
-            result[np.ix_(some, same)] = np.maximum(np.nanmedian(seen[some], axis=1), 1e-4)[:, None]
+            result[np.ix_(some, same)] = np.maximum(median_of_known(seen[some]), 1e-4)[:, None]
         result.setflags(write=False)
         return result
 
@@ -56,7 +57,7 @@ class SampledTexels:
 
     @cached_property
     def _usable(self) -> Bool:
-        usable: Bool = (self.quality > 0) & (self.reflected.mean(-1) > MISSED_SHADOW * self.typical().mean(-1))
+        usable: Bool = (self.quality > 0) & (mean(self.reflected) > MISSED_SHADOW * mean(self.typical()))
         usable.setflags(write=False)
         return usable
 
@@ -130,13 +131,13 @@ def _lobe(texels: SampledTexels, roughness: F64, level: F64, beckmann: bool) -> 
     cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
     shape = lobe_values(texels.lobes, cos_v, roughness, beckmann, texels.nodes)
     if beckmann:
-        return np.full(cos_v.shape, 1 / np.pi), shape.sum(-1)
+        return np.full(cos_v.shape, 1 / np.pi), summed(shape)
     if np.all(level == 0.5):
         energy = brdf.principled_energy(roughness[:, None], cos_v)
     else:
         energy = brdf.principled_energy_level(roughness[:, None], cos_v, level[:, None])
         shape = shape * fresnel_ratio(texels.lobes, cos_v, level[:, None, None], texels.nodes, roughness)
-    return (1 - energy[..., 1]) / np.pi, shape.sum(-1) * energy[..., 0]
+    return (1 - energy[..., 1]) / np.pi, summed(shape) * energy[..., 0]
 
 
 def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool) -> F64:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import F64, Coat
+from ..vectors import dot, length
 from .tables import F0, FRESNEL_NODES, IOR, SIZE, SLICES, bilinear, bilinear_d, energy_nodes, principled_table
 
 ArrayLike = float | NDArray[np.floating]  # every argument broadcasts
@@ -295,10 +296,11 @@ def angles(L: ArrayLike, V: ArrayLike, N: ArrayLike) -> Angles:
     """Of unit vectors to the light, to the viewer and along the normal."""
     light, view, normal = (np.asarray(v, np.float64) for v in (L, V, N))
     half = light + view
-    half = half / np.linalg.norm(half, axis=-1, keepdims=True)
-    cos_l, cos_v, cos_vh = ((a * b).sum(-1) for a, b in ((light, normal), (view, normal), (view, half)))
+    half = half / length(half)[..., None]
+    cos_l, cos_v, cos_vh = dot(light, normal), dot(view, normal), dot(view, half)
     seen = (cos_l > 0) & (cos_v > 0)
-    sin2h = (np.cross(normal, half) ** 2).sum(-1)
+    (nx, ny, nz), (hx, hy, hz) = (np.moveaxis(v, -1, 0) for v in (normal, half))
+    sin2h = (ny * hz - nz * hy) ** 2 + (nz * hx - nx * hz) ** 2 + (nx * hy - ny * hx) ** 2
     return Angles(seen, np.where(seen, cos_l, 1.0), np.where(seen, cos_v, 1.0), cos_vh, sin2h)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..data import F64, Light
+from ..vectors import dot, length
 
 KINDS = ("POINT", "SUN", "SPOT", "AREA")  # index: LIGHT_POINT ... in the shader
 ELLIPSE_SIDES = 32
@@ -57,10 +58,10 @@ def light_irradiance(light: Light, P: ArrayLike, N: ArrayLike) -> F64:
         total = np.zeros(P.shape[:-1])
         for cell in (np.indices((QUADRATURE, QUADRATURE)).reshape(2, -1).T + 0.5) / QUADRATURE:
             offset, weight = emitter_sample(light, P, np.broadcast_to(cell, (*P.shape[:-1], 2)), QUADRATURE**2)
-            total += weight * np.maximum((N * offset).sum(-1) / np.linalg.norm(offset, axis=-1), 0)
+            total += weight * np.maximum(dot(N, offset) / length(offset), 0)
         return total
     offset, sin_sigma, facing = light_round(light, P)
-    irradiance: F64 = facing * cone_cosine((N * offset).sum(-1) / np.linalg.norm(offset, axis=-1), sin_sigma)
+    irradiance: F64 = facing * cone_cosine(dot(N, offset) / length(offset), sin_sigma)
     return irradiance * spot_attenuation(uniforms, offset) if light.kind == "SPOT" else irradiance
 
 
@@ -105,7 +106,7 @@ def light_round(light: Light, P: F64) -> tuple[F64, F64, F64]:
         direction = -np.asarray(light_uniforms(light)["u_light_axis"])
         return np.broadcast_to(direction, P.shape), ones * np.sin(light.radius), ones
     offset = light.matrix[:3, 3] - P
-    d2, r2 = (offset * offset).sum(-1), light.radius**2
+    d2, r2 = dot(offset, offset), light.radius**2
     reach2 = d2 + r2 if light.soft_falloff else np.maximum(d2, r2)
     return offset, np.sqrt(r2 / reach2), 1 / (4 * np.pi * reach2)
 
@@ -114,7 +115,7 @@ def spot_attenuation(uniforms: dict[str, Any], offset: F64) -> F64:
     """What the cone lets through toward P, ``offset`` (..., 3) = lamp - P: smoothstep in the cosine to its axis."""
     local = offset @ np.reshape(uniforms["u_light_to_local"], (3, 3))  # stored by columns: its own transpose
     cosine, steepness = uniforms["u_light_spot"]
-    t = np.clip((local[..., 2] / np.linalg.norm(local, axis=-1) - cosine) * steepness, 0, 1)
+    t = np.clip((local[..., 2] / length(local) - cosine) * steepness, 0, 1)
     value: F64 = t * t * (3 - 2 * t)
     return value
 
@@ -141,15 +142,15 @@ def round_sample(light: Light, P: F64, square: F64, n: int) -> tuple[F64, F64]:
     """light_sample of a round lamp: points of the disc that spans the same cone, at the lamp's centre."""
     offset, sin_sigma, facing = light_round(light, P)
     cos_sigma = np.maximum(np.sqrt(1 - np.minimum(sin_sigma**2, 1)), 1e-2)
-    d = np.linalg.norm(offset, axis=-1)[..., None]
+    d = length(offset)[..., None]
     s, t = light_basis(offset / d)
     at = disc_point(square, n) * (sin_sigma / cos_sigma)[..., None]
-    stretch2 = 1 + (at * at).sum(-1)  # (slant distance / d)^2: solid angle falls with its power 3/2
+    stretch2 = 1 + dot(at, at)  # (slant distance / d)^2: solid angle falls with its power 3/2
     weight: F64 = facing / (n * cos_sigma**2 * stretch2**1.5)
     offset = offset + d * (at[..., :1] * s + at[..., 1:] * t)
     if light.kind == "SPOT":
         weight = weight * spot_attenuation(light_uniforms(light), offset)
-    return (offset / np.linalg.norm(offset, axis=-1, keepdims=True) if light.kind == "SUN" else offset), weight
+    return (offset / length(offset)[..., None] if light.kind == "SUN" else offset), weight
 
 
 def area_sample(light: Light, P: F64, square: F64, n: int) -> tuple[F64, F64]:
@@ -168,7 +169,7 @@ def area_sample(light: Light, P: F64, square: F64, n: int) -> tuple[F64, F64]:
         at = 2 * square - 1
     offset = offset + at[..., :1] * u + at[..., 1:] * v
     # radiance 1 / (pi area) times solid angle area / n * cos / d^2
-    return offset, share * height / (np.pi * n * np.linalg.norm(offset, axis=-1) ** 3)
+    return offset, share * height / (np.pi * n * length(offset) ** 3)
 
 
 def spread_point(uniforms: dict[str, Any], offset: F64, height: F64, square: F64) -> tuple[F64, F64]:
@@ -260,8 +261,8 @@ def area_irradiance(light: Light, P: F64, N: F64) -> F64:
     hu, hv = np.linalg.norm(u), np.linalg.norm(v)
     total = np.abs(total) / (2 * np.pi * (np.pi if uniforms["u_light_ellipse"] else 4) * hu * hv)
     offset, weight = light_sample(light, P, 0, 1)
-    point = weight * np.maximum(_dot(offset, N) / np.linalg.norm(offset, axis=-1), 0)
+    point = weight * np.maximum(_dot(offset, N) / length(offset), 0)
     front = center @ np.asarray(uniforms["u_light_axis"]) < 0
-    small = max(hu, hv) < POINT_SIZE * np.linalg.norm(center, axis=-1)
+    small = max(hu, hv) < POINT_SIZE * length(center)
     irradiance: F64 = np.where(front, np.where(small, point, total), 0.0)
     return irradiance
