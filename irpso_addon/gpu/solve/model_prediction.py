@@ -211,7 +211,7 @@ class _Contest:
         if self.fitted.model in ("one-lobe", "one-lobe-specular"):
             spared = self.judge.spared()
             leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
-        taken = incumbent if leads else self.judge.choose(self._families())
+        taken = incumbent if leads else self._chosen()
         coated = yield from self._under_coats(taken, metal or apart)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
@@ -304,13 +304,21 @@ class _Contest:
                 del self.predictions[name]
         return [trial for trial in trials if trial.name in hopeful]
 
-    def _families(self) -> list[list[str]]:
-        """Names of trials from the smallest models on; the last is the fit's own, where its texels know no prior.
+    def _chosen(self) -> str:
+        """The best of the smallest models that predict about as well; a metal whose texels differ must lead clearly."""
+        taken = self.judge.choose(self._families(list(self.trials.values())))
+        metals = {trial.name for trial in DRAWN_METAL}
+        if taken not in metals or self.judge.leads(taken, CLEAR, set(self.predictions) - metals):
+            return taken
+        return self.judge.choose(self._families([trial for trial in self.trials.values() if trial.name not in metals]))
+
+    def _families(self, trials: list[_Trial]) -> list[list[str]]:
+        """Their names from the smallest models on; the last is the fit's own, where its texels know no prior.
 
         Metals come late: a Metallic that is none misleads more than a roughness too many.
         """
-        metal = [trial for trial in self.trials.values() if trial.model == "one-lobe-metallic"]
-        plain = [trial for trial in self.trials.values() if trial not in metal]
+        metal = [trial for trial in trials if trial.model == "one-lobe-metallic"]
+        plain = [trial for trial in trials if trial not in metal]
         own = [[FITTED[self.fitted.model]]] if self.fitted.model in ("one-lobe", "one-lobe-specular") else []
         return [["lambert"], *_by_size(plain), *_by_size(metal), *own]
 
