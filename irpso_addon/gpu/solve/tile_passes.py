@@ -16,6 +16,7 @@ from ..device.context import Device, Inputs, Textures
 from ..observe.observation_atlas import ObservationAtlas, Source, Tile
 from .live_readback import LOOKS
 
+LEVEL_KERNELS = ("solve/level.kernel", "solve/level_costs.kernel")  # which try Specular IOR Levels of their own
 Uniforms = Mapping[str, float | int | tuple[float, ...]]
 
 
@@ -93,7 +94,7 @@ class TilePasses:
     def _defines(self, work: KernelPass) -> dict[str, str]:
         defines = {**self.source.layers.defines(), "LOBES": str(work.lobes)}
         metal = work.lobes == 1 and self.metallic > 0.0
-        level_searched = "u_level_strength" in work.uniforms
+        level_searched = work.kernel in LEVEL_KERNELS
         tinted = metal and self.source.layers.channels == 1
         switches = {"COLOUR": work.colour or tinted, "STARTED": "u_started" in work.uniforms,
                     "SPECULAR": self.level is not None or level_searched, "LEVEL_SEARCHED": level_searched,
