@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import SceneData
+from irpso_addon.core.data import Camera, Light, SceneData
 from irpso_addon.core.errors import BadInput, StoppedWithWork
 from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.maps.export import layers
@@ -24,6 +24,7 @@ from irpso_addon.gpu.device import thread
 from irpso_addon.solve import block_solve, pipeline, tiled_solve
 from irpso_addon.solve.plan_preparation import TiledRequest
 from tests.support import synthetic as syn
+from tests.support.shoots import rig
 
 SIZE, BLOCK = 128, 64  # texels
 PIXELS = 72
@@ -39,8 +40,12 @@ Found = dict[str, np.ndarray]
 def scene(tmp_path_factory: pytest.TempPathFactory) -> SceneData:
     """A plane whose material changes smoothly, its noisy pictures in files."""
     folder = tmp_path_factory.mktemp("pictures")
-    rig = [(camera, [lamp]) for camera in syn.cameras(2) for lamp in syn.lamps(6)]
-    shoot = syn.shoot(WAVES, rig, (PIXELS, PIXELS), noise=NOISE)
+    return in_files(WAVES, [(camera, [lamp]) for camera in syn.cameras(2) for lamp in syn.lamps(6)], folder)
+
+
+def in_files(truth: syn.Truth, rig: list[tuple[Camera, list[Light]]], folder: Path) -> SceneData:
+    """A scene whose pictures are files in a folder."""
+    shoot = syn.shoot(truth, rig, (PIXELS, PIXELS), noise=NOISE)
     views = []
     for view in shoot.scene.views:
         write_image(folder / view.image.name, shoot.images[view.image.name].rgb, kind="exr", color=True)
@@ -133,6 +138,18 @@ def test_a_block_has_the_plans_specular_level(scene: SceneData, tmp_path: Path) 
     solved = found["filled"] < 0.5
     np.testing.assert_allclose(found["specular"][solved], level, atol=1e-6)
     assert abs(level - 0.5) < 0.1  # the truth
+
+
+def test_blocks_find_the_levels_of_their_texels(tmp_path: Path) -> None:
+    scene = in_files(syn.VARIED, rig(1, 16), tmp_path)
+    found = solve(scene, tmp_path / "out", model="auto")
+    plan, solved = found["plan"].solution, found["filled"] < 0.5
+    assert plan.priors["Paint"].level_strength > 0 and plan.levels == {}
+    off = np.abs(np.log(found["specular"] / syn.levels_of_varied(SIZE)))
+    assert np.median(off[solved]) < 0.2
+    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto"))).maps
+    apart = np.abs(found["specular"] - whole.specular)[solved]
+    assert np.quantile(apart, 0.999) < 1e-3 and apart.max() < 0.05
 
 
 def test_little_memory_shrinks_the_pictures(

@@ -19,9 +19,8 @@ from tests.support.shoots import errors, rig, run
 from tests.support.texels import Texels, as_metal, exact, finish
 
 ROUGH = 0.4
+LEVELS = syn.LEVELS
 PRIOR = JointPrior(ROUGH, 200.0, level=0.35, level_strength=0.2)
-LEVELS = 0.15, 0.8
-
 
 def levels_of(on_gl: Any, texels: Texels, priors: list[JointPrior]) -> list[np.ndarray]:
     def find(device: Device) -> list[np.ndarray]:
@@ -72,27 +71,17 @@ def test_a_texel_that_nothing_tells_takes_its_material_s(on_gl, halves):
     assert np.abs(np.log(found[:8] / PRIOR.level)).max() < 0.01
 
 
-def varied(base: np.ndarray, *others: Any) -> np.ndarray:
-    """A surface of one roughness, whose light parts reflect more."""
-    return brdf.principled(base, *others, level=np.where(base.mean(-1) > 0.4, *LEVELS[::-1]))
-
-
 def test_auto_takes_them_where_they_predict_better():
-    light = syn.quarters([(0.6, 0.5, 0.4), (0.2, 0.3, 0.2), (0.7, 0.7, 0.7), (0.1, 0.12, 0.15)])
-    truth = replace(syn.PATCHES, base=light, roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), ROUGH))
     views = rig(1, 16)
-    found = run(syn.shoot(replace(truth, reflect=varied), views, noise=0.01), model="auto")
+    found = run(syn.shoot(syn.VARIED, views, noise=0.01), model="auto")
     prediction = found.predictions["Paint"]
     assert prediction.taken.startswith("a value and level a texel")
     assert prediction.error.lightness < 0.8 * prediction.tried["one value and level"].lightness
     maps = found.maps
     solved = maps.coverage & ~maps.filled
-    n = len(maps.roughness)
-    at = (np.arange(n) + 0.5) / n
-    level = np.where(light(*np.meshgrid(at, at)).mean(-1) > 0.4, *LEVELS[::-1])
     assert maps.specular is not None and found.levels == {}  # a map, no number
-    assert np.median(np.abs(np.log(maps.specular / level))[solved]) < 0.15
-    assert np.median(errors(found, truth).rough) < 0.03
-    one = replace(truth, reflect=partial(brdf.principled, level=0.35))
+    assert np.median(np.abs(np.log(maps.specular / syn.levels_of_varied(len(maps.specular))))[solved]) < 0.15
+    assert np.median(errors(found, syn.VARIED).rough) < 0.03
+    one = replace(syn.VARIED, reflect=partial(brdf.principled, level=0.35))
     again = run(syn.shoot(one, views, noise=0.01), model="auto")
     assert not again.predictions["Paint"].taken.startswith("a value and level a texel")

@@ -231,6 +231,24 @@ PATCHES = Truth(
 )
 
 
+LEVELS = 0.15, 0.8
+
+
+def _by_brightness(base: np.ndarray, *others: np.ndarray) -> np.ndarray:
+    return brdf.principled(base, *others, level=np.where(base.mean(-1) > 0.4, *LEVELS[::-1]))
+
+
+VARIED = Truth(  # one roughness; the light parts have the larger of two Specular IOR Levels
+    base=quarters([(0.6, 0.5, 0.4), (0.2, 0.3, 0.2), (0.7, 0.7, 0.7), (0.1, 0.12, 0.15)]),
+    roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), 0.4), reflect=_by_brightness)
+
+
+def levels_of_varied(size: int) -> np.ndarray:
+    """(size, size) Specular IOR Level of VARIED at texels."""
+    at = (np.arange(size) + 0.5) / size
+    return np.asarray(np.where(VARIED.base(*np.meshgrid(at, at)).mean(-1) > 0.4, *LEVELS[::-1]))
+
+
 Box = tuple[Sequence[float], Sequence[float]]  # lowest and highest corner
 
 
