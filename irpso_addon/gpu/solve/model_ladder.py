@@ -179,11 +179,12 @@ class Ladder:
 
     def _one_lobe(self, name: str) -> Generator[Progress, None, LadderResult]:
         """One lobe of a material under its prior, at what is decided: level (else 0.5), Metallic (else 0), coat."""
-        level = None
+        level = unsure = None
         if name in self.decided_levels:
             level = np.full(self.masks[name].shape, self.decided_levels[name], np.float32)
         elif self._levels_differ(name):
-            (level,) = yield from self.solver.levels_under([self.priors[name]], self._tiles(self.solver, [name]))
+            ((level, unsure),) = yield from self.solver.levels_under(
+                [self.priors[name]], self._tiles(self.solver, [name]))
         self.solver.use_level(level)
         self.solver.use_metallic(self.decided_metallic.get(name, 0.0))
         self.solver.use_coat(self.decided_coats.get(name))
@@ -191,6 +192,9 @@ class Ladder:
         self.solver.use_level(None)
         self.solver.use_metallic(0.0)
         self.solver.use_coat(None)
+        if unsure is not None:
+            sigma = np.minimum(np.hypot(part.texels.sigma, np.sqrt(unsure)), np.float32(0.5))
+            part.texels = replace(part.texels, sigma=sigma)
         if level is not None:
             part.level = np.where(self.masks[name], level, np.float32(0.5))
         if name in self.decided_levels:

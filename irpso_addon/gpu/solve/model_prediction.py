@@ -359,7 +359,7 @@ class _Contest:
         """The same with a level a texel, which is drawn too."""
         priors = {trial.name: prior for trial in trials if (prior := trial.prior(joint)) is not None}
         levels = yield from self.solver.levels_under(list(priors.values()))
-        for (name, prior), level in zip(priors.items(), levels, strict=True):
+        for (name, prior), (level, _) in zip(priors.items(), levels, strict=True):
             self.solver.use_level(level)
             (values,) = yield from self.solver.under_priors([prior])
             self._add(name, one_lobe(self._at(values), level.ravel()[self.places].astype(np.float64)), known)

@@ -140,8 +140,10 @@ class Solver(TilePasses):
 
     def levels_under(
         self, priors: Sequence[JointPrior], only: list[Tile] | None = None,
-    ) -> Generator[Progress, None, list[F32]]:
-        """(h, w) Specular IOR Level of each texel under each prior of the material; all are about the same level.
+    ) -> Generator[Progress, None, list[tuple[F32, F32]]]:
+        """Each texel's Specular IOR Level under each prior of the material; all priors are about the same level.
+
+        (h, w) each: the level, and the variance that not knowing it adds to that of the roughness.
 
         The level in use is another one afterwards.  ``only``: of these tiles.
         """
@@ -157,7 +159,8 @@ class Solver(TilePasses):
                     "solve/level.kernel", outputs, self._valleys(searched.outputs), {
                         **self._floor(searched.variance), **self._joint(), "u_joint_level": prior.level,
                         "u_level_strength": prior.level_strength, "u_steps": LEVEL_STEPS}))
-                levels.append(self.device.read(outputs[0])[..., 0].copy())
+                found = self.device.read(outputs[0])
+                levels.append((found[..., 0].copy(), found[..., 1].copy()))
             self.joint = None
             owned.hand_over(self.noise_map)
         return levels
