@@ -261,7 +261,7 @@ class JointPrior:
     strength: float  # nats that a texel pays per squared log ratio; ONE_VALUE and more: all texels have that roughness
     sigma: float = 0.0  # what it is off by at a texel (standard error), where all texels have that one
     others: tuple[float, ...] = ()  # roughnesses that some texels lie about instead, at most two
-    level: float = 0.5  # Specular IOR Level of the material, about which that of its texels is normal in the same way
+    level: float = 0.5  # Specular IOR Level of the material, about which those of its texels are normal in the same way
     level_strength: float = 0.0  # nats per squared log ratio of levels; 0: all texels have the material's
 
     @property

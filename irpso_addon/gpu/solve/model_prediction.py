@@ -80,7 +80,8 @@ class _Trial:
         if self.strength == 0:
             return None
         one = self.material(joint)
-        return JointPrior(one.roughness, self.strength, sigma, one.others, one.level, self.level_strength)
+        prior = JointPrior(one.roughness, self.strength, sigma, one.others)
+        return replace(prior, level=one.level, level_strength=self.level_strength) if self.level_strength else prior
 
 
 def _trials(name: str, model: str, material: Callable[[Joint], OneMaterial], coat: str = "") -> list[_Trial]:

@@ -143,9 +143,8 @@ class Solver(TilePasses):
     ) -> Generator[Progress, None, list[tuple[F32, F32]]]:
         """Each texel's Specular IOR Level under each prior of the material; all priors are about the same level.
 
-        (h, w) each: the level, and the variance that not knowing it adds to that of the roughness.
-
-        The level in use is another one afterwards.  ``only``: of these tiles.
+        (h, w) each: the level, and the variance that not knowing it adds to that of the roughness.  The level in use is
+        another one afterwards.  ``only``: of these tiles.
         """
         levels = []
         with self.device.scope() as owned:
