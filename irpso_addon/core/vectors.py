@@ -26,11 +26,3 @@ def mean(values: NDArray[np.floating]) -> F64:
 def length(vectors: NDArray[np.floating]) -> F64:
     """(...) of (..., n)."""
     return np.asarray(np.sqrt(dot(vectors, vectors)))
-
-
-def median_of_known(values: F64) -> F64:
-    """(T, ...) median along axis 1 of what is not NaN in (T, V, ...), of which there is something everywhere."""
-    known = (~np.isnan(values)).sum(1)
-    ordered = np.sort(values, axis=1)  # NaN last
-    low, high = (np.take_along_axis(ordered, at[:, None], 1)[:, 0] for at in ((known - 1) // 2, known // 2))
-    return np.asarray(0.5 * (low + high))

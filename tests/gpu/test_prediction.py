@@ -41,11 +41,25 @@ def real() -> Solution:
     return run(shoot(REAL), model="auto")
 
 
-def test_one_value_is_taken_where_texels_would_find_false_lobes(real):
+@pytest.fixture
+def at_half(monkeypatch) -> Solution:
+    """The same, evidence having preferred one lobe at level 0.5."""
+    def one(*_):
+        yield from ()
+        return "one-lobe", "evidence"
+
+    monkeypatch.setattr(Ladder, "_try_larger", one)
+    return run(shoot(REAL), model="auto")
+
+
+def test_one_value_is_taken_where_texels_would_find_false_lobes(real, at_half):
     prediction = real.predictions["Paint"]
     assert prediction.taken == "one value and level" and prediction.left_out == "lamps"
     own = prediction.tried["a value a texel, one level"]  # the fit's own choice
     assert own.relative_rms > 1.5 * prediction.error.relative_rms and own.lightness > prediction.error.lightness
+    assert at_half.predictions["Paint"].taken == prediction.taken  # and where the fit prefers the usual level
+    false = at_half.predictions["Paint"].tried["a value a texel"]
+    assert false.relative_rms > 5 * at_half.predictions["Paint"].error.relative_rms
     assert prediction.error.relative_rms < 0.5 * prediction.tried["lambert"].relative_rms
     assert prediction.error.lightness < 0.6 * prediction.tried["lambert"].lightness
     maps = real.maps

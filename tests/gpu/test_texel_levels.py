@@ -19,8 +19,8 @@ from tests.support.shoots import rig, run
 from tests.support.texels import Texels, as_metal, exact, finish
 
 ROUGH = 0.4
-LEVELS = syn.LEVELS
 PRIOR = JointPrior(ROUGH, 200.0, level=0.35, level_strength=0.2)
+
 
 def levels_of(on_gl: Any, texels: Texels, priors: list[JointPrior]) -> list[np.ndarray]:
     def find(device: Device) -> list[np.ndarray]:
@@ -42,10 +42,10 @@ def halves() -> tuple[Texels, np.ndarray]:
     shape = problem.truth.roughness.shape
     one = replace(problem, truth=replace(problem.truth, roughness=np.full(shape, ROUGH)))
     left = np.arange(shape[1]) < shape[1] // 2
-    low, high = (as_metal(one, 0.0, level) for level in LEVELS)
+    low, high = (as_metal(one, 0.0, level) for level in syn.LEVELS)
     noise = 1 + 0.01 * np.random.default_rng(5).standard_normal(low.rgb.shape)
     rgb = np.where(left[:, None, None], low.rgb, high.rgb) * noise
-    return replace(low, rgb=rgb.astype(np.float32)), np.broadcast_to(np.where(left, *LEVELS), shape)
+    return replace(low, rgb=rgb.astype(np.float32)), np.broadcast_to(np.where(left, *syn.LEVELS), shape)
 
 
 def test_each_texel_finds_its_own(on_gl, halves):

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..data import F64, I32, Bool, Coat
 from ..shading import brdf
-from ..vectors import mean, median_of_known, summed
+from ..vectors import mean, summed
 from .lobe_values import coat_values, fresnel_ratio, lobe_values, metal_values
 
 MISSED_SHADOW = 0.3  # of a texel's typical reflection: darker is taken for a shadow that the shadow map missed
@@ -47,7 +47,7 @@ class SampledTexels:
             same = self.channel == channel
             seen = np.where(self.quality[:, same, None] > 0, self.reflected[:, same], np.nan)
             some = (self.quality[:, same] > 0).any(1)
-            result[np.ix_(some, same)] = np.maximum(median_of_known(seen[some]), 1e-4)[:, None]
+            result[np.ix_(some, same)] = np.maximum(_median_of_known(seen[some]), 1e-4)[:, None]
         result.setflags(write=False)
         return result
 
@@ -164,3 +164,11 @@ def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool) -> F64:
                 shown = (share[0] + OTHER_CAMERA * total[0]) / np.maximum(share[1] + OTHER_CAMERA * total[1], LEAST)
                 result[:, own] = np.clip(shown, 0, 1)[:, None]
     return np.asarray(result * white + rest)
+
+
+def _median_of_known(values: F64) -> F64:
+    """(T, ...) median along axis 1 of what is not NaN in (T, V, ...), of which there is something everywhere."""
+    known = (~np.isnan(values)).sum(1)
+    ordered = np.sort(values, axis=1)  # NaN last
+    low, high = (np.take_along_axis(ordered, at[:, None], 1)[:, 0] for at in ((known - 1) // 2, known // 2))
+    return np.asarray(0.5 * (low + high))

@@ -199,16 +199,11 @@ def spread_point(uniforms: dict[str, Any], offset: F64, height: F64, square: F64
 def polygon_edge(a: F64, e: F64, N: F64) -> F64:
     """One edge of Lambert's sum, from a along e, all (..., 3)."""
     c = np.cross(a, e)
-    size, along = np.sqrt(_dot(c, c)), _dot(a, a + e)
+    size, along = np.sqrt(dot(c, c)), dot(a, a + e)
     far = size > 1e-6 * np.abs(along)
     angle = np.where(far, np.arctan2(size, along) / np.where(far, size, 1), 1 / np.where(along == 0, 1, along))
-    value: F64 = _dot(c, N) * angle
+    value: F64 = dot(c, N) * angle
     return value
-
-
-def _dot(a: F64, b: F64) -> F64:
-    """Of the last axes; an eighth of the time of a product and its sum."""
-    return np.asarray(np.einsum("...i,...i", a, b))
 
 
 def area_corners(ellipse: bool) -> F64:
@@ -233,7 +228,7 @@ def _clipped_sum(outline: F64, N: F64) -> F64:
     leave, enter = np.zeros(N.shape), np.zeros(N.shape)  # where the outline goes below the horizon and comes back
     for a, following in zip(outline, np.roll(outline, -1, 0), strict=True):
         e = following - a
-        za, ze = _dot(a, N), _dot(e, N)
+        za, ze = dot(a, N), dot(e, N)
         zb = za + ze
         rises, falls = (za < 0) & (zb >= 0), (za >= 0) & (zb < 0)
         clipped |= rises | falls
@@ -252,7 +247,7 @@ def area_irradiance(light: Light, P: F64, N: F64) -> F64:
     center = np.asarray(uniforms["u_light_position"]) - P
     corners = area_corners(uniforms["u_light_ellipse"]) @ np.stack([u, v])
     outline = center + corners.reshape(-1, *[1] * (P.ndim - 1), 3)
-    height = _dot(outline, np.broadcast_to(N, outline.shape))
+    height = dot(outline, np.broadcast_to(N, outline.shape))
     total, above = np.zeros(P.shape[:-1]), (height >= 0).any(0)
     whole = above & (height >= 0).all(0)
     part = above & ~whole
@@ -261,7 +256,7 @@ def area_irradiance(light: Light, P: F64, N: F64) -> F64:
     hu, hv = np.linalg.norm(u), np.linalg.norm(v)
     total = np.abs(total) / (2 * np.pi * (np.pi if uniforms["u_light_ellipse"] else 4) * hu * hv)
     offset, weight = light_sample(light, P, 0, 1)
-    point = weight * np.maximum(_dot(offset, N) / length(offset), 0)
+    point = weight * np.maximum(dot(offset, N) / length(offset), 0)
     front = center @ np.asarray(uniforms["u_light_axis"]) < 0
     small = max(hu, hv) < POINT_SIZE * length(center)
     irradiance: F64 = np.where(front, np.where(small, point, total), 0.0)

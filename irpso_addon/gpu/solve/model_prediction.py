@@ -19,10 +19,25 @@ from ...core.params import SolveSettings
 from ..device.context import Device
 from ..observe.observation_atlas import Source
 from .material_sample import MaterialSample, clusters, read_sample, sampled
+from .prediction_trials import (
+    DRAWN,
+    DRAWN_COAT,
+    DRAWN_COAT_METAL,
+    DRAWN_LEVEL,
+    DRAWN_LEVELS,
+    DRAWN_METAL,
+    FITTED,
+    FREE_COAT,
+    PARTS,
+    UNIFORM,
+    UNIFORM_COAT,
+    UNIFORM_COAT_METAL,
+    UNIFORM_METAL,
+    Trial,
+    by_size,
+)
 from .solver import Solver
 
-STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
-LEVEL_STRENGTHS = ((200.0, 1.0), (200.0, 0.2), (10.0, 0.2))  # where levels differ too: of roughness, and of level
 JUDGED = 2000  # texels, of a sample
 RACE = 0.5  # of its loss: what is so much worse than the best in the first fold is not tried in the others
 CLEAR = 0.15  # of its loss: a fit that leads by so much over one value for the material needs no prior
@@ -62,67 +77,6 @@ class Fitted:
 
     model: str
     level: float = 0.5  # Specular IOR Level
-
-
-@dataclass(frozen=True)
-class _Trial:
-    """A way to describe the material by what all its texels say together."""
-
-    name: str
-    model: str
-    strength: float  # of the prior about the joint roughness
-    material: Callable[[Joint], OneMaterial]
-    coat: str = ""  # what is free below a coat, a word of core/evaluation/coat_search.py; "": there is none
-    level_strength: float = 0.0  # of the prior about the joint level; 0: all texels have that level
-
-    def prior(self, joint: Joint, sigma: float = 0.0) -> JointPrior | None:
-        """That its texels are drawn with."""
-        if self.strength == 0:
-            return None
-        one = self.material(joint)
-        prior = JointPrior(one.roughness, self.strength, sigma, one.others)
-        return replace(prior, level=one.level, level_strength=self.level_strength) if self.level_strength else prior
-
-
-def _trials(name: str, model: str, material: Callable[[Joint], OneMaterial], coat: str = "") -> list[_Trial]:
-    return [_Trial(f"{name}, prior {strength:g}", model, strength, material, coat) for strength in STRENGTHS]
-
-
-UNIFORM = (
-    _Trial("one value", "one-lobe", ONE_VALUE, lambda joint: joint.plain),
-    _Trial("one value and level", "one-lobe-specular", ONE_VALUE, lambda joint: joint.specular),
-)
-UNIFORM_METAL = _Trial("one value, level and metallic", "one-lobe-metallic", ONE_VALUE, lambda joint: joint.metal)
-DRAWN = _trials("a value a texel", "one-lobe", lambda joint: joint.plain)
-DRAWN_LEVEL = _trials("a value a texel, one level", "one-lobe-specular", lambda joint: joint.apart)
-DRAWN_LEVELS = [_Trial(f"a value and level a texel, prior {strength:g}, {level:g}", "one-lobe-specular", strength,
-                       lambda joint: joint.specular, level_strength=level) for strength, level in LEVEL_STRENGTHS]
-DRAWN_METAL = _trials("a value a texel, one metallic", "one-lobe-metallic", lambda joint: joint.apart_metal)
-UNIFORM_COAT = _Trial("one value, level and coat", "one-lobe-specular", ONE_VALUE, lambda joint: joint.coated[PLAIN],
-                      PLAIN)
-UNIFORM_COAT_METAL = _Trial("one value, level, metallic and coat", "one-lobe-metallic", ONE_VALUE,
-                            lambda joint: joint.coated[METAL], METAL)
-DRAWN_COAT = _trials("a value a texel, one level and coat", "one-lobe-specular",
-                     lambda joint: joint.coated[PLAIN], PLAIN)
-DRAWN_COAT_METAL = _trials("a value a texel, one metallic and coat", "one-lobe-metallic",
-                           lambda joint: joint.coated[METAL], METAL)
-FREE_COAT = _Trial("a value a texel and coat", "one-lobe-specular", 0.0, lambda joint: joint.coated[APART], APART)
-PARTS = [_Trial("two parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[0]),
-         _Trial("three parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[1])]
-# The fit's own, without a prior of the material:
-FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specular": "a value a texel, one level",
-          "two-lobe": "two lobes"}
-
-
-def _by_size(trials: list[_Trial]) -> list[list[str]]:
-    """Names of one value for the material, of parts, and of texels that are drawn, by model; those with levels last."""
-    uniform = [[trial.name] for trial in trials if trial.strength == ONE_VALUE]
-    parts = [[trial.name] for trial in trials if trial in PARTS]
-    drawn: dict[tuple[str, bool], list[str]] = {}
-    for trial in trials:
-        if trial.strength != ONE_VALUE and trial not in PARTS:
-            drawn.setdefault((trial.model, trial in DRAWN_LEVELS), []).append(trial.name)
-    return [*uniform, *parts, *drawn.values()]
 
 
 class ModelPrediction:
@@ -178,7 +132,7 @@ class _Contest:
         self.joints: list[Joint] = []  # of each fold
         self.judge = Judge(observed, folds, clusters(sample, places))
         self.predictions: dict[str, list[F64]] = {}
-        self.trials: dict[str, _Trial] = {}
+        self.trials: dict[str, Trial] = {}
         self.coats: CoatSearch | None = None  # where one is sought
 
     def decide(self) -> Generator[Progress, None, Decision]:
@@ -247,7 +201,7 @@ class _Contest:
         trials = [trial for trial in self.trials.values() if trial.coat and self._no_worse(trial.name, error)]
         if FREE_COAT in trials and not self.judge.leads(FREE_COAT.name, CLEAR_TWO, [trial.name for trial in trials]):
             trials.remove(FREE_COAT)  # what no prior holds together must be clear, as of two lobes
-        found = self.judge.choose([[taken], *_by_size(trials)])
+        found = self.judge.choose([[taken], *by_size(trials)])
         return found if found != taken and self.judge.leads(found, CLEAR_COAT, [taken]) else None
 
     def _no_worse(self, name: str, than: PredictionError) -> bool:
@@ -274,8 +228,8 @@ class _Contest:
         return replace(joint, coated={**joint.coated, kind: self.coats.fit(kind, known, joint, self.fitted.level)})
 
     def _folds(
-        self, attempt: Callable[[Bool, Joint, list[_Trial]], Generator[Progress, None, None]],
-        trials: list[_Trial] | None = None, race: bool = False,
+        self, attempt: Callable[[Bool, Joint, list[Trial]], Generator[Progress, None, None]],
+        trials: list[Trial] | None = None, race: bool = False,
     ) -> Generator[Progress, None, None]:
         """Some trials in every fold, with what they predict; with ``race``, those alone that do well in the first."""
         if trials == [] or self.solver.cancelled:
@@ -296,7 +250,7 @@ class _Contest:
             if name not in before:
                 self.judge.add(name, predictions)
 
-    def _hopeful(self, trials: list[_Trial]) -> list[_Trial]:
+    def _hopeful(self, trials: list[Trial]) -> list[Trial]:
         """Those whose first fold leaves them a chance; the predictions of the others are forgotten."""
         new = [trial.name for trial in trials]
         hopeful = self.judge.hopeful({name: of[0] for name, of in self.predictions.items()}, new, RACE)
@@ -313,7 +267,7 @@ class _Contest:
             return taken
         return self.judge.choose(self._families([trial for trial in self.trials.values() if trial.name not in metals]))
 
-    def _families(self, trials: list[_Trial]) -> list[list[str]]:
+    def _families(self, trials: list[Trial]) -> list[list[str]]:
         """Their names from the smallest models on; the last is the fit's own, where its texels know no prior.
 
         Metals come late: a Metallic that is none misleads more than a roughness too many.
@@ -321,9 +275,9 @@ class _Contest:
         metal = [trial for trial in trials if trial.model == "one-lobe-metallic"]
         plain = [trial for trial in trials if trial not in metal]
         own = [[FITTED[self.fitted.model]]] if self.fitted.model in ("one-lobe", "one-lobe-specular") else []
-        return [["lambert"], *_by_size(plain), *_by_size(metal), *own]
+        return [["lambert"], *by_size(plain), *by_size(metal), *own]
 
-    def _own(self, known: Bool, joint: Joint, trials: list[_Trial]) -> Generator[Progress, None, None]:
+    def _own(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
         """No lobe, and the model that the fit prefers; beside two lobes also one."""
         self._add("lambert", None, known)
         model, name = self.fitted.model, FITTED[self.fitted.model]
@@ -336,7 +290,7 @@ class _Contest:
             (values,) = yield from self.solver.under_priors([None])
             self._add(name, one_lobe(self._at(values), level), known)
 
-    def _uniform(self, known: Bool, joint: Joint, trials: list[_Trial]) -> Generator[Progress, None, None]:
+    def _uniform(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
         """One value for the material."""
         yield PREDICTING
         for trial in trials:
@@ -344,7 +298,7 @@ class _Contest:
             values = np.full(len(self.places), one.roughness)
             self._add(trial.name, one_lobe(values, one.level, one.metallic, one.coat), known)
 
-    def _drawn(self, known: Bool, joint: Joint, trials: list[_Trial]) -> Generator[Progress, None, None]:
+    def _drawn(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
         """A value a texel, drawn to the material's, under several priors at one level and Metallic."""
         one = trials[0].material(joint)
         self.solver.use_level(self._grid(one.level) if one.level != 0.5 else None)
@@ -356,7 +310,7 @@ class _Contest:
         for trial, values in zip(trials, maps, strict=True):
             self._add(trial.name, one_lobe(self._at(values), one.level, one.metallic, one.coat), known)
 
-    def _drawn_levels(self, known: Bool, joint: Joint, trials: list[_Trial]) -> Generator[Progress, None, None]:
+    def _drawn_levels(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
         """The same with a level a texel, which is drawn too."""
         priors = {trial.name: prior for trial in trials if (prior := trial.prior(joint)) is not None}
         levels = yield from self.solver.levels_under(list(priors.values()))

@@ -21,7 +21,8 @@ from .tile_passes import KernelPass
 STEPS = (0.14, 0.03, 0.005, 0.001)  # between the levels of each round: the first reaches from 0 to 1
 KNOWN = 1  # of them that are left out where all levels are known from before
 LOOK = 0.04  # between the levels about 0.5 that say whether it may be another
-TRIED = np.arange(8.0) - 3.5  # levels of a round, in steps from the best so far
+TRIED = np.arange(8.0) - 3.5  # levels of a round, in steps from the best so far: two outputs of four
+BOUNDS = 0.02, 1.0  # of a Specular IOR Level
 REFINED = 3  # Levenberg-Marquardt steps of roughness at each
 LEVEL_WINDOW = 9  # texels: over which a level by texel is pooled
 LEVEL_SAME = 0.05  # a level so near to 0.5 is 0.5
@@ -93,7 +94,8 @@ class LevelSearch:
             outputs = solver.textures(2)
             yield from solver.run(places, (0.0, 1.0), KernelPass(
                 "solve/level_costs.kernel", outputs, {"u_valleys": start.valleys, "u_centre": centre},
-                {"u_level_step": step, "u_steps": REFINED}))
+                {"u_level_first": float(step * TRIED[0]), "u_level_step": step, "u_level_bounds": BOUNDS,
+                 "u_steps": REFINED}))
             residual = np.concatenate([self.device.read(texture) for texture in outputs], -1).astype(np.float64)
         observations = start.support.observations.astype(np.float64)
         informed = start.support.observed & (observations >= 3.0)
@@ -112,7 +114,7 @@ class LevelSearch:
             for mask in (mask for name, mask in masks.items() if name not in self.last.fixed):
                 pooled = costs[:, mask].sum(axis=1)[:, None, None]
                 result[mask] = level[mask] + np.float32(_lowest(offsets, pooled)[0, 0])
-        return np.clip(result, 0.02, 1.0)
+        return np.clip(result, *BOUNDS)
 
 
 def _box(values: F64, width: int) -> F64:

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from irpso_addon.core.change_records import PredictionError
 from irpso_addon.core.data import F64
 from irpso_addon.core.models import LADDER
-from irpso_addon.gpu.solve.model_prediction import DRAWN, DRAWN_LEVEL, DRAWN_METAL, FITTED, UNIFORM, UNIFORM_METAL
+from irpso_addon.gpu.solve.prediction_trials import DRAWN, DRAWN_LEVEL, DRAWN_METAL, FITTED, UNIFORM, UNIFORM_METAL
 from studies import pages
 
 from .judge import Judgement

@@ -1,0 +1,74 @@
+"""The candidates of a material: what each holds for all texels, what it leaves to them, and under which priors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from ...core.data import ONE_VALUE, JointPrior
+from ...core.evaluation.coat_search import APART, METAL, PLAIN
+from ...core.evaluation.joint_material import Joint, OneMaterial
+
+STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
+LEVEL_STRENGTHS = ((200.0, 1.0), (200.0, 0.2), (10.0, 0.2))  # where levels differ too: of roughness, and of level
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A way to describe the material by what all its texels say together."""
+
+    name: str
+    model: str
+    strength: float  # of the prior about the joint roughness
+    material: Callable[[Joint], OneMaterial]
+    coat: str = ""  # what is free below a coat, a word of core/evaluation/coat_search.py; "": there is none
+    level_strength: float = 0.0  # of the prior about the joint level; 0: all texels have that level
+
+    def prior(self, joint: Joint, sigma: float = 0.0) -> JointPrior | None:
+        """That its texels are drawn with."""
+        if self.strength == 0:
+            return None
+        one = self.material(joint)
+        prior = JointPrior(one.roughness, self.strength, sigma, one.others)
+        return replace(prior, level=one.level, level_strength=self.level_strength) if self.level_strength else prior
+
+
+def _trials(name: str, model: str, material: Callable[[Joint], OneMaterial], coat: str = "") -> list[Trial]:
+    return [Trial(f"{name}, prior {strength:g}", model, strength, material, coat) for strength in STRENGTHS]
+
+
+UNIFORM = (
+    Trial("one value", "one-lobe", ONE_VALUE, lambda joint: joint.plain),
+    Trial("one value and level", "one-lobe-specular", ONE_VALUE, lambda joint: joint.specular),
+)
+UNIFORM_METAL = Trial("one value, level and metallic", "one-lobe-metallic", ONE_VALUE, lambda joint: joint.metal)
+DRAWN = _trials("a value a texel", "one-lobe", lambda joint: joint.plain)
+DRAWN_LEVEL = _trials("a value a texel, one level", "one-lobe-specular", lambda joint: joint.apart)
+DRAWN_LEVELS = [Trial(f"a value and level a texel, prior {strength:g}, {level:g}", "one-lobe-specular", strength,
+                       lambda joint: joint.specular, level_strength=level) for strength, level in LEVEL_STRENGTHS]
+DRAWN_METAL = _trials("a value a texel, one metallic", "one-lobe-metallic", lambda joint: joint.apart_metal)
+UNIFORM_COAT = Trial("one value, level and coat", "one-lobe-specular", ONE_VALUE, lambda joint: joint.coated[PLAIN],
+                      PLAIN)
+UNIFORM_COAT_METAL = Trial("one value, level, metallic and coat", "one-lobe-metallic", ONE_VALUE,
+                            lambda joint: joint.coated[METAL], METAL)
+DRAWN_COAT = _trials("a value a texel, one level and coat", "one-lobe-specular",
+                     lambda joint: joint.coated[PLAIN], PLAIN)
+DRAWN_COAT_METAL = _trials("a value a texel, one metallic and coat", "one-lobe-metallic",
+                           lambda joint: joint.coated[METAL], METAL)
+FREE_COAT = Trial("a value a texel and coat", "one-lobe-specular", 0.0, lambda joint: joint.coated[APART], APART)
+PARTS = [Trial("two parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[0]),
+         Trial("three parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[1])]
+# The fit's own, without a prior of the material:
+FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specular": "a value a texel, one level",
+          "two-lobe": "two lobes"}
+
+
+def by_size(trials: list[Trial]) -> list[list[str]]:
+    """Names of one value for the material, of parts, and of texels that are drawn, by model; those with levels last."""
+    uniform = [[trial.name] for trial in trials if trial.strength == ONE_VALUE]
+    parts = [[trial.name] for trial in trials if trial in PARTS]
+    drawn: dict[tuple[str, bool], list[str]] = {}
+    for trial in trials:
+        if trial.strength != ONE_VALUE and trial not in PARTS:
+            drawn.setdefault((trial.model, trial in DRAWN_LEVELS), []).append(trial.name)
+    return [*uniform, *parts, *drawn.values()]
