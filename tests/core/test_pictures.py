@@ -117,12 +117,13 @@ def test_a_pipe_is_not_waited_for(tmp_path):
 MEASURE = """
 import sys
 from pathlib import Path
-from irpso_addon.core.images import reference_image as image
+from irpso_addon.core.images import picture_survey, reference_image
 from irpso_addon.core.tiled import reference_cache as pictures
 from tests.support.picture_files import view
 path, out = map(Path, sys.argv[1:3])
-image.KEEP = 0  # as if it were too large
-image.read_reference(view(path, 1.5), 600_000)
+assert picture_survey.KEEP  # of the module that reads it
+picture_survey.KEEP = 0  # as if the picture were too large
+reference_image.read_reference(view(path, 1.5), 600_000)
 pictures.cache_reference(view(path, 1.5), out)
 picture = pictures.CachedReference(out)
 for x in range(0, picture.width - 512, 512):
