@@ -116,7 +116,7 @@ void main() {
         if (n >= u_count) break;
         int part = (u_first + n) * PARTS_0 + i;
         Direction d = direction(i < 0 ? u_first + n : j < 0 ? u_all + part : u_all * (1 + PARTS_0) + part * PARTS_1 + j);
-        if (i < 0) lit = lit_of(n, d.toward, facet);
+        if (i < 0) lit = lit_of(n, d.toward, d.spread, facet);
         if (lit > 0.0 && j < 0 && wide(d)) {
             if (i < 0) i = 0;
             else j = 0;

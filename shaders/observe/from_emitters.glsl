@@ -28,7 +28,7 @@ bool above(int n) {
 bool close_by(Direction d) { return d.spread * d.spread > NEAR; }
 
 // Share of the light of the batch's n-th patch that arrives, by a perspective map.
-float lit_of(int n, vec3 toward, vec4 facet) {
+float lit_of(int n, vec3 toward, float spread, vec4 facet) {
     vec4 sight = texelFetch(u_sights, texel_of(u_first + n), 0);
     vec3 axis = u_center - sight.xyz, away = P - sight.xyz;
     float reach = length(axis), half_width = 1.001;

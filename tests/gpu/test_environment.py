@@ -28,7 +28,7 @@ def _white(view: View) -> RadianceImage:
                          np.ones((SIZE, SIZE), bool))
 
 
-def _observed(view: View, mesh, occluders=None):
+def _observed(view: View, mesh, occluders=None, count: int = DIRECTIONS):
     """(irradiance, nodes (NODES, h, w, 4), position, normal) of a view's pixels."""
     scene = SceneData("sphere", mesh, np.zeros((0, 3, 3), np.float32) if occluders is None else occluders, (view,),
                       pixel_filter=0.01)
@@ -37,7 +37,7 @@ def _observed(view: View, mesh, occluders=None):
         device = thread.device()
         with device.scope():
             seen = yield from observe(device, scene, MeshBuffer(device, mesh), _white,
-                                      ObserveOptions(directions=DIRECTIONS))
+                                      ObserveOptions(directions=count))
             camera = seen.cameras[0]
             held = camera.views[0].nodes
             nodes = device.read(held, (0, 0, *held.size))  # halves as floats
@@ -69,6 +69,27 @@ def test_nodes_and_irradiance_are_those_of_the_twin():
     assert len(worst) > 20
     assert np.quantile(worst, 0.9) < 0.03
     assert np.median(worst) < 0.004
+
+
+def test_shadows_of_a_sky_are_soft():
+    """A plate with a gap over the plane: what of the sky is seen through it and past its edges, ray by ray."""
+    sky, mesh, high = skies.sky(128), syn.plane_mesh(), 0.6
+    plate = np.concatenate([syn.quad([(x, -0.7, high), (x + 0.5, -0.7, high), (x + 0.5, 0.7, high), (x, 0.7, high)])
+                            for x in (-0.7, 0.2)]).astype(np.float32)
+    irradiance, _, position, normal, quality = _observed(
+        View(Path("a.exr"), syn.camera((0, -2.6, 0.5), degrees=44), (), environment=sky), mesh, plate, environment.COUNT)
+    at = (position[..., 3] > 0.5) & (quality > 0) & (np.abs(position[..., :2]) < 0.95).all(-1)
+    P, N = position[at][:, :3].astype(np.float64), normal[at][:, :3].astype(np.float64)
+    toward, solid = (a.reshape(-1, a.shape[-1]) for a in environment.texel_directions(*sky.radiance.shape[:2]))
+    power = (sky.radiance * solid.reshape(len(sky.radiance), 1, 1)).reshape(-1, 3)
+    power, toward = power[toward[:, 2] > 0], toward[toward[:, 2] > 0]
+    crossing = P[:, None, :2] + toward[None, :, :2] * ((high - P[:, 2])[:, None] / toward[:, 2])[..., None]
+    x, y = np.abs(crossing[..., 0]), np.abs(crossing[..., 1])
+    hidden = (x > 0.2) & (x < 0.7) & (y < 0.7)
+    want = (np.maximum(N @ toward.T, 0) * ~hidden) @ power
+    assert len(P) > 200 and want[:, 0].min() < 0.7 * want[:, 0].max()
+    off = np.abs(irradiance[at] / want - 1)
+    assert off.mean() < 0.005  # 0.0064 with one shadow for each direction
 
 
 # ---- solved for
