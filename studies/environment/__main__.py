@@ -22,7 +22,7 @@ from studies.environment.shoot import RIGS
 ROOT = Path(__file__).resolve().parents[2]
 ROUGHNESS = (0.1, 0.2, 0.4, 0.7)
 TURNS = (1.0, 3.0, 8.0)  # degrees
-PIXELS, SAMPLES = 28, 2048
+PIXELS, SAMPLES = 28, 8192
 
 
 def turned(pictures: Path, page: Path) -> None:

@@ -23,7 +23,7 @@ from studies.environment import shoot
 
 BASE = 0.5
 SHAPES = ("sphere", "ring")
-KINDS = ("day", "room", "overcast")
+KINDS = ("clear", "day", "studio", "room", "overcast")
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,8 @@ DISTANCE = 4.2  # metres
 HDRI_HEIGHT = 512
 SUN = np.array([0.5, -0.6, 0.62]) / np.linalg.norm([0.5, -0.6, 0.62])
 WINDOW = np.array([-0.8, 0.5, 0.3]) / np.linalg.norm([-0.8, 0.5, 0.3])
+BOXES = ((WINDOW, 0.6, 0.4, 5.0), (np.array([0.9, 0.3, 0.4]), 0.2, 0.7, 3.0),
+         (np.array([0.1, 0.2, 1.0]), 0.5, 0.5, 2.0))  # studio: middle, half width and height at distance 1, radiance
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,22 @@ BOTTLE = Asset("bottle", "a bottle with a label", (sheet(point, (96, 120), (0.02
                pixels=144, noise=0.0)
 
 
+def _plane(d: F64, toward: F64) -> tuple[F64, F64, F64]:
+    """Of directions (..., 3): their part along ``toward``, and where they meet the plane at distance 1 there."""
+    axis = toward / np.linalg.norm(toward)
+    side = np.cross(axis, (0, 0, 1.0))
+    side /= np.linalg.norm(side)
+    ahead = d @ axis
+    x, y = (d @ other / np.maximum(ahead, 1e-6) for other in (side, np.cross(side, axis)))
+    return ahead, x, y
+
+
+def _box(d: F64, toward: F64, width: float, height: float, strength: float) -> F64:
+    """Radiance of a soft box so far from the middle to its sides, at distance 1."""
+    ahead, x, y = _plane(d, toward)
+    return np.asarray(strength * ((ahead > 0) & (np.abs(x) < width) & (np.abs(y) < height)))
+
+
 def radiance(d: F64, kind: str) -> F64:
     """(..., 3) of directions (..., 3)."""
     def glow(toward: F64, width: float, strength: float, colour: tuple[float, float, float]) -> F64:
@@ -75,13 +93,14 @@ def radiance(d: F64, kind: str) -> F64:
     sky = np.where(d[..., 2] > 0, (1 + 2 * up) / 3, 0.15)[..., None] * np.array([0.75, 0.9, 1.1])
     if kind == "overcast":
         return sky
+    if kind == "clear":  # a bare sun, as narrow as the picture's pixels allow
+        return np.asarray(0.5 * sky + glow(SUN, 0.008, 8000.0, (1.0, 0.95, 0.85)))
+    if kind == "studio":
+        return np.asarray(sum((_box(d, *box) for box in BOXES), 0.05)[..., None] * np.ones(3))
     if kind == "room":
         return np.asarray(0.08 * np.ones(3) + glow(np.array([0.3, 0.9, 0.5]), 0.12, 40.0, (1.0, 0.85, 0.65))
                           + glow(np.array([-0.9, -0.4, 0.1]), 0.2, 9.0, (0.8, 0.9, 1.0)))
-    side = np.cross(WINDOW, (0, 0, 1.0))
-    side /= np.linalg.norm(side)
-    ahead = d @ WINDOW
-    x, y = (d @ axis / np.maximum(ahead, 1e-6) for axis in (side, np.cross(side, WINDOW)))
+    ahead, x, y = _plane(d, WINDOW)
     pane = (ahead > 0) & (np.abs(x) < 0.45) & (np.abs(y) < 0.6) & (np.abs(x) > 0.03) & (np.abs(y - 0.1) > 0.03)
     return np.asarray(0.5 * sky + 6.0 * pane[..., None] * np.array([0.9, 1.0, 1.1])
                       + glow(SUN, 0.03, 250.0, (1.0, 0.9, 0.75)))

@@ -76,8 +76,8 @@ def test_shadows_of_a_sky_are_soft():
     sky, mesh, high = skies.sky(128), syn.plane_mesh(), 0.6
     plate = np.concatenate([syn.quad([(x, -0.7, high), (x + 0.5, -0.7, high), (x + 0.5, 0.7, high), (x, 0.7, high)])
                             for x in (-0.7, 0.2)]).astype(np.float32)
-    irradiance, _, position, normal, quality = _observed(
-        View(Path("a.exr"), syn.camera((0, -2.6, 0.5), degrees=44), (), environment=sky), mesh, plate, environment.COUNT)
+    view = View(Path("a.exr"), syn.camera((0, -2.6, 0.5), degrees=44), (), environment=sky)
+    irradiance, _, position, normal, quality = _observed(view, mesh, plate, environment.COUNT)
     at = (position[..., 3] > 0.5) & (quality > 0) & (np.abs(position[..., :2]) < 0.95).all(-1)
     P, N = position[at][:, :3].astype(np.float64), normal[at][:, :3].astype(np.float64)
     toward, solid = (a.reshape(-1, a.shape[-1]) for a in environment.texel_directions(*sky.radiance.shape[:2]))
