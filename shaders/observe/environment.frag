@@ -54,8 +54,15 @@ bool wide(Direction d) {
         (close_by(d) || d.spread * d.spread > SHARP * (dot(off, off) + alpha2_of[FIRST_NODE] * square));
 }
 
+// Mean of max(cosine, 0) over the light of a direction, which is spread evenly about it: on the horizon a part.
+float above_horizon(float cosine, float spread) {
+    float half_width = spread * sqrt(3.0 * max(1.0 - cosine * cosine, 0.0));
+    if (abs(cosine) >= half_width) return max(cosine, 0.0);
+    return (cosine + half_width) * (cosine + half_width) / (4.0 * half_width);
+}
+
 void add(Direction d, float lit) {
-    float cos_l = dot(N, d.toward);
+    float cos_l = above_horizon(dot(N, d.toward), d.spread);
     if (cos_l <= 0.0) return;
     cos_l = max(cos_l, 1e-3);
     vec3 arrives = d.power * (cos_l * lit);

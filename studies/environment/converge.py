@@ -13,7 +13,7 @@ from studies.environment.shoot import radiance
 
 HEIGHT, PLACES, BASE = 256, 60, 0.5
 KINDS = ("day", "room", "overcast")
-SETTINGS = ((1024, False), (4096, False), (512, True), (1024, True))  # directions, whether they divide
+SETTINGS = ((1024, False), (4096, False), (256, True), (512, True), (1024, True))  # directions, whether they divide
 
 
 @dataclass(frozen=True)

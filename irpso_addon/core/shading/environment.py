@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..data import F32, F64, Bool, Environment
 from . import brdf
 
-COUNT = 1024  # directions: the error of radiance is below 1 % from roughness 0.2 on (docs/environment.md)
+COUNT = 512  # directions: the error of radiance is below 1 % (docs/environment.md)
 NODES = 12  # of roughness, even in its logarithm from ROUGHNESS_MIN to 1
 NODES_AT_ONCE = NODES // 2  # in one draw: with irradiance, not more than the eight targets that OpenGL 3.3 has
 NODE_COLUMNS = 4  # of them side by side in a texture, ...
@@ -28,7 +28,7 @@ NODE_ROUGHNESS: tuple[float, ...] = tuple(float(r) for r in np.geomspace(brdf.RO
 WIDTH = 1024  # pixels: environments are reduced to this before they are cut
 DIM = 0.05  # share of the mean radiance that is added where cells are chosen: dim parts are seen by sharp lobes, too
 LEAST = 1e-9  # 1/sr: below, logarithms are cut
-PARTS = (16, 16)  # into which a direction is divided where a lobe is as sharp as its spread, and each of those again
+PARTS = (32, 16)  # into which a direction is divided where a lobe is as sharp as its spread, and each of those again
 SHARP = 0.05  # of the half vector's sin^2 to the normal plus alpha^2: a variance from which on that is so
 
 Cells = NDArray[np.int64]  # (N, 4) bottom, top, left, right of rectangles of a picture
@@ -180,7 +180,14 @@ def _cells(table: F64, count: int) -> Cells:
 
 def environment_irradiance(light: Directions, normal: F64) -> F64:
     """(T, 3) W/m^2, without shadows, on surfaces of (T, 3) unit normals."""
-    return np.asarray(np.maximum(normal @ light.toward.T, 0.0) @ light.power)
+    return np.asarray(_above(normal @ light.toward.T, light.spread) @ light.power)
+
+
+def _above(cosine: F64, spread: F64) -> F64:
+    """Mean of max(cosine, 0) over the light of a direction, which is spread evenly about it: on the horizon a part."""
+    half_width = np.sqrt(3.0) * spread * np.sqrt(np.maximum(1 - cosine**2, 0))
+    across = (cosine + half_width) ** 2 / np.maximum(4 * half_width, 1e-12)
+    return np.where(np.abs(cosine) < half_width, across, np.maximum(cosine, 0.0))
 
 
 def node_values(light: Directions, N: F64, V: F64, lit: F64 | None = None) -> tuple[F64, F64, F64]:
@@ -231,7 +238,7 @@ def _summed_lobes(
     L: F64, arrives: F64, sigma: F64, N: F64, V: F64, nodes: Sequence[float],
 ) -> tuple[F64, F64, F64]:
     """As `node_values`, of directions as they are; ``arrives``: (N, 3) W/m^2 on what faces them."""
-    cos_l, cos_v = L @ N, float(np.clip(N @ V, 1e-3, 1))
+    cos_l, cos_v = _above(L @ N, sigma), float(np.clip(N @ V, 1e-3, 1))
     up = cos_l > 0
     L, cos_l, sigma = L[up], np.clip(cos_l[up], 1e-3, 1), sigma[up]
     arrives = arrives[up] * cos_l[:, None]

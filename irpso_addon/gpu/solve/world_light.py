@@ -19,8 +19,8 @@ from ..observe.observation_atlas import CameraSource
 from ..observe.visibility import LightVisibility
 from .calibration_sample import sampled, views_of
 
-DIRECTIONS = 256  # that stand for an environment: with 128, turns of two worlds were off by a degree
-WIDTH = 32  # texels: of the grid that holds the sample
+DIRECTIONS = 128  # that stand for an environment: 256 turn worlds no better
+WIDTH = 256  # texels: of the grid that holds the sample; wide, as rasterisers share out squares of some 64 pixels
 Key = tuple[str, float]
 
 
