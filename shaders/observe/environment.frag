@@ -12,7 +12,7 @@ uniform int u_first;             // direction of the batch
 uniform int u_count;             // directions in it
 uniform int u_all;               // directions in all
 
-const float LIT_EDGE = 0.02;     // share of a direction's light between which and the rest an edge of its shadow lies
+const float LIT_EDGE = 0.02;     // share of a direction's middle between which and the rest an edge of its shadow lies
 const float alpha2_of[] = float[](NODE_ALPHA2);
 
 #ifdef IRRADIANCE
@@ -39,6 +39,12 @@ vec3 right_of(vec3 forward) {
     return normalize(cross(forward, abs(forward.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(0.0, 1.0, 0.0)));
 }
 
+// Mean of max(x, 0) where x is spread evenly about a middle.
+float clamped_mean(float middle, float half_width) {
+    if (abs(middle) >= half_width) return max(middle, 0.0);
+    return (middle + half_width) * (middle + half_width) / (4.0 * half_width);
+}
+
 #ifdef EMITTERS
 #include "observe/from_emitters.glsl"
 #else
@@ -54,18 +60,13 @@ bool wide(Direction d) {
         (close_by(d) || d.spread * d.spread > SHARP * (dot(off, off) + alpha2_of[FIRST_NODE] * square));
 }
 
-// Mean of max(cosine, 0) over the light of a direction, which is spread evenly about it: on the horizon a part.
-float above_horizon(float cosine, float spread) {
-    float half_width = spread * sqrt(3.0 * max(1.0 - cosine * cosine, 0.0));
-    if (abs(cosine) >= half_width) return max(cosine, 0.0);
-    return (cosine + half_width) * (cosine + half_width) / (4.0 * half_width);
-}
-
-void add(Direction d, float lit) {
-    float cos_l = above_horizon(dot(N, d.toward), d.spread);
+void add(Direction d, vec2 lit) {
+    float middle = dot(N, d.toward);
+    // Of what lies across the horizon only a part is above.
+    float cos_l = clamped_mean(middle, d.spread * sqrt(3.0 * max(1.0 - middle * middle, 0.0)));
     if (cos_l <= 0.0) return;
     cos_l = max(cos_l, 1e-3);
-    vec3 arrives = d.power * (cos_l * lit);
+    vec3 arrives = d.power * (cos_l * lit.x);
     vec3 H = d.toward + V;
     float inv = inversesqrt(max(dot(H, H), 1e-12));
     H *= inv;
@@ -89,7 +90,7 @@ void add(Direction d, float lit) {
         o_node[k] += shape * vec4(arrives * fresnel, grey);
     }
 #ifdef IRRADIANCE
-    o_irradiance += vec4(arrives, lit > LIT_EDGE && lit < 1.0 - LIT_EDGE ? grey : 0.0);
+    o_irradiance += vec4(arrives, lit.y > LIT_EDGE && lit.y < 1.0 - LIT_EDGE ? grey : 0.0);
 #endif
 }
 
@@ -117,19 +118,19 @@ void main() {
     // One loop visits directions, parts and their parts: pixels that run together are at different ones, and none waits
     // for the parts of another.
     int n = 0, i = -1, j = -1;  // a direction of the batch, its part, and the part's; -1: the whole
-    float lit = 0.0;
+    vec2 lit = vec2(0.0);
     while (true) {
         while (i < 0 && n < u_count && !above(u_first + n)) n++;
         if (n >= u_count) break;
         int part = (u_first + n) * PARTS_0 + i;
         Direction d = direction(i < 0 ? u_first + n : j < 0 ? u_all + part : u_all * (1 + PARTS_0) + part * PARTS_1 + j);
-        if (i < 0) lit = lit_of(n, d.toward, d.spread, facet);
-        if (lit > 0.0 && j < 0 && wide(d)) {
+        if (i < 0) lit = lit_of(n, d, facet);
+        if (lit.x > 0.0 && j < 0 && wide(d)) {
             if (i < 0) i = 0;
             else j = 0;
             continue;
         }
-        if (lit > 0.0) add(d, lit);
+        if (lit.x > 0.0) add(d, lit);
         if (j >= 0 && ++j == PARTS_1) {
             j = -1;
             i++;

@@ -6,9 +6,7 @@ uniform float u_radius;
 
 // Mean of max(cosine, 0) over a patch whose normals' mean has a cosine; its normals are spread evenly about it.
 float facing_of(float cosine, vec3 normal) {
-    float half_width = sqrt(1.5 * max(1.0 - dot(normal, normal), 1e-12));
-    if (abs(cosine) >= half_width) return max(cosine, 0.0);
-    return (cosine + half_width) * (cosine + half_width) / (4.0 * half_width);
+    return clamped_mean(cosine, sqrt(1.5 * max(1.0 - dot(normal, normal), 1e-12)));
 }
 
 Direction direction(int n) {
@@ -27,8 +25,8 @@ bool above(int n) {
 
 bool close_by(Direction d) { return d.spread * d.spread > NEAR; }
 
-// Share of the light of the batch's n-th patch that arrives, by a perspective map.
-float lit_of(int n, vec3 toward, float spread, vec4 facet) {
+// Share of the light of the batch's n-th patch that arrives, twice (as of a world), by a perspective map.
+vec2 lit_of(int n, Direction d, vec4 facet) {
     vec4 sight = texelFetch(u_sights, texel_of(u_first + n), 0);
     vec3 axis = u_center - sight.xyz, away = P - sight.xyz;
     float reach = length(axis), half_width = 1.001;
@@ -47,6 +45,6 @@ float lit_of(int n, vec3 toward, float spread, vec4 facet) {
     vec3 right = right_of(forward), up = cross(right, forward);
     float depth = max(dot(forward, lifted), 1e-9);
     vec2 at = (vec2(dot(right, lifted), dot(up, lifted)) / (depth * half_width) * 0.5 + 0.5) * float(SHADOW_SIDE) - 0.5;
-    return lit_in(u_shadow, corner_of(map), SHADOW_SIDE, at, depth - dot(forward, axis) - BIAS * texel,
-                  depth_slope(facet.xyz, lifted / depth, right, up, texel));
+    return vec2(lit_in(u_shadow, corner_of(map), SHADOW_SIDE, at, depth - dot(forward, axis) - BIAS * texel,
+                       depth_slope(facet.xyz, lifted / depth, right, up, texel)));
 }

@@ -17,7 +17,7 @@ from studies.environment.contest import compare
 from studies.environment.converge import convergence
 from studies.environment.page import draw, error_row, recovered_row, turned_row, write, write_turned
 from studies.environment.recover import recover
-from studies.environment.shoot import RIGS
+from studies.environment.shoot import KINDS, RIGS
 
 ROOT = Path(__file__).resolve().parents[2]
 ROUGHNESS = (0.1, 0.2, 0.4, 0.7)
@@ -65,7 +65,7 @@ def main() -> int:
         return 0
     errors = []
     for shape in radiance.SHAPES:
-        for kind in radiance.KINDS:
+        for kind in KINDS:
             for error in radiance.errors(shape, kind, ROUGHNESS, PIXELS, options.samples, environment.COUNT):
                 errors.append(error)
                 print(error_row(error), flush=True)

@@ -9,10 +9,9 @@ import numpy as np
 
 from irpso_addon.core.data import F64, Environment
 from irpso_addon.core.shading import brdf, environment
-from studies.environment.shoot import radiance
+from studies.environment.shoot import KINDS, radiance
 
 HEIGHT, PLACES, BASE = 256, 60, 0.5
-KINDS = ("day", "room", "overcast")
 SETTINGS = ((1024, False), (4096, False), (256, True), (512, True), (1024, True))  # directions, whether they divide
 
 

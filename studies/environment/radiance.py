@@ -23,7 +23,6 @@ from studies.environment import shoot
 
 BASE = 0.5
 SHAPES = ("sphere", "ring")
-KINDS = ("clear", "day", "studio", "room", "overcast")
 
 
 @dataclass(frozen=True)

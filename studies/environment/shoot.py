@@ -19,6 +19,7 @@ NAME = "Subject"
 CAMERAS = ((8, 0.15), (4, 0.75))  # how many in a ring, radians above the horizon
 DISTANCE = 4.2  # metres
 HDRI_HEIGHT = 512
+KINDS = ("clear", "day", "studio", "room", "overcast")  # of environments, see `radiance`
 SUN = np.array([0.5, -0.6, 0.62]) / np.linalg.norm([0.5, -0.6, 0.62])
 WINDOW = np.array([-0.8, 0.5, 0.3]) / np.linalg.norm([-0.8, 0.5, 0.3])
 BOXES = ((WINDOW, 0.6, 0.4, 5.0), (np.array([0.9, 0.3, 0.4]), 0.2, 0.7, 3.0),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import OpenImageIO as oiio
 
 BASE, ROUGH = (0.6, 0.3, 0.1), 0.45  # as in tests/support/make_scenes.py
 ROLES = ("basecolor", "roughness", "confidence", "error", "filled", "roughness_sigma", "basecolor_sigma")
+FILES = {*(f"Ball_{role}.exr" for role in ROLES), "report.json", "scene_irpso.blend"}  # of a solve by the command line
 
 
 def read(path: Path) -> np.ndarray:
@@ -16,3 +18,9 @@ def read(path: Path) -> np.ndarray:
     buffer = oiio.ImageBuf(str(path))
     assert not buffer.has_error, buffer.geterror()
     return np.asarray(buffer.get_pixels(oiio.FLOAT)).reshape(buffer.spec().height, buffer.spec().width, -1)
+
+
+def fingerprint(folder: Path) -> dict[str, str]:
+    """Every file below a folder, by its content."""
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest()
+            for p in sorted(folder.rglob("*")) if p.is_file()}

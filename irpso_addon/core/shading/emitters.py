@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import F64, Bool, Emitter, Environment, Light
-from .environment import Directions, directions, environment_irradiance
+from .environment import Directions, clamped_mean, directions, environment_irradiance
 from .lights import light_irradiance
 
 COUNT = 512  # patches of all emitters of a view, at most; each has a shadow map
@@ -191,8 +191,7 @@ def seen_from(found: Patches, P: F64) -> Directions:
 
 def _facing(cosine: F64, normal: F64) -> F64:
     """Mean of max(cosine, 0) over a patch whose normals' mean has a cosine; its normals are spread evenly about it."""
-    half = np.sqrt(1.5 * np.maximum(1 - (normal * normal).sum(-1), 1e-12))
-    return np.asarray(np.where(np.abs(cosine) < half, (cosine + half) ** 2 / (4 * half), np.maximum(cosine, 0)))
+    return clamped_mean(cosine, np.sqrt(1.5 * np.maximum(1 - (normal * normal).sum(-1), 1e-12)))
 
 
 def emitter_irradiance(found: Patches, P: F64, N: F64) -> F64:

@@ -183,11 +183,15 @@ def environment_irradiance(light: Directions, normal: F64) -> F64:
     return np.asarray(_above(normal @ light.toward.T, light.spread) @ light.power)
 
 
+def clamped_mean(middle: F64, half_width: F64 | float) -> F64:
+    """Mean of max(x, 0) where x is spread evenly about a middle, so far to both sides."""
+    across = (middle + half_width) ** 2 / np.maximum(4 * half_width, 1e-12)
+    return np.where(np.abs(middle) < half_width, across, np.maximum(middle, 0.0))
+
+
 def _above(cosine: F64, spread: F64) -> F64:
-    """Mean of max(cosine, 0) over the light of a direction, which is spread evenly about it: on the horizon a part."""
-    half_width = np.sqrt(3.0) * spread * np.sqrt(np.maximum(1 - cosine**2, 0))
-    across = (cosine + half_width) ** 2 / np.maximum(4 * half_width, 1e-12)
-    return np.where(np.abs(cosine) < half_width, across, np.maximum(cosine, 0.0))
+    """Of what lies across the horizon only a part is above."""
+    return clamped_mean(cosine, spread * np.sqrt(3 * np.maximum(1 - cosine**2, 0)))
 
 
 def node_values(light: Directions, N: F64, V: F64, lit: F64 | None = None) -> tuple[F64, F64, F64]:

@@ -20,7 +20,7 @@ from ..observe.visibility import LightVisibility
 from .calibration_sample import sampled, views_of
 
 DIRECTIONS = 128  # that stand for an environment: 256 turn worlds no better
-WIDTH = 256  # texels: of the grid that holds the sample; wide, as rasterisers share out squares of some 64 pixels
+WIDTH = 32  # texels: of the grid that holds the sample
 Key = tuple[str, float]
 
 
