@@ -36,7 +36,7 @@ float lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2
 // which that is looked for.  First how high it is, then what each of four directions meets there (after Fernando 2005,
 // "Percentage-Closer Soft Shadows"; here the four of a Gauss rule for the cell, and the middle one).
 vec2 softly_lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2 slope, float spread, float reach) {
-    const float MIDDLE = 0.3;  // weight of what arrives from the middle; 0.5 is less exact (decision 0018)
+    const float MIDDLE = 0.3;  // weight of what arrives from the middle; 0 is less exact (decision 0018)
     float lit = lit_in(sheet, corner, side, at, depth, slope);
     float height = max(depth - nearest_in(sheet, corner, side, at), 0.0);  // not minus infinity: maps hold halves
     for (int k = 0; k < 4; k++) {
