@@ -28,11 +28,14 @@ class LampChange:
     sun: bool = False  # whether it is a SUN
     sure_place: bool = True  # whether its place is off beyond doubt; else it is changed along with the others
     sure_power: bool = True  # the same of its power
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)  # factors of its red, green and blue beside that of its power
+    tint_error: float = 0.0  # their standard error, relative
+    sure_tint: bool = False  # whether its colour is off beyond doubt
 
     @property
     def sure(self) -> bool:
         """Whether something of it is off beyond doubt."""
-        return self.sure_place or self.sure_power
+        return self.sure_place or self.sure_power or self.sure_tint
 
 
 @dataclass(frozen=True)

@@ -119,8 +119,8 @@ class SolveSettings(Table):
         ("auto", "Correct what the pictures show clearly to be off"),
         ("given", "Use the scene's cameras unchanged"),
     ), advanced=True)
-    lamps: str = parameter("auto", "Place and power of the lamps, turn of the world, and ambient light", label="Lamps",
-                           choices=(
+    lamps: str = parameter("auto", "Place, power and color of the lamps, turn of the world, and ambient light",
+                           label="Lamps", choices=(
         ("auto", "Correct where that predicts left-out views better"),
         ("given", "Use the scene's lamps and world, and the views' ambient light, unchanged"),
     ), advanced=True)

@@ -83,6 +83,16 @@ def test_a_lamp_is_moved_once(scene, records, keep, hidden, parented) -> None:
     assert state(scene, bpy.data.objects["Ball"]) == "open"
 
 
+def test_a_lamp_gets_another_color(scene, records, keep) -> None:
+    """Beyond 1 too; others that share its data keep theirs."""
+    first, second = bpy.data.objects["Light 0"], bpy.data.objects["Light 1"]
+    second.data, first.data.color = first.data, (1.0, 0.8, 0.5)
+    keep(change(records, tint=(1.1, 1.0, 0.9), tint_error=0.002, sure_tint=True))
+    apply()
+    assert tuple(first.data.color) == pytest.approx((1.1, 0.8, 0.45))
+    assert tuple(second.data.color) == pytest.approx((1.0, 0.8, 0.5))
+
+
 def test_lamps_that_hang_on_each_other(scene, records, keep) -> None:
     """Each goes where the solve has it: a child is not moved twice."""
     parent, child = bpy.data.objects["Light 0"], bpy.data.objects["Light 1"]
@@ -160,7 +170,7 @@ def test_the_viewport_shows_where_lamps_are_put(scene, records, keep, module) ->
     bpy.context.view_layer.update()
     lamps = (change(records), change(records, "Light 1", cameras=("Camera 1",), sure_power=False),
              change(records, "Light 2", sun=True, sure_place=False),
-             change(records, "Light 3", sure_place=False, sure_power=False))
+             change(records, "Light 3", sure_place=False, sure_power=False, tint=(1.1, 1.0, 0.9), tint_error=0.002))
     cameras = (records.CameraChange("Camera 1", (96, 64), 1.8, 0.1, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.01, 0.0)),
                records.CameraChange("Gone", (96, 64), 1.8, 0.1, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.01, 0.0)))
     session = keep(*lamps)
@@ -242,6 +252,7 @@ def test_a_world_is_turned_in_the_list_and_brightened(scene, records, keep, modu
     (lambda lamp: lamp.constraints.new("COPY_LOCATION"), "'Light 1': a constraint places it"),
     (lambda lamp: lamp.keyframe_insert("location"), "'Light 1': keyframes or a driver place it"),
     (lambda lamp: lamp.data.keyframe_insert("energy"), "'Light 1': keyframes or a driver set its power"),
+    (lambda lamp: lamp.data.keyframe_insert("color"), "'Light 1': keyframes or a driver set its power or color"),
     (lambda lamp: lamp.driver_add("location", 0), "'Light 1': keyframes or a driver place it"),
 ])
 def test_what_cannot_be_changed_changes_nothing(scene, records, keep, spoil, words) -> None:

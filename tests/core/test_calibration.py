@@ -19,12 +19,15 @@ from tests.support import synthetic as syn
 MIDDLE = np.zeros(3)
 
 
-def judged(rig: Rig, seed: int = 0) -> Judged:
+def judged(rig: Rig, seed: int = 0, tinted: bool = False) -> Judged:
     rng = np.random.default_rng(seed)
     groups, views = len(rig.groups), len(rig.views)
     change = RigChange(0.02 * rng.standard_normal((groups, 3)), 0.05 * rng.standard_normal(groups),
                        0.03 * rng.standard_normal(views), 0.7, 0.05, -0.1)
     error = RigChange(np.full((groups, 3), 1e-4), np.full(groups, 1e-4), np.full(views, 1e-4), 0.1)
+    if tinted:
+        change = replace(change, log_tint=0.05 * rng.standard_normal((groups, 3)))
+        error = replace(error, log_tint=np.full((groups, 3), 1e-4))
     return Judged(RigFound(change, error, 0.01, 0.03, {}), PredictionError(0.2, 2.0), PredictionError(0.1, 1.0),
                   Free(True, True, vignetting=True, ambient=True, response=True), error, False, (0.02, 0.03, 0.04))
 
@@ -59,13 +62,16 @@ def flash_shoot(carried: bool = True) -> SceneData:
 
 
 def test_a_change_is_made_again_from_its_records() -> None:
-    """Of lamps, suns and a flash on the cameras."""
+    """Of lamps, suns and a flash on the cameras, with other colours and without."""
     plain = syn.shoot(syn.PATCHES, shoots.rig(2, 4), (8, 8)).scene
     suns = replace(plain, views=tuple(replace(view, lights=tuple(map(as_sun, view.lights))) for view in plain.views))
     for scene in (plain, suns, flash_shoot()):
         rig = Rig.of(scene.views, MIDDLE)
-        found = judged(rig)
-        assert_alike(put_right(scene, rig, found), applied(scene, told(rig, found)))
+        for tinted in (False, True):
+            found = judged(rig, tinted=tinted)
+            calibration = told(rig, found)
+            assert all(lamp.sure_tint == tinted for lamp in calibration.lamps)
+            assert_alike(put_right(scene, rig, found), applied(scene, calibration))
 
 
 def test_a_flash_is_one_lamp_where_every_camera_carries_it_alike() -> None:

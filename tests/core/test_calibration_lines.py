@@ -26,6 +26,8 @@ from irpso_addon.core.checks.calibration_lines import (
     lamp_rows,
     place_change,
     power_change,
+    sure_lamps,
+    tint_change,
     world_rows,
 )
 
@@ -36,6 +38,8 @@ FLASH = replace(KEY, lights=("Flash A", "Flash B"), cameras=("A", "B"))
 VIEW = ExposureChange(Path("refs/a.exr"), "A", 0.05, 0.01)
 WORLD = WorldChange("Room", 0.0, math.radians(3.14), math.radians(0.21), 1.082, 0.003, True, False)
 UNSURE = {"sure_place": False, "sure_power": False}
+WARM = LampChange(("Warm",), (0.0,) * 3, (0.0,) * 3, 0.0, 1.0, 0.0, **UNSURE,
+                  tint=(1.104, 1.01, 0.897), tint_error=0.002, sure_tint=True)
 END = (" The error on left-out views fell from 4.3 % to 3.8 % of their radiance. "
        "The scene keeps its lamps and exposures.")
 
@@ -53,6 +57,9 @@ def found(*lamps: LampChange, exposures: tuple[ExposureChange, ...] = (), **more
      "('Key')."),
     (found(replace(KEY, sure_power=False)), "IRPSO moved 'Key' by 1.2 % of its distance."),
     (found(replace(KEY, sure_place=False)), "IRPSO changed the power of 'Key' by -8.6 %."),
+    (found(WARM), "IRPSO changed the color of 'Warm' by up to -10.3 %."),
+    (found(replace(WARM, lights=("Lamp",), tint=(1.0, 0.98, 1.02)), WARM),
+     "IRPSO changed the colors of 2 lamps by up to -10.3 % ('Warm')."),
     (found(FLASH), "IRPSO moved the flash on 2 cameras by 1.2 % of its distance and changed its power by -8.6 %."),
     (found(SUN), "IRPSO turned 'Sun' by 1.1 degrees."),
     (found(exposures=(VIEW,)), "IRPSO changed the exposure of 'a.exr' by +0.05 EV."),
@@ -96,10 +103,13 @@ def test_figures() -> None:
 
 def test_rows_of_the_panel() -> None:
     """The farthest first; what is within doubt is left out."""
-    calibration = found(RIM, replace(SUN, **UNSURE), KEY, FLASH, exposures=(VIEW, replace(VIEW, stops=-0.12)))
-    assert [name for name, _ in lamp_rows(calibration)] == [
-        "Key", "Power", "Flash on 2 cameras", "Power", "Rim", "Power"]
-    assert lamp_rows(calibration)[:2] == [("Key", "50 ± 2 mm"), ("Power", "× 0.914 ± 0.3 %")]
+    calibration = found(RIM, WARM, replace(SUN, **UNSURE), KEY, FLASH, exposures=(VIEW, replace(VIEW, stops=-0.12)))
+    key, flash, rim, warm = (lamp_rows(lamp) for lamp in sure_lamps(calibration))
+    assert key == [("Key", "50 ± 2 mm"), ("Power", "× 0.914 ± 0.3 %")]
+    assert [rows[0][0] for rows in (flash, rim)] == ["Flash on 2 cameras", "Rim"]
+    assert warm == [("Warm", "× 1.104 1.010 0.897 ± 0.2 %")]
+    both = lamp_rows(replace(KEY, tint=WARM.tint, tint_error=0.002, sure_tint=True))
+    assert [name for name, _ in both] == ["Key", "Power", "Color"] and both[2][1] == tint_change(WARM)
     assert exposure_row(calibration) == ("2 Exposures", "up to -0.12 EV", "a.exr")
     assert exposure_row(found(exposures=(replace(VIEW, sure=False),))) is None
 

@@ -75,6 +75,41 @@ def test_a_lamp_in_the_wrong_place(plane) -> None:
     assert lamp.share == pytest.approx(0.2 / 3.1, rel=0.15) and 0 < max(lamp.offset_error) < 0.03
 
 
+def test_a_lamp_of_wrong_colour(plane) -> None:
+    """The scene has it white, and it was warm; nothing else is changed for that."""
+    warm = np.array([1.1, 1.0, 0.9])
+    wrong = relit(plane, lambda x: replace(x, power=x.power / warm) if x.name == "Light 3" else x)
+    solution = shoots.run(wrong, **AUTO)
+    lamps = {lamp.lights[0]: lamp for lamp in found(solution).lamps}
+    np.testing.assert_allclose(lamps["Light 3"].tint, warm / np.exp(np.log(warm).mean()), atol=0.003)
+    assert [name for name, lamp in lamps.items() if lamp.sure] == ["Light 3"]
+    assert lamps["Light 3"].sure_tint and lamps["Light 3"].tint_error < 0.003
+    before = np.mean(shoots.errors(shoots.run(wrong, **AUTO | GIVEN), plane.truth).base)
+    assert np.mean(shoots.errors(solution, plane.truth).base) < 0.15 * before
+
+
+@pytest.mark.parametrize(("each", "most"), [(1, 0.01), (2, 0.015)])
+def test_colours_and_places_of_all_lamps_at_once(each, most) -> None:
+    """Colours 5 % off, places 1 % of their distance, powers 3 %; lamps shine one by one, or by two of other colours."""
+    lights = [replace(light, power=light.power * np.array([1.0, 1.0, 0.7 + 0.3 * (n % 2)]))
+              for n, light in enumerate(syn.lamps(8))]
+    shoot = syn.shoot(syn.PATCHES, [(camera, [lights[(n + 3 * k) % 8] for k in range(each)])
+                                    for camera in syn.cameras(2) for n in range(8)], PIXELS)
+    rng = np.random.default_rng(5)
+    tints = 0.05 * rng.standard_normal((8, 3))
+    tints -= np.median(tints - tints.mean(1, keepdims=True), axis=0)
+    by = {light.name: (0.01 * np.linalg.norm(light.matrix[:3, 3]) * rng.standard_normal(3) / 3**0.5,
+                       np.exp(tint + 0.03 * rng.standard_normal()))
+          for light, tint in zip(lights, tints, strict=True)}
+    wrong = relit(shoot, lambda x: replace(moved(x, by[x.name][0]), power=x.power * by[x.name][1]))
+    solution = shoots.run(wrong, **AUTO)
+    told = {lamp.lights[0]: np.log(lamp.tint) for lamp in found(solution).lamps}
+    left = np.array([told[light.name] + tint - tint.mean() for light, tint in zip(lights, tints, strict=True)])
+    assert np.abs(left).max() < most
+    given = shoots.run(wrong, **AUTO | GIVEN)
+    assert rough_error(shoot, solution) < 0.35 * rough_error(shoot, given)
+
+
 def test_all_lamps_and_exposures_at_once(plane) -> None:
     """Places 1 % of their distance off, powers 3 %, exposures 2 %: most of what that costs is mended."""
     rng = np.random.default_rng(4)

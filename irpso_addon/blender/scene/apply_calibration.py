@@ -70,7 +70,7 @@ def _light(scene: Any, calibration: Calibration, places: Mapping[Any, Any]) -> s
             bpy.context.view_layer.update()
         place(light, places[light])
     for lamp in calibration.lamps:
-        multiply_power([object_named(scene, name) for name in lamp.lights], lamp.power)
+        multiply_power([object_named(scene, name) for name in lamp.lights], lamp.power, lamp.tint)
     for world, factor in strengths.items():
         multiply_strength(world, factor)
     if calibration.worlds:

@@ -13,7 +13,7 @@ from ...core.errors import BadInput
 from .scene_objects import world_matrix
 
 PLACE = "location", "rotation", "delta_location", "delta_rotation"  # starts of animated paths
-POWER = ("energy",)
+POWER = "energy", "color"
 
 
 def object_named(scene: Any, name: str, kind: str = "LIGHT") -> Any:
@@ -38,7 +38,8 @@ def check_place(obj: Any) -> None:
 def check_power(light: Any) -> None:
     """Raises BadInput where the light's power is not its own."""
     if animated(light.data, POWER):
-        raise BadInput(f"light '{light.name}': keyframes or a driver set its power; remove them, then try again")
+        raise BadInput(f"light '{light.name}': keyframes or a driver set its power or color; remove them, then try "
+                       "again")
 
 
 def moved_matrix(light: Any, offset: Sequence[float]) -> Matrix:
@@ -74,8 +75,11 @@ def place(light: Any, world: Matrix) -> None:
         light.matrix_basis = basis
 
 
-def multiply_power(lights: Sequence[Any], factor: float) -> None:
-    """Of lights that may share their data with each other; other lights that share it keep their power."""
+def multiply_power(lights: Sequence[Any], factor: float, tint: Sequence[float] = (1.0, 1.0, 1.0)) -> None:
+    """Of lights that may share their data with each other; other lights that share it keep their power.
+
+    ``tint``: factors of their red, green and blue beside that.
+    """
     for data in {light.data for light in lights}:
         own = [light for light in lights if light.data == data]
         changed = data
@@ -84,6 +88,8 @@ def multiply_power(lights: Sequence[Any], factor: float) -> None:
             for light in own:
                 light.data = changed
         changed.energy *= factor
+        if any(part != 1.0 for part in tint):
+            changed.color = tuple(old * part for old, part in zip(changed.color, tint, strict=True))
 
 
 def axes_of(scene: Any, camera: str) -> np.ndarray:

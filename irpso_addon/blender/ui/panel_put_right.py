@@ -24,7 +24,6 @@ from ..jobs.session import session
 from ..panel_common import Tab, letters, wrapped
 
 SHOWN = 3  # lamps, and cameras
-ROWS = 2  # of each lamp
 Items = Sequence[tuple[str, Sequence[tuple[str, str]]]]  # names of objects, and their rows
 STATES = {
     "applied": ("CHECKMARK", "The scene has them"),
@@ -69,10 +68,10 @@ class IRPSO_PT_put_right(Tab, Panel):
 
 def _draw_light(layout: bpy.types.UILayout, calibration: Calibration, width: int) -> bool:
     """Rows of lamps, worlds and exposures; whether something of the views is in them."""
-    rows, exposures = lamp_rows(calibration), exposure_row(calibration)
+    exposures = exposure_row(calibration)
     shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), response_row(calibration))
               if row is not None] + world_rows(calibration)
-    lamps = [(lamp.lights[0], rows[n * ROWS:(n + 1) * ROWS]) for n, lamp in enumerate(sure_lamps(calibration))]
+    lamps = [(lamp.lights[0], lamp_rows(lamp)) for lamp in sure_lamps(calibration)]
     _draw_items(layout, lamps, "Lamp")
     if exposures is not None:
         _draw_rows(layout, [exposures[:2]])

@@ -14,7 +14,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
 from ...core.change_records import LampChange
-from ...core.checks.calibration_lines import place_change, power_change, sure_lamps
+from ...core.checks.calibration_lines import place_change, power_change, sure_lamps, tint_change
 from ...core.checks.camera_lines import camera_rows, sure_cameras
 from ...core.data import Solution
 from ..jobs.session import session
@@ -57,7 +57,8 @@ def marks(scene: Any, solution: Solution, sun: float) -> list[tuple[np.ndarray, 
     """
     found, depsgraph = [], bpy.context.evaluated_depsgraph_get()
     for lamp in sure_lamps(solution.calibration) if solution.calibration is not None else ():
-        text = ", ".join([place_change(lamp)] * lamp.sure_place + [power_change(lamp)] * lamp.sure_power)
+        text = ", ".join([place_change(lamp)] * lamp.sure_place + [power_change(lamp)] * lamp.sure_power
+                         + [tint_change(lamp)] * lamp.sure_tint)
         found += [(*places, text) for places in _places(scene, lamp, sun, depsgraph)]
     for camera in sure_cameras(solution.cameras):
         obj = scene.objects.get(camera.camera)

@@ -16,24 +16,18 @@ from ..evaluation.folds import split
 from ..job import Progress, Steps, share_of
 from .contest import GIVEN, HALF, SURE, Contest
 from .far_exposures import far_exposures
+from .free_numbers import LEAST_FIT, NOTHING, candidates, gains, is_far, is_off, pruned, sure_of_ambient
 from .rig import RigChange
 from .rig_fit import ROUNDS, Free, RigFound, fit_rig
 from .rig_sample import RigSample
 from .standard_errors import standard_errors
+from .tints import Tints, lamp_tints
 
-LEAST_CHANGE = 0.002  # what is worth it: of a lamp's distance, relative power or gain
-LEAST_VIGNETTING = 0.05  # power of the cosine
-LEAST_AMBIENT = 0.003  # of the lamps' typical irradiance
-LEAST_RESPONSE = 0.02  # of the exponent: less is made up by what a texel's one roughness does not explain
 # Power of the cosine.  Shoots that Cycles rendered show up to 0.02, one of flat faces under few lamps 0.06; photographs
 # of a matt figurine show 0.1 to 0.2.
 LEAST_BEND = 0.08
 LEAST_TEXELS = 100
-LEAST_FIT = 0.001  # of the radiance: what a change must explain of fitted views, where base colours explain a part
 TURNS = 4  # of normals and rig
-# Of a lamp's distance, in the mean.  Farther, lamps may mimic what a mesh has wrong, and walk off together with turned
-# normals.
-FARTHEST = 0.025
 COLOURS = 3
 COLOURED = 1000  # texels that say the colour of light from all around
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
@@ -71,7 +65,32 @@ def calibrate(
     if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
         return None
     yield Progress(0.0, "calibrate", "lamps and exposures")
-    far = (yield from far_exposures(sample, folds)) if exposures else None
+    first = yield from fit_rig(sample, Free(False, False, levels=not sample.scale_known), rounds=1)
+    tints = (yield from lamp_tints(sample, folds, first, larger)) if lamps else None
+    if tints is None:
+        return (yield from _with_exposures(sample, lamps, exposures, larger, straight, first))
+    judged = yield from _with_exposures(
+        tints.corrected(sample), lamps, exposures, lambda ambient: tints.corrected(larger(ambient)), straight, first)
+    return _in_colours(tints, judged, first)
+
+
+def _in_colours(tints: Tints, judged: Judged | None, first: RigFound) -> Judged:
+    """Both changes."""
+    if judged is None:
+        none = RigChange.none(len(first.change.offset), len(first.change.log_gain))
+        change, error = tints.beside(none, none)
+        return Judged(replace(first, change=change, error=error), tints.given, tints.changed, NOTHING, error)
+    change, error = tints.beside(judged.found.change, judged.error)
+    return replace(judged, found=replace(judged.found, change=change), error=error, given=tints.given)
+
+
+def _with_exposures(
+    sample: RigSample, lamps: bool, exposures: bool, larger: Larger, straight: Straight | None, first: RigFound,
+) -> Steps[Judged | None]:
+    """What else is to be changed, exposures that are far off before all.  ``first``: the materials of the sample."""
+    folds = split(sample.texels)
+    assert folds is not None
+    far = (yield from far_exposures(sample, folds, first)) if exposures else None
     if far is None:
         return (yield from _with_details(sample, lamps, exposures, larger, straight))
     evened = far.evened
@@ -102,23 +121,23 @@ def _judged(
     """What is to be changed, and whether something seems to be off."""
     folds = split(sample.texels)
     assert folds is not None
-    frees = _frees(sample, lamps, exposures)
+    frees = candidates(sample, lamps, exposures)
     quick = yield from share_of(fit_rig(sample, frees[-1], rounds=2), 0.0, 0.1)
     if sample.scale_known:
         levels = replace(frees[-1], levels=True)
         other = yield from share_of(fit_rig(sample, levels, rounds=2), 0.1, 0.2)
         if other.scatter < PAYS * quick.scatter:
             quick, frees = other, [replace(free, levels=True) for free in frees]
-    if not _off(quick) or not _gains(quick):
+    if not is_off(quick) or not gains(quick):
         return None, False
     everything = yield from share_of(fit_rig(sample, frees[-1]), 0.2, 0.5)
-    if frees[-1].lamps and not _gains(everything):
+    if frees[-1].lamps and not gains(everything):
         everything = yield from _from_afar(sample, frees[-1])
-    if not _off(everything) or not _gains(everything):
+    if not is_off(everything) or not gains(everything):
         return None, True
     if everything.scatter >= HALF * everything.given and not sure_of_ambient(everything):
         return None, True
-    whole, given, frees = frees[-1], everything.given, _pruned(frees, everything)
+    whole, given, frees = frees[-1], everything.given, pruned(frees, everything)
     if frees[-1] != whole:
         everything = yield from share_of(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
     contest = Contest(sample, everything, folds)
@@ -140,7 +159,7 @@ def _judged(
     kept, found = yield from _with_diffuse(contest, *(yield from _with_ambient(contest, kept, found)))
     final = yield from _final(kept, found, more, straight)
     found = final.found
-    if not _off(found) or (_far(found) and (straight is not None or not contest.leaves_half(taken))):
+    if not is_off(found) or (is_far(found) and (straight is not None or not contest.leaves_half(taken))):
         return None, True
     error = yield from standard_errors(final.sample, final.free, found)
     return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), final.free, error,
@@ -162,6 +181,24 @@ def found_again(before: Judged, sample: RigSample, more: Larger, straight: Strai
     """
     if len(sample.rig.groups) != len(before.found.change.offset):  # cameras have left a flash that they shared
         return None
+    if before.found.change.log_tint is None:
+        return (yield from _found_again(before, sample, more, straight))
+    folds = split(sample.texels)
+    if folds is None:
+        return None
+    first = yield from fit_rig(sample, Free(False, False, levels=not sample.scale_known), rounds=1)
+    tints = yield from lamp_tints(sample, folds, first, more)
+    seen = sample if tints is None else tints.corrected(sample)
+    again = None
+    if before.free != NOTHING:
+        white = replace(before, found=replace(before.found, change=replace(before.found.change, log_tint=None)))
+        again = yield from _found_again(
+            white, seen, more if tints is None else lambda ambient: tints.corrected(more(ambient)), straight)
+    return again if tints is None else _in_colours(tints, again, first)
+
+
+def _found_again(before: Judged, sample: RigSample, more: Larger, straight: Straight) -> Steps[Judged | None]:
+    """As `found_again`, of all but colours."""
     seen = straight(sample, None) if before.turned else sample
     folds = split(seen.texels)
     if folds is None:
@@ -169,7 +206,7 @@ def found_again(before: Judged, sample: RigSample, more: Larger, straight: Strai
     free, found = yield from _with_ambient(Contest(seen, before.found, folds), before.free, before.found)
     final = yield from _final(free, found, more, straight if before.turned else None, ROUNDS)
     free, found = final.free, final.found
-    if not _off(found) or (_far(found) and not _far(before.found)):
+    if not is_off(found) or (is_far(found) and not is_far(before.found)):
         return None
     contest = Contest(seen, found, folds)
     contest.add(str(free), (yield from share_of(contest.predictions(free, found), 1.0, 1.0)))
@@ -253,16 +290,6 @@ def _with_diffuse(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[
     return best
 
 
-def _far(found: RigFound) -> bool:
-    """Whether lamps would move farther than a shoot's figures are usually off."""
-    return bool(np.linalg.norm(found.change.offset, axis=1).mean() > FARTHEST)
-
-
-def _gains(found: RigFound) -> bool:
-    """Whether it explains anything beside noise."""
-    return found.given**2 - found.scatter**2 > LEAST_FIT**2
-
-
 def _explains(found: RigFound, free: Free, given: float, everything: RigFound) -> bool:
     """Whether a fit leaves clearly less over than the given rig: less than half.
 
@@ -303,49 +330,3 @@ def _ambient(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[floa
         radiance.append(fit.change.ambient * own.light / np.pi)
     red, green, blue = (float(value) for value in radiance)
     return red, green, blue
-
-
-def _frees(sample: RigSample, lamps: bool, exposures: bool) -> list[Free]:
-    """From the fewest numbers on.  Where no lamp lights two views, their exposures are its power."""
-    levels = not sample.scale_known
-    none = Free(False, False, levels=levels)
-    alone = [replace(none, vignetting=True), replace(none, response=True)] if exposures else []
-    if not lamps:
-        return [*alone, replace(none, exposures=True), Free(False, True, True, levels, response=True)]
-    lit = [tuple(light.name for light in view.lights) for view in sample.rig.views]
-    apart = len(set(lit)) < len(lit) or any(group.carried for group in sample.rig.groups)
-    both = [replace(none, ambient=True, response=True)] if exposures else []
-    placed = [replace(none, lamps=True), *([Free(True, True, levels=levels)] if exposures and apart else [])]
-    last = replace(placed[-1], ambient=True)
-    return [replace(none, ambient=True), *alone, *both, *placed, last,
-            *([replace(last, vignetting=True, response=True)] if exposures else [])]
-
-
-def _pruned(frees: list[Free], everything: RigFound) -> list[Free]:
-    """Without what is certainly as it is given, where all numbers are free."""
-    ambient, response = sure_of_ambient(everything), sure_of_response(everything)
-    less = [replace(free, ambient=free.ambient and ambient, response=free.response and response) for free in frees]
-    return list(dict.fromkeys(free for free in less if free != Free(False, False, levels=free.levels)))
-
-
-def _off(found: RigFound) -> bool:
-    """Whether some number is off beyond doubt."""
-    return sure_of_vignetting(found) or sure_of_ambient(found) or sure_of_response(found) or any(
-        bool(np.any(np.abs(value) > np.maximum(SURE * error, LEAST_CHANGE))) for value, error in (
-            (found.change.offset, found.error.offset), (found.change.log_power, found.error.log_power),
-            (found.change.log_gain, found.error.log_gain)))
-
-
-def sure_of_vignetting(found: RigFound) -> bool:
-    """Whether it is off beyond doubt."""
-    return abs(found.change.vignetting) > max(SURE * found.error.vignetting, LEAST_VIGNETTING)
-
-
-def sure_of_ambient(found: RigFound) -> bool:
-    """Whether there is light from all around, beyond doubt."""
-    return found.change.ambient > max(SURE * found.error.ambient, LEAST_AMBIENT)
-
-
-def sure_of_response(found: RigFound) -> bool:
-    """Whether the response is off beyond doubt."""
-    return abs(found.change.log_response) > max(SURE * found.error.log_response, LEAST_RESPONSE)

@@ -54,13 +54,12 @@ class FarExposures:
         return replace(error, log_gain=np.where(error.log_gain > 0, error.log_gain, own))
 
 
-def far_exposures(sample: RigSample, folds: Folds) -> Steps[FarExposures | None]:
+def far_exposures(sample: RigSample, folds: Folds, first: RigFound) -> Steps[FarExposures | None]:
     """The gains that are far off beyond doubt, if left-out views are predicted better with them.
 
-    The typical view keeps its exposure, as in `fit_rig`.
+    ``first``: the materials of the sample.  The typical view keeps its exposure, as in `fit_rig`.
     """
     free = Free(False, True, levels=not sample.scale_known)
-    first = yield from share_of(fit_rig(sample, replace(free, exposures=False), rounds=1), 0.0, 0.02)
     polished = _polished(sample, left_over(sample, first))
     if np.abs(polished).max(initial=0.0) < FAR:
         return None

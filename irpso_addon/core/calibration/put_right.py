@@ -20,9 +20,11 @@ from ..checks.mended_cameras import given_name
 from ..data import F64, Environment, SceneData, View
 from ..shading.environment import about_z
 from ..vignetting import corner_stops
-from .calibrate import LEAST_CHANGE, Judged, sure_of_vignetting
+from .calibrate import Judged
 from .contest import SURE
+from .free_numbers import LEAST_CHANGE, sure_of_vignetting
 from .rig import Rig
+from .tints import LEAST_TINT
 from .worlds import WorldsJudged
 
 
@@ -52,7 +54,7 @@ def applied(scene: SceneData, calibration: Calibration) -> SceneData:
                 light = given[name]
                 for axis, by in enumerate(axes @ lamp.offset):
                     light = moved(light, axis, float(by)) if by else light
-                lights[name] = replace(light, power=light.power * lamp.power)
+                lights[name] = replace(light, power=light.power * lamp.power * np.array(lamp.tint))
     gains = {(view.image, view.camera): 2.0**view.stops for view in calibration.exposures}
     darker = 0.0 if calibration.vignetting is None else calibration.vignetting.power
     exponent = 1.0 if calibration.response is None else calibration.response.exponent
@@ -91,15 +93,19 @@ def told(rig: Rig, judged: Judged) -> Calibration:
     """All that was changed, and which of it is beyond doubt."""
     change, error = judged.found.change, judged.error
     lamps = []
+    shape = change.offset.shape
+    tint, tint_error = (np.zeros(shape) if each.log_tint is None else each.log_tint for each in (change, error))
     for n, group in enumerate(rig.groups):
-        if not change.offset[n].any() and not change.log_power[n]:
+        if not change.offset[n].any() and not change.log_power[n] and not tint[n].any():
             continue
         moves = np.abs(change.offset[n]) > np.maximum(SURE * error.offset[n], LEAST_CHANGE)
         lamps.append(LampChange(
             group.lights, _three(change.offset[n] * group.reach), _three(error.offset[n] * group.reach),
             float(np.linalg.norm(change.offset[n])), float(np.exp(change.log_power[n])), float(error.log_power[n]),
             group.cameras, group.sun, bool(moves.any()),
-            bool(abs(change.log_power[n]) > max(SURE * error.log_power[n], LEAST_CHANGE))))
+            bool(abs(change.log_power[n]) > max(SURE * error.log_power[n], LEAST_CHANGE)),
+            _three(np.exp(tint[n])), float(tint_error[n].max()),
+            bool(np.abs(tint[n]).max() > max(SURE * tint_error[n].max(), LEAST_TINT))))
     exposures = tuple(
         ExposureChange(view.image, given_name(view), float(gain / np.log(2)), float(sigma / np.log(2)),
                        bool(abs(gain) > max(SURE * sigma, LEAST_CHANGE)))

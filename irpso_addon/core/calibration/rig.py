@@ -52,6 +52,7 @@ class RigChange:
     # lets in and out.  Nothing is put right by them.
     cosine: float = 0.0
     transmission: float = 0.0
+    log_tint: F64 | None = None  # (G, 3) of powers in each channel, beside log_power (tints.py); None: as given
 
     @classmethod
     def none(cls, groups: int, views: int) -> RigChange:
@@ -106,12 +107,13 @@ class Rig:
             for light in view.lights:
                 given.setdefault(light.name, light)
         result = {}
-        for group, offset, power in zip(self.groups, change.offset, change.log_power, strict=True):
+        powers = change.log_power[:, None] + (0.0 if change.log_tint is None else change.log_tint)
+        for group, offset, power in zip(self.groups, change.offset, powers, strict=True):
             for name, axes in zip(group.lights, group.axes, strict=True):
                 light = given[name]
                 for axis, by in enumerate(axes @ offset * group.reach):
                     light = moved(light, axis, float(by)) if by else light
-                result[name] = replace(light, power=light.power * np.exp(power)) if power else light
+                result[name] = replace(light, power=light.power * np.exp(power)) if power.any() else light
         return result
 
 

@@ -23,7 +23,7 @@ COMMON = 1.5  # times what the parts show: they have errors in common too (pytho
 def standard_errors(sample: RigSample, free: Free, found: RigFound) -> Steps[RigChange]:
     """Of ``found``, which was fitted to ``sample``; shaped as its change."""
     factor = 1.0
-    for pair in _parts(sample):
+    for pair in parts_of(sample):
         if min(len(part.slot) for part in pair) == 0:
             continue
         one = yield from share_of(fit_rig(pair[0], free, start=found), 1.0, 1.0)
@@ -32,7 +32,7 @@ def standard_errors(sample: RigSample, free: Free, found: RigFound) -> Steps[Rig
     return errors_at(sample, free, found, factor)
 
 
-def _parts(sample: RigSample) -> list[tuple[RigSample, RigSample]]:
+def parts_of(sample: RigSample) -> list[tuple[RigSample, RigSample]]:
     """Texels on both sides of the middle; and observations under light that falls on a texel steeper, and flatter."""
     texels, longest = sample.texels, int(np.ptp(sample.position, axis=0).argmax())
     along = sample.position[:, longest]

@@ -27,9 +27,10 @@ def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
     lamps, views = sure_lamps(calibration), sure_exposures(calibration)
     placed = [lamp for lamp in lamps if lamp.sure_place]
     powered = [lamp for lamp in lamps if lamp.sure_power]
+    tinted = [lamp for lamp in lamps if lamp.sure_tint]
     parts = [*_placed([lamp for lamp in placed if not lamp.sun]), *_turned([lamp for lamp in placed if lamp.sun]),
-             *_powered(powered, said=powered == placed), *_exposed(views), *_even(calibration.vignetting),
-             *_surrounded(calibration.ambient), *_straightened(calibration.response),
+             *_powered(powered, said=powered == placed), *_coloured(tinted), *_exposed(views),
+             *_even(calibration.vignetting), *_surrounded(calibration.ambient), *_straightened(calibration.response),
              *_worlds(calibration.worlds)]
     what = " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
     if not parts:
@@ -71,13 +72,21 @@ def power_change(lamp: LampChange) -> str:
     return f"× {lamp.power:.3f} ± {percent(lamp.power_error, 1)}"
 
 
-def lamp_rows(calibration: Calibration) -> list[tuple[str, str]]:
-    """Name and figures of each lamp that is off beyond doubt; a second row for its power."""
+def tint_change(lamp: LampChange) -> str:
+    """"× 1.04 1.00 0.96 ± 0.3%"."""
+    factors = " ".join(f"{factor:.3f}" for factor in lamp.tint)
+    return f"× {factors} ± {percent(lamp.tint_error, 1)}"
+
+
+def lamp_rows(lamp: LampChange) -> list[tuple[str, str]]:
+    """Name and place, power, and color of a lamp, as far as they were changed."""
     rows = []
-    for lamp in sure_lamps(calibration):
-        name = f"F{lamp_name(lamp).removeprefix('the f')}" if lamp.cameras else lamp.lights[0]
-        rows += [(name, place_change(lamp)), ("Power", power_change(lamp))]
-    return rows
+    if lamp.share or lamp.power != 1.0:
+        rows += [("Place", place_change(lamp)), ("Power", power_change(lamp))]
+    if lamp.sure_tint:
+        rows.append(("Color", tint_change(lamp)))
+    name = f"F{lamp_name(lamp).removeprefix('the f')}" if lamp.cameras else lamp.lights[0]
+    return [(name if n == 0 else what, change) for n, (what, change) in enumerate(rows)]
 
 
 def exposure_row(calibration: Calibration) -> tuple[str, str, str] | None:
@@ -177,6 +186,16 @@ def _powered(lamps: Sequence[LampChange], said: bool) -> list[str]:
                 f"{percent(worst.power - 1, 1, sign=True)}"]
     what = "their power" if said else f"the power of {len(lamps)} lamps"
     return [f"changed {what} by up to {percent(worst.power - 1, 1, sign=True)} ({lamp_name(worst)})"]
+
+
+def _coloured(lamps: Sequence[LampChange]) -> list[str]:
+    if not lamps:
+        return []
+    worst = max(lamps, key=lambda lamp: max(abs(math.log(factor)) for factor in lamp.tint))
+    by = percent(max(worst.tint, key=lambda factor: abs(math.log(factor))) - 1, 1, sign=True)
+    if len(lamps) == 1:
+        return [f"changed the color of {lamp_name(worst)} by up to {by}"]
+    return [f"changed the colors of {len(lamps)} lamps by up to {by} ({lamp_name(worst)})"]
 
 
 def _exposed(views: Sequence[ExposureChange]) -> list[str]:
