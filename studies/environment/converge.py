@@ -12,7 +12,8 @@ from irpso_addon.core.shading import brdf, environment
 from studies.environment.shoot import KINDS, radiance
 
 HEIGHT, PLACES, BASE = 256, 60, 0.5
-SETTINGS = ((1024, False), (4096, False), (256, True), (512, True), (1024, True))  # directions, whether they divide
+# Directions, whether they divide:
+SETTINGS = ((1024, False), (4096, False), (256, True), (environment.COUNT, True), (1024, True))
 
 
 @dataclass(frozen=True)

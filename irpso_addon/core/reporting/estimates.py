@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import BadInput
 from ..maps.stride import stride_of
 from ..params import SolveSettings
-from ..shading.environment import COUNT, NODE_ROWS, NODES
+from ..shading.environment import COUNT, NODE_ROWS, NODES, SHADOW_SIDE
 from ..storage.text_file import read_text
 from ..tiled.uv_blocks import BLOCK, FIRST_UDIM, HALO, PICTURES, all_blocks, is_large, layout
 from .report import write_report
@@ -34,7 +34,7 @@ MAPS_BYTES = 10 * 16  # ... and those of the maps, which come later
 HOST_BYTES = 150_000_000  # of a process before it reads anything
 HOST_TEXEL_BYTES = 48
 ENVIRONMENT_BYTES = 8 * NODES + 16  # of a pixel, see gpu/observe/environment_light.py
-AROUND_BYTES = COUNT * 256**2 * 2  # of an environment's shadow maps, see gpu/observe/environment_light.py, ...
+AROUND_BYTES = COUNT * SHADOW_SIDE**2 * 2  # of an environment's shadow maps, see gpu/observe/environment_light.py, ...
 AROUND_PIXEL_BYTES = 16 * (1 + NODES)  # ... and of a pixel's sums: freed before the search
 READING = 3  # pictures in memory at a time
 FURTHEST = 1000.0  # times faster or slower than the small machine: beyond, something else was measured

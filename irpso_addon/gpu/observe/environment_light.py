@@ -15,13 +15,13 @@ import numpy as np
 
 from ...core.data import F32, F64, Emitter
 from ...core.shading import environment as model
+from ...core.shading.environment import SHADOW_SIDE as SIDE
 from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps
 from ..gbuffer.projection import Projection
 from .emitter_light import LitByEmitters
 from .visibility import FAR_TEXEL, Frustum, LightVisibility, parallel_frustum
 
-SIDE = 256  # texels of a direction's shadow map
 COLUMNS = 8  # maps side by side in a sheet, and rows of them: a batch
 BATCH = COLUMNS * COLUMNS
 DATA_WIDTH = 2048  # texels
