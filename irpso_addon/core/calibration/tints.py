@@ -44,11 +44,6 @@ class Tints:
     given: PredictionError  # of left-out views, as the scene is given
     changed: PredictionError
 
-    @property
-    def sure(self) -> Bool:
-        """(G,) whether a group's colour is off beyond doubt."""
-        return np.asarray(np.abs(self.log_tint).max(1) > np.maximum(SURE * self.error, LEAST_TINT))
-
     def corrected(self, sample: RigSample) -> RigSample:
         """A sample as if its lamps had these colours."""
         return tinted(sample, self.log_tint)

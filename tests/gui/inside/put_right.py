@@ -10,8 +10,8 @@ from robot import Steps
 
 
 def lamps() -> dict[str, list[float]]:
-    """Place and power of each, by name: undo leaves no reference to an object that holds."""
-    return {obj.name: [*obj.location, obj.data.energy] for obj in bpy.context.scene.objects if obj.type == "LIGHT"}
+    """Place, power and color of each, by name: undo leaves no reference to an object that holds."""
+    return {obj.name: [*obj.location, obj.data.energy, *obj.data.color] for obj in bpy.context.scene.objects if obj.type == "LIGHT"}
 
 
 def camera() -> list[float]:
@@ -26,12 +26,13 @@ def state() -> str:
 
 
 def keep_result() -> None:
-    """A result of the ball that has moved all lamps, changed two exposures and a camera."""
+    """A result of the ball that has moved all lamps, given them another color, changed two exposures and a camera."""
     data, changes = robot.addon("irpso_addon.core.data"), robot.addon("irpso_addon.core.change_records")
     grey, none = np.full((4, 4), 0.5, np.float32), np.zeros((4, 4), bool)
     maps = data.Maps(np.full((4, 4, 3), 0.5, np.float32), grey, grey, grey, none, ~none, grey, grey)
     moved = tuple(
-        changes.LampChange((name,), (0.01 * n + 0.02, 0.0, 0.03), (0.002,) * 3, 0.01 + 0.001 * n, 0.9 + 0.03 * n, 0.003)
+        changes.LampChange((name,), (0.01 * n + 0.02, 0.0, 0.03), (0.002,) * 3, 0.01 + 0.001 * n, 0.9 + 0.03 * n, 0.003,
+                           tint=(1.104, 1.01, 0.897), tint_error=0.002, sure_tint=True)
         for n, name in enumerate(lamps()))
     folder = robot.FOLDER  # of no picture: the views are those of captures.json
     views = tuple(changes.ExposureChange(folder / f"Camera {n}, Light 0.exr", f"Camera {n}", 0.03 * n - 0.02, 0.005)
