@@ -11,7 +11,8 @@ from robot import Steps
 
 def lamps() -> dict[str, list[float]]:
     """Place, power and color of each, by name: undo leaves no reference to an object that holds."""
-    return {obj.name: [*obj.location, obj.data.energy, *obj.data.color] for obj in bpy.context.scene.objects if obj.type == "LIGHT"}
+    return {obj.name: [*obj.location, obj.data.energy, *obj.data.color]
+            for obj in bpy.context.scene.objects if obj.type == "LIGHT"}
 
 
 def camera() -> list[float]:
