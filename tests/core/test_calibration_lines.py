@@ -107,9 +107,10 @@ def test_rows_of_the_panel() -> None:
     key, flash, rim, warm = (lamp_rows(lamp) for lamp in sure_lamps(calibration))
     assert key == [("Key", "50 ± 2 mm"), ("Power", "× 0.914 ± 0.3 %")]
     assert [rows[0][0] for rows in (flash, rim)] == ["Flash on 2 cameras", "Rim"]
-    assert warm == [("Warm", "× 1.104 1.010 0.897 ± 0.2 %")]
+    colors = [("Red", "× 1.104 ± 0.2 %"), ("Green", "× 1.010 ± 0.2 %"), ("Blue", "× 0.897 ± 0.2 %")]
+    assert warm == [("Warm", "place as given"), *colors]
     both = lamp_rows(replace(KEY, tint=WARM.tint, tint_error=0.002, sure_tint=True))
-    assert [name for name, _ in both] == ["Key", "Power", "Color"] and both[2][1] == tint_change(WARM)
+    assert both == [*key, *colors] and tint_change(WARM) == "RGB × 1.10 1.01 0.90"
     assert exposure_row(calibration) == ("2 Exposures", "up to -0.12 EV", "a.exr")
     assert exposure_row(found(exposures=(replace(VIEW, sure=False),))) is None
 

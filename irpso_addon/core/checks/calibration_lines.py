@@ -73,20 +73,20 @@ def power_change(lamp: LampChange) -> str:
 
 
 def tint_change(lamp: LampChange) -> str:
-    """"× 1.04 1.00 0.96 ± 0.3%"."""
-    factors = " ".join(f"{factor:.3f}" for factor in lamp.tint)
-    return f"× {factors} ± {percent(lamp.tint_error, 1)}"
+    """"RGB × 1.04 1.00 0.96"."""
+    return f"RGB × {' '.join(f'{factor:.2f}' for factor in lamp.tint)}"
 
 
 def lamp_rows(lamp: LampChange) -> list[tuple[str, str]]:
     """Name and place, power, and color of a lamp, as far as they were changed."""
-    rows = []
-    if lamp.share or lamp.power != 1.0:
-        rows += [("Place", place_change(lamp)), ("Power", power_change(lamp))]
-    if lamp.sure_tint:
-        rows.append(("Color", tint_change(lamp)))
     name = f"F{lamp_name(lamp).removeprefix('the f')}" if lamp.cameras else lamp.lights[0]
-    return [(name if n == 0 else what, change) for n, (what, change) in enumerate(rows)]
+    rows = [(name, "place as given")]
+    if lamp.share or lamp.power != 1.0:
+        rows = [(name, place_change(lamp)), ("Power", power_change(lamp))]
+    if lamp.sure_tint:
+        rows += [(channel, f"× {factor:.3f} ± {percent(lamp.tint_error, 1)}")
+                 for channel, factor in zip(("Red", "Green", "Blue"), lamp.tint, strict=True)]
+    return rows
 
 
 def exposure_row(calibration: Calibration) -> tuple[str, str, str] | None:
