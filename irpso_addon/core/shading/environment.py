@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from ..data import F32, F64, Bool, Environment
 from . import brdf
 
-COUNT = 576  # directions: the error of radiance is below 1 % (docs/environment.md)
-SHADOW_SIDE = 384  # texels of a direction's shadow map
+COUNT = 512  # directions: the error of radiance is below 1 % (docs/environment.md)
+SHADOW_SIDE = 256  # texels of a direction's shadow map
 NODES = 12  # of roughness, even in its logarithm from ROUGHNESS_MIN to 1
 NODES_AT_ONCE = NODES // 2  # in one draw: with irradiance, not more than the eight targets that OpenGL 3.3 has
 NODE_COLUMNS = 4  # of them side by side in a texture, ...
