@@ -133,14 +133,18 @@ HEAD = """\
 |---|---|---|---|---|---|---|---|"""
 
 
+def asked(study: str, doc: str | None, pictures: Path) -> argparse.Namespace:
+    """The command line of a study that fills this page."""
+    parser = argparse.ArgumentParser(prog=f"python -m studies.{study}", description=(doc or "").splitlines()[0])
+    parser.add_argument("--assets", nargs="+", choices=NAMES, metavar="NAME", help=f"of {', '.join(NAMES)}")
+    parser.add_argument("--pictures", type=Path, default=pictures, help="folder that keeps them")
+    parser.add_argument("--out", type=Path, default=PAGE, help="the page")
+    return parser.parse_args()
+
+
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m studies.calibration",
-                                     description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--assets", nargs="+", choices=NAMES, metavar="NAME", help=f"of {', '.join(NAMES)}")
-    parser.add_argument("--pictures", type=Path, default=PICTURES, help="folder that keeps them")
-    parser.add_argument("--out", type=Path, default=PAGE, help="the page")
-    options = parser.parse_args()
+    options = asked("calibration", __doc__, PICTURES)
     ensure_openimageio()
     lines = []
     for asset in ASSETS:

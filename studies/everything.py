@@ -6,9 +6,7 @@ as a module.  Pictures are kept in build/everything.  --assets: these alone, and
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +16,7 @@ from irpso_addon.core.images.reference_image import read_reference
 from irpso_addon.core.shading.lights import light_irradiance
 from irpso_addon.solve.kept_images import ReadImage
 from studies import pages
-from studies.calibration import HEAD, NAMES, PAGE, Case, judged, line, solved, wrong
+from studies.calibration import HEAD, NAMES, PAGE, Case, asked, judged, line, solved, wrong
 from studies.intervals.assets import ASSETS
 from studies.intervals.measure import scene_of
 from studies.intervals.page import made_on
@@ -70,12 +68,7 @@ def in_room(scene: SceneData) -> ReadImage:
 
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m studies.everything",
-                                     description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--assets", nargs="+", choices=NAMES, metavar="NAME", help=f"of {', '.join(NAMES)}")
-    parser.add_argument("--pictures", type=Path, default=PICTURES, help="folder that keeps them")
-    parser.add_argument("--out", type=Path, default=PAGE, help="the page")
-    options = parser.parse_args()
+    options = asked("everything", __doc__, PICTURES)
     ensure_openimageio()
     lines = []
     for asset in ASSETS:

@@ -6,9 +6,7 @@ no page.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +14,7 @@ from irpso_addon.blender.oiio import ensure_openimageio
 from irpso_addon.core.data import F64, SceneData
 from irpso_addon.core.phrases import percent
 from studies import pages
-from studies.calibration import CASES, NAMES, PAGE, PICTURES, Case, judged, solved, wrong
+from studies.calibration import CASES, NAMES, PAGE, PICTURES, Case, asked, judged, solved, wrong
 from studies.intervals.assets import ASSETS
 from studies.intervals.measure import scene_of
 from studies.intervals.page import made_on
@@ -54,12 +52,7 @@ def colors_left(right: SceneData, now: SceneData) -> float:
 
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m studies.lamp_colors",
-                                     description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--assets", nargs="+", choices=NAMES, metavar="NAME", help=f"of {', '.join(NAMES)}")
-    parser.add_argument("--pictures", type=Path, default=PICTURES, help="folder that keeps them")
-    parser.add_argument("--out", type=Path, default=PAGE, help="the page")
-    options = parser.parse_args()
+    options = asked("lamp_colors", __doc__, PICTURES)
     ensure_openimageio()
     lines = []
     for asset in ASSETS:

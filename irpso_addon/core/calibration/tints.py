@@ -134,10 +134,10 @@ class _Colours:
     def __init__(self, sample: RigSample, first: RigFound, group: dict[str, int]) -> None:
         texels = sample.texels
         specular = parts(texels, lobes_of(sample, texels, first.materials))[1]
-        self.places, layers = np.unique(sample.view, return_index=True)
-        self.layers: list[I32] = [np.flatnonzero(sample.view == place).astype(np.int32) for place in self.places]
+        places, layers = np.unique(sample.view, return_index=True)
         self.first: I32 = layers.astype(np.int32)  # of each view's layers
-        shown = np.stack([texels.reflected[:, own].reshape(len(texels.reflected), -1) for own in self.layers], 1)
+        shown = np.stack([
+            texels.reflected[:, sample.view == place].reshape(len(texels.reflected), -1) for place in places], 1)
         below = np.maximum(shown - specular[:, layers], 0.0)
         good = texels.usable()[:, layers] & (specular[:, layers, 0] < HIGHLIGHT * np.maximum(shown.mean(-1), LEAST))
         good &= (below > HIGHLIGHT * np.maximum(shown, LEAST)).all(-1)
@@ -148,7 +148,7 @@ class _Colours:
         self.groups, self.cluster = len(sample.rig.groups), _numbered(sample.cluster)
         self.kept = any(each.kept for each in sample.rig.groups)
         self.share: list[tuple[list[int], F64]] = []  # of each view: groups, and (T, n) their shares in its light
-        for place in self.places:
+        for place in places:
             lights = sample.rig.views[place].lights
             lit = np.stack([_lit(sample, light).mean(-1) for light in lights], -1)
             lit /= np.maximum(lit.sum(-1, keepdims=True), LEAST)
@@ -225,13 +225,14 @@ class _Judged:
         colours, odd = self.colours, self.colours.cluster % 2 == 1
         halves = [(half, colours.fit(self.free, ~half)[0]) for half in (odd, ~odd)]
         given, changed = (np.zeros_like(colours.value) for _ in range(2))
+        known = colours.weight > 0  # and so in other views, which say the texel's own colour
         for left_out in self.folds.left_out:
             out = left_out[colours.first]
+            known[:, out] &= known[:, ~out].any(1, keepdims=True)
             given[:, out] = colours.left(np.zeros((colours.groups, COLOURS)), colours.weight, ~out)[:, out]
             for half, tints in halves:
                 own = colours.left(tints, colours.weight, ~out)
                 changed[np.ix_(half, out)] = own[np.ix_(half, out)]
-        known = colours.weight > 0
         before, after = _scale(given, known), _scale(changed, known)
         unit = CAUCHY * min(before, after)
         gain = np.log1p((given / unit) ** 2) - np.log1p((changed / unit) ** 2)
