@@ -26,7 +26,6 @@ from ..core.job import Progress, mapped
 from ..core.live_maps import Live
 from ..core.maps.stride import SparseTexels, pixels_per_texel, stride_of
 from ..core.normals.judge import NormalsJudged, judge_normals
-from ..core.normals.straighten import straightened
 from ..core.normals.tilt_sample import TiltSample
 from ..core.params import SolveSettings
 from ..core.tiled.tiled_plan import PriorKnowledge
@@ -301,7 +300,7 @@ def _calibrated(
         return replace(large, openness=openness(source.device, source, grid.mesh, given.scene, large, surface))
 
     if given.settled is not None:
-        return sample.rig, (yield from found_again(given.settled, sample, more, straightened))
+        return sample.rig, (yield from found_again(given.settled, sample, more))
     return sample.rig, (yield from calibrate(
         sample, settings.lamps == "auto", settings.exposures == "auto", more,
-        straight=straightened if settings.normals == "auto" else None))
+        normals=settings.normals == "auto"))

@@ -17,7 +17,8 @@ from irpso_addon.core.normals.judge import NormalsJudged, judge_normals
 from irpso_addon.core.normals.low_pass import common
 from irpso_addon.core.normals.texel_tilts import TexelTilts
 from irpso_addon.core.normals.tilt_fit import TiltModel, fit_tilts
-from irpso_addon.core.normals.tilt_sample import TiltSample, basis
+from irpso_addon.core.normals.tilt_sample import TiltSample
+from irpso_addon.core.shading.lights import light_basis
 from tests.support import synthetic as syn
 from tests.support import tilted_sphere as balls
 
@@ -76,7 +77,7 @@ def test_observations_under_tilted_normals_are_those_of_a_mesh_that_has_them() -
 def test_bases_are_orthonormal() -> None:
     normal = balls.unit(np.random.default_rng(0).standard_normal((500, 3)))
     normal[:2] = [0, 0, -1], [0, 0, 1]
-    frame = np.stack([*basis(normal), normal], 1)
+    frame = np.stack([*light_basis(normal), normal], 1)
     assert np.allclose(frame @ np.swapaxes(frame, 1, 2), np.eye(3), atol=1e-12)
 
 

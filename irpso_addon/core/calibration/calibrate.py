@@ -18,22 +18,20 @@ from .contest import GIVEN, HALF, SURE, Contest
 from .far_exposures import far_exposures
 from .free_numbers import LEAST_FIT, NOTHING, candidates, gains, is_far, is_off, pruned, sure_of_ambient
 from .rig import RigChange
-from .rig_fit import ROUNDS, Free, RigFound, fit_rig
+from .rig_fit import ROUNDS, Free, RigFound, fit_rig, tell_typical
 from .rig_sample import RigSample
-from .standard_errors import standard_errors
+from .standard_errors import unexplained
 from .tints import Tints, lamp_tints
 
 # Power of the cosine.  Shoots that Cycles rendered show up to 0.02, one of flat faces under few lamps 0.06; photographs
 # of a matt figurine show 0.1 to 0.2.
 LEAST_BEND = 0.08
 LEAST_TEXELS = 100
-TURNS = 4  # of normals and rig
 COLOURS = 3
 COLOURED = 1000  # texels that say the colour of light from all around
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
 
 Larger = Callable[[bool], RigSample]
-Straight = Callable[[RigSample, RigChange | None], RigSample]
 
 
 @dataclass(frozen=True)
@@ -45,19 +43,18 @@ class Judged:
     changed: PredictionError
     free: Free  # what was looked for
     error: RigChange  # standard errors of the change
-    turned: bool = False  # whether texels were turned to the normals that explain them
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/(m^2 sr)
 
 
 def calibrate(
     sample: RigSample, lamps: bool, exposures: bool, more: Larger | None = None,
-    straight: Straight | None = None,
+    normals: bool = False,
 ) -> Steps[Judged | None]:
     """What is to be changed; None where nothing is, or where too little is seen to judge it.
 
     ``lamps``, ``exposures``: what may be changed.  The fewest numbers are changed that predict about as well as all.
-    ``more``: a larger sample, with its openness where asked, which says by how much; None: the same.  ``straight``: a
-    sample under the normals that explain it, under a change of the rig; None: normals are those of the mesh.
+    ``more``: a larger sample, with its openness where asked, which says by how much; None: the same.  ``normals``:
+    whether the mesh may be wrong in detail.
     """
     larger = more or (lambda ambient: sample)
     lamps = lamps and not all(group.kept for group in sample.rig.groups)
@@ -68,9 +65,9 @@ def calibrate(
     first = yield from fit_rig(sample, Free(False, False, levels=not sample.scale_known), rounds=1)
     tints = (yield from lamp_tints(sample, folds, first, larger)) if lamps else None
     if tints is None:
-        return (yield from _with_exposures(sample, lamps, exposures, larger, straight, first))
+        return (yield from _with_exposures(sample, lamps, exposures, larger, normals, first))
     judged = yield from _with_exposures(
-        tints.corrected(sample), lamps, exposures, lambda ambient: tints.corrected(larger(ambient)), straight, first)
+        tints.corrected(sample), lamps, exposures, lambda ambient: tints.corrected(larger(ambient)), normals, first)
     return _in_colours(tints, judged, first)
 
 
@@ -85,17 +82,17 @@ def _in_colours(tints: Tints, judged: Judged | None, first: RigFound) -> Judged:
 
 
 def _with_exposures(
-    sample: RigSample, lamps: bool, exposures: bool, larger: Larger, straight: Straight | None, first: RigFound,
+    sample: RigSample, lamps: bool, exposures: bool, larger: Larger, normals: bool, first: RigFound,
 ) -> Steps[Judged | None]:
     """What else is to be changed, exposures that are far off before all.  ``first``: the materials of the sample."""
     folds = split(sample.texels)
     assert folds is not None
     far = (yield from far_exposures(sample, folds, first)) if exposures else None
     if far is None:
-        return (yield from _with_details(sample, lamps, exposures, larger, straight))
+        return (yield from _with_details(sample, lamps, exposures, larger, normals))
     evened = far.evened
     judged = yield from _with_details(
-        evened(sample), lamps, exposures, lambda ambient: evened(larger(ambient)), straight)
+        evened(sample), lamps, exposures, lambda ambient: evened(larger(ambient)), normals)
     if judged is None:
         return Judged(far.found, far.given, far.changed, far.free, far.found.error)
     found = replace(judged.found, change=far.with_gains(judged.found.change))
@@ -104,32 +101,32 @@ def _with_exposures(
 
 
 def _with_details(
-    sample: RigSample, lamps: bool, exposures: bool, more: Larger, straight: Straight | None,
+    sample: RigSample, lamps: bool, exposures: bool, more: Larger, normals: bool,
 ) -> Steps[Judged | None]:
     """What is to be changed, beside a mesh that is wrong in detail too: that may hide what is off."""
-    judged, off = yield from _judged(sample, lamps, exposures, more, None)
-    if judged is None and off and straight is not None:
-        seen = straight(sample, None)
-        if seen is not sample:
-            judged, _ = yield from _judged(seen, lamps, exposures, more, straight)
+    judged, off = yield from _judged(sample, lamps, exposures, more, False)
+    if judged is None and off and normals:
+        judged, _ = yield from _judged(sample, lamps, exposures, more, True)
     return judged
 
 
 def _judged(
-    sample: RigSample, lamps: bool, exposures: bool, more: Larger, straight: Straight | None,
+    sample: RigSample, lamps: bool, exposures: bool, more: Larger, tilts: bool,
 ) -> Steps[tuple[Judged | None, bool]]:
-    """What is to be changed, and whether something seems to be off."""
+    """What is to be changed, and whether something seems to be off.  ``tilts``: of the texels' normals too."""
     folds = split(sample.texels)
     assert folds is not None
-    frees = candidates(sample, lamps, exposures)
+    frees = candidates(sample, lamps, exposures, tilts)
     quick = yield from share_of(fit_rig(sample, frees[-1], rounds=2), 0.0, 0.1)
-    if sample.scale_known:
+    if not frees[-1].levels:
         levels = replace(frees[-1], levels=True)
         other = yield from share_of(fit_rig(sample, levels, rounds=2), 0.1, 0.2)
         if other.scatter < PAYS * quick.scatter:
             quick, frees = other, [replace(free, levels=True) for free in frees]
-    if not is_off(quick) or not gains(quick):
+    if not is_off(quick):
         return None, False
+    if not gains(quick):
+        return None, True
     everything = yield from share_of(fit_rig(sample, frees[-1]), 0.2, 0.5)
     if frees[-1].lamps and not gains(everything):
         everything = yield from _from_afar(sample, frees[-1])
@@ -140,7 +137,7 @@ def _judged(
     whole, given, frees = frees[-1], everything.given, pruned(frees, everything)
     if frees[-1] != whole:
         everything = yield from share_of(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
-    contest = Contest(sample, everything, folds)
+    contest = Contest(sample, everything, folds, tilts)
     taken, found, kept = GIVEN, everything, frees[-1]
     for n, free in enumerate(frees):
         begin, middle, end = (0.5 + 0.5 * (n + part) / len(frees) for part in (0.0, 0.3, 1.0))
@@ -157,32 +154,35 @@ def _judged(
     if taken == GIVEN:
         return None, True
     kept, found = yield from _with_diffuse(contest, *(yield from _with_ambient(contest, kept, found)))
-    final = yield from _final(kept, found, more, straight)
+    final = yield from _final(kept, found, more)
     found = final.found
-    if not is_off(found) or (is_far(found) and (straight is not None or not contest.leaves_half(taken))):
+    if not is_off(found):
         return None, True
-    error = yield from standard_errors(final.sample, final.free, found)
-    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), final.free, error,
-                  straight is not None, final.ambient), True
+    found = yield from _weighed(final)
+    if is_far(found) and (tilts or not contest.leaves_half(taken)):
+        return None, True
+    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), final.free, found.error,
+                  final.ambient), True
 
 
 def _from_afar(sample: RigSample, free: Free) -> Steps[RigFound]:
     """All numbers at once run away where lamps are far off; lamps alone come near."""
-    near = yield from share_of(fit_rig(sample, Free(True, False, levels=free.levels), rounds=2 * ROUNDS), 0.5, 0.5)
+    lamps = Free(True, False, levels=free.levels, tilts=free.tilts)
+    near = yield from share_of(fit_rig(sample, lamps, rounds=2 * ROUNDS), 0.5, 0.5)
     found = yield from share_of(fit_rig(sample, free, start=near, rounds=ROUNDS), 0.5, 0.5)
     return replace(found if found.scatter < near.scatter else near, given=near.given)
 
 
-def found_again(before: Judged, sample: RigSample, more: Larger, straight: Straight) -> Steps[Judged | None]:
+def found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged | None]:
     """The same change where cameras have been put right since: no other numbers but ambient light, their values anew.
 
     Cameras that are off hide ambient light, which makes little of the radiance.  None where nothing is off any more, or
-    left-out views are not predicted better.  ``sample``, ``more``, ``straight``: as of `calibrate`.
+    left-out views are not predicted better.  ``sample``, ``more``: as of `calibrate`.
     """
     if len(sample.rig.groups) != len(before.found.change.offset):  # cameras have left a flash that they shared
         return None
     if before.found.change.log_tint is None:
-        return (yield from _found_again(before, sample, more, straight))
+        return (yield from _found_again(before, sample, more))
     folds = split(sample.texels)
     if folds is None:
         return None
@@ -193,28 +193,30 @@ def found_again(before: Judged, sample: RigSample, more: Larger, straight: Strai
     if before.free != NOTHING:
         white = replace(before, found=replace(before.found, change=replace(before.found.change, log_tint=None)))
         again = yield from _found_again(
-            white, seen, more if tints is None else lambda ambient: tints.corrected(more(ambient)), straight)
+            white, seen, more if tints is None else lambda ambient: tints.corrected(more(ambient)))
     return again if tints is None else _in_colours(tints, again, first)
 
 
-def _found_again(before: Judged, sample: RigSample, more: Larger, straight: Straight) -> Steps[Judged | None]:
+def _found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged | None]:
     """As `found_again`, of all but colours."""
-    seen = straight(sample, None) if before.turned else sample
-    folds = split(seen.texels)
+    folds = split(sample.texels)
     if folds is None:
         return None
-    free, found = yield from _with_ambient(Contest(seen, before.found, folds), before.free, before.found)
-    final = yield from _final(free, found, more, straight if before.turned else None, ROUNDS)
+    contest = Contest(sample, before.found, folds, before.free.tilts)
+    free, found = yield from _with_ambient(contest, before.free, before.found)
+    final = yield from _final(free, found, more, ROUNDS)
     free, found = final.free, final.found
-    if not is_off(found) or (is_far(found) and not is_far(before.found)):
+    if not is_off(found):
         return None
-    contest = Contest(seen, found, folds)
+    found = yield from _weighed(final)
+    if is_far(found) and not is_far(before.found):
+        return None
+    contest = Contest(sample, found, folds, free.tilts)
     contest.add(str(free), (yield from share_of(contest.predictions(free, found), 1.0, 1.0)))
     if not contest.beats(str(free), GIVEN):
         return None
-    error = yield from standard_errors(final.sample, free, found)
     return replace(before, found=found, given=contest.judge.error(GIVEN), changed=contest.judge.error(str(free)),
-                   free=free, error=error, ambient_radiance=final.ambient)
+                   free=free, error=found.error, ambient_radiance=final.ambient)
 
 
 @dataclass(frozen=True)
@@ -227,29 +229,30 @@ class _Final:
     ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)  # radiance from all around in each channel
 
 
-def _final(
-    free: Free, found: RigFound, more: Larger, straight: Straight | None, rounds: int | None = None,
-) -> Steps[_Final]:
+def _final(free: Free, found: RigFound, more: Larger, rounds: int | None = None) -> Steps[_Final]:
     """By the larger sample.
 
     Without ambient light, where the larger sample is not sure of it.  ``rounds``: of the first fit, if materials are to
     be found in it too.
     """
-    large = seen = more(free.ambient)
-    turn, turns = 0, 1 if straight is None else TURNS
-    while turn < turns:
-        if straight is not None:
-            seen = straight(large, found.change)
-        found = yield from share_of(fit_rig(seen, free, start=found, rounds=rounds), 1.0, 1.0)
-        rounds = None
-        turn = turns if seen is large else turn + 1
-        if free.ambient and not sure_of_ambient(found):
-            if free.only_ambient:
-                none = RigChange.none(len(found.change.offset), len(found.change.log_gain))
-                return _Final(seen, replace(free, ambient=False), replace(found, change=none))
-            free, turn = replace(free, ambient=False), 0
-    ambient = (yield from _ambient(seen, free, found)) if free.ambient else (0.0, 0.0, 0.0)
-    return _Final(seen, free, found, ambient)
+    sample = more(free.ambient)
+    found = yield from share_of(fit_rig(sample, free, start=found, rounds=rounds), 1.0, 1.0)
+    if free.ambient and not sure_of_ambient(found):
+        if free.only_ambient:
+            none = RigChange.none(len(found.change.offset), len(found.change.log_gain))
+            return _Final(sample, replace(free, ambient=False), replace(found, change=none))
+        free = replace(free, ambient=False)
+        found = yield from share_of(fit_rig(sample, free, start=found), 1.0, 1.0)
+    ambient = (yield from _ambient(sample, free, found)) if free.ambient else (0.0, 0.0, 0.0)
+    return _Final(sample, free, found, ambient)
+
+
+def _weighed(final: _Final) -> Steps[RigFound]:
+    """What was found with its standard errors, drawn towards what is given by how far off lamps typically are."""
+    sample, free, found = final.sample, final.free, final.found
+    factor = yield from unexplained(sample, free, found)
+    drawn = yield from share_of(fit_rig(sample, free, start=found, factor=factor), 1.0, 1.0)
+    return drawn if tell_typical(sample.rig, free) else replace(drawn, change=found.change)
 
 
 def _with_ambient(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:

@@ -10,7 +10,8 @@ from ..data import F64
 from ..evaluation.folds import Folds, Judge, scatter
 from ..evaluation.sampled_texels import parts, predicted
 from ..job import Steps, share_of
-from .rig_fit import CAUCHY, Free, RigFound, fit_rig
+from .rig import RigChange
+from .rig_fit import CAUCHY, Free, RigFound, beside_tilts, fit_rig
 from .rig_sample import RigSample
 from .texel_materials import lobes_of
 
@@ -26,18 +27,18 @@ GIVEN = "given"
 class Contest:
     """What the given rig and others predict of left-out views, highlights apart."""
 
-    def __init__(self, sample: RigSample, whole: RigFound, folds: Folds) -> None:
-        """``whole``: with all numbers free, of all texels."""
-        self.sample, self.folds = sample, folds
+    def __init__(self, sample: RigSample, whole: RigFound, folds: Folds, tilts: bool = False) -> None:
+        """``whole``: with all numbers free, of all texels.  ``tilts``: texels' normals are their own numbers too."""
+        self.sample, self.folds, self.tilts = sample, folds, tilts
         self.judged = diffuse_alone(sample, whole)
         odd = np.unique(sample.cluster, return_inverse=True)[1] % 2 == 1
         # Which texels each half has, what says its change, and what is judged:
         self.halves = [(half, sample.part(half), self.judged.part(half)) for half in (odd, ~odd)]
         self.judge = Judge(self.judged.texels, folds)
         self.left: dict[str, F64] = {}  # of each rig, (T, V): log of predicted over observed radiance, 0 if not judged
-        lobes = lobes_of(self.judged, self.judged.texels, whole.materials)  # as of `predictions`
-        for name, shown in (("lambert", None), (GIVEN, lobes)):
-            self.add(name, [predicted(self.judged.texels, shown, ~left_out) for left_out in folds.left_out])
+        self.add("lambert", [predicted(self.judged.texels, None, ~left_out) for left_out in folds.left_out])
+        none = RigChange.none(len(sample.rig.groups), len(sample.rig.views))
+        self.add(GIVEN, self._predicted(self.judged, replace(whole, change=none)))
 
     def add(self, name: str, predictions: list[F64]) -> None:
         """``predictions``: of each fold, (T, V, C) radiance over the given irradiance."""
@@ -54,16 +55,21 @@ class Contest:
         values = [np.zeros_like(self.sample.texels.reflected) for _ in self.folds.left_out]
         for n, ((_, half, _), (others, _, judged)) in enumerate(zip(self.halves, self.halves[::-1], strict=True)):
             found = yield from share_of(fit_rig(half, free, start=whole), n / 2, (n + 1) / 2)
-            seen = judged.geometry.under(found.change)
-            lobes = lobes_of(judged, seen.texels, whole.materials)
-            for value, left_out in zip(values, self.folds.left_out, strict=True):
-                value[others] = seen.as_given(predicted(seen.texels, lobes, ~left_out))
+            shown = self._predicted(judged, replace(found, materials=whole.materials))
+            for value, of in zip(values, shown, strict=True):
+                value[others] = of
         return values
 
     def of_whole(self, found: RigFound) -> list[F64]:
         """The same of both halves by what all texels found."""
-        seen = self.judged.geometry.under(found.change)
-        lobes = lobes_of(self.judged, seen.texels, found.materials)
+        return self._predicted(self.judged, found)
+
+    def _predicted(self, sample: RigSample, found: RigFound) -> list[F64]:
+        """Of each fold, by the texels' own numbers that the other views say."""
+        if self.tilts:
+            return beside_tilts(sample, found, self.folds)
+        seen = sample.geometry.under(found.change)
+        lobes = lobes_of(sample, seen.texels, found.materials)
         return [seen.as_given(predicted(seen.texels, lobes, ~left_out)) for left_out in self.folds.left_out]
 
     def beats(self, name: str, other: str) -> bool:

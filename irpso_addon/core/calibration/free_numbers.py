@@ -21,27 +21,33 @@ FARTHEST = 0.025
 NOTHING = Free(False, False)  # but colours
 
 
-def candidates(sample: RigSample, lamps: bool, exposures: bool) -> list[Free]:
-    """From the fewest numbers on.  Where no lamp lights two views, their exposures are its power."""
-    levels = not sample.scale_known
-    none = Free(False, False, levels=levels)
-    alone = [replace(none, vignetting=True), replace(none, response=True)] if exposures else []
+def candidates(sample: RigSample, lamps: bool, exposures: bool, tilts: bool) -> list[Free]:
+    """From the fewest numbers on.  Where no lamp lights two views, their exposures are its power.
+
+    ``tilts``: of the normals too.  Beside them a response or vignetting cannot be told, and lamps walk off under a
+    Specular IOR Level that is none of the material's.
+    """
+    none = Free(False, False, levels=tilts or not sample.scale_known, tilts=tilts)
+    alone = [] if tilts or not exposures else [replace(none, vignetting=True), replace(none, response=True)]
     if not lamps:
-        return [*alone, replace(none, exposures=True), Free(False, True, True, levels, response=True)]
+        bent = replace(none, exposures=True, vignetting=True, response=True)
+        return [*alone, replace(none, exposures=True), *([] if tilts else [bent])]
     lit = [tuple(light.name for light in view.lights) for view in sample.rig.views]
     apart = len(set(lit)) < len(lit) or any(group.carried for group in sample.rig.groups)
-    both = [replace(none, ambient=True, response=True)] if exposures else []
-    placed = [replace(none, lamps=True), *([Free(True, True, levels=levels)] if exposures and apart else [])]
+    both = [replace(none, ambient=True, response=True)] if alone else []
+    placed = [replace(none, lamps=True)]
+    if exposures and apart:
+        placed += [replace(none, lamps=True, exposures=True)]
     last = replace(placed[-1], ambient=True)
     return [replace(none, ambient=True), *alone, *both, *placed, last,
-            *([replace(last, vignetting=True, response=True)] if exposures else [])]
+            *([replace(last, vignetting=True, response=True)] if alone else [])]
 
 
 def pruned(frees: list[Free], everything: RigFound) -> list[Free]:
     """Without what is certainly as it is given, where all numbers are free."""
     ambient, response = sure_of_ambient(everything), sure_of_response(everything)
     less = [replace(free, ambient=free.ambient and ambient, response=free.response and response) for free in frees]
-    return list(dict.fromkeys(free for free in less if free != Free(False, False, levels=free.levels)))
+    return list(dict.fromkeys(free for free in less if free.scene))
 
 
 def is_off(found: RigFound) -> bool:

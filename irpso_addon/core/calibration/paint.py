@@ -1,4 +1,4 @@
-"""What base colours and roughnesses of the texels can explain, taken out of other changes (variable projection).
+"""What the texels' own numbers can explain, taken out of other changes (variable projection).
 
 The pixels of two cameras cover a texture differently.  So a texel's base colour is the sum of one that all cameras
 share and a small one of each camera's own.  All of a texel's numbers are eliminated together, under normal priors.
@@ -15,6 +15,7 @@ from ..evaluation.sampled_texels import OTHER_CAMERA, SampledTexels
 
 OWN = 0.05  # relative standard deviation of base color from camera to camera
 ROUGHNESS = 0.5  # standard deviation of the logarithm of roughness
+TILT = 0.03  # radians, of the normals of a mesh that is wrong in detail
 LEAST = 1e-12
 
 
@@ -52,8 +53,13 @@ def base_colours(paints: list[Paint], weight: F64, diffuse: F64, rest: F64) -> F
 class Elimination:
     """Of each texel's own numbers, for one linearisation.  (T, V) arrays are of texels and layers."""
 
-    def __init__(self, paints: list[Paint], weight: F64, share: F64, bend: F64, scatter: float) -> None:
-        """``share``, ``bend``: slopes of log radiance by the logarithms of base colour and roughness."""
+    def __init__(
+        self, paints: list[Paint], weight: F64, share: F64, bend: F64, scatter: float, tilts: tuple[F64, ...] = (),
+    ) -> None:
+        """``share``, ``bend``: slopes of log radiance by the logarithms of base colour and roughness.
+
+        ``tilts``: by radians of the normal, each way; none: it is right.
+        """
         columns, priors = [bend], [(scatter / ROUGHNESS) ** 2]
         for paint in paints:
             own = [paint.layers[camera] for camera in paint.cameras] if len(paint.cameras) > 1 else []
@@ -65,6 +71,8 @@ class Elimination:
             alone = [layers[0] for layers in own if len(layers) == 1]  # there the camera's own is noise
             weight = weight.copy()
             weight[:, alone] /= 1 + weight[:, alone] * (share[:, alone] * OWN / scatter) ** 2
+        columns += tilts
+        priors += [(scatter / TILT) ** 2] * len(tilts)
         self.weight = weight
         self.columns = np.stack(columns, -1)  # (T, V, m)
         self.weighted = self.columns * weight[..., None]

@@ -13,12 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data import F64, Bool
+from ..evaluation.folds import Folds
 from ..evaluation.joint_material import OneMaterial
 from ..evaluation.sampled_texels import Lobes, parts
 from ..job import Progress, Steps
+from ..shading.lights import light_basis
+from ..vectors import dot
 from .paint import Elimination, base_colours, paints_of
-from .rig import RigChange
-from .rig_sample import RigSample, Seen
+from .rig import Rig, RigChange
+from .rig_sample import RigSample, Seen, to_middle
 from .texel_materials import lobes_of, materials_of
 
 PLACE, POWER, GAIN = 0.05, 0.1, 0.03  # what a shoot's figures are off by: of a lamp's distance; relative
@@ -33,9 +36,13 @@ LONGEST = 0.15  # of a lamp's distance: a step
 SHARED = 5  # numbers of all views: vignetting, ambient light, response, two of the diffuse
 REFITS = (0, 3)  # rounds in which the materials are fitted
 MEAN = 1e-4  # of powers, and of gains: brightness as a whole belongs to the base colours
+LEARNT = 200  # rounds in which it is learnt what places and powers typically are off by
+LEAST_USUAL = 1e-3
+LEAST_LAMPS = 4  # that are free: fewer say little of what is typical
 DIFFUSE = 0.5  # share of the diffuse in what is no highlight
 LEAST = 1e-12
 STEP = 0.02  # relative, of roughness: for derivatives
+GRAZING = 0.05  # cosine to a lamp: below it, what a tilt does is not linear
 
 
 @dataclass(frozen=True)
@@ -50,11 +57,17 @@ class Free:
     response: bool = False
     cosine: bool = False  # a power of the cosine: the usual way in which a diffuse is not Lambert's
     diffuse: bool = False  # all that it may have beside Lambert's
+    tilts: bool = False  # of the texels' normals, in detail: each texel's own, as its base colour
+
+    @property
+    def scene(self) -> bool:
+        """Whether any of the scene's numbers are."""
+        return self.ambient or self.lamps or self.exposures or self.vignetting or self.response
 
     @property
     def only_ambient(self) -> bool:
         """Of the scene's numbers."""
-        return self.ambient and not (self.lamps or self.exposures or self.vignetting or self.response)
+        return self.ambient and not replace(self, ambient=False).scene
 
 
 @dataclass(frozen=True)
@@ -70,18 +83,15 @@ class RigFound:
 
 def fit_rig(
     sample: RigSample, free: Free, start: RigFound | None = None, rounds: int | None = None,
+    factor: float | None = None,
 ) -> Steps[RigFound]:
     """The change of the rig that explains a sample.  ``start``: of more texels, or with other numbers free.
 
-    Materials are those of ``start``, unless ``rounds`` says how many there are to be.
+    Materials are those of ``start``, unless ``rounds`` says how many there are to be.  ``factor``: what observations
+    scatter by, times what they show; then lamps are as far off as they typically are, if `tell_typical`.
     """
     refit = start is None or rounds is not None
-    return _RigFit(sample, free).found(start, (rounds or ROUNDS) if refit else AGAIN, refit)
-
-
-def errors_at(sample: RigSample, free: Free, found: RigFound, factor: float) -> RigChange:
-    """Standard errors of what was found, as if observations scattered by ``factor`` times what they do."""
-    return _RigFit(sample, free).errors(found, factor)
+    return _RigFit(sample, free, factor).found(start, (rounds or ROUNDS) if refit else AGAIN, refit)
 
 
 def left_over(sample: RigSample, found: RigFound) -> F64:
@@ -96,13 +106,36 @@ def left_over(sample: RigSample, found: RigFound) -> F64:
     return np.where(now.good & (now.share > DIFFUSE), now.left, np.nan)
 
 
+def tell_typical(rig: Rig, free: Free) -> bool:
+    """Whether lamps are enough to tell how far off they typically are."""
+    return free.lamps and sum(not group.kept for group in rig.groups) >= LEAST_LAMPS
+
+
+def beside_tilts(sample: RigSample, found: RigFound, folds: Folds) -> list[F64]:
+    """Of each fold, (T, V, C) radiance of the left-out views over the given irradiance, where texels are tilted.
+
+    Base colours, roughnesses and tilts are those that the other views say.
+    """
+    seen = sample.geometry.under(found.change)
+    fit = _RigFit(sample, Free(False, False, tilts=True))
+    fit.change = found.change
+    now = _Round(fit, seen, lobes_of(sample, seen.texels, found.materials), None)
+    result = []
+    for left_out in folds.left_out:
+        own = Elimination(fit.paints, now.weight * ~left_out, now.share, now.bend, now.scatter, now.tilts)
+        result.append(sample.texels.reflected * np.exp(-own.remains(now.left))[..., None])
+    return result
+
+
 class _RigFit:
     """The rounds of `fit_rig`; numbers: offsets, powers, gains, SHARED, and levels of the materials."""
 
-    def __init__(self, sample: RigSample, free: Free) -> None:
+    def __init__(self, sample: RigSample, free: Free, factor: float | None = None) -> None:
         self.sample, self.geometry = sample, sample.geometry
+        self.factor = 1.0 if factor is None else factor
+        self.learns = factor is not None and tell_typical(sample.rig, free)
         self.groups, self.views = len(sample.rig.groups), len(sample.rig.views)
-        self.group, self.levels = sample.rig.number(), free.levels
+        self.group, self.levels, self.tilts = sample.rig.number(), free.levels, free.tilts
         self.change = RigChange.none(self.groups, self.views)
         self.kept = np.array([group.kept for group in sample.rig.groups], bool)
         lamps = np.concatenate([np.repeat(~self.kept, 3), ~self.kept]) & free.lamps
@@ -142,13 +175,6 @@ class _RigFit:
         return RigFound(_centred(self.change, bool(self.kept.any())), self._spread(covariance), now.scatter, given,
                         materials)
 
-    def errors(self, found: RigFound, factor: float) -> RigChange:
-        """As `errors_at`."""
-        self.change = found.change
-        seen = self.geometry.under(found.change)
-        now = _Round(self, seen, lobes_of(self.sample, seen.texels, found.materials), None)
-        return self._spread(now.step(factor)[1])
-
     def _spread(self, covariance: F64) -> RigChange:
         return self._unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
 
@@ -157,6 +183,18 @@ class _RigFit:
         spread, gains = self.prior.copy(), slice(4 * self.groups, 4 * self.groups + self.views)
         spread[gains] = np.maximum(spread[gains], np.abs(self.change.log_gain) / CAUCHY)
         return spread
+
+    def learn(self, free: F64, variance: F64) -> None:
+        """By how much places and powers typically are off (empirical Bayes: one round of expectation maximisation).
+
+        ``free``, ``variance``: values of the free numbers, and how far those may be off.
+        """
+        values, unsure = np.zeros(len(self.prior)), np.zeros(len(self.prior))
+        values[self.free], unsure[self.free] = free, variance
+        for first, end, most in ((0, 3 * self.groups, PLACE), (3 * self.groups, 4 * self.groups, POWER)):
+            own = self.free[(self.free >= first) & (self.free < end)]
+            usual = float(np.sqrt(np.mean(values[own] ** 2 + unsure[own])))
+            self.prior[own] = min(max(usual, LEAST_USUAL), most)
 
     def packed(self) -> F64:
         """The change as one vector."""
@@ -229,6 +267,27 @@ class _Round:
         self.share, self.bend, self.level, self.left = share * power, bend * power, level * power, left * power
         self.scatter *= power
         self.around, self.logarithm = self._bends()
+        self.tilts = self._tilts() if fit.tilts else ()
+        for _ in range(3 if fit.tilts else 0):
+            rest = self._elimination().remains(self.left)
+            self.scatter = 1.4826 * float(np.median(np.abs(rest[self.good]))) + 1e-4 if self.good.any() else 1.0
+            self.weight = np.where(self.good, share**2 / (1 + (rest / (CAUCHY * self.scatter)) ** 2), 0.0)
+
+    def _elimination(self) -> Elimination:
+        return Elimination(self.fit.paints, self.weight, self.share, self.bend, self.scatter, self.tilts)
+
+    def _tilts(self) -> tuple[F64, F64]:
+        """(T, V) slopes of log radiance by radians of the normal, each way; highlights, which count little, apart."""
+        sample, lights = self.fit.sample, self.fit.sample.rig.lights(self.fit.change)
+        ways = light_basis(sample.normal)
+        one, other = (np.zeros(self.left.shape) for _ in ways)
+        for v, place in enumerate(sample.view):
+            for light in sample.rig.views[place].lights:
+                to_light = to_middle(lights[light.name], sample.position)
+                cosine = np.maximum(dot(to_light, sample.normal), GRAZING)
+                for slopes, way in zip((one, other), ways, strict=True):
+                    slopes[:, v] += self.share[:, v] * self.seen.share[v, light.name] * dot(to_light, way) / cosine
+        return one, other
 
     def _bends(self) -> tuple[F64, F64]:
         """(T, V) slopes of log radiance by light from all around, and by the logarithm of the response's exponent."""
@@ -241,22 +300,25 @@ class _Round:
             around, value = around * lit, value / lit
         return around, np.log(np.maximum(value, LEAST))
 
-    def step(self, factor: float = 1.0) -> tuple[F64, F64]:
-        """(change of the free numbers, their covariance); ``factor``: times the scatter of the observations."""
+    def step(self) -> tuple[F64, F64]:
+        """(change of the free numbers, their covariance)."""
         fit, free = self.fit, self.fit.free
-        elimination = Elimination(fit.paints, self.weight, self.share, self.bend, self.scatter)
+        elimination = self._elimination()
         normal, pull, scores = self._sums(elimination)
         normal, pull, scores = normal[np.ix_(free, free)], pull[free], scores[free]
-        variance = (factor * self.scatter)**2
+        variance = (fit.factor * self.scatter)**2
         meat = (scores**2).sum(1)
         ratio = meat / np.maximum(normal.diagonal() * self.scatter**2, LEAST)
         alike = max(float(np.median(ratio)) if len(ratio) else 1.0, 1.0)  # observations for one that is independent
-        prior, means = (part[np.ix_(free, free)] for part in (np.diag(1 / fit.spread() ** 2), fit.means))
-        information = normal / (variance * alike) + prior + means
-        now = fit.packed()[free]
-        gradient = pull / (variance * alike) - prior @ now - means @ (now - fit.start[free])
-        covariance = np.linalg.inv(information)
-        return covariance @ gradient, covariance
+        means, now = fit.means[np.ix_(free, free)], fit.packed()[free]
+        for _ in range(LEARNT if fit.learns else 1):
+            prior = 1 / fit.spread()[free] ** 2
+            covariance = np.linalg.inv(normal / (variance * alike) + np.diag(prior) + means)
+            gradient = pull / (variance * alike) - prior * now - means @ (now - fit.start[free])
+            step = covariance @ gradient
+            if fit.learns:
+                fit.learn(now + step, covariance.diagonal())
+        return step, covariance
 
     def _columns(self, v: int) -> tuple[list[int], F64]:
         """(numbers, (T, n) slopes) of what layer ``v`` depends on."""

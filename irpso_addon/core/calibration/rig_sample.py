@@ -187,13 +187,18 @@ def typical_light(texels: SampledTexels) -> float:
     return float(np.median(texels.irradiance.mean(-1)[some])) if some.any() else 1.0
 
 
+def to_middle(light: Light, position: F64) -> F64:
+    """(T, 3) unit vectors to a lamp's middle."""
+    way = (np.broadcast_to(light.matrix[:3, 2], position.shape) if light.kind == "SUN"
+           else light.matrix[:3, 3] - position)
+    return np.asarray(way / np.maximum(length(way)[..., None], 1e-12))
+
+
 def _angles(light: Light, camera: Camera, sample: RigSample) -> tuple[F64, F64]:
     """(T,) each: N.L, and the squared sine of the half vector's angle; of the lamp's middle."""
-    to_light = (np.broadcast_to(light.matrix[:3, 2], sample.position.shape) if light.kind == "SUN"
-                else light.matrix[:3, 3] - sample.position)
     to_camera = np.broadcast_to(-camera.forward, sample.position.shape) if camera.orthographic else (
         camera.position - sample.position)
-    L, V = (v / np.maximum(length(v)[..., None], 1e-12) for v in (to_light, to_camera))
+    L, V = to_middle(light, sample.position), to_camera / np.maximum(length(to_camera)[..., None], 1e-12)
     H = (L + V) / np.maximum(length(L + V)[..., None], 1e-12)
     N = sample.normal
     return dot(N, L), 1 - np.clip(dot(N, H), -1, 1) ** 2

@@ -13,15 +13,14 @@ from dataclasses import replace
 import numpy as np
 
 from ..job import Steps, share_of
-from .rig import RigChange
-from .rig_fit import Free, RigFound, errors_at, fit_rig
+from .rig_fit import Free, RigFound, fit_rig
 from .rig_sample import RigSample
 
 COMMON = 1.5  # times what the parts show: they have errors in common too (python -m studies.standard_errors)
 
 
-def standard_errors(sample: RigSample, free: Free, found: RigFound) -> Steps[RigChange]:
-    """Of ``found``, which was fitted to ``sample``; shaped as its change."""
+def unexplained(sample: RigSample, free: Free, found: RigFound) -> Steps[float]:
+    """What standard errors of ``found``, which was fitted to ``sample``, are to be multiplied by."""
     factor = 1.0
     for pair in parts_of(sample):
         if min(len(part.slot) for part in pair) == 0:
@@ -29,7 +28,7 @@ def standard_errors(sample: RigSample, free: Free, found: RigFound) -> Steps[Rig
         one = yield from share_of(fit_rig(pair[0], free, start=found), 1.0, 1.0)
         other = yield from share_of(fit_rig(pair[1], free, start=found), 1.0, 1.0)
         factor = max(factor, COMMON * _apart(one, other))
-    return errors_at(sample, free, found, factor)
+    return factor
 
 
 def parts_of(sample: RigSample) -> list[tuple[RigSample, RigSample]]:

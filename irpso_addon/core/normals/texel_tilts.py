@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..data import F32, F64, I32, Bool
+from ..shading.lights import light_basis
 from .low_pass import common
-from .tilt_sample import basis
 
 SWEEPS = 40
 ALIKE = 0.5  # cosine between normals of neighbours
@@ -66,7 +66,7 @@ class _Field:
     def __init__(self, found: TexelTilts, deviation: float) -> None:
         self.texels, self.deviation = found.texels, deviation
         self.information, self.pull = found.information, found.pull
-        first, second = basis(found.normal.astype(np.float64))
+        first, second = light_basis(found.normal.astype(np.float64))
         self.axes = np.stack([first, second], -2).astype(np.float32)  # (h, w, 2, 3)
         self.joined = [self._joined(found, axis) for axis in (0, 1)]
         self.stiffness = self._stiffness()

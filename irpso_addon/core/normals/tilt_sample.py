@@ -14,6 +14,7 @@ from ..data import F64, Bool
 from ..evaluation.lobe_values import half_cosine
 from ..evaluation.sampled_texels import SampledTexels
 from ..shading import brdf
+from ..shading.lights import light_basis
 
 LEAST_COSINE = 1e-3
 GRAZING = 0.1  # cosine to the camera: tilts turn no normal farther away
@@ -44,7 +45,7 @@ class TiltSample:
             to_camera[:, v] = -camera.forward if camera.orthographic else camera.position - position
             for n, light in enumerate(view.lights[:to_light.shape[2]]):
                 to_light[:, v, n] = light.matrix[:3, 2] if light.kind == "SUN" else light.matrix[:3, 3] - position
-        first, second = basis(rig.normal)
+        first, second = light_basis(rig.normal)
         return cls(rig, _unit(to_light), _unit(to_camera), first, second, _shares(texels))
 
     @property
@@ -98,18 +99,6 @@ class TiltSample:
         """Some of the texels."""
         return TiltSample(self.rig.part(some), *(values[some] for values in (
             self.to_light, self.to_camera, self.first, self.second, self.share)))
-
-
-def basis(normal: F64) -> tuple[F64, F64]:
-    """Two vectors (..., 3), orthonormal to unit normals.
-
-    Duff et al. 2017, "Building an Orthonormal Basis, Revisited".
-    """
-    x, y, z = (normal[..., k] for k in range(3))
-    side = np.where(z >= 0, 1.0, -1.0)
-    a = -1 / (side + z)
-    b = x * y * a
-    return (np.stack([1 + side * x * x * a, side * b, -side * x], -1), np.stack([b, side + y * y * a, -y], -1))
 
 
 def _shares(texels: SampledTexels) -> F64:

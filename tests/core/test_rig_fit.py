@@ -1,0 +1,53 @@
+"""Suns that are believed elsewhere, beside normals that are wrong in detail, and drawn by how far off they typically are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.calibration.rig_fit import Free, RigFound, fit_rig
+from irpso_addon.core.calibration.rig_sample import RigSample
+from irpso_addon.core.job import Steps, run_to_end
+from tests.support import tilted_sphere as balls
+
+LAMPS = 12
+PLACES = Free(lamps=True, exposures=False)
+
+
+def found(steps: Steps[RigFound]) -> RigFound:
+    return run_to_end(steps, lambda progress: None)
+
+
+def left(rig: RigSample, of: RigFound) -> float:
+    """Degrees by which suns are still off, in the mean."""
+    lit = balls.directions(np.random.default_rng(1), len(rig.slot), LAMPS)[1]
+    lights = rig.rig.lights(of.change)
+    return float(np.mean([balls.degrees_between(lights[f"Sun {n}"].matrix[:3, 2], way) for n, way in enumerate(lit)]))
+
+
+def test_bumps_that_the_mesh_lacks_hardly_move_suns() -> None:
+    """Tilts of 2 degrees, which no normal of the sample has; suns are believed 1 degree off."""
+    sample, _ = balls.sphere(balls.principled(0.4), lamps=LAMPS, noise=0.01, slope=0.04, turned=np.radians(1.0))
+    beside = Free(lamps=True, exposures=False, tilts=True)
+    plain, tilted = (found(fit_rig(sample.rig, free)) for free in (PLACES, beside))
+    drawn = found(fit_rig(sample.rig, beside, start=tilted, factor=2.0))
+    assert tilted.scatter < 0.3 * plain.scatter
+    assert left(sample.rig, tilted) < 0.7 * left(sample.rig, plain)  # 0.35 and 0.59 degrees
+    assert left(sample.rig, drawn) < 0.3 * left(sample.rig, plain)  # 0.14
+
+
+@pytest.mark.parametrize("factor", [1.0, 20.0])
+def test_suns_are_drawn_to_where_they_typically_are(factor: float) -> None:
+    """What observations cannot tell is taken from what is given: by how much, the found offsets say themselves."""
+    sample, _ = balls.sphere(balls.principled(0.4), lamps=LAMPS, texels=100, noise=0.1, turned=np.radians(0.5))
+    free = found(fit_rig(sample.rig, PLACES))
+    drawn = found(fit_rig(sample.rig, PLACES, start=free, factor=factor))
+    assert left(sample.rig, drawn) < left(sample.rig, free)
+    assert np.linalg.norm(drawn.change.offset) < np.linalg.norm(free.change.offset)
+
+
+def test_suns_that_are_surely_far_off_are_not_drawn_back() -> None:
+    sample, _ = balls.sphere(balls.principled(0.4), lamps=LAMPS, noise=0.005, turned=np.radians(5.0))
+    free = found(fit_rig(sample.rig, PLACES))
+    drawn = found(fit_rig(sample.rig, PLACES, start=free, factor=2.0))
+    assert left(sample.rig, drawn) < 0.15  # degrees
