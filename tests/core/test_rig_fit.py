@@ -1,4 +1,4 @@
-"""Suns that are believed elsewhere, beside normals that are wrong in detail, and drawn by how far off they typically are."""
+"""Suns that are believed elsewhere, beside normals that are wrong in detail, and drawn to where they typically are."""
 
 from __future__ import annotations
 
