@@ -113,20 +113,6 @@ def test_in_its_own_world_the_fit_decides():
     assert np.median(errors(found, syn.PATCHES).rough) < 1e-4
 
 
-def test_texels_that_see_little_are_drawn_to_their_material():
-    """Four lamps, one camera, and light of 3 % that no lamp makes: each texel's own fit bends its roughness to that."""
-    faint = syn.shoot(syn.PATCHES, rig(1, 4), noise=0.005)
-    faint = replace(faint, images={name: replace(image, rgb=(
-        image.rgb + np.float32(0.03 * np.median(image.rgb[image.rgb > 0]))).astype(np.float32))
-        for name, image in faint.images.items()})
-    found = run(faint, model="auto", lamps="given", exposures="given")
-    prediction = found.predictions["Paint"]
-    assert prediction.taken == "a value a texel, prior 10" and not prediction.clear
-    assert prediction.error.lightness < 0.6 * prediction.tried["a value a texel"].lightness
-    alone = run(faint, model="one-lobe", lamps="given", exposures="given")
-    assert np.mean(errors(found, syn.PATCHES).rough) < 0.9 * np.mean(errors(alone, syn.PATCHES).rough)
-
-
 def test_two_lobes_must_predict_better_than_one_lobe(monkeypatch):
     """However evidence came to prefer them: as where a scan's normals put highlights beside their places."""
     def two(*_):

@@ -21,7 +21,6 @@ from ..observe.observation_atlas import Source
 from .material_sample import MaterialSample, clusters, read_sample, sampled
 from .prediction_trials import (
     DRAWN,
-    DRAWN_AS,
     DRAWN_COAT,
     DRAWN_COAT_METAL,
     DRAWN_LEVEL,
@@ -45,7 +44,6 @@ CLEAR = 0.15  # of its loss: a fit that leads by so much over one value for the 
 CLEAR_TWO = 0.5  # the same of two lobes, which have no prior: false ones flash so seldom that samples miss it
 HOPEFUL = 0.25  # the same: one value that is not worse than the best one value by more is tried a texel, too
 SAME_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 in all folds is 0.5: nothing else is to be tried
-FEW = 1.0  # as `Judge.spared`: folds leave less than one observation beside the numbers that a texel's fit finds
 LEAST = 0.01  # roughness: of texels that are not observed it is 0
 PLAIN_METALLIC = 0.03  # a Metallic so near to 0 is 0 ...
 SOME_METALLIC = 0.08  # ... and one above this worth the time to try it where texels differ
@@ -149,8 +147,7 @@ class _Contest:
             clear = CLEAR_TWO
             if not self.solver.cancelled and not self.judge.leads(incumbent, clear, self.predictions):
                 self.fitted, incumbent, clear = Fitted("one-lobe"), FITTED["one-lobe"], CLEAR
-        few = self.fitted.model in DRAWN_AS and self.judge.spared() > FEW
-        if not self.solver.cancelled and (few or not self._leads(incumbent, clear)):
+        if not self.solver.cancelled and not self._leads(incumbent, clear):
             yield from self._folds(self._drawn, PARTS, race=True)
             near = self.judge.near([trial.name for trial in UNIFORM], HOPEFUL)
             yield from self._folds(self._drawn, DRAWN if UNIFORM[0].name in near else [], race=True)
@@ -165,27 +162,21 @@ class _Contest:
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
-        stays = self._leads(incumbent, clear)
-        if self.fitted.model in DRAWN_AS:
+        leads = self._leads(incumbent, clear)
+        if self.fitted.model in ("one-lobe", "one-lobe-specular"):
             spared = self.judge.spared()
-            stays = stays or (spared > 0 and self.judge.stays(incumbent, spared))
-        taken = self._chosen() if not stays else self._drawn_or(incumbent) if few else incumbent
+            leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
+        taken = incumbent if leads else self._chosen()
         coated = yield from self._under_coats(taken, metal or apart)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors |= {name: self.judge.error(name) for name in self.predictions}
-        clear = stays and taken == incumbent and not coated
-        return self._decision(MaterialPrediction(self.folds.of, coated or taken, errors, clear))
+        return self._decision(MaterialPrediction(self.folds.of, coated or taken, errors, leads and not coated))
 
     def _leads(self, incumbent: str, clear: float) -> bool:
         """Over all but two lobes that were given up."""
         return self.judge.leads(incumbent, clear, [
             name for name in self.predictions if name != FITTED["two-lobe"] or name == incumbent])
-
-    def _drawn_or(self, incumbent: str) -> str:
-        """The fit a texel under the best prior, if any was tried to the end: texels that see little need one."""
-        drawn = [trial.name for trial in DRAWN_AS[self.fitted.model] if trial.name in self.predictions]
-        return self.judge.choose([drawn]) if drawn else incumbent
 
     def _under_coats(self, taken: str, metal: bool) -> Generator[Progress, None, str | None]:
         """The trial with a coat that is to be taken instead, if there is one."""

@@ -58,7 +58,6 @@ DRAWN_COAT_METAL = _trials("a value a texel, one metallic and coat", "one-lobe-m
 FREE_COAT = Trial("a value a texel and coat", "one-lobe-specular", 0.0, lambda joint: joint.coated[APART], APART)
 PARTS = [Trial("two parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[0]),
          Trial("three parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[1])]
-DRAWN_AS = {"one-lobe": DRAWN, "one-lobe-specular": DRAWN_LEVEL}  # by what the fit prefers
 # The fit's own, without a prior of the material:
 FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specular": "a value a texel, one level",
           "two-lobe": "two lobes"}
