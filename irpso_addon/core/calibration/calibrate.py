@@ -20,7 +20,7 @@ from .free_numbers import LEAST_FIT, NOTHING, candidates, gains, is_far, is_off,
 from .rig import RigChange
 from .rig_fit import ROUNDS, Free, RigFound, fit_rig, tell_typical
 from .rig_sample import RigSample
-from .standard_errors import unexplained
+from .standard_errors import COMMON, unexplained
 from .tints import Tints, lamp_tints
 
 # Power of the cosine.  Shoots that Cycles rendered show up to 0.02, one of flat faces under few lamps 0.06; photographs
@@ -251,8 +251,10 @@ def _weighed(final: _Final) -> Steps[RigFound]:
     """What was found with its standard errors, drawn towards what is given by how far off lamps typically are."""
     sample, free, found = final.sample, final.free, final.found
     factor = yield from unexplained(sample, free, found)
-    drawn = yield from share_of(fit_rig(sample, free, start=found, factor=factor), 1.0, 1.0)
-    return drawn if tell_typical(sample.rig, free) else replace(drawn, change=found.change)
+    if tell_typical(sample.rig, free):
+        found = yield from share_of(fit_rig(sample, free, start=found, factor=factor), 1.0, 1.0)
+    stated = yield from share_of(fit_rig(sample, free, start=found, factor=factor * COMMON), 1.0, 1.0)
+    return replace(found, error=stated.error)
 
 
 def _with_ambient(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:

@@ -20,14 +20,14 @@ COMMON = 1.5  # times what the parts show: they have errors in common too (pytho
 
 
 def unexplained(sample: RigSample, free: Free, found: RigFound) -> Steps[float]:
-    """What standard errors of ``found``, which was fitted to ``sample``, are to be multiplied by."""
+    """What standard errors of ``found``, fitted to ``sample``, are to be multiplied by to explain its parts; 1 or more."""
     factor = 1.0
     for pair in parts_of(sample):
         if min(len(part.slot) for part in pair) == 0:
             continue
         one = yield from share_of(fit_rig(pair[0], free, start=found), 1.0, 1.0)
         other = yield from share_of(fit_rig(pair[1], free, start=found), 1.0, 1.0)
-        factor = max(factor, COMMON * _apart(one, other))
+        factor = max(factor, _apart(one, other))
     return factor
 
 
