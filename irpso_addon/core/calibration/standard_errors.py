@@ -20,7 +20,7 @@ COMMON = 1.5  # times what the parts show: they have errors in common too (pytho
 
 
 def unexplained(sample: RigSample, free: Free, found: RigFound) -> Steps[float]:
-    """What standard errors of ``found``, fitted to ``sample``, are to be multiplied by to explain its parts; 1 or more."""
+    """What standard errors of ``found``, fitted to ``sample``, are multiplied by to explain its parts; 1 or more."""
     factor = 1.0
     for pair in parts_of(sample):
         if min(len(part.slot) for part in pair) == 0:
