@@ -190,6 +190,9 @@ class SceneData:
     start: Solution | None = None  # the last result: kept where the region is not, and where a search may begin
 
 
+SOLID = 0.5  # coverage: a pixel of no more is an edge, and no observation
+
+
 @dataclass(frozen=True)
 class RadianceImage:
     """A reference image, ready to use.  ``rgb`` is radiance, W/(m^2 sr), not premultiplied."""

@@ -260,6 +260,17 @@ def test_slightly_negative_values_are_data(tmp_path):
     assert "negative" in error_of(view(save(tmp_path / "b.exr", pixels)))
 
 
+def test_noise_at_an_edge_is_not_divided_by_alpha(tmp_path):
+    pixels = noise(c=4)
+    pixels[..., 3] = 1
+    pixels[2, 3] = -0.001, 0.001, 0.001, 1e-4  # read noise beside the object, where resampling left a trace of alpha
+    found = read_reference(view(save(tmp_path / "a.exr", pixels)))
+    assert found.valid.all() and found.clipped_share == 0
+    np.testing.assert_allclose(found.coverage[::-1][2, 3], 1e-4)
+    pixels[2, 3] = -0.5, 0.5, 0.5, 1
+    assert "negative" in error_of(view(save(tmp_path / "b.exr", pixels)))
+
+
 # --- what cannot be used
 
 

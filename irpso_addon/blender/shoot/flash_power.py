@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...core.data import F64, RadianceImage, View
+from ...core.data import F64, SOLID, RadianceImage, View
 from ...core.errors import BadInput
 from ...core.images import decoder_pool
 from ...core.images.reference_image import read_reference, with_one_white_balance
@@ -52,7 +52,7 @@ def _view(context: bpy.types.Context, entry: bpy.types.PropertyGroup, depsgraph:
 def _albedo(view: View, image: RadianceImage, rays: MeshRays) -> F64:
     """(N,) of the brightest channel, of pixels of a view, under its lights' present power."""
     height, width = image.valid.shape
-    rows, columns = np.nonzero(image.valid & (image.coverage > 0.5))
+    rows, columns = np.nonzero(image.valid & (image.coverage > SOLID))
     origins, directions = rays_of(view.camera, np.stack([columns, rows], -1) + 0.5, (width, height))
     found = []
     for origin, direction, row, column in zip(origins, directions, rows, columns, strict=True):

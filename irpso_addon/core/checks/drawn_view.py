@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..data import F32, Bool, RadianceImage, View
+from ..data import F32, SOLID, Bool, RadianceImage, View
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class DrawnView:
     @cached_property
     def shown(self) -> Bool:
         """(h, w) the object is drawn there, and the picture does not deny it."""
-        return self.covered & (self.image.coverage > 0.5)
+        return self.covered & (self.image.coverage > SOLID)
 
     @cached_property
     def brightness(self) -> F32:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data import F32, F64, Bool
+from ..data import F32, F64, SOLID, Bool
 from ..errors import BadInput
 from .image_file import ImageFile, floats
 from .mask import Mask
@@ -86,7 +86,7 @@ def survey(rows: Rows, least_level: float) -> Survey:
     lowest, highest = np.inf, np.zeros(3)
     samples = []
     for rgb, coverage in rows.bands():
-        pixels = rgb[coverage > 0]
+        pixels = _counting(rgb, coverage)
         covered += len(pixels)
         finite = all_channels(np.isfinite(pixels))
         odd += int(np.sum(~finite))
@@ -110,6 +110,18 @@ def survey(rows: Rows, least_level: float) -> Survey:
     if file.camera is not None:
         ceiling = np.minimum(ceiling, 1.0)
     return Survey(ceiling, float(np.mean((sample >= ceiling).any(-1))), level, sample)
+
+
+def _counting(rgb: F32, coverage: F32) -> F32:
+    """(n, 3) of the covered pixels; those of edges, which are no observations, count by their coverage.
+
+    Divided by an alpha of almost 0, the noise of a pixel outside the object would exceed the whole picture.
+    """
+    covered = coverage > 0
+    pixels, share = rgb[covered], coverage[covered]
+    edge = share <= SOLID
+    pixels[edge] *= share[edge, None]
+    return pixels
 
 
 def _plateaus(sample: F32, highest: F64) -> F64:

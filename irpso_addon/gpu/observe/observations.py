@@ -17,7 +17,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.data import F32, Bool, Bounced, Camera, RadianceImage, SceneData, View
+from ...core.data import F32, SOLID, Bool, Bounced, Camera, RadianceImage, SceneData, View
 from ...core.job import Progress
 from ...core.projection import lens_axes
 from ...core.shading import environment as environment_model
@@ -195,7 +195,7 @@ class _Observer:
     def _take(self, n: int, view: View, image: RadianceImage) -> bool:
         """Upload a reference; False where no pixel of it is usable."""
         c = self._camera(view.camera, *image.rgb.shape[1::-1])
-        opaque = self.covered[c] & (image.coverage > 0.5)
+        opaque = self.covered[c] & (image.coverage > SOLID)
         good = opaque & image.valid
         if self.limits.level is None:
             if not good.any():
@@ -204,7 +204,7 @@ class _Observer:
                     (view.image.name, f"no usable pixel shows the {what}; check camera, mask and clipping"))
                 return False
             self.levels.append(np.maximum(np.median(image.rgb[good].mean(axis=1)), np.float32(0))[None])
-        quality = np.where(image.valid, np.where(image.coverage > 0.5, image.coverage, 0.0), 0.0)
+        quality = np.where(image.valid, np.where(image.coverage > SOLID, image.coverage, 0.0), 0.0)
         # Read noise may leave less than 0: that is data, because the fit is linear in it.
         floor = BLACK * max(image.rgb.max(), np.float32(0))
         rgb = np.where(np.abs(image.rgb) < floor, floor, image.rgb)
