@@ -127,7 +127,7 @@ class Calibration:
 class RefinedNormals:
     """Shading normals that were refined, because left-out views are then predicted better."""
 
-    tilt: float  # degrees: median angle between refined normals and those that were given
+    tilt: float  # degrees: median angle between refined normals and those that were given, where views show the texel
     # Robust standard deviation of what predictions of left-out views are off by, relative; highlights apart, and
     # without what normals of whole regions would explain:
     given: float

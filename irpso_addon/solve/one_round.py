@@ -126,10 +126,10 @@ def _normals(given: TexelGrid, solved: Solved) -> RefinedNormals | None:
     judged = solved.normals
     if isinstance(judged, str):
         return None
-    texels = given.coverage & solved.grid.coverage
-    cosine = (given.normal[texels] * solved.grid.normal[texels]).sum(-1, dtype=np.float64)
-    tilt = float(np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))))
-    return RefinedNormals(tilt, judged.given, judged.refined)
+    seen = given.coverage & solved.grid.coverage & ~solved.made.maps.filled  # others keep the mesh's normals
+    chord = np.linalg.norm(given.normal[seen].astype(np.float64) - solved.grid.normal[seen], axis=-1)
+    tilt = 2 * np.degrees(np.arcsin(np.clip(chord / 2, 0, 1)))
+    return RefinedNormals(float(np.median(tilt)) if len(tilt) else 0.0, judged.given, judged.refined)
 
 
 def _keeps_normals(scene: SceneData) -> bool:

@@ -83,6 +83,18 @@ def test_bumps_become_a_normal_map(rough, refined) -> None:
     assert before.mean() > 2.5 and after.mean() < 0.4 * before.mean()
 
 
+def test_the_tilt_that_is_reported_is_that_of_what_views_show(rough, refined) -> None:
+    """Texels outside the pictures keep the mesh's normals: half of all are such, or more."""
+    y, x = np.indices(PIXELS) - (PIXELS[0] - 1) / 2
+    middle = np.hypot(x, y) < 20
+    images = {name: replace(image, coverage=np.where(middle, image.coverage, 0))
+              for name, image in rough.images.items()}
+    found = shoots.run(replace(rough, images=images), **QUICK, size=96)
+    assert found.normals is not None
+    assert found.maps.filled.sum() > 0.5 * found.maps.coverage.sum()
+    assert found.normals.tilt == pytest.approx(refined.normals.tilt, rel=0.2)
+
+
 def test_maps_under_refined_normals_are_nearer_to_the_truth(rough, refined) -> None:
     given = shoots.run(rough, **QUICK | {"size": 96, "normals": "mesh"})
     assert given.maps.normal is None

@@ -9,6 +9,6 @@ def refined(normals: RefinedNormals | None) -> tuple[str, ...]:
     """The warning line; none where normals are as given."""
     if normals is None:
         return ()
-    return (f"IRPSO tilted the shading normals by {normals.tilt:.1f}° in the median. It now predicts left-out views to "
+    return (f"IRPSO tilted the shading normals by {normals.tilt:.2g}° in the median. It now predicts left-out views to "
             f"{normals.refined:.1%} of their radiance instead of {normals.given:.1%}. The result has a normal map; the "
             "mesh itself stays as it is.",)
