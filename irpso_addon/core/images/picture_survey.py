@@ -72,7 +72,7 @@ class Survey:
     ceiling: F64  # (3,) stored values from which on a channel is clipped
     clipped: float  # share of covered pixels that are
     level: float  # stored value that nearly all lie below: the 99.5 % point, or white
-    sample: F32  # (n, 3) of the covered pixels
+    sample: F32  # (n, 3) of the covered pixels, those of edges times their coverage
 
 
 def survey(rows: Rows, least_level: float) -> Survey:
