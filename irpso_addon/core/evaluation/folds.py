@@ -15,9 +15,8 @@ from ..change_records import PredictionError
 from ..data import F64, I32, Bool
 from .sampled_texels import SampledTexels
 
-FOLDS = 3
-NUMBERS = 2  # that a fit of one lobe finds in each texel: base colour and roughness
-MANY = 1.5  # ratio of the variances for many observations, a third left out
+FOLDS = 3  # at least
+MOST_FOLDS = 6  # each takes its time
 LEAST_SETS = 3  # of lamps, or cameras: with fewer, leaving one out leaves too little
 LEAST_KNOWN = 2  # good observations that a texel keeps where it is predicted
 WHITE = 99.5  # per cent of the radiances that lie below white
@@ -41,12 +40,18 @@ class Candidate:
     lightness: F64  # (T,) squared errors of L*
 
 
-def split(texels: SampledTexels) -> Folds | None:
-    """Every FOLDS-th set of lamps, or camera where there are too few sets; None where there are too few of both."""
+def split(texels: SampledTexels, numbers: int = 1) -> Folds | None:
+    """Every third set of lamps, or camera where there are too few sets; None where there are too few of both.
+
+    ``numbers``: that a fit finds in each texel.  Of few observations, a smaller part is left out; otherwise such a fit looks
+    worse than it is.  Its variance with n observations goes as 1 / (n - numbers): one part in 2 n / (n - numbers) doubles it.
+    """
+    known = texels.typical_observations()
+    wanted = int(np.clip(np.ceil(2 * known / max(known - numbers, 1e-9)), FOLDS, MOST_FOLDS))
     for of, labels in (("lamps", texels.lamps), ("cameras", texels.camera)):
         names = np.unique(labels)
         if len(names) >= LEAST_SETS:
-            count = min(FOLDS, len(names))
+            count = min(wanted, len(names))
             return Folds(tuple(np.isin(labels, names[k::count]) for k in range(count)), of)
     return None
 
@@ -125,21 +130,6 @@ class Judge:
             if total[name] <= (1 + min(max(spread, ALIKE[0]), ALIKE[1])) * total[best]:
                 return name
         return best
-
-    def spared(self) -> float:
-        """Of its loss: by so much folds make a fit a texel look worse, because it has fewer observations there.
-
-        The variance of n observations with NUMBERS fitted goes as 1 / (n - NUMBERS).
-        """
-        usable = self.texels.usable().sum(1)
-        count = float(np.median(usable[usable > 0])) if usable.any() else 0.0
-        kept = count * (1 - 1 / len(self.folds.left_out))
-        return max((count - NUMBERS) / max(kept - NUMBERS, 0.5) - MANY, 0.0)
-
-    def stays(self, name: str, margin: float) -> bool:
-        """Whether a candidate's loss is no larger than the first's, nor than the least by more than so much of it."""
-        total = {other: float(values.sum()) for other, values in self._losses().items()}
-        return total[name] <= min(next(iter(total.values())), (1 + margin) * min(total.values()))
 
     def near(self, names: Sequence[str], margin: float) -> list[str]:
         """Candidates among them whose loss is larger than the least of theirs by no more than so much of it."""

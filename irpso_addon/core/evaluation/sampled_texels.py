@@ -61,6 +61,11 @@ class SampledTexels:
         usable.setflags(write=False)
         return usable
 
+    def typical_observations(self) -> float:
+        """How many usable observations a texel that has some typically has."""
+        count = self.usable().sum(1)
+        return float(np.median(count[count > 0])) if count.any() else 0.0
+
     def part(self, texels: Bool | I32) -> SampledTexels:
         """Some of the texels."""
         return SampledTexels(self.reflected[texels], self.quality[texels], self.cos_v[texels], self.lobes[texels],

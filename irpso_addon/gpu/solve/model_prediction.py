@@ -38,6 +38,8 @@ from .prediction_trials import (
 )
 from .solver import Solver
 
+NUMBERS = 2  # that a fit of one lobe finds in each texel: base colour and roughness
+FEW = 8  # good observations of a texel: with fewer, it may need a prior though texels differ clearly
 JUDGED = 2000  # texels, of a sample
 RACE = 0.5  # of its loss: what is so much worse than the best in the first fold is not tried in the others
 CLEAR = 0.15  # of its loss: a fit that leads by so much over one value for the material needs no prior
@@ -52,6 +54,7 @@ CLEAR_COAT = 1 / 6  # of its loss, by which a coat must lead: a second lobe mend
 WORSE = 1.05  # ratio of errors up to which a coat may be worse in one of the two
 LEAST_COAT = 0.02  # weight that every fold must find
 AGREED = 2.0  # ratio of the folds' largest roughness of the coat to the least
+OWN_DRAWN = {"one-lobe": DRAWN, "one-lobe-specular": DRAWN_LEVEL}
 STOPPED = "stopped before left-out views were predicted"
 PREDICTING = Progress(0.5, "solve", "predicting left-out views")
 
@@ -99,7 +102,7 @@ class ModelPrediction:
                 return Decision(fitted.model, "the views do not name their lamps")
             yield PREDICTING
             observed, places = read_sample(self.device, sample, JUDGED)
-            folds = split(observed)
+            folds = split(observed, NUMBERS)
             if folds is None:
                 return Decision(fitted.model, "too few lamps and cameras to leave one out")
             contest = _Contest(self, sample, observed, places, folds, fitted)
@@ -154,6 +157,8 @@ class _Contest:
             free = max(abs(joint.apart.level - 0.5) for joint in self.joints) > SAME_LEVEL
             yield from self._folds(self._drawn, DRAWN_LEVEL if free and UNIFORM[1].name in near else [], race=True)
             yield from self._folds(self._drawn_levels, DRAWN_LEVELS, race=True)
+        elif self.observed.typical_observations() < FEW and self.fitted.model in OWN_DRAWN:
+            yield from self._folds(self._drawn, OWN_DRAWN[self.fitted.model], race=True)
         # A metal's roughness may differ from texel to texel: then one value says little of it.
         apart = min(joint.apart_metal.metallic for joint in self.joints) > SOME_METALLIC
         if not self.solver.cancelled and (
@@ -163,9 +168,6 @@ class _Contest:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
         leads = self._leads(incumbent, clear)
-        if self.fitted.model in ("one-lobe", "one-lobe-specular"):
-            spared = self.judge.spared()
-            leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
         taken = incumbent if leads else self._chosen()
         coated = yield from self._under_coats(taken, metal or apart)
         if self.solver.cancelled:
