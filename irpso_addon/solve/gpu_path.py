@@ -284,17 +284,23 @@ def _turned(
     return None if judged is None else told_of_worlds(judged)
 
 
+def _in_shade(sample: RigSample, given: Given) -> RigSample:
+    """Without what shade shows, where it shows light that has bounced and that is known."""
+    return replace(sample, shade=None) if given.bounced else sample
+
+
 def _calibrated(
     source: CameraSource, given: Given, texels: Bool, grid: TexelGrid,
 ) -> Generator[Progress, None, tuple[Rig, Judged | None]]:
     """What is to be put right of lamps and exposures; None: nothing."""
     settings = given.settings
     known = given.scene.scale_known
-    sample = calibration_sample(source, texels, settings.seed, known)
+    sample = _in_shade(calibration_sample(source, texels, settings.seed, known), given)
 
     def more(ambient: bool) -> RigSample:
         large, surface = sampled(
             source, texels, settings.seed, known, most_texels(len(sample.view)), grid.maps.facet)
+        large = _in_shade(large, given)
         if not ambient:
             return large
         return replace(large, openness=openness(source.device, source, grid.mesh, given.scene, large, surface))

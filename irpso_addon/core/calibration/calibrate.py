@@ -20,6 +20,7 @@ from .free_numbers import LEAST_FIT, NOTHING, candidates, gains, is_far, is_off,
 from .rig import RigChange
 from .rig_fit import ROUNDS, Free, RigFound, fit_rig, tell_typical
 from .rig_sample import RigSample
+from .shade import shows_shade
 from .standard_errors import COMMON, unexplained
 from .tints import Tints, lamp_tints
 
@@ -261,7 +262,7 @@ def _with_ambient(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[
     """A rig that is better than the given one, with ambient light if the fit is sure of it and predicts no worse.
 
     One number more, which all views share, is not judged by halves of the texels: the lamps of two halves differ by
-    more than it explains.
+    more than it explains.  Where places in the shade show it, lit places need only not contradict.
     """
     without = yield from share_of(fit_rig(contest.sample, free, start=found, rounds=ROUNDS), 1.0, 1.0)
     if free.ambient or not free.lamps:
@@ -272,7 +273,9 @@ def _with_ambient(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[
         return free, without
     for name, each in (("without", without), ("lit", other)):
         contest.add(name, contest.of_whole(each))
-    return (lit, other) if contest.gain("lit", "without").sum() > 0 else (free, without)
+    fine = not contest.beats("without", "lit") if shows_shade(contest.sample) else (
+        contest.gain("lit", "without").sum() > 0)
+    return (lit, other) if fine else (free, without)
 
 
 def _with_diffuse(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:
@@ -329,8 +332,10 @@ def _ambient(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[floa
     texels = sample.texels
     radiance = []
     for channel in range(COLOURS):
-        own = replace(sample, texels=replace(texels, reflected=texels.reflected[..., channel:channel + 1],
-                                             irradiance=texels.irradiance[..., channel:channel + 1]))
+        shade = None if sample.shade is None else sample.shade[..., channel:channel + 1]
+        own = replace(sample, shade=shade, texels=replace(
+            texels, reflected=texels.reflected[..., channel:channel + 1],
+            irradiance=texels.irradiance[..., channel:channel + 1]))
         fit = yield from share_of(fit_rig(own, free, start=found), 1.0, 1.0)
         radiance.append(fit.change.ambient * own.light / np.pi)
     red, green, blue = (float(value) for value in radiance)

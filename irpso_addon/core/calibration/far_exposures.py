@@ -41,8 +41,10 @@ class FarExposures:
         gain = self.found.change.log_gain
         views = tuple(replace(view, gain=view.gain * float(np.exp(by)))
                       for view, by in zip(sample.rig.views, gain, strict=True))
-        reflected = sample.texels.reflected * np.exp(-gain)[sample.view][None, :, None]
-        return replace(sample, texels=replace(sample.texels, reflected=reflected), rig=replace(sample.rig, views=views))
+        evened = np.exp(-gain)[sample.view][None, :, None]
+        return replace(sample, texels=replace(sample.texels, reflected=sample.texels.reflected * evened),
+                       rig=replace(sample.rig, views=views),
+                       shade=None if sample.shade is None else sample.shade * evened)
 
     def with_gains(self, change: RigChange) -> RigChange:
         """A change of the evened rig as one of the given rig."""

@@ -22,6 +22,7 @@ from ..vectors import dot
 from .paint import Elimination, base_colours, paints_of
 from .rig import Rig, RigChange
 from .rig_sample import RigSample, Seen, to_middle
+from .shade import AroundInShade, around_in_shade
 from .texel_materials import lobes_of, materials_of
 
 PLACE, POWER, GAIN = 0.05, 0.1, 0.03  # what a shoot's figures are off by: of a lamp's distance; relative
@@ -147,6 +148,7 @@ class _RigFit:
                                      np.full(self.views, GAIN), [VIGNETTING, AMBIENT, RESPONSE, COSINE, TRANSMISSION],
                                      np.full(len(self.slots), LEVEL)])
         self.paints = paints_of(sample.texels)
+        self.expected = np.zeros(len(self.prior))  # the prior's middle
         self.start = np.zeros(len(self.prior))  # whose means are kept
         self.means = np.zeros((len(self.prior),) * 2)
         gains = 4 * self.groups, 4 * self.groups + self.views
@@ -166,6 +168,7 @@ class _RigFit:
             if refit and n in REFITS:
                 materials = materials_of(self.sample, seen.texels, self.levels)
             now = _Round(self, seen, lobes_of(self.sample, seen.texels, materials), weight)
+            self.expect(now.around_in_shade())
             step, covariance = now.step()
             weight, given = now.weight, given or now.scatter
             self.change = self._moved(step)
@@ -177,6 +180,12 @@ class _RigFit:
 
     def _spread(self, covariance: F64) -> RigChange:
         return self._unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
+
+    def expect(self, around: AroundInShade | None) -> None:
+        """Light from all around is about what the shade shows."""
+        if around is not None:
+            number = 4 * self.groups + self.views + 1
+            self.expected[number], self.prior[number] = around.value, around.error
 
     def spread(self) -> F64:
         """Standard deviations of the prior; of a gain that is far off, as an automatic flash makes it, a wider one."""
@@ -264,6 +273,7 @@ class _Round:
             self.weight = np.where(self.good, share**2 * robust, 0.0)
         # Errors are those of the files: a response that made all of them alike would leave none.
         power = 1.0 if seen.bent is None else seen.bent.power
+        self.base = base
         self.share, self.bend, self.level, self.left = share * power, bend * power, level * power, left * power
         self.scatter *= power
         self.around, self.logarithm = self._bends()
@@ -272,6 +282,13 @@ class _Round:
             rest = self._elimination().remains(self.left)
             self.scatter = 1.4826 * float(np.median(np.abs(rest[self.good]))) + 1e-4 if self.good.any() else 1.0
             self.weight = np.where(self.good, share**2 / (1 + (rest / (CAUCHY * self.scatter)) ** 2), 0.0)
+
+    def around_in_shade(self) -> AroundInShade | None:
+        """Light from all around, where it is looked for."""
+        fit = self.fit
+        if 4 * fit.groups + fit.views + 1 not in fit.free:
+            return None
+        return around_in_shade(fit.sample, self.base, self.seen.shown, fit.geometry.open)
 
     def _elimination(self) -> Elimination:
         return Elimination(self.fit.paints, self.weight, self.share, self.bend, self.scatter, self.tilts)
@@ -314,7 +331,7 @@ class _Round:
         for _ in range(LEARNT if fit.learns else 1):
             prior = 1 / fit.spread()[free] ** 2
             covariance = np.linalg.inv(normal / (variance * alike) + np.diag(prior) + means)
-            gradient = pull / (variance * alike) - prior * now - means @ (now - fit.start[free])
+            gradient = pull / (variance * alike) - prior * (now - fit.expected[free]) - means @ (now - fit.start[free])
             step = covariance @ gradient
             if fit.learns:
                 fit.learn(now + step, covariance.diagonal())

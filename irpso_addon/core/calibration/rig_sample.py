@@ -35,12 +35,14 @@ class RigSample:
     scale_known: bool = True  # the lamps' powers are those of the pictures: the Specular IOR Level is likely to be 0.5
     light: float = 1.0  # W/m^2: the unit of irradiance from all around
     openness: F64 | None = None  # (T,) share of light from all around that nothing hides; None: all of it
+    shade: F64 | None = None  # (T, V, C) radiance of the pictures where texels face away from all lamps; else NaN
 
     def part(self, some: Bool) -> RigSample:
         """Some of the texels."""
         return replace(self, texels=self.texels.part(some), position=self.position[some], normal=self.normal[some],
                        slot=self.slot[some], cluster=self.cluster[some],
-                       openness=None if self.openness is None else self.openness[some])
+                       openness=None if self.openness is None else self.openness[some],
+                       shade=None if self.shade is None else self.shade[some])
 
     @cached_property
     def geometry(self) -> RigGeometry:
@@ -58,6 +60,7 @@ class Seen:
     fine: dict[str, Bool]  # of each lamp, (T,): where the slopes are known
     share: dict[tuple[int, str], F64]  # of the layer's irradiance, (T,): by layer and lamp
     diffuse: F64  # (2, T, V) slopes of the logarithm of radiance by the shape of the diffuse
+    shown: F64  # (T, V) of radiance in the pictures, over what the given rig takes it to be
     bent: Bent | None = None  # light from all around, and the response of the files; None: there is neither
 
     def as_given(self, reflected: F64) -> F64:
@@ -131,6 +134,7 @@ class RigGeometry:
                 ratio = share[v, light.name] * old / np.maximum(before[n], 1e-30)
                 lobes[:, v, n] = _turned(lobes[:, v, n], _angles(lights[light.name], view.camera, sample),
                                          _angles(light, view.camera, sample), np.where(before[n] > 0, ratio, 1.0))
+        exposed = shown.copy()
         diffuse = diffuse_shapes(lobes, texels.cos_v)
         if change.cosine or change.transmission:
             shape = change.cosine * diffuse[0] + change.transmission * diffuse[1]
@@ -144,7 +148,7 @@ class RigGeometry:
             share = {(v, name): part * lit[:, v] for (v, name), part in share.items()}
         return Seen(replace(texels, reflected=reflected, lobes=lobes), brighter,
                     {name: slopes for name, (_, slopes, _) in now.items()},
-                    {name: fine for name, (*_, fine) in now.items()}, share, diffuse, bent)
+                    {name: fine for name, (*_, fine) in now.items()}, share, diffuse, exposed, bent)
 
     def _bent(self, change: RigChange, lamps: F64, shown: F64) -> Bent:
         """``lamps``, ``shown``: (T, V) factors of the lamps' irradiance and of what a picture shows of radiance."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import moderngl
 import numpy as np
 
 from ...core.calibration.rig import Rig
 from ...core.calibration.rig_sample import RigSample, typical_light
-from ...core.data import F32, F64, I32, Bool, View
+from ...core.calibration.shade import faces_away
+from ...core.data import F32, F64, I32, SOLID, Bool, View
+from ...core.projection import pixels_of
 from ..observe.observation_atlas import CameraSource
 from .material_sample import CameraSample, read_sample, spread_squares
 
@@ -41,7 +45,29 @@ def sampled(
     rig = RigSample(observed, Rig.of(views, position[:, :3].mean(0)), of_layer, position[:, :3], normal[:, :3],
                     normal[:, 3].round().astype(np.int32), cells_of(position[:, :3]), scale_known,
                     typical_light(observed))
-    return rig, (*surface, flat)
+    return replace(rig, shade=_shade(source, rig)), (*surface, flat)
+
+
+def _shade(source: CameraSource, sample: RigSample) -> F64:
+    """(T, V, C) radiance in the pixel that shows a texel which faces away from all lamps; else NaN."""
+    result = np.full(sample.texels.reflected.shape, np.nan)
+    away, channels = faces_away(sample), source.layers.channels
+    layer = 0
+    for camera in source.observations.cameras:
+        x, y = camera.window[:2]
+        at = pixels_of(camera.camera, sample.position, camera.maps.position.size) - (x, y)
+        for channel in range(channels):
+            for view in camera.views:
+                picture = view.reference
+                height, width = picture.shape[:2]
+                with np.errstate(invalid="ignore"):
+                    inside = away[:, layer] & (at >= 0).all(1) & (at[:, 0] < width) & (at[:, 1] < height)
+                column, row = at[inside].astype(np.int64).T
+                shown = picture[row, column].astype(np.float64)
+                value = np.where(shown[:, 3:] > SOLID, shown[:, :3] * view.scale, np.nan)
+                result[inside, layer] = value if channels == 1 else value[:, channel:channel + 1]
+                layer += 1
+    return result
 
 
 def most_texels(layers: int) -> int:
