@@ -18,7 +18,7 @@ from .contest import GIVEN, HALF, SURE, Contest
 from .far_exposures import far_exposures
 from .free_numbers import LEAST_FIT, NOTHING, candidates, gains, is_far, is_off, pruned, sure_of_ambient
 from .rig import RigChange
-from .rig_fit import ROUNDS, Free, RigFound, fit_rig, tell_typical
+from .rig_fit import ROUNDS, Free, RigFound, fit_rig, shade_of, tell_typical
 from .rig_sample import RigSample
 from .shade import shows_shade
 from .standard_errors import COMMON, unexplained
@@ -162,8 +162,8 @@ def _judged(
     found = yield from _weighed(final)
     if is_far(found) and (tilts or not contest.leaves_half(taken)):
         return None, True
-    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), final.free, found.error,
-                  final.ambient), True
+    ambient = yield from _ambient(final.sample, final.free, found)
+    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), final.free, found.error, ambient), True
 
 
 def _from_afar(sample: RigSample, free: Free) -> Steps[RigFound]:
@@ -216,8 +216,9 @@ def _found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judge
     contest.add(str(free), (yield from share_of(contest.predictions(free, found), 1.0, 1.0)))
     if not contest.beats(str(free), GIVEN):
         return None
+    ambient = yield from _ambient(final.sample, free, found)
     return replace(before, found=found, given=contest.judge.error(GIVEN), changed=contest.judge.error(str(free)),
-                   free=free, error=found.error, ambient_radiance=final.ambient)
+                   free=free, error=found.error, ambient_radiance=ambient)
 
 
 @dataclass(frozen=True)
@@ -227,7 +228,6 @@ class _Final:
     sample: RigSample  # to which it was fitted
     free: Free
     found: RigFound
-    ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)  # radiance from all around in each channel
 
 
 def _final(free: Free, found: RigFound, more: Larger, rounds: int | None = None) -> Steps[_Final]:
@@ -244,8 +244,7 @@ def _final(free: Free, found: RigFound, more: Larger, rounds: int | None = None)
             return _Final(sample, replace(free, ambient=False), replace(found, change=none))
         free = replace(free, ambient=False)
         found = yield from share_of(fit_rig(sample, free, start=found), 1.0, 1.0)
-    ambient = (yield from _ambient(sample, free, found)) if free.ambient else (0.0, 0.0, 0.0)
-    return _Final(sample, free, found, ambient)
+    return _Final(sample, free, found)
 
 
 def _weighed(final: _Final) -> Steps[RigFound]:
@@ -324,19 +323,31 @@ def _is_no_material(contest: Contest, free: Free, start: RigFound, share: tuple[
 
 
 def _ambient(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[float, float, float]]:
-    """Radiance of the light from all around in red, green and blue, each by some texels' pictures in that channel."""
+    """Radiance of the light from all around in red, green and blue.
+
+    Places in the shade say its colour, else some texels' pictures in each channel how much there is.
+    """
     grey = found.change.ambient * sample.light / np.pi
+    if not free.ambient:
+        return 0.0, 0.0, 0.0
     if sample.texels.reflected.shape[-1] < COLOURS:  # layers of one channel each: all of them share the light
         return grey, grey, grey
+    white = shade_of(sample, found)  # as what was found, weighted by base colours
+    if white:
+        red, green, blue = (grey * (shade_of(_channel(sample, n), found) or 0.0) / white for n in range(COLOURS))
+        return red, green, blue
     sample = sample.part(np.arange(len(sample.slot)) % max(len(sample.slot) // COLOURED, 1) == 0)
-    texels = sample.texels
     radiance = []
     for channel in range(COLOURS):
-        shade = None if sample.shade is None else sample.shade[..., channel:channel + 1]
-        own = replace(sample, shade=shade, texels=replace(
-            texels, reflected=texels.reflected[..., channel:channel + 1],
-            irradiance=texels.irradiance[..., channel:channel + 1]))
-        fit = yield from share_of(fit_rig(own, free, start=found), 1.0, 1.0)
-        radiance.append(fit.change.ambient * own.light / np.pi)
+        fit = yield from share_of(fit_rig(_channel(sample, channel), free, start=found), 1.0, 1.0)
+        radiance.append(fit.change.ambient * sample.light / np.pi)
     red, green, blue = (float(value) for value in radiance)
     return red, green, blue
+
+
+def _channel(sample: RigSample, channel: int) -> RigSample:
+    """What the pictures show in it."""
+    texels, one = sample.texels, slice(channel, channel + 1)
+    return replace(
+        sample, shade=None if sample.shade is None else sample.shade[..., one],
+        texels=replace(texels, reflected=texels.reflected[..., one], irradiance=texels.irradiance[..., one]))

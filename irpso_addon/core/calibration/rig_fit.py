@@ -107,6 +107,14 @@ def left_over(sample: RigSample, found: RigFound) -> F64:
     return np.where(now.good & (now.share > DIFFUSE), now.left, np.nan)
 
 
+def shade_of(sample: RigSample, found: RigFound) -> float | None:
+    """What places in the shade say of light from all around under the rig that was found; None: nothing."""
+    fit = _RigFit(sample, Free(False, False, ambient=True))
+    seen = sample.geometry.under(found.change)
+    shade = _Round(fit, seen, lobes_of(sample, seen.texels, found.materials), None).around_in_shade()
+    return None if shade is None else shade.value
+
+
 def tell_typical(rig: Rig, free: Free) -> bool:
     """Whether lamps are enough to tell how far off they typically are."""
     return free.lamps and sum(not group.kept for group in rig.groups) >= LEAST_LAMPS

@@ -1,7 +1,7 @@
 """Light from all around as places show it that face away from all lamps of a view.
 
-Lit places hardly tell a little of such light from lamps that are off, or from texels' own normals.  Places that face away
-show nothing else but it and what bounces off other surfaces: they say how much there is at most, and about how much.
+Lit places hardly tell a little of such light from lamps that are off, or from normals that are.  Places that face away
+show nothing else but it and what bounces off other surfaces.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .rig_sample import SHEEN, RigSample, to_middle
 AWAY = -0.15  # cosine to a lamp, at most: normals are off by some degrees, and lamps have a size
 FACING = 0.3  # cosine to the camera, at least
 FEWEST = 8  # clusters of texels that show it
-UNSURE = 0.2  # relative: what is not alike from everywhere, and what bounces
+UNSURE = 0.1  # relative: what is not alike from everywhere, and what bounces
 LEAST_UNSURE = 5e-4  # of the lamps' typical irradiance: read noise, and what black levels leave
 
 
@@ -62,7 +62,7 @@ def around_in_shade(sample: RigSample, base: F64, shown: F64, openness: F64) -> 
         return None
     texels = sample.texels
     sheen = brdf.principled_energy(SHEEN, np.clip(texels.cos_v, FACING, 1.0))[..., 1]
-    reflected = (base + sheen) * np.maximum(openness, 0.05) * sample.light * shown / np.pi
+    reflected = (base * (1 - sheen) + sheen) * np.maximum(openness, 0.05) * sample.light * shown / np.pi
     found = sample.shade.mean(-1) / np.maximum(reflected, 1e-12)
     known = np.isfinite(found) & (openness > 0)
     _, cluster = np.unique(sample.cluster, return_inverse=True)

@@ -43,8 +43,9 @@ class Candidate:
 def split(texels: SampledTexels, numbers: int = 1) -> Folds | None:
     """Every third set of lamps, or camera where there are too few sets; None where there are too few of both.
 
-    ``numbers``: that a fit finds in each texel.  Of few observations, a smaller part is left out; otherwise such a fit looks
-    worse than it is.  Its variance with n observations goes as 1 / (n - numbers): one part in 2 n / (n - numbers) doubles it.
+    ``numbers``: that a fit finds in each texel.  Of few observations, a smaller part is left out; otherwise such a fit
+    looks worse than it is.  Its variance with n observations goes as 1 / (n - numbers): one part in 2 n / (n - numbers)
+    doubles it.
     """
     known = texels.typical_observations()
     wanted = int(np.clip(np.ceil(2 * known / max(known - numbers, 1e-9)), FOLDS, MOST_FOLDS))

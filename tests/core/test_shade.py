@@ -1,0 +1,71 @@
+"""Light from all around, by what a ball shows of it where it faces away from all lamps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.calibration.rig_fit import Free, RigFound, fit_rig, shade_of
+from irpso_addon.core.calibration.rig_sample import RigSample
+from irpso_addon.core.calibration.shade import AWAY, faces_away, shows_shade
+from irpso_addon.core.job import Steps, run_to_end
+from tests.support import tilted_sphere as balls
+
+LAMPS, NOISE, AROUND = 12, 0.01, 0.02  # AROUND: radiance, where a sun's on white is 1
+BUMPY = Free(lamps=True, exposures=False, ambient=True, tilts=True)
+
+
+def ball(around: float, turned: float = 0.0, base: np.ndarray = balls.BASE) -> RigSample:
+    """Its normals are off by a degree, and read noise lies on the shade too."""
+    reflect = balls.principled(0.5, base)
+    made = balls.sphere(reflect, lamps=LAMPS, noise=NOISE, slope=0.02, turned=turned)[0].rig
+    rng = np.random.default_rng(4)
+    shine = np.zeros((len(made.normal), 3))  # of the radiance from all around, what a place reflects: by brute force
+    for way in balls.unit(rng.standard_normal((4000, 3))):
+        cosine = made.normal @ way
+        shine[cosine > 0] += (reflect(way, made.normal) * cosine[:, None] * 4 * np.pi / 4000)[cosine > 0]
+    shine = shine[:, None]
+    reflected = made.texels.reflected + around * shine / made.texels.irradiance
+    dark = np.where(faces_away(made)[..., None], around * shine, np.nan)
+    return replace(made, texels=replace(made.texels, reflected=reflected),
+                   shade=dark + 0.002 * rng.standard_normal(dark.shape), light=np.pi)
+
+
+def found(steps: Steps[RigFound]) -> RigFound:
+    return run_to_end(steps, lambda progress: None)
+
+
+def test_what_faces_away_is_seen_and_far_from_lit() -> None:
+    made = ball(AROUND)
+    away = faces_away(made)
+    cosine = np.stack([made.normal @ view.lights[0].matrix[:3, 2] for view in made.rig.views], -1)
+    assert (cosine[away] < AWAY).all() and away.sum() > 100
+    assert not (away & (made.texels.quality > 0)).any()
+    assert shows_shade(made) and not shows_shade(replace(made, shade=None))
+    unseen = replace(made, texels=replace(made.texels, quality=np.zeros_like(made.texels.quality)))
+    assert not faces_away(unseen).any()
+
+
+@pytest.mark.parametrize(("around", "off"), [(0.0, 3e-4), (AROUND, 0.16 * AROUND), (0.1, 0.005)])
+def test_it_is_found_beside_normals_and_suns_that_are_off(around: float, off: float) -> None:
+    """Suns and normals by a degree, which lit places take for a little less of such light (0.015 instead of 0.02)."""
+    made = ball(around, turned=np.radians(1.0))
+    with_shade, without = (found(fit_rig(sample, BUMPY)) for sample in (made, replace(made, shade=None)))
+    assert abs(with_shade.change.ambient - around) < off
+    assert abs(with_shade.change.ambient - around) <= abs(without.change.ambient - around)
+    assert with_shade.error.ambient < without.error.ambient
+    assert shade_of(made, with_shade) == pytest.approx(around, rel=0.04, abs=3e-4)
+
+
+def test_each_channel_says_its_own() -> None:
+    """A base colour of red, under white light from everywhere."""
+    made = ball(AROUND, base=np.array([0.6, 0.3, 0.1]))
+    every = found(fit_rig(made, BUMPY))
+    for channel in range(3):
+        one = slice(channel, channel + 1)
+        own = replace(made, shade=made.shade[..., one], texels=replace(
+            made.texels, reflected=made.texels.reflected[..., one], irradiance=made.texels.irradiance[..., one]))
+        assert shade_of(own, every) == pytest.approx(AROUND, rel=0.06)
+    assert shade_of(replace(made, shade=None), every) is None
