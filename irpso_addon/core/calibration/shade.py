@@ -17,6 +17,7 @@ from .rig_sample import SHEEN, RigSample, to_middle
 
 AWAY = -0.15  # cosine to a lamp, at most: normals are off by some degrees, and lamps have a size
 FACING = 0.3  # cosine to the camera, at least
+LEAST_OPEN = 0.05  # share of light from all around: what hides more is not known so well
 FEWEST = 8  # clusters of texels that show it
 UNSURE = 0.1  # relative: what is not alike from everywhere, and what bounces
 LEAST_UNSURE = 5e-4  # of the lamps' typical irradiance: read noise, and what black levels leave
@@ -60,14 +61,14 @@ def around_in_shade(sample: RigSample, base: F64, shown: F64, openness: F64) -> 
     """
     if sample.shade is None or not shows_shade(sample):
         return None
-    texels = sample.texels
-    sheen = brdf.principled_energy(SHEEN, np.clip(texels.cos_v, FACING, 1.0))[..., 1]
-    reflected = (base * (1 - sheen) + sheen) * np.maximum(openness, 0.05) * sample.light * shown / np.pi
-    found = sample.shade.mean(-1) / np.maximum(reflected, 1e-12)
-    known = np.isfinite(found) & (openness > 0)
-    _, cluster = np.unique(sample.cluster, return_inverse=True)
-    values = [float(np.median(found[of][known[of]])) for of in (
-        cluster == n for n in range(int(cluster.max(initial=-1)) + 1)) if known[of].any()]
+    shade = sample.shade.mean(-1)
+    known = np.isfinite(shade) & (openness > 0)
+    at, toward = np.nonzero(known)[0], np.clip(sample.texels.cos_v[known], FACING, 1.0)
+    sheen = brdf.principled_energy(SHEEN, toward)[..., 1]
+    reflected = (base[known] * (1 - sheen) + sheen) * np.maximum(openness[known], LEAST_OPEN) * shown[known]
+    found = shade[known] / reflected * (np.pi / sample.light)
+    cluster = sample.cluster[at]
+    values = [float(np.median(found[cluster == n])) for n in np.unique(cluster)]
     if len(values) < FEWEST:
         return None
     value = max(float(np.median(values)), 0.0)
