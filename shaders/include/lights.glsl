@@ -185,24 +185,27 @@ float area_irradiance(vec3 P, vec3 N) {
     bool clipped = false;
     float sum = 0.0;
     vec2 corner = area_corner(0);
+    // Each corner's height is that of both its edges, so that an outline comes back as often as it goes below.
+    float za = dot(center + corner.x * u_light_axis_u + corner.y * u_light_axis_v, N);
     for (int k = 0; k < sides; k++) {
         vec2 next = area_corner(k + 1);
         vec3 a = center + corner.x * u_light_axis_u + corner.y * u_light_axis_v;
         vec3 e = (next.x - corner.x) * u_light_axis_u + (next.y - corner.y) * u_light_axis_v;
-        corner = next;
-        float za = dot(a, N), ze = dot(e, N), zb = za + ze;
-        if (za < 0.0 && zb < 0.0) continue;
-        if (za < 0.0) {
+        float zb = dot(center + next.x * u_light_axis_u + next.y * u_light_axis_v, N);
+        float cut = za / (za - zb); // share of the edge before the horizon, where it crosses
+        if (za < 0.0 && zb >= 0.0) {
             clipped = true;
-            a -= e * (za / ze);
-            e *= zb / ze;
+            a += e * cut;
+            e *= 1.0 - cut;
             enter = a;
-        } else if (zb < 0.0) {
+        } else if (za >= 0.0 && zb < 0.0) {
             clipped = true;
-            e *= -za / ze;
+            e *= cut;
             leave = a + e;
         }
-        sum += polygon_edge(a, e, N);
+        if (za >= 0.0 || zb >= 0.0) sum += polygon_edge(a, e, N);
+        corner = next;
+        za = zb;
     }
     if (clipped) sum += polygon_edge(leave, enter - leave, N);
     float area = (u_light_ellipse ? PI : 4.0) * length(u_light_axis_u) * length(u_light_axis_v);

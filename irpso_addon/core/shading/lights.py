@@ -228,12 +228,11 @@ def _clipped_sum(outline: F64, N: F64) -> F64:
     leave, enter = np.zeros(N.shape), np.zeros(N.shape)  # where the outline goes below the horizon and comes back
     for a, following in zip(outline, np.roll(outline, -1, 0), strict=True):
         e = following - a
-        za, ze = dot(a, N), dot(e, N)
-        zb = za + ze
+        za, zb = dot(a, N), dot(following, N)
         rises, falls = (za < 0) & (zb >= 0), (za >= 0) & (zb < 0)
         clipped |= rises | falls
-        start = np.where(rises, -za / np.where(rises, ze, 1), 0)[..., None]
-        end = np.where(falls, -za / np.where(falls, ze, 1), 1)[..., None]
+        cut = za / np.where(rises | falls, za - zb, 1)
+        start, end = np.where(rises, cut, 0)[..., None], np.where(falls, cut, 1)[..., None]
         a, e = a + e * start, e * (end - start)
         enter, leave = np.where(rises[..., None], a, enter), np.where(falls[..., None], a + e, leave)
         total += np.where((za >= 0) | (zb >= 0), polygon_edge(a, e, N), 0)
