@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -207,6 +209,16 @@ def test_of_few_observations_fewer_are_left_out(lamps: int, numbers: int, folds:
     if lamps > 3 and folds < 6:
         assert (lamps - numbers) / (kept - numbers) <= 2
     assert (np.sum(made.left_out, 0) == 1).all()
+
+
+def test_what_no_layer_of_its_channel_tells_is_not_judged() -> None:
+    """Red, green and blue lamps in turn: every third lamp is of one colour, and nothing else shows that."""
+    texels, _ = sampled(6, 6, 2, np.full(6, 0.4))
+    assert Judge(texels, split(texels)).judged.all()
+    colours = replace(texels, channel=texels.lamps % 3)
+    assert not Judge(colours, split(colours)).judged.any()
+    pairs = replace(texels, channel=texels.lamps % 2)  # of each, two lamps are left
+    assert Judge(pairs, split(pairs)).judged.all()
 
 
 COAT = Coat(0.6, 0.2)

@@ -74,9 +74,12 @@ class Judge:
         self.judged: Bool = np.zeros_like(usable)  # (T, V) that count in all candidates alike
         self.dark: Bool = np.zeros_like(usable)  # (T, V) in shadows that the scene does not explain
         for left_out in folds.left_out:
-            enough = (usable & ~left_out).sum(1) >= LEAST_KNOWN
-            self.judged |= usable & left_out & enough[:, None]
-            self.dark |= (texels.quality > 0) & ~usable & left_out & enough[:, None]
+            for channel in np.unique(texels.channel):  # each is known by its own layers alone
+                own = texels.channel == channel
+                enough = (usable & ~left_out & own).sum(1) >= LEAST_KNOWN
+                here = left_out & own & enough[:, None]
+                self.judged |= usable & here
+                self.dark |= (texels.quality > 0) & ~usable & here
         self.plain = np.zeros_like(self.radiance)  # what the first candidate predicts
         self.candidates: dict[str, Candidate] = {}
 
