@@ -46,6 +46,8 @@ def test_what_faces_away_is_seen_and_far_from_lit() -> None:
     assert shows_shade(made) and not shows_shade(replace(made, shade=None))
     unseen = replace(made, texels=replace(made.texels, quality=np.zeros_like(made.texels.quality)))
     assert not faces_away(unseen).any()
+    known = replace(made.rig, views=tuple(replace(view, ambient_radiance=(0.1, 0.1, 0.1)) for view in made.rig.views))
+    assert not faces_away(replace(made, rig=known)).any()
 
 
 @pytest.mark.parametrize(("around", "off"), [(0.0, 3e-4), (AROUND, 0.16 * AROUND), (0.1, 0.005)])

@@ -1,7 +1,7 @@
 """Light from all around as places show it that face away from all lamps of a view.
 
-Lit places hardly tell a little of such light from lamps that are off, or from normals that are.  Places that face away
-show nothing else but it and what bounces off other surfaces.
+Lit places hardly distinguish a little of such light from lamps or normals that are off.  Places that face away show
+nothing else but it and what bounces off other surfaces.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ def faces_away(sample: RigSample) -> Bool:
     away = seen & (texels.cos_v.max(1, keepdims=True) > FACING)
     for v, place in enumerate(sample.view):
         view = sample.rig.views[place]
-        away[:, v] &= bool(view.lights) and view.environment is None and view.ambient is None
+        away[:, v] &= bool(view.lights) and view.environment is None and (
+            view.ambient is None and not any(view.ambient_radiance))  # else the picture has light that is known
         for light in view.lights:
             away[:, v] &= dot(to_middle(light, sample.position), sample.normal) < AWAY
     return away
