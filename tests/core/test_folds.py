@@ -211,6 +211,21 @@ def test_of_few_observations_fewer_are_left_out(lamps: int, numbers: int, folds:
     assert (np.sum(made.left_out, 0) == 1).all()
 
 
+def test_observations_that_are_not_many_spare_the_fit() -> None:
+    def judge(lamps: int) -> Judge:
+        texels, _ = sampled(6, lamps, 1, np.full(6, 0.4))
+        made = Judge(texels, split(texels))
+        for name, share in (("lambert", 0.2), ("one value", 0.1), ("a texel", 0.105)):
+            made.add(name, [texels.reflected * (1 + share)] * 3)
+        return made
+
+    some, many = judge(12), judge(60)
+    assert some.spared(2) == pytest.approx(10 / (12 * 2 / 3 - 2) - 1.5)  # variances go as 1 / (n - 2)
+    assert many.spared(2) < 0.05
+    assert some.stays("a texel", some.spared(2)) and not many.stays("a texel", many.spared(2))
+    assert not some.stays("lambert", 0.1)
+
+
 def test_what_no_layer_of_its_channel_tells_is_not_judged() -> None:
     """Red, green and blue lamps in turn: every third lamp is of one colour, and nothing else shows that."""
     texels, _ = sampled(6, 6, 2, np.full(6, 0.4))

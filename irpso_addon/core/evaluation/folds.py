@@ -17,6 +17,7 @@ from .sampled_texels import SampledTexels
 
 FOLDS = 3  # at least
 MOST_FOLDS = 6  # each takes its time
+MANY = 1.5  # ratio of the variances for many observations, a third left out
 LEAST_SETS = 3  # of lamps, or cameras: with fewer, leaving one out leaves too little
 LEAST_KNOWN = 2  # good observations that a texel keeps where it is predicted
 WHITE = 99.5  # per cent of the radiances that lie below white
@@ -134,6 +135,20 @@ class Judge:
             if total[name] <= (1 + min(max(spread, ALIKE[0]), ALIKE[1])) * total[best]:
                 return name
         return best
+
+    def spared(self, numbers: int) -> float:
+        """Of its loss: by so much folds make a fit of so many numbers a texel look worse than with many observations.
+
+        Its variance with n observations goes as 1 / (n - numbers).
+        """
+        count = self.texels.typical_observations()
+        kept = count * (1 - 1 / len(self.folds.left_out))
+        return max((count - numbers) / max(kept - numbers, 0.5) - MANY, 0.0)
+
+    def stays(self, name: str, margin: float) -> bool:
+        """Whether a candidate's loss is no larger than the first's, nor than the least by more than so much of it."""
+        total = {other: float(values.sum()) for other, values in self._losses().items()}
+        return total[name] <= min(next(iter(total.values())), (1 + margin) * min(total.values()))
 
     def near(self, names: Sequence[str], margin: float) -> list[str]:
         """Candidates among them whose loss is larger than the least of theirs by no more than so much of it."""

@@ -145,19 +145,21 @@ class _Contest:
         metal = min(joint.metal.metallic for joint in self.joints) > PLAIN_METALLIC
         yield from self._folds(self._own)
         yield from self._folds(self._uniform, [*UNIFORM, *([UNIFORM_METAL] if metal else [])])
+        few = self.observed.typical_observations() < FEW
         incumbent, clear = FITTED[self.fitted.model], CLEAR
         if self.fitted.model == "two-lobe":
             clear = CLEAR_TWO
             if not self.solver.cancelled and not self.judge.leads(incumbent, clear, self.predictions):
                 self.fitted, incumbent, clear = Fitted("one-lobe"), FITTED["one-lobe"], CLEAR
-        if not self.solver.cancelled and not self._leads(incumbent, clear):
+        led = self._leads(incumbent, clear)
+        if not self.solver.cancelled and not led:
             yield from self._folds(self._drawn, PARTS, race=True)
             near = self.judge.near([trial.name for trial in UNIFORM], HOPEFUL)
             yield from self._folds(self._drawn, DRAWN if UNIFORM[0].name in near else [], race=True)
             free = max(abs(joint.apart.level - 0.5) for joint in self.joints) > SAME_LEVEL
             yield from self._folds(self._drawn, DRAWN_LEVEL if free and UNIFORM[1].name in near else [], race=True)
             yield from self._folds(self._drawn_levels, DRAWN_LEVELS, race=True)
-        elif self.observed.typical_observations() < FEW and self.fitted.model in OWN_DRAWN:
+        elif few and self.fitted.model in OWN_DRAWN:
             yield from self._folds(self._drawn, OWN_DRAWN[self.fitted.model], race=True)
         # A metal's roughness may differ from texel to texel: then one value says little of it.
         apart = min(joint.apart_metal.metallic for joint in self.joints) > SOME_METALLIC
@@ -167,7 +169,10 @@ class _Contest:
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
-        leads = self._leads(incumbent, clear)
+        leads = self._leads(incumbent, 0.0 if few and led else clear)  # one that led but for a prior is no larger
+        if not few and self.fitted.model in OWN_DRAWN:
+            spared = self.judge.spared(NUMBERS)
+            leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
         taken = incumbent if leads else self._chosen()
         coated = yield from self._under_coats(taken, metal or apart)
         if self.solver.cancelled:
