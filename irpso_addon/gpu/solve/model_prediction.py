@@ -151,7 +151,7 @@ class _Contest:
             clear = CLEAR_TWO
             if not self.solver.cancelled and not self.judge.leads(incumbent, clear, self.predictions):
                 self.fitted, incumbent, clear = Fitted("one-lobe"), FITTED["one-lobe"], CLEAR
-        led = self._leads(incumbent, clear)
+        led = not self.solver.cancelled and self._leads(incumbent, clear)
         if not self.solver.cancelled and not led:
             yield from self._folds(self._drawn, PARTS, race=True)
             near = self.judge.near([trial.name for trial in UNIFORM], HOPEFUL)
