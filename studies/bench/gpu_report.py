@@ -15,6 +15,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ from studies.budget.instrument import instrumented
 from studies.budget.ledger import Ledger
 from studies.budget.page import row_of
 from tests.support import synthetic as syn
-from tests.support.texel_problem import Spec, make
+from tests.support.texel_problem import Problem, Spec, make
 
 from .opengl import Bench
 from .peak import is_gpu, search_seconds
@@ -49,6 +50,7 @@ PATHS = ("fragment", "compute")
 LAMPS = 12  # K
 RACE = {"u_particles": 24, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 0}  # all texels evaluate as often
 DOCTOR_SECONDS = 300
+SLOWEST = 8  # kernels whose compilation is told by itself
 KERNELS = {"search": 3, "table": 8, "polish": 2, "polish_two": 3, "finish": 2, "albedo": 1}  # and their outputs
 SWITCHES = ("", "ROBUST", "JOINT", "SPECULAR", "METALLIC", "COAT", "SWARM")
 
@@ -64,11 +66,13 @@ class Sizes:
     large: int  # and of one in blocks ...
     block: int  # ... so large
     halo: int
+    views: int  # of a solve of many views, ...
+    small: int  # pixels of each, and texels across
     model: str = "auto"
 
 
-GPU = Sizes(256, (6, 12, 24), 1024, 1024, 4096, BLOCK, HALO)
-SOFTWARE = Sizes(96, (6, 12, 24), 160, 256, 256, 128, 32)
+GPU = Sizes(512, (6, 12, 24), 1024, 1024, 4096, BLOCK, HALO, 240, 256)
+SOFTWARE = Sizes(96, (6, 12, 24), 160, 256, 256, 128, 32, 120, 64)
 
 
 def main(out: Path, sizes: Sizes | None = None) -> int:
@@ -84,17 +88,26 @@ def main(out: Path, sizes: Sizes | None = None) -> int:
                               "processors": pages.processors(), "device": about}
     for name, section in (("doctor", doctor), ("self-test", self_test), ("kernels", kernels),
                           ("rates", lambda: rates(sizes)), ("solve", lambda: solve(sizes)),
-                          ("large solve", lambda: solve_large(sizes))):
+                          ("large solve", lambda: solve_large(sizes)),
+                          ("many views", lambda: solve_many(sizes))):
         print(f"{time.perf_counter() - began:6.1f} s  {name}", file=sys.stderr, flush=True)
+        report[name] = {"error": "the process ended here"}  # what stays in the file if the driver ends it
+        _save(report, out)
         try:
             report[name] = section()
         except Exception as error:  # a driver may fail in any way; the report is to say so
             report[name] = {"error": without_folders(f"{type(error).__name__}: {error}")}
     report["seconds"] = round(time.perf_counter() - began, 1)
-    out.write_text(json.dumps(_rounded(report), indent=1) + "\n", encoding="utf-8")
+    _save(report, out)
     print(summary(report))
     print(f"{out}: written; send this file")
     return 0
+
+
+def _save(report: Mapping[str, Any], out: Path) -> None:
+    beside = out.with_name(f"{out.name}.part")
+    beside.write_text(json.dumps(_rounded(report), indent=1) + "\n", encoding="utf-8")
+    beside.replace(out)
 
 
 def summary(report: Mapping[str, Any]) -> str:
@@ -116,8 +129,9 @@ def summary(report: Mapping[str, Any]) -> str:
         f"{report['device']['renderer']}, {report['device']['version']}",
         said("doctor", lambda found: "doctor: all is well" if found["code"] == 0 else "doctor: not well"),
         f"kernels that compile: {said('kernels', compiled)}", said("rates", lambda found: fastest(found["search"])),
-        *(said(name, lambda found: f"{found['texels']} x {found['texels']} in {found['seconds']:.1f} s")
-          for name in ("solve", "large solve"))])
+        *(said(name, lambda found: f"{found['texels']} x {found['texels']} of {found['K']} views in "
+                                   f"{found['seconds']:.1f} s")
+          for name in ("solve", "large solve", "many views"))])
 
 
 def _rounded(value: Any) -> Any:
@@ -166,16 +180,18 @@ def kernels() -> dict[str, Any]:
             if path == "compute" and device.ctx.version_code < 430:
                 found[path] = {"compiled": 0, "refused": {"all": "OpenGL is older than 4.3"}, "seconds": 0.0}
                 continue
-            programs, refused, begun = Programs(device.ctx, device.check_alive), dict[str, str](), time.perf_counter()
-            every = list(variants())
-            for title, name, defines in every:
+            programs, refused, taken = Programs(device.ctx, device.check_alive), dict[str, str](), dict[str, float]()
+            for title, name, defines in variants():
                 yield Progress(0.0, "device")
+                begun = time.perf_counter()
                 try:
                     _compile(programs, path, name, defines)
                 except ShaderRefused as error:
                     refused[title] = without_folders(str(error))
-            found[path] = {"compiled": len(every) - len(refused), "refused": refused,
-                           "seconds": time.perf_counter() - begun}
+                taken[title] = time.perf_counter() - begun
+            slowest = sorted(taken, key=lambda title: -taken[title])[:SLOWEST]
+            found[path] = {"compiled": len(taken) - len(refused), "refused": refused, "seconds": sum(taken.values()),
+                           "slowest": {title: taken[title] for title in slowest}}
         return found
 
     compiled: dict[str, Any] = thread.run(job)
@@ -213,31 +229,31 @@ def variants() -> Iterator[tuple[str, str, dict[str, str]]]:
 def rates(sizes: Sizes) -> dict[str, Any]:
     """Evaluations of the residual a second, of the search alone, by path, lobes and K."""
     found = []
-    for path in PATHS:
-        with _configured(kernels=path):
-            for lobes, model in ((1, "one-lobe"), (2, "two-lobe")):
-                for count in sizes.counts:
-                    row: dict[str, Any] = {"path": path, "lobes": lobes, "K": count}
-                    try:
-                        row["rate"] = thread.run(lambda model=model, count=count: _rate(
-                            Spec(model, count, sizes.problem)))
-                    except BadInput as error:
-                        row["error"] = without_folders(str(error))
-                    found.append(row)
+    for lobes, model in ((1, "one-lobe"), (2, "two-lobe")):
+        for count in sizes.counts:
+            problem = make(Spec(model, count, sizes.problem))
+            for path in PATHS:
+                row: dict[str, Any] = {"path": path, "lobes": lobes, "K": count}
+                try:
+                    with _configured(kernels=path):
+                        row["rate"] = thread.run(lambda problem=problem: _rate(problem))
+                except BadInput as error:
+                    row["error"] = without_folders(str(error))
+                found.append(row)
     return {"texels": sizes.problem, "search": found}
 
 
-def _rate(spec: Spec) -> Generator[Progress, None, float]:
+def _rate(problem: Problem) -> Generator[Progress, None, float]:
     yield Progress(0.0, "device")
     device: Device = thread.device()
     device.budget.choose(float("inf"))
     try:
-        bench = Bench(device, make(spec))
+        bench = Bench(device, problem)
         seconds = search_seconds(bench, RACE, 3)
         bench.release()
     finally:
         device.budget.choose(device.settings.slice)
-    return spec.size**2 * RACE["u_particles"] * (RACE["u_race_steps"] + 1) / seconds
+    return problem.spec.size**2 * RACE["u_particles"] * (RACE["u_race_steps"] + 1) / seconds
 
 
 @contextmanager
@@ -286,15 +302,24 @@ def solve_large(sizes: Sizes) -> dict[str, Any]:
         return _timed(sizes.large, lambda: tiled_solve.run(request, folder, folder / "work", "exr"))
 
 
+def solve_many(sizes: Sizes) -> dict[str, Any]:
+    """The same plane from eight cameras in turn, each view under a lamp of its own: what a texel's loops hold."""
+    rig = [(camera, [lamp]) for camera, lamp in zip(
+        cycle(syn.cameras(8)), syn.lamps(sizes.views), strict=False)]
+    shoot = syn.shoot(syn.PATCHES, rig, (sizes.small, sizes.small), noise=0.01)
+    settings = SolveSettings(size=sizes.small, model=sizes.model, indirect="off")
+    return _timed(sizes.small, lambda: pipeline.solve(shoot.scene, settings, shoot.read_image), sizes.views)
+
+
 @cache
 def _shoot(sizes: Sizes) -> syn.Shoot:
     rig = [(syn.cameras(1)[0], [lamp]) for lamp in syn.lamps(LAMPS)]
     return syn.shoot(syn.PATCHES, rig, (sizes.pixels, sizes.pixels), noise=0.01)
 
 
-def _timed(texels: int, steps: Callable[[], Steps[Solution]]) -> dict[str, Any]:
+def _timed(texels: int, steps: Callable[[], Steps[Solution]], views: int = LAMPS) -> dict[str, Any]:
     """Seconds as a user sees them."""
     started = time.perf_counter()
     solution: Solution = thread.run(steps)
-    return {"texels": texels, "K": LAMPS, "seconds": time.perf_counter() - started, "stages": dict(solution.seconds),
+    return {"texels": texels, "K": views, "seconds": time.perf_counter() - started, "stages": dict(solution.seconds),
             "models": list(solution.model.values())}

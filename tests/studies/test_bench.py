@@ -163,7 +163,7 @@ def test_gpu_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     monkeypatch.setattr(gpu_report, "doctor", lambda: {"code": 0, "says": []})  # a process of its own; tested by itself
     monkeypatch.setattr(gpu_report, "SWITCHES", ("", "ROBUST"))
     sizes = gpu_report.Sizes(problem=16, counts=(12,), pixels=48, whole=32, large=64, block=32, halo=16,
-                             model="one-lobe")
+                             views=40, small=24, model="one-lobe")
     assert gpu_report.main(tmp_path / "report.json", sizes) == 0
     text = (tmp_path / "report.json").read_text(encoding="utf-8")
     found = json.loads(text)
@@ -177,9 +177,10 @@ def test_gpu_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     assert found["solve"]["seconds"] > 0 and found["solve"]["budget of the first"]["GPU: search"] > 0
     assert sum(found["solve"]["budget of the first"].values()) == pytest.approx(found["solve"]["first"], rel=1e-2)
     assert found["large solve"]["texels"] == 64 and "merge" in found["large solve"]["stages"]
+    assert found["many views"]["K"] == 40 and found["many views"]["seconds"] > 0
     assert str(tmp_path) not in text and str(Path.home()) not in text
     line, written = capsys.readouterr().out.splitlines()
-    assert found["device"]["renderer"] in line and "M evaluations/s" in line and "64 x 64 in" in line
+    assert found["device"]["renderer"] in line and "M evaluations/s" in line and "64 x 64 of 12 views in" in line
     assert "report.json" in written
 
     def fails(_: object) -> Any:
@@ -187,8 +188,8 @@ def test_gpu_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
 
     monkeypatch.setattr(gpu_report, "rates", fails)
     monkeypatch.setattr(gpu_report, "kernels", lambda: fails(None))
-    for name in ("solve", "solve_large"):
-        monkeypatch.setattr(gpu_report, name, lambda _: {"texels": 1, "seconds": 1.0})
+    for name in ("solve", "solve_large", "solve_many"):
+        monkeypatch.setattr(gpu_report, name, lambda _: {"texels": 1, "K": 1, "seconds": 1.0})
     assert gpu_report.main(tmp_path / "again.json", sizes) == 0
     found = json.loads((tmp_path / "again.json").read_text(encoding="utf-8"))
     assert found["rates"] == {"error": "RuntimeError: driver.so gave up"} and found["solve"]["texels"] == 1
