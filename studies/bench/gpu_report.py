@@ -71,7 +71,7 @@ class Sizes:
     model: str = "auto"
 
 
-GPU = Sizes(512, (6, 12, 24), 1024, 1024, 4096, BLOCK, HALO, 240, 256)
+GPU = Sizes(256, (6, 12, 24), 1024, 1024, 4096, BLOCK, HALO, 240, 256)
 SOFTWARE = Sizes(96, (6, 12, 24), 160, 256, 256, 128, 32, 120, 64)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from irpso_addon.core.job import Progress
 from irpso_addon.core.shading.tables import principled_table
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.device.memory import newest_context
 from irpso_addon.gpu.device.programs import assemble
 from tests.gpu.glsl import Recorder
 from tests.support import shoots
@@ -67,8 +67,7 @@ def version_code() -> Iterator[Progress]:
 
 @pytest.fixture(scope="session")
 def ctx() -> Iterator[moderngl.Context]:
-    backend = {"backend": "egl"} if sys.platform.startswith("linux") else {}
-    context = moderngl.create_context(standalone=True, require=330, **backend)
+    context = newest_context()
     yield context
     context.release()
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
 import moderngl
@@ -24,6 +24,18 @@ from .programs import SLOWER, Programs, first_line
 BAD_MATCH = "0x3009"  # EGL's word for a version that is not there
 SOFTWARE = ("llvmpipe", "softpipe")  # how the names of renderers without a GPU begin
 Made = TypeVar("Made", moderngl.Texture, moderngl.Buffer, moderngl.Framebuffer, moderngl.VertexArray)
+
+
+def newest_context() -> moderngl.Context:
+    """A context of OpenGL 4.3 or later where there is one, for compute shaders; else of 3.3 or later.
+
+    Mesa gives its newest version whatever it is asked for, but NVIDIA's EGL exactly that.  Raises plain Exception.
+    """
+    backend: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
+    if sys.platform != "darwin":  # macOS stops at 4.1
+        with suppress(Exception):
+            return moderngl.create_context(standalone=True, require=430, **backend)
+    return moderngl.create_context(standalone=True, require=330, **backend)
 
 
 class Scope:
@@ -64,8 +76,7 @@ class DeviceMemory:
     def __init__(self) -> None:
         """Raises NoDevice."""
         try:
-            backend: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
-            self.ctx = moderngl.create_context(standalone=True, require=330, **backend)
+            self.ctx = newest_context()
         except Exception as error:  # moderngl raises plain Exception, with the platform's words
             why = "the driver's is older" if BAD_MATCH in str(error) else first_line(str(error))
             raise NoDevice(
