@@ -166,8 +166,8 @@ float polygon_edge(vec3 a, vec3 e, vec3 N) {
 }
 
 vec2 area_corner(int k) {
-    if (!u_light_ellipse) return vec2(k == 1 || k == 2 ? 1.0 : -1.0, k >= 2 && k < 4 ? 1.0 : -1.0);
-    float sides = float(LIGHT_ELLIPSE_SIDES), phi = 2.0 * PI / sides * (float(k % LIGHT_ELLIPSE_SIDES) + 0.5);
+    if (!u_light_ellipse) return vec2(k == 1 || k == 2 ? 1.0 : -1.0, k >= 2 ? 1.0 : -1.0);
+    float sides = float(LIGHT_ELLIPSE_SIDES), phi = 2.0 * PI / sides * (float(k) + 0.5);
     return sqrt(2.0 * PI / (sides * sin(2.0 * PI / sides))) * vec2(cos(phi), sin(phi));
 }
 
@@ -184,14 +184,16 @@ float area_irradiance(vec3 P, vec3 N) {
     vec3 leave = vec3(0.0), enter = vec3(0.0); // where the outline goes below the horizon and comes back
     bool clipped = false;
     float sum = 0.0;
-    vec2 corner = area_corner(0);
-    // Each corner's height is that of both its edges, so that an outline comes back as often as it goes below.
-    float za = dot(center + corner.x * u_light_axis_u + corner.y * u_light_axis_v, N);
+    vec2 first = area_corner(0), corner = first;
+    // Each corner's height is that of both its edges, the first's too, so that an outline comes back as often as it goes
+    // below: a compiler may round cos and sin differently outside the loop.
+    float z_first = dot(center + first.x * u_light_axis_u + first.y * u_light_axis_v, N), za = z_first;
     for (int k = 0; k < sides; k++) {
-        vec2 next = area_corner(k + 1);
+        bool closes = k + 1 == sides;
+        vec2 next = closes ? first : area_corner(k + 1);
         vec3 a = center + corner.x * u_light_axis_u + corner.y * u_light_axis_v;
         vec3 e = (next.x - corner.x) * u_light_axis_u + (next.y - corner.y) * u_light_axis_v;
-        float zb = dot(center + next.x * u_light_axis_u + next.y * u_light_axis_v, N);
+        float zb = closes ? z_first : dot(center + next.x * u_light_axis_u + next.y * u_light_axis_v, N);
         float cut = za / (za - zb); // share of the edge before the horizon, where it crosses
         if (za < 0.0 && zb >= 0.0) {
             clipped = true;

@@ -13,7 +13,7 @@ from ...core.data import F32, F64, I32, Bool
 from ...core.evaluation.sampled_texels import SampledTexels
 from ...core.shading.emitters import around_irradiance
 from ...core.shading.lights import light_irradiance
-from ..device.context import Device
+from ..device.context import Device, Inputs
 from ..observe.observation_atlas import (
     ArraySource,
     CameraSource,
@@ -53,23 +53,30 @@ class Squares:
 
     def pack(self, grid: np.ndarray) -> np.ndarray:
         """Of (h, w, ...); 0 beyond the grid."""
-        side = self.side
-        return self._packed([grid[y:y + side, x:x + side] for x, y in self.corners])
+        side, columns = self.side, WIDTH // self.side
+        packed = np.zeros((*self._shape, *grid.shape[2:]), grid.dtype)
+        for n, (x, y) in enumerate(self.corners):
+            part, row, column = grid[y:y + side, x:x + side], n // columns * side, n % columns * side
+            packed[row:row + part.shape[0], column:column + part.shape[1]] = part
+        return packed
 
     def pack_texture(self, device: Device, texture: moderngl.Texture) -> F32:
         """The same of a texture, of which no more is read."""
-        (width, height), side = texture.size, self.side
-        return self._packed([device.read(texture, (x, y, min(side, width - x), min(side, height - y)))
-                             for x, y in self.corners])
+        height, width = self._shape
+        corners = np.zeros((1, len(self.corners), 4), np.float32)
+        corners[0, :, :2] = self.corners
+        with device.scope():
+            places = device.texture(len(self.corners), 1, data=corners)
+            packed = device.texture(width, height, texture.components)
+            with device.target([packed]) as target:
+                device.draw("solve/pack_squares.frag", target, Inputs(
+                    {"u_grid": texture, "u_corners": places}, {"u_side": self.side, "u_columns": WIDTH // self.side}))
+            return device.read(packed)
 
-    def _packed(self, parts: list[np.ndarray]) -> np.ndarray:
-        side, columns = self.side, WIDTH // self.side
-        rows = -(-len(parts) // columns)
-        packed = np.zeros((rows * side, min(columns, len(parts)) * side, *parts[0].shape[2:]), parts[0].dtype)
-        for n, part in enumerate(parts):
-            row, column = n // columns * side, n % columns * side
-            packed[row:row + part.shape[0], column:column + part.shape[1]] = part
-        return packed
+    @property
+    def _shape(self) -> tuple[int, int]:
+        columns = WIDTH // self.side
+        return -(-len(self.corners) // columns) * self.side, min(columns, len(self.corners)) * self.side
 
 
 def squares_for(layers: int) -> int:

@@ -94,6 +94,9 @@ class Swarms:
         """Take the tile's observations and put every particle in its first place."""
         self._forget()
         self.tile = tile
+        for textures in self._bests:  # first: somebody may look while observations are gathered
+            with self.device.target(textures, clear=True):
+                pass
         yield from self.source.gather(self.atlas, tile, True)
         w, h = self.atlas.tile
         with self.device.target([self.facts]) as target:
@@ -104,9 +107,6 @@ class Swarms:
                     **self.atlas.uniforms, "u_tile": tile, "u_group_slack": 0.0, "u_block": block,
                     "u_first": (-tile[0], block * h - tile[1]),
                 }, {**self._defines, "COLOUR": "1"}), (0, block * h, w, h))
-        for textures in self._bests:
-            with self.device.target(textures, clear=True):
-                pass
         for particle in range(self.settings.particles):
             self._move(particle, 0)
         self.device.budget.finish()
