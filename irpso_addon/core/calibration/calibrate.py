@@ -154,7 +154,12 @@ def _judged(
                 break
     if taken == GIVEN:
         return None, True
-    kept, found = yield from _with_diffuse(contest, *(yield from _with_ambient(contest, kept, found)))
+    kept, found = yield from _with_ambient(contest, kept, found)
+    bent, beside = yield from _with_diffuse(contest, kept, found)
+    if bent != kept and (yield from _is_response(contest, frees[-1], everything)):
+        taken, kept, found = str(frees[-1]), frees[-1], everything
+    else:
+        kept, found = bent, beside
     final = yield from _final(kept, found, more)
     found = final.found
     if not is_off(found):
@@ -320,6 +325,16 @@ def _is_no_material(contest: Contest, free: Free, start: RigFound, share: tuple[
     if free.response:
         return contest.beats(str(free), str(other))
     return not contest.beats(str(other), str(free))
+
+
+def _is_response(contest: Contest, whole: Free, everything: RigFound) -> Steps[bool]:
+    """Whether what a diffuse that is not Lambert's would explain is the files' response.
+
+    It may have been too little to be worth it while nothing else was to explain it.  ``whole``: all numbers, if judged.
+    """
+    if not whole.response or str(whole) not in contest.left:
+        return False
+    return (yield from _is_no_material(contest, whole, everything, (1.0, 1.0)))
 
 
 def _ambient(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[float, float, float]]:

@@ -16,7 +16,8 @@ from .rig_sample import RigSample
 from .texel_materials import lobes_of
 
 SURE = 3.0  # standard errors from which on a number is changed, or a rig better
-LEAST_ERROR = 0.002  # of the radiance: what a change must explain of left-out views
+LEAST_ERROR = 0.002  # of the radiance: what a change must explain of left-out views ...
+LEAST_BENT = 0.001  # ... and a response: base colours and powers hide most of it, but it bends highlights
 HALF = 0.5
 WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise: few large errors make them
 HIGHLIGHT = 0.25  # of the radiance: lobes that show more make a highlight
@@ -86,9 +87,10 @@ class Contest:
         """Whether a rig predicts better than a smaller one: beyond the scatter, and by what can be seen."""
         name = str(free)
         after, before = self.judge.error(name), self.judge.error(other)
+        least = LEAST_BENT if free.response else LEAST_ERROR
         whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
         return bool(self.beats(name, other) and whole < WORSE
-                    and self._scale(other) ** 2 - self._scale(name) ** 2 > LEAST_ERROR**2)
+                    and self._scale(other) ** 2 - self._scale(name) ** 2 > least**2)
 
     def leaves_half(self, name: str) -> bool:
         """Whether a rig leaves less than half of what the given one does, of left-out views."""

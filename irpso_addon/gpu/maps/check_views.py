@@ -40,9 +40,9 @@ def check_views(
         with device.scope():
             drawn = _diffuse(albedo, camera, base)
             diffuse = device.read(drawn[0], part)
-            window = _window(device, camera, part, diffuse[..., 3], outline)
+            window, shown = _window(device, camera, part, diffuse[..., 3], outline), _rgb(diffuse)
             for view in camera.views:
-                yield _check(albedo, camera, view, window, part, diffuse[..., :3], drawn[-1])
+                yield _check(albedo, camera, view, window, part, shown, drawn[-1])
     for texture in (base, *albedo.known.values()):
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
@@ -53,7 +53,7 @@ def with_view_pictures(views: Iterator[CheckedView], pictures: list[ViewPicture]
         step = -(-max(seen.window.covered.shape) // PICTURE_SIDE)
         covered = seen.window.covered[::step, ::step, None]
         reference = np.where(covered, seen.radiance[::step, ::step], np.nan)
-        predicted = np.where(covered, (seen.predicted * seen.irradiance)[::step, ::step], np.nan)
+        predicted = np.where(covered, seen.predicted[::step, ::step] * seen.irradiance[::step, ::step], np.nan)
         scale = max(float(np.nanmax(reference)) if np.isfinite(reference).any() else 0.0, 1e-20)
         pictures.append(ViewPicture(
             seen.view.image.name, seen.view.camera.name, seen.view.light_names,
@@ -87,6 +87,11 @@ def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Textur
     return textures
 
 
+def _rgb(values: F32) -> F32:
+    """Of (h, w, 4); arrays without gaps are several times as fast."""
+    return np.ascontiguousarray(values[..., :3])
+
+
 def _check(
     albedo: AlbedoSolver, camera: ObservedCamera, view: ObservedView, window: PixelWindow, part: Rectangle,
     diffuse: F32, base: moderngl.Texture,
@@ -94,16 +99,16 @@ def _check(
     """``base``: colour at the camera's pixels, where there are metals."""
     device = albedo.device
     with device.scope():
-        specular = device.read(albedo.specular(camera, view, base)[0], part)[..., :3]
+        specular = _rgb(device.read(albedo.specular(camera, view, base)[0], part))
     colour = device.read(view.colour, part)
-    observed, quality = colour[..., :3], colour[..., 3]
+    observed, quality = _rgb(colour), colour[..., 3]
     x, y = part[0] - camera.window[0], part[1] - camera.window[1]
     lobes = [device.read(lobe, part) for lobe in view.lobes]
     away = [np.where(lobe[..., 3] > 0, lobe[..., 0], np.float32(1)) for lobe in lobes]  # no light, no highlight
     if view.nodes is not None:  # light from everywhere
         away.append(np.zeros_like(quality))
     reference = view.reference[y:y + part[3], x:x + part[2]].astype(np.float32)
-    radiance = reference[..., :3] * np.float32(view.scale)
+    radiance = _rgb(reference) * np.float32(view.scale)
     seen = np.isfinite(radiance[..., 0])
     lit = (quality > 0)[..., None] & (observed > UNLIT_BELOW) & (observed != 0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

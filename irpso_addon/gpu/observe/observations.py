@@ -203,7 +203,8 @@ class _Observer:
                 self.skipped.append(
                     (view.image.name, f"no usable pixel shows the {what}; check camera, mask and clipping"))
                 return False
-            self.levels.append(np.maximum(np.median(image.rgb[good].mean(axis=1)), np.float32(0))[None])
+            brightness = np.median((image.rgb[..., 0] + image.rgb[..., 1] + image.rgb[..., 2])[good]) / np.float32(3)
+            self.levels.append(np.maximum(brightness, np.float32(0))[None])
         quality = np.where(image.valid, np.where(image.coverage > SOLID, image.coverage, 0.0), 0.0)
         # Read noise may leave less than 0: that is data, because the fit is linear in it.
         floor = BLACK * max(image.rgb.max(), np.float32(0))
@@ -378,9 +379,11 @@ def _reference(packed: F32, coverage: F32, window: tuple[int, int, int, int], cl
     """The picture's part in a window; packed: (H, W, 4) radiance, quality."""
     x, y, w, h = window
     part = packed[y:y + h, x:x + w]
-    scale = max(float(part[..., :3].max()) / HALF_MOST, 1e-20)
-    rgb = np.where(part[..., 3:] > 0, part[..., :3] / np.float32(scale), np.nan)
-    return np.concatenate([rgb, coverage[y:y + h, x:x + w, None]], axis=2).astype(np.float16), scale, clipped
+    scale = max(max(float(part[..., k].max()) for k in range(3)) / HALF_MOST, 1e-20)
+    kept = part / np.float32(scale)
+    kept[part[..., 3] <= 0] = np.nan
+    kept[..., 3] = coverage[y:y + h, x:x + w]
+    return kept.astype(np.float16), scale, clipped
 
 
 def _rim(device: Device, camera: ObservedCamera) -> moderngl.Texture:
