@@ -7,6 +7,7 @@ share and a small one of each camera's own.  All of a texel's numbers are elimin
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,13 @@ class Paint:
     layers: I32  # (n,) of all layers
     cameras: tuple[Bool, ...]  # (n,) each: which of them are a camera's
 
+    @cached_property
+    def sorted(self) -> tuple[I32, I32, I32]:
+        """Layers by cameras, (n,) of ``layers``; each layer's camera; and where a camera begins in the first."""
+        group = np.argmax(self.cameras, 0).astype(np.int32)
+        order = np.argsort(group, kind="stable").astype(np.int32)
+        return order, group, np.searchsorted(group[order], np.arange(len(self.cameras))).astype(np.int32)
+
 
 def paints_of(texels: SampledTexels) -> list[Paint]:
     """Of each channel that is kept apart."""
@@ -39,15 +47,23 @@ def paints_of(texels: SampledTexels) -> list[Paint]:
 
 def base_colours(paints: list[Paint], weight: F64, diffuse: F64, rest: F64) -> F64:
     """(T, V) least squares of weight (rest - base diffuse)^2: a camera's own, and where it has none, all cameras'."""
-    result = np.empty_like(diffuse)
-    off, information = weight * diffuse * rest, weight * diffuse**2
+    return np.clip(quotients(paints, weight * diffuse * rest, weight * diffuse**2), 1e-3, 2.0)
+
+
+def quotients(paints: list[Paint], above: F64, below: F64) -> F64:
+    """(T, V) of (T, V): sums over a camera's layers, and a little of all cameras', over the same of ``below``."""
+    result = np.zeros_like(above)
     for paint in paints:
-        all_off, all_known = (part[:, paint.layers].sum(1) for part in (off, information))
-        for camera in paint.cameras:
-            own = paint.layers[camera]
-            known = information[:, own].sum(1) + OTHER_CAMERA * all_known
-            result[:, own] = ((off[:, own].sum(1) + OTHER_CAMERA * all_off) / np.maximum(known, LEAST))[:, None]
-    return np.clip(result, 1e-3, 2.0)
+        upper, lower = (values if len(paint.layers) == values.shape[1] else values[:, paint.layers]
+                        for values in (above, below))
+        if len(paint.cameras) == 1:
+            result[:, paint.layers] = (upper.sum(1) / np.maximum(lower.sum(1), LEAST))[:, None]
+            continue
+        order, group, starts = paint.sorted
+        upper, lower = (np.add.reduceat(values[:, order], starts, 1) + OTHER_CAMERA * values.sum(1)[:, None]
+                        for values in (upper, lower))
+        result[:, paint.layers] = (upper / np.maximum(lower, LEAST))[:, group]
+    return result
 
 
 class Elimination:

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..calibration.paint import Paint, paints_of
+from ..calibration.paint import paints_of, quotients
 from ..data import F64, Bool
 from ..evaluation.lobe_values import fresnel_ratio
-from ..evaluation.sampled_texels import OTHER_CAMERA, Lobes
+from ..evaluation.sampled_texels import Lobes
 from ..shading import brdf
+from ..vectors import dot, mean, summed
 from .tilt_sample import LEAST, LEAST_COSINE, TiltSample
 
 CAUCHY = 2.4  # standard deviations at which an observation has lost half its weight
@@ -103,7 +104,7 @@ class TiltModel:
         tan2_v = (1 / cos_v**2 - 1)[..., None]
         roots = brdf.lambda_root(self.alpha2, 1 / lit**2 - 1) + brdf.lambda_root(self.alpha2, tan2_v)
         shape = brdf.D_ggx_spread(self.alpha2, sin2h, sample.texels.lobes[..., 1]) / roots
-        specular = (np.where(cos_l > 0, self.factor * shape, 0.0)).sum(-1) / cos_v
+        specular = summed(np.where(cos_l > 0, self.factor * shape, 0.0)) / cos_v
         return self.white * np.maximum(sample.brighter(cos_l), 0.0), specular
 
 
@@ -112,11 +113,11 @@ class _Fit:
 
     def __init__(self, model: TiltModel, known: Bool) -> None:
         texels = model.sample.texels
-        self.model, self.observed = model, texels.reflected.mean(-1)
+        self.model, self.observed = model, mean(texels.reflected)
         self.paints = paints_of(texels)
         self.good: Bool = texels.usable() & known
         # Radiance over that which a surface facing the light would have its irradiance of:
-        facing = np.clip((texels.lobes[..., 2] * model.sample.share).sum(-1), 0.05, 1.0)
+        facing = np.clip(dot(texels.lobes[..., 2], model.sample.share), 0.05, 1.0)
         shown = np.where(self.good, np.maximum(self.observed, 0.0) * facing, np.nan)
         some = self.good.any(1)
         typical = np.ones(len(shown))
@@ -141,8 +142,9 @@ class _Fit:
             columns.append(slope - self._bases(white, slope) * white)
         slopes = np.stack(columns, -1)  # (T, V, 2)
         weighted = slopes * (self.weight / spread**2)[..., None]
-        information = np.einsum("tvi,tvj->tij", weighted, slopes)
-        pull = np.einsum("tvi,tv->ti", weighted, left) + np.einsum("tij,tj->ti", information, tilt)
+        across = weighted.transpose(0, 2, 1)
+        information = across @ slopes
+        pull = (across @ left[..., None] + information @ tilt[..., None])[..., 0]
         return TiltsFound(information, pull, spread)
 
     def _left(self, white: F64, rest: F64) -> F64:
@@ -150,18 +152,7 @@ class _Fit:
 
     def _bases(self, white: F64, rest: F64) -> F64:
         """(T, V) least squares: base colours that explain ``rest``; or what they take of a slope."""
-        off, known, result = self.weight * white * rest, self.weight * white**2, np.zeros_like(white)
-        for paint in self.paints:
-            self._paint(paint, off, known, result)
-        return result
-
-    @staticmethod
-    def _paint(paint: Paint, off: F64, known: F64, result: F64) -> None:
-        all_off, all_known = (values[:, paint.layers].sum(1) for values in (off, known))
-        for camera in paint.cameras:
-            own = paint.layers[camera]
-            share = off[:, own].sum(1) + OTHER_CAMERA * all_off
-            result[:, own] = (share / np.maximum(known[:, own].sum(1) + OTHER_CAMERA * all_known, LEAST))[:, None]
+        return quotients(self.paints, self.weight * white * rest, self.weight * white**2)
 
     def _scatter(self, left: F64) -> float:
         """Robust standard deviation of relative errors, of texels that have more observations than numbers."""

@@ -6,6 +6,7 @@ A texel's *tilt* (x, y) makes of its normal N the unit vector along N + x A + y 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ..evaluation.lobe_values import half_cosine
 from ..evaluation.sampled_texels import SampledTexels
 from ..shading import brdf
 from ..shading.lights import light_basis
+from ..vectors import dot, length
 
 LEAST_COSINE = 1e-3
 GRAZING = 0.1  # cosine to the camera: tilts turn no normal farther away
@@ -69,18 +71,27 @@ class TiltSample:
         lobes, cos_v = self.texels.lobes, self.texels.cos_v
         normal = _unit(self.rig.normal + self.offset(tilt))
         by = normal - self.rig.normal
-        half = _unit(self.to_light + self.to_camera[:, :, None])
-        was, now = (np.einsum("tvlk,tk->tvl", half, n) for n in (self.rig.normal, normal))
-        lamp = self.to_light.any(-1)
-        sin2h = np.where(lamp, np.clip(lobes[..., 0] + was**2 - now**2, 0.0, 1.0), lobes[..., 0])
-        cos_l = lobes[..., 2] + np.einsum("tvlk,tk->tvl", self.to_light, by)
-        turned = np.clip(cos_v + np.einsum("tvk,tk->tv", self.to_camera, by), GRAZING, 1.0)
+        half, before = self._half
+        lamp = self._lamp
+        sin2h = np.where(lamp, np.clip(before - _along(half, normal) ** 2, 0.0, 1.0), lobes[..., 0])
+        cos_l = lobes[..., 2] + _along(self.to_light, by)
+        turned = np.clip(cos_v + _along(self.to_camera, by), GRAZING, 1.0)
         return cos_l, sin2h, np.where(cos_v < GRAZING, np.maximum(cos_v, LEAST_COSINE), turned)
+
+    @cached_property
+    def _half(self) -> tuple[F64, F64]:
+        """Half vectors (T, V, L, 3), and (T, V, L) from which (N.H)^2 is subtracted for the observed squared sine."""
+        half = _unit(self.to_light + self.to_camera[:, :, None])
+        return half, self.texels.lobes[..., 0] + _along(half, self.rig.normal) ** 2
+
+    @cached_property
+    def _lamp(self) -> Bool:
+        return np.asarray(self.to_light.any(-1))
 
     def brighter(self, cos_l: F64) -> F64:
         """(T, V) irradiance at cosines (T, V, L), over the given one."""
         ratio = np.maximum(cos_l, 0.0) / np.maximum(self.texels.lobes[..., 2], LEAST_COSINE)
-        return np.asarray(1 + (self.share * (ratio - 1)).sum(-1))
+        return 1 + dot(self.share, ratio - 1)
 
     def tilted(self, tilt: F64) -> tuple[SampledTexels, F64]:
         """The texels as they are observed under tilted normals, and (T, V) their light over the given one."""
@@ -113,4 +124,9 @@ def _shares(texels: SampledTexels) -> F64:
 
 
 def _unit(vectors: F64) -> F64:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), LEAST))
+    return np.asarray(vectors / np.maximum(length(vectors), LEAST)[..., None])
+
+
+def _along(vectors: F64, normal: F64) -> F64:
+    """(T, ...) scalar products of (T, ..., 3) with each texel's vector, (T, 3)."""
+    return np.asarray((vectors.reshape(len(normal), -1, 3) @ normal[:, :, None]).reshape(vectors.shape[:-1]))

@@ -39,9 +39,10 @@ def D_ggx(alpha2: ArrayLike, sin2h: ArrayLike) -> F64:
 
 def D_ggx_spread(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> F64:
     """Mean of D over two points sin2h +- spread: two-point Gauss-Hermite rule for its mean over a pixel or lamp."""
-    s = np.asarray(sin2h, np.float64)
-    half = np.minimum(spread, s)
-    return 0.5 * (D_ggx(alpha2, s - half) + D_ggx(alpha2, s + half))
+    a2, s = np.asarray(alpha2, np.float64), np.asarray(sin2h, np.float64)
+    # 1 / (q - d)^2 + 1 / (q + d)^2, on one denominator
+    q, d = s * (1 - a2) + a2, np.minimum(spread, s) * (1 - a2)
+    return a2 / np.pi * (q * q + d * d) / ((q - d) * (q + d)) ** 2
 
 
 def D_ggx_spread_d(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> tuple[F64, F64]:

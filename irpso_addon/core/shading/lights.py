@@ -51,7 +51,7 @@ def light_uniforms(light: Light) -> dict[str, Any]:
 def light_irradiance(light: Light, P: ArrayLike, N: ArrayLike) -> F64:
     """Unshadowed irradiance at P (..., 3), relative to the lamp's power; shape (...)."""
     P, N = np.broadcast_arrays(np.asarray(P, np.float64), np.asarray(N, np.float64))
-    uniforms = light_uniforms(light)
+    uniforms = light_uniforms(light) if light.kind in ("AREA", "SPOT") else {}
     if light.kind == "AREA" and uniforms["u_light_spread"][0] == 0:
         return area_irradiance(light, P, N)
     if light.kind == "AREA" or (light.kind == "SPOT" and light.radius > 0):
@@ -90,6 +90,8 @@ def cone_cosine(cos_n: ArrayLike, sin_sigma: ArrayLike) -> F64:
     """
     cos_n, sin_sigma = np.broadcast_arrays(np.asarray(cos_n, np.float64), np.asarray(sin_sigma, np.float64))
     partly = np.abs(cos_n) < sin_sigma
+    if not partly.any():
+        return np.asarray(np.maximum(cos_n, 0.0))
     c, sin2 = np.where(partly, cos_n, 0.0), np.where(partly, sin_sigma, 1.0) ** 2
     sin_n, x = np.sqrt(1 - c * c), np.sqrt(1 / sin2 - 1)
     y = np.clip(-x * c / sin_n, -1, 1)
@@ -103,8 +105,8 @@ def light_round(light: Light, P: F64) -> tuple[F64, F64, F64]:
     """Of a round lamp: (offset to its centre (..., 3), sine of sigma (...), irradiance facing it (...))."""
     ones = np.ones(P.shape[:-1])
     if light.kind == "SUN":
-        direction = -np.asarray(light_uniforms(light)["u_light_axis"])
-        return np.broadcast_to(direction, P.shape), ones * np.sin(light.radius), ones
+        axis = light.matrix[:3, 2]
+        return np.broadcast_to(axis / max(float(np.linalg.norm(axis)), 1e-12), P.shape), ones * np.sin(light.radius), ones
     offset = light.matrix[:3, 3] - P
     d2, r2 = dot(offset, offset), light.radius**2
     reach2 = d2 + r2 if light.soft_falloff else np.maximum(d2, r2)

@@ -88,6 +88,9 @@ def rectangles(
     ``most``: units of the next one, asked again for each.  ``work``: units of each row of the region; None: its pixels.
     """
     x, y, width, height = region
+    if work is None and 0 < width * height <= most():
+        yield region, float(width * height)
+        return
     ahead = np.cumsum(np.full(height, float(width)) if work is None else work, dtype=np.float64)
     done, row = 0.0, 0
     while row < height:
