@@ -105,8 +105,8 @@ def light_round(light: Light, P: F64) -> tuple[F64, F64, F64]:
     """Of a round lamp: (offset to its centre (..., 3), sine of sigma (...), irradiance facing it (...))."""
     ones = np.ones(P.shape[:-1])
     if light.kind == "SUN":
-        axis = light.matrix[:3, 2]
-        return np.broadcast_to(axis / max(float(np.linalg.norm(axis)), 1e-12), P.shape), ones * np.sin(light.radius), ones
+        direction = light.matrix[:3, 2] / max(float(np.linalg.norm(light.matrix[:3, 2])), 1e-12)
+        return np.broadcast_to(direction, P.shape), ones * np.sin(light.radius), ones
     offset = light.matrix[:3, 3] - P
     d2, r2 = dot(offset, offset), light.radius**2
     reach2 = d2 + r2 if light.soft_falloff else np.maximum(d2, r2)
