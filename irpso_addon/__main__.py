@@ -44,8 +44,7 @@ def _run(arguments: argparse.Namespace) -> int:
             log.to_stream(sys.stderr)
         # Imported here, because Blender's module takes a second to load and --help must not.
         if arguments.command not in WITHOUT_BLENDER:
-            with console.quiet():
-                importlib.import_module(".blender.oiio", __package__).ensure_openimageio()
+            _import_blender(arguments.command)
             given = [log.name_alone(argument) for argument in arguments.given]
             importlib.import_module(".blender.logs", __package__).begin("command", arguments=given)
         module = MODULES.get(arguments.command, arguments.command)
@@ -66,6 +65,18 @@ def _run(arguments: argparse.Namespace) -> int:
         log.info("end", peak_memory_bytes=peak_memory())
         log.close()
     return 0
+
+
+def _import_blender(command: str) -> None:
+    """Raises BadInput where this Python has none."""
+    try:
+        with console.quiet():
+            importlib.import_module(".blender.oiio", __package__).ensure_openimageio()
+    except ModuleNotFoundError as error:
+        if error.name != "bpy":
+            raise
+        raise BadInput(f"{command}: {sys.executable} has no Blender (module bpy); install bpy for this Python, or run "
+                       f"blender -b --command irpso {command}") from None
 
 
 def _what_is_kept(stop: Cancelled | KeyboardInterrupt) -> str:
