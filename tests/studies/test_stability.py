@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irpso_addon.core.calibration.calibrate import calibrate
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
+from studies.bench.opengl import result
 from studies.stability import page, store
 from studies.stability.axes import AXES, ROW, Axis, Point
 from studies.stability.identical import _arrays
@@ -20,6 +22,7 @@ from studies.stability.material import COAT, GGX, fresnel, reflected, tail_ratio
 from studies.stability.measure import record, summary
 from studies.stability.methods import BY_KEY, METHODS, Answer, Table, middle, paper
 from studies.stability.problem import CAMERA_ANGLE, Angles, Problem, Trial, make
+from studies.stability.righted import rig_sample
 from studies.stability.spoil import shifted, stored
 from studies.stability.sweep import answered, sweep
 from studies.stability.warned import checked_views, checks_of, kind_of, views_of
@@ -337,3 +340,13 @@ def test_words_are_filled() -> None:
     assert filled("{refined.failures@1}, {paper.failures@1}, {refined.roughness@1}, {adam.failures@1}", points) == \
         "3.1 %, 31 %, 0.012, -"
     assert ROW.key not in parts()
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_response_is_found_beside_all_else(seed: int) -> None:
+    """Lamps, powers and ambient light are off too.  Of seed 0 a diffuse that is not Lambert's was taken for it, of seed
+    3 it was too little to be worth it; at both, a twentieth of the texels or more was spoilt."""
+    problem = make(Trial(moved=0.01, gain=0.03, tone=0.97, bounce=0.01, seed=seed))
+    judged = result(calibrate(rig_sample(problem), lamps=True, exposures=True))
+    assert judged is not None and judged.free.response and not judged.free.diffuse
+    assert judged.found.change.log_response == pytest.approx(np.log(0.97), abs=0.004)
