@@ -125,7 +125,9 @@ def sampled(device: Device, source: Source, texels: Bool, seed: int) -> Material
 def packed(device: Device, source: Source, texels: Bool, squares: Squares) -> MaterialSample:
     """Those squares of a material.  ``texels``: as of `sampled`."""
     if isinstance(source, CameraSource):
-        return CameraSample(device, source, texels, squares)
+        sample = CameraSample(device, source, texels, squares)
+        sample.keep()
+        return sample
     assert isinstance(source, ArraySource)
     return ArraySample(device, source, texels, squares)
 
@@ -200,12 +202,32 @@ class CameraSample(CameraSource):
         self.places, self.normals = position, normal
         self.covered &= position[..., 3] > 0.5
         self.left_out: Bool = np.zeros(len(self.layers.groups), bool)
+        self._kept: dict[Tile, moderngl.Texture] = {}  # what each tile's atlas holds, ...
+        self._gathered: set[Tile] = set()  # once it was gathered
+
+    def keep(self) -> None:
+        """Gather each tile once: a sample is solved many times."""
+        atlas = ObservationAtlas(self.device, self)
+        self._kept = {tile: self.device.texture(*atlas.texture.size) for tile in tiles(atlas, self.covered)}
+        atlas.release()
 
     def gather(self, atlas: ObservationAtlas, tile: Tile, colour: bool) -> Iterator[None]:
         """As of `CameraSource`, but for the layers that are left out."""
-        yield from super().gather(atlas, tile, colour)
+        kept = self._kept.get(tile)
+        if kept is None or kept.size != atlas.texture.size:
+            yield from super().gather(atlas, tile, colour)
+        elif tile in self._gathered:
+            self._copy_texture(kept, atlas.target)
+        else:
+            yield from super().gather(atlas, tile, True)
+            with self.device.target([kept]) as target:
+                self._copy_texture(atlas.texture, target)
+            self._gathered.add(tile)
         for layer in np.flatnonzero(self.left_out):
             atlas.target.clear(viewport=atlas.block(int(layer) * self.layers.each))
+
+    def _copy_texture(self, texture: moderngl.Texture, target: moderngl.Framebuffer) -> None:
+        self.device.draw("observe/copy.frag", target, Inputs({"u_map": texture}, {"u_corner": (0, 0)}))
 
     def layer_light(self, texels: I32) -> LayerLight:
         """As of `MaterialSample`."""
