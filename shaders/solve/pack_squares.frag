@@ -1,4 +1,4 @@
-// Squares of a grid of texels side by side: core's Squares.pack on the device.
+// Squares of a grid of texels side by side, as `Squares.pack` in irpso_addon/gpu/solve/material_sample.py does to arrays.
 uniform sampler2D u_grid;
 uniform sampler2D u_corners;  // first texel of each square, one pixel each
 uniform int u_side;  // texels: width of a square
