@@ -59,7 +59,7 @@ SWITCHES = ("", "ROBUST", "JOINT", "SPECULAR", "METALLIC", "COAT", "SWARM")
 class Sizes:
     """How much is measured."""
 
-    problem: int  # texels across, of the search alone
+    problem: int  # texels across, of the search alone; one tile holds them
     counts: tuple[int, ...]  # K of the search alone
     pixels: int  # of a picture
     whole: int  # texels across of a solve in one piece
@@ -71,7 +71,7 @@ class Sizes:
     model: str = "auto"
 
 
-GPU = Sizes(256, (6, 12, 24), 1024, 1024, 4096, BLOCK, HALO, 240, 256)
+GPU = Sizes(224, (6, 12, 24), 1024, 1024, 4096, BLOCK, HALO, 240, 256)
 SOFTWARE = Sizes(96, (6, 12, 24), 160, 256, 256, 128, 32, 120, 64)
 
 
@@ -237,7 +237,7 @@ def rates(sizes: Sizes) -> dict[str, Any]:
                 try:
                     with _configured(kernels=path):
                         row["rate"] = thread.run(lambda problem=problem: _rate(problem))
-                except BadInput as error:
+                except (BadInput, ValueError) as error:
                     row["error"] = without_folders(str(error))
                 found.append(row)
     return {"texels": sizes.problem, "search": found}

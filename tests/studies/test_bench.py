@@ -16,6 +16,7 @@ import pytest
 
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.observe.observation_atlas import ATLAS_ROWS
 from studies.bench import gpu_report, special
 from studies.bench.entrants import ENTRANTS, Stage, set_up
 from studies.bench.verdict import judge
@@ -194,6 +195,12 @@ def test_gpu_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     found = json.loads((tmp_path / "again.json").read_text(encoding="utf-8"))
     assert found["rates"] == {"error": "RuntimeError: driver.so gave up"} and found["solve"]["texels"] == 1
     assert "rates failed" in capsys.readouterr().out
+
+
+def test_one_tile_holds_the_search_that_is_timed() -> None:
+    """Three blocks of the atlas for each view."""
+    for sizes in (gpu_report.GPU, gpu_report.SOFTWARE):
+        assert sizes.problem * 3 * max(sizes.counts) <= ATLAS_ROWS
 
 
 def test_gpu_report_without_opengl(tmp_path: Path) -> None:
