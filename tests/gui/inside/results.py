@@ -73,12 +73,13 @@ def tomorrow(scene: str, size: int) -> Steps:
 def shadings(scene: str, size: int, shading: str, color: str) -> Steps:
     """During a solve the viewport goes on as the Image Editor does: pictures of it, half way and at the end.
 
-    The solve rests for the first picture: on a slow machine it would else be nearly over before that is taken.
+    The solve rests for the first picture: on a slow machine it would else be nearly over before that is taken.  And it
+    takes long, so that the preview comes before its own base colors where other programs run.
     """
     yield from jobs.opened(scene, size)
     view = robot.area().spaces.active
     view.shading.type, view.shading.color_type = shading, color
-    bpy.context.scene.irpso.model = "one-lobe"
+    bpy.context.scene.irpso.model, bpy.context.scene.irpso.method = "one-lobe", "swarm"
     yield 1.0
     yield from robot.look("before")
     yield from jobs.started(10)
