@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Generator
 from typing import Any
 
+import moderngl
 import numpy as np
 import pytest
 
+from irpso_addon.core.data import F32
 from irpso_addon.core.job import Progress
 from irpso_addon.core.live_maps import Live
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.device.memory import DeviceMemory
 from irpso_addon.solve import pipeline
 from tests.support import shoots
 from tests.support import synthetic as syn
@@ -66,6 +69,28 @@ def test_the_published_swarm_is_never_sure(noisy: syn.Shoot) -> None:
     known = np.isfinite(swarm.maps["roughness"])
     assert known.mean() > 0.5
     assert np.all(swarm.maps["confidence"][known] == 0)
+
+
+def test_no_look_shows_what_nobody_has_written(noisy: syn.Shoot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """New textures hold anything on some drivers: here a number that no map may have."""
+    made, roughest = DeviceMemory.texture, list[float]()
+
+    def texture(self: DeviceMemory, width: int, height: int, channels: int = 4, data: F32 | None = None,
+                dtype: str = "f4") -> moderngl.Texture:
+        if data is None and dtype == "f4":
+            data = np.full((height, width, channels), 7.0, np.float32)
+        return made(self, width, height, channels, data, dtype)
+
+    def job() -> Generator[Progress, None, None]:
+        settings = SolveSettings(size=shoots.SIZE, method="paper", iterations=20, model="one-lobe")
+        for step in pipeline.solve(noisy.scene, settings, noisy.read_image):
+            if step.look is not None and "roughness" in (maps := step.look().maps):
+                roughest.append(float(np.nan_to_num(maps["roughness"]).max()))
+            yield step
+
+    monkeypatch.setattr(DeviceMemory, "texture", texture)
+    thread.run(job)
+    assert roughest and max(roughest) <= 1
 
 
 def test_two_lobes_are_not_sure_before_they_are_polished(noisy: syn.Shoot) -> None:

@@ -28,8 +28,8 @@ class Paint:
     cameras: tuple[Bool, ...]  # (n,) each: which of them are a camera's
 
     @cached_property
-    def sorted(self) -> tuple[I32, I32, I32]:
-        """Layers by cameras, (n,) of ``layers``; each layer's camera; and where a camera begins in the first."""
+    def by_camera(self) -> tuple[I32, I32, I32]:
+        """The order of ``layers`` by cameras, (n,); each layer's camera, (n,); and where each camera begins in it."""
         group = np.argmax(self.cameras, 0).astype(np.int32)
         order = np.argsort(group, kind="stable").astype(np.int32)
         return order, group, np.searchsorted(group[order], np.arange(len(self.cameras))).astype(np.int32)
@@ -59,7 +59,7 @@ def quotients(paints: list[Paint], above: F64, below: F64) -> F64:
         if len(paint.cameras) == 1:
             result[:, paint.layers] = (upper.sum(1) / np.maximum(lower.sum(1), LEAST))[:, None]
             continue
-        order, group, starts = paint.sorted
+        order, group, starts = paint.by_camera
         upper, lower = (np.add.reduceat(values[:, order], starts, 1) + OTHER_CAMERA * values.sum(1)[:, None]
                         for values in (upper, lower))
         result[:, paint.layers] = (upper / np.maximum(lower, LEAST))[:, group]

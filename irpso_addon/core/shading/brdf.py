@@ -32,15 +32,14 @@ COS2H_MIN = 1e-6  # Beckmann: D is 0 there at any roughness
 
 def D_ggx(alpha2: ArrayLike, sin2h: ArrayLike) -> F64:
     """Normal distribution, 1/sr.  Walter et al. 2007, "Microfacet Models for Refraction", eq. 33."""
-    a2, s = np.asarray(alpha2, np.float64), np.asarray(sin2h, np.float64)
-    # alpha2 cos^2 + sin^2, with cos^2 = 1 - sin^2
-    return a2 / (np.pi * (s * (1 - a2) + a2) ** 2)
+    return D_ggx_spread(alpha2, sin2h, 0.0)
 
 
 def D_ggx_spread(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> F64:
     """Mean of D over two points sin2h +- spread: two-point Gauss-Hermite rule for its mean over a pixel or lamp."""
     a2, s = np.asarray(alpha2, np.float64), np.asarray(sin2h, np.float64)
-    # 1 / (q - d)^2 + 1 / (q + d)^2, on one denominator
+    # D is alpha2 / (pi q^2) with q = alpha2 cos^2 + sin^2, cos^2 = 1 - sin^2.  1 / (q - d)^2 + 1 / (q + d)^2 on one
+    # denominator:
     q, d = s * (1 - a2) + a2, np.minimum(spread, s) * (1 - a2)
     return a2 / np.pi * (q * q + d * d) / ((q - d) * (q + d)) ** 2
 
