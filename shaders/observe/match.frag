@@ -29,7 +29,9 @@ void main() {
     if (p.w < 0.5 || clip.w <= 0.0) return;
     vec2 at = (clip.xy / clip.w * 0.5 + 0.5) * vec2(textureSize(u_position, 0));
     vec3 n = texelFetch(u_texel_normal, texel, 0).xyz;
-    float slant = clamp(dot(n, toward_camera(p.xyz)), 0.15, 1.0);
+    float cos_v = dot(n, toward_camera(p.xyz));
+    if (cos_v <= 0.0) return;  // the pixel shows what hides it
+    float slant = clamp(cos_v, 0.15, 1.0);
     ivec2 corner = ivec2(floor(at - 0.5));
     float nearest = 1e30;
     for (int j = 0; j < 4; j++) {

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import Light, SceneData
+from irpso_addon.compare.texels import observe_texels
+from irpso_addon.core.data import Light, RadianceImage, SceneData, View
 from irpso_addon.core.samples import selftest
 from irpso_addon.gpu.device.context import Inputs
 from irpso_addon.gpu.device.occupied_cells import CELL, OccupiedCells
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
 from irpso_addon.gpu.observe.observations import observe
+from tests.support import synthetic as syn
+from tests.support.texels import finish
 
 
 def observed(on_gl, scene: SceneData, read_image):
@@ -96,6 +100,32 @@ def test_what_is_observed_is_what_was_drawn(on_gl, test):
 def view_of(test, view):
     """The self-test draws a view by its one lamp."""
     return next(own for own in test.scene.views if own.image == view.image)
+
+
+@pytest.mark.parametrize("pixels", [24, 96])
+def test_no_pixel_is_taken_for_the_back_of_what_it_shows(on_gl, pixels):
+    """Near the outline of a ball the far side is less than a few slanted pixels behind the near one."""
+    positions, normals = syn.sphere(96, 48)
+    around = np.arctan2(normals[..., 1], normals[..., 0]) / (2 * np.pi)
+    middle = np.arctan2(*np.moveaxis(normals.mean(1)[:, 1::-1], -1, 0)) / (2 * np.pi)
+    around += np.round(middle[:, None] - around) + 0.5  # a triangle's corners on one side of the seam
+    uvs = np.stack([around, np.arccos(np.clip(normals[..., 2], -1, 1)) / np.pi], -1)
+    camera = syn.camera((0, -5, 0), width=2.2)
+    view = View(Path("a.exr"), camera, (syn.lamp((0.5, -5, 1)),))
+    white = RadianceImage(np.ones((pixels, pixels, 3), np.float32), np.ones((pixels, pixels), np.float32),
+                          np.ones((pixels, pixels), bool))
+    scene = SceneData("ball", syn.mesh_arrays(positions, normals, uvs), np.zeros((0, 3, 3), np.float32), (view,))
+
+    def work(_):
+        _, (found,) = finish(observe_texels(
+            scene, 64, lambda _: white, lambda where, views: (*np.nonzero(where), views[0].weight.max(-1) > 0)))
+        return found
+
+    rows, columns, seen = on_gl(work)
+    turn, down = 2 * np.pi * ((columns + 0.5) / 64 - 0.5), np.pi * (rows + 0.5) / 64
+    facing = -np.sin(down) * np.sin(turn)  # cosine between normal and the camera's direction
+    assert seen[facing > 0.9].all()
+    assert not seen[facing < -0.02].any()
 
 
 @pytest.mark.parametrize("size", [(8, 8), (37, 21), (64, 40)])
