@@ -13,6 +13,7 @@ const int SILHOUETTE = 512;         // in what observe/rim.frag leaves
 struct Pixel {
     vec3 P, N;
     vec3 dPdx, dPdy, dNdx, dNdy;  // per pixel step
+    float bend2;                  // how much the normal bends over the footprint, squared: 0 where it turns steadily
 };
 
 vec3 toward_camera(vec3 P) {
@@ -36,7 +37,8 @@ bool same_surface(vec4 a, vec4 b, float slant, float steps) {
 }
 
 // Central difference along `axis` where both neighbours lie on the surface, one-sided where one does.
-void slopes(ivec2 at, ivec2 axis, vec4 p, vec3 n, float slant, out vec3 dP, out vec3 dN) {
+// bend2: squared distance of the normal from the mean of its neighbours'; 0 where one is missing.
+void slopes(ivec2 at, ivec2 axis, vec4 p, vec3 n, float slant, out vec3 dP, out vec3 dN, out float bend2) {
     vec4 before = texelFetch(u_position, max(at - axis, ivec2(0)), 0);
     vec4 after = texelFetch(u_position, min(at + axis, textureSize(u_position, 0) - 1), 0);
     bool has_before = same_surface(p, before, slant, 1.0), has_after = same_surface(p, after, slant, 1.0);
@@ -45,6 +47,8 @@ void slopes(ivec2 at, ivec2 axis, vec4 p, vec3 n, float slant, out vec3 dP, out 
     float steps = max(float(has_before) + float(has_after), 1.0);
     dP = ((has_after ? after.xyz : p.xyz) - (has_before ? before.xyz : p.xyz)) / steps;
     dN = (na - nb) / steps;
+    vec3 off = has_before && has_after ? 0.5 * (na + nb) - n : vec3(0.0);
+    bend2 = dot(off, off);
 }
 
 bool load_pixel(ivec2 at, out Pixel pixel) {
@@ -53,8 +57,11 @@ bool load_pixel(ivec2 at, out Pixel pixel) {
     pixel.P = p.xyz;
     pixel.N = texelFetch(u_normal, at, 0).xyz;
     float slant = max(abs(dot(pixel.N, toward_camera(p.xyz))), 0.15);
-    slopes(at, ivec2(1, 0), p, pixel.N, slant, pixel.dPdx, pixel.dNdx);
-    slopes(at, ivec2(0, 1), p, pixel.N, slant, pixel.dPdy, pixel.dNdy);
+    float across, along;
+    slopes(at, ivec2(1, 0), p, pixel.N, slant, pixel.dPdx, pixel.dNdx, across);
+    slopes(at, ivec2(0, 1), p, pixel.N, slant, pixel.dPdy, pixel.dNdy, along);
+    float area = u_footprint * u_footprint;
+    pixel.bend2 = area * area * (across + along);
     return true;
 }
 

@@ -1,10 +1,14 @@
 // How far the texture, averaged over a pixel's footprint, is from the albedo that the pixel shows.
+#include "include/pixel.glsl"
 uniform sampler2D u_albedo;      // pixel grid: weighted sum
 uniform sampler2D u_weight;
 uniform sampler2D u_uv;
 uniform sampler2D u_uv_slope;
 uniform sampler2D u_texture;     // texel grid, holes filled
-uniform float u_footprint;
+
+uniform bool u_first;            // of the steps: to what pixels show; the others sharpen it
+
+const float BEND = 0.05;         // bend of the normal, see Pixel, at which a pixel counts half
 
 layout(location = 0) out vec4 o_residual;  // RGB, weight
 
@@ -27,5 +31,9 @@ void main() {
     // Weights are relative squares: times the albedo squared they count good views.
     float grey = max(dot(shown, vec3(1.0 / 3.0)), 0.02);
     float views = most * grey * grey;
-    o_residual = vec4(shown - mean, views / (views + 0.3));
+    // At a crease a pixel shows the mean of two sides, and its centre one of them: it sharpens little.
+    Pixel pixel;
+    bool bends = !u_first && load_pixel(at, pixel);
+    float trust = bends ? 1.0 / (1.0 + pixel.bend2 / (BEND * BEND)) : 1.0;
+    o_residual = vec4(trust * (shown - mean), views / (views + 0.3));
 }

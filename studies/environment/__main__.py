@@ -15,9 +15,10 @@ from irpso_addon.core.shading import environment
 from studies.environment import radiance
 from studies.environment.contest import compare
 from studies.environment.converge import convergence
+from studies.environment.hdris import KINDS
 from studies.environment.page import draw, error_row, recovered_row, turned_row, write, write_turned
 from studies.environment.recover import recover
-from studies.environment.shoot import KINDS, RIGS
+from studies.environment.shoot import RIGS
 
 ROOT = Path(__file__).resolve().parents[2]
 ROUGHNESS = (0.1, 0.2, 0.4, 0.7)

@@ -9,7 +9,7 @@ import numpy as np
 
 from irpso_addon.core.data import F64, Environment
 from irpso_addon.core.shading import brdf, environment
-from studies.environment.shoot import KINDS, radiance
+from studies.environment.hdris import KINDS, radiance
 
 HEIGHT, PLACES, BASE = 256, 60, 0.5
 # Directions, whether they divide:

@@ -20,6 +20,7 @@ from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
 from irpso_addon.gpu.observe.environment_light import node_places
 from irpso_addon.gpu.observe.observations import ObserveOptions, observe
 from studies.environment import shoot
+from studies.environment.hdris import world
 
 BASE = 0.5
 SHAPES = ("sphere", "ring")
@@ -60,7 +61,7 @@ def stage(shape: str, kind: str, folder: Path, pixels: int) -> None:
     camera.location, camera.rotation_euler = (0.0, -2.6, 1.9), (np.radians(54), 0, 0)
     data.angle = np.radians(36)
     scene.collection.objects.link(camera)
-    scene.camera, scene.world = camera, shoot.world(kind, folder)
+    scene.camera, scene.world = camera, world(kind, folder)
     shoot._set_up(shoot.BOTTLE, 1, 0)
     scene.render.resolution_x = scene.render.resolution_y = pixels
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BLACKMAN_HARRIS", 0.01

@@ -1,4 +1,4 @@
-"""The bottle solved from pictures under environments alone, beside its truth."""
+"""Objects solved from pictures under environments alone, or lamps alone, beside their truth."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from irpso_addon.core.shading.environment import about_z
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline
 from studies.environment import shoot
+from studies.environment.relight import relit
 from studies.intervals.assets import truth
 
 SIZE = 128
@@ -35,6 +36,7 @@ class Recovered:
     confident: float  # error of roughness of the confident texels
     share: float  # of the texels that are confident
     seconds: dict[str, float]
+    relit: float  # PSNR under a new lamp from a new camera, dB
 
 
 def recover(
@@ -48,14 +50,15 @@ def recover(
     scene = _turned(read_scene(None, None, folder / "captures.json"), turn)
     settings = SolveSettings(size=size, model=model, lamps=lamps)
     solution: Solution = thread.run(lambda: pipeline.solve(scene, settings))
-    maps, (base, rough) = solution.maps, truth(shoot.BOTTLE, size)
+    maps, (base, rough) = solution.maps, truth(rig.asset, size)
     solved = maps.coverage & ~maps.filled
     off, error = (maps.base_color - base)[solved].astype(np.float64), np.abs(maps.roughness - rough)[solved]
     sure = maps.confidence[solved] > CONFIDENT
     return Recovered(
         rig, ", ".join(sorted(set(solution.model.values()))), len(scene.views),
         float(-10 * np.log10(np.mean(off**2))), float(error.mean()), float(np.median(error)),
-        float(error[sure].mean()) if sure.any() else float("nan"), float(sure.mean()), solution.seconds), solution
+        float(error[sure].mean()) if sure.any() else float("nan"), float(sure.mean()), solution.seconds,
+        relit(folder / "scene.blend", rig.asset, maps)), solution
 
 
 def _turned(scene: SceneData, degrees: float) -> SceneData:

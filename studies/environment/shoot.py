@@ -1,4 +1,4 @@
-"""A bottle before cameras all around it, lit by environments alone, rendered by Cycles: its truth is known."""
+"""A bottle, or a knot, before cameras all around, lit by environments alone, rendered by Cycles: the truth is known."""
 
 from __future__ import annotations
 
@@ -13,17 +13,12 @@ import OpenImageIO
 from mathutils import Vector
 
 from irpso_addon.core.data import F32, F64
-from studies.intervals.assets import Asset, sheet, truth, waves
+from studies.environment.hdris import world
+from studies.intervals.assets import Asset, make_knot, sheet, truth, waves
 
 NAME = "Subject"
 CAMERAS = ((8, 0.15), (4, 0.75))  # how many in a ring, radians above the horizon
 DISTANCE = 4.2  # metres
-HDRI_HEIGHT = 512
-KINDS = ("clear", "day", "studio", "room", "overcast")  # of environments, see `radiance`
-SUN = np.array([0.5, -0.6, 0.62]) / np.linalg.norm([0.5, -0.6, 0.62])
-WINDOW = np.array([-0.8, 0.5, 0.3]) / np.linalg.norm([-0.8, 0.5, 0.3])
-BOXES = ((WINDOW, 0.6, 0.4, 5.0), (np.array([0.9, 0.3, 0.4]), 0.2, 0.7, 3.0),
-         (np.array([0.1, 0.2, 1.0]), 0.5, 0.5, 2.0))  # studio: middle, half width and height at distance 1, radiance
 
 
 @dataclass(frozen=True)
@@ -32,15 +27,28 @@ class Rig:
 
     name: str
     words: str
-    hdris: tuple[str, ...]  # keys of HDRIS
+    hdris: tuple[str, ...]  # of KINDS
     turns: tuple[float, ...] = (0.0,)  # degrees; each view once under each
     samples: int = 512  # of Cycles, a pixel
+    lamps: tuple[tuple[float, float, float], ...] = ()  # point lamps in place of HDRIs; each view once under each
+    knot: bool = False  # in place of the bottle, which was looked at while the product was made
+
+    @property
+    def asset(self) -> Asset:
+        """What is rendered."""
+        return make_knot(0) if self.knot else BOTTLE
 
 
+LAMPS = ((2.5, -2.0, 2.5), (-2.8, 1.5, 1.8))  # metres
+TURNS = (0.0, 60.0, 120.0, 180.0, 240.0, 300.0)
 RIGS = (
     Rig("one", "one HDRI (sky, window, small sun)", ("day",)),
     Rig("two", "two HDRIs (the same; a dark room with two lamps)", ("day", "room"), samples=256),
-    Rig("turns", "one HDRI, six turns", ("day",), (0.0, 60.0, 120.0, 180.0, 240.0, 300.0), 96),
+    Rig("turns", "one HDRI, six turns", ("day",), TURNS, 96),
+    Rig("lamps", "two lamps, one at a time", (), samples=64, lamps=LAMPS),
+    Rig("knot", "two HDRIs, the knot", ("day", "room"), samples=256, knot=True),
+    Rig("knot turns", "one HDRI, six turns, the knot", ("day",), TURNS, 96, knot=True),
+    Rig("knot lamps", "two lamps, one at a time, the knot", (), samples=64, lamps=LAMPS, knot=True),
 )
 
 
@@ -68,119 +76,73 @@ BOTTLE = Asset("bottle", "a bottle with a label", (sheet(point, (96, 120), (0.02
                pixels=144, noise=0.0)
 
 
-def _plane(d: F64, toward: F64) -> tuple[F64, F64, F64]:
-    """Of directions (..., 3): their part along ``toward``, and where they meet the plane at distance 1 there."""
-    axis = toward / np.linalg.norm(toward)
-    side = np.cross(axis, (0, 0, 1.0))
-    side /= np.linalg.norm(side)
-    ahead = d @ axis
-    x, y = (d @ other / np.maximum(ahead, 1e-6) for other in (side, np.cross(side, axis)))
-    return ahead, x, y
-
-
-def _box(d: F64, toward: F64, width: float, height: float, strength: float) -> F64:
-    """Radiance of a soft box so far from the middle to its sides, at distance 1."""
-    ahead, x, y = _plane(d, toward)
-    return np.asarray(strength * ((ahead > 0) & (np.abs(x) < width) & (np.abs(y) < height)))
-
-
-def radiance(d: F64, kind: str) -> F64:
-    """(..., 3) of directions (..., 3)."""
-    def glow(toward: F64, width: float, strength: float, colour: tuple[float, float, float]) -> F64:
-        off = np.arccos(np.clip(d @ (toward / np.linalg.norm(toward)), -1, 1))
-        return (strength * np.exp(-0.5 * (off / width) ** 2))[..., None] * np.array(colour)
-
-    up = np.clip(d[..., 2], 0, 1)
-    sky = np.where(d[..., 2] > 0, (1 + 2 * up) / 3, 0.15)[..., None] * np.array([0.75, 0.9, 1.1])
-    if kind == "overcast":
-        return sky
-    if kind == "clear":  # a bare sun, as narrow as the picture's pixels allow
-        return np.asarray(0.5 * sky + glow(SUN, 0.008, 8000.0, (1.0, 0.95, 0.85)))
-    if kind == "studio":
-        return np.asarray(sum((_box(d, *box) for box in BOXES), 0.05)[..., None] * np.ones(3))
-    if kind == "room":
-        return np.asarray(0.08 * np.ones(3) + glow(np.array([0.3, 0.9, 0.5]), 0.12, 40.0, (1.0, 0.85, 0.65))
-                          + glow(np.array([-0.9, -0.4, 0.1]), 0.2, 9.0, (0.8, 0.9, 1.0)))
-    ahead, x, y = _plane(d, WINDOW)
-    pane = (ahead > 0) & (np.abs(x) < 0.45) & (np.abs(y) < 0.6) & (np.abs(x) > 0.03) & (np.abs(y - 0.1) > 0.03)
-    return np.asarray(0.5 * sky + 6.0 * pane[..., None] * np.array([0.9, 1.0, 1.1])
-                      + glow(SUN, 0.03, 250.0, (1.0, 0.9, 0.75)))
-
-
-def hdri(kind: str, path: Path) -> None:
-    """Write an equirectangular picture, as Blender maps it."""
-    v, u = (np.arange(HDRI_HEIGHT) + 0.5) / HDRI_HEIGHT, (np.arange(2 * HDRI_HEIGHT) + 0.5) / (2 * HDRI_HEIGHT)
-    latitude, longitude = (math.pi * (v - 0.5))[:, None], (2 * math.pi * (0.5 - u))[None]
-    d = np.stack([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude),
-                  np.sin(latitude) + 0 * longitude], -1)
-    buffer = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(2 * HDRI_HEIGHT, HDRI_HEIGHT, 3, OpenImageIO.FLOAT))
-    buffer.set_pixels(OpenImageIO.ROI(), np.ascontiguousarray(radiance(d, kind)[::-1], np.float32))
-    buffer.write(str(path))
-
-
-def world(kind: str, folder: Path) -> bpy.types.World:
-    """A world of that picture, which Mapping can turn."""
-    path = folder / f"{kind}.exr"
-    hdri(kind, path)
-    made = bpy.data.worlds.new(kind)
-    if made.node_tree is None:
-        made.use_nodes = True
-    tree = made.node_tree
-    tree.nodes.clear()
-    coordinates, mapping, picture, background, output = (tree.nodes.new(f"ShaderNode{name}") for name in (
-        "TexCoord", "Mapping", "TexEnvironment", "Background", "OutputWorld"))
-    picture.image = bpy.data.images.load(str(path))
-    for one, other in ((coordinates.outputs["Generated"], mapping.inputs["Vector"]),
-                       (mapping.outputs["Vector"], picture.inputs["Vector"]),
-                       (picture.outputs["Color"], background.inputs["Color"]),
-                       (background.outputs[0], output.inputs["Surface"])):
-        tree.links.new(one, other)
-    if hasattr(made.cycles, "sampling_method"):
-        made.cycles.sampling_method = "AUTOMATIC"
-    return made
-
-
 def make(folder: Path, rig: Rig, bounces: int = 0) -> None:
     """``folder``: scene.blend without a trace of the truth, captures.json, pictures and HDRIs."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     (folder / "refs").mkdir(parents=True, exist_ok=True)
-    asset = BOTTLE
+    asset = rig.asset
     _set_up(asset, rig.samples, bounces)
     subject = _mesh(asset)
-    blank, painted = _material(NAME), _painted(asset)
+    blank, painted = _material(NAME), painted_with(*truth(asset))
     subject.data.materials.append(painted)
-    cameras = [_camera(n, count, ring, up) for ring, (count, up) in enumerate(CAMERAS) for n in range(count)]
-    views = [view for kind in rig.hdris for view in _render_all(folder, asset, cameras, world(kind, folder), rig.turns)]
+    cameras = [camera(f"Camera {ring + 1}.{n + 1:02d}", 2 * math.pi * (n + 0.5 * ring) / count, up)
+               for ring, (count, up) in enumerate(CAMERAS) for n in range(count)]
+    shoot = _Shoot(folder, asset, cameras)
+    views = [view for kind in rig.hdris for view in shoot.under_world(world(kind, folder), rig.turns)]
+    lamps = [lamp(f"Lamp {n + 1}", place) for n, place in enumerate(rig.lamps)]
+    views += [view for each in lamps for view in shoot.under_lamp(each, lamps)]
     subject.material_slots[0].material = blank
     bpy.data.materials.remove(painted)
     for image in [i for i in bpy.data.images if i.name.startswith("truth ")]:
         bpy.data.images.remove(image)
-    bpy.context.scene.world = bpy.data.worlds[rig.hdris[0]]
+    bpy.context.scene.world = bpy.data.worlds[rig.hdris[0]] if rig.hdris else None
     for made in bpy.data.worlds:
         made.use_fake_user = True
     (folder / "captures.json").write_text(json.dumps({"views": views}, indent=1), encoding="utf-8")
     bpy.ops.wm.save_as_mainfile(filepath=str((folder / "scene.blend").resolve()), compress=True)
 
 
-def _render_all(
-    folder: Path, asset: Asset, cameras: list[bpy.types.Object], lit_by: bpy.types.World, turns: tuple[float, ...],
-) -> list[dict[str, object]]:
-    scene = bpy.context.scene
-    scene.world = lit_by
-    mapping = next(node for node in lit_by.node_tree.nodes if node.type == "MAPPING")
-    rng, views = np.random.default_rng(1), []
-    for turn in turns:
-        mapping.inputs["Rotation"].default_value = (0.0, 0.0, -math.radians(turn))
-        for camera in cameras:
+@dataclass(frozen=True)
+class _Shoot:
+    """Renders the open scene from all cameras, and says what each picture is."""
+
+    folder: Path
+    asset: Asset
+    cameras: list[bpy.types.Object]
+
+    def under_world(self, lit_by: bpy.types.World, turns: tuple[float, ...]) -> list[dict[str, object]]:
+        """Under each turn of a world."""
+        bpy.context.scene.world = lit_by
+        mapping = next(node for node in lit_by.node_tree.nodes if node.type == "MAPPING")
+        views = []
+        for turn in turns:
+            mapping.inputs["Rotation"].default_value = (0.0, 0.0, -math.radians(turn))
+            views += [{**view, "lights": [], "world": lit_by.name, "turn": turn}
+                      for view in self._pictures(f"{lit_by.name}_{turn:03.0f}")]
+        mapping.inputs["Rotation"].default_value = (0.0, 0.0, 0.0)
+        return views
+
+    def under_lamp(self, lit_by: bpy.types.Object, lamps: list[bpy.types.Object]) -> list[dict[str, object]]:
+        """Under one of the scene's lamps."""
+        for other in lamps:
+            other.hide_render = other is not lit_by
+        views = [{**view, "lights": [lit_by.name]} for view in self._pictures(lit_by.name)]
+        for other in lamps:
+            other.hide_render = False
+        return views
+
+    def _pictures(self, name: str) -> list[dict[str, object]]:
+        scene, views = bpy.context.scene, []
+        rng = np.random.default_rng(sum(name.encode()))
+        for camera in self.cameras:
             scene.camera = camera
-            name = f"refs/{lit_by.name}_{turn:03.0f}_{camera.name}.exr"
-            scene.render.filepath = str(folder / name)
+            file = f"refs/{name}_{camera.name}.exr"
+            scene.render.filepath = str(self.folder / file)
             bpy.ops.render.render(write_still=True)
-            if asset.noise:
-                _add_noise(folder / name, asset.noise, rng)
-            views.append({"image": name, "camera": camera.name, "lights": [], "world": lit_by.name, "turn": turn})
-    mapping.inputs["Rotation"].default_value = (0.0, 0.0, 0.0)
-    return views
+            if self.asset.noise:
+                _add_noise(self.folder / file, self.asset.noise, rng)
+            views.append({"image": file, "camera": camera.name})
+        return views
 
 
 def _add_noise(path: Path, sigma: float, rng: np.random.Generator) -> None:
@@ -208,11 +170,14 @@ def _set_up(asset: Asset, samples: int, bounces: int) -> None:
 
 
 def _mesh(asset: Asset) -> bpy.types.Object:
-    (part,) = asset.sheets
+    starts = np.cumsum([0, *(len(part.vertices) for part in asset.sheets)])
+    vertices = np.concatenate([part.vertices for part in asset.sheets])
+    quads = np.concatenate([part.quads + start for part, start in zip(asset.sheets, starts[:-1], strict=True)])
+    uvs = np.concatenate([part.uvs for part in asset.sheets])
     mesh = bpy.data.meshes.new(NAME)
-    mesh.from_pydata(part.vertices.tolist(), [], part.quads.tolist())
-    mesh.uv_layers.new(name="UVMap").data.foreach_set("uv", part.uvs.ravel().astype(np.float32))
-    mesh.polygons.foreach_set("use_smooth", np.ones(len(part.quads), bool))
+    mesh.from_pydata(vertices.tolist(), [], quads.tolist())
+    mesh.uv_layers.new(name="UVMap").data.foreach_set("uv", uvs.ravel().astype(np.float32))
+    mesh.polygons.foreach_set("use_smooth", np.ones(len(quads), bool))
     obj = bpy.data.objects.new(NAME, mesh)
     bpy.context.scene.collection.objects.link(obj)
     bpy.context.view_layer.objects.active = obj
@@ -232,10 +197,11 @@ def _material(name: str) -> bpy.types.Material:
     return material
 
 
-def _painted(asset: Asset) -> bpy.types.Material:
+def painted_with(base: F32, roughness: F32) -> bpy.types.Material:
+    """A material of these maps."""
     material = _material("truth")
     principled = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
-    for name, socket, values in zip(("base", "roughness"), ("Base Color", "Roughness"), truth(asset), strict=True):
+    for name, socket, values in zip(("base", "roughness"), ("Base Color", "Roughness"), (base, roughness), strict=True):
         node = material.node_tree.nodes.new("ShaderNodeTexImage")
         node.image = _image(name, values)
         material.node_tree.links.new(node.outputs["Color"], principled.inputs[socket])
@@ -252,10 +218,20 @@ def _image(name: str, array: F32) -> bpy.types.Image:
     return image
 
 
-def _camera(n: int, count: int, ring: int, up: float) -> bpy.types.Object:
-    data = bpy.data.cameras.new(f"Camera {ring + 1}.{n + 1:02d}")
+def lamp(name: str, place: tuple[float, float, float], watts: float = 400.0) -> bpy.types.Object:
+    """A point lamp."""
+    data = bpy.data.lights.new(name, "POINT")
+    data.energy, data.shadow_soft_size = watts, 0.0
+    obj = bpy.data.objects.new(name, data)
+    obj.location = place
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def camera(name: str, side: float, up: float) -> bpy.types.Object:
+    """A camera that looks at the middle; ``side`` and ``up``: radians about the object, and above the horizon."""
+    data = bpy.data.cameras.new(name)
     data.lens = 65
-    side = 2 * math.pi * (n + 0.5 * ring) / count
     place = DISTANCE * np.array([math.sin(side) * math.cos(up), -math.cos(side) * math.cos(up), math.sin(up)])
     obj = bpy.data.objects.new(data.name, data)
     obj.location, obj.rotation_euler = Vector(place), (-Vector(place)).to_track_quat("-Z", "Y").to_euler()

@@ -29,7 +29,7 @@ CLIPPED = 0.01  # of the object's pixels
 STRUCTURE, NOISE_SHARE = 0.004, 0.3  # relative errors that neighbouring pixels share, and beside the noise
 HIGHLIGHT = 0.06  # such errors of highlights, relative to the lobes
 COARSE = 2.0  # pixels a texel from which on maps cannot show what the pictures do
-FEW = 0.1  # of a material's texels
+FEW = 0.15  # of a material's texels
 DOUBTFUL = 0.05  # of the texels are off by more than 0.15, by their own standard errors
 
 

@@ -217,7 +217,7 @@ class _Canvas:
         sum_target = self._target[self.update.glo]
         sum_target.clear()
         for n in chosen:
-            residual = self._difference(n, filled)
+            residual = self._difference(n, filled, first)
             if n not in self._seen:
                 target = self._target[self.next.glo]
                 target.clear()
@@ -234,7 +234,7 @@ class _Canvas:
         pixels = sum(camera.maps.cells.count for camera, _, _ in self.cameras if camera.maps.cells)
         return pixels / max(sum(cells.count for cells in self._seen.values()), 1)
 
-    def _difference(self, n: int, filled: moderngl.Texture) -> moderngl.Texture:
+    def _difference(self, n: int, filled: moderngl.Texture, first: bool) -> moderngl.Texture:
         """How far the texture is from what each pixel of a camera shows."""
         camera, albedo, weight = self.cameras[n]
         residual = self._residual[albedo.size]
@@ -242,8 +242,9 @@ class _Canvas:
         target.clear()
         self.device.draw("maps/albedo_residual.frag", target, Inputs({
             "u_albedo": albedo, "u_weight": weight, "u_uv": camera.maps.uv, "u_uv_slope": camera.maps.uv_slope,
-            "u_texture": filled,
-        }, {"u_footprint": camera.uniforms["u_footprint"]}), cells=camera.maps.cells)
+            "u_texture": filled, "u_position": camera.maps.position, "u_normal": camera.maps.normal,
+        }, {**camera.uniforms, **camera.projection.uniforms, "u_first": first}, camera.defines),
+            cells=camera.maps.cells)
         return residual
 
     def _carry_back(

@@ -17,7 +17,7 @@ from ...core.job import Progress
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import Noise, PriorKnowledge
 from ..device.context import Device, Inputs, Textures
-from ..observe.observation_atlas import Source, Tile, tiles
+from ..observe.observation_atlas import CAMERA_SLACK, Source, Tile, tiles
 from . import neighbours
 from .texel_records import RoughnessMaps, read_residual, read_support
 from .tile_passes import KernelPass, TilePasses, Uniforms
@@ -322,7 +322,9 @@ class Solver(TilePasses):
         self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int
     ) -> float:
         """Maps the noise; returns its median variance, by which the slack between cameras is set too."""
-        unknown = self.source.camera_slack**2 or neighbours.NOISE_FLOOR**2
+        # Under an environment cameras' scatter is noise; where no texel has observations enough for it, it is typical.
+        scatter = CAMERA_SLACK if self.source.layers.environment else neighbours.NOISE_FLOOR
+        unknown = (self.source.camera_slack or scatter)**2
         cells = None if self.before.roughness is None else self.before.roughness.shape[1]
         noise, variance = neighbours.noise_map(self.device, valleys, support, lobes, unknown, cells)
         if lobes in self.before.noise:
