@@ -1,7 +1,7 @@
 """``python -m studies.environment``: makes docs/environment.md, how exact light from all around is, and what it tells.
 
 Needs Blender as a module and matplotlib.  Pictures are kept in build/environment.  --rigs: these alone, and no page.
---turned: the table of worlds that are turned, alone.  --mitsuba PYTHON: the comparison with Mitsuba, alone.
+--solves, --turned: the table of solves, or of worlds that are turned, alone.  --mitsuba PYTHON: the comparison with Mitsuba, alone.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from studies.environment import radiance
 from studies.environment.contest import compare
 from studies.environment.converge import convergence
 from studies.environment.hdris import KINDS
-from studies.environment.page import draw, error_row, recovered_row, turned_row, write, write_turned
+from studies.environment.page import draw, error_row, recovered_row, turned_row, write, write_solves, write_turned
 from studies.environment.recover import recover
 from studies.environment.shoot import RIGS
 
@@ -41,6 +41,7 @@ def main() -> int:
     names = [rig.name for rig in RIGS]
     parser = argparse.ArgumentParser(prog="python -m studies.environment", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rigs", nargs="+", choices=names, metavar="NAME", help=f"of {', '.join(names)}")
+    parser.add_argument("--solves", action="store_true", help="the table of solves, and no other")
     parser.add_argument("--turned", action="store_true", help="the table of worlds that are turned, and no other")
     parser.add_argument("--mitsuba", metavar="PYTHON", help="a Python that has Mitsuba (requirements-bench.txt): the "
                         "comparison with it, and no other table")
@@ -64,6 +65,10 @@ def main() -> int:
             print(recovered_row(solves[-1]), flush=True)
     if options.rigs is not None:
         return 0
+    renderer = solution.device.get("renderer", "")
+    write_solves(solves, renderer, options.out / "environment.md")
+    if options.solves:
+        return 0
     errors = []
     for shape in radiance.SHAPES:
         for kind in KINDS:
@@ -72,7 +77,7 @@ def main() -> int:
                 print(error_row(error), flush=True)
     converged = list(convergence())
     draw(converged, options.out / "environment.svg")
-    write(converged, errors, solves, solution.device.get("renderer", ""), options.out / "environment.md")
+    write(converged, errors, renderer, options.out / "environment.md")
     turned(options.pictures, options.out / "environment.md")
     return 0
 

@@ -75,15 +75,20 @@ def draw(found: Sequence[Convergence], path: Path) -> None:
     figure.savefig(path, metadata={"Date": None})
 
 
-def write(converged: Sequence[Convergence], errors: Sequence[Error], solves: Sequence[Recovered], renderer: str,
-          path: Path) -> None:
-    """The figures of the page."""
+def write_solves(solves: Sequence[Recovered], renderer: str, path: Path) -> None:
+    """The figures of solves, which can be measured by themselves."""
+    pages.fill(path if path.exists() else pages.DOCS / "environment.md", {
+        "solves made": pages.measured(renderer, f"Blender {files.blender_version()}"),
+        "solves": "\n".join([SOLVES, *map(recovered_row, solves)])}, path)
+
+
+def write(converged: Sequence[Convergence], errors: Sequence[Error], renderer: str, path: Path) -> None:
+    """The figures of the forward model."""
     shown = [k for k, _ in enumerate(environment.NODE_ROUGHNESS) if k % 2 == 0 or k == environment.NODES - 1]
     head = " | ".join(f"{environment.NODE_ROUGHNESS[k]:.2f}" for k in shown)
     lines = "\n".join(f"| {c.count}{'' if c.divided else ', undivided'} | " + " | ".join(
         f"{percent(c.errors[k], 2)}" for k in shown) + " |" for c in converged)
-    pages.fill(pages.DOCS / "environment.md", {
+    pages.fill(path if path.exists() else pages.DOCS / "environment.md", {
         "made": pages.measured(renderer, f"Blender {files.blender_version()}"),
         "directions": f"| directions | {head} |\n|---|{'---|' * len(shown)}\n{lines}",
-        "cycles": "\n".join([CYCLES, *map(error_row, errors)]),
-        "solves": "\n".join([SOLVES, *map(recovered_row, solves)])}, path)
+        "cycles": "\n".join([CYCLES, *map(error_row, errors)])}, path)
