@@ -1,7 +1,8 @@
 """``python -m studies.environment``: makes docs/environment.md, how exact light from all around is, and what it tells.
 
 Needs Blender as a module and matplotlib.  Pictures are kept in build/environment.  --rigs: these alone, and no page.
---solves, --turned: the table of solves, or of worlds that are turned, alone.  --mitsuba PYTHON: the comparison with Mitsuba, alone.
+--solves, --turned: the table of solves, or of worlds that are turned, alone.  --mitsuba PYTHON: the comparison with
+Mitsuba, alone.
 """
 
 from __future__ import annotations
