@@ -123,7 +123,8 @@ def _shown(scene: SceneData, rays: Rays, points: SurfacePoints, camera: Camera, 
     metres = pixel_widths(camera, points.position, height)
     near = np.linalg.norm(met.position[back] - points.position, axis=-1) < 2 * metres / np.maximum(cos_v[back], 0.15)
     same = (met.normal[back] * points.normal).sum(-1) > 0.5
-    seen = inside & mine[back] & near & same & (cos_v[back] > MIN_COS_V)
+    faces = (towards[back] * points.normal).sum(-1) > 0  # else the point lies behind what the pixel shows
+    seen = inside & mine[back] & near & same & faces & (cos_v[back] > MIN_COS_V)
     at_points = SurfacePoints(met.position[back], met.normal[back], met.lifted[back])
     return Shown(pixel, seen, at_points, towards[back], np.where(seen, cos_v[back], 1.0))
 
