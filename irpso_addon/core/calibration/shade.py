@@ -16,7 +16,7 @@ from ..vectors import dot
 from .rig_sample import SHEEN, RigSample, to_middle
 
 AWAY = -0.15  # cosine to a lamp, at most: normals are off by some degrees, and lamps have a size
-FACING = 0.45  # cosine to the camera, at least
+FACING = 0.35  # cosine to the camera, at least
 LEAST_OPEN = 0.05  # share of light from all around: what hides more is not known so well
 FEWEST = 8  # clusters of texels that show it
 UNSURE = 0.1  # relative: what is not alike from everywhere, and what bounces
