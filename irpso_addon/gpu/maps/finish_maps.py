@@ -27,6 +27,7 @@ from .variogram import borrowed_variance
 ALONE, MIXED = 0.75, 4  # texels: widths of a pixel up to which it mixes none, and up to which it is told from texels
 
 MATERIAL_ALONE = np.float32(0.5)  # times confidence, where nothing tells how much the material's roughness varies
+BOUND = 100.0  # strength of a material's prior from which on it holds texels within 7 % of its value: it alone speaks
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class _Believed:
     slots: I32  # (h, w) material of each solved texel that has a lobe, -1 elsewhere
     share: F32  # (h, w) 0..1: how far its own data determine it
     unfit: Bool  # (h, w) of a material that no model explains
+    bound: Bool  # (h, w) of a material whose prior leaves its texels little choice
 
 
 @dataclass(frozen=True)
@@ -124,8 +126,10 @@ def _believed(scene: SceneData, texels: SolvedTexelGrid, joined: SolvedTexels, l
     ladder = texels.ladder
     two = _of(scene, texels, [name for name, model in ladder.model.items() if model == "two-lobe"])
     unfit = _of(scene, texels, [name for name, found in ladder.predictions.items() if not found.fits])
+    bound = _of(scene, texels, [name for name, prior in ladder.priors.items() if prior.strength >= BOUND])
     share = np.clip(joined.determined / np.where(two, np.float32(NUMBERS_OF_TWO), np.float32(1)), 0, 1)
-    return _Believed(joined, np.where(joined.solved & ~lambert, texels.slots, -1), share.astype(np.float32), unfit)
+    slots = np.where(joined.solved & ~lambert, texels.slots, -1)
+    return _Believed(joined, slots, share.astype(np.float32), unfit, bound)
 
 
 def _certainty(
@@ -141,7 +145,8 @@ def _certainty(
     error = np.sqrt(np.maximum(own, borrowed))
     rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), error)
     doubt = np.where(lambert, texels.base_sigma, sigma)
-    sure = confidence(rough, doubt, observations, good) * np.where(told, np.float32(1), MATERIAL_ALONE)
+    whole = np.where(told & ~believed.bound, np.float32(1), MATERIAL_ALONE)
+    sure = confidence(rough, doubt, observations, good) * whole
     return {"confidence": np.where(good & ~believed.unfit, sure, np.float32(0)),
             "roughness_sigma": np.where(good, sigma, 0.0).astype(np.float32),
             "base_sigma": np.where(good, texels.base_sigma, 0.0).astype(np.float32)}
