@@ -55,8 +55,9 @@ def error_row(e: Error) -> str:
 
 def recovered_row(r: Recovered) -> str:
     """A line of the table of solves."""
+    confident = "-" if math.isnan(r.confident) else f"{r.confident:.3f}"
     return (f"| {r.rig.words} | {r.views} | {r.model} | {r.albedo:.1f} | {r.mean:.3f} | {r.median:.3f} | "
-            f"{r.confident:.3f} | {percent(r.share)} | {r.relit:.1f} | {sum(r.seconds.values()):.0f} | "
+            f"{confident} | {percent(r.share)} | {r.relit:.1f} | {sum(r.seconds.values()):.0f} | "
             f"{r.seconds['observe']:.0f} |")
 
 
