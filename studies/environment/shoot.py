@@ -87,7 +87,7 @@ def make(folder: Path, rig: Rig, bounces: int = 0) -> None:
     subject.data.materials.append(painted)
     cameras = [camera(f"Camera {ring + 1}.{n + 1:02d}", 2 * math.pi * (n + 0.5 * ring) / count, up)
                for ring, (count, up) in enumerate(CAMERAS) for n in range(count)]
-    shoot = _Shoot(folder, asset, cameras)
+    shoot = _Shoot(folder, asset, cameras, np.random.default_rng(1))
     views = [view for kind in rig.hdris for view in shoot.under_world(world(kind, folder), rig.turns)]
     lamps = [lamp(f"Lamp {n + 1}", place) for n, place in enumerate(rig.lamps)]
     views += [view for each in lamps for view in shoot.under_lamp(each, lamps)]
@@ -109,6 +109,7 @@ class _Shoot:
     folder: Path
     asset: Asset
     cameras: list[bpy.types.Object]
+    rng: np.random.Generator  # of the added noise
 
     def under_world(self, lit_by: bpy.types.World, turns: tuple[float, ...]) -> list[dict[str, object]]:
         """Under each turn of a world."""
@@ -133,14 +134,13 @@ class _Shoot:
 
     def _pictures(self, name: str) -> list[dict[str, object]]:
         scene, views = bpy.context.scene, []
-        rng = np.random.default_rng(sum(name.encode()))
         for camera in self.cameras:
             scene.camera = camera
             file = f"refs/{name}_{camera.name}.exr"
             scene.render.filepath = str(self.folder / file)
             bpy.ops.render.render(write_still=True)
             if self.asset.noise:
-                _add_noise(self.folder / file, self.asset.noise, rng)
+                _add_noise(self.folder / file, self.asset.noise, self.rng)
             views.append({"image": file, "camera": camera.name})
         return views
 

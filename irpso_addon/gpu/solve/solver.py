@@ -322,7 +322,7 @@ class Solver(TilePasses):
         self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int
     ) -> float:
         """Maps the noise; returns its median variance, by which the slack between cameras is set too."""
-        # Under an environment cameras' scatter is noise; where no texel has observations enough for it, it is typical.
+        # Under an environment noise is the scatter between cameras: what is typical where no texel can tell.
         scatter = CAMERA_SLACK if self.source.layers.environment else neighbours.NOISE_FLOOR
         unknown = (self.source.camera_slack or scatter)**2
         cells = None if self.before.roughness is None else self.before.roughness.shape[1]
