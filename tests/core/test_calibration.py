@@ -9,7 +9,7 @@ import numpy as np
 from irpso_addon.core.calibration.calibrate import Judged
 from irpso_addon.core.calibration.put_right import applied, put_right, told
 from irpso_addon.core.calibration.rig import Rig, RigChange
-from irpso_addon.core.calibration.rig_fit import Free, RigFound
+from irpso_addon.core.calibration.rig_fit import Free, RigFound, ViewBrightness
 from irpso_addon.core.change_records import PredictionError
 from irpso_addon.core.checks.mended_cameras import name_alone, rolled
 from irpso_addon.core.data import Light, SceneData
@@ -28,7 +28,8 @@ def judged(rig: Rig, seed: int = 0, tinted: bool = False) -> Judged:
     if tinted:
         change = replace(change, log_tint=0.05 * rng.standard_normal((groups, 3)))
         error = replace(error, log_tint=np.full((groups, 3), 1e-4))
-    return Judged(RigFound(change, error, 0.01, 0.03, {}), PredictionError(0.2, 2.0), PredictionError(0.1, 1.0),
+    brightness = ViewBrightness(change.log_gain, error.log_gain)
+    return Judged(RigFound(change, error, 0.01, 0.03, {}, brightness), PredictionError(0.2, 2.0), PredictionError(0.1, 1.0),
                   Free(True, True, vignetting=True, ambient=True, response=True), error, (0.02, 0.03, 0.04))
 
 

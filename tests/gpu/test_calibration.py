@@ -125,6 +125,19 @@ def test_all_lamps_and_exposures_at_once(plane) -> None:
     assert before > 0.02 and after < 0.2 * before
 
 
+@pytest.mark.parametrize("what", ["exposures", "powers"])
+def test_a_little_of_one_kind(plane, what) -> None:
+    """Exposures 2 % off, or powers 3 %, and nothing else: which of the two a view's brightness is, is not sure."""
+    rng = np.random.default_rng(7)
+    by = {light.name: np.exp(0.03 * rng.standard_normal()) for view in plane.scene.views for light in view.lights}
+    wrong = relit(plane, lambda x: replace(x, power=x.power * by[x.name])) if what == "powers" else replace(
+        plane, images={name: replace(image, rgb=(image.rgb * np.exp(0.02 * rng.standard_normal())).astype(np.float32))
+                       for name, image in plane.images.items()})
+    solution = shoots.run(wrong, **AUTO)
+    assert not any(lamp.sure_place for lamp in found(solution).lamps)
+    assert rough_error(plane, solution) < 0.2 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
+
+
 @pytest.mark.parametrize(("case", "limit"), [("an automatic flash", 0.01), ("automatic brightness", 0.1)])
 def test_exposures_that_are_far_off(plane, case, limit) -> None:
     """One picture in five twice as bright; or all of them by half a stop, in the mean, and lamps 1 % off beside that.

@@ -54,8 +54,7 @@ def is_off(found: RigFound) -> bool:
     """Whether some number is off beyond doubt."""
     return sure_of_vignetting(found) or sure_of_ambient(found) or sure_of_response(found) or any(
         bool(np.any(np.abs(value) > np.maximum(SURE * error, LEAST_CHANGE))) for value, error in (
-            (found.change.offset, found.error.offset), (found.change.log_power, found.error.log_power),
-            (found.change.log_gain, found.error.log_gain)))
+            (found.change.offset, found.error.offset), (found.brightness.change, found.brightness.error)))
 
 
 def sure_of_vignetting(found: RigFound) -> bool:

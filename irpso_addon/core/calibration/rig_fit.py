@@ -80,6 +80,18 @@ class RigFound:
     scatter: float  # relative: what observations leave over, robust
     given: float  # the same where the fit began
     materials: dict[int, OneMaterial]  # by slot
+    brightness: ViewBrightness
+
+
+@dataclass(frozen=True)
+class ViewBrightness:
+    """By how much each view is brighter or darker than the typical one, beside what was given: (V,) logarithms.
+
+    That is surer than which part of it is its lamps' power, and which its exposure.
+    """
+
+    change: F64
+    error: F64
 
 
 def fit_rig(
@@ -184,7 +196,17 @@ class _RigFit:
             if np.abs(step[:len(step) - len(self.slots)]).max(initial=0.0) < SETTLED and n + 1 not in REFITS:
                 break
         return RigFound(_centred(self.change, bool(self.kept.any())), self._spread(covariance), now.scatter, given,
-                        materials)
+                        materials, self._brightness(covariance))
+
+    def _brightness(self, covariance: F64) -> ViewBrightness:
+        slopes = np.zeros((self.views, len(self.prior)))
+        for v, view in enumerate(self.sample.rig.views):
+            slopes[v, 4 * self.groups + v] = 1.0
+            for light in view.lights:
+                slopes[v, 3 * self.groups + self.group[light.name]] += 1 / len(view.lights)
+        change = slopes @ self.packed()
+        apart = (slopes - slopes.mean(0))[:, self.free]
+        return ViewBrightness(change - np.median(change), np.sqrt(np.maximum((apart @ covariance * apart).sum(1), 0.0)))
 
     def _spread(self, covariance: F64) -> RigChange:
         return self._unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
