@@ -178,6 +178,40 @@ def test_texels_without_data_follow_their_neighbours() -> None:
     assert np.sqrt((error[~known] ** 2).mean()) < 0.45 * deviation
 
 
+def relief(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `grid`, and what the waves of a surface add to its normals, (size, size, 2)."""
+    position, normal = grid(size)
+    x, y = position[..., 0], position[..., 1]
+    slope = 0.05 * np.stack([np.cos(20 * x + 12 * y) + np.cos(25 * x - 15 * y),
+                             12 / 20 * np.cos(20 * x + 12 * y) - 15 / 25 * np.cos(25 * x - 15 * y)], -1)
+    return position, normal, slope
+
+
+def test_normals_are_those_of_a_surface() -> None:
+    """Where texels know their tilt in one direction only, what goes around four of them says the other."""
+    size = 96
+    position, normal, slope = relief(size)
+    found = TexelTilts(position, normal, np.ones((size, size), bool))
+    found.information[:] = np.eye(2) / 0.002**2
+    half = slice(24, 72)
+    found.information[half, half, 1, 1] = 0
+    found.pull = np.einsum("hwij,hwj->hwi", found.information, slope).astype(np.float32)
+    error = found.offsets(0.05)[..., 1] - slope[..., 1]
+    assert np.sqrt((error[half, half] ** 2).mean()) < 0.4 * np.sqrt((slope[half, half, 1] ** 2).mean())
+
+
+def test_texels_that_share_pixels_share_errors() -> None:
+    """Two by two: steps within a pixel show no noise, and the field is not taken to be flat for that."""
+    size, noise = 96, 0.02
+    position, normal, slope = relief(size)
+    found = TexelTilts(position, normal, np.ones((size, size), bool))
+    found.information[:] = np.eye(2) / noise**2
+    error = noise * np.random.default_rng(3).standard_normal((size // 2, size // 2, 2)).repeat(2, 0).repeat(2, 1)
+    found.pull = np.einsum("hwij,hwj->hwi", found.information, slope + error).astype(np.float32)
+    left = found.offsets(0.05)[..., :2] - slope
+    assert np.sqrt((left**2).mean()) < noise
+
+
 def test_neighbours_across_a_seam_say_nothing() -> None:
     size = 64
     position, normal = grid(size)

@@ -138,6 +138,21 @@ def test_a_little_of_one_kind(plane, what) -> None:
     assert rough_error(plane, solution) < 0.2 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
 
 
+def test_exposures_that_are_off_by_no_more_than_the_noise() -> None:
+    """By 1 % in the mean, under 1 % of noise: neighbours have the error in common, and the noise not."""
+    shoot = syn.shoot(syn.PATCHES, shoots.rig(), PIXELS, noise=0.01)
+    rng = np.random.default_rng(8)
+    by = {name: 0.01 * rng.standard_normal() for name in shoot.images}
+    wrong = replace(shoot, images={name: replace(image, rgb=(image.rgb * np.exp(by[name])).astype(np.float32))
+                                   for name, image in shoot.images.items()})
+    calibration = found(shoots.run(wrong, **AUTO))
+    told = {change.image.name: change.stops * np.log(2) for change in calibration.exposures}
+    lamps = {lamp.lights[0]: np.log(lamp.power) for lamp in calibration.lamps}
+    left = np.array([told.get(view.image.name, 0.0) + lamps.get(view.lights[0].name, 0.0) - by[view.image.name]
+                     for view in wrong.scene.views])
+    assert np.std(left) < 0.3 * np.std(list(by.values()))
+
+
 @pytest.mark.parametrize(("case", "limit"), [("an automatic flash", 0.01), ("automatic brightness", 0.1)])
 def test_exposures_that_are_far_off(plane, case, limit) -> None:
     """One picture in five twice as bright; or all of them by half a stop, in the mean, and lamps 1 % off beside that.

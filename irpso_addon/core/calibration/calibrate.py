@@ -133,9 +133,7 @@ def _judged(
         everything = yield from _from_afar(sample, frees[-1])
     if not is_off(everything) or not gains(everything):
         return None, True
-    if everything.scatter >= HALF * everything.given and not sure_of_ambient(everything):
-        return None, True
-    whole, given, frees = frees[-1], everything.given, pruned(frees, everything)
+    whole, given, frees = frees[-1], everything, pruned(frees, everything)
     if frees[-1] != whole:
         everything = yield from share_of(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
     contest = Contest(sample, everything, folds, tilts)
@@ -176,7 +174,8 @@ def _from_afar(sample: RigSample, free: Free) -> Steps[RigFound]:
     lamps = Free(True, False, levels=free.levels, tilts=free.tilts)
     near = yield from share_of(fit_rig(sample, lamps, rounds=2 * ROUNDS), 0.5, 0.5)
     found = yield from share_of(fit_rig(sample, free, start=near, rounds=ROUNDS), 0.5, 0.5)
-    return replace(found if found.scatter < near.scatter else near, given=near.given)
+    best = found if found.scatter < near.scatter else near
+    return replace(best, given=near.given, common=(near.common[0], best.common[1]))
 
 
 def found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged | None]:
@@ -302,14 +301,14 @@ def _with_diffuse(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[
     return best
 
 
-def _explains(found: RigFound, free: Free, given: float, everything: RigFound) -> bool:
-    """Whether a fit leaves clearly less over than the given rig: less than half.
+def _explains(found: RigFound, free: Free, given: RigFound, everything: RigFound) -> bool:
+    """Whether a fit leaves clearly less over than the given rig: less than half of what neighbours have in common.
 
-    Lamps, exposures and a response can mimic what the model of the material lacks, but only in part.  Ambient light
+    ``given``: a fit that began at the given rig.  Lamps, exposures and a response can mimic what the model of the material lacks, but only in part.  Ambient light
     alone must explain more than what would then be left for all other numbers.
     """
-    left, gain = found.scatter**2 - everything.scatter**2, given**2 - found.scatter**2
-    return gain > LEAST_FIT**2 and (left < gain if free.only_ambient else found.scatter < HALF * given)
+    left, gain = found.scatter**2 - everything.scatter**2, given.given**2 - found.scatter**2
+    return gain > LEAST_FIT**2 and (left < gain if free.only_ambient else found.common[1] < HALF * given.common[0])
 
 
 def _is_no_material(contest: Contest, free: Free, start: RigFound, share: tuple[float, float]) -> Steps[bool]:

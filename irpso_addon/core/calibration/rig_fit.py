@@ -30,6 +30,7 @@ VIGNETTING = 2.0  # power of the cosine
 AMBIENT, RESPONSE = 0.2, 0.3  # of the lamps' typical irradiance; of the logarithm of the response's exponent
 COSINE, TRANSMISSION = 0.3, 1.0  # powers
 LEVEL = 0.3  # of Specular IOR Level
+OUTLYING = 3.0  # standard deviations at which errors are cut off
 CAUCHY = 2.4  # standard deviations at which an observation has lost half its weight
 ROUNDS, AGAIN = 6, 3  # from what is given; from what was found
 SETTLED = 2e-4  # of a lamp's distance, relative power or gain
@@ -79,6 +80,7 @@ class RigFound:
     error: RigChange
     scatter: float  # relative: what observations leave over, robust
     given: float  # the same where the fit began
+    common: tuple[float, float]  # relative: what neighbouring texels leave over in common; where the fit began, and now
     materials: dict[int, OneMaterial]  # by slot
     brightness: ViewBrightness
 
@@ -177,7 +179,7 @@ class _RigFit:
 
     def found(self, start: RigFound | None, rounds: int, refit: bool) -> Steps[RigFound]:
         """Rounds until nothing moves any more."""
-        materials, weight, given = {} if start is None else start.materials, None, 0.0
+        materials, weight, given = {} if start is None else start.materials, None, None
         if start is not None:
             self.change = start.change
             self.change = self._unpacked(self.packed()[self.free])  # what is not free is as it is given
@@ -190,13 +192,14 @@ class _RigFit:
             now = _Round(self, seen, lobes_of(self.sample, seen.texels, materials), weight)
             self.expect(now.around_in_shade())
             step, covariance = now.step()
-            weight, given = now.weight, given or now.scatter
+            weight, given = now.weight, given or (now.scatter, now.common())
             self.change = self._moved(step)
             materials = self._levelled(materials, step)
             if np.abs(step[:len(step) - len(self.slots)]).max(initial=0.0) < SETTLED and n + 1 not in REFITS:
                 break
-        return RigFound(_centred(self.change, bool(self.kept.any())), self._spread(covariance), now.scatter, given,
-                        materials, self._brightness(covariance))
+        assert given is not None
+        return RigFound(_centred(self.change, bool(self.kept.any())), self._spread(covariance), now.scatter, given[0],
+                        (given[1], now.common()), materials, self._brightness(covariance))
 
     def _brightness(self, covariance: F64) -> ViewBrightness:
         slopes = np.zeros((self.views, len(self.prior)))
@@ -312,6 +315,19 @@ class _Round:
             rest = self._elimination().remains(self.left)
             self.scatter = 1.4826 * float(np.median(np.abs(rest[self.good]))) + 1e-4 if self.good.any() else 1.0
             self.weight = np.where(self.good, share**2 / (1 + (rest / (CAUCHY * self.scatter)) ** 2), 0.0)
+
+    def common(self) -> float:
+        """Relative: the part of what is left over that neighbouring texels have in common, which noise is not."""
+        rest = self._elimination().remains(self.left) if self.fit.tilts else self.left
+        seen, most = self.good & (self.share > DIFFUSE), OUTLYING * self.scatter
+        rest = np.where(seen, np.clip(rest, -most, most), 0.0)
+        of = np.unique(self.fit.sample.cluster, return_inverse=True)[1]
+        total, count = (np.zeros((int(of.max()) + 1, rest.shape[1])) for _ in range(2))
+        np.add.at(total, of, rest)
+        np.add.at(count, of, seen)
+        # Products of two texels' errors under one light:
+        products = float((total**2).sum() - (rest**2).sum()) / max(float((count * (count - 1)).sum()), 1.0)
+        return float(np.sqrt(max(products, 0.0)))
 
     def around_in_shade(self) -> AroundInShade | None:
         """Light from all around, where it is looked for."""
