@@ -304,8 +304,8 @@ def _with_diffuse(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[
 def _explains(found: RigFound, free: Free, given: RigFound, everything: RigFound) -> bool:
     """Whether a fit leaves clearly less over than the given rig: less than half of what neighbours have in common.
 
-    ``given``: a fit that began at the given rig.  Lamps, exposures and a response can mimic what the model of the material lacks, but only in part.  Ambient light
-    alone must explain more than what would then be left for all other numbers.
+    Lamps, exposures and a response can mimic what the model of the material lacks, but only in part.  Ambient light
+    alone must explain more than what would then be left for all other numbers.  ``given``: a fit that began there.
     """
     left, gain = found.scatter**2 - everything.scatter**2, given.given**2 - found.scatter**2
     return gain > LEAST_FIT**2 and (left < gain if free.only_ambient else found.common[1] < HALF * given.common[0])
