@@ -15,6 +15,7 @@ from ..change_records import PredictionError
 from ..evaluation.folds import split
 from ..job import Progress, Steps, share_of
 from .contest import GIVEN, HALF, SURE, Contest
+from .falloff import edge_falloff
 from .far_exposures import far_exposures
 from .free_numbers import LEAST_FIT, NOTHING, candidates, gains, is_far, is_off, pruned, sure_of_ambient
 from .rig import RigChange
@@ -90,15 +91,31 @@ def _with_exposures(
     assert folds is not None
     far = (yield from far_exposures(sample, folds, first)) if exposures else None
     if far is None:
-        return (yield from _with_details(sample, lamps, exposures, larger, normals))
+        judged = yield from _with_details(sample, lamps, exposures, larger, normals)
+        return _with_falloff(sample, judged, first) if exposures else judged
     evened = far.evened
     judged = yield from _with_details(
         evened(sample), lamps, exposures, lambda ambient: evened(larger(ambient)), normals)
+    judged = _with_falloff(evened(sample), judged, first)
     if judged is None:
         return Judged(far.found, far.given, far.changed, far.free, far.found.error)
     found = replace(judged.found, change=far.with_gains(judged.found.change))
     return replace(judged, found=found, given=far.given, free=replace(judged.free, exposures=True),
                    error=far.with_errors(judged.error))
+
+
+def _with_falloff(sample: RigSample, judged: Judged | None, first: RigFound) -> Judged | None:
+    """With vignetting, if cameras show it.  ``first``: the materials of the sample, if nothing else is off."""
+    found = first if judged is None else judged.found
+    falloff = edge_falloff(sample, found)
+    if falloff is None:
+        return judged
+    if judged is None:
+        none = RigChange.none(len(first.change.offset), len(first.change.log_gain))
+        alone = falloff.beside(replace(first, change=none, error=none))
+        return Judged(alone, falloff.given, falloff.changed, NOTHING, alone.error)
+    beside = falloff.beside(judged.found)
+    return replace(judged, found=beside, error=replace(judged.error, vignetting=falloff.error))
 
 
 def _with_details(
@@ -186,19 +203,20 @@ def found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged
     """
     if len(sample.rig.groups) != len(before.found.change.offset):  # cameras have left a flash that they shared
         return None
-    if before.found.change.log_tint is None:
-        return (yield from _found_again(before, sample, more))
     folds = split(sample.texels)
     if folds is None:
         return None
     first = yield from fit_rig(sample, Free(False, False, levels=not sample.scale_known), rounds=1)
-    tints = yield from lamp_tints(sample, folds, first, more)
+    tinted = before.found.change.log_tint is not None
+    tints = (yield from lamp_tints(sample, folds, first, more)) if tinted else None
     seen = sample if tints is None else tints.corrected(sample)
     again = None
     if before.free != NOTHING:
         white = replace(before, found=replace(before.found, change=replace(before.found.change, log_tint=None)))
         again = yield from _found_again(
             white, seen, more if tints is None else lambda ambient: tints.corrected(more(ambient)))
+    if before.found.change.vignetting and not before.free.vignetting:
+        again = _with_falloff(seen, again, first)
     return again if tints is None else _in_colours(tints, again, first)
 
 

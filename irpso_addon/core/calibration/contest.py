@@ -85,12 +85,14 @@ class Contest:
 
     def worth(self, free: Free, other: str) -> bool:
         """Whether a rig predicts better than a smaller one: beyond the scatter, and by what can be seen."""
-        name = str(free)
-        after, before = self.judge.error(name), self.judge.error(other)
         least = LEAST_BENT if free.response else LEAST_ERROR
+        return self.beats(str(free), other) and self.shows(str(free), other, least)
+
+    def shows(self, name: str, other: str, least: float = LEAST_ERROR) -> bool:
+        """Whether a rig predicts better than another by what can be seen: so much of the radiance."""
+        after, before = self.judge.error(name), self.judge.error(other)
         whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
-        return bool(self.beats(name, other) and whole < WORSE
-                    and self._scale(other) ** 2 - self._scale(name) ** 2 > least**2)
+        return bool(whole < WORSE and self._scale(other) ** 2 - self._scale(name) ** 2 > least**2)
 
     def leaves_half(self, name: str) -> bool:
         """Whether a rig leaves less than half of what the given one does, of left-out views."""

@@ -40,6 +40,7 @@ REFITS = (0, 3)  # rounds in which the materials are fitted
 MEAN = 1e-4  # of powers, and of gains: brightness as a whole belongs to the base colours
 LEARNT = 200  # rounds in which it is learnt what places and powers typically are off by
 LEAST_USUAL = 1e-3  # of a lamp's distance, relative power
+HUBER, TYPICAL_ROUNDS = 1.345, 20  # standard deviations from which on a value is an outlier; of the mean of powers
 LEAST_LAMPS = 4  # that are free: fewer say little of what is typical
 DIFFUSE = 0.5  # share of the diffuse in what is no highlight
 LEAST = 1e-12
@@ -209,7 +210,7 @@ class _RigFit:
                 slopes[v, 3 * self.groups + self.group[light.name]] += 1 / len(view.lights)
         change = slopes @ self.packed()
         apart = (slopes - slopes.mean(0))[:, self.free]
-        return ViewBrightness(change - np.median(change), np.sqrt(np.maximum((apart @ covariance * apart).sum(1), 0.0)))
+        return ViewBrightness(change - _typical(change), np.sqrt(np.maximum((apart @ covariance * apart).sum(1), 0.0)))
 
     def _spread(self, covariance: F64) -> RigChange:
         return self._unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
@@ -269,12 +270,25 @@ class _RigFit:
 
 
 def _centred(change: RigChange, kept: bool) -> RigChange:
-    """With the medians of powers and gains as they were given: one lamp that is off changes no other.
+    """With typical powers and gains as they were given: one lamp that is off changes no other.
 
     ``kept``: some lamps are sure, and with them what the others' powers are to be compared with.
     """
-    return replace(change, log_power=change.log_power - (0.0 if kept else np.median(change.log_power)),
-                   log_gain=change.log_gain - np.median(change.log_gain))
+    return replace(change, log_power=change.log_power - (0.0 if kept else _typical(change.log_power)),
+                   log_gain=change.log_gain - _typical(change.log_gain))
+
+
+def _typical(values: F64) -> float:
+    """A mean to which outliers count as much as what is a little off (Huber, Ann. Math. Stat. 35, 1964).
+
+    Of lamps that are all a little off it is nearer to the truth than their median.
+    """
+    middle = float(np.median(values))
+    reach = HUBER * max(1.4826 * float(np.median(np.abs(values - middle))), LEAST)
+    for _ in range(TYPICAL_ROUNDS):
+        weight = np.minimum(1.0, reach / np.maximum(np.abs(values - middle), LEAST))
+        middle = float((weight * values).sum() / weight.sum())
+    return middle
 
 
 class _Round:

@@ -1,0 +1,103 @@
+"""Vignetting, by what cameras show of the same texels.
+
+A fit of the rig gives each camera its own base colours, because its pixels cover the texture differently.  They take up
+what darkens a picture towards its edges.  So vignetting is fitted once more, after lamps and exposures, with one base
+colour for all cameras: a power of the cosine to the camera's axis, beside each view's brightness and shapes of a
+diffuse that is not Lambert's, because an object's outline faces away from the camera and lies near the picture's edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..change_records import PredictionError
+from ..data import F64
+from ..evaluation.folds import Folds
+from ..vignetting import corner_stops
+from .contest import GIVEN, SURE, Contest
+from .rig_fit import CAUCHY, RigFound, left_over
+from .rig_sample import RigSample
+from .standard_errors import COMMON
+
+LEAST_STOPS = 0.1  # in the corners: less is not told from what surfaces do at grazing light
+LEAST_VIEWS = 2  # of a camera
+FOLDS = 3
+ROUNDS = 6
+SWEEPS = 8
+LEAST = 1e-12
+LEAST_SCATTER = 1e-4
+WITHOUT, EVEN = "without", "even"
+
+
+@dataclass(frozen=True)
+class Falloff:
+    """A power of the cosine that all pictures have."""
+
+    power: float
+    error: float  # its standard error
+    given: PredictionError  # of left-out cameras, as the scene is given
+    changed: PredictionError
+
+    def beside(self, found: RigFound) -> RigFound:
+        """With vignetting among what was found."""
+        return replace(found, change=replace(found.change, vignetting=self.power),
+                       error=replace(found.error, vignetting=self.error))
+
+
+def edge_falloff(sample: RigSample, found: RigFound) -> Falloff | None:
+    """Vignetting beyond doubt that predicts left-out cameras better.  ``found``: what is off beside it."""
+    cameras, views = np.unique(sample.texels.camera, return_counts=True)
+    cameras = cameras[views >= LEAST_VIEWS]
+    if len(cameras) < LEAST_VIEWS or found.change.vignetting or any(group.carried for group in sample.rig.groups):
+        return None
+    power, error = _fitted(sample, found)
+    if abs(power) < SURE * error or abs(corner_stops([view.camera for view in sample.rig.views], power)) < LEAST_STOPS:
+        return None
+    count = min(len(cameras), FOLDS)
+    folds = Folds(tuple(np.isin(sample.texels.camera, cameras[n::count]) for n in range(count)), "cameras")
+    contest = Contest(sample, found, folds)
+    contest.add(WITHOUT, contest.of_whole(found))
+    contest.add(EVEN, contest.of_whole(replace(found, change=replace(found.change, vignetting=power))))
+    if not contest.shows(EVEN, WITHOUT):
+        return None
+    return Falloff(power, error, contest.judge.error(GIVEN), contest.judge.error(EVEN))
+
+
+def _fitted(sample: RigSample, found: RigFound) -> tuple[float, float]:
+    """The power and its standard error."""
+    left = left_over(sample, found)
+    known = np.isfinite(left)
+    if not known.any():
+        return 0.0, np.inf
+    seen = sample.geometry.under(found.change)
+    facing = np.log(np.clip(seen.texels.cos_v, 0.01, 1.0))
+    columns = np.stack([sample.geometry.cosine, *seen.diffuse, facing, np.where(known, left, 0.0)])
+    weight = known.astype(np.float64)
+    for _ in range(ROUNDS):
+        *shapes, rest = _apart(columns, weight, sample.view)
+        first, *others = (shape.ravel() for shape in shapes)
+        matrix, root = np.stack(others, -1), np.sqrt(weight).ravel()
+        own = first - matrix @ np.linalg.lstsq(matrix * root[:, None], first * root, rcond=None)[0]
+        rest = rest.ravel() - matrix @ np.linalg.lstsq(matrix * root[:, None], rest.ravel() * root, rcond=None)[0]
+        information = max(float((weight.ravel() * own**2).sum()), LEAST)
+        power = float((weight.ravel() * own * rest).sum()) / information
+        rest = (rest - power * own).reshape(left.shape)
+        spread = 1.4826 * float(np.median(np.abs(rest[known]))) + LEAST_SCATTER
+        weight = known / (1 + (rest / (CAUCHY * spread)) ** 2)
+    score = (weight * rest * own.reshape(left.shape)).sum(1)
+    of = np.unique(sample.cluster, return_inverse=True)[1]
+    return power, COMMON * float(np.sqrt((np.bincount(of, score) ** 2).sum())) / information
+
+
+def _apart(columns: F64, weight: F64, view: np.ndarray) -> F64:
+    """(n, T, V) without the means of texels and of views."""
+    columns, of_texel = columns.copy(), np.maximum(weight.sum(1), LEAST)
+    views = [view == place for place in np.unique(view)]
+    for _ in range(SWEEPS):
+        columns -= ((weight * columns).sum(2) / of_texel)[..., None]
+        for own in views:
+            total = (weight * columns)[:, :, own].sum((1, 2)) / max(float(weight[:, own].sum()), LEAST)
+            columns[:, :, own] -= total[:, None, None]
+    return columns
