@@ -231,7 +231,8 @@ def test_pictures_that_darken_towards_their_edges(plane, power) -> None:
         y, x = np.mgrid[:height, :width]
         p = view.camera.projection
         tangent = np.hypot(((x + 0.5) / width * 2 - 1) / p[0, 0], ((y + 0.5) / height * 2 - 1) / p[1, 1])
-        images[view.image.name] = replace(image, rgb=(image.rgb / (1 + tangent**2)[..., None]**(power / 2)).astype(np.float32))
+        dark = image.rgb / (1 + tangent**2)[..., None]**(power / 2)
+        images[view.image.name] = replace(image, rgb=dark.astype(np.float32))
     dark = replace(plane, images=images)
     solution = shoots.run(dark, **AUTO)
     vignetting = found(solution).vignetting
