@@ -32,6 +32,7 @@ PICTURES = ROOT / "build" / "intervals"
 PAGE = pages.DOCS / "calibration.md"
 NAMES = ("knot", "slab", "machine part")
 PLACE, POWER, EXPOSURE = 0.01, 0.03, 0.02  # of a lamp's distance; relative; relative
+VIGNETTING = 4.0
 SHIFT, FOCAL = 0.5, 0.003  # pixels; relative
 SEED = 1
 
@@ -43,9 +44,11 @@ class Case:
     name: str
     lamps: bool = False  # and exposures
     cameras: bool = False
+    exposures: bool = False  # these alone
+    vignetting: float = 0.0  # power of the cosine that the scene takes out of pictures that have none
 
 
-CASES = (Case("nothing"), Case("lamps, exposures", lamps=True),
+CASES = (Case("nothing"), Case("exposures", exposures=True), Case("vignetting", vignetting=VIGNETTING), Case("lamps, exposures", lamps=True),
          Case("lamps, exposures, cameras", lamps=True, cameras=True))
 
 
@@ -74,10 +77,12 @@ def wrong(scene: SceneData, case: Case, rng: np.random.Generator | None = None) 
                 lights[light.name] = _off(light, rng) if case.lamps else light
         if view.camera.name not in cameras:
             cameras[view.camera.name] = _aside(view.camera, rng) if case.cameras else view.camera
-    gains = np.exp(EXPOSURE * rng.standard_normal(len(scene.views))) if case.lamps else np.ones(len(scene.views))
+    spread = EXPOSURE if case.lamps or case.exposures else 0.0
+    gains = np.exp(spread * rng.standard_normal(len(scene.views)))
     return replace(scene, views=tuple(
         replace(view, lights=tuple(lights[light.name] for light in view.lights), camera=cameras[view.camera.name],
-                gain=view.gain * float(gain)) for view, gain in zip(scene.views, gains, strict=True)))
+                gain=view.gain * float(gain), vignetting=view.vignetting + case.vignetting)
+        for view, gain in zip(scene.views, gains, strict=True)))
 
 
 def _off(light: Light, rng: np.random.Generator) -> Light:
