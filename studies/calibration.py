@@ -48,7 +48,8 @@ class Case:
     vignetting: float = 0.0  # power of the cosine that the scene takes out of pictures that have none
 
 
-CASES = (Case("nothing"), Case("exposures", exposures=True), Case("vignetting", vignetting=VIGNETTING), Case("lamps, exposures", lamps=True),
+CASES = (Case("nothing"), Case("exposures", exposures=True), Case("vignetting", vignetting=VIGNETTING),
+         Case("lamps, exposures", lamps=True),
          Case("lamps, exposures, cameras", lamps=True, cameras=True))
 
 
