@@ -22,7 +22,7 @@ from .rig_sample import RigSample
 from .standard_errors import COMMON
 
 LEAST_STOPS = 0.1  # in the corners: less is not told from what surfaces do at grazing light
-LEAST_VIEWS = 2  # of a camera
+LEAST_CAMERAS = 2
 FOLDS = 3
 ROUNDS = 6
 SWEEPS = 8
@@ -48,9 +48,8 @@ class Falloff:
 
 def edge_falloff(sample: RigSample, found: RigFound) -> Falloff | None:
     """Vignetting beyond doubt that predicts left-out cameras better.  ``found``: what is off beside it."""
-    cameras, views = np.unique(sample.texels.camera, return_counts=True)
-    cameras = cameras[views >= LEAST_VIEWS]
-    if len(cameras) < LEAST_VIEWS or found.change.vignetting or any(group.carried for group in sample.rig.groups):
+    cameras = np.unique(sample.texels.camera)
+    if len(cameras) < LEAST_CAMERAS or found.change.vignetting or any(group.carried for group in sample.rig.groups):
         return None
     power, error = _fitted(sample, found)
     if abs(power) < SURE * error or abs(corner_stops([view.camera for view in sample.rig.views], power)) < LEAST_STOPS:
