@@ -31,6 +31,8 @@ LEAST_BEND = 0.08
 LEAST_TEXELS = 100
 COLOURS = 3
 COLOURED = 1000  # texels that say the colour of light from all around
+MESH = 0.003  # of the radiance, that neighbours leave over in common: more may be a mesh that is wrong in detail
+TILTED = 0.9  # of what predictions are off by: below it, lamps are found beside tilts
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
 
 Larger = Callable[[bool], RigSample]
@@ -46,6 +48,7 @@ class Judged:
     free: Free  # what was looked for
     error: RigChange  # standard errors of the change
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/(m^2 sr)
+    left: float = 0.0  # relative: what predictions of left-out views are off by, robust
 
 
 def calibrate(
@@ -123,8 +126,10 @@ def _with_details(
 ) -> Steps[Judged | None]:
     """What is to be changed, beside a mesh that is wrong in detail too: that may hide what is off."""
     judged, off = yield from _judged(sample, lamps, exposures, more, False)
-    if judged is None and off and normals:
-        judged, _ = yield from _judged(sample, lamps, exposures, more, True)
+    if off and normals and (judged is None or judged.found.common[1] > MESH):
+        beside, _ = yield from _judged(sample, lamps, exposures, more, True)
+        if beside is not None and (judged is None or beside.left < TILTED * judged.left):
+            judged = beside
     return judged
 
 
@@ -183,7 +188,8 @@ def _judged(
     if is_far(found) and (tilts or not contest.leaves_half(taken)):
         return None, True
     ambient = yield from _ambient(final.sample, final.free, found)
-    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), final.free, found.error, ambient), True
+    return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), final.free, found.error, ambient,
+                  contest.scale(taken)), True
 
 
 def _from_afar(sample: RigSample, free: Free) -> Steps[RigFound]:

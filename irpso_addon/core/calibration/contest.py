@@ -80,7 +80,7 @@ class Contest:
 
     def gain(self, name: str, other: str) -> F64:
         """(T,) by how much a rig predicts each texel better than another."""
-        unit = CAUCHY * max(min(self._scale(name), self._scale(other)), LEAST_SEEN)
+        unit = CAUCHY * max(min(self.scale(name), self.scale(other)), LEAST_SEEN)
         return np.asarray((np.log1p((self.left[other] / unit) ** 2) - np.log1p((self.left[name] / unit) ** 2)).sum(1))
 
     def worth(self, free: Free, other: str) -> bool:
@@ -92,13 +92,13 @@ class Contest:
         """Whether a rig predicts better than another by what can be seen: so much of the radiance."""
         after, before = self.judge.error(name), self.judge.error(other)
         whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
-        return bool(whole < WORSE and self._scale(other) ** 2 - self._scale(name) ** 2 > least**2)
+        return bool(whole < WORSE and self.scale(other) ** 2 - self.scale(name) ** 2 > least**2)
 
     def leaves_half(self, name: str) -> bool:
         """Whether a rig leaves less than half of what the given one does, of left-out views."""
-        return self._scale(name) < HALF * self._scale(GIVEN)
+        return self.scale(name) < HALF * self.scale(GIVEN)
 
-    def _scale(self, name: str) -> float:
+    def scale(self, name: str) -> float:
         """Robust standard deviation of what a rig's predictions are off by, relative."""
         left = self.left[name][self.left[name] != 0]
         return 1.4826 * float(np.median(np.abs(left))) if len(left) else 0.0

@@ -147,15 +147,15 @@ class _Contest:
         cost = {name: sum(self.fit.costs(changed) * half for half, changed in zip(self.halves, seen, strict=True))
                 for name, seen in self.seen.items()}
         gain = np.asarray(cost[GIVEN] - cost[CHANGED])
-        unit = CAUCHY * self._scale(CHANGED)
+        unit = CAUCHY * self.scale(CHANGED)
         loss = {name: float(np.log1p((left / unit) ** 2).sum()) for name, left in self.left.items()}
         after, before = self.judge.error(CHANGED), self.judge.error(GIVEN)
         whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
-        explained = after.relative_rms < EXPLAINED or self._scale(CHANGED) < HALF * self._scale(GIVEN)
+        explained = after.relative_rms < EXPLAINED or self.scale(CHANGED) < HALF * self.scale(GIVEN)
         return bool(gain.sum() > scatter(gain, self.sample.rig.cluster) and loss[CHANGED] < loss[GIVEN]
                     and whole < WORSE and explained)
 
-    def _scale(self, name: str) -> float:
+    def scale(self, name: str) -> float:
         """Robust standard deviation of what predictions of left-out views are off by, relative."""
         left = self.left[name]
         return 1.4826 * max(float(np.median(np.abs(left[left != 0]))), LEAST_SEEN)
