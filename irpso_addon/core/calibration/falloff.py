@@ -17,12 +17,14 @@ from ..data import F64
 from ..evaluation.folds import Folds
 from ..vignetting import corner_stops
 from .contest import GIVEN, SURE, Contest
-from .rig_fit import CAUCHY, RigFound, left_over
+from .rig_fit import CAUCHY, OUTLYING, RigFound, in_common, left_over
 from .rig_sample import RigSample
 from .standard_errors import COMMON
 
 LEAST_STOPS = 0.1  # in the corners: less is not told from what surfaces do at grazing light
-PAYS = 0.95  # of what predictions are off by: vignetting that explains less may be what the model of the material lacks
+# Of what neighbours have in common, or of what predictions are off by: where more is left of both, it may be what the
+# model of the material lacks.
+PAYS = 0.95
 LEAST_CAMERAS = 2
 FOLDS = 3
 ROUNDS = 6
@@ -52,7 +54,7 @@ def edge_falloff(sample: RigSample, found: RigFound) -> Falloff | None:
     cameras = np.unique(sample.texels.camera)
     if len(cameras) < LEAST_CAMERAS or found.change.vignetting or any(group.carried for group in sample.rig.groups):
         return None
-    power, error = _fitted(sample, found)
+    power, error, left = _fitted(sample, found)
     if abs(power) < SURE * error or abs(corner_stops([view.camera for view in sample.rig.views], power)) < LEAST_STOPS:
         return None
     count = min(len(cameras), FOLDS)
@@ -60,17 +62,17 @@ def edge_falloff(sample: RigSample, found: RigFound) -> Falloff | None:
     contest = Contest(sample, found, folds)
     contest.add(WITHOUT, contest.of_whole(found))
     contest.add(EVEN, contest.of_whole(replace(found, change=replace(found.change, vignetting=power))))
-    if not contest.shows(EVEN, WITHOUT) or contest.scale(EVEN) > PAYS * contest.scale(WITHOUT):
+    if not contest.shows(EVEN, WITHOUT) or min(left, contest.scale(EVEN) / contest.scale(WITHOUT)) > PAYS:
         return None
     return Falloff(power, error, contest.judge.error(GIVEN), contest.judge.error(EVEN))
 
 
-def _fitted(sample: RigSample, found: RigFound) -> tuple[float, float]:
-    """The power and its standard error."""
+def _fitted(sample: RigSample, found: RigFound) -> tuple[float, float, float]:
+    """The power, its standard error, and what it leaves over of what neighbours have in common."""
     left = left_over(sample, found)
     known = np.isfinite(left)
     if not known.any():
-        return 0.0, np.inf
+        return 0.0, np.inf, 1.0
     seen = sample.geometry.under(found.change)
     facing = np.log(np.clip(seen.texels.cos_v, 0.01, 1.0))
     columns = np.stack([sample.geometry.cosine, *seen.diffuse, facing, np.where(known, left, 0.0)])
@@ -83,12 +85,15 @@ def _fitted(sample: RigSample, found: RigFound) -> tuple[float, float]:
         rest = rest.ravel() - matrix @ np.linalg.lstsq(matrix * root[:, None], rest.ravel() * root, rcond=None)[0]
         information = max(float((weight.ravel() * own**2).sum()), LEAST)
         power = float((weight.ravel() * own * rest).sum()) / information
+        without = rest.reshape(left.shape)
         rest = (rest - power * own).reshape(left.shape)
         spread = 1.4826 * float(np.median(np.abs(rest[known]))) + LEAST_SCATTER
         weight = known / (1 + (rest / (CAUCHY * spread)) ** 2)
     score = (weight * rest * own.reshape(left.shape)).sum(1)
     of = np.unique(sample.cluster, return_inverse=True)[1]
-    return power, COMMON * float(np.sqrt((np.bincount(of, score) ** 2).sum())) / information
+    after, before = (in_common(each, known, sample.cluster, 2 * OUTLYING * spread) for each in (rest, without))
+    return (power, COMMON * float(np.sqrt((np.bincount(of, score) ** 2).sum())) / information,
+            after / max(before, LEAST))
 
 
 def _apart(columns: F64, weight: F64, view: np.ndarray) -> F64:

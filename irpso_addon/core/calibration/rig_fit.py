@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data import F64, Bool
+from ..data import F64, I32, Bool
 from ..evaluation.folds import Folds
 from ..evaluation.joint_material import OneMaterial
 from ..evaluation.sampled_texels import Lobes, parts
@@ -120,6 +120,16 @@ def left_over(sample: RigSample, found: RigFound) -> F64:
     seen = sample.geometry.under(found.change)
     now = _Round(fit, seen, lobes_of(sample, seen.texels, found.materials), None)
     return np.where(now.good & (now.share > DIFFUSE), now.left, np.nan)
+
+
+def in_common(rest: F64, seen: Bool, cluster: I32, most: float) -> float:
+    """Root mean product of what two texels of a cluster, (T,), have in (T, V) ``rest``, cut off at ``most``."""
+    rest, of = np.where(seen, np.clip(rest, -most, most), 0.0), np.unique(cluster, return_inverse=True)[1]
+    total, count = (np.zeros((int(of.max()) + 1, rest.shape[1])) for _ in range(2))
+    np.add.at(total, of, rest)
+    np.add.at(count, of, seen)
+    products = float((total**2).sum() - (rest**2).sum()) / max(float((count * (count - 1)).sum()), 1.0)
+    return float(np.sqrt(max(products, 0.0)))
 
 
 def shade_of(sample: RigSample, found: RigFound) -> float | None:
@@ -333,15 +343,7 @@ class _Round:
     def common(self) -> float:
         """Relative: the part of what is left over that neighbouring texels have in common, which noise is not."""
         rest = self._elimination().remains(self.left) if self.fit.tilts else self.left
-        seen, most = self.good & (self.share > DIFFUSE), OUTLYING * self.scatter
-        rest = np.where(seen, np.clip(rest, -most, most), 0.0)
-        of = np.unique(self.fit.sample.cluster, return_inverse=True)[1]
-        total, count = (np.zeros((int(of.max()) + 1, rest.shape[1])) for _ in range(2))
-        np.add.at(total, of, rest)
-        np.add.at(count, of, seen)
-        # Products of two texels' errors under one light:
-        products = float((total**2).sum() - (rest**2).sum()) / max(float((count * (count - 1)).sum()), 1.0)
-        return float(np.sqrt(max(products, 0.0)))
+        return in_common(rest, self.good & (self.share > DIFFUSE), self.fit.sample.cluster, OUTLYING * self.scatter)
 
     def around_in_shade(self) -> AroundInShade | None:
         """Light from all around, where it is looked for."""
