@@ -14,7 +14,7 @@ import numpy as np
 
 from ..change_records import PredictionError
 from ..data import F64
-from ..evaluation.folds import Folds
+from ..evaluation.folds import FOLDS, Folds
 from ..vignetting import corner_stops
 from .contest import GIVEN, SURE, Contest
 from .rig_fit import CAUCHY, OUTLYING, RigFound, in_common, left_over
@@ -26,7 +26,6 @@ LEAST_STOPS = 0.1  # in the corners: less is not told from what surfaces do at g
 # model of the material lacks.
 PAYS = 0.95
 LEAST_CAMERAS = 2
-FOLDS = 3
 ROUNDS = 6
 SWEEPS = 8
 LEAST = 1e-12

@@ -67,7 +67,7 @@ class _Field:
     """The random field.  (h, w, ...) arrays."""
 
     def __init__(self, found: TexelTilts, deviation: float) -> None:
-        self.texels, self.position, self.deviation = found.texels, found.position, deviation
+        self.position, self.deviation = found.position, deviation
         self.information, self.pull = found.information, found.pull
         first, second = light_basis(found.normal.astype(np.float64))
         self.axes = np.stack([first, second], -2).astype(np.float32)  # (h, w, 2, 3)
