@@ -22,7 +22,7 @@ from bpy.props import (
 from bpy.types import PropertyGroup
 
 from ..core.capture.captures import MOST_TURN, MOST_VIGNETTING
-from ..core.images.response import LEAST_RESPONSE, MOST_RESPONSE
+from ..core.images.response import LEAST_RESPONSE, MOST_BLACK, MOST_RESPONSE
 from ..core.params import ExportSettings, ShootSettings, SolveSettings, choice_name
 from .glow import is_light
 
@@ -85,6 +85,10 @@ class IRPSO_PG_view(PropertyGroup):
         name="Response", default=1.0, min=LEAST_RESPONSE, max=MOST_RESPONSE, precision=3,
         description="Exponent of the camera's or developer's tone curve: the file holds radiance to this power. 1: the "
                     "file is linear once its color space is undone")
+    black_level: FloatVectorProperty(
+        name="Black Level", size=3, default=(0.0, 0.0, 0.0), min=-MOST_BLACK, max=MOST_BLACK, precision=4,
+        description="Values of the file where no light falls, which are subtracted, linear RGB. 0: none, or the "
+                    "reader of the file has subtracted it")
     ambient_radiance: FloatVectorProperty(
         name="Ambient Light", size=3, default=(0.0, 0.0, 0.0), min=0.0, precision=4,
         description="Radiance of light that comes alike from everywhere and shines beside the lights, in W/(m² sr), "

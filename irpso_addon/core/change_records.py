@@ -96,6 +96,14 @@ class ResponseChange:
 
 
 @dataclass(frozen=True)
+class BlackLevelChange:
+    """What all files hold where no light falls, found in the shade."""
+
+    level: tuple[float, float, float]  # to be added to the views': values of the files, linear Rec.709
+    error: float  # standard error of each
+
+
+@dataclass(frozen=True)
 class WorldChange:
     """A world, under one of the turns that views ask for, put right."""
 
@@ -120,6 +128,7 @@ class Calibration:
     vignetting: VignettingChange | None = None
     ambient: AmbientChange | None = None
     response: ResponseChange | None = None
+    black_level: BlackLevelChange | None = None
     worlds: tuple[WorldChange, ...] = ()
 
 

@@ -151,6 +151,8 @@ class View:
     full_raw: bool = False  # RAW files: a pixel for each sample, not binned
     environment: Environment | None = None  # shines beside the lights
     response: float = 1.0  # the file holds radiance to this power; 1: it is linear
+    # Values of the file, in linear Rec.709, where no light falls: subtracted before ``response`` is undone
+    black_level: tuple[float, float, float] = (0.0, 0.0, 0.0)
     # Light from all around, alike from everywhere, that shines beside the lights: W/(m^2 sr), linear RGB
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)
 

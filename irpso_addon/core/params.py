@@ -124,9 +124,10 @@ class SolveSettings(Table):
         ("auto", "Correct where that predicts left-out views better"),
         ("given", "Use the scene's lamps and world, and the views' ambient light, unchanged"),
     ), advanced=True)
-    exposures: str = parameter("auto", "Exposure of each view, vignetting and response", label="Exposures", choices=(
-        ("given", "Use each view's exposure, vignetting and response unchanged"),
-        ("solve", "Find every exposure from the pictures; keep their mean, vignetting and response"),
+    exposures: str = parameter("auto", "Exposure of each view, vignetting, response and black level",
+                               label="Exposures", choices=(
+        ("given", "Use each view's exposure, vignetting, response and black level unchanged"),
+        ("solve", "Find every exposure from the pictures; keep their mean, and vignetting, response and black level"),
         ("auto", "Correct where that predicts left-out views better"),
     ), advanced=True)
     normals: str = parameter("auto", "Shading normals", label="Normals", choices=(

@@ -5,32 +5,34 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from dataclasses import replace
 from threading import Lock
+from typing import Any
 
 import numpy as np
 
 from ..core.data import F32, RadianceImage, View
-from ..core.images.response import file_scale, undone
+from ..core.images.response import as_read, straightened
 from ..core.vignetting import brightened
 
 ReadImage = Callable[[View], RadianceImage]
 KEPT_BYTES = 400_000_000
+# What a solve may find of a picture, as if nothing of it were so:
+PLAIN: dict[str, Any] = {"gain": 1.0, "response": 1.0, "vignetting": 0.0, "black_level": (0.0, 0.0, 0.0)}
 
 
 def reference_key(view: View) -> Hashable:
     """All that the radiance of a view's reference image follows from: what differs in nothing of it is read once."""
     files = view.image, view.mask, view.ambient, view.flat
     dark = (view.vignetting, view.camera.name) if view.vignetting else ()
-    return *files, view.colorspace, view.exposure, view.gain, view.response, view.white_balance, *dark
+    return *files, view.colorspace, view.exposure, view.gain, view.response, view.black_level, view.white_balance, *dark
 
 
 def _again(rgb: F32, first: View, view: View) -> F32:
     """Radiance of a view's picture, which was read as of ``first``, another opinion of the same view."""
-    if first.response != view.response:
-        dark = brightened(rgb, first.camera, -first.vignetting)
-        rgb = brightened(undone(dark, file_scale(first), view.response / first.response), view.camera, view.vignetting)
-    else:
-        rgb = brightened(rgb, view.camera, view.vignetting - first.vignetting)
-    return rgb * np.float32(first.gain / view.gain)
+    gain = np.float32(first.gain / view.gain)
+    if (first.response, first.black_level) == (view.response, view.black_level):
+        return brightened(rgb, view.camera, view.vignetting - first.vignetting) * gain
+    read = as_read(brightened(rgb, first.camera, -first.vignetting), first) * gain
+    return brightened(straightened(read, view), view.camera, view.vignetting)
 
 
 class KeptImages:
@@ -43,11 +45,11 @@ class KeptImages:
 
     def __call__(self, view: View) -> RadianceImage:
         """A view's radiance."""
-        key = reference_key(replace(view, gain=1.0, response=1.0, vignetting=0.0))
+        key = reference_key(replace(view, **PLAIN))
         kept = self._kept.get(key)
         if kept is not None:
             first, image = kept
-            if (first.gain, first.vignetting, first.response) == (view.gain, view.vignetting, view.response):
+            if all(getattr(first, name) == getattr(view, name) for name in PLAIN):
                 return image
             return replace(image, rgb=_again(image.rgb, first, view))
         image = self._read(view)

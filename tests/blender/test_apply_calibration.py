@@ -214,6 +214,16 @@ def test_vignetting_of_the_list(scene, records, keep) -> None:
     assert powers == [pytest.approx(3.5), *[pytest.approx(2.5)] * (len(powers) - 1)]
 
 
+def test_the_black_level_of_the_list(scene, records, keep) -> None:
+    """Every view's, beside what it has; where the ambient light was photographed, it was in that picture too."""
+    first, second = scene.irpso.views[:2]
+    first.black_level, second.ambient = (0.01, 0.0, -0.01), "//dark.exr"
+    keep(black_level=records.BlackLevelChange((0.02, 0.03, 0.04), 0.001))
+    apply()
+    assert tuple(first.black_level) == pytest.approx((0.03, 0.03, 0.03))
+    assert not any(second.black_level)
+
+
 def test_ambient_light_and_response_of_the_list(scene, records, keep) -> None:
     """Every view's, beside what it has; where the ambient light was photographed, it has been subtracted."""
     first, second = scene.irpso.views[:2]

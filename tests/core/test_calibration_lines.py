@@ -11,6 +11,7 @@ import pytest
 
 from irpso_addon.core.change_records import (
     AmbientChange,
+    BlackLevelChange,
     Calibration,
     ExposureChange,
     LampChange,
@@ -69,6 +70,8 @@ def found(*lamps: LampChange, exposures: tuple[ExposureChange, ...] = (), **more
      "of 2 views by up to -0.12 EV ('b.exr')."),
     (found(ambient=AmbientChange((0.1, 0.1, 0.1), 0.052, 0.001)),
      "IRPSO subtracted ambient light of 5.2 % of the lamps' irradiance."),
+    (found(black_level=BlackLevelChange((0.0021, 0.0019, 0.0023), 0.0001)),
+     "IRPSO subtracted a black level of 0.0021 from all files."),
     (found(KEY, response=ResponseChange(0.954, 0.001)),
      "IRPSO moved 'Key' by 1.2 % of its distance, changed its power by -8.6 % and undid a response of exponent 0.954, "
      "because the files are not linear."),

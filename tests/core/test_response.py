@@ -1,4 +1,4 @@
-"""Files that hold radiance to some power: read, read again under another opinion, and in parts of blocks."""
+"""Files that hold radiance to some power over a black level: read, read again otherwise, and in parts of blocks."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tests.support import synthetic as syn
 
 SIZE = 30, 20
 POWER, EXPOSURE, GAIN = 0.8, 1.5, 0.7
+BLACK = 0.02, 0.03, 0.01
 
 
 @pytest.fixture
@@ -26,12 +27,12 @@ def radiance() -> F32:
 
 @pytest.fixture
 def view(tmp_path: Path, radiance: F32) -> View:
-    """A file that holds (radiance 2^exposure gain) to a power."""
+    """A file that holds (radiance 2^exposure gain) to a power, over a black level."""
     path = tmp_path / "a.exr"
-    value = (radiance.astype(np.float64) * 2**EXPOSURE * GAIN) ** POWER
+    value = (radiance.astype(np.float64) * 2**EXPOSURE * GAIN) ** POWER + BLACK
     write_image(path, value.astype(np.float32), kind="exr", color=True)
     camera = syn.camera((0.2, -1.0, 1.5), degrees=60, aspect=SIZE[0] / SIZE[1])
-    return View(path, camera, (), exposure=EXPOSURE, gain=GAIN, response=POWER)
+    return View(path, camera, (), exposure=EXPOSURE, gain=GAIN, response=POWER, black_level=BLACK)
 
 
 def test_a_file_is_read_as_radiance(view: View, radiance: F32) -> None:
@@ -39,7 +40,7 @@ def test_a_file_is_read_as_radiance(view: View, radiance: F32) -> None:
 
 
 def test_a_second_look_is_as_if_read_anew(view: View) -> None:
-    """Exposure, response and vignetting all differ."""
+    """Exposure, response, black level and vignetting all differ."""
     read: list[View] = []
 
     def image(of: View) -> RadianceImage:
@@ -49,7 +50,8 @@ def test_a_second_look_is_as_if_read_anew(view: View) -> None:
     kept = KeptImages(image)
     first = replace(view, response=1.0, gain=1.0, vignetting=2.0)
     kept(first)
-    for other in (view, first, replace(view, vignetting=4.0, response=0.9, gain=0.6)):
+    for other in (view, first, replace(view, vignetting=4.0, response=0.9, gain=0.6, black_level=(0.01, 0.0, -0.01)),
+                  replace(first, black_level=BLACK)):
         np.testing.assert_allclose(kept(other).rgb, read_reference(other).rgb, rtol=1e-4)
     assert read == [first]
 

@@ -83,7 +83,8 @@ def _expose(scene: Any, calibration: Calibration) -> str:
     """Changes what the scene's list of views has of it; says what became of that."""
     names = [name for name, found in (
         ("exposures", calibration.exposures), ("vignetting", calibration.vignetting),
-        ("ambient light", calibration.ambient), ("response", calibration.response)) if found]
+        ("ambient light", calibration.ambient), ("response", calibration.response),
+        ("black level", calibration.black_level)) if found]
     if not names:
         return ""
     what = " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
@@ -96,6 +97,7 @@ def _expose(scene: Any, calibration: Calibration) -> str:
 
 def _changed(views: Any, calibration: Calibration, names: list[str]) -> str:
     vignetting, ambient, response = calibration.vignetting, calibration.ambient, calibration.response
+    black = calibration.black_level
     stops = {(view.image, view.camera): view.stops for view in calibration.exposures}
     count = 0
     for view in views:
@@ -109,6 +111,8 @@ def _changed(views: Any, calibration: Calibration, names: list[str]) -> str:
             view.ambient_radiance = tuple(map(sum, zip(view.ambient_radiance, ambient.radiance, strict=True)))
         if response is not None:
             view.response *= response.exponent
+        if black is not None and not view.ambient:
+            view.black_level = tuple(map(sum, zip(view.black_level, black.level, strict=True)))
     changed = f", {counted(count, 'exposure')} changed" if calibration.exposures else ""
     shared = " and ".join(name for name in names if name != "exposures")
     return changed + (f", {shared} of {counted(len(views), 'view')} changed" if shared else "")

@@ -49,6 +49,7 @@ class NamedView:
     turn: float = 0.0  # degrees about Z
     response: float = 1.0
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    black_level: tuple[float, float, float] = (0.0, 0.0, 0.0)
     emitters: tuple[str, ...] = ()  # meshes that glow in it
 
 
@@ -105,7 +106,8 @@ class SceneViews:
                          exposure=entry.exposure, mask=str(entry.mask or ""),
                          colorspace=entry.colorspace, faults=tuple(faults), ambient=str(entry.ambient or ""),
                          flat=str(entry.flat or ""), vignetting=entry.vignetting, world=entry.world,
-                         turn=entry.turn, response=entry.response, ambient_radiance=entry.ambient_radiance)
+                         turn=entry.turn, response=entry.response, ambient_radiance=entry.ambient_radiance,
+                         black_level=entry.black_level)
 
     def _entry(self, entry: Any, where: str) -> NamedView:
         camera = entry.camera.name if entry.camera is not None else ""
@@ -125,6 +127,7 @@ class SceneViews:
             bpy.path.abspath(entry.ambient), bpy.path.abspath(entry.flat), float(entry.vignetting),
             turn=float(entry.turn), response=float(entry.response),
             ambient_radiance=tuple(map(float, entry.ambient_radiance)),
+            black_level=tuple(map(float, entry.black_level)),
             emitters=self._emitters(lights) if lights else self._glowing())
 
     def _backgrounds(self) -> Iterable[NamedView]:

@@ -10,6 +10,7 @@ from bpy.types import Panel
 from ...core.change_records import Calibration
 from ...core.checks.calibration_lines import (
     ambient_row,
+    black_row,
     exposure_row,
     gain_of,
     lamp_rows,
@@ -69,8 +70,8 @@ class IRPSO_PT_put_right(Tab, Panel):
 def _draw_light(layout: bpy.types.UILayout, calibration: Calibration, width: int) -> bool:
     """Rows of lamps, worlds and exposures; whether something of the views is in them."""
     exposures = exposure_row(calibration)
-    shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), response_row(calibration))
-              if row is not None] + world_rows(calibration)
+    shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), response_row(calibration),
+                              black_row(calibration)) if row is not None] + world_rows(calibration)
     lamps = [(lamp.lights[0], lamp_rows(lamp)) for lamp in sure_lamps(calibration)]
     _draw_items(layout, lamps, "Lamp")
     if exposures is not None:

@@ -14,13 +14,14 @@ import numpy as np
 from ..change_records import PredictionError
 from ..evaluation.folds import split
 from ..job import Progress, Steps, share_of
+from .black_level import BlackLevel, black_level, without_black
 from .contest import GIVEN, HALF, SURE, Contest
 from .falloff import edge_falloff
 from .far_exposures import far_exposures
 from .free_numbers import LEAST_FIT, NOTHING, candidates, gains, is_far, is_off, pruned, sure_of_ambient
 from .rig import RigChange
 from .rig_fit import ROUNDS, Free, RigFound, fit_rig, shade_of, tell_typical
-from .rig_sample import RigSample
+from .rig_sample import COLOURS, RigSample
 from .shade import shows_shade
 from .standard_errors import COMMON, unexplained
 from .tints import Tints, lamp_tints
@@ -29,7 +30,6 @@ from .tints import Tints, lamp_tints
 # of a matt figurine show 0.1 to 0.2.
 LEAST_BEND = 0.08
 LEAST_TEXELS = 100
-COLOURS = 3
 COLOURED = 1000  # texels that say the colour of light from all around
 MESH = 0.003  # of the radiance, that neighbours leave over in common: more may be a mesh that is wrong in detail
 TILTED = 0.9  # of what predictions are off by: below it, lamps are found beside tilts
@@ -67,7 +67,39 @@ def calibrate(
     if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
         return None
     yield Progress(0.0, "calibrate", "lamps and exposures")
-    first = yield from fit_rig(sample, Free(False, False, levels=not sample.scale_known), rounds=1)
+    first = yield from _materials(sample)
+    black = (yield from black_level(sample, folds, first)) if exposures else None
+    if black is None:
+        return (yield from _with_colours(sample, lamps, exposures, larger, normals, first))
+    light = black.corrected(sample)
+    first = yield from _materials(light)
+    judged = yield from _with_colours(
+        light, lamps, exposures, lambda ambient: black.corrected(larger(ambient)), normals, first)
+    return _on_black(black, judged, first)
+
+
+def _materials(sample: RigSample) -> Steps[RigFound]:
+    """Those of a sample, as the scene is given."""
+    return (yield from fit_rig(sample, Free(False, False, levels=not sample.scale_known), rounds=1))
+
+
+def _on_black(black: BlackLevel, judged: Judged | None, first: RigFound) -> Judged:
+    """Both changes."""
+    if judged is None:
+        none = RigChange.none(len(first.change.offset), len(first.change.log_gain))
+        change, error = black.beside(none, none)
+        return Judged(replace(first, change=change, error=error), black.given, black.changed, NOTHING, error)
+    change, error = black.beside(judged.found.change, judged.error)
+    return replace(judged, found=replace(judged.found, change=change), error=error, given=black.given)
+
+
+def _with_colours(
+    sample: RigSample, lamps: bool, exposures: bool, larger: Larger, normals: bool, first: RigFound,
+) -> Steps[Judged | None]:
+    """What else is to be changed, colours of lamps before all.  ``first``: the materials of the sample."""
+    folds = split(sample.texels)
+    if folds is None:
+        return None
     tints = (yield from lamp_tints(sample, folds, first, larger)) if lamps else None
     if tints is None:
         return (yield from _with_exposures(sample, lamps, exposures, larger, normals, first))
@@ -209,10 +241,23 @@ def found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged
     """
     if len(sample.rig.groups) != len(before.found.change.offset):  # cameras have left a flash that they shared
         return None
+    black = before.found.change.black_level
+    if black is None:
+        return (yield from _again(before, sample, more))
+    error = before.error.black_level
+    assert error is not None
+    light = replace(before, found=replace(before.found, change=replace(before.found.change, black_level=None)))
+    again = yield from _again(
+        light, without_black(sample, black), lambda ambient: without_black(more(ambient), black))
+    return _on_black(BlackLevel(black, error, before.given, before.changed), again, before.found)
+
+
+def _again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged | None]:
+    """As `found_again`, black level aside."""
     folds = split(sample.texels)
     if folds is None:
         return None
-    first = yield from fit_rig(sample, Free(False, False, levels=not sample.scale_known), rounds=1)
+    first = yield from _materials(sample)
     tinted = before.found.change.log_tint is not None
     tints = (yield from lamp_tints(sample, folds, first, more)) if tinted else None
     seen = sample if tints is None else tints.corrected(sample)
@@ -372,20 +417,12 @@ def _ambient(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[floa
         return grey, grey, grey
     white = shade_of(sample, found)  # as what was found, weighted by base colours
     if white:
-        red, green, blue = (grey * (shade_of(_channel(sample, n), found) or 0.0) / white for n in range(COLOURS))
+        red, green, blue = (grey * (shade_of(sample.channel(n), found) or 0.0) / white for n in range(COLOURS))
         return red, green, blue
     sample = sample.part(np.arange(len(sample.slot)) % max(len(sample.slot) // COLOURED, 1) == 0)
     radiance = []
     for channel in range(COLOURS):
-        fit = yield from share_of(fit_rig(_channel(sample, channel), free, start=found), 1.0, 1.0)
+        fit = yield from share_of(fit_rig(sample.channel(channel), free, start=found), 1.0, 1.0)
         radiance.append(fit.change.ambient * sample.light / np.pi)
     red, green, blue = (float(value) for value in radiance)
     return red, green, blue
-
-
-def _channel(sample: RigSample, channel: int) -> RigSample:
-    """What the pictures show in it."""
-    texels, one = sample.texels, slice(channel, channel + 1)
-    return replace(
-        sample, shade=None if sample.shade is None else sample.shade[..., one],
-        texels=replace(texels, reflected=texels.reflected[..., one], irradiance=texels.irradiance[..., one]))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..change_records import (
     AmbientChange,
+    BlackLevelChange,
     Calibration,
     ExposureChange,
     LampChange,
@@ -23,7 +25,7 @@ from ..vignetting import corner_stops
 from .calibrate import Judged
 from .contest import SURE
 from .free_numbers import LEAST_CHANGE, sure_of_vignetting
-from .rig import Rig
+from .rig import Rig, with_more
 from .tints import LEAST_TINT
 from .worlds import WorldsJudged
 
@@ -39,6 +41,7 @@ def put_right(scene: SceneData, rig: Rig, judged: Judged) -> SceneData:
                 gain=view.gain * gains.get((view.image, view.camera.name), 1.0),
                 vignetting=view.vignetting + change.vignetting,
                 response=view.response * float(np.exp(change.log_response)),
+                black_level=_raised(view, (0.0, 0.0, 0.0) if change.black_level is None else change.black_level),
                 ambient_radiance=_brightened(view, judged.ambient_radiance)) for view in scene.views))
 
 
@@ -58,12 +61,13 @@ def applied(scene: SceneData, calibration: Calibration) -> SceneData:
     gains = {(view.image, view.camera): 2.0**view.stops for view in calibration.exposures}
     darker = 0.0 if calibration.vignetting is None else calibration.vignetting.power
     exponent = 1.0 if calibration.response is None else calibration.response.exponent
+    black = (0.0, 0.0, 0.0) if calibration.black_level is None else calibration.black_level.level
     around = (0.0, 0.0, 0.0) if calibration.ambient is None else calibration.ambient.radiance
     return replace(scene, views=tuple(
         replace(view, lights=tuple(lights.get(light.name, light) for light in view.lights),
                 gain=view.gain * gains.get((view.image, given_name(view)), 1.0),
                 vignetting=view.vignetting + darker, response=view.response * exponent,
-                ambient_radiance=_brightened(view, around),
+                black_level=_raised(view, black), ambient_radiance=_brightened(view, around),
                 environment=_turned(view.environment, calibration.worlds)) for view in scene.views))
 
 
@@ -83,10 +87,12 @@ def _turned(environment: Environment | None, worlds: tuple[WorldChange, ...]) ->
 
 def _brightened(view: View, by: tuple[float, float, float]) -> tuple[float, float, float]:
     """The ambient light of a view after a change; none where a picture without lamps has been subtracted."""
-    if view.ambient is not None:
-        return view.ambient_radiance
-    red, green, blue = (given + more for given, more in zip(view.ambient_radiance, by, strict=True))
-    return red, green, blue
+    return view.ambient_radiance if view.ambient is not None else with_more(view.ambient_radiance, by)
+
+
+def _raised(view: View, by: Sequence[float] | F64) -> tuple[float, float, float]:
+    """The black level of a view after a change; none where a picture has been subtracted that has it too."""
+    return view.black_level if view.ambient is not None else with_more(view.black_level, by)
 
 
 def told(rig: Rig, judged: Judged) -> Calibration:
@@ -116,7 +122,9 @@ def told(rig: Rig, judged: Judged) -> Calibration:
     ambient = AmbientChange(judged.ambient_radiance, change.ambient, error.ambient) if change.ambient else None
     response = None if not change.log_response else ResponseChange(
         float(np.exp(change.log_response)), error.log_response)
-    return Calibration(tuple(lamps), exposures, judged.given, judged.changed, vignetting, ambient, response)
+    black = None if change.black_level is None or error.black_level is None else BlackLevelChange(
+        _three(change.black_level), float(error.black_level.max()))
+    return Calibration(tuple(lamps), exposures, judged.given, judged.changed, vignetting, ambient, response, black)
 
 
 def _three(values: F64) -> tuple[float, float, float]:

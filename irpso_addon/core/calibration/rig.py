@@ -53,6 +53,7 @@ class RigChange:
     cosine: float = 0.0
     transmission: float = 0.0
     log_tint: F64 | None = None  # (G, 3) of powers in each channel, beside log_power (tints.py); None: as given
+    black_level: F64 | None = None  # (3,) to be added to every view's (black_level.py); None: as given
 
     @classmethod
     def none(cls, groups: int, views: int) -> RigChange:
@@ -115,6 +116,12 @@ class Rig:
                     light = moved(light, axis, float(by)) if by else light
                 result[name] = replace(light, power=light.power * np.exp(power)) if power.any() else light
         return result
+
+
+def with_more(given: tuple[float, float, float], by: Sequence[float] | F64) -> tuple[float, float, float]:
+    """A colour and another one."""
+    red, green, blue = (value + float(more) for value, more in zip(given, by, strict=True))
+    return red, green, blue
 
 
 def _reach(light: Light, middle: F64) -> float:

@@ -134,10 +134,18 @@ def in_common(rest: F64, seen: Bool, cluster: I32, most: float) -> float:
 
 def shade_of(sample: RigSample, found: RigFound) -> float | None:
     """What places in the shade say of light from all around under the rig that was found; None: nothing."""
-    fit = _RigFit(sample, Free(False, False, ambient=True))
-    seen = sample.geometry.under(found.change)
-    shade = _Round(fit, seen, lobes_of(sample, seen.texels, found.materials), None).around_in_shade()
+    shade = _round_of(sample, found, Free(False, False, ambient=True)).around_in_shade()
     return None if shade is None else shade.value
+
+
+def base_of(sample: RigSample, found: RigFound) -> F64:
+    """(T, V) base colours under the rig that was found."""
+    return _round_of(sample, found, Free(False, False)).base
+
+
+def _round_of(sample: RigSample, found: RigFound, free: Free) -> _Round:
+    seen = sample.geometry.under(found.change)
+    return _Round(_RigFit(sample, free), seen, lobes_of(sample, seen.texels, found.materials), None)
 
 
 def tell_typical(rig: Rig, free: Free) -> bool:

@@ -18,6 +18,7 @@ from .rig import Rig, RigChange
 
 LEAST_COSINE = 1e-3
 LEAST_LIGHT = 1e-20
+COLOURS = 3
 SHEEN = 0.5  # roughness with which light from all around is reflected: its albedo hardly depends on it
 
 
@@ -43,6 +44,12 @@ class RigSample:
                        slot=self.slot[some], cluster=self.cluster[some],
                        openness=None if self.openness is None else self.openness[some],
                        shade=None if self.shade is None else self.shade[some])
+
+    def channel(self, channel: int) -> RigSample:
+        """What the pictures show in one of COLOURS channels."""
+        texels, one = self.texels, slice(channel, channel + 1)
+        return replace(self, shade=None if self.shade is None else self.shade[..., one], texels=replace(
+            texels, reflected=texels.reflected[..., one], irradiance=texels.irradiance[..., one]))
 
     @cached_property
     def geometry(self) -> RigGeometry:

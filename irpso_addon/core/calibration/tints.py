@@ -22,7 +22,7 @@ from ..job import Progress, Steps
 from .contest import GIVEN, HIGHLIGHT, LEAST_ERROR, SURE
 from .rig import RigChange
 from .rig_fit import CAUCHY, MEAN, RigFound
-from .rig_sample import RigSample
+from .rig_sample import COLOURS, RigSample
 from .standard_errors import COMMON, parts_of
 from .texel_materials import lobes_of
 
@@ -30,7 +30,6 @@ TINT = 0.1  # what a lamp's colour is off by: of the logarithm of a channel's po
 LEAST_TINT = 0.02  # what is worth changing: photographs under calibrated lamps show up to 0.018
 LEAST_SCATTER = 1e-4
 LEAST = 1e-12
-COLOURS = 3
 ROUNDS = 4
 TINTED = "tinted"
 

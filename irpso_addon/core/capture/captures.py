@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..errors import BadInput
-from ..images.response import LEAST_RESPONSE, MOST_RESPONSE
+from ..images.response import LEAST_RESPONSE, MOST_BLACK, MOST_RESPONSE
 from ..storage.text_file import read_text
 
 MOST_EXPOSURE = 64  # EV, either way
@@ -34,6 +34,7 @@ class CaptureView:
     world: str | None = None  # of that name; None: the scene's
     turn: float = 0.0  # degrees about Z by which the world is turned, against the clock seen from above
     response: float = 1.0  # as View's
+    black_level: tuple[float, float, float] = (0.0, 0.0, 0.0)  # as View's
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # as View's
 
 
@@ -94,14 +95,14 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
     if not response >= LEAST_RESPONSE:
         bad(f'"response" is out of range; it must be between {LEAST_RESPONSE:g} and {MOST_RESPONSE:g}')
 
-    def radiance(key: str) -> tuple[float, float, float]:
+    def color(key: str, least: float, most: float) -> tuple[float, float, float]:
         value = entry.get(key)
         if value is None:
             return 0.0, 0.0, 0.0
         if not isinstance(value, list) or len(value) != 3 or any(
-                isinstance(part, bool) or not isinstance(part, (int, float)) or not 0 <= part <= MOST_AMBIENT
+                isinstance(part, bool) or not isinstance(part, (int, float)) or not least <= part <= most
                 for part in value):
-            bad(f'"{key}" is not a color; it must be [red, green, blue], each between 0 and {MOST_AMBIENT:g}')
+            bad(f'"{key}" is not a color; it must be [red, green, blue], each between {least:g} and {most:g}')
         red, green, blue = map(float, value)
         return red, green, blue
 
@@ -115,7 +116,8 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
         image=_located(path.parent, image), camera=camera, lights=tuple(lights), exposure=exposure,
         mask=file("mask"), colorspace=text("colorspace", False), ambient=file("ambient"), flat=file("flat"),
         world=text("world", False), turn=turn, vignetting=vignetting, response=response,
-        ambient_radiance=radiance("ambient_radiance"),
+        black_level=color("black_level", -MOST_BLACK, MOST_BLACK),
+        ambient_radiance=color("ambient_radiance", 0, MOST_AMBIENT),
     )
 
 

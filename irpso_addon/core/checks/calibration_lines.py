@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ..change_records import (
     AmbientChange,
+    BlackLevelChange,
     Calibration,
     ExposureChange,
     LampChange,
@@ -31,7 +32,7 @@ def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
     parts = [*_placed([lamp for lamp in placed if not lamp.sun]), *_turned([lamp for lamp in placed if lamp.sun]),
              *_powered(powered, said=powered == placed), *_coloured(tinted), *_exposed(views),
              *_even(calibration.vignetting), *_surrounded(calibration.ambient), *_straightened(calibration.response),
-             *_worlds(calibration.worlds)]
+             *_blackened(calibration.black_level), *_worlds(calibration.worlds)]
     what = " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
     if not parts:
         changed = " and ".join(["lamps"] * bool(calibration.lamps) + ["exposures"] * bool(calibration.exposures)
@@ -120,6 +121,12 @@ def response_row(calibration: Calibration) -> tuple[str, str] | None:
     return None if found is None else ("Response", f"exponent {found.exponent:.3f} ± {found.error:.3f}")
 
 
+def black_row(calibration: Calibration) -> tuple[str, str] | None:
+    """"Black Level", "0.0020 ± 0.0001"; None: it was not changed."""
+    found = calibration.black_level
+    return None if found is None else ("Black Level", f"{_grey(found):.2g} ± {found.error:.1g}")
+
+
 def world_rows(calibration: Calibration) -> list[tuple[str, str]]:
     """Name and turn of each world that is off beyond doubt, "'Studio'", "+3.1 ± 0.2°"; a row for its strength."""
     rows = []
@@ -156,6 +163,16 @@ def _straightened(found: ResponseChange | None) -> list[str]:
     if found is None:
         return []
     return [f"undid a response of exponent {found.exponent:.3f}, because the files are not linear"]
+
+
+def _blackened(found: BlackLevelChange | None) -> list[str]:
+    if found is None:
+        return []
+    return [f"subtracted a black level of {_grey(found):.2g} from all files"]
+
+
+def _grey(found: BlackLevelChange) -> float:
+    return sum(found.level) / len(found.level)
 
 
 def _placed(lamps: Sequence[LampChange]) -> list[str]:

@@ -29,8 +29,8 @@ Pixels = tuple[F32, F32, Bool]  # radiance (rows, width, 3), coverage and validi
 def read_reference(view: View, max_pixels: int | None = None) -> RadianceImage:
     """Radiance of ``view.image``: linear Rec.709, divided by 2^exposure and gain, alpha divided out, upright.
 
-    ``view.ambient`` is subtracted, ``view.flat`` and ``view.vignetting`` are divided out, and ``view.response`` of what
-    is left is undone.
+    ``view.ambient`` is subtracted, ``view.flat`` and ``view.vignetting`` are divided out, and ``view.black_level``
+    and ``view.response`` of what is left are undone.
 
     With ``max_pixels`` a larger image is reduced by area averages to at most about that many; a reduced
     pixel is valid only if all under it are.  Beside the result it takes about 250 MB, however large the image is, and
