@@ -33,6 +33,7 @@ PAGE = pages.DOCS / "calibration.md"
 NAMES = ("knot", "slab", "machine part")
 PLACE, POWER, EXPOSURE = 0.01, 0.03, 0.02  # of a lamp's distance; relative; relative
 VIGNETTING = 4.0
+BLACK = 0.002  # of pictures whose median is 0.06 to 0.35
 SHIFT, FOCAL = 0.5, 0.003  # pixels; relative
 SEED = 1
 
@@ -46,9 +47,11 @@ class Case:
     cameras: bool = False
     exposures: bool = False  # these alone
     vignetting: float = 0.0  # power of the cosine that the scene takes out of pictures that have none
+    black: float = 0.0  # that the pictures hold, and the scene does not know of
 
 
 CASES = (Case("nothing"), Case("exposures", exposures=True), Case("vignetting", vignetting=VIGNETTING),
+         Case("black level", black=BLACK),
          Case("lamps, exposures", lamps=True),
          Case("lamps, exposures, cameras", lamps=True, cameras=True))
 
@@ -82,7 +85,8 @@ def wrong(scene: SceneData, case: Case, rng: np.random.Generator | None = None) 
     gains = np.exp(spread * rng.standard_normal(len(scene.views)))
     return replace(scene, views=tuple(
         replace(view, lights=tuple(lights[light.name] for light in view.lights), camera=cameras[view.camera.name],
-                gain=view.gain * float(gain), vignetting=view.vignetting + case.vignetting)
+                gain=view.gain * float(gain), vignetting=view.vignetting + case.vignetting,
+                black_level=(-case.black,) * 3)
         for view, gain in zip(scene.views, gains, strict=True)))
 
 

@@ -5,14 +5,10 @@
 // EMITTERS for patches of meshes.
 #include "include/brdf.glsl"
 #include "include/pixel.glsl"
-#include "include/shadow.glsl"
-uniform sampler2D u_facet;
-uniform sampler2D u_shadow;      // linear depth from u_center on, nearest: the batch's maps
-uniform int u_first;             // direction of the batch
-uniform int u_count;             // directions in it
-uniform int u_all;               // directions in all
+#include "observe/environment.glsl"
+uniform usampler2D u_lit;        // as observe/environment_lit.frag leaves them: 16 directions, then those of the next 16
+uniform int u_width;             // of the picture
 
-const float LIT_EDGE = 0.02;     // share of a direction's middle between which and the rest an edge of its shadow lies
 const float alpha2_of[] = float[](NODE_ALPHA2);
 
 #ifdef IRRADIANCE
@@ -22,34 +18,14 @@ layout(location = 1) out vec4 o_node[NODE_COUNT];  // RGB, W/(m^2 sr), at IOR 1.
 layout(location = 0) out vec4 o_node[NODE_COUNT];
 #endif
 
-vec3 P, N, V, dx, dy, d_v_dx, d_v_dy;  // the last: per pixel step, of the normal and of the direction to the camera
+vec3 V, dx, dy, d_v_dx, d_v_dy;  // the last: per pixel step, of the normal and of the direction to the camera
 float cos_v, root_v[NODE_COUNT];
 
-struct Direction { vec3 toward; float spread; vec3 power; };
-
-ivec2 texel_of(int at) {
-    return ivec2(uint(at) % uint(DATA_WIDTH), uint(at) / uint(DATA_WIDTH));
+// Of the batch's n-th direction.
+uint lit_of(ivec2 here, int n) {
+    uvec4 lit = texelFetch(u_lit, ivec2(here.x + (n >> 4) * u_width, here.y), 0);
+    return lit[(n >> 2) & 3] >> uint(8 * (n & 3)) & 255u;
 }
-
-ivec2 corner_of(int map) {
-    return SHADOW_SIDE * ivec2(uint(map) % uint(SHADOW_COLUMNS), uint(map) / uint(SHADOW_COLUMNS));
-}
-
-vec3 right_of(vec3 forward) {
-    return normalize(cross(forward, abs(forward.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(0.0, 1.0, 0.0)));
-}
-
-// Mean of max(x, 0) where x is spread evenly about a middle.
-float clamped_mean(float middle, float half_width) {
-    if (abs(middle) >= half_width) return max(middle, 0.0);
-    return (middle + half_width) * (middle + half_width) / (4.0 * half_width);
-}
-
-#ifdef EMITTERS
-#include "observe/from_emitters.glsl"
-#else
-#include "observe/from_world.glsl"
-#endif
 
 // Whether the sharpest lobe of this draw sees more of a direction than where it is.
 bool wide(Direction d) {
@@ -60,13 +36,13 @@ bool wide(Direction d) {
         (close_by(d) || d.spread * d.spread > SHARP * (dot(off, off) + alpha2_of[FIRST_NODE] * square));
 }
 
-void add(Direction d, vec2 lit) {
+void add(Direction d, float share, bool edge) {
     float middle = dot(N, d.toward);
     // Of what lies across the horizon only a part is above.
     float cos_l = clamped_mean(middle, d.spread * sqrt(3.0 * max(1.0 - middle * middle, 0.0)));
     if (cos_l <= 0.0) return;
     cos_l = max(cos_l, 1e-3);
-    vec3 arrives = d.power * (cos_l * lit.x);
+    vec3 arrives = d.power * (cos_l * share);
     vec3 H = d.toward + V;
     float inv = inversesqrt(max(dot(H, H), 1e-12));
     H *= inv;
@@ -90,7 +66,7 @@ void add(Direction d, vec2 lit) {
         o_node[k] += shape * vec4(arrives * fresnel, grey);
     }
 #ifdef IRRADIANCE
-    o_irradiance += vec4(arrives, lit.y > LIT_EDGE && lit.y < 1.0 - LIT_EDGE ? grey : 0.0);
+    o_irradiance += vec4(arrives, edge ? grey : 0.0);
 #endif
 }
 
@@ -114,34 +90,28 @@ void main() {
 #ifdef IRRADIANCE
     o_irradiance = vec4(0.0);
 #endif
-    vec4 facet = texelFetch(u_facet, here, 0);
     // One loop visits directions, parts and their parts: pixels that run together are at different ones, and none waits
     // for the parts of another.
-    int n = 0, i = -1, j = -1;  // a direction of the batch, its part, and the part's; -1: the whole
-    vec2 lit = vec2(0.0);
+    int n = 0, level = 0, at = 0, first = 0;  // a direction of the batch; a part's level, its place there, and the level's
+    uint lit = 0u;
     while (true) {
-        while (i < 0 && n < u_count && !above(u_first + n)) n++;
+        while (level == 0 && n < u_count && (lit = lit_of(here, n)) == 0u) n++;
         if (n >= u_count) break;
-        int part = (u_first + n) * PARTS_0 + i;
-        Direction d = direction(i < 0 ? u_first + n : j < 0 ? u_all + part : u_all * (1 + PARTS_0) + part * PARTS_1 + j);
-        if (i < 0) lit = lit_of(n, d, facet);
-        if (lit.x > 0.0 && j < 0 && wide(d)) {
-            if (i < 0) i = 0;
-            else j = 0;
+        if (level == 0) at = u_first + n;
+        Direction d = direction(first + at);
+        if (level < LEVELS && wide(d)) {
+            level++;
+            at *= PARTS;
+            first = first * PARTS + u_all;
             continue;
         }
-        if (lit.x > 0.0) add(d, lit);
-        if (j >= 0 && ++j == PARTS_1) {
-            j = -1;
-            i++;
-        } else if (j < 0 && i >= 0) {
-            i++;
-        } else if (j < 0) {
-            n++;
+        add(d, float(lit & LIT_FULL) / float(LIT_FULL), (lit & LIT_EDGE) != 0u);
+        at++;
+        while (level > 0 && at % PARTS == 0) {
+            level--;
+            at /= PARTS;
+            first = (first - u_all) / PARTS;
         }
-        if (i == PARTS_0) {
-            i = -1;
-            n++;
-        }
+        if (level == 0) n++;
     }
 }

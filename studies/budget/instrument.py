@@ -27,7 +27,7 @@ from irpso_addon.gpu.solve.tile_passes import TilePasses
 
 from .ledger import COMPILE, GPU, READ_BACK, UPLOAD, Ledger
 
-BYTES = {"f1": 1, "f2": 2, "f4": 4}  # of a texture's number
+BYTES = {"f1": 1, "f2": 2, "f4": 4, "u4": 4}  # of a texture's number
 START, SCENE, PICTURES, FILES, DEVICE = (
     "start, imports, end", "opening the scene", "reading pictures", "writing files", "making the device")
 # Kernels that run over tiles, by what they are part of; others are "rest of the solve".

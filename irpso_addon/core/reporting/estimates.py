@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import BadInput
 from ..maps.stride import stride_of
 from ..params import SolveSettings
-from ..shading.environment import COUNT, NODE_ROWS, NODES, SHADOW_SIDE
+from ..shading.environment import COUNT, LEVELS, NODE_ROWS, NODES, PARTS, SHADOW_SIDE
 from ..storage.text_file import read_text
 from ..tiled.uv_blocks import BLOCK, FIRST_UDIM, HALO, PICTURES, all_blocks, is_large, layout
 from .report import write_report
@@ -34,8 +34,9 @@ MAPS_BYTES = 10 * 16  # ... and those of the maps, which come later
 HOST_BYTES = 150_000_000  # of a process before it reads anything
 HOST_TEXEL_BYTES = 48
 ENVIRONMENT_BYTES = 8 * NODES + 16  # of a pixel, see gpu/observe/environment_light.py
-AROUND_BYTES = COUNT * SHADOW_SIDE**2 * 2  # of an environment's shadow maps, see gpu/observe/environment_light.py, ...
-AROUND_PIXEL_BYTES = 16 * (1 + NODES)  # ... and of a pixel's sums: freed before the search
+# Of an environment's shadow maps and its directions with all their parts, see gpu/observe/environment_light.py, ...
+AROUND_BYTES = COUNT * (SHADOW_SIDE**2 * 2 + 32 * sum(PARTS**n for n in range(LEVELS + 1)))
+AROUND_PIXEL_BYTES = 16 * (1 + NODES) + 64  # ... and of a pixel's sums, and a batch's light: freed before the search
 READING = 3  # pictures in memory at a time
 FURTHEST = 1000.0  # times faster or slower than the small machine: beyond, something else was measured
 
@@ -53,7 +54,7 @@ WHOLE = "whole "  # begins the keys of what the last solve took in all, over the
 SEARCH = {"lambert": (0.4, 2.0, 0.2), "one-lobe": (0.4, 2.0, 0.2), "one-lobe-specular": (1.6, 1.7, 0.2),
           "one-lobe-metallic": (0.4, 4.0, 0.4), "two-lobe": (0.8, 4.0, 0.4), "auto": (0.6, 4.5, 0.3)}
 # An environment: seconds of its shadows, microseconds of a pixel that it lights; and of the search for each view.
-AROUND, AROUND_PIXEL, AROUND_SEARCH = 2.0, 85.0, 3.4
+AROUND, AROUND_PIXEL, AROUND_SEARCH = 2.0, 50.0, 3.4
 METHODS = {"refined": 1.0, "draft": 0.8, "swarm": 3.5}  # times the above; "paper" goes by its iterations
 PAPER = 0.04  # microseconds a texel, view and iteration
 PICTURE_SECONDS = 1.0  # of indirect light, by Cycles

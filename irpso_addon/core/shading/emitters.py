@@ -21,7 +21,8 @@ COUNT = 512  # patches of all emitters of a view, at most; each has a shadow map
 LEAST_COUNT = 16  # of one emitter's side: as many as a lamp's points; ...
 CURVED_COUNT = 128  # ... and so many more where it faces all ways
 FINE = 0.02  # radians, seen from the subject: patches need not be smaller
-PARTS = (16, 4)  # into which a patch is divided where a lobe is as sharp as it is wide, and each of those again
+PARTS = 4  # into which a patch is divided where a lobe is as sharp as it is wide, and each of those again, ...
+LEVELS = 3  # ... so many times
 NEAR = 0.003  # variance of its directions, in radians squared, from which on a patch is divided in any case
 NORMALS = 0.5  # spread of normals against that of directions, where patches are cut
 FAINT = 1e-3  # of the irradiance of a view's lamps: an emitter below is left out
@@ -58,7 +59,7 @@ def patches(emitters: Sequence[Emitter], center: F64, radius: float, count: int 
     for (emitter, side), weight in zip(sides, weights, strict=True):
         levels = _levels(side, center, radius, count * weight / sum(weights))
         extent = float(np.linalg.norm(np.ptp(emitter.triangles.reshape(-1, 3).astype(np.float64), axis=0)))
-        made.append(_patches(_divided(side, center, radius, 2 ** levels * PARTS[0] * PARTS[1]), center, radius, levels,
+        made.append(_patches(_divided(side, center, radius, 2**levels * PARTS**LEVELS), center, radius, levels,
                              LIFT * extent))
     return reduce(_joined, made, _none())
 
@@ -66,7 +67,10 @@ def patches(emitters: Sequence[Emitter], center: F64, radius: float, count: int 
 def _none() -> Patches:
     none = np.zeros((0, 3))
     empty = Patches(none, none, none, np.zeros(0), none)
-    return replace(empty, parts=replace(empty, parts=empty))
+    found = empty
+    for _ in range(LEVELS):
+        found = replace(empty, parts=found)
+    return found
 
 
 def _joined(one: Patches, two: Patches) -> Patches:
@@ -132,17 +136,18 @@ def _divided(side: _Leaves, center: F64, radius: float, count: int) -> _Leaves:
 
 def _patches(side: _Leaves, center: F64, radius: float, levels: int, lift: float) -> Patches:
     """2^levels patches with their parts, by halving each along its widest spread."""
-    fine = levels + int(np.log2(PARTS[0] * PARTS[1]))
+    each = int(np.log2(PARTS))
+    fine = levels + each * LEVELS
     weight, middle = _weight(side, center, radius), side.corners.mean(1)
     away = float(np.average(np.maximum(np.linalg.norm(middle - center, axis=1), radius), weights=weight))
     traits = np.concatenate([middle / away, NORMALS * side.normal], 1)
     number = np.zeros(len(weight), np.int64)
     for level in range(fine):
         number = _halved(traits, weight, number, 2**level)
-    steps = int(np.log2(PARTS[1]))
-    finest = _of_numbers(side, number, 2**fine, lift)
-    parts = _of_numbers(side, number >> steps, 2 ** (fine - steps), lift)
-    return replace(_of_numbers(side, number >> (fine - levels), 2**levels, lift), parts=replace(parts, parts=finest))
+    parts = _of_numbers(side, number, 2**fine, lift)
+    for coarser in range(each, each * LEVELS + 1, each):
+        parts = replace(_of_numbers(side, number >> coarser, 2 ** (fine - coarser), lift), parts=parts)
+    return parts
 
 
 def _halved(traits: F64, weight: F64, number: NDArray[np.int64], count: int) -> NDArray[np.int64]:

@@ -29,8 +29,9 @@ NODE_ROUGHNESS: tuple[float, ...] = tuple(float(r) for r in np.geomspace(brdf.RO
 WIDTH = 1024  # pixels: environments are reduced to this before they are cut
 DIM = 0.05  # share of the mean radiance that is added where cells are chosen: dim parts are seen by sharp lobes, too
 LEAST = 1e-9  # 1/sr: below, logarithms are cut
-PARTS = (32, 16)  # into which a direction is divided where a lobe is as sharp as its spread, and each of those again
-SHARP = 0.05  # of the half vector's sin^2 to the normal plus alpha^2: a variance from which on that is so
+PARTS = 4  # into which a direction is divided where a lobe is as sharp as its spread, and each of those again, ...
+LEVELS = 5  # ... so many times
+SHARP = 0.04  # of the half vector's sin^2 to the normal plus alpha^2: a variance from which on that is so
 
 Cells = NDArray[np.int64]  # (N, 4) bottom, top, left, right of rectangles of a picture
 Index = NDArray[np.int64] | int
@@ -81,10 +82,14 @@ def directions(environment: Environment, count: int = COUNT) -> Directions:
     weight = light.mean(-1, keepdims=True)
     table = _summed(np.concatenate([light, weight, weight * unit], -1))
     cells = cells[_sums(table, *cells.T)[:, 3] > 0]
-    fine = _halved(cells, PARTS[0])
-    finest = _of_cells(table, _halved(fine, PARTS[1]), environment.rotation)
-    parts = _of_cells(table, fine, environment.rotation, finest)
-    return _of_cells(table, cells, environment.rotation, parts)
+    levels = [cells]
+    for _ in range(LEVELS):
+        levels.append(_halved(levels[-1], PARTS))
+    parts = None
+    for level in reversed(levels):
+        parts = _of_cells(table, level, environment.rotation, parts)
+    assert parts is not None
+    return parts
 
 
 def _of_cells(table: F64, cells: Cells, rotation: F64, parts: Directions | None = None) -> Directions:

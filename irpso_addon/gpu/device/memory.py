@@ -138,7 +138,7 @@ class DeviceMemory:
         if max(width, height) > most:
             raise OutOfDeviceMemory(f"{self.name}: the picture has {width} x {height} pixels, but the limit is {most} "
                                     "per side; reduce it")
-        kind = np.dtype({"f2": "f2", "f1": "u1"}.get(dtype, "f4"))
+        kind = np.dtype({"f2": "f2", "f1": "u1", "u4": "u4"}.get(dtype, "f4"))
         raw = None if data is None else np.ascontiguousarray(data, kind).reshape(-1).view(np.uint8)
         with self.making(f"a texture of {width} x {height}"):
             texture = self._owned(self.ctx.texture((width, height), channels, raw, dtype=dtype, alignment=1))

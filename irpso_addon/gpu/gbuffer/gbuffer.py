@@ -15,6 +15,7 @@ import numpy as np
 from ...core.data import F32, I32, Camera, MeshArrays
 from ...core.lens_mesh import Bundles, divided
 from ..device.context import Device
+from ..device.draw_budget import Rectangle
 from ..device.occupied_cells import OccupiedCells
 from .projection import Projection, boxed, column_major, projection_of
 from .triangles import Triangles
@@ -176,11 +177,13 @@ class MeshBuffer:
 
     def draw_positions(
         self, target: moderngl.Framebuffer, fragment: str, projection: Projection, uniforms: dict[str, Any],
+        region: Rectangle | None = None,
     ) -> None:
-        """Draw positions alone with ``gbuffer/depth.vert`` and a fragment shader."""
+        """Draw positions alone with ``gbuffer/depth.vert`` and a fragment shader, on all of a target or a region."""
         program = self.device.programs.get("gbuffer/depth.vert", fragment, projection.defines)
         self.device.programs.set(program, {**uniforms, **projection.uniforms})
-        self.triangles.draw(self.device, (fragment, target.size), self._array(program), target, projection.clip)
+        kind = fragment, region[2:] if region else target.size
+        self.triangles.draw(self.device, kind, self._array(program), target, projection.clip, region)
 
     def draw_count(self, target: moderngl.Framebuffer) -> None:
         """Add 1 to every texel under each triangle's UVs."""
@@ -239,15 +242,17 @@ class Occluders:
 
     def draw(
         self, target: moderngl.Framebuffer, fragment: str, projection: Projection, uniforms: dict[str, Any],
+        region: Rectangle | None = None,
     ) -> None:
-        """Draw with ``gbuffer/depth.vert`` and a fragment shader."""
+        """Draw with ``gbuffer/depth.vert`` and a fragment shader, on all of a target or a region."""
         if self.buffer is None:
             return
         program = self.device.programs.get("gbuffer/depth.vert", fragment, projection.defines)
         self.device.programs.set(program, {**uniforms, **projection.uniforms})
         with self.device.scope():
             array = self.device.vertex_array(program, [(self.buffer, "3f", "in_position")])
-            self._triangles.draw(self.device, (fragment, target.size), array, target, projection.clip)
+            kind = fragment, region[2:] if region else target.size
+            self._triangles.draw(self.device, kind, array, target, projection.clip, region)
 
 
 def draw_texel_grid(device: Device, mesh: MeshBuffer, size: int) -> GBufferMaps:

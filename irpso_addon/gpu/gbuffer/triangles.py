@@ -32,19 +32,20 @@ class Triangles:
 
     def draw(
         self, device: Device, kind: Hashable, array: moderngl.VertexArray, target: moderngl.Framebuffer,
-        clip: F64 | None,
+        clip: F64 | None, region: Rectangle | None = None,
     ) -> None:
         """Draw with what ``array`` and its program are; ``clip``: world to clip space, None: on the texel grid.
 
-        ``kind``: what draws are alike in cost.
+        ``kind``: what draws are alike in cost.  ``region``: the part of the target that is the picture; None: all.
         """
         at = _projected(self._boxes, clip) if clip is not None else self._flat
         assert at is not None
-        low, high = _pixels(at, target.size)
+        x, y, width, height = region or (0, 0, *target.size)
+        low, high = _pixels(at, (width, height))
         area = (high - low).prod(axis=1)
         cost = np.where(area > 0, area + TRIANGLE * np.diff(self._ends), 0.0)
-        device.ctx.viewport = 0, 0, *target.size
         target.use()
+        device.ctx.viewport = x, y, width, height
         i, shown = 0, np.append(area > 0, False)
         while i < len(cost):
             if not shown[i]:
@@ -57,7 +58,8 @@ class Triangles:
             bands: Iterable[tuple[Rectangle | None, float]] = [(None, float(cost[i:end].sum()))]
             if end == i:  # even one is too much
                 size = high[i] - low[i]
-                bands = rectangles((*low[i].tolist(), *size.tolist()), lambda: device.budget.most(kind, FIRST_PIXELS),
+                bands = rectangles((*(low[i] + (x, y)).tolist(), *size.tolist()),
+                                   lambda: device.budget.most(kind, FIRST_PIXELS),
                                    np.full(size[1], cost[i] / size[1], np.float32))
             for part, units in bands:
                 if part is not None:

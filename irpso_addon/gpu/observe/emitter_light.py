@@ -6,7 +6,7 @@ A patch has one map, of the subject's sphere; one that is near the subject has s
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import moderngl
 import numpy as np
@@ -14,11 +14,10 @@ import numpy as np
 from ...core.data import F32, F64, Emitter
 from ...core.shading import emitters as model
 from ..device.context import Device, Inputs
-from ..gbuffer.projection import Projection
-from .visibility import FAR_TEXEL, Frustum, LightVisibility, frusta
+from .shadow_sheet import COLUMNS, draw_sheet
+from .visibility import Frustum, LightVisibility, frusta
 
 SIDE = 256  # texels of a shadow map
-COLUMNS = 8  # maps side by side in a sheet, and rows of them
 DATA_WIDTH = 2046  # texels: a multiple of three
 
 
@@ -43,38 +42,26 @@ class LitByEmitters:
 
     def draw_shadows(self) -> Iterator[float]:
         """All maps; yields the share that is done."""
-        device = self.device
-        single = device.texture(SIDE, SIDE, 1)
-        with device.target([single]) as target:
-            for number, plan in enumerate(self.plans):
-                self.sheets.append(device.texture(SIDE * COLUMNS, SIDE * COLUMNS, 1, dtype="f2"))
-                with device.target([self.sheets[-1]]) as sheet:
-                    for n, frustum in enumerate(plan.frusta):
-                        self._draw_shadow(target, frustum)
-                        corner = SIDE * (n % COLUMNS), SIDE * (n // COLUMNS)
-                        device.draw("observe/copy.frag", sheet, Inputs({"u_map": single}, {"u_corner": corner}),
-                                    viewport=(*corner, SIDE, SIDE))
-                yield (number + 1) / len(self.plans)
+        for number, plan in enumerate(self.plans):
+            frusta = map(self._from_center, plan.frusta)
+            self.sheets.append(draw_sheet(self.device, self.visibility, frusta, SIDE))
+            yield (number + 1) / len(self.plans)
 
-    def _draw_shadow(self, target: moderngl.Framebuffer, frustum: Frustum) -> None:
+    def _from_center(self, frustum: Frustum) -> Frustum:
         """Depth from the subject's centre on: half floats are finest there."""
-        target.clear(red=FAR_TEXEL)
         x, y, z, _ = frustum.plane
-        plane = x, y, z, -float(np.array([x, y, z]) @ self.visibility.center)
-        projection, uniforms = Projection(frustum.clip), {"u_depth_plane": plane}
-        with self.device.keeping_least():
-            self.visibility.mesh.draw_positions(target, "gbuffer/shadow.frag", projection, uniforms)
-            self.visibility.occluders.draw(target, "gbuffer/shadow.frag", projection, uniforms)
+        return replace(frustum, plane=(x, y, z, -float(np.array([x, y, z]) @ self.visibility.center)))
 
-    def batches(self) -> Iterator[Inputs]:
-        """What shaders/observe/environment.frag needs of each sheet's patches, beside what it needs of pixels."""
+    def batches(self) -> Iterator[tuple[Inputs, Inputs]]:
+        """As of an environment's directions, of each sheet's patches."""
         for plan, sheet in zip(self.plans, self.sheets, strict=True):
-            yield Inputs({"u_directions": self.data, "u_sights": self.sights, "u_shadow": sheet}, {
+            yield Inputs({"u_directions": self.data}, {
                 "u_first": plan.first, "u_count": plan.count, "u_all": len(self.patches.place),
-                "u_center": tuple(self.visibility.center.tolist()), "u_radius": self.visibility.radius,
-            }, {"EMITTERS": "1", "NEAR": repr(model.NEAR), "PARTS_0": str(model.PARTS[0]),
-                "PARTS_1": str(model.PARTS[1]), "DATA_WIDTH": str(DATA_WIDTH), "SHADOW_SIDE": str(SIDE),
-                "SHADOW_COLUMNS": str(COLUMNS)})
+            }, {"EMITTERS": "1", "NEAR": repr(model.NEAR), "PARTS": str(model.PARTS),
+                "LEVELS": str(model.LEVELS), "DATA_WIDTH": str(DATA_WIDTH)}), Inputs(
+                {"u_sights": self.sights, "u_shadow": sheet},
+                {"u_center": tuple(self.visibility.center.tolist()), "u_radius": self.visibility.radius},
+                {"SHADOW_SIDE": str(SIDE), "SHADOW_COLUMNS": str(COLUMNS)})
 
 
 def _planned(sights: F64, visibility: LightVisibility) -> tuple[list[_Sheet], F32]:

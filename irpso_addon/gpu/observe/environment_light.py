@@ -7,6 +7,7 @@ nodes are kept as half floats in one texture, part by part, each of the picture'
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,12 +19,12 @@ from ...core.shading import environment as model
 from ...core.shading.environment import SHADOW_SIDE as SIDE
 from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps
-from ..gbuffer.projection import Projection
 from .emitter_light import LitByEmitters
-from .visibility import FAR_TEXEL, Frustum, LightVisibility, parallel_frustum
+from .shadow_sheet import COLUMNS, draw_sheet
+from .visibility import Frustum, LightVisibility, parallel_frustum
 
-COLUMNS = 8  # maps side by side in a sheet, and rows of them: a batch
 BATCH = COLUMNS * COLUMNS
+TOGETHER = 16  # directions of a texel of observe/environment_lit.frag
 DATA_WIDTH = 2048  # texels
 
 
@@ -62,18 +63,11 @@ class LitByEnvironment:
 
     def draw_shadows(self) -> Iterator[float]:
         """All maps; yields the share that is done."""
-        device, count = self.device, len(self.directions.toward)
-        single = device.texture(SIDE, SIDE, 1)
-        with device.target([single]) as target:
-            for first in range(0, count, BATCH):
-                self.sheets.append(device.texture(SIDE * COLUMNS, SIDE * COLUMNS, 1, dtype="f2"))
-                with device.target([self.sheets[-1]]) as sheet:
-                    for n, toward in enumerate(self.directions.toward[first:first + BATCH]):
-                        self._draw_shadow(target, self._frustum(toward))
-                        corner = SIDE * (n % COLUMNS), SIDE * (n // COLUMNS)
-                        device.draw("observe/copy.frag", sheet, Inputs({"u_map": single}, {"u_corner": corner}),
-                                    viewport=(*corner, SIDE, SIDE))
-                yield min(first + BATCH, count) / count
+        count = len(self.directions.toward)
+        for first in range(0, count, BATCH):
+            frusta = map(self._frustum, self.directions.toward[first:first + BATCH])
+            self.sheets.append(draw_sheet(self.device, self.visibility, frusta, SIDE))
+            yield min(first + BATCH, count) / count
         if self.emitters is not None:
             yield from self.emitters.draw_shadows()
 
@@ -83,23 +77,13 @@ class LitByEnvironment:
         x, y, z = (-toward).tolist()
         return Frustum(frustum.clip, (x, y, z, float(toward @ self.visibility.center)), frustum.texel, True)
 
-    def _draw_shadow(self, target: moderngl.Framebuffer, frustum: Frustum) -> None:
-        target.clear(red=FAR_TEXEL)
-        projection, uniforms = Projection(frustum.clip), {"u_depth_plane": frustum.plane}
-        with self.device.keeping_least():
-            self.visibility.mesh.draw_positions(target, "gbuffer/shadow.frag", projection, uniforms)
-            self.visibility.occluders.draw(target, "gbuffer/shadow.frag", projection, uniforms)
-
     def light(self, camera: Pixels) -> Iterator[EnvironmentLight | None]:
         """The light on a camera's pixels; the last item, after None between draws."""
         device, size = self.device, camera.maps.position.size
         with device.scope() as owned:
             sums = [device.texture(*size) for _ in range(1 + model.NODES)]
-            halves = sums[:1 + model.NODES_AT_ONCE], sums[1 + model.NODES_AT_ONCE:]
-            for number, outputs in enumerate(halves):
-                first = model.NODES_AT_ONCE * number
-                for _ in self._sum(camera, outputs, first, model.NODES_AT_ONCE):
-                    yield None
+            for _ in self._sum(camera, sums, 0):
+                yield None
             made = self._divided(camera.maps, sums[0], sums[1:])
             owned.hand_over(made.irradiance, made.nodes)
         yield made
@@ -109,37 +93,59 @@ class LitByEnvironment:
         device, size = self.device, camera.maps.position.size
         with device.scope() as owned:
             sums = [device.texture(*size) for _ in range(2)]
-            for _ in self._sum(camera, sums, model.NODES - 1, 1):  # the roughest node: the cheapest
+            for _ in self._sum(camera, sums, model.NODES - 1):  # the roughest node: the cheapest
                 yield None
             owned.hand_over(sums[0])
         yield sums[0]
 
-    def _sum(
-        self, camera: Pixels, outputs: Sequence[moderngl.Texture], first: int, count: int,
-    ) -> Iterator[None]:
-        """Of all batches, into textures of nodes from ``first`` on; irradiance before them, if there is one more."""
-        device = self.device
-        with device.target(outputs, clear=True) as target, device.adding():
-            for inputs in (*self._batches(), *(self.emitters.batches() if self.emitters is not None else ())):
-                maps = camera.maps
-                textures = {"u_position": maps.position, "u_normal": maps.normal, "u_facet": maps.facet}
-                defines = {"FIRST_NODE": str(first), "NODE_COUNT": str(count), "SHARP": str(model.SHARP),
-                           "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS),
-                           **({"IRRADIANCE": "1"} if len(outputs) > count else {})}
-                device.draw("observe/environment.frag", target, Inputs(
-                    {**textures, **inputs.textures}, {**camera.uniforms, **inputs.uniforms},
-                    {**camera.defines, **inputs.defines, **defines}), cells=maps.cells)
-                yield None
+    def _sum(self, camera: Pixels, sums: Sequence[moderngl.Texture], first: int) -> Iterator[None]:
+        """Of all batches: irradiance, and nodes from ``first`` on, a few at once."""
+        device, maps, each = self.device, camera.maps, model.NODES_AT_ONCE
+        width, height = maps.position.size
+        places = [(n * width, 0, width, height) for n in range(BATCH // TOGETHER)]
+        lit = device.texture(width * len(places), height, dtype="u4")
+        groups = [(first, sums[:1 + each]), *((n, sums[1 + n:1 + n + each]) for n in range(each, len(sums) - 1, each))]
+        with ExitStack() as open_targets:
+            seen = open_targets.enter_context(device.target([lit]))
+            targets = [open_targets.enter_context(device.target(outputs, clear=True)) for _, outputs in groups]
+            for inputs, shadows in (*self._batches(), *(self.emitters.batches() if self.emitters is not None else ())):
+                self._see(camera, seen, inputs, shadows, places)
+                for (node, outputs), target in zip(groups, targets, strict=True):
+                    irradiance = outputs[0] is sums[0]
+                    defines = {"FIRST_NODE": str(node), "NODE_COUNT": str(len(outputs) - irradiance),
+                               "SHARP": str(model.SHARP),
+                               "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS),
+                               **({"IRRADIANCE": "1"} if irradiance else {})}
+                    with device.adding():
+                        device.draw("observe/environment.frag", target, Inputs(
+                            {"u_position": maps.position, "u_normal": maps.normal, "u_lit": lit, **inputs.textures},
+                            {**camera.uniforms, **inputs.uniforms, "u_width": width},
+                            {**camera.defines, **inputs.defines, **defines}), cells=maps.cells)
+                    yield None
 
-    def _batches(self) -> Iterator[Inputs]:
-        """What the shader needs of each sheet's directions, beside what it needs of pixels."""
+    def _see(
+        self, camera: Pixels, seen: moderngl.Framebuffer, inputs: Inputs, shadows: Inputs,
+        places: Sequence[tuple[int, int, int, int]],
+    ) -> None:
+        """Which of a batch's directions light the pixels, for all nodes."""
+        maps = camera.maps
+        for number, place in enumerate(places):
+            self.device.draw("observe/environment_lit.frag", seen, Inputs(
+                {"u_position": maps.position, "u_normal": maps.normal, "u_facet": maps.facet, **inputs.textures,
+                 **shadows.textures},
+                {**camera.uniforms, **inputs.uniforms, **shadows.uniforms, "u_place": number, "u_corner": place[:2]},
+                {**camera.defines, **inputs.defines, **shadows.defines}), viewport=place, cells=maps.cells)
+
+    def _batches(self) -> Iterator[tuple[Inputs, Inputs]]:
+        """What the shaders need of each sheet's directions, beside what they need of pixels; and of their shadows."""
         count, visibility = len(self.directions.toward), self.visibility
         for batch, sheet in enumerate(self.sheets):
-            yield Inputs({"u_directions": self.data, "u_shadow": sheet}, {
+            yield Inputs({"u_directions": self.data}, {
                 "u_first": BATCH * batch, "u_count": min(BATCH, count - BATCH * batch), "u_all": count,
-                "u_center": tuple(visibility.center.tolist()), "u_half_width": 1.01 * visibility.radius,
-            }, {"PARTS_0": str(model.PARTS[0]), "PARTS_1": str(model.PARTS[1]), "DATA_WIDTH": str(DATA_WIDTH),
-                "SHADOW_SIDE": str(SIDE), "SHADOW_COLUMNS": str(COLUMNS)})
+            }, {"PARTS": str(model.PARTS), "LEVELS": str(model.LEVELS), "DATA_WIDTH": str(DATA_WIDTH)}), Inputs(
+                {"u_shadow": sheet},
+                {"u_center": tuple(visibility.center.tolist()), "u_half_width": 1.01 * visibility.radius},
+                {"SHADOW_SIDE": str(SIDE), "SHADOW_COLUMNS": str(COLUMNS)})
 
     def _divided(
         self, maps: GBufferMaps, irradiance: moderngl.Texture, nodes: Sequence[moderngl.Texture],

@@ -1,0 +1,26 @@
+// Directions of light from all around, or patches of meshes that glow, and which of a batch light a pixel.
+uniform int u_first;             // direction of the batch
+uniform int u_count;             // directions in it
+uniform int u_all;               // directions in all
+
+const uint LIT_FULL = 127u, LIT_EDGE = 128u;  // see observe/environment_lit.frag
+
+vec3 P, N;
+
+struct Direction { vec3 toward; float spread; vec3 power; };
+
+ivec2 texel_of(int at) {
+    return ivec2(uint(at) % uint(DATA_WIDTH), uint(at) / uint(DATA_WIDTH));
+}
+
+// Mean of max(x, 0) where x is spread evenly about a middle.
+float clamped_mean(float middle, float half_width) {
+    if (abs(middle) >= half_width) return max(middle, 0.0);
+    return (middle + half_width) * (middle + half_width) / (4.0 * half_width);
+}
+
+#ifdef EMITTERS
+#include "observe/from_emitters.glsl"
+#else
+#include "observe/from_world.glsl"
+#endif
