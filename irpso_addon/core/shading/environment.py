@@ -31,7 +31,7 @@ DIM = 0.05  # share of the mean radiance that is added where cells are chosen: d
 LEAST = 1e-9  # 1/sr: below, logarithms are cut
 PARTS = 4  # into which a direction is divided where a lobe is as sharp as its spread, and each of those again, ...
 LEVELS = 5  # ... so many times
-SHARP = 0.04  # of the half vector's sin^2 to the normal plus alpha^2: a variance from which on that is so
+SHARP = 0.03  # of the half vector's sin^2 to the normal plus alpha^2: a variance from which on that is so
 
 Cells = NDArray[np.int64]  # (N, 4) bottom, top, left, right of rectangles of a picture
 Index = NDArray[np.int64] | int
