@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
-from ..core.calibration.rig_fit import Free, fit_rig
+from ..core.calibration.rig_fit import fit_rig
+from ..core.calibration.rig_numbers import Free
 from ..core.calibration.rig_sample import RigSample
 from ..core.checks.mended_cameras import corrected, near
 from ..core.checks.registration import outline_misfits

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.calibration.black_level import BlackLevel, black_level, without_black
-from irpso_addon.core.calibration.rig_fit import Free, fit_rig
+from irpso_addon.core.calibration.rig_fit import fit_rig
+from irpso_addon.core.calibration.rig_numbers import Free
 from irpso_addon.core.calibration.rig_sample import RigSample
 from irpso_addon.core.evaluation.folds import split
 from irpso_addon.core.job import run_to_end

@@ -9,7 +9,8 @@ import numpy as np
 from irpso_addon.core.calibration.calibrate import Judged
 from irpso_addon.core.calibration.put_right import applied, put_right, told
 from irpso_addon.core.calibration.rig import Rig, RigChange
-from irpso_addon.core.calibration.rig_fit import Free, RigFound, ViewBrightness
+from irpso_addon.core.calibration.rig_fit import RigFound, ViewBrightness
+from irpso_addon.core.calibration.rig_numbers import Free
 from irpso_addon.core.change_records import PredictionError
 from irpso_addon.core.checks.mended_cameras import name_alone, rolled
 from irpso_addon.core.data import Light, SceneData

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core.calibration.rig_fit import Free, RigFound, fit_rig
+from irpso_addon.core.calibration.rig_fit import RigFound, fit_rig
+from irpso_addon.core.calibration.rig_numbers import Free
 from irpso_addon.core.calibration.rig_sample import RigSample
 from irpso_addon.core.job import Steps, run_to_end
 from tests.support import tilted_sphere as balls

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irpso_addon.core.calibration.rig_fit import Free, RigFound, fit_rig, shade_of
+from irpso_addon.core.calibration.rig_fit import RigFound, fit_rig, shade_of
+from irpso_addon.core.calibration.rig_numbers import Free
 from irpso_addon.core.calibration.rig_sample import RigSample
 from irpso_addon.core.calibration.shade import AWAY, faces_away, shows_shade
 from irpso_addon.core.job import Steps, run_to_end

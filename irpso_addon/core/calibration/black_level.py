@@ -20,7 +20,9 @@ from ..job import Steps
 from ..shading import brdf
 from .contest import GIVEN, SURE, WORSE
 from .rig import RigChange, with_more
-from .rig_fit import CAUCHY, OUTLYING, Free, RigFound, base_of, fit_rig, in_common
+from .rig_fit import RigFound, base_of, fit_rig
+from .rig_numbers import CAUCHY, Free
+from .rig_round import OUTLYING, in_common
 from .rig_sample import COLOURS, LEAST_LIGHT, SHEEN, RigSample
 from .shade import FACING, LEAST_OPEN, shows_shade
 from .standard_errors import COMMON

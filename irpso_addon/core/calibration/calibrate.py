@@ -20,7 +20,8 @@ from .falloff import edge_falloff
 from .far_exposures import far_exposures
 from .free_numbers import LEAST_FIT, NOTHING, candidates, gains, is_far, is_off, pruned, sure_of_ambient
 from .rig import RigChange
-from .rig_fit import ROUNDS, Free, RigFound, fit_rig, shade_of, tell_typical
+from .rig_fit import ROUNDS, RigFound, fit_rig, shade_of
+from .rig_numbers import Free, tell_typical
 from .rig_sample import COLOURS, RigSample
 from .shade import shows_shade
 from .standard_errors import COMMON, unexplained

@@ -11,7 +11,8 @@ from ..evaluation.folds import Folds, Judge, scatter
 from ..evaluation.sampled_texels import parts, predicted
 from ..job import Steps, share_of
 from .rig import RigChange
-from .rig_fit import CAUCHY, Free, RigFound, beside_tilts, fit_rig
+from .rig_fit import RigFound, beside_tilts, fit_rig
+from .rig_numbers import CAUCHY, Free
 from .rig_sample import RigSample
 from .texel_materials import lobes_of
 

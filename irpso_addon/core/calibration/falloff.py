@@ -17,7 +17,9 @@ from ..data import F64
 from ..evaluation.folds import FOLDS, Folds
 from ..vignetting import corner_stops
 from .contest import GIVEN, SURE, Contest
-from .rig_fit import CAUCHY, OUTLYING, RigFound, in_common, left_over
+from .rig_fit import RigFound, left_over
+from .rig_numbers import CAUCHY
+from .rig_round import OUTLYING, in_common
 from .rig_sample import RigSample
 from .standard_errors import COMMON
 

@@ -18,7 +18,8 @@ from ..evaluation.folds import Folds
 from ..job import Steps, share_of
 from .contest import GIVEN, HALF, SURE, Contest
 from .rig import RigChange
-from .rig_fit import ROUNDS, Free, RigFound, fit_rig, left_over
+from .rig_fit import ROUNDS, RigFound, fit_rig, left_over
+from .rig_numbers import Free
 from .rig_sample import RigSample
 
 FAR = 0.25  # logarithm of the largest gain: powers and places of lamps that are honestly off make less

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from .contest import SURE
-from .rig_fit import Free, RigFound
+from .rig_fit import RigFound
+from .rig_numbers import Free
 from .rig_sample import RigSample
 
 LEAST_CHANGE = 0.002  # what is worth it: of a lamp's distance, relative power or gain

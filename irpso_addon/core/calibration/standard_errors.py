@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..job import Steps, share_of
-from .rig_fit import Free, RigFound, fit_rig
+from .rig_fit import RigFound, fit_rig
+from .rig_numbers import Free
 from .rig_sample import RigSample
 
 COMMON = 1.5  # times what the parts show: they have errors in common too (python -m studies.standard_errors)

@@ -21,7 +21,8 @@ from ..evaluation.sampled_texels import parts, predicted
 from ..job import Progress, Steps
 from .contest import GIVEN, HIGHLIGHT, LEAST_ERROR, SURE
 from .rig import RigChange
-from .rig_fit import CAUCHY, MEAN, RigFound
+from .rig_fit import RigFound
+from .rig_numbers import CAUCHY, MEAN
 from .rig_sample import COLOURS, RigSample
 from .standard_errors import COMMON, parts_of
 from .texel_materials import lobes_of

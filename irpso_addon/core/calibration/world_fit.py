@@ -16,7 +16,7 @@ from ..evaluation.folds import scatter
 from ..evaluation.sampled_texels import parts
 from ..job import Progress, Steps
 from .paint import base_colours, paints_of
-from .rig_fit import CAUCHY
+from .rig_numbers import CAUCHY
 from .texel_materials import lobes_of, materials_of
 from .world_sample import Changed, LightAt, WorldSample
 

@@ -17,7 +17,7 @@ from ..evaluation.sampled_texels import predicted
 from ..job import Steps
 from .calibrate import LEAST_TEXELS
 from .contest import GIVEN, HALF, LEAST_SEEN, SURE, WORSE
-from .rig_fit import CAUCHY
+from .rig_numbers import CAUCHY
 from .texel_materials import lobes_of
 from .world_fit import LEAST_STEP, LIKELY, MANY_LIKELY, STRENGTH_STEP, TURN_STEP, WorldFit, WorldNumbers
 from .world_sample import Changed, LightAt, WorldSample

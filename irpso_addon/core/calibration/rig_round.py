@@ -1,0 +1,183 @@
+"""One linearisation of what a sample shows, by the numbers of its rig.
+
+The logarithm of radiance.  Each texel's own numbers are eliminated (variable projection, Golub and Pereyra, SIAM J.
+Numer. Anal. 10, 1973); each material has one roughness and Specular IOR Level, and what its highlights show counts
+little.  Cauchy weights; standard errors from the scores of clusters of neighbouring texels (the sandwich of Huber
+1967), which err alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..data import F64, I32, Bool
+from ..evaluation.joint_material import OneMaterial
+from ..evaluation.sampled_texels import parts
+from ..shading.lights import light_basis
+from ..vectors import dot
+from .paint import Elimination, Paint, base_colours
+from .rig import RigChange
+from .rig_numbers import CAUCHY, RigNumbers
+from .rig_sample import RigSample, Seen, to_middle
+from .shade import AroundInShade, around_in_shade
+from .texel_materials import lobes_of
+
+OUTLYING = 3.0  # standard deviations at which errors are cut off
+LEARNT = 200  # rounds in which it is learnt what places and powers typically are off by
+DIFFUSE = 0.5  # share of the diffuse in what is no highlight
+LEAST = 1e-12
+STEP = 0.02  # relative, of roughness: for derivatives
+GRAZING = 0.05  # cosine to a lamp: below it, what a tilt does is not linear
+
+
+def in_common(rest: F64, seen: Bool, cluster: I32, most: float) -> float:
+    """Root mean product of what two texels of a cluster, (T,), have in (T, V) ``rest``, cut off at ``most``."""
+    rest, of = np.where(seen, np.clip(rest, -most, most), 0.0), np.unique(cluster, return_inverse=True)[1]
+    total, count = (np.zeros((int(of.max()) + 1, rest.shape[1])) for _ in range(2))
+    np.add.at(total, of, rest)
+    np.add.at(count, of, seen)
+    products = float((total**2).sum() - (rest**2).sum()) / max(float((count * (count - 1)).sum()), 1.0)
+    return float(np.sqrt(max(products, 0.0)))
+
+
+class RigRound:
+    """One linearisation.  (T, V) arrays are of texels and layers."""
+
+    def __init__(
+        self, sample: RigSample, paints: list[Paint], change: RigChange, seen: Seen, materials: dict[int, OneMaterial],
+        tilts: bool = False, weight: F64 | None = None,
+    ) -> None:
+        """``seen``: the sample under the change; ``tilts``: texels have them; ``weight``: (T, V) of a round before."""
+        self.sample, self.paints, self.change, self.seen = sample, paints, change, seen
+        texels, lobes = seen.texels, lobes_of(sample, seen.texels, materials)
+        diffuse, specular = (part[..., 0] for part in parts(texels, lobes))
+        rougher, glossier = ([part[..., 0] for part in parts(texels, changed)] for changed in (
+            replace(lobes, roughness=lobes.roughness * (1 + STEP)), replace(lobes, level=lobes.level + STEP)))
+        self.observed = texels.reflected.mean(-1)
+        fine = np.ones(self.observed.shape, bool)
+        for v, place in enumerate(sample.view):
+            for light in sample.rig.views[place].lights:
+                fine[:, v] &= seen.fine[light.name]
+        self.good: Bool = texels.usable() & (self.observed > 0) & fine
+        self.weight = np.where(self.good, 1.0, 0.0) if weight is None else np.where(self.good, weight, 0.0)
+        for _ in range(3):
+            weight = np.where(self.good, self.weight / np.maximum(self.observed, 1e-4) ** 2, 0.0)
+            base = base_colours(paints, weight, diffuse, self.observed - specular)
+            predicted = np.maximum(base * diffuse + specular, LEAST)
+            share = np.clip(base * diffuse / predicted, 0, 1)
+            bend, level = ((base * other[0] + other[1] - predicted) / (predicted * STEP)
+                           for other in (rougher, glossier))
+            left = np.log(np.where(self.good, self.observed / predicted, 1.0))
+            self.scatter = 1.4826 * float(np.median(np.abs(left[self.good]))) + 1e-4 if self.good.any() else 1.0
+            robust = 1 / (1 + (left / (CAUCHY * self.scatter)) ** 2)
+            self.weight = np.where(self.good, share**2 * robust, 0.0)
+        # Errors are those of the files: a response that made all of them alike would leave none.
+        power = 1.0 if seen.bent is None else seen.bent.power
+        self.base = base
+        self.share, self.bend, self.level, self.left = share * power, bend * power, level * power, left * power
+        self.scatter *= power
+        self.around, self.logarithm = self._bends()
+        self.tilts = self._tilts() if tilts else ()
+        for _ in range(3 if tilts else 0):
+            rest = self._elimination().remains(self.left)
+            self.scatter = 1.4826 * float(np.median(np.abs(rest[self.good]))) + 1e-4 if self.good.any() else 1.0
+            self.weight = np.where(self.good, share**2 / (1 + (rest / (CAUCHY * self.scatter)) ** 2), 0.0)
+
+    def common(self) -> float:
+        """Relative: the part of what is left over that neighbouring texels have in common, which noise is not."""
+        rest = self._elimination().remains(self.left) if self.tilts else self.left
+        return in_common(rest, self.good & (self.share > DIFFUSE), self.sample.cluster, OUTLYING * self.scatter)
+
+    def around_in_shade(self) -> AroundInShade | None:
+        """Light from all around, as places in the shade show it."""
+        return around_in_shade(self.sample, self.base, self.seen.shown, self.sample.geometry.open)
+
+    def _elimination(self) -> Elimination:
+        return Elimination(self.paints, self.weight, self.share, self.bend, self.scatter, self.tilts)
+
+    def _tilts(self) -> tuple[F64, F64]:
+        """(T, V) slopes of log radiance by radians of the normal, each way; highlights, which count little, apart."""
+        sample, lights = self.sample, self.sample.rig.lights(self.change)
+        ways = light_basis(sample.normal)
+        one, other = (np.zeros(self.left.shape) for _ in ways)
+        for v, place in enumerate(sample.view):
+            for light in sample.rig.views[place].lights:
+                to_light = to_middle(lights[light.name], sample.position)
+                cosine = np.maximum(dot(to_light, sample.normal), GRAZING)
+                for slopes, way in zip((one, other), ways, strict=True):
+                    slopes[:, v] += self.share[:, v] * self.seen.share[v, light.name] * dot(to_light, way) / cosine
+        return one, other
+
+    def _bends(self) -> tuple[F64, F64]:
+        """(T, V) slopes of log radiance by light from all around, and by the logarithm of the response's exponent."""
+        sample, bent = self.sample, self.seen.bent
+        irradiance = np.maximum(sample.texels.irradiance.mean(-1), LEAST)
+        around = sample.light * sample.geometry.open / irradiance
+        value = self.seen.texels.reflected.mean(-1) * irradiance * sample.geometry.file * self.seen.brighter
+        if bent is not None:
+            lit = bent.lit()
+            around, value = around * lit, value / lit
+        return around, np.log(np.maximum(value, LEAST))
+
+    def step(self, numbers: RigNumbers, factor: float) -> tuple[F64, F64]:
+        """(change of the free numbers, their covariance).
+
+        ``factor``: what observations scatter by, times what they show.
+        """
+        free = numbers.free
+        normal, pull, scores = self._sums(numbers, self._elimination())
+        normal, pull, scores = normal[np.ix_(free, free)], pull[free], scores[free]
+        variance = (factor * self.scatter)**2
+        meat = (scores**2).sum(1)
+        ratio = meat / np.maximum(normal.diagonal() * self.scatter**2, LEAST)
+        alike = max(float(np.median(ratio)) if len(ratio) else 1.0, 1.0)  # observations for one that is independent
+        means, now = numbers.means[np.ix_(free, free)], numbers.packed(self.change)[free]
+        for _ in range(LEARNT if numbers.learns else 1):
+            prior = 1 / numbers.spread(self.change)[free] ** 2
+            covariance = np.linalg.inv(normal / (variance * alike) + np.diag(prior) + means)
+            gradient = (pull / (variance * alike) - prior * (now - numbers.expected[free])
+                        - means @ (now - numbers.start[free]))
+            step = covariance @ gradient
+            if numbers.learns:
+                numbers.learn(now + step, covariance.diagonal())
+        return step, covariance
+
+    def _columns(self, numbers: RigNumbers, v: int) -> tuple[list[int], F64]:
+        """(places in the vector, (T, n) slopes) of what layer ``v`` depends on."""
+        sample = self.sample
+        place = int(sample.view[v])
+        at: list[int] = []
+        columns: list[F64] = []
+        for light in sample.rig.views[place].lights:
+            group, share = numbers.group[light.name], self.seen.share[v, light.name]
+            at += [3 * group, 3 * group + 1, 3 * group + 2, numbers.powers.start + group]
+            columns += [*(share[:, None] * self.seen.slopes[light.name]).T, share]
+        at.append(numbers.gains.start + place)
+        columns.append(np.ones(len(self.left)))
+        at += range(numbers.shared.start, numbers.shared.stop)
+        columns += [sample.geometry.cosine[:, v], self.around[:, v], self.logarithm[:, v],
+                    *(self.share[:, v] * shape[:, v] for shape in self.seen.diffuse)]
+        power = 1.0 if self.seen.bent is None else self.seen.bent.power
+        columns = [column * power for column in columns]
+        at += range(numbers.levels.start, numbers.levels.stop)
+        columns += [np.where(sample.slot == slot, self.level[:, v], 0.0) for slot in numbers.slots]
+        return at, np.stack(columns, -1)
+
+    def _sums(self, numbers: RigNumbers, elimination: Elimination) -> tuple[F64, F64, F64]:
+        """Normal matrix and gradient with base colours eliminated, and the gradient of each cluster."""
+        count, rest = numbers.count, elimination.remains(self.left)
+        _, cluster = np.unique(self.sample.cluster, return_inverse=True)
+        clusters = int(cluster.max()) + 1
+        normal, pull, scores = np.zeros((count, count)), np.zeros(count), np.zeros((count, clusters))
+        across = np.zeros((len(rest), elimination.columns.shape[-1], count))
+        for v in range(rest.shape[1]):
+            at, columns = self._columns(numbers, v)
+            weighted = elimination.weight[:, v, None] * columns
+            np.add.at(normal, np.ix_(at, at), columns.T @ weighted)
+            np.add.at(pull, at, weighted.T @ rest[:, v])
+            for number, column in zip(at, (weighted * rest[:, v, None]).T, strict=True):
+                scores[number] += np.bincount(cluster, column, minlength=clusters)
+            across[:, :, at] += elimination.columns[:, v, :, None] * weighted[:, None]
+        return normal - elimination.taken(across), pull, scores
