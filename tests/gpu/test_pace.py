@@ -16,7 +16,10 @@ from irpso_addon.gpu.device import draw_budget, thread
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.device.draw_budget import DrawBudget, rectangles
 from irpso_addon.gpu.gbuffer import triangles
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders
 from irpso_addon.gpu.observe.observation_atlas import ObservationAtlas
+from irpso_addon.gpu.observe.shadow_sheet import draw_sheet
+from irpso_addon.gpu.observe.visibility import LightVisibility, parallel_frustum
 from irpso_addon.solve import pipeline
 from tests.support import shoots
 from tests.support import synthetic as syn
@@ -165,6 +168,36 @@ def test_maps_do_not_depend_on_how_draws_are_divided(divided):
     assert len(maps_of(whole)) > 7
     for a, b in zip(maps_of(whole), maps_of(cut), strict=True):
         assert a.tobytes() == b.tobytes()
+
+
+def test_a_map_of_a_sheet_is_one_that_is_drawn_alone(on_gl, divided):
+    """Beside others, which its triangles do not reach; divided too."""
+    side, ways = 32, np.random.default_rng(3).standard_normal((11, 3))
+    box = np.asarray(syn.box((0.3, 0.3, 0.2), (0.5, 0.5, 0.4)), np.float32)
+
+    def sheet() -> tuple[np.ndarray, list[np.ndarray]]:
+        def draw(device):
+            with device.scope():
+                visibility = LightVisibility(device, MeshBuffer(device, syn.plane_mesh()), Occluders(device, box), side)
+                frusta = [parallel_frustum(way, visibility.center, visibility.radius, visibility.bounds, side)
+                          for way in ways]
+                drawn, alone = draw_sheet(device, visibility, frusta, side), []
+                for frustum in frusta:
+                    visibility._draw_shadow(frustum)
+                    alone.append(device.read(visibility._map)[..., 0])
+                return np.frombuffer(drawn.read(alignment=1), np.float16).reshape(drawn.height, drawn.width), alone
+
+        return on_gl(draw)
+
+    (whole, alone), (cut, _) = divided(sheet)
+    assert whole.tobytes() == cut.tobytes()
+    most = np.finfo(np.float16).max  # what is far is beyond a half: drivers make it the largest, or infinite
+    for n, depth in enumerate(alone):
+        row, column = divmod(n, 8)
+        found = whole[row * side:(row + 1) * side, column * side:(column + 1) * side]
+        np.testing.assert_allclose(np.minimum(found, most), np.minimum(depth, most), rtol=2**-10)  # of a half
+        assert (found < 10).any() and (found >= most).any()
+    assert (whole[2 * side:] >= most).all()
 
 
 def test_work_counts_the_observations_of_rows(on_gl):
