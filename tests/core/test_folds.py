@@ -127,6 +127,23 @@ def test_the_simplest_of_the_best_wins(lambert: float, one: float, prior: float,
     assert contest({name: (share, none) for name, share in values.items()}) == taken
 
 
+@pytest.mark.parametrize(("flash", "taken"), [(0.2, "a texel"), (0.6, "one value")])
+def test_what_predicts_radiance_worse_than_no_lobe_is_not_taken(flash: float, taken: str) -> None:
+    """Bright places that are predicted too bright: lightness hardly sees them, and half of it is better elsewhere."""
+    texels, _ = sampled(64, 8, 1, np.full(64, 0.4))
+    folds = split(texels)
+    assert folds is not None
+    judge = Judge(texels, folds, np.arange(64, dtype=np.int32) // 4)
+    order = np.argsort(texels.reflected.mean((1, 2)))
+    bright = np.isin(np.arange(64), order[-16:])
+    for name, share, more in (("lambert", 0.4, 0.0), ("one value", 0.38, 0.0), ("a texel", 0.05, flash)):
+        off = 1 + np.where(bright, more if more else share, share)[:, None, None]
+        judge.add(name, [texels.reflected * off] * len(folds.left_out))
+    assert judge.error("a texel").lightness < judge.error("lambert").lightness
+    assert judge.no_worse_than_plain("a texel") == (taken == "a texel")
+    assert judge.choose([["lambert"], ["one value"], ["a texel"]]) == taken
+
+
 def test_one_texel_that_flashes_is_enough() -> None:
     """A false sharp lobe at one texel in 64: the eye forgives it, radiance does not."""
     flash = np.zeros(64)

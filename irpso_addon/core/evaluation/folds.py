@@ -125,16 +125,24 @@ class Judge:
 
         ``families``: names of candidates, from the smallest models on.  Both errors count, each relative to the least:
         lightness alone misses the texel that may flash under another lamp, radiance alone the body of dark things.
+        Only candidates that are `no_worse_than_plain` count, and the first.
         """
         loss = self._losses()
         total = {name: float(values.sum()) for name, values in loss.items()}
-        firsts = [min(family, key=lambda name: total[name]) for family in families]
+        fine = [[name for name in family if name == families[0][0] or self.no_worse_than_plain(name)]
+                for family in families]
+        firsts = [min(family, key=lambda name: total[name]) for family in fine if family]
         best = min(firsts, key=lambda name: total[name])
         for name in firsts:
             spread = scatter(loss[name] - loss[best], self.clusters) / total[best]
             if total[name] <= (1 + min(max(spread, ALIKE[0]), ALIKE[1])) * total[best]:
                 return name
         return best
+
+    def no_worse_than_plain(self, name: str) -> bool:
+        """Whether neither of a candidate's errors is larger than the first candidate's."""
+        one, plain = self.error(name), self.error(next(iter(self.candidates)))
+        return one.relative_rms <= plain.relative_rms and one.lightness <= plain.lightness
 
     def spared(self, numbers: int) -> float:
         """Of its loss: by so much folds make a fit of so many numbers a texel look worse than with many observations.

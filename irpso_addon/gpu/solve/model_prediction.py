@@ -173,6 +173,7 @@ class _Contest:
         if not few and self.fitted.model in OWN_DRAWN:
             spared = self.judge.spared(NUMBERS)
             leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
+        leads = leads and self.judge.no_worse_than_plain(incumbent)
         taken = incumbent if leads else self._chosen()
         coated = yield from self._under_coats(taken, metal or apart)
         if self.solver.cancelled:
