@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,6 +77,17 @@ def test_where_it_is_not_looked_for() -> None:
     bent = replace(made.rig, views=tuple(replace(view, response=0.5) for view in made.rig.views))
     assert found(replace(made, rig=bent)) is None
     assert found(replace(made, shade=None)) is None
+
+
+def test_a_picture_without_lamps_took_it_away() -> None:
+    """Of the views that have one, nothing is subtracted."""
+    made = ball(AROUND, base=balls.BASE)
+    first, *others = made.rig.views
+    some = replace(made, rig=replace(made.rig, views=(replace(first, ambient=Path("dark.exr")), *others)))
+    less = without_black(some, BLACK)
+    lost = some.texels.reflected - less.texels.reflected
+    assert not lost[:, 0].any() and (lost[:, 1:] > 0).all()
+    assert not any(less.rig.views[0].black_level) and all(less.rig.views[1].black_level)
 
 
 def test_it_is_alike_in_the_files() -> None:

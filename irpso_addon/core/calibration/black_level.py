@@ -54,13 +54,14 @@ class BlackLevel:
 
 
 def without_black(sample: RigSample, level: F64) -> RigSample:
-    """A sample whose files hold less by ``level``, (3,)."""
-    texels = sample.texels
-    views = tuple(replace(view, black_level=with_more(view.black_level, level)) for view in sample.rig.views)
+    """A sample whose files hold less by ``level``, (3,); not those of which a picture without lamps was subtracted."""
+    texels, radiance = sample.texels, _radiance(sample, level)
+    views = tuple(replace(view, black_level=with_more(view.black_level, level)) if view.ambient is None else view
+                  for view in sample.rig.views)
     return replace(
         sample, rig=replace(sample.rig, views=views),
-        texels=replace(texels, reflected=texels.reflected - _reflected(sample, level)),
-        shade=None if sample.shade is None else sample.shade - level / sample.geometry.file[..., None])
+        texels=replace(texels, reflected=texels.reflected - radiance / np.maximum(texels.irradiance, LEAST_LIGHT)),
+        shade=None if sample.shade is None else sample.shade - radiance)
 
 
 def black_level(sample: RigSample, folds: Folds, first: RigFound) -> Steps[BlackLevel | None]:
@@ -74,7 +75,7 @@ def black_level(sample: RigSample, folds: Folds, first: RigFound) -> Steps[Black
     level, error = found
     under = without_black(sample, level)
     then = yield from fit_rig(under, Free(False, False, levels=not sample.scale_known), rounds=1)
-    judge, more = Judge(sample.texels, folds), _reflected(sample, level)
+    judge, more = Judge(sample.texels, folds), sample.texels.reflected - under.texels.reflected
     given, changed = (lobes_of(each, each.texels, by.materials) for each, by in ((sample, first), (under, then)))
     judge.add("lambert", [predicted(sample.texels, None, ~out) for out in folds.left_out])
     judge.add(GIVEN, [predicted(sample.texels, given, ~out) for out in folds.left_out])
@@ -156,10 +157,10 @@ def _fitted(columns: F64, value: F64, cluster: np.ndarray) -> _Fit:
     return _Fit(values, np.sqrt((inverse @ score.T @ score @ inverse).diagonal()), left, scatter)
 
 
-def _reflected(sample: RigSample, level: F64) -> F64:
-    """(T, V, 3) what a black level adds to radiance over irradiance."""
-    light = np.maximum(sample.texels.irradiance, LEAST_LIGHT) * sample.geometry.file[..., None]
-    return np.asarray(level / light)
+def _radiance(sample: RigSample, level: F64) -> F64:
+    """(T, V, 3) what a black level adds."""
+    raised = np.array([view.ambient is None for view in sample.rig.views])[sample.view]
+    return np.asarray(np.where(raised[:, None], level / sample.geometry.file[..., None], 0.0))
 
 
 def _rms(values: list[float]) -> float:
