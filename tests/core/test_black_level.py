@@ -14,8 +14,8 @@ from irpso_addon.core.calibration.rig_numbers import Free
 from irpso_addon.core.calibration.rig_sample import RigSample
 from irpso_addon.core.evaluation.folds import split
 from irpso_addon.core.job import run_to_end
-from tests.core.test_shade import AROUND, ball
 from tests.support import tilted_sphere as balls
+from tests.support.ball_in_room import AROUND, ball
 
 BLACK = np.array([0.006, 0.004, 0.008])  # of white under a sun: 1
 TEXELS = 600

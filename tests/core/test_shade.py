@@ -9,29 +9,11 @@ import pytest
 
 from irpso_addon.core.calibration.rig_fit import RigFound, fit_rig, shade_of
 from irpso_addon.core.calibration.rig_numbers import Free
-from irpso_addon.core.calibration.rig_sample import RigSample
 from irpso_addon.core.calibration.shade import AWAY, faces_away, shows_shade
 from irpso_addon.core.job import Steps, run_to_end
-from tests.support import tilted_sphere as balls
+from tests.support.ball_in_room import AROUND, ball
 
-LAMPS, NOISE, AROUND = 12, 0.01, 0.02  # AROUND: radiance, where a sun's on white is 1
 BUMPY = Free(lamps=True, exposures=False, ambient=True, tilts=True)
-
-
-def ball(around: float, turned: float = 0.0, base: np.ndarray = balls.BASE) -> RigSample:
-    """Its normals are off by a degree, and read noise lies on the shade too."""
-    reflect = balls.principled(0.5, base)
-    made = balls.sphere(reflect, lamps=LAMPS, noise=NOISE, slope=0.02, turned=turned)[0].rig
-    rng = np.random.default_rng(4)
-    shine = np.zeros((len(made.normal), 3))  # of the radiance from all around, what a place reflects: by brute force
-    for way in balls.unit(rng.standard_normal((4000, 3))):
-        cosine = made.normal @ way
-        shine[cosine > 0] += (reflect(way, made.normal) * cosine[:, None] * 4 * np.pi / 4000)[cosine > 0]
-    shine = shine[:, None]
-    reflected = made.texels.reflected + around * shine / made.texels.irradiance
-    dark = np.where(faces_away(made)[..., None], around * shine, np.nan)
-    return replace(made, texels=replace(made.texels, reflected=reflected),
-                   shade=dark + 0.002 * rng.standard_normal(dark.shape), light=np.pi)
 
 
 def found(steps: Steps[RigFound]) -> RigFound:
