@@ -35,13 +35,14 @@ void main() {
     P = pixel.P;
     N = pixel.N;
     vec4 facet = texelFetch(u_facet, here, 0);
-    o_lit = uvec4(0u);
+    uvec4 bytes = uvec4(0u);
     for (int k = 0; k < 16; k++) {
         int n = 16 * u_place + k;
         if (n >= u_count || !above(u_first + n)) continue;
         vec2 lit = lit_of(n, direction(u_first + n), facet);
         uint found = uint(lit.x * float(LIT_FULL) + 0.5);
         if (lit.y > EDGE && lit.y < 1.0 - EDGE) found |= LIT_EDGE;
-        o_lit[k >> 2] |= found << uint(8 * (k & 3));
+        bytes[k >> 2] |= found << uint(8 * (k & 3));
     }
+    o_lit = bytes;
 }

@@ -117,7 +117,7 @@ class _Shade:
         known, base = self.known, base_of(sample, first)
         sheen = brdf.principled_energy(SHEEN, np.clip(sample.texels.cos_v[known], FACING, 1.0))[..., 1]
         around = (base[known] * (1 - sheen) + sheen) * np.maximum(openness[known], LEAST_OPEN) * file[known]
-        value = np.where(known, shade, 0.0)[known] * file[known]
+        value = shade[known] * file[known]
         cluster = np.unique(sample.cluster[np.nonzero(known)[0]], return_inverse=True)[1]
         black = _fitted(np.stack([np.ones_like(around), around], -1), value, cluster)
         other = _fitted(np.stack([around, around * base[known]], -1), value, cluster)

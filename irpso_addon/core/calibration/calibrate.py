@@ -76,22 +76,12 @@ def calibrate(
     first = yield from _materials(light)
     judged = yield from _with_colours(
         light, lamps, exposures, lambda ambient: black.corrected(larger(ambient)), normals, first)
-    return _on_black(black, judged, first)
+    return _beside(black, judged, first)
 
 
 def _materials(sample: RigSample) -> Steps[RigFound]:
     """Those of a sample, as the scene is given."""
     return (yield from fit_rig(sample, Free(False, False, levels=not sample.scale_known), rounds=1))
-
-
-def _on_black(black: BlackLevel, judged: Judged | None, first: RigFound) -> Judged:
-    """Both changes."""
-    if judged is None:
-        none = RigChange.none(len(first.change.offset), len(first.change.log_gain))
-        change, error = black.beside(none, none)
-        return Judged(replace(first, change=change, error=error), black.given, black.changed, NOTHING, error)
-    change, error = black.beside(judged.found.change, judged.error)
-    return replace(judged, found=replace(judged.found, change=change), error=error, given=black.given)
 
 
 def _with_colours(
@@ -106,17 +96,17 @@ def _with_colours(
         return (yield from _with_exposures(sample, lamps, exposures, larger, normals, first))
     judged = yield from _with_exposures(
         tints.corrected(sample), lamps, exposures, lambda ambient: tints.corrected(larger(ambient)), normals, first)
-    return _in_colours(tints, judged, first)
+    return _beside(tints, judged, first)
 
 
-def _in_colours(tints: Tints, judged: Judged | None, first: RigFound) -> Judged:
-    """Both changes."""
+def _beside(found: BlackLevel | Tints, judged: Judged | None, first: RigFound) -> Judged:
+    """What was found before all else, and what was then.  ``first``: the materials, if that is nothing."""
     if judged is None:
         none = RigChange.none(len(first.change.offset), len(first.change.log_gain))
-        change, error = tints.beside(none, none)
-        return Judged(replace(first, change=change, error=error), tints.given, tints.changed, NOTHING, error)
-    change, error = tints.beside(judged.found.change, judged.error)
-    return replace(judged, found=replace(judged.found, change=change), error=error, given=tints.given)
+        change, error = found.beside(none, none)
+        return Judged(replace(first, change=change, error=error), found.given, found.changed, NOTHING, error)
+    change, error = found.beside(judged.found.change, judged.error)
+    return replace(judged, found=replace(judged.found, change=change), error=error, given=found.given)
 
 
 def _with_exposures(
@@ -250,7 +240,7 @@ def found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged
     light = replace(before, found=replace(before.found, change=replace(before.found.change, black_level=None)))
     again = yield from _again(
         light, without_black(sample, black), lambda ambient: without_black(more(ambient), black))
-    return _on_black(BlackLevel(black, error, before.given, before.changed), again, before.found)
+    return _beside(BlackLevel(black, error, before.given, before.changed), again, before.found)
 
 
 def _again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged | None]:
@@ -269,7 +259,7 @@ def _again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged | No
             white, seen, more if tints is None else lambda ambient: tints.corrected(more(ambient)))
     if before.found.change.vignetting and not before.free.vignetting:
         again = _with_falloff(seen, again, first)
-    return again if tints is None else _in_colours(tints, again, first)
+    return again if tints is None else _beside(tints, again, first)
 
 
 def _found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged | None]:
