@@ -14,7 +14,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..core.calibration.calibrate import Judged, calibrate, found_again
+from ..core.calibration.calibrate import calibrate, found_again
+from ..core.calibration.finish import Judged
 from ..core.calibration.put_right import put_right, told, told_of_worlds, under_worlds
 from ..core.calibration.rig import Rig
 from ..core.calibration.rig_sample import RigSample

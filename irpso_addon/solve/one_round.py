@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..core.calibration.calibrate import Judged
+from ..core.calibration.finish import Judged
 from ..core.change_records import Calibration, RefinedNormals
 from ..core.check_records import Checks
 from ..core.checks.calibration_lines import calibrated

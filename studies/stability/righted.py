@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from irpso_addon.core.calibration.calibrate import Judged, calibrate
+from irpso_addon.core.calibration.calibrate import calibrate
+from irpso_addon.core.calibration.finish import Judged
 from irpso_addon.core.calibration.rig import Rig
 from irpso_addon.core.calibration.rig_sample import RigSample, typical_light
 from irpso_addon.core.data import F64, Camera, Light, View

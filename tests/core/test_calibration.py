@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from irpso_addon.core.calibration.calibrate import Judged
+from irpso_addon.core.calibration.finish import Judged
 from irpso_addon.core.calibration.put_right import applied, put_right, told
 from irpso_addon.core.calibration.rig import Rig, RigChange
 from irpso_addon.core.calibration.rig_fit import RigFound, ViewBrightness

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core.calibration.calibrate import Judged, calibrate
+from irpso_addon.core.calibration.calibrate import calibrate
+from irpso_addon.core.calibration.finish import Judged
 from irpso_addon.core.job import run_to_end
 from tests.support import tilted_sphere as balls
 

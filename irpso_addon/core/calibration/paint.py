@@ -28,11 +28,10 @@ class Paint:
     cameras: tuple[Bool, ...]  # (n,) each: which of them are a camera's
 
     @cached_property
-    def by_camera(self) -> tuple[I32, I32, I32]:
-        """The order of ``layers`` by cameras, (n,); each layer's camera, (n,); and where each camera begins in it."""
+    def by_camera(self) -> tuple[I32, F64]:
+        """Each layer's camera, (n,); and by how much each layer counts in each camera's sums, (n, cameras)."""
         group = np.argmax(self.cameras, 0).astype(np.int32)
-        order = np.argsort(group, kind="stable").astype(np.int32)
-        return order, group, np.searchsorted(group[order], np.arange(len(self.cameras))).astype(np.int32)
+        return group, np.stack(self.cameras, -1) + OTHER_CAMERA
 
 
 def paints_of(texels: SampledTexels) -> list[Paint]:
@@ -59,9 +58,8 @@ def quotients(paints: list[Paint], above: F64, below: F64) -> F64:
         if len(paint.cameras) == 1:
             result[:, paint.layers] = (upper.sum(1) / np.maximum(lower.sum(1), LEAST))[:, None]
             continue
-        order, group, starts = paint.by_camera
-        upper, lower = (np.add.reduceat(values[:, order], starts, 1) + OTHER_CAMERA * values.sum(1)[:, None]
-                        for values in (upper, lower))
+        group, counts = paint.by_camera
+        upper, lower = upper @ counts, lower @ counts
         result[:, paint.layers] = (upper / np.maximum(lower, LEAST))[:, group]
     return result
 
@@ -103,7 +101,11 @@ class Elimination:
         return np.asarray(values - (self.columns @ own)[..., 0])
 
     def taken(self, across: F64) -> F64:
-        """(K, K) to be subtracted from a normal matrix; across: (T, m, K) sums of ``weighted`` times slopes."""
-        left = self.inverse @ across
-        K = across.shape[-1]
-        return np.asarray(across.reshape(-1, K).T @ left.reshape(-1, K))
+        """(K, K) to be subtracted from a normal matrix; across: (m, K, T) sums of ``weighted`` times slopes."""
+        taken = np.zeros((across.shape[1],) * 2)
+        for own, row in zip(across, self.inverse.transpose(1, 2, 0), strict=True):
+            left = np.zeros_like(own)
+            for other, factor in zip(across, row, strict=True):
+                left += other * factor
+            taken += own @ left.T
+        return taken

@@ -22,8 +22,8 @@ from ..checks.mended_cameras import given_name
 from ..data import F64, Environment, SceneData, View
 from ..shading.environment import about_z
 from ..vignetting import corner_stops
-from .calibrate import Judged
 from .contest import SURE
+from .finish import Judged
 from .free_numbers import LEAST_CHANGE, sure_of_vignetting
 from .rig import Rig, with_more
 from .tints import LEAST_TINT

@@ -50,15 +50,16 @@ class ViewBrightness:
 
 def fit_rig(
     sample: RigSample, free: Free, start: RigFound | None = None, rounds: int | None = None,
-    factor: float | None = None,
+    factor: float | None = None, again: int = AGAIN,
 ) -> Steps[RigFound]:
     """The change of the rig that explains a sample.  ``start``: of more texels, or with other numbers free.
 
-    Materials are those of ``start``, unless ``rounds`` says how many there are to be.  ``factor``: what observations
-    scatter by, times what they show; then lamps are as far off as they typically are, if `tell_typical`.
+    Materials are those of ``start``, for ``again`` rounds, unless ``rounds`` says how many there are to be.
+    ``factor``: what observations scatter by, times what they show; then lamps are as far off as they typically are, if
+    `tell_typical`.
     """
     refit = start is None or rounds is not None
-    return _RigFit(sample, free, factor).found(start, (rounds or ROUNDS) if refit else AGAIN, refit)
+    return _RigFit(sample, free, factor).found(start, (rounds or ROUNDS) if refit else again, refit)
 
 
 def left_over(sample: RigSample, found: RigFound) -> F64:
@@ -72,9 +73,12 @@ def left_over(sample: RigSample, found: RigFound) -> F64:
     return np.where(now.good & (now.share > DIFFUSE), now.left, np.nan)
 
 
-def shade_of(sample: RigSample, found: RigFound) -> float | None:
-    """What places in the shade say of light from all around under the rig that was found; None: nothing."""
-    shade = _round(sample, found).around_in_shade()
+def shade_of(sample: RigSample, found: RigFound, roughness: F64 | None = None) -> float | None:
+    """What places in the shade say of light from all around under the rig that was found; None: nothing.
+
+    ``roughness``: (T,) under that rig, if it is known.
+    """
+    shade = _round(sample, found, roughness=roughness).around_in_shade()
     return None if shade is None else shade.value
 
 
@@ -96,10 +100,10 @@ def beside_tilts(sample: RigSample, found: RigFound, folds: Folds) -> list[F64]:
     return result
 
 
-def _round(sample: RigSample, found: RigFound, tilts: bool = False) -> RigRound:
+def _round(sample: RigSample, found: RigFound, tilts: bool = False, roughness: F64 | None = None) -> RigRound:
     """Under what was found."""
     seen = sample.geometry.under(found.change)
-    return RigRound(sample, paints_of(sample.texels), found.change, seen, found.materials, tilts)
+    return RigRound(sample, paints_of(sample.texels), found.change, seen, found.materials, tilts, roughness=roughness)
 
 
 class _RigFit:

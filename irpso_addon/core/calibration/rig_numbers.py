@@ -73,6 +73,8 @@ class RigNumbers:
         self.free = np.flatnonzero(np.concatenate(
             [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.response],
              [free.cosine or free.diffuse, free.diffuse], np.ones(len(self.slots), bool)]))
+        self.place = np.full(self.count, -1)  # of each number, among the free ones; -1: it is not
+        self.place[self.free] = np.arange(len(self.free))
         self.prior = np.concatenate([np.full(3 * self.groups, PLACE), np.full(self.groups, POWER),
                                      np.full(self.views, GAIN), [VIGNETTING, AMBIENT, RESPONSE, COSINE, TRANSMISSION],
                                      np.full(len(self.slots), LEVEL)])

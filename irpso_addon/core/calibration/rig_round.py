@@ -14,7 +14,7 @@ import numpy as np
 
 from ..data import F64, I32, Bool
 from ..evaluation.joint_material import OneMaterial
-from ..evaluation.sampled_texels import parts
+from ..evaluation.sampled_texels import Lobes, parts
 from ..shading.lights import light_basis
 from ..vectors import dot
 from .paint import Elimination, Paint, base_colours
@@ -47,14 +47,17 @@ class RigRound:
 
     def __init__(
         self, sample: RigSample, paints: list[Paint], change: RigChange, seen: Seen, materials: dict[int, OneMaterial],
-        tilts: bool = False, weight: F64 | None = None,
+        tilts: bool = False, weight: F64 | None = None, roughness: F64 | None = None,
     ) -> None:
-        """``seen``: the sample under the change; ``tilts``: texels have them; ``weight``: (T, V) of a round before."""
+        """``seen``: the sample under the change; ``tilts``: texels have them.
+
+        ``weight``, (T, V), and ``roughness``, (T,): of a round before.
+        """
         self.sample, self.paints, self.change, self.seen = sample, paints, change, seen
-        texels, lobes = seen.texels, lobes_of(sample, seen.texels, materials)
-        diffuse, specular = (part[..., 0] for part in parts(texels, lobes))
-        rougher, glossier = ([part[..., 0] for part in parts(texels, changed)] for changed in (
-            replace(lobes, roughness=lobes.roughness * (1 + STEP)), replace(lobes, level=lobes.level + STEP)))
+        texels, lobes = seen.texels, lobes_of(sample, seen.texels, materials, roughness)
+        self.lobes = lobes
+        diffuse, specular = self._parts(lobes)
+        rougher = self._parts(replace(lobes, roughness=lobes.roughness * (1 + STEP)))
         self.observed = texels.reflected.mean(-1)
         fine = np.ones(self.observed.shape, bool)
         for v, place in enumerate(sample.view):
@@ -67,16 +70,15 @@ class RigRound:
             base = base_colours(paints, weight, diffuse, self.observed - specular)
             predicted = np.maximum(base * diffuse + specular, LEAST)
             share = np.clip(base * diffuse / predicted, 0, 1)
-            bend, level = ((base * other[0] + other[1] - predicted) / (predicted * STEP)
-                           for other in (rougher, glossier))
+            bend = (base * rougher[0] + rougher[1] - predicted) / (predicted * STEP)
             left = np.log(np.where(self.good, self.observed / predicted, 1.0))
             self.scatter = 1.4826 * float(np.median(np.abs(left[self.good]))) + 1e-4 if self.good.any() else 1.0
             robust = 1 / (1 + (left / (CAUCHY * self.scatter)) ** 2)
             self.weight = np.where(self.good, share**2 * robust, 0.0)
         # Errors are those of the files: a response that made all of them alike would leave none.
         power = 1.0 if seen.bent is None else seen.bent.power
-        self.base = base
-        self.share, self.bend, self.level, self.left = share * power, bend * power, level * power, left * power
+        self.base, self.predicted = base, predicted
+        self.share, self.bend, self.left = share * power, bend * power, left * power
         self.scatter *= power
         self.around, self.logarithm = self._bends()
         self.tilts = self._tilts() if tilts else ()
@@ -84,6 +86,16 @@ class RigRound:
             rest = self._elimination().remains(self.left)
             self.scatter = 1.4826 * float(np.median(np.abs(rest[self.good]))) + 1e-4 if self.good.any() else 1.0
             self.weight = np.where(self.good, share**2 / (1 + (rest / (CAUCHY * self.scatter)) ** 2), 0.0)
+
+    def _parts(self, lobes: Lobes) -> tuple[F64, F64]:
+        """(T, V) each: what is reflected for each unit of base colour, and whatever that is."""
+        diffuse, specular = parts(self.seen.texels, lobes)
+        return diffuse[..., 0], specular[..., 0]
+
+    def _levels(self) -> F64:
+        """(T, V) slopes of log radiance by Specular IOR Level."""
+        diffuse, specular = self._parts(replace(self.lobes, level=self.lobes.level + STEP))
+        return np.asarray((self.base * diffuse + specular - self.predicted) / (self.predicted * STEP))
 
     def common(self) -> float:
         """Relative: the part of what is left over that neighbouring texels have in common, which noise is not."""
@@ -128,7 +140,6 @@ class RigRound:
         """
         free = numbers.free
         normal, pull, scores = self._sums(numbers, self._elimination())
-        normal, pull, scores = normal[np.ix_(free, free)], pull[free], scores[free]
         variance = (factor * self.scatter)**2
         meat = (scores**2).sum(1)
         ratio = meat / np.maximum(normal.diagonal() * self.scatter**2, LEAST)
@@ -144,8 +155,8 @@ class RigRound:
                 numbers.learn(now + step, covariance.diagonal())
         return step, covariance
 
-    def _columns(self, numbers: RigNumbers, v: int) -> tuple[list[int], F64]:
-        """(places in the vector, (T, n) slopes) of what layer ``v`` depends on."""
+    def _columns(self, numbers: RigNumbers, v: int) -> tuple[list[int], list[F64]]:
+        """(places in the vector, (T,) slopes each) of what layer ``v`` depends on, levels of materials apart."""
         sample = self.sample
         place = int(sample.view[v])
         at: list[int] = []
@@ -153,31 +164,35 @@ class RigRound:
         for light in sample.rig.views[place].lights:
             group, share = numbers.group[light.name], self.seen.share[v, light.name]
             at += [3 * group, 3 * group + 1, 3 * group + 2, numbers.powers.start + group]
-            columns += [*(share[:, None] * self.seen.slopes[light.name]).T, share]
+            columns += [*(share * slope for slope in self.seen.slopes[light.name].T), share]
         at.append(numbers.gains.start + place)
         columns.append(np.ones(len(self.left)))
         at += range(numbers.shared.start, numbers.shared.stop)
         columns += [sample.geometry.cosine[:, v], self.around[:, v], self.logarithm[:, v],
                     *(self.share[:, v] * shape[:, v] for shape in self.seen.diffuse)]
-        power = 1.0 if self.seen.bent is None else self.seen.bent.power
-        columns = [column * power for column in columns]
-        at += range(numbers.levels.start, numbers.levels.stop)
-        columns += [np.where(sample.slot == slot, self.level[:, v], 0.0) for slot in numbers.slots]
-        return at, np.stack(columns, -1)
+        return at, columns
 
     def _sums(self, numbers: RigNumbers, elimination: Elimination) -> tuple[F64, F64, F64]:
-        """Normal matrix and gradient with base colours eliminated, and the gradient of each cluster."""
-        count, rest = numbers.count, elimination.remains(self.left)
+        """Of the free numbers: normal matrix and gradient, base colours eliminated, and each cluster's gradient."""
+        count, rest = len(numbers.free), elimination.remains(self.left)
         _, cluster = np.unique(self.sample.cluster, return_inverse=True)
         clusters = int(cluster.max()) + 1
         normal, pull, scores = np.zeros((count, count)), np.zeros(count), np.zeros((count, clusters))
-        across = np.zeros((len(rest), elimination.columns.shape[-1], count))
+        own = np.ascontiguousarray(elimination.columns.transpose(1, 2, 0))  # (V, m, T)
+        across = np.zeros((own.shape[1], count, len(rest)))
+        levels = self._levels() if numbers.slots else self.left
+        power = 1.0 if self.seen.bent is None else self.seen.bent.power
         for v in range(rest.shape[1]):
             at, columns = self._columns(numbers, v)
-            weighted = elimination.weight[:, v, None] * columns
-            np.add.at(normal, np.ix_(at, at), columns.T @ weighted)
-            np.add.at(pull, at, weighted.T @ rest[:, v])
-            for number, column in zip(at, (weighted * rest[:, v, None]).T, strict=True):
-                scores[number] += np.bincount(cluster, column, minlength=clusters)
-            across[:, :, at] += elimination.columns[:, v, :, None] * weighted[:, None]
+            at = [*at, *range(numbers.levels.start, numbers.levels.stop)]
+            columns += [np.where(self.sample.slot == slot, levels[:, v], 0.0) for slot in numbers.slots]
+            places = numbers.place[at]
+            slopes = power * np.stack(columns)[places >= 0]
+            places = places[places >= 0]
+            weighted = elimination.weight[:, v] * slopes
+            np.add.at(normal, np.ix_(places, places), slopes @ weighted.T)
+            np.add.at(pull, places, weighted @ rest[:, v])
+            for number, row in zip(places, weighted, strict=True):
+                scores[number] += np.bincount(cluster, row * rest[:, v], minlength=clusters)
+                across[:, number] += own[v] * row
         return normal - elimination.taken(across), pull, scores

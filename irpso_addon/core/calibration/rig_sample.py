@@ -112,6 +112,8 @@ class RigGeometry:
         self.sample = sample
         self.given = self._light(RigChange.none(len(sample.rig.groups), len(sample.rig.views)))
         of_view = [log_cosine(view.camera, sample.position - view.camera.position) for view in sample.rig.views]
+        self.to_camera = [_to_camera(view.camera, sample.position) for view in sample.rig.views]
+        self.given_angles: dict[tuple[int, str], tuple[F64, F64]] = {}  # by view and lamp
         self.cosine = np.stack([of_view[place] for place in sample.view], -1)  # (T, V) log of it to the camera's axis
         shown = np.array([(view.gain * 2.0**view.exposure, view.vignetting) for view in sample.rig.views])[sample.view]
         lit = np.array([float(view.ambient is None) for view in sample.rig.views])[sample.view]
@@ -139,8 +141,10 @@ class RigGeometry:
             for n, light in enumerate(view.lights):
                 share[v, light.name] = after[n] / np.where(total > 0, total, 1.0)
                 ratio = share[v, light.name] * old / np.maximum(before[n], 1e-30)
-                lobes[:, v, n] = _turned(lobes[:, v, n], _angles(lights[light.name], view.camera, sample),
-                                         _angles(light, view.camera, sample), np.where(before[n] > 0, ratio, 1.0))
+                if change.moves:
+                    lobes[:, v, n] = _turned(lobes[:, v, n], self._angles(lights[light.name], int(place)),
+                                             self._given_angles(light, int(place)))
+                lobes[:, v, n, 3] *= np.where(before[n] > 0, ratio, 1.0)
         exposed = shown.copy()
         diffuse = diffuse_shapes(lobes, texels.cos_v)
         if change.cosine or change.transmission:
@@ -165,6 +169,20 @@ class RigGeometry:
         sheen = brdf.principled_energy(SHEEN, np.clip(texels.cos_v, LEAST_COSINE, 1.0))[..., 1] / np.pi
         return Bent(ambient / irradiance, ambient * sheen[..., None] / irradiance,
                     irradiance * (shown * self.file)[..., None], float(np.exp(change.log_response)))
+
+    def _angles(self, light: Light, place: int) -> tuple[F64, F64]:
+        """(T,) each: N.L, and the squared sine of the half vector's angle; of the lamp's middle, in a view."""
+        L, N = to_middle(light, self.sample.position), self.sample.normal
+        H = L + self.to_camera[place]
+        H = H / np.maximum(length(H)[..., None], 1e-12)
+        return dot(N, L), 1 - np.clip(dot(N, H), -1, 1) ** 2
+
+    def _given_angles(self, light: Light, place: int) -> tuple[F64, F64]:
+        """The same of a lamp as it is given."""
+        of = place, light.name
+        if of not in self.given_angles:
+            self.given_angles[of] = self._angles(light, place)
+        return self.given_angles[of]
 
     def _light(self, change: RigChange) -> dict[str, tuple[F64, F64, Bool]]:
         """Of each lamp: irradiance over power (T,), slopes (T, 3), and where those are known (T,)."""
@@ -205,18 +223,14 @@ def to_middle(light: Light, position: F64) -> F64:
     return np.asarray(way / np.maximum(length(way)[..., None], 1e-12))
 
 
-def _angles(light: Light, camera: Camera, sample: RigSample) -> tuple[F64, F64]:
-    """(T,) each: N.L, and the squared sine of the half vector's angle; of the lamp's middle."""
-    to_camera = np.broadcast_to(-camera.forward, sample.position.shape) if camera.orthographic else (
-        camera.position - sample.position)
-    L, V = to_middle(light, sample.position), to_camera / np.maximum(length(to_camera)[..., None], 1e-12)
-    H = (L + V) / np.maximum(length(L + V)[..., None], 1e-12)
-    N = sample.normal
-    return dot(N, L), 1 - np.clip(dot(N, H), -1, 1) ** 2
+def _to_camera(camera: Camera, position: F64) -> F64:
+    """(T, 3) unit vectors."""
+    way = np.broadcast_to(-camera.forward, position.shape) if camera.orthographic else camera.position - position
+    return np.asarray(way / np.maximum(length(way)[..., None], 1e-12))
 
 
-def _turned(lobe: F64, now: tuple[F64, F64], given: tuple[F64, F64], share: F64) -> F64:
-    """(T, 4) a lobe as observed, its lamp moved by as much as the texel's own geometry says; share: of the light."""
+def _turned(lobe: F64, now: tuple[F64, F64], given: tuple[F64, F64]) -> F64:
+    """(T, 4) a lobe as observed, its lamp moved by as much as the texel's own geometry says."""
     cosine = np.clip(lobe[:, 2] + now[0] - given[0], LEAST_COSINE, 1.0)
     return np.stack([np.clip(lobe[:, 0] + now[1] - given[1], 0.0, 1.0), lobe[:, 1], cosine,
-                     lobe[:, 3] * share * np.clip(lobe[:, 2], LEAST_COSINE, 1.0) / cosine], -1)
+                     lobe[:, 3] * np.clip(lobe[:, 2], LEAST_COSINE, 1.0) / cosine], -1)

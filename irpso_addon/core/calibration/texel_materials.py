@@ -7,7 +7,7 @@ import numpy as np
 from ..data import F64, Bool
 from ..evaluation.joint_material import COSINES, HELD_TOGETHER, JointSearch, OneMaterial
 from ..evaluation.lobe_values import fresnel_ratio, lobe_values
-from ..evaluation.sampled_texels import Lobes, SampledTexels
+from ..evaluation.sampled_texels import Lobes, SampledTexels, one_lobe
 from ..shading import brdf
 from ..vectors import dot, mean
 from .paint import base_colours, paints_of
@@ -31,14 +31,21 @@ def materials_of(sample: RigSample, texels: SampledTexels, levels: bool) -> dict
     return found
 
 
-def lobes_of(sample: RigSample, texels: SampledTexels, materials: dict[int, OneMaterial]) -> Lobes:
-    """Each texel's own roughness at its material's level; ``texels``: of the sample, under some rig."""
-    roughness, level = np.full(len(sample.slot), 0.5), np.full(len(sample.slot), 0.5)
+def lobes_of(
+    sample: RigSample, texels: SampledTexels, materials: dict[int, OneMaterial], known: F64 | None = None,
+) -> Lobes:
+    """Each texel's own roughness at its material's level; ``texels``: of the sample, under some rig.
+
+    ``known``: (T,) roughness, if that is known already.
+    """
+    roughness, level = np.full(len(sample.slot), 0.5) if known is None else known, np.full(len(sample.slot), 0.5)
     for slot, one in materials.items():
         own = sample.slot == slot
         if own.any():
-            roughness[own], level[own] = _roughness(texels.part(own), one), one.level
-    return Lobes(np.stack([roughness, roughness], -1), np.ones(len(roughness)), level)
+            level[own] = one.level
+            if known is None:
+                roughness[own] = _roughness(texels.part(own), one)
+    return one_lobe(roughness, level)
 
 
 def _roughness(texels: SampledTexels, one: OneMaterial) -> F64:

@@ -1,0 +1,168 @@
+"""Which numbers of a rig are changed: the fewest that predict left-out views about as well as all.
+
+Half of the texels say what is to be changed; of the other half, views are left out in turn and predicted under the
+change.  So the change is judged by texels, and base colours by views, that had no part in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ..evaluation.folds import split
+from ..job import Steps, share_of
+from .contest import GIVEN, HALF, SURE, Contest
+from .free_numbers import LEAST_FIT, candidates, gains, is_off, pruned, sure_of_ambient
+from .rig_fit import ROUNDS, RigFound, fit_rig
+from .rig_numbers import Free
+from .rig_sample import RigSample
+from .shade import shows_shade
+
+# Power of the cosine.  Shoots that Cycles rendered show up to 0.02, one of flat faces under few lamps 0.06; photographs
+# of a matt figurine show 0.1 to 0.2.
+LEAST_BEND = 0.08
+PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Numbers that are worth changing, and the change by the sample that chose them."""
+
+    contest: Contest
+    taken: str  # the name of the rig in the contest
+    free: Free
+    found: RigFound
+
+    @property
+    def left(self) -> float:
+        """Relative: what predictions of left-out views are off by, robust."""
+        return self.contest.scale(self.taken)
+
+
+def chosen(sample: RigSample, lamps: bool, exposures: bool, tilts: bool) -> Steps[tuple[Chosen | None, bool]]:
+    """What is to be changed, and whether something seems to be off.  ``tilts``: of the texels' normals too."""
+    folds = split(sample.texels)
+    assert folds is not None
+    frees = candidates(sample, lamps, exposures, tilts)
+    quick = yield from share_of(fit_rig(sample, frees[-1], rounds=2), 0.0, 0.1)
+    if not frees[-1].levels:
+        levels = replace(frees[-1], levels=True)
+        other = yield from share_of(fit_rig(sample, levels, rounds=2), 0.1, 0.2)
+        if other.scatter < PAYS * quick.scatter:
+            quick, frees = other, [replace(free, levels=True) for free in frees]
+    if not is_off(quick):
+        return None, False
+    if not gains(quick):
+        return None, True
+    everything = yield from share_of(fit_rig(sample, frees[-1]), 0.2, 0.5)
+    if frees[-1].lamps and not gains(everything):
+        everything = yield from _from_afar(sample, frees[-1])
+    if not is_off(everything) or not gains(everything):
+        return None, True
+    whole, given, frees = frees[-1], everything, pruned(frees, everything)
+    if frees[-1] != whole:
+        everything = yield from share_of(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
+    contest = Contest(sample, everything, folds, tilts)
+    taken, found, kept = GIVEN, everything, frees[-1]
+    for n, free in enumerate(frees):
+        begin, middle, end = (0.5 + 0.5 * (n + part) / len(frees) for part in (0.0, 0.3, 1.0))
+        own = everything
+        if free != frees[-1]:
+            own = yield from share_of(fit_rig(sample, free, start=everything), begin, middle)
+        if not _explains(own, free, given, everything):
+            continue
+        contest.add(str(free), (yield from share_of(contest.predictions(free, own), middle, end)))
+        if contest.worth(free, taken) and (yield from _is_no_material(contest, free, everything, (middle, end))):
+            taken, found, kept = str(free), own, free
+            if own.scatter**2 - everything.scatter**2 < LEAST_FIT**2:  # more numbers explain no more
+                break
+    if taken == GIVEN:
+        return None, True
+    kept, found = yield from with_ambient(contest, kept, found)
+    bent, beside = yield from _with_diffuse(contest, kept, found)
+    if bent != kept and (yield from _is_response(contest, frees[-1], everything)):
+        return Chosen(contest, str(frees[-1]), frees[-1], everything), True
+    return Chosen(contest, taken, bent, beside), True
+
+
+def _from_afar(sample: RigSample, free: Free) -> Steps[RigFound]:
+    """All numbers at once run away where lamps are far off; lamps alone come near."""
+    lamps = Free(True, False, levels=free.levels, tilts=free.tilts)
+    near = yield from share_of(fit_rig(sample, lamps, rounds=2 * ROUNDS), 0.5, 0.5)
+    found = yield from share_of(fit_rig(sample, free, start=near, rounds=ROUNDS), 0.5, 0.5)
+    best = found if found.scatter < near.scatter else near
+    return replace(best, given=near.given, common=(near.common[0], best.common[1]))
+
+
+def with_ambient(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:
+    """A rig that is better than the given one, with ambient light if the fit is sure of it and predicts no worse.
+
+    One number more, which all views share, is not judged by halves of the texels: the lamps of two halves differ by
+    more than it explains.  Where places in the shade show it, lit places need only not contradict.
+    """
+    without = yield from share_of(fit_rig(contest.sample, free, start=found, rounds=ROUNDS), 1.0, 1.0)
+    if free.ambient or not free.lamps:
+        return free, without
+    lit = replace(free, ambient=True)
+    other = yield from share_of(fit_rig(contest.sample, lit, start=found, rounds=ROUNDS), 1.0, 1.0)
+    if not sure_of_ambient(other):
+        return free, without
+    for name, each in (("without", without), ("lit", other)):
+        contest.add(name, contest.of_whole(each))
+    fine = not contest.beats("without", "lit") if shows_shade(contest.sample) else (
+        contest.gain("lit", "without").sum() > 0)
+    return (lit, other) if fine else (free, without)
+
+
+def _with_diffuse(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound]]:
+    """The same beside a diffuse that is not Lambert's, if there is one: lamps lean to make up for it.
+
+    Real diffuse reflection is darker at grazing light, because light is refracted on its way in and out.  Lamps that
+    lean explain a power of the cosine about as well, so that prediction hardly tells the two apart.  But it is one
+    number, and near 0 where the diffuse is Lambert's.  All numbers of the diffuse must predict better.
+    """
+    if not free.lamps or free.response:
+        return free, found
+    best, name = (free, found), "lambert's"
+    contest.add(name, contest.of_whole(found))
+    for bent in (replace(free, cosine=True), replace(free, diffuse=True)):
+        other = yield from share_of(fit_rig(contest.sample, bent, start=found, rounds=ROUNDS), 1.0, 1.0)
+        contest.add(str(bent), contest.of_whole(other))
+        sure = abs(other.change.cosine) > max(SURE * other.error.cosine, LEAST_BEND)
+        if (sure and not contest.beats(name, str(bent))) if bent.cosine else contest.beats(str(bent), name):
+            best, name = (bent, other), str(bent)
+    return best
+
+
+def _explains(found: RigFound, free: Free, given: RigFound, everything: RigFound) -> bool:
+    """Whether a fit leaves clearly less over than the given rig: less than half of what neighbours have in common.
+
+    Lamps, exposures and a response can mimic what the model of the material lacks, but only in part.  Ambient light
+    alone must explain more than what would then be left for all other numbers.  ``given``: a fit that began there.
+    """
+    left, gain = found.scatter**2 - everything.scatter**2, given.given**2 - found.scatter**2
+    return gain > LEAST_FIT**2 and (left < gain if free.only_ambient else found.common[1] < HALF * given.common[0])
+
+
+def _is_no_material(contest: Contest, free: Free, start: RigFound, share: tuple[float, float]) -> Steps[bool]:
+    """Whether ambient light or a response predicts as well as a diffuse that is not Lambert's, a response better.
+
+    Such a diffuse bends brightness alike.  But some ambient light is in every room.
+    """
+    if not free.response and not free.only_ambient:
+        return True
+    other = replace(free, response=False, ambient=free.ambient and free.response, diffuse=True)
+    found = yield from share_of(fit_rig(contest.sample, other, start=start, rounds=ROUNDS), *share)
+    contest.add(str(other), (yield from share_of(contest.predictions(other, found), *share)))
+    if free.response:
+        return contest.beats(str(free), str(other))
+    return not contest.beats(str(other), str(free))
+
+
+def _is_response(contest: Contest, whole: Free, everything: RigFound) -> Steps[bool]:
+    """Whether what a diffuse that is not Lambert's would explain is the files' response.
+
+    It may have been too little to be worth it while nothing else was to explain it.  ``whole``: all numbers, if judged.
+    """
+    if not whole.response or str(whole) not in contest.left:
+        return False
+    return (yield from _is_no_material(contest, whole, everything, (1.0, 1.0)))
