@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+from collections import deque
 from collections.abc import Generator
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 
@@ -26,7 +29,9 @@ from .material_sample import LayerLight, observed_texels
 SAMPLE = 1500  # texels that say whether normals are refined
 MOST = 250_000  # texels that are fitted: pictures seldom tell more apart
 PADDING = 4  # texels around islands: what is interpolated there
-AT_ONCE = 600_000  # observations of light, of texels that are fitted together
+AT_ONCE = 80_000  # observations of light, of texels that are fitted together: as many as fit into a core's cache
+LEAST = 500  # texels that are fitted together: they say what is noise
+THREADS = min(os.cpu_count() or 1, 8)  # that fit texels, beside that which reads them
 
 
 def refined_normals(
@@ -54,12 +59,31 @@ def refined_normals(
                          _unit(normal[at][:, :3].astype(np.float64)), normal[at][:, 3].round().astype(np.int32),
                          np.zeros(len(blocks), np.int32), scale_known)
 
-    for done, at, blocks in _read(source, kept):
-        if at is not None and blocks is not None:
-            found.add(at, *_fitted(TiltSample.of(observed(at, blocks)), judged))
-        yield Progress(0.9 * done, "normals", "shading normals")
+    def fitted(at: tuple[I32, I32], blocks: F32) -> tuple[F64, F64]:
+        return _fitted(TiltSample.of(observed(at, blocks)), judged)
+
+    fits: deque[tuple[tuple[I32, I32], Future[tuple[F64, F64]]]] = deque()
+    pool = ThreadPoolExecutor(THREADS, "irpso-normals")
+    try:
+        for done, at, blocks in _read(source, kept):
+            if at is not None and blocks is not None:
+                fits.append((at, pool.submit(fitted, at, blocks)))
+            if len(fits) > THREADS:
+                _take(found, fits)
+            yield Progress(0.9 * done, "normals", "shading normals")
+        while fits:
+            _take(found, fits)
+            yield Progress(0.9, "normals", "shading normals")
+    finally:
+        pool.shutdown(cancel_futures=True)
     part = found.of((some, some)) if step > 1 else found
     return padded(part.offsets(judged.deviation), part.texels, PADDING)
+
+
+def _take(found: TexelTilts, fits: deque[tuple[tuple[I32, I32], Future[tuple[F64, F64]]]]) -> None:
+    """The fit that was begun first."""
+    at, fit = fits.popleft()
+    found.add(at, *fit.result())
 
 
 def _read(
@@ -67,7 +91,7 @@ def _read(
 ) -> Generator[tuple[float, tuple[I32, I32] | None, F32 | None], None, None]:
     """Share that is done, and rows, columns and the blocks (T, layers, blocks, 4) of some texels; or a pause."""
     device, layers = source.device, source.layers
-    each = max(AT_ONCE // (len(layers.groups) * max(layers.lights, 1)), 64)
+    each = max(AT_ONCE // (len(layers.groups) * max(layers.lights, 1)), LEAST)
     with device.scope():
         atlas = ObservationAtlas(device, source)
         w, h = atlas.tile
