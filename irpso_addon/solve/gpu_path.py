@@ -47,6 +47,7 @@ from .kept_images import KeptImages, ReadImage
 from .outlined_scene import Observed, through_right_cameras
 
 Result = TypeVar("Result")
+REFINED = 2.0  # times the noise of residuals: what refined normals are still off by is in all of a texel's observations
 STAGES = {  # share of a round's progress
     "pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.3), "cameras": (0.3, 0.3),
     "calibrate": (0.3, 0.33), "normals": (0.33, 0.35),
@@ -192,7 +193,8 @@ def _ladder(
     if sparse is not None:
         surface, slots = surface_of(device, maps, sparse), sparse.picked(slots)
         last = None if last is None else picked(last, sparse)
-    steps = Ladder(device, CameraSource(device, surface, views.observations, scene.mesh.extent), given.settings,
+    misfit = REFINED if isinstance(views.normals, NormalsJudged) else 1.0
+    steps = Ladder(device, CameraSource(device, surface, views.observations, scene.mesh.extent, misfit), given.settings,
                    Materials(slots, scene.mesh.slot_names), last, given.before, scale_known=scene.scale_known).solve()
     return (yield from (steps if sparse is None else looked(steps, sparse)))
 

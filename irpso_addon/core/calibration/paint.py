@@ -31,7 +31,7 @@ class Paint:
     def by_camera(self) -> tuple[I32, F64]:
         """Each layer's camera, (n,); and by how much each layer counts in each camera's sums, (n, cameras)."""
         group = np.argmax(self.cameras, 0).astype(np.int32)
-        return group, np.stack(self.cameras, -1) + OTHER_CAMERA
+        return group, np.stack(self.cameras, -1).astype(np.float64) + OTHER_CAMERA
 
 
 def paints_of(texels: SampledTexels) -> list[Paint]:

@@ -86,6 +86,7 @@ class Source(Protocol):
     pool_gain: float  # of 1: how much four texels together say, in units of what they say apart
     model_error: float  # relative, of the forward model: the floor of core.models.evidence
     least_gain: float  # of core.models.choose
+    misfit: float  # times the noise that residuals show: a texel's observations may err alike
     extent: float  # width of the maps in UV squares
     position: moderngl.Texture  # of the texels: world xyz, coverage
     principled_table: moderngl.Texture
@@ -156,7 +157,9 @@ class TexelSurface(Protocol):
 class CameraSource:
     """Texels matched to the pixels of the cameras that see them."""
 
-    def __init__(self, device: Device, grid: TexelSurface, observations: Observations, extent: float = 1.0) -> None:
+    def __init__(
+        self, device: Device, grid: TexelSurface, observations: Observations, extent: float = 1.0, misfit: float = 1.0,
+    ) -> None:
         self.device, self.grid, self.observations = device, grid, observations
         channels = observations.channels
         groups = tuple(i * channels + channel for i, camera in enumerate(observations.cameras)
@@ -171,6 +174,7 @@ class CameraSource:
         self.pool_gain = POOL_GAIN
         self.model_error = MODEL_ERROR
         self.least_gain = LEAST_GAIN
+        self.misfit = misfit
         self.extent = extent
         self.position = grid.position
         self.principled_table = observations.principled_table
@@ -262,6 +266,7 @@ class ArraySource:
         self.pool_gain = 1.0  # and each for itself
         self.model_error = 1e-4  # float32
         self.least_gain = 0.0
+        self.misfit = 1.0
         self.extent = 1.0
         self.position = device.texture(w, h, 4, np.ones((h, w, 4), np.float32))
         self.principled_table = device.texture(table.shape[1], table.shape[0], table.shape[2], table)

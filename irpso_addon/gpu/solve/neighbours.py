@@ -29,19 +29,20 @@ Textures = tuple[moderngl.Texture, ...]
 
 def noise_map(
     device: Device, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int, unknown: float,
-    cells: int | None = None,
+    cells: int | None = None, misfit: float = 1.0,
 ) -> tuple[moderngl.Texture, float]:
     """(log variance of the relative noise around each texel, at 1 / 2^NOISE_LEVELS of the size; its median variance).
 
     ``unknown``: variance where no camera has views enough to tell: only the scatter between cameras does then.
     ``cells``: in a row, of those that lie alike in neighbouring blocks: noise is averaged over no larger ones.
+    ``misfit``: as of `Source`.
     """
     levels = NOISE_LEVELS if cells is None else min(NOISE_LEVELS, (valleys.width // cells).bit_length() - 1)
     with device.scope() as owned:
         noise = device.texture(*valleys.size)
         with device.target([noise]) as target:
             device.draw("solve/noise.frag", target, Inputs(
-                {"u_valleys": valleys, "u_support": support}, defines={"LOBES": str(lobes)}))
+                {"u_valleys": valleys, "u_support": support}, {"u_misfit": misfit}, {"LOBES": str(lobes)}))
         for _ in range(levels):
             finer = noise
             noise = device.texture((finer.width + 1) // 2, (finer.height + 1) // 2)

@@ -326,7 +326,7 @@ class Solver(TilePasses):
         scatter = CAMERA_SLACK if self.source.layers.environment else neighbours.NOISE_FLOOR
         unknown = (self.source.camera_slack or scatter)**2
         cells = None if self.before.roughness is None else self.before.roughness.shape[1]
-        noise, variance = neighbours.noise_map(self.device, valleys, support, lobes, unknown, cells)
+        noise, variance = neighbours.noise_map(self.device, valleys, support, lobes, unknown, cells, self.source.misfit)
         if lobes in self.before.noise:
             variance = self.before.noise[lobes].variance
         if self.noise_map is not None:
