@@ -111,6 +111,13 @@ def test_a_map_of_more_texels_than_are_fitted(rough, monkeypatch) -> None:
     assert after.mean() < 0.6 * before.mean()
 
 
+def test_a_map_does_not_depend_on_how_many_threads_fit_it(rough, refined, monkeypatch) -> None:
+    monkeypatch.setattr("irpso_addon.gpu.solve.normal_texels.THREADS", 1)
+    alone = shoots.run(rough, **QUICK, size=96)
+    assert np.array_equal(alone.maps.normal, refined.maps.normal)
+    assert np.array_equal(alone.maps.roughness, refined.maps.roughness)
+
+
 def test_a_map_in_blocks_keeps_the_normals_of_the_mesh(rough, refined, tmp_path) -> None:
     """Blocks hold no normal map; the plan, which is one small map, may not promise one."""
     assert refined.normals is not None

@@ -15,11 +15,14 @@ from tests.support.texels import Texels, exact, finish
 NINETY = 1.6449  # standard deviations that hold 90 % of a normal distribution
 
 
-def solve(on_gl: Any, texels: Texels, lobes: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray, Solver]:
+def solve(
+    on_gl: Any, texels: Texels, lobes: int = 1, misfit: float = 1.0,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, Solver]:
     """(roughness map, detail map, base colour, the solver)."""
 
     def job(device: Device) -> tuple[np.ndarray, np.ndarray, np.ndarray, Solver]:
         source = texels.source(device)
+        source.misfit = misfit
         solver = Solver(device, source, SolveSettings(size=texels.quality.shape[0]))
         maps = finish(solver.solve_two() if lobes == 2 else solver.solve())
         found = maps.roughness if maps.pairs is None else maps.pairs
@@ -69,6 +72,14 @@ def test_neighbours_are_asked_where_there_is_noise(on_gl):
         assert solver.noise_of[1].neighbours is asked, spec
         noise = spec.get("noise", 0.0) / np.sqrt(3)  # the mean of three channels
         assert solver.noise == pytest.approx(noise, rel=0.3, abs=2e-4), spec
+
+
+def test_noise_counts_more_where_all_observations_of_a_texel_may_be_off(on_gl):
+    """What residuals show of noise is multiplied, and standard errors grow with it."""
+    _, texels = exact(size=64, noise=0.01)
+    (plain, _, _, first), (wary, _, _, second) = (solve(on_gl, texels, misfit=misfit) for misfit in (1.0, 2.0))
+    assert second.noise == pytest.approx(2 * first.noise, rel=1e-3)
+    assert 1.2 < np.median(wary[..., 1] / plain[..., 1]) < 2.0
 
 
 def test_neighbours_help(on_gl):
