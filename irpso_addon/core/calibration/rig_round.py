@@ -92,10 +92,13 @@ class RigRound:
         diffuse, specular = parts(self.seen.texels, lobes)
         return diffuse[..., 0], specular[..., 0]
 
-    def _levels(self) -> F64:
-        """(T, V) slopes of log radiance by Specular IOR Level."""
+    def _levels(self, slots: list[int]) -> list[F64]:
+        """(T, V) slopes of log radiance by the Specular IOR Level of each of some materials."""
+        if not slots:
+            return []
         diffuse, specular = self._parts(replace(self.lobes, level=self.lobes.level + STEP))
-        return np.asarray((self.base * diffuse + specular - self.predicted) / (self.predicted * STEP))
+        slopes = (self.base * diffuse + specular - self.predicted) / (self.predicted * STEP)
+        return [np.where((self.sample.slot == slot)[:, None], slopes, 0.0) for slot in slots]
 
     def common(self) -> float:
         """Relative: the part of what is left over that neighbouring texels have in common, which noise is not."""
@@ -180,12 +183,12 @@ class RigRound:
         normal, pull, scores = np.zeros((count, count)), np.zeros(count), np.zeros((count, clusters))
         own = np.ascontiguousarray(elimination.columns.transpose(1, 2, 0))  # (V, m, T)
         across = np.zeros((own.shape[1], count, len(rest)))
-        levels = self._levels() if numbers.slots else self.left
+        levels = self._levels(numbers.slots)
         power = 1.0 if self.seen.bent is None else self.seen.bent.power
         for v in range(rest.shape[1]):
             at, columns = self._columns(numbers, v)
             at = [*at, *range(numbers.levels.start, numbers.levels.stop)]
-            columns += [np.where(self.sample.slot == slot, levels[:, v], 0.0) for slot in numbers.slots]
+            columns += [level[:, v] for level in levels]
             places = numbers.place[at]
             slopes = power * np.stack(columns)[places >= 0]
             places = places[places >= 0]
