@@ -30,7 +30,7 @@ SAMPLE = 1500  # texels that say whether normals are refined
 MOST = 250_000  # texels that are fitted: pictures seldom tell more apart
 PADDING = 4  # texels around islands: what is interpolated there
 AT_ONCE = 80_000  # observations of light, of texels that are fitted together: as many as fit into a core's cache
-LEAST = 500  # texels that are fitted together: they say what is noise
+LEAST = 200  # texels that are fitted together: they say what is noise
 THREADS = min(os.cpu_count() or 1, 8)  # that fit texels, beside that which reads them
 
 
