@@ -111,6 +111,24 @@ def test_outliers_are_noticed_and_noise_is_not(on_gl, noise, share_of, found):
         assert told == pytest.approx(noise / np.sqrt(3), rel=0.3)
 
 
+def test_outliers_are_those_of_the_noise_itself(on_gl):
+    """However much more it counts: a third of the observations are outliers, which more noise would hide."""
+    problem = make(Spec("one-lobe", 12, 32, noise=0.002, outliers=0.3))
+
+    def told(device, misfit):
+        source = of_problem(problem).source(device)
+        source.misfit = misfit
+        solver = Solver(device, source, SolveSettings(size=32, loss="auto"))
+        maps = finish(solver.solve())
+        for thing in (maps.roughness, maps.detail, solver, source):
+            thing.release()
+        assert solver.robust
+        return solver.noise
+
+    plain, wary = (on_gl(lambda device, m=misfit: told(device, m)) for misfit in (1.0, 2.0))
+    assert wary == pytest.approx(2 * plain, rel=1e-3)  # 4.6 times where the search for outliers was told of more noise
+
+
 def solved(device, problem: Problem, loss: str):
     solver = Solver(device, of_problem(problem).source(device), SolveSettings(size=problem.spec.size, loss=loss))
     maps = finish(solver.solve())

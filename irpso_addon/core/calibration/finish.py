@@ -17,7 +17,6 @@ from .rig_fit import RigFound, fit_rig, shade_of
 from .rig_numbers import Free, tell_typical
 from .rig_sample import COLOURS, RigSample
 from .standard_errors import COMMON, unexplained
-from .texel_materials import lobes_of
 
 COLOURED = 1000  # texels that say the colour of light from all around
 
@@ -97,12 +96,9 @@ def ambient_of(sample: RigSample, free: Free, found: RigFound) -> Steps[tuple[fl
         return 0.0, 0.0, 0.0
     if sample.texels.reflected.shape[-1] < COLOURS:  # layers of one channel each: all of them share the light
         return grey, grey, grey
-    seen = sample.geometry.under(found.change).texels
-    roughness = lobes_of(sample, seen, found.materials).roughness[:, 0]
-    white = shade_of(sample, found, roughness)  # as what was found, weighted by base colours
+    white = shade_of(sample, found)  # as what was found, weighted by base colours
     if white:
-        red, green, blue = (
-            grey * (shade_of(sample.channel(n), found, roughness) or 0.0) / white for n in range(COLOURS))
+        red, green, blue = (grey * (shade_of(sample.channel(n), found) or 0.0) / white for n in range(COLOURS))
         return red, green, blue
     sample = sample.part(np.arange(len(sample.slot)) % max(len(sample.slot) // COLOURED, 1) == 0)
     radiance = []

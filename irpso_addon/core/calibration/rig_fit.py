@@ -73,12 +73,9 @@ def left_over(sample: RigSample, found: RigFound) -> F64:
     return np.where(now.good & (now.share > DIFFUSE), now.left, np.nan)
 
 
-def shade_of(sample: RigSample, found: RigFound, roughness: F64 | None = None) -> float | None:
-    """What places in the shade say of light from all around under the rig that was found; None: nothing.
-
-    ``roughness``: (T,) under that rig, if it is known.
-    """
-    shade = _round(sample, found, roughness=roughness).around_in_shade()
+def shade_of(sample: RigSample, found: RigFound) -> float | None:
+    """What places in the shade say of light from all around under the rig that was found; None: nothing."""
+    shade = _round(sample, found).around_in_shade()
     return None if shade is None else shade.value
 
 
@@ -100,10 +97,10 @@ def beside_tilts(sample: RigSample, found: RigFound, folds: Folds) -> list[F64]:
     return result
 
 
-def _round(sample: RigSample, found: RigFound, tilts: bool = False, roughness: F64 | None = None) -> RigRound:
+def _round(sample: RigSample, found: RigFound, tilts: bool = False) -> RigRound:
     """Under what was found."""
     seen = sample.geometry.under(found.change)
-    return RigRound(sample, paints_of(sample.texels), found.change, seen, found.materials, tilts, roughness=roughness)
+    return RigRound(sample, paints_of(sample.texels), found.change, seen, found.materials, tilts)
 
 
 class _RigFit:

@@ -47,14 +47,11 @@ class RigRound:
 
     def __init__(
         self, sample: RigSample, paints: list[Paint], change: RigChange, seen: Seen, materials: dict[int, OneMaterial],
-        tilts: bool = False, weight: F64 | None = None, roughness: F64 | None = None,
+        tilts: bool = False, weight: F64 | None = None,
     ) -> None:
-        """``seen``: the sample under the change; ``tilts``: texels have them.
-
-        ``weight``, (T, V), and ``roughness``, (T,): of a round before.
-        """
+        """``seen``: the sample under the change; ``tilts``: texels have them; ``weight``: (T, V) of a round before."""
         self.sample, self.paints, self.change, self.seen = sample, paints, change, seen
-        texels, lobes = seen.texels, lobes_of(sample, seen.texels, materials, roughness)
+        texels, lobes = seen.texels, lobes_of(sample, seen.texels, materials)
         self.lobes = lobes
         diffuse, specular = self._parts(lobes)
         rougher = self._parts(replace(lobes, roughness=lobes.roughness * (1 + STEP)))

@@ -31,20 +31,13 @@ def materials_of(sample: RigSample, texels: SampledTexels, levels: bool) -> dict
     return found
 
 
-def lobes_of(
-    sample: RigSample, texels: SampledTexels, materials: dict[int, OneMaterial], known: F64 | None = None,
-) -> Lobes:
-    """Each texel's own roughness at its material's level; ``texels``: of the sample, under some rig.
-
-    ``known``: (T,) roughness, if that is known already.
-    """
-    roughness, level = np.full(len(sample.slot), 0.5) if known is None else known, np.full(len(sample.slot), 0.5)
+def lobes_of(sample: RigSample, texels: SampledTexels, materials: dict[int, OneMaterial]) -> Lobes:
+    """Each texel's own roughness at its material's level; ``texels``: of the sample, under some rig."""
+    roughness, level = np.full(len(sample.slot), 0.5), np.full(len(sample.slot), 0.5)
     for slot, one in materials.items():
         own = sample.slot == slot
         if own.any():
-            level[own] = one.level
-            if known is None:
-                roughness[own] = _roughness(texels.part(own), one)
+            roughness[own], level[own] = _roughness(texels.part(own), one), one.level
     return one_lobe(roughness, level)
 
 

@@ -171,6 +171,8 @@ class Solver(TilePasses):
         chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
         variance = self._noise(outputs[0], outputs[1], 1)
         outputs, variance = yield from self._believed(chosen, outputs, variance)
+        if self.source.misfit != 1:  # outliers are those of the noise itself
+            variance = self._noise(outputs[0], outputs[1], 1, self.source.misfit)
         self.noise_of[1] = self.before.noise.get(1, Noise(variance, self._unsure(variance, outputs[1])))
         return Searched(chosen, outputs, variance)
 
@@ -261,7 +263,7 @@ class Solver(TilePasses):
             pairs, support, variances = self.textures(3)
             done = yield from self._search(chosen, [pairs, support, variances], 2)
             chosen = chosen[:done]
-            variance = self._noise(pairs, support, 2)
+            variance = self._noise(pairs, support, 2, self.source.misfit)
             floor = {**self._floor(variance), "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": 6}
             self.noise_of[2] = self.before.noise.get(2, Noise(variance, variance > QUIET**2))
             pooled = self.noise_of[2].neighbours
@@ -319,14 +321,17 @@ class Solver(TilePasses):
         return albedo
 
     def _noise(
-        self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int
+        self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int, misfit: float = 1.0,
     ) -> float:
-        """Maps the noise; returns its median variance, by which the slack between cameras is set too."""
+        """Maps the noise; returns its median variance, by which the slack between cameras is set too.
+
+        ``misfit``: as of `Source`.
+        """
         # Under an environment noise is the scatter between cameras: what is typical where no texel can tell.
         scatter = CAMERA_SLACK if self.source.layers.environment else neighbours.NOISE_FLOOR
         unknown = (self.source.camera_slack or scatter)**2
         cells = None if self.before.roughness is None else self.before.roughness.shape[1]
-        noise, variance = neighbours.noise_map(self.device, valleys, support, lobes, unknown, cells, self.source.misfit)
+        noise, variance = neighbours.noise_map(self.device, valleys, support, lobes, unknown, cells, misfit)
         if lobes in self.before.noise:
             variance = self.before.noise[lobes].variance
         if self.noise_map is not None:
