@@ -12,6 +12,7 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.observe import observation_atlas as gpu_atlas
 from irpso_addon.solve import pipeline
+from tests.support import shoots
 from tests.support import synthetic as syn
 from tests.support.shoots import SIZE, errors, run, turned_away
 from tests.support.texels import held
@@ -21,22 +22,8 @@ def stopped(shoot: syn.Shoot, stage: str, monkeypatch: pytest.MonkeyPatch, after
             message: str = "") -> Solution:
     """Stop at the ``after``-th step of a stage whose message begins so; the pipeline's own answer to Cancelled."""
     monkeypatch.setattr(gpu_atlas, "TILE", (16, 16))
-
-    def job():
-        steps = pipeline.solve(shoot.scene, SolveSettings(size=SIZE), shoot.read_image)
-        seen = 0
-        try:
-            while True:
-                step = next(steps)
-                seen += step.stage == stage and step.message.startswith(message)
-                if seen == after:
-                    seen += 1
-                    step = steps.throw(Cancelled())
-                yield step
-        except StopIteration as stop:
-            return stop.value
-
-    return thread.run(job)
+    return thread.run(lambda: shoots.stopped(
+        pipeline.solve(shoot.scene, SolveSettings(size=SIZE), shoot.read_image), stage, after, message))
 
 
 def test_a_stop_in_the_search_keeps_what_was_found(patches, monkeypatch):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.data import Solution
-from irpso_addon.core.errors import Cancelled
 from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.job import Progress
 from irpso_addon.core.live_maps import Live
@@ -19,6 +18,7 @@ from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.solve.model_ladder import Ladder
 from irpso_addon.solve import gpu_path, pipeline, tiled_solve
 from irpso_addon.solve.plan_preparation import TiledRequest
+from tests.support import shoots
 from tests.support import synthetic as syn
 from tests.support.shoots import errors, rig, run
 
@@ -116,12 +116,9 @@ def _looking(steps, look):  # type: ignore[no-untyped-def]
 
 @pytest.mark.parametrize("stage", ["solve", "maps"])
 def test_a_stop_keeps_what_was_found(shoot: syn.Shoot, second: Solution, stage: str) -> None:
-    seen: list[Progress] = []
     settings = SolveSettings(size=SIZE, model="one-lobe", lamps="given", exposures="given", normals="mesh")
-    with pytest.raises(Cancelled) as stop:
-        thread.run(lambda: pipeline.solve(shoot.scene, settings, shoot.read_image), on_progress=seen.append,
-                   should_stop=lambda: sum(step.stage == stage for step in seen) > 4)
-    found = stop.value.partial
+    found = thread.run(lambda: shoots.stopped(
+        pipeline.solve(shoot.scene, settings, shoot.read_image), stage, 5))
     assert isinstance(found, Solution) and found.cancelled and found.stride == 2
     maps = found.maps
     solved = maps.coverage & ~maps.filled

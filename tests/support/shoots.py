@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from irpso_addon.core.data import Light, Solution
+from irpso_addon.core.errors import Cancelled
+from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline
@@ -68,3 +71,20 @@ def turned_away(shoot: syn.Shoot, count: int) -> syn.Shoot:
         away = syn.camera(camera.position, 2 * camera.position, name="away")
         views[i] = replace(views[i], camera=away)
     return replace(shoot, scene=replace(shoot.scene, views=tuple(views)))
+
+
+def stopped(
+    steps: Generator[Progress, None, Solution], stage: str, after: int, message: str = "",
+) -> Generator[Progress, None, Solution]:
+    """Told to stop at the ``after``-th step of a stage whose message begins so; what it answers to Cancelled."""
+    seen = 0
+    try:
+        while True:
+            step = next(steps)
+            seen += step.stage == stage and step.message.startswith(message)
+            if seen == after:
+                seen += 1
+                step = steps.throw(Cancelled())
+            yield step
+    except StopIteration as stop:
+        return stop.value  # type: ignore[no-any-return]

@@ -95,7 +95,7 @@ class Device(DeviceMemory):
     ) -> None:
         """Run ``shaders/<fragment>`` once for every pixel of the target, or of its viewport, or of ``cells`` of it."""
         vertex = "include/occupied_cells.vert" if cells else "include/screen.vert"
-        program = self.programs.get(vertex, fragment, inputs.defines)
+        program = self.programs.get(vertex, fragment, {**inputs.defines, **self._variant(inputs.textures)})
         key = fragment, program.glo, target.size
         whole = viewport or (0, 0, target.width, target.height)
         self.bind(program, inputs.textures)
@@ -121,6 +121,18 @@ class Device(DeviceMemory):
         self.ctx.viewport = viewport
         self._quads[program.glo].render(moderngl.TRIANGLES, vertices=3)
 
+    def _variant(self, textures: Mapping[str, Textures]) -> dict[str, str]:
+        """A define with which programs for other textures are others.
+
+        Mesa's software renderer compiles for whether a texture's sides are powers of two, and its cache on disk keeps
+        what a program was compiled to first, but nothing that it was compiled to later (decision 0044).
+        """
+        if not self.is_software:
+            return {}
+        sides = (side for value in textures.values() for texture in (value if isinstance(value, tuple) else (value,))
+                 if texture is not None for side in texture.size)
+        return {"VARIANT": "V" + "".join("01"[side & (side - 1) == 0] for side in sides)}
+
     def kernel(self, name: str, target: moderngl.Framebuffer, inputs: Inputs, region: Rectangle) -> None:
         """Run the kernel ``shaders/<name>`` on a region (x, y, width, height) of the target's textures.
 
@@ -138,7 +150,8 @@ class Device(DeviceMemory):
         None: its pixels.
         """
         outputs = target.color_attachments
-        program = self._kernel_program(name, {**inputs.defines, "OUTPUTS": str(len(outputs))})
+        defines = {**inputs.defines, **self._variant(inputs.textures), "OUTPUTS": str(len(outputs))}
+        program = self._kernel_program(name, defines)
         key = name, program.glo, target.size
         for part, units in rectangles(region, lambda: self.budget.most(key), work):
             self.bind(program, inputs.textures)

@@ -29,7 +29,7 @@ SIDE = 8  # texels: width of a square
 SQUARES = 64  # over which what differs from place to place shows ...
 FEWEST = 40  # ... or, to bound the time, so few
 LAYERS = 36  # with which a sample still has all its squares
-WIDTH = 96  # texels: of the packed grid
+WIDTH = 96  # texels: of a row of squares
 LEAST_SHARE = 0.25  # of a square that the material must cover
 CLUSTER = 8  # texels: width of the squares whose errors are taken to be alike
 FEW = 256  # directions that stand for an environment where shadows are left out
@@ -75,8 +75,14 @@ class Squares:
 
     @property
     def _shape(self) -> tuple[int, int]:
+        """Powers of two, as most maps have: Mesa's software renderer compiles again for others (decision 0044)."""
         columns = WIDTH // self.side
-        return -(-len(self.corners) // columns) * self.side, min(columns, len(self.corners)) * self.side
+        rows = -(-len(self.corners) // columns)
+        return _power_of_two(rows * self.side), _power_of_two(min(columns, len(self.corners)) * self.side)
+
+
+def _power_of_two(least: int) -> int:
+    return 1 << (least - 1).bit_length()
 
 
 def squares_for(layers: int) -> int:

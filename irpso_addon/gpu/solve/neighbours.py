@@ -161,7 +161,8 @@ def _handed_down(
     ``evidence``: 0..1, how much of the tables counts where it is judged whether a cell's kinds are apart.
     """
     found = tuple(device.texture(*level.size) for _ in range(2))
-    above = {} if parents is None else {"u_parent": parents[1], "u_parent_colour": parents[0].colours}
+    cells, estimates = parents or (level, level.colours)  # at the top nothing is read of them
+    above = {"u_parent": estimates, "u_parent_colour": cells.colours} if len(estimates) == 2 else {}
     with device.target(found) as target:
         device.draw("solve/descend.frag", target, Inputs({**level.inputs(), **above}, {
             "u_top": parents is None, "u_step": ROUGHNESS_SLOPE * extent / level.size[0], "u_prior_cut": PRIOR_CUT,
