@@ -1,7 +1,8 @@
 """The benchmark: ``python -m studies.bench``.  Needs numpy, moderngl and matplotlib, no Blender; rivals as installed.
 
 Writes front.json, front.png, front.svg and README.md into docs/benchmarks/, and prints the list.  --parts and --methods
-pick; --redraw makes chart and page anew from the last figures.  --gpu-report writes what a GPU does into one file.
+pick; --redraw makes chart and page anew from the last figures.  --earlier draws our own methods of an earlier run in
+grey, from ``git show COMMIT:docs/benchmarks/front.json``.  --gpu-report writes what a GPU does into one file.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--parts", nargs="+", choices=parts, default=parts,
                         help="default: all; the others are kept from the last run")
     parser.add_argument("--redraw", action="store_true", help="measure nothing")
+    parser.add_argument("--earlier", type=Path, metavar="FILE", help="an earlier front.json")
     parser.add_argument("--gpu-report", nargs="?", type=Path, const=Path(gpu_report.FILE), metavar="FILE",
                         help=f"measure this device alone, into a file to send (default {gpu_report.FILE})")
     return parser.parse_args()
@@ -61,12 +63,15 @@ def main() -> int:
     if stored.exists():
         last = json.loads(stored.read_text(encoding="utf-8"))
         record = last if last["size"] == chosen.size or chosen.redraw else record
+    if chosen.earlier is not None:
+        record["earlier"] = _earlier(json.loads(chosen.earlier.read_text(encoding="utf-8")))
     if not chosen.redraw:
         measure(record, chosen, lambda words: print(f"{time.perf_counter() - start:6.1f} s  {words}", flush=True))
+    if not chosen.redraw or chosen.earlier is not None:
         stored.write_text(json.dumps(record).replace('{"problem"', '\n{"problem"') + "\n", encoding="utf-8")
     front = [c for c in record["curves"] if not c["problem"]["plane"]]
     if front:
-        chart.draw(front, record["machine"], OUT / "front")
+        chart.draw(front, record["machine"], OUT / "front", record.get("earlier"))
     page = write(record, OUT)
     print(summary(record))
     for row in judge(record):
@@ -74,6 +79,11 @@ def main() -> int:
         print(f"{'':9}{f'wanted {row.wanted}; ' * bool(row.wanted)}reached {row.reached}")
     print(f"{page.relative_to(ROOT)} written; {time.perf_counter() - start:.0f} s")
     return 0
+
+
+def _earlier(record: Record) -> Record:
+    """Our own methods' curves of an earlier run."""
+    return {"machine": record["machine"], "curves": [c for c in record["curves"] if c["family"] == "irpso"]}
 
 
 def summary(record: Record) -> str:

@@ -34,15 +34,23 @@ FLOOR = 1e-6  # errors below are drawn here: float32 knows no better
 COLUMNS = (("albedo", "albedo error (RMSE)"), ("roughness", "roughness error (mean)"))
 
 
-def draw(curves: Sequence[dict[str, Any]], machine: dict[str, str], out: Path) -> list[Path]:
-    """Write ``out`` with .png and .svg; curves and machine as studies/bench/measure.py makes them."""
+def draw(
+    curves: Sequence[dict[str, Any]], machine: dict[str, str], out: Path, earlier: dict[str, Any] | None = None,
+) -> list[Path]:
+    """Write ``out`` with .png and .svg; curves and machine as studies/bench/measure.py makes them.
+
+    ``earlier``: machine and curves of a run before, in grey.
+    """
     titles = list(dict.fromkeys(c["title"] for c in curves))
     figure = Figure(figsize=(10, 2.0 + 3.0 * len(titles)))
     FigureCanvasAgg(figure)  # no window, whatever the machine
     axes = figure.subplots(len(titles), 2, squeeze=False, sharex=True)
     drawn: dict[str, Any] = {}
+    before, name = (earlier["curves"], f"IRPSO at {earlier['machine']['commit']}") if earlier else ((), "")
     for row, title in zip(axes, titles, strict=True):
         for axis, (key, label) in zip(row, COLUMNS, strict=True):
+            for curve in (c for c in before if c["title"] == title):
+                drawn[name] = _before(axis, curve, key)
             for curve in (c for c in curves if c["title"] == title):
                 drawn[curve["label"]] = _curve(axis, curve, key)
             _dress(axis, f"{title}: {label}")
@@ -74,6 +82,12 @@ def _curve(axis: Axes, curve: dict[str, Any], key: str) -> Any:
         axis.annotate(curve["label"], (x[i], y[i]), xytext=(10 if right else -10, 5), textcoords="offset points",
                       ha="left" if right else "right", color=style["color"], fontsize=9.5, fontweight="bold", zorder=8,
                       bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5})
+    return line
+
+
+def _before(axis: Axes, curve: dict[str, Any], key: str) -> Any:
+    style = {**STYLES[curve["method"]], "color": "#b8b8b8", "linewidth": 2.0, "markersize": 4, "zorder": 1}
+    line, = axis.plot([p["seconds"] for p in curve["points"]], [max(p[key], FLOOR) for p in curve["points"]], **style)
     return line
 
 

@@ -150,8 +150,9 @@ def test_chart_and_page(tmp_path: Any) -> None:
                "points": [p]} for m, p in (("refined", point), ("paper", slow))]
     machine = dict.fromkeys(("cpu", "gl", "gl_version", "compute", "system", "packages", "commit", "date"), "x")
     record = json.loads(json.dumps({"size": 128, "machine": machine, "curves": curves, "tables": {}}))
-    png, svg = chart.draw(record["curves"], machine, tmp_path / "front")
-    assert png.stat().st_size > 10_000 and "</svg>" in svg.read_text()
+    earlier = {"machine": {**machine, "commit": "abc1234"}, "curves": record["curves"]}
+    png, svg = chart.draw(record["curves"], machine, tmp_path / "front", earlier)
+    assert png.stat().st_size > 10_000 and "</svg>" in svg.read_text() and "IRPSO at abc1234" in svg.read_text()
     row, = judge(record)
     assert row.met and row.reached.startswith("500 times")
     record["curves"][1]["points"][0]["seconds"] = 2.0
