@@ -31,7 +31,9 @@ from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline
 
 REPEATS = 3
-SIZES = {"refined": (128, 192, 224, 256, 384, 512), "draft": (128, 256, 512)}
+# Settings and sizes; "auto" is the default.
+SETTINGS = {"auto": ({}, (128, 256, 512)), "refined": ({"model": "one-lobe"}, (128, 192, 224, 256, 384, 512)),
+            "draft": ({"model": "one-lobe", "method": "draft"}, (128, 256, 512))}
 
 
 def main(capture: Path, export: Path, out: Path) -> None:
@@ -40,9 +42,9 @@ def main(capture: Path, export: Path, out: Path) -> None:
     scene = read_scene(None, None, capture / "captures.json")
     judge = np.load(export / "judge.npz")
     rows, device = [], {}
-    for method, sizes in SIZES.items():
+    for method, (given, sizes) in SETTINGS.items():
         for size in sizes:
-            settings = SolveSettings(size=size, method=method, model="one-lobe")
+            settings = SolveSettings(size=size, **given)
             runs = [solve(scene, settings) for _ in range(1 + REPEATS)]
             seconds = [elapsed for elapsed, _ in runs[1:]]
             solution = runs[-1][1]

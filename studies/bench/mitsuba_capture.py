@@ -29,7 +29,7 @@ from studies import pages  # noqa: E402
 
 HERE = Path(__file__).resolve().parent
 PARTS = ("judge", "irpso", "stock", "matched")
-LABELS = {"refined": "refined", "draft": "draft", "stock": "Mitsuba, principled", "matched": "Mitsuba, matched",
+LABELS = {"auto": "as it comes", "refined": "one lobe", "draft": "one lobe, draft", "stock": "Mitsuba, principled", "matched": "Mitsuba, matched",
           "nosolver": "no solver"}
 COLUMNS = (  # title, mask, error, log axis, more is better
     ("base colour, PSNR in dB", "seen", "albedo_psnr", False, True),
@@ -80,7 +80,7 @@ def collect(capture, work):
     """All of one capture's rows: method -> list of {seconds, seen, informed, ...}."""
     irpso = json.loads((work / "irpso.json").read_text())
     judge, nosolver = np.load(work / "judge.npz"), np.load(work / "nosolver.npz")
-    rows = {"refined": [], "draft": []}
+    rows = {"auto": [], "refined": [], "draft": []}
     for row in irpso["rows"]:
         rows[row["method"]].append(row)
     versions = irpso["versions"] | {"renderer": irpso["device"]["renderer"]}
@@ -123,13 +123,13 @@ def chart(record, stem):
             Curve(LABELS[method], place, None if rows[0]["seconds"] is None else [row["seconds"] for row in rows],
                   [row[mask][error] for row in rows],
                   [str(row["size"]) if row in (rows[0], rows[-1]) else "" for row in rows]
-                  if method == "refined" else ())
-            for place, (method, rows) in zip((0, 1, 4, 5, 6), capture["rows"].items(), strict=True)],
+                  if method == "auto" else ())
+            for place, (method, rows) in zip((3, 0, 1, 4, 5, 6), capture["rows"].items(), strict=True)],
             log=log, up=up) for title, mask, error, log, up in COLUMNS])
     first = next(iter(record["captures"].values()))
     draw(list(zip(*columns, strict=True)),
          f"Captures of {first['views']} views, {first['pixels']} pixels: accuracy against the time of the whole solve "
-         "(refined: the points are map sizes)", machine_line(record), stem)
+         "(IRPSO: the points are map sizes)", machine_line(record), stem)
 
 
 def page(record, path):
