@@ -179,6 +179,11 @@ def _sparse(views: _Views, given: Given) -> SparseTexels | None:
     return None if stride == 1 else SparseTexels.of(views.grid.position, _slots(views, given), stride)
 
 
+def keeps_normals(scene: SceneData) -> bool:
+    """Whether a part is solved, under the refined normals that the last result has."""
+    return scene.region is not None and scene.start is not None and scene.start.maps.normal is not None
+
+
 def _slots(views: _Views, given: Given) -> I32:
     """(n, n) material slot of each texel to solve, -1 elsewhere."""
     return np.where(given.part.solved, views.grid.slots, -1)
@@ -193,7 +198,7 @@ def _ladder(
     if sparse is not None:
         surface, slots = surface_of(device, maps, sparse), sparse.picked(slots)
         last = None if last is None else picked(last, sparse)
-    misfit = REFINED if isinstance(views.normals, NormalsJudged) else 1.0
+    misfit = REFINED if isinstance(views.normals, NormalsJudged) or keeps_normals(scene) else 1.0
     steps = Ladder(device, CameraSource(device, surface, views.observations, scene.mesh.extent, misfit), given.settings,
                    Materials(slots, scene.mesh.slot_names), last, given.before, scale_known=scene.scale_known).solve()
     return (yield from (steps if sparse is None else looked(steps, sparse)))

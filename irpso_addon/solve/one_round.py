@@ -31,7 +31,7 @@ from ..gpu.gbuffer.gbuffer import overlap_counts
 from ..gpu.maps.check_views import check_views, with_view_pictures
 from ..gpu.maps.finish_maps import FinishedMaps
 from ..gpu.maps.partial_solve import PartialSolve, earlier_result_of, partial_solve_of
-from .gpu_path import Clock, Given, Solved, TexelGrid, draw_texels, solve_grid
+from .gpu_path import Clock, Given, Solved, TexelGrid, draw_texels, keeps_normals, solve_grid
 from .kept_images import ReadImage
 
 NO_CONFIDENCE = "method paper: gives no uncertainty; confidence is 0 and the standard errors are 0.5 everywhere"
@@ -107,7 +107,7 @@ def one_round(
         checks, pictures = yield from clock.stage("maps", _checks(scene, settings, solved.made, grid))
         solution = _solution(scene, settings, gbuffer, solved, part)
         normals = _normals(grid, solved)
-        if normals is not None or _keeps_normals(scene):
+        if normals is not None or keeps_normals(scene):
             solution = replace(solution, maps=replace(
                 solution.maps, normal=encoded(scene.mesh, solved.grid.normal, grid.coverage)))
         lines = (*calibrated(solved.calibration), *refined(normals), *solution.warnings,
@@ -130,11 +130,6 @@ def _normals(given: TexelGrid, solved: Solved) -> RefinedNormals | None:
     chord = np.linalg.norm(given.normal[seen].astype(np.float64) - solved.grid.normal[seen], axis=-1)
     tilt = 2 * np.degrees(np.arcsin(np.clip(chord / 2, 0, 1)))
     return RefinedNormals(float(np.median(tilt)) if len(tilt) else 0.0, judged.given, judged.refined)
-
-
-def _keeps_normals(scene: SceneData) -> bool:
-    """Whether a part is solved, under the normals that the last result has."""
-    return scene.region is not None and scene.start is not None and scene.start.maps.normal is not None
 
 
 def _calibration(scene: SceneData, solved: Solved) -> Calibration | None:

@@ -122,7 +122,7 @@ class Device(DeviceMemory):
         self._quads[program.glo].render(moderngl.TRIANGLES, vertices=3)
 
     def _variant(self, textures: Mapping[str, Textures]) -> dict[str, str]:
-        """A define with which programs for other textures are others.
+        """A define that tells a program for textures of one kind from the same program for those of another.
 
         Mesa's software renderer compiles for whether a texture's sides are powers of two, and its cache on disk keeps
         what a program was compiled to first, but nothing that it was compiled to later (decision 0044).
