@@ -29,8 +29,8 @@ from studies import pages  # noqa: E402
 
 HERE = Path(__file__).resolve().parent
 PARTS = ("judge", "irpso", "stock", "matched")
-LABELS = {"auto": "as it comes", "refined": "one lobe", "draft": "one lobe, draft", "stock": "Mitsuba, principled", "matched": "Mitsuba, matched",
-          "nosolver": "no solver"}
+LABELS = {"auto": "as it comes", "refined": "one lobe", "draft": "one lobe, draft", "stock": "Mitsuba, principled",
+          "matched": "Mitsuba, matched", "nosolver": "no solver"}
 COLUMNS = (  # title, mask, error, log axis, more is better
     ("base colour, PSNR in dB", "seen", "albedo_psnr", False, True),
     ("roughness, mean error", "seen", "rough_mae", True, False),
