@@ -287,6 +287,17 @@ def test_one_place_counts_no_more_than_all_others() -> None:
     np.testing.assert_array_equal(limited(values[:1], places[:1]), values[:1])
 
 
+def test_one_mirrored_lamp_does_not_make_errors_small() -> None:
+    """It is nearly all of the radiance; half of the rest is not predicted, nor is the lamp."""
+    texels, _ = sampled(60, 12, 2, np.full(60, 0.6))
+    folds = split(texels)
+    texels.reflected[30, 7] *= 300.0
+    judge = Judge(texels, folds)
+    judge.add("half", [0.5 * texels.reflected for _ in folds.left_out])
+    assert (judge.radiance[30] ** 2).sum() > 100 * (np.delete(judge.radiance, 30, 0) ** 2).sum()
+    assert judge.error("half").relative_rms == pytest.approx(0.5, rel=1e-6)
+
+
 @pytest.mark.parametrize("place", [1, 6])
 def test_highlights_of_one_place_that_are_predicted_too_bright_do_not_choose_the_model(place: int) -> None:
     """A roughness of each texel is right, but at one place of so many, whose highlights the folds see too sharp."""

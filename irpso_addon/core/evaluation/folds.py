@@ -112,11 +112,15 @@ class Judge:
         return Candidate((off**2).sum((1, 2)), (light**2).mean(2).sum(1))
 
     def error(self, name: str) -> PredictionError:
-        """Of a candidate, over all that was left out; `limited`: of the surface, not of one place."""
+        """Of a candidate, over all that was left out; `limited`, errors and radiance alike: of the surface, not one place.
+
+        Else one mirrored lamp, which is most of the radiance, would hide that nothing is predicted.
+        """
         candidate = self.candidates[name]
         squares, light = (
             float(limited(of, self.clusters).sum()) for of in (candidate.squares, candidate.lightness))
-        signal = float((self.radiance[self.judged] ** 2).sum())
+        shown = (np.where(self.judged[..., None], self.radiance, 0.0) ** 2).sum((1, 2))
+        signal = float(limited(shown, self.clusters).sum())
         return PredictionError(float(np.sqrt(squares / max(signal, 1e-30))),
                                float(np.sqrt(light / max(int(self.judged.sum()), 1))))
 
