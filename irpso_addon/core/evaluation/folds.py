@@ -112,9 +112,9 @@ class Judge:
         return Candidate((off**2).sum((1, 2)), (light**2).mean(2).sum(1))
 
     def error(self, name: str) -> PredictionError:
-        """Of a candidate, over all that was left out; `limited`, errors and radiance alike: of the surface, not one place.
+        """Of a candidate, over all that was left out; `limited`: of the surface, not of one place.
 
-        Else one mirrored lamp, which is most of the radiance, would hide that nothing is predicted.
+        Errors and radiance alike: else one mirrored lamp, most of the radiance, hides that nothing is predicted.
         """
         candidate = self.candidates[name]
         squares, light = (
