@@ -288,7 +288,7 @@ def test_one_place_counts_no_more_than_all_others() -> None:
 
 
 def test_one_mirrored_lamp_does_not_make_errors_small() -> None:
-    """It is nearly all of the radiance; half of the rest is not predicted, nor is the lamp."""
+    """It is nearly all of the radiance; of everything half is predicted."""
     texels, _ = sampled(60, 12, 2, np.full(60, 0.6))
     folds = split(texels)
     texels.reflected[30, 7] *= 300.0
