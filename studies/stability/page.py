@@ -64,7 +64,8 @@ def joined(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, Any]:
     order = [axis.key for axis in (*AXES, ROW)]
     axes = {**kept, **now["axes"]}
     made = {"commit": now["machine"]["commit"], "date": now["machine"]["date"], "seeds": now["seeds"]}
-    apart = {**before.get("apart", {}), **dict.fromkeys(now["axes"], made)}
+    fresh = [key for key, points in now["axes"].items() if before["axes"].get(key) != points]  # others are older
+    apart = {**before.get("apart", {}), **dict.fromkeys(fresh, made)}
     return {"machine": before["machine"], "seeds": before["seeds"], "apart": apart,
             "identical": now["identical"] or before.get("identical"),
             "axes": {key: axes[key] for key in order if key in axes}}

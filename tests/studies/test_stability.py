@@ -333,6 +333,9 @@ def test_an_axis_measured_later_joins_the_others() -> None:
     assert both["machine"] == old["machine"] and both["seeds"] == 20 and both["identical"] == "all alike"
     assert both["apart"] == {key: {"commit": "b", "date": "y", "seeds": 6} for key in ("coat", "views")}
     assert page.joined({}, new) == new and page.joined(new, both) == both
+    later = {**new, "machine": {"commit": "c", "date": "z"}, "seeds": 20, "axes": {**new["axes"], "tone": {"1": 6}}}
+    kept = page.joined(both, later)["apart"]  # records of the run before are still at hand, and not measured again
+    assert {key: made["commit"] for key, made in kept.items()} == {"coat": "b", "views": "b", "tone": "c"}
 
 
 def test_words_are_filled() -> None:
