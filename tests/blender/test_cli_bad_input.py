@@ -83,6 +83,12 @@ def test_missing_image(irpso_here, capture):
     solve_bad(irpso_here, capture, "lost.exr")
 
 
+def test_no_image_is_there(irpso_here, capture):
+    """As where a scene was copied without its pictures."""
+    shutil.rmtree(capture / "refs")
+    solve_bad(irpso_here, capture, "not found", "check the path")
+
+
 def test_corrupt_image(irpso_here, capture):
     path = capture / change_view(capture)["image"]
     path.write_bytes(path.read_bytes()[:3000])

@@ -115,7 +115,7 @@ def estimate(
     lit = {(v.camera, v.environment) for v in views if v.environment}
     each = bytes_per_pixel(len(views), sum(v.lights for v in views), len({v.camera for v in views}), len(lit))
     largest = max((v.width * v.height for v in views), default=0)
-    reduced = min(1.0, memory * 1e9 / each / max(largest, 1))
+    reduced = min(1.0, memory * 1e9 / max(each * largest, 1))  # no picture may be readable
     taken = predicted(views, settings, factors, reduced, rounds, udims)
     known = [factors.get(key) for key in (_key(stage, settings) for stage in taken)]
     usual = _usual(factors)
