@@ -5,7 +5,8 @@
 // roughness, what they say counts for both.
 #include "solve/nodes.glsl"
 #include "solve/cells.glsl"
-uniform sampler2D u_parent[2];  // of each kind: roughness, variance, differ, known (0 or 1); half the size
+// Of each kind: roughness, variance, differ, 0 where nothing is known, else 1 + spreads().x; half the size.
+uniform sampler2D u_parent[2];
 uniform sampler2D u_parent_colour[2];  // as u_colour there
 uniform bool u_top;
 uniform float u_step;        // how much roughness may differ from the parents' (standard deviation)
@@ -36,14 +37,17 @@ vec3 parents(vec3 colour) {
         off[j] = min(offs.x, offs.y);
         differ += weight[j] * parent[j].z;
     }
-    vec3 sum = vec3(0.0);
+    vec4 sum = vec4(0.0);
     for (int j = 0; j < 4; j++) {
         // Where kinds are apart, a parent without a kind of about this colour counts little.
         float like = 1e-6 + exp(-min(0.5 / (OTHER * OTHER) * off[j] * differ, 60.0));
-        sum += like * weight[j] * parent[j].w / parent[j].y * vec3(parent[j].x, parent[j].y, 1.0);
+        sum += like * weight[j] * min(parent[j].w, 1.0) / parent[j].y
+             * vec4(parent[j].x, parent[j].y, max(parent[j].w - 1.0, 0.0), 1.0);
     }
-    vec2 found = sum.z > 0.0 ? sum.xy / sum.z : vec2(0.5, 0.1);
-    return vec3(found.x, found.y + u_step * u_step, differ);
+    vec3 found = sum.w > 0.0 ? sum.xyz / sum.w : vec3(0.5, 0.1, 0.0);
+    // A parent that may be in another valley does not hold its children where it is.  How much it counts beside the other
+    // parents is up to the valley's own width: else those would hold them where *they* are.
+    return vec3(found.x, found.y + max(u_step * u_step, found.z), differ);
 }
 
 vec3 prior_of(int kind) {
@@ -73,18 +77,6 @@ vec2 lowest(float cost[NODES], out float least) {
     return vec2(bend > 0.0 ? clamp(0.5 * (x0 + x1) - s0 / bend, x0, x2) : node_roughness(float(best)), bend);
 }
 
-// A kind's estimate from its costs under its prior; `said`: whether anything was observed.
-vec4 estimate(float cost[NODES], vec3 prior, bool said) {
-    if (!said) return vec4(prior, u_top ? 0.0 : 1.0);
-    float least;
-    vec2 low = lowest(cost, least);
-    return vec4(low.x, min(1.0 / max(low.y, 1e-3), prior.y), prior.z, 1.0);
-}
-
-#ifdef TEXELS
-layout(location = 0) out vec4 o_estimate;  // roughness, variance, differ, known
-layout(location = 1) out vec4 o_prior;     // mean and variance that the parents gave; spreads()
-
 // Mean squared distance from r under the posterior: of what lies in other valleys (the one at r being a
 // normal of curvature `bend`), and of all, by the nodes alone, for a valley wider than their steps.
 vec2 spreads(float cost[NODES], float least, float r, float bend) {
@@ -102,6 +94,20 @@ vec2 spreads(float cost[NODES], float least, float r, float bend) {
     return square / mass;
 }
 
+// A kind's estimate from its costs under its prior; `said`: whether anything was observed.
+vec4 estimate(float cost[NODES], vec3 prior, bool said, out vec2 spread) {
+    spread = vec2(0.0, prior.y);
+    if (!said) return vec4(prior, u_top ? 0.0 : 1.0);
+    float least;
+    vec2 low = lowest(cost, least);
+    spread = spreads(cost, least, low.x, low.y);
+    return vec4(low.x, min(1.0 / max(low.y, 1e-3), prior.y), prior.z, 1.0 + spread.x);
+}
+
+#ifdef TEXELS
+layout(location = 0) out vec4 o_estimate;  // as u_parent
+layout(location = 1) out vec4 o_prior;     // mean and variance that the parents gave; spreads()
+
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     vec3 prior = prior_of(0);
@@ -112,12 +118,9 @@ void main() {
         said = said || any(greaterThan(own, vec4(0.0)));
         for (int j = 0; j < 4; j++) cost[4 * i + j] = costs[j];
     }
-    o_prior = vec4(prior.xy, 0.0, prior.y);
-    o_estimate = estimate(cost, prior, said);
-    if (!said) return;
-    float least;
-    vec2 low = lowest(cost, least);
-    o_prior.zw = spreads(cost, least, low.x, low.y);
+    vec2 spread;
+    o_estimate = estimate(cost, prior, said, spread);
+    o_prior = vec4(prior.xy, spread);
 }
 #else
 layout(location = 0) out vec4 o_first;  // as u_parent
@@ -155,7 +158,8 @@ void main() {
             cost_b[4 * i + j] = two[j];
         }
     }
-    o_first = estimate(cost_a, prior_a, said.x);
-    o_second = estimate(cost_b, prior_b, said.y);
+    vec2 spread;
+    o_first = estimate(cost_a, prior_a, said.x, spread);
+    o_second = estimate(cost_b, prior_b, said.y, spread);
 }
 #endif

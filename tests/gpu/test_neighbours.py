@@ -105,10 +105,29 @@ def test_one_colour_is_a_plain_pyramid(pyramid: Pyramid, size: tuple[int, int]) 
     truth = np.random.default_rng(5).uniform(0.2, 0.8, size)
     tables = told(truth, np.random.default_rng(6).uniform(size=size) < 0.3, 0.1)
     found, prior = pyramid(tables, np.broadcast_to(LIGHT, (*size, 3)))
-    expected, _, _, mean, variance = plain_pyramid(tables)
+    expected, _, _, mean, variance, _ = plain_pyramid(tables)
     np.testing.assert_allclose(found[..., 0], expected, atol=2e-4)
     np.testing.assert_allclose(prior[..., 0], mean, atol=2e-4)
     np.testing.assert_allclose(prior[..., 1], variance, rtol=2e-3)
+
+
+def test_a_cell_of_two_minds_holds_no_texel_in_one_valley(pyramid: Pyramid) -> None:
+    """A rough patch on a smooth surface, whose data allow a very smooth one too, though less.
+
+    What lies around is nearer to that.
+    """
+    y, x = np.mgrid[:SIZE, :SIZE]
+    inside, smooth, very = np.hypot(x - 130, y - 120) < 20, 0.22, 0.08
+    everywhere = np.ones_like(inside)
+    rough = told(np.full((SIZE, SIZE), ROUGH), everywhere, 0.05)
+    other = 4 + told(np.full((SIZE, SIZE), very), everywhere, 0.01)
+    tables = np.where(inside[..., None], np.minimum(np.minimum(rough, other), 10.0),
+                      told(np.full((SIZE, SIZE), smooth), everywhere, 0.1))
+    found, _ = pyramid(tables, np.broadcast_to(LIGHT, (SIZE, SIZE, 3)))
+    off = np.abs(found[..., 0] - np.where(inside, ROUGH, smooth))
+    core = np.hypot(x - 130, y - 120) < 14
+    assert off[core].mean() < 0.03  # 0.52 where cells hold their texels in the valley that they have chosen
+    assert off[~inside].mean() < 0.03
 
 
 def test_a_part_of_a_map_starts_from_what_lies_around_it(pyramid: Pyramid) -> None:
@@ -143,14 +162,18 @@ def test_a_solve_borrows_from_texels_of_its_colour(on_gl: Any) -> None:
 
 
 def plain_pyramid(table: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Of every cell, all of one kind: estimate, its variance, whether known; mean and variance of the prior."""
+    """Of every cell, all of one kind: estimate, variance of its valley, whether known; mean and variance of the prior.
+
+    And last the mean squared distance to what lies in other valleys.
+    """
     height, width = table.shape[:2]
     mean, variance, known = np.full((height, width), 0.5), np.full((height, width), 0.1), np.zeros((height, width))
     if width > 8:
         even = np.pad(table, ((0, height % 2), (0, width % 2), (0, 0)))
         above = plain_pyramid(GAIN * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]))
-        mean, variance = handed_down(above, (height, width))
-        variance, known = variance + (neighbours.ROUGHNESS_SLOPE / width) ** 2, known + 1
+        mean, variance, elsewhere = handed_down(above, (height, width))
+        variance = variance + np.maximum((neighbours.ROUGHNESS_SLOPE / width) ** 2, elsewhere)
+        known = known + 1
     cost = table + np.minimum((NODES - mean[..., None]) ** 2 / (2 * variance[..., None]), neighbours.PRIOR_CUT)
     best = cost.argmin(-1)
     mid = np.clip(best, 1, 30)
@@ -161,20 +184,29 @@ def plain_pyramid(table: np.ndarray) -> tuple[np.ndarray, ...]:
     low = np.where(bend > 0, np.clip((x0 + x1) / 2 - s0 / np.where(bend > 0, bend, 1), x0, x2), NODES[best])
     said = table.max(-1) > 0
     return (np.where(said, low, mean), np.where(said, np.minimum(1 / np.maximum(bend, 1e-3), variance), variance),
-            np.where(said, 1, known), mean, variance)
+            np.where(said, 1, known), mean, variance, np.where(said, other_valleys(cost, low, bend), 0.0))
 
 
-def handed_down(above: tuple[np.ndarray, ...], size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and variance of the four nearest parents, by distance and by how exact they are."""
+def other_valleys(cost: np.ndarray, low: np.ndarray, bend: np.ndarray) -> np.ndarray:
+    """Mean squared distance from a normal valley at ``low`` to nodes that are not its tail, by their likelihoods."""
+    bend, off = np.maximum(bend, 1e-3), NODES - low[..., None]
+    steps = np.abs(np.arange(32) - 31 * np.log(low / ROUGHNESS_MIN)[..., None] / np.log(1 / ROUGHNESS_MIN))
+    share = np.exp(cost.min(-1, keepdims=True) - cost) * NODES * np.log(1 / ROUGHNESS_MIN) / 31
+    share = np.where((steps > 1.5) & (off**2 * bend[..., None] > 9), share, 0.0)
+    return np.asarray((share * off**2).sum(-1) / (share.sum(-1) + np.sqrt(2 * np.pi / bend)))
+
+
+def handed_down(above: tuple[np.ndarray, ...], size: tuple[int, int]) -> np.ndarray:
+    """Mean, variance and what lies elsewhere of the four nearest parents, by distance and by how exact they are."""
     y, x = (np.arange(n) / 2 - 0.25 for n in size)
-    total = np.zeros((3, *size))
+    total = np.zeros((4, *size))
     for j in (0, 1):
         for i in (0, 1):
             near = (1 - np.abs(np.floor(y) + j - y))[:, None] * (1 - np.abs(np.floor(x) + i - x))
             rows, columns = (np.clip(np.floor(at).astype(int) + k, 0, n - 1)
                              for at, k, n in ((y, j, above[0].shape[0]), (x, i, above[0].shape[1])))
-            estimate, variance, known = (values[rows[:, None], columns] for values in above[:3])
+            estimate, variance, known, _, _, elsewhere = (values[rows[:, None], columns] for values in above)
             weight = near * known / variance
-            total += weight * np.stack([estimate, variance, np.ones_like(weight)])
-    safe = np.where(total[2] > 0, total[2], 1)
-    return np.where(total[2] > 0, total[0] / safe, 0.5), np.where(total[2] > 0, total[1] / safe, 0.1)
+            total += weight * np.stack([estimate, variance, elsewhere, np.ones_like(weight)])
+    unknown = np.array([0.5, 0.1, 0.0])[:, None, None]
+    return np.where(total[3] > 0, total[:3] / np.where(total[3] > 0, total[3], 1), unknown)
