@@ -12,7 +12,7 @@ import pytest
 
 from irpso_addon.core.data import Camera, Light, MeshArrays
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid
-from irpso_addon.gpu.observe.visibility import LightVisibility
+from irpso_addon.gpu.observe.visibility import LightVisibility, shadow_points
 from tests.support import synthetic as syn
 
 PIXELS = 96
@@ -167,6 +167,15 @@ def test_several_cameras_share_a_shadow_map(on_gl):
         np.testing.assert_array_equal(got, lit_maps(on_gl, mesh, LAMPS["point"], [camera])[0])
 
 
+@pytest.mark.parametrize(("degrees", "pixels", "count"), [
+    (0.0, 512, 1), (0.1, 512, 1), (0.265, 512, 4), (0.265, 3000, 8), (3.0, 512, 16), (3.0, np.inf, 16)])
+def test_a_sun_takes_as_many_points_as_its_penumbra_shows(degrees: float, pixels: float, count: int) -> None:
+    sun = syn.lamp((0, 0, 1), kind="SUN", radius=float(np.radians(degrees)))
+    points = np.array(shadow_points(sun, np.zeros(3), pixels))
+    assert len(points) == count
+    assert np.degrees(np.arccos(points[:, 2] / np.linalg.norm(points[:, :3], axis=1))).max() <= degrees + 1e-9
+
+
 # ---- penumbrae: a half plane x < 0 at height 1 over the floor
 
 SCREEN = syn.quad([(-3, -3, 1), (0, -3, 1), (0, 3, 1), (-3, 3, 1)])
@@ -194,7 +203,7 @@ SOFT = {
 @pytest.mark.parametrize("subject", [np.inf, PIXELS], ids=["finest", "as the picture"])
 @pytest.mark.parametrize("name", SOFT)
 def test_penumbra_is_the_visible_share_of_the_emitter(on_gl, name, subject):
-    """Sixteen points on the emitter: any share is a sixteenth off, some two where the lattice lies along the edge."""
+    """Sixteen points on the emitter, or eight: shares are a sixteenth off, or two where the lattice lies along the edge."""
     light, half, share = SOFT[name]
     mesh = syn.mesh_arrays(FLOOR)
     camera = syn.camera((0, -2.2, 0.9), (0, 0, 0), degrees=30)  # below the screen's edge, where the floor shows

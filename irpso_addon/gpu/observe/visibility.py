@@ -18,9 +18,11 @@ from ..gbuffer.projection import Projection, column_major
 SHADOW_SIZE = 2048  # texels on a side, at most; 0.1 % of lit texels change against 4096
 LEAST_SIZE = 512  # at least
 PIXEL_TEXELS = 4.0  # texels of a shadow map for a pixel of the pictures; ...
-SOFT_PIXEL_TEXELS = 2.0  # ... with SOFT_POINTS maps, whose errors average
+SOFT_PIXEL_TEXELS = 2.0  # ... with several maps, whose errors average
 SIZE_STEP = 256  # sizes are multiples of it: lights that differ little share a map
-SOFT_POINTS = 16  # sample points on an emitter that casts a visible penumbra
+# Sample points on an emitter that casts a visible penumbra, one for each pixel of its width: powers of two, because half
+# floats sum up their shares to one.
+SOFT_POINTS = (4, 8, 16)
 SOFT_ANGLE = 0.004  # radians; a smaller emitter has penumbrae thinner than a pixel: one point is enough
 FAR_TEXEL = 1e30
 
@@ -37,8 +39,11 @@ class Frustum:
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of a perspective map
 
 
-def shadow_points(light: Light, center: F64, radius: float) -> list[F64]:
-    """Homogeneous points (4,) on the emitter that stand for it: (x, y, z, 1), or (direction to it, 0)."""
+def shadow_points(light: Light, center: F64, pixels: float) -> list[F64]:
+    """Homogeneous points (4,) on the emitter that stand for it: (x, y, z, 1), or (direction to it, 0).
+
+    ``pixels``: diameter of the subject's sphere.  What casts a shadow is mostly no farther away than a quarter of that.
+    """
     position = light.matrix[:3, 3]
     distance = max(float(np.linalg.norm(position - center)), 1e-6)
     if light.kind == "SUN":
@@ -48,7 +53,9 @@ def shadow_points(light: Light, center: F64, radius: float) -> list[F64]:
         extent = 0.5 * max(light.size[0] * scale[0], light.size[1] * scale[1]) / distance
     else:
         extent = light.radius / distance
-    count = SOFT_POINTS if extent > SOFT_ANGLE else 1
+    count = 1
+    if extent > SOFT_ANGLE:
+        count = next((n for n in SOFT_POINTS if n >= 0.5 * extent * pixels), SOFT_POINTS[-1])
     vectors, _ = light_model.light_sample(light, center[None], np.arange(count), count)
     if light.kind == "SUN":
         return [np.append(v, 0.0) for v in vectors.reshape(-1, 3)]
@@ -136,7 +143,7 @@ class LightVisibility:
             with self.device.target([maps[-1]]) as target:
                 target.clear(red=0.0 if light.cast_shadow else 1.0)
         if light.cast_shadow:
-            points = shadow_points(light, self.center, self.radius)
+            points = shadow_points(light, self.center, pixels)
             size = self._fit(pixels * (PIXEL_TEXELS if len(points) == 1 else SOFT_PIXEL_TEXELS))
             for point in points:
                 for frustum in frusta(point, self.center, self.radius, self.bounds, size):
