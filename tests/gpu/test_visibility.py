@@ -203,7 +203,7 @@ SOFT = {
 @pytest.mark.parametrize("subject", [np.inf, PIXELS], ids=["finest", "as the picture"])
 @pytest.mark.parametrize("name", SOFT)
 def test_penumbra_is_the_visible_share_of_the_emitter(on_gl, name, subject):
-    """Sixteen points on the emitter, or eight: shares are a sixteenth off, or two where the lattice lies along the edge."""
+    """Sixteen points on the emitter, or eight: shares are a sixteenth off, two if the lattice lies along the edge."""
     light, half, share = SOFT[name]
     mesh = syn.mesh_arrays(FLOOR)
     camera = syn.camera((0, -2.2, 0.9), (0, 0, 0), degrees=30)  # below the screen's edge, where the floor shows
