@@ -20,8 +20,8 @@ LEAST_SIZE = 512  # at least
 PIXEL_TEXELS = 4.0  # texels of a shadow map for a pixel of the pictures; ...
 SOFT_PIXEL_TEXELS = 2.0  # ... with several maps, whose errors average
 SIZE_STEP = 256  # sizes are multiples of it: lights that differ little share a map
-# Sample points on an emitter that casts a visible penumbra: one for each pixel of its width.  Shares of powers of two sum
-# to one in half floats.
+# Sample points on an emitter that casts a visible penumbra: one for each pixel of its width.  Shares of powers of two
+# sum to one in half floats.
 SOFT_POINTS = (4, 8, 16)
 SOFT_ANGLE = 0.004  # radians; a smaller emitter has penumbrae thinner than a pixel: one point is enough
 FAR_TEXEL = 1e30
