@@ -31,7 +31,7 @@ def judged(rig: Rig, seed: int = 0, tinted: bool = False) -> Judged:
         change = replace(change, log_tint=0.05 * rng.standard_normal((groups, 3)))
         error = replace(error, log_tint=np.full((groups, 3), 1e-4))
     brightness = ViewBrightness(change.log_gain, error.log_gain)
-    found = RigFound(change, error, 0.01, 0.03, (0.02, 0.01), {}, brightness)
+    found = RigFound(change, error, 0.01, 0.03, (0.02, 0.01), {}, brightness, np.zeros(0))
     return Judged(found, PredictionError(0.2, 2.0), PredictionError(0.1, 1.0),
                   Free(True, True, vignetting=True, ambient=True, response=True), error, (0.02, 0.03, 0.04))
 

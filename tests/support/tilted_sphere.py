@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,24 @@ def sphere(
     rig = RigSample(observed, Rig.of(views, normal.mean(0)), number, normal, normal,
                     np.zeros(texels, np.int32), cluster.astype(np.int32))
     return TiltSample.of(rig), true
+
+
+def seen_twice(one: RigSample, log_power: np.ndarray, log_gain: np.ndarray) -> RigSample:
+    """The sample as another camera in the same place sees it too.
+
+    ``log_power``: (V,) by which the suns are off; ``log_gain``: (2 V,) the same of exposures.
+    """
+    texels, count = one.texels, len(one.view)
+    radiance = np.exp(np.tile(log_power, 2) + log_gain)[:, None]
+    twice = {name: np.concatenate([getattr(texels, name)] * 2, 1)
+             for name in ("reflected", "quality", "cos_v", "lobes", "irradiance")}
+    number = np.arange(2 * count, dtype=np.int32)
+    observed = SampledTexels(**{**twice, "reflected": twice["reflected"] * radiance}, camera=number // count,
+                             channel=0 * number, lamps=number % count)
+    others = [replace(view, image=Path(f"other {view.image}"), camera=replace(view.camera, name="Other"))
+              for view in one.rig.views]
+    return RigSample(observed, Rig.of([*one.rig.views, *others], one.normal.mean(0)), number, one.position, one.normal,
+                     one.slot, one.cluster)
 
 
 def directions(rng: np.random.Generator, texels: int, lamps: int) -> tuple[np.ndarray, np.ndarray]:

@@ -35,6 +35,7 @@ class RigFound:
     common: tuple[float, float]  # relative: what neighbouring texels leave over in common; where the fit began, and now
     materials: dict[int, OneMaterial]  # by slot
     brightness: ViewBrightness
+    prior: F64  # standard deviation of each number before the sample was looked at; of lamps as it was learnt, if at all
 
 
 @dataclass(frozen=True)
@@ -50,16 +51,16 @@ class ViewBrightness:
 
 def fit_rig(
     sample: RigSample, free: Free, start: RigFound | None = None, rounds: int | None = None,
-    factor: float | None = None, again: int = AGAIN,
+    factor: float | None = None, again: int = AGAIN, prior: F64 | None = None,
 ) -> Steps[RigFound]:
     """The change of the rig that explains a sample.  ``start``: of more texels, or with other numbers free.
 
     Materials are those of ``start``, for ``again`` rounds, unless ``rounds`` says how many there are to be.
     ``factor``: what observations scatter by, times what they show; then lamps are as far off as they typically are, if
-    `tell_typical`.
+    `tell_typical`, or as ``prior`` says, that of a fit to the same sample with the same numbers free.
     """
     refit = start is None or rounds is not None
-    return _RigFit(sample, free, factor).found(start, (rounds or ROUNDS) if refit else again, refit)
+    return _RigFit(sample, free, factor, prior).found(start, (rounds or ROUNDS) if refit else again, refit)
 
 
 def left_over(sample: RigSample, found: RigFound) -> F64:
@@ -106,9 +107,12 @@ def _round(sample: RigSample, found: RigFound, tilts: bool = False) -> RigRound:
 class _RigFit:
     """The rounds of `fit_rig`."""
 
-    def __init__(self, sample: RigSample, free: Free, factor: float | None = None) -> None:
+    def __init__(self, sample: RigSample, free: Free, factor: float | None, prior: F64 | None) -> None:
         self.sample, self.free, self.factor = sample, free, 1.0 if factor is None else factor
-        self.numbers = RigNumbers(sample, free, factor is not None and tell_typical(sample.rig, free))
+        learns = factor is not None and prior is None and tell_typical(sample.rig, free)
+        self.numbers = RigNumbers(sample, free, learns)
+        if prior is not None:
+            self.numbers.prior = prior.copy()
         self.paints = paints_of(sample.texels)
         self.change = RigChange.none(self.numbers.groups, self.numbers.views)
 
@@ -136,7 +140,7 @@ class _RigFit:
         assert given is not None
         error = numbers.unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
         return RigFound(_centred(self.change, bool(numbers.kept.any())), error, now.scatter, given[0],
-                        (given[1], now.common()), materials, self._brightness(covariance))
+                        (given[1], now.common()), materials, self._brightness(covariance), numbers.prior)
 
     def _brightness(self, covariance: F64) -> ViewBrightness:
         slopes = self.numbers.slopes_of_brightness(self.sample)

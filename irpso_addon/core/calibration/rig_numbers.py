@@ -81,6 +81,8 @@ class RigNumbers:
         self.expected = np.zeros(self.count)  # the prior's middle
         self.start = np.zeros(self.count)  # whose means are kept
         self.means = np.zeros((self.count,) * 2)
+        # A lamp's power is hardly told from exposures: what few of them typically are off by often comes out as nothing.
+        self.learnt = [(self.places, PLACE), *([] if free.exposures else [(self.powers, POWER)])]
         for own in (self.powers, self.gains):
             self.means[own, own] = 1 / (MEAN * (own.stop - own.start)) ** 2
 
@@ -109,16 +111,14 @@ class RigNumbers:
         return spread
 
     def learn(self, free: F64, variance: F64) -> None:
-        """By how much places and powers typically are off (empirical Bayes: one round of expectation maximisation).
+        """By how much lamps typically are off (empirical Bayes: one round of expectation maximisation).
 
         ``free``, ``variance``: values of the free numbers, and how far those may be off.
         """
-        values, unsure = np.zeros(self.count), np.zeros(self.count)
-        values[self.free], unsure[self.free] = free, variance
-        for kind, most in ((self.places, PLACE), (self.powers, POWER)):
-            own = self.free[(self.free >= kind.start) & (self.free < kind.stop)]
-            usual = float(np.sqrt(np.mean(values[own] ** 2 + unsure[own])))
-            self.prior[own] = min(max(usual, LEAST_USUAL), most)
+        for kind, most in self.learnt:
+            own = (self.free >= kind.start) & (self.free < kind.stop)
+            usual = float(np.sqrt(np.mean(free[own] ** 2 + variance[own])))
+            self.prior[self.free[own]] = min(max(usual, LEAST_USUAL), most)
 
     def slopes_of_brightness(self, sample: RigSample) -> F64:
         """(V, N) of the logarithm of each view's brightness by each number: its exposure and its lamps' powers."""
