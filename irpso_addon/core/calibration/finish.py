@@ -82,7 +82,7 @@ def weighed(final: Final) -> Steps[RigFound]:
     factor = yield from unexplained(sample, free, found)
     if tell_typical(sample.rig, free):
         found = yield from share_of(fit_rig(sample, free, start=found, factor=factor), 1.0, 1.0)
-    # What lamps typically are off by is not learnt again: under more scatter than there is, it would come out as nothing.
+    # What lamps typically are off by is not learnt again: under more scatter than there is, it would come out smaller.
     stated = yield from share_of(
         fit_rig(sample, free, start=found, factor=factor * COMMON, again=1, prior=found.prior), 1.0, 1.0)
     return replace(found, error=stated.error)
