@@ -35,7 +35,7 @@ class RigFound:
     common: tuple[float, float]  # relative: what neighbouring texels leave over in common; where the fit began, and now
     materials: dict[int, OneMaterial]  # by slot
     brightness: ViewBrightness
-    prior: F64  # standard deviation of each number before the sample was looked at; of lamps as it was learnt, if at all
+    prior: F64  # standard deviation of each number before the sample was looked at; of lamps as it was learnt
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,9 @@ CAUCHY = 2.4  # standard deviations at which an observation has lost half its we
 SHARED = 5  # numbers of all views: vignetting, ambient light, response, two of the diffuse
 MEAN = 1e-4  # of powers, and of gains: brightness as a whole belongs to the base colours
 LEAST_USUAL = 1e-3  # of a lamp's distance, relative power
+# Lamps whose powers are as far off as exposures are, which are believed in beside the shoot's.  A power is hardly told
+# from exposures: what a few of them typically are off by often comes out as nothing.
+BELIEVED = 4.0
 LEAST_LAMPS = 4  # that are free: fewer say little of what is typical
 
 
@@ -81,8 +84,7 @@ class RigNumbers:
         self.expected = np.zeros(self.count)  # the prior's middle
         self.start = np.zeros(self.count)  # whose means are kept
         self.means = np.zeros((self.count,) * 2)
-        # A lamp's power is hardly told from exposures: what few of them typically are off by often comes out as nothing.
-        self.learnt = [(self.places, PLACE), *([] if free.exposures else [(self.powers, POWER)])]
+        self.believed = BELIEVED if free.exposures else 0.0
         for own in (self.powers, self.gains):
             self.means[own, own] = 1 / (MEAN * (own.stop - own.start)) ** 2
 
@@ -115,9 +117,10 @@ class RigNumbers:
 
         ``free``, ``variance``: values of the free numbers, and how far those may be off.
         """
-        for kind, most in self.learnt:
+        for kind, most, believed in ((self.places, PLACE, 0.0), (self.powers, POWER, self.believed)):
             own = (self.free >= kind.start) & (self.free < kind.stop)
-            usual = float(np.sqrt(np.mean(free[own] ** 2 + variance[own])))
+            squares = float(np.sum(free[own] ** 2 + variance[own])) + believed * GAIN**2
+            usual = np.sqrt(squares / (np.count_nonzero(own) + believed))
             self.prior[self.free[own]] = min(max(usual, LEAST_USUAL), most)
 
     def slopes_of_brightness(self, sample: RigSample) -> F64:
