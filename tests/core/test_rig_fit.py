@@ -66,5 +66,5 @@ def test_powers_beside_exposures_are_stated_as_sure_as_they_are(seed: int) -> No
     for name, true in (("log_power", log_power), ("log_gain", log_gain)):
         off = getattr(of.change, name) - true
         off -= np.median(off)  # what all share is not to be found
-        assert np.sqrt(np.mean(off**2)) < 0.017  # of the first 0.022, stated as 0.001, if no other lamps are believed in
+        assert np.sqrt(np.mean(off**2)) < 0.017  # of the first 0.022, stated as 0.001, without other lamps
         assert 0.4 < np.sqrt(np.mean((off / getattr(of.error, name)) ** 2)) < 1.2
