@@ -23,8 +23,8 @@ CYCLES = """\
 | shape | environment | roughness | median | 90 % | noise | mean |
 |---|---|---|---|---|---|---|"""
 SOLVES = """\
-| light | views | model | base colour | mean | median | confident | share | new lamp | seconds | of which light |
-|---|---|---|---|---|---|---|---|---|---|---|"""
+| light | views | model | base colour | mean | median | confident | share | far off | new lamp | seconds | of which light |
+|---|---|---|---|---|---|---|---|---|---|---|---|"""
 
 TURNED = """\
 | off by | worlds | turned by | base colour | mean | median | confident | share |
@@ -55,9 +55,9 @@ def error_row(e: Error) -> str:
 
 def recovered_row(r: Recovered) -> str:
     """A line of the table of solves."""
-    confident = "-" if math.isnan(r.confident) else f"{r.confident:.3f}"
+    confident, far = ("-", "-") if math.isnan(r.confident) else (f"{r.confident:.3f}", percent(r.far, 1))
     return (f"| {r.rig.words} | {r.views} | {r.model} | {r.albedo:.1f} | {r.mean:.3f} | {r.median:.3f} | "
-            f"{confident} | {percent(r.share)} | {r.relit:.1f} | {sum(r.seconds.values()):.0f} | "
+            f"{confident} | {percent(r.share)} | {far} | {r.relit:.1f} | {sum(r.seconds.values()):.0f} | "
             f"{r.seconds['observe']:.0f} |")
 
 

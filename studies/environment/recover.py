@@ -10,6 +10,7 @@ import numpy as np
 from irpso_addon.blender import files
 from irpso_addon.blender.scene.scene import read_scene
 from irpso_addon.core.data import SceneData, Solution
+from irpso_addon.core.evaluation.metrics import FAIL
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading.environment import about_z
 from irpso_addon.gpu.device import thread
@@ -35,6 +36,7 @@ class Recovered:
     median: float
     confident: float  # error of roughness of the confident texels
     share: float  # of the texels that are confident
+    far: float  # share of those whose roughness is off by more than FAIL
     seconds: dict[str, float]
     relit: float  # PSNR under a new lamp from a new camera, dB
 
@@ -57,7 +59,8 @@ def recover(
     return Recovered(
         rig, ", ".join(sorted(set(solution.model.values()))), len(scene.views),
         float(-10 * np.log10(np.mean(off**2))), float(error.mean()), float(np.median(error)),
-        float(error[sure].mean()) if sure.any() else float("nan"), float(sure.mean()), solution.seconds,
+        float(error[sure].mean()) if sure.any() else float("nan"), float(sure.mean()),
+        float((error[sure] > FAIL).mean()) if sure.any() else float("nan"), solution.seconds,
         relit(folder / "scene.blend", rig.asset, maps)), solution
 
 
