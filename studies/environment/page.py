@@ -23,7 +23,8 @@ CYCLES = """\
 | shape | environment | roughness | median | 90 % | noise | mean |
 |---|---|---|---|---|---|---|"""
 SOLVES = """\
-| light | views | model | base colour | mean | median | confident | share | far off | new lamp | seconds | of which light |
+| light | views | model | base colour | mean | median | confident | share | far off | new lamp | seconds \
+| of which light |
 |---|---|---|---|---|---|---|---|---|---|---|---|"""
 
 TURNED = """\
