@@ -14,6 +14,7 @@ ALIASING = 0.2  # pixels: how far an edge in the prediction may lie from the tru
 DARK = 0.1  # of the typical radiance: added to a pixel's own, for errors relative to it
 TILE = 32  # pixels: errors this far apart are independent
 ROUNDS = 3
+FEWEST_SPARE = 0.25  # tiles beside the first that a variance is taken to come from, at least
 CAUCHY = 2.4  # standard deviations at which a pixel has lost half its weight: 95 % efficient for normal errors
 LEAST_PIXELS = 12  # of a view: from fewer it tells nothing
 RIDGE = 1e-9  # of the largest: what the normal matrix's diagonal has at least
@@ -69,10 +70,21 @@ def fit_views(seen: F64, factor: F64, tiles: I32, free: bool = True) -> Fit:
     variance = np.maximum(np.diag(covariance), 0.0)
     pairs = np.arange(views)[:, None] + np.array([0, views])
     gains = np.log1p(np.maximum(solved[2 * views:], -0.9))
+    variance[2 * views:] *= _for_few(scores[2 * views:])
     return Fit(
         shift=solved[:2 * views].reshape(2, views).T, covariance=covariance[pairs[:, :, None], pairs[:, None, :]],
         log_gain=gains - gains.mean(), gain_error=np.sqrt(variance[2 * views:]), factor=factor[0] + change,
         noise=float(np.median(noise)))
+
+
+def _for_few(scores: F64) -> F64:
+    """(V,) by how much a variance from scores (V, tiles) is too small where few tiles say most: those of a fit sum to 0.
+
+    A view that is lit from behind shows its exposure in two or three tiles.  Their effective number is Kish's (1965).
+    """
+    squares = scores**2
+    count = np.maximum(squares.sum(1) ** 2 / np.maximum((squares**2).sum(1), 1e-300), 1.0)
+    return np.asarray(count / np.maximum(count - 1, FEWEST_SPARE))
 
 
 def _projected(columns: F64, predicted: F64, left: F64, weight: F64, free: bool) -> tuple[F64, F64, F64, F64]:
