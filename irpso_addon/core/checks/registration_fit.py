@@ -78,7 +78,7 @@ def fit_views(seen: F64, factor: F64, tiles: I32, free: bool = True) -> Fit:
 
 
 def _for_few(scores: F64) -> F64:
-    """(V,) by how much a variance from scores (V, tiles) is too small where few tiles say most: those of a fit sum to 0.
+    """(V,) by how much a variance from scores (V, tiles) is too small where few tiles say most: a fit's sum to 0.
 
     A view that is lit from behind shows its exposure in two or three tiles.  Their effective number is Kish's (1965).
     """
