@@ -150,4 +150,5 @@ class Checks:
     pixels_per_texel: float  # area, median over what the cameras see
     registration: tuple[Misfit, ...] = ()  # of each view: by how much its camera and its exposure are off
     misfit: bool = False  # whether some material is not clearly what its model says, as prediction shows
+    contradicted: float = 0.0  # share of solved texels whose views contradict each other far more than the others' do
     not_bounced: str = ""  # why light where none arrives was not rendered and taken out; empty: it was, or not asked

@@ -43,6 +43,7 @@ class TexelFit:
     sure: bool = True  # False: the method knows no standard errors
     chosen: bool = False  # whether the models were chosen by the data, and not asked for
     misfit: bool = False  # whether some material is not clearly what its model says
+    contradicted: float = 0.0  # share of solved texels whose views contradict each other, see gpu/maps/finish_maps.py
 
 
 def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
@@ -113,7 +114,8 @@ class _Measured:
             no_highlight=float(np.mean(least[solved] > NO_HIGHLIGHT)) if solved.any() else 0.0,
             nearest=float(np.median(least[solved])) if solved.any() else float("inf"),
             doubtful=doubtful(texels.sigma[texels.solved]) if texels.sure else float("nan"), sure=texels.sure,
-            pixels_per_texel=self._pixels_per_texel(), registration=self.registration.estimate(), misfit=texels.misfit)
+            pixels_per_texel=self._pixels_per_texel(), registration=self.registration.estimate(), misfit=texels.misfit,
+            contradicted=texels.contradicted)
 
     def _pixels_per_texel(self) -> float:
         if not self.views:

@@ -30,6 +30,7 @@ STRUCTURE, NOISE_SHARE = 0.004, 0.3  # relative errors that neighbouring pixels 
 HIGHLIGHT = 0.06  # such errors of highlights, relative to the lobes
 COARSE = 2.0  # pixels a texel from which on maps cannot show what the pictures do
 FEW = 0.15  # of a material's texels
+CONTRADICTED = 0.01  # of the solved texels
 DOUBTFUL = 0.05  # of the texels are off by more than 0.15, by their own standard errors
 
 
@@ -42,7 +43,8 @@ def warnings(checks: Checks, tried: Collection[str] = ()) -> tuple[str, ...]:
     causes = [*_indirect(checks), *curve, *_registration(checks, "registration" in tried)]
     if not curve:  # else its errors are of every kind
         causes += [*_curve_of_some(checks), *_lights(checks), *_exposures(checks, "exposures" in tried)]
-    return (*causes, *_clipped(checks), *([] if causes else _unexplained(checks)), *_few(checks), *_doubtful(checks))
+    return (*causes, *_clipped(checks), *([] if causes else _unexplained(checks)), *_contradicted(checks),
+            *_few(checks), *_doubtful(checks))
 
 
 def grouped(lines: Sequence[str]) -> tuple[str, ...]:
@@ -252,6 +254,15 @@ def _unexplained(checks: Checks) -> list[str]:
                 f"'{worst.view}' ({percent(worst.residual.structure, 1)}); check the mesh, its normals, lights' sizes "
                 "and what else lights the scene"]
     return []
+
+
+def _contradicted(checks: Checks) -> list[str]:
+    if not checks.contradicted > CONTRADICTED:
+        return []
+    return [f"{checks.name}: the views of {percent(checks.contradicted, 1)} of its solved texels contradict each other "
+            "by more than 20 %, and those of the others do not: the mesh casts other shadows there than the object, or "
+            "has another shape; their confidence is 0, and the map Error shows where they are; mend the mesh, add what "
+            "casts the shadows to the scene, or mask these places out of the pictures"]
 
 
 SPECULAR, TWO = choice_name("one-lobe-specular"), choice_name("two-lobe")

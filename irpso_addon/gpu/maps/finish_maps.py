@@ -17,6 +17,7 @@ from ..gbuffer.gbuffer import GBufferMaps
 from ..observe.observations import Observations
 from ..solve import live_readback
 from ..solve.ladder_records import LadderResult
+from ..solve.neighbours import NOISE_FLOOR
 from ..solve.sparse_ladder import SparseLadder
 from ..solve.texel_records import SolvedTexels
 from .albedo import ITERATIONS, AlbedoSolver, Gloss
@@ -27,6 +28,8 @@ from .variogram import borrowed_variance
 ALONE, MIXED = 0.75, 4  # texels: widths of a pixel up to which it mixes none, and up to which it is told from texels
 
 MATERIAL_ALONE = np.float32(0.5)  # times confidence, where nothing tells how much the material's roughness varies
+CHANCE, NUMBERS = 2.5, 2.0  # standard errors by which a texel's residual may be off; numbers that its fit takes up
+CONTRADICTED, EXCESS = 0.2, 8.0  # relative residual, and times its square beyond chance: no edge, but another shape
 BOUND = 100.0  # strength of a material's prior from which on it holds texels within 7 % of its value: it alone speaks
 
 
@@ -72,6 +75,7 @@ class FinishedMaps:
     solved: Bool
     shown: Bool  # texels whose base colour some camera shows
     relative: F32  # RMS relative residual
+    contradicted: float  # share of the good texels whose views the model leaves far more of than its material's
     albedo: AlbedoSolver
     base: moderngl.Texture  # holes filled
 
@@ -101,6 +105,9 @@ def make_maps(
     shown = base[..., 3] > 0.25
     base_texture = filled(device, part.join_base(base), around.base if around else None)
     good = own.solved & shown
+    # Of a part, what the last result left elsewhere says what is typical of a material.
+    left = relative if part.last is None else np.where(good, relative, part.last.error)
+    excess = unexplained(left, own.observations, np.where(good | part.known, texels.slots, -1))
     pairs = device.read(lobes)[..., :3].copy()
     try:
         yield Progress(1.0, "maps", "standard errors")
@@ -115,10 +122,11 @@ def make_maps(
         lobes=pairs if joined.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and joined.level is not None else None,
         **_certainty(_believed(scene, texels, joined.texels, lambert), own.observations, lambert, good,
-                     max(albedo.pixels_per_texel, MIXED**-2) ** -0.5),
+                     max(albedo.pixels_per_texel, MIXED**-2) ** -0.5, excess),
     )
     maps = part.join_maps(maps, part.share(good))
-    return FinishedMaps(maps, joined, good, own.solved, shown, relative, albedo, base_texture)
+    contradicted = float(np.mean(((relative > CONTRADICTED) & (excess > EXCESS))[good])) if good.any() else 0.0
+    return FinishedMaps(maps, joined, good, own.solved, shown, relative, contradicted, albedo, base_texture)
 
 
 def _believed(scene: SceneData, texels: SolvedTexelGrid, joined: SolvedTexels, lambert: Bool) -> _Believed:
@@ -133,7 +141,7 @@ def _believed(scene: SceneData, texels: SolvedTexelGrid, joined: SolvedTexels, l
 
 
 def _certainty(
-    believed: _Believed, observations: F32, lambert: Bool, good: Bool, pixel: float,
+    believed: _Believed, observations: F32, lambert: Bool, good: Bool, pixel: float, unexplained: F32,
 ) -> dict[str, F32]:
     """The maps that say how sure each texel is, by role; ``pixel``: its width in texels.
 
@@ -146,10 +154,27 @@ def _certainty(
     rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), error)
     doubt = np.where(lambert, texels.base_sigma, sigma)
     whole = np.where(told & ~believed.bound, np.float32(1), MATERIAL_ALONE)
-    sure = confidence(rough, doubt, observations, good) * whole
+    sure = confidence(rough, doubt * unexplained, observations, good) * whole
     return {"confidence": np.where(good & ~believed.unfit, sure, np.float32(0)),
             "roughness_sigma": np.where(good, sigma, 0.0).astype(np.float32),
-            "base_sigma": np.where(good, texels.base_sigma, 0.0).astype(np.float32)}
+            "base_sigma": np.where(good, texels.base_sigma * np.sqrt(unexplained), 0.0).astype(np.float32)}
+
+
+def unexplained(relative: F32, observations: F32, slots: I32) -> F32:
+    """(h, w), at least 1: how many times less sure a texel is because its model leaves more than its material's does.
+
+    ``relative``: RMS relative residual.  ``observations``: good ones.  ``slots``: material of each solved texel, -1
+    elsewhere.  Noise leaves about the same in each texel of a material.  What leaves more than chance does, such as a
+    shadow that the mesh does not cast, is in many of a texel's observations, so that it stays in their mean.
+    """
+    result = np.ones_like(relative)
+    off = 2 / (9 * np.maximum(observations - NUMBERS, 1))
+    chance = (1 + CHANCE * np.sqrt(off) / (1 - off)) ** 3  # of chi-squared over its median: Wilson and Hilferty (1931)
+    for slot in np.unique(slots[slots >= 0]):
+        mine = slots == slot
+        typical = max(float(np.median(relative[mine])), NOISE_FLOOR)
+        result[mine] = np.maximum((relative[mine] / typical) ** 2 / chance[mine], 1)
+    return result
 
 
 def _lambert(scene: SceneData, texels: SolvedTexelGrid) -> Bool:
