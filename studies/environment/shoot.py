@@ -44,10 +44,10 @@ TURNS = (0.0, 60.0, 120.0, 180.0, 240.0, 300.0)
 RIGS = (
     Rig("one", "one HDRI (sky, window, small sun)", ("day",)),
     Rig("two", "two HDRIs (the same; a dark room with two lamps)", ("day", "room"), samples=256),
-    Rig("turns", "one HDRI, six turns", ("day",), TURNS, 96),
+    Rig("turns", "one HDRI, six turns", ("day",), TURNS, 256),
     Rig("lamps", "two lamps, one at a time", (), samples=64, lamps=LAMPS),
     Rig("knot", "two HDRIs, the knot", ("day", "room"), samples=256, knot=True),
-    Rig("knot turns", "one HDRI, six turns, the knot", ("day",), TURNS, 96, knot=True),
+    Rig("knot turns", "one HDRI, six turns, the knot", ("day",), TURNS, 256, knot=True),
     Rig("knot lamps", "two lamps, one at a time, the knot", (), samples=64, lamps=LAMPS, knot=True),
 )
 
