@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.change_records import Calibration
-from irpso_addon.core.data import Solution
+from irpso_addon.core.data import Camera, Solution
 from irpso_addon.core.shading import brdf
 from tests.support import shoots
 from tests.support import synthetic as syn
@@ -25,27 +25,34 @@ def plane() -> syn.Shoot:
 
 
 def surrounded(shoot: syn.Shoot, radiance: tuple[float, float, float]) -> syn.Shoot:
-    """The pictures with light from everywhere: summed over directions above the plane, which hides those below."""
+    """The pictures with light from everywhere."""
+    cameras = {view.camera.name: view.camera for view in shoot.scene.views}
+    light = {name: (_from_everywhere(shoot.truth, camera) * np.array(radiance)).astype(np.float32)
+             for name, camera in cameras.items()}
+    images = {}
+    for view in shoot.scene.views:
+        picture = shoot.images[view.image.name]
+        images[view.image.name] = replace(picture, rgb=picture.rgb + light[view.camera.name])
+    return replace(shoot, images=images)
+
+
+def _from_everywhere(truth: syn.Truth, camera: Camera) -> np.ndarray:
+    """(h, w, 3) radiance under 1 from each direction above the plane, which hides those below: their sum."""
     count = 400
     i = np.arange(count) + 0.5
     z, turn = i / count, i * np.pi * (3 - 5**0.5)
     ways = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], -1)
-    images = {}
-    for view in shoot.scene.views:
-        picture = shoot.images[view.image.name]
-        origin, direction = syn.pixel_rays(view.camera, *PIXELS)
-        points = np.nan_to_num(syn.meet_plane(origin, direction))
-        points = np.where((np.abs(points[..., :2]) <= 1).all(-1)[..., None], points, 0.0)
-        uv, normal = syn.plane_uv(points), syn.plane_normal(points)
-        base, rough = (f(uv[..., 0], uv[..., 1]) for f in (shoot.truth.base, shoot.truth.roughness))
-        total = np.zeros(points.shape)
-        for way in ways:
-            cosine = np.maximum(normal @ way, 0)
-            total += cosine[..., None] * brdf.principled(base, rough, np.broadcast_to(way, points.shape), -direction,
-                                                         normal)
-        light = total * (2 * np.pi / count) * np.array(radiance)
-        images[view.image.name] = replace(picture, rgb=(picture.rgb + light).astype(np.float32))
-    return replace(shoot, images=images)
+    origin, direction = syn.pixel_rays(camera, *PIXELS)
+    points = np.nan_to_num(syn.meet_plane(origin, direction))
+    points = np.where((np.abs(points[..., :2]) <= 1).all(-1)[..., None], points, 0.0)
+    uv, normal = syn.plane_uv(points), syn.plane_normal(points)
+    base, rough = (f(uv[..., 0], uv[..., 1]) for f in (truth.base, truth.roughness))
+    total = np.zeros(points.shape)
+    for way in ways:
+        cosine = np.maximum(normal @ way, 0)
+        total += cosine[..., None] * brdf.principled(base, rough, np.broadcast_to(way, points.shape), -direction,
+                                                     normal)
+    return total * (2 * np.pi / count)
 
 
 def bent(shoot: syn.Shoot, power: float) -> syn.Shoot:

@@ -314,13 +314,13 @@ def principled(
     """
     at = angles(L, V, N)
     geometry = roughness, at.sin2h, 0.0, at.cos_l, at.cos_v, at.cos_vh
+    lobe = lobe_ggx(*geometry[:-1]) * F_dielectric(at.cos_vh)
     if np.all(np.asarray(level) == 0.5):  # the resampled table of the default model
-        diffuse, specular = diffuse_principled(roughness, at.cos_v), specular_principled(*geometry)
+        energy = principled_energy(roughness, at.cos_v)
     else:
         energy = principled_energy_level(roughness, at.cos_v, level)
-        diffuse = (1 - energy[..., 1]) / np.pi
-        gain = energy[..., 0] / principled_energy(roughness, at.cos_v)[..., 0]
-        specular = specular_principled(*geometry) * F_level_ratio(at.cos_vh, level) * gain
+        lobe = lobe * F_level_ratio(at.cos_vh, level)
+    diffuse, specular = (1 - energy[..., 1]) / np.pi, lobe * energy[..., 0]
     value = np.asarray(base) * diffuse[..., None] + specular[..., None]
     if np.any(np.asarray(metallic) != 0):
         share = np.asarray(metallic, np.float64)[..., None]
