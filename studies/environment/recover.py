@@ -44,10 +44,11 @@ class Recovered:
 def recover(
     rig: shoot.Rig, folder: Path, size: int = SIZE, model: str = "auto", turn: float = 0.0, lamps: str = "auto",
 ) -> tuple[Recovered, Solution]:
-    """``folder`` keeps the pictures; ``turn``: degrees by which the scene has its worlds wrong."""
-    if not (folder / DONE).exists():
+    """``folder`` keeps the pictures of one rig; ``turn``: degrees by which the scene has its worlds wrong."""
+    if not (folder / DONE).exists() or (folder / DONE).read_text(encoding="utf-8") != repr(rig):
+        (folder / DONE).unlink(missing_ok=True)
         shoot.make(folder, rig)
-        (folder / DONE).write_text(rig.name, encoding="utf-8")
+        (folder / DONE).write_text(repr(rig), encoding="utf-8")
     files.open_blend(folder / "scene.blend")
     scene = _turned(read_scene(None, None, folder / "captures.json"), turn)
     settings = SolveSettings(size=size, model=model, lamps=lamps)
