@@ -24,7 +24,7 @@ def rows(checks: Checks) -> dict[str, CheckFigure]:
 
 @pytest.mark.parametrize(("name", "field", "limit"), [
     ("Doubtful Roughness", "doubtful", 0.05), ("Clipped", "clipped", 0.01), ("Light in Shadows", "unlit_share", 0.003),
-    ("Unexplained", "structure", 0.004)])
+    ("Unexplained", "structure", 0.004), ("Contradicting Views", "contradicted", 0.01)])
 def test_a_share_is_good_near_its_limit_or_beyond_it(name: str, field: str, limit: float) -> None:
     for part, level in ((0.0, Level.GOOD), (0.4, Level.GOOD), (0.8, Level.NEAR), (1.2, Level.BEYOND)):
         found = rows(replace(FINE, **{field: part * limit}))[name]

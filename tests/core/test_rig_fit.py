@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from irpso_addon.core.calibration.finish import Final, weighed
+from irpso_addon.core.calibration.free_numbers import sure_of_ambient
 from irpso_addon.core.calibration.rig_fit import RigFound, fit_rig
 from irpso_addon.core.calibration.rig_numbers import Free
 from irpso_addon.core.calibration.rig_sample import RigSample
@@ -68,3 +71,14 @@ def test_powers_beside_exposures_are_stated_as_sure_as_they_are(seed: int) -> No
         off -= np.median(off)  # what all share is not to be found
         assert np.sqrt(np.mean(off**2)) < 0.017  # of the first 0.022, stated as 0.001, without other lamps
         assert 0.4 < np.sqrt(np.mean((off / getattr(of.error, name)) ** 2)) < 1.2
+
+
+def test_pictures_in_which_no_lamp_shone_show_no_ambient_light() -> None:
+    """They are alike wherever the lamps stand: light from all around would be many times the lamps'."""
+    sample, _ = balls.sphere(balls.principled(0.4), lamps=8, noise=0.01)
+    texels = sample.rig.texels
+    dull = replace(sample.rig, texels=replace(
+        texels, reflected=0.1 * texels.irradiance.max() / np.maximum(texels.irradiance, 1e-9)))
+    of = found(fit_rig(dull, Free(lamps=False, exposures=True, ambient=True), rounds=20))
+    assert of.change.ambient <= 1.0
+    assert not sure_of_ambient(of)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .contest import SURE
-from .rig_fit import RigFound
+from .rig_fit import MOST_AMBIENT, RigFound
 from .rig_numbers import Free
 from .rig_sample import RigSample
 
@@ -65,7 +65,7 @@ def sure_of_vignetting(found: RigFound) -> bool:
 
 def sure_of_ambient(found: RigFound) -> bool:
     """Whether there is light from all around, beyond doubt."""
-    return found.change.ambient > max(SURE * found.error.ambient, LEAST_AMBIENT)
+    return MOST_AMBIENT > found.change.ambient > max(SURE * found.error.ambient, LEAST_AMBIENT)
 
 
 def sure_of_response(found: RigFound) -> bool:

@@ -19,6 +19,7 @@ from .texel_materials import materials_of
 
 ROUNDS, AGAIN = 6, 3  # from what is given; from what was found
 SETTLED = 2e-4  # of a lamp's distance, relative power or gain
+MOST_AMBIENT = 1.0  # of the lamps' typical irradiance: a fit that wants more runs away
 LONGEST = 0.15  # of a lamp's distance: a step
 REFITS = (0, 3)  # rounds in which the materials are fitted
 HUBER, TYPICAL_ROUNDS = 1.345, 20  # standard deviations from which on a value is an outlier; of the mean of powers
@@ -158,9 +159,10 @@ class _RigFit:
         change = self.numbers.unpacked(step)
         lengths = np.linalg.norm(change.offset, axis=1, keepdims=True)
         offset = change.offset * np.minimum(1.0, LONGEST / np.maximum(lengths, LEAST))
+        ambient = float(np.clip(self.change.ambient + change.ambient, 0.0, MOST_AMBIENT))
         return RigChange(self.change.offset + offset, self.change.log_power + change.log_power,
                          self.change.log_gain + change.log_gain, self.change.vignetting + change.vignetting,
-                         max(self.change.ambient + change.ambient, 0.0), self.change.log_response + change.log_response,
+                         ambient, self.change.log_response + change.log_response,
                          self.change.cosine + change.cosine, self.change.transmission + change.transmission)
 
 

@@ -47,6 +47,7 @@ def check_figures(checks: Checks) -> list[CheckFigure]:
     """A row for each figure that a user may want to see; the worst of the lights and cameras."""
     structure = max(warnings.STRUCTURE, warnings.NOISE_SHARE * checks.noise)
     rows = [CheckFigure("Noise", _known(checks.noise)), _share("Unexplained", checks.structure, structure),
+            _share("Contradicting Views", checks.contradicted, warnings.CONTRADICTED),
             _share("Doubtful Roughness", checks.doubtful, warnings.DOUBTFUL),
             CheckFigure("No Highlight", _known(checks.no_highlight)),
             _share("Clipped", checks.clipped, warnings.CLIPPED),
