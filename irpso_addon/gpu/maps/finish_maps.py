@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import moderngl
 import numpy as np
@@ -40,8 +40,12 @@ class _Believed:
     texels: SolvedTexels
     slots: I32  # (h, w) material of each solved texel that has a lobe, -1 elsewhere
     share: F32  # (h, w) 0..1: how far its own data determine it
-    unfit: Bool  # (h, w) of a material that no model explains
+    unfit: Bool  # (h, w) that no model explains, or of a material that none does
     bound: Bool  # (h, w) of a material whose prior leaves its texels little choice
+
+    def without(self, some: Bool) -> _Believed:
+        """The same, but that no model explains some texels, (h, w)."""
+        return replace(self, unfit=self.unfit | some)
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,7 @@ def make_maps(
     # Of a part, what the last result left elsewhere says what is typical of a material.
     left = relative if part.last is None else np.where(good, relative, part.last.error)
     excess = unexplained(left, own.observations, np.where(good | part.known, texels.slots, -1))
+    torn = (left > CONTRADICTED) & (excess > EXCESS)
     pairs = device.read(lobes)[..., :3].copy()
     try:
         yield Progress(1.0, "maps", "standard errors")
@@ -121,11 +126,11 @@ def make_maps(
         coverage=texels.slots >= 0,
         lobes=pairs if joined.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and joined.level is not None else None,
-        **_certainty(_believed(scene, texels, joined.texels, lambert), own.observations, lambert, good,
+        **_certainty(_believed(scene, texels, joined.texels, lambert).without(torn), own.observations, lambert, good,
                      max(albedo.pixels_per_texel, MIXED**-2) ** -0.5, excess),
     )
     maps = part.join_maps(maps, part.share(good))
-    contradicted = float(np.mean(((relative > CONTRADICTED) & (excess > EXCESS))[good])) if good.any() else 0.0
+    contradicted = float(np.mean(torn[good])) if good.any() else 0.0
     return FinishedMaps(maps, joined, good, own.solved, shown, relative, contradicted, albedo, base_texture)
 
 
