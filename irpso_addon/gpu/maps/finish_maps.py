@@ -79,7 +79,7 @@ class FinishedMaps:
     solved: Bool
     shown: Bool  # texels whose base colour some camera shows
     relative: F32  # RMS relative residual
-    contradicted: float  # share of the good texels whose views the model leaves far more of than its material's
+    contradicted: float  # share of the good texels of whose views the model leaves far more than of its material's
     albedo: AlbedoSolver
     base: moderngl.Texture  # holes filled
 
@@ -146,9 +146,9 @@ def _believed(scene: SceneData, texels: SolvedTexelGrid, joined: SolvedTexels, l
 
 
 def _certainty(
-    believed: _Believed, observations: F32, lambert: Bool, good: Bool, pixel: float, unexplained: F32,
+    believed: _Believed, observations: F32, lambert: Bool, good: Bool, pixel: float, excess: F32,
 ) -> dict[str, F32]:
-    """The maps that say how sure each texel is, by role; ``pixel``: its width in texels.
+    """The maps that say how sure each texel is, by role; ``pixel``: its width in texels; ``excess``: `unexplained`.
 
     Without a lobe no roughness was solved for: what can be trusted or not is the base colour.
     """
@@ -159,10 +159,10 @@ def _certainty(
     rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), error)
     doubt = np.where(lambert, texels.base_sigma, sigma)
     whole = np.where(told & ~believed.bound, np.float32(1), MATERIAL_ALONE)
-    sure = confidence(rough, doubt * unexplained, observations, good) * whole
+    sure = confidence(rough, doubt * excess, observations, good) * whole
     return {"confidence": np.where(good & ~believed.unfit, sure, np.float32(0)),
             "roughness_sigma": np.where(good, sigma, 0.0).astype(np.float32),
-            "base_sigma": np.where(good, texels.base_sigma * np.sqrt(unexplained), 0.0).astype(np.float32)}
+            "base_sigma": np.where(good, texels.base_sigma * np.sqrt(excess), 0.0).astype(np.float32)}
 
 
 def unexplained(relative: F32, observations: F32, slots: I32) -> F32:
