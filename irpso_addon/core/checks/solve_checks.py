@@ -21,6 +21,7 @@ from .view_check_data import CheckedView, PixelWindow
 
 WRONG = 0.15  # an error of roughness that a user would see
 CELLS = 256  # squared: the grid over the UV square on which highlights are counted
+CONTRADICTORY = 0.2  # relative residual from which on views contradict each other, if others' are far less
 NO_HIGHLIGHT = 2.0  # tan(theta_h) / alpha from which on a lobe tells little: a fifth of the texels fail at 1 % noise
 NEEDED = {"lambert": 1.0, "one-lobe": 3.0, "one-lobe-specular": 6.0, "one-lobe-metallic": 6.0,
           "two-lobe": 12.0}  # good observations a texel

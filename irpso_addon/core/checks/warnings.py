@@ -16,6 +16,7 @@ from ..check_records import Checks, LightResidual, Misfit, ViewCheck
 from ..params import choice_name
 from ..phrases import NAMED, percent, some
 from .residuals import is_indirect, scale_of
+from .solve_checks import CONTRADICTORY
 
 LEAST_GAIN, LEAST_MOVE = 0.015, 0.01  # relative errors of brightness, of shading, below which nothing is said
 EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move must explain; that leaves no doubt
@@ -260,9 +261,9 @@ def _contradicted(checks: Checks) -> list[str]:
     if not checks.contradicted > CONTRADICTED:
         return []
     return [f"{checks.name}: the views of {percent(checks.contradicted, 1)} of its solved texels contradict each other "
-            "by more than 20 %, and those of the others do not: the mesh casts other shadows there than the object, or "
-            "has another shape; their confidence is 0, and the map Error shows where they are; mend the mesh, add what "
-            "casts the shadows to the scene, or mask these places out of the pictures"]
+            f"by more than {percent(CONTRADICTORY)}, and those of the others do not: the mesh casts other shadows "
+            "there than the object, or has another shape; their confidence is 0, and the map Error shows where they "
+            "are; mend the mesh, add what casts the shadows to the scene, or mask these places out of the pictures"]
 
 
 SPECULAR, TWO = choice_name("one-lobe-specular"), choice_name("two-lobe")

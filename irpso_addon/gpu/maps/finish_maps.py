@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import moderngl
 import numpy as np
 
+from ...core.checks.solve_checks import CONTRADICTORY
 from ...core.data import F32, I32, Bool, Maps, SceneData
 from ...core.errors import Cancelled
 from ...core.job import Progress
@@ -29,7 +30,7 @@ ALONE, MIXED = 0.75, 4  # texels: widths of a pixel up to which it mixes none, a
 
 MATERIAL_ALONE = np.float32(0.5)  # times confidence, where nothing tells how much the material's roughness varies
 CHANCE, NUMBERS = 2.5, 2.0  # standard errors by which a texel's residual may be off; numbers that its fit takes up
-CONTRADICTED, EXCESS = 0.2, 8.0  # relative residual, and times its square beyond chance: no edge, but another shape
+EXCESS = 8.0  # times the square of a residual beyond chance: no edge, but another shape
 BOUND = 100.0  # strength of a material's prior from which on it holds texels within 7 % of its value: it alone speaks
 
 
@@ -112,7 +113,7 @@ def make_maps(
     # Of a part, what the last result left elsewhere says what is typical of a material.
     left = relative if part.last is None else np.where(good, relative, part.last.error)
     excess = unexplained(left, own.observations, np.where(good | part.known, texels.slots, -1))
-    torn = (left > CONTRADICTED) & (excess > EXCESS)
+    torn = (left > CONTRADICTORY) & (excess > EXCESS)
     pairs = device.read(lobes)[..., :3].copy()
     try:
         yield Progress(1.0, "maps", "standard errors")
