@@ -12,6 +12,7 @@ import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -24,10 +25,11 @@ from irpso_addon.core.data import Solution  # noqa: E402
 from irpso_addon.core.params import SolveSettings  # noqa: E402
 from irpso_addon.core.samples import vase  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
+from irpso_addon.gpu.solve.neighbours import ALIKE  # noqa: E402
 from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
 from studies import charts, pages  # noqa: E402
 
-VARIANTS: list[tuple[str, dict[str, float], bool]] = [
+VARIANTS: list[tuple[str, dict[str, Any], bool]] = [
     ("all of it", {}, False),
     ("pixels taken for points (no footprint)", {}, True),
     ("a pixel counts in full however far from the texel", {"observe.observation_atlas.REACH": 1e6}, False),
@@ -35,7 +37,7 @@ VARIANTS: list[tuple[str, dict[str, float], bool]] = [
     ("one base colour for all cameras",
      {"solve.solver.FIRST_SLACK": 0.0, "observe.observation_atlas.CAMERA_SLACK": 0.0}, False),
     ("no neighbours", {"solve.neighbours.ROUGHNESS_SLOPE": 1e6}, False),
-    ("neighbours' errors taken for independent", {"observe.observation_atlas.POOL_GAIN": 1.0}, False),
+    ("neighbours' errors taken for alike", {"solve.neighbours.gain": lambda *_: ALIKE}, False),
     ("base colour: no outliers expected", {"maps.albedo.ROBUST_PASSES": 1}, False),
     ("base colour: mean of what the cameras show", {"maps.finish_maps.ITERATIONS": 0}, False),
 ]

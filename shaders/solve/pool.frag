@@ -2,7 +2,7 @@
 // together.
 #include "solve/cells.glsl"
 uniform sampler2D u_members;
-uniform float u_gain;  // below 1 at the first level, where texels that share a pixel repeat each other
+uniform float u_gain;  // below 1 as far as their errors are alike
 
 layout(location = 0) out vec4 o_table;
 

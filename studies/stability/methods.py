@@ -16,7 +16,7 @@ from irpso_addon.gpu.maps.finish_maps import confidence
 from irpso_addon.gpu.observe.observation_atlas import (
     CAMERA_SLACK,
     MODEL_ERROR,
-    POOL_GAIN,
+    SHARED_ERROR,
     ArraySource,
     Layers,
     ObservedTexels,
@@ -60,7 +60,7 @@ class PictureSource(ArraySource):
         super().__init__(device, ObservedTexels(
             problem.rgb, problem.quality, problem.cos_v, problem.lobes, problem.groups,
             None if apart else problem.irradiance.mean(-1), tuple(range(problem.trial.views))), principled_table())
-        self.camera_slack, self.pool_gain, self.model_error = CAMERA_SLACK, POOL_GAIN, MODEL_ERROR
+        self.camera_slack, self.shared_error, self.model_error = CAMERA_SLACK, SHARED_ERROR, MODEL_ERROR
         if apart:
             self._apart(problem)
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.gpu.maps.variogram import DISTANCES, borrowed_variance, variogram
+from irpso_addon.gpu.maps.variogram import DISTANCES, KINDS, borrowed_variance, colour_kinds, variogram
 
 N = 96
 Y, X = np.mgrid[:N, :N]
 SLOTS = np.zeros((N, N), np.int32)
 NOTHING = np.zeros((N, N), np.float32)
+GREY = np.full((N, N, 3), 0.3, np.float32)
 
 
 def stripes(width: int) -> np.ndarray:
@@ -41,7 +42,7 @@ def test_the_texels_own_errors_are_not_counted() -> None:
 
 
 def test_what_its_own_data_determine_borrows_nothing() -> None:
-    found, known = borrowed_variance(stripes(4), NOTHING, np.ones((N, N), np.float32), SLOTS, 1.5)
+    found, known = borrowed_variance(stripes(4), NOTHING, np.ones((N, N), np.float32), SLOTS, 1.5, GREY)
     assert not found.any() and known.all()
 
 
@@ -55,7 +56,7 @@ def test_intervals_of_borrowed_roughness_hold_the_truth() -> None:
     truth = (0.4 + 0.04 * np.asarray(field)).astype(np.float32)
     share = informed(4)
     nearest = truth[(Y + 2) // 4 * 4 % N, (X + 2) // 4 * 4 % N]
-    found, _ = borrowed_variance(np.where(share > 0, truth, nearest), NOTHING, share, SLOTS, 1.0)
+    found, _ = borrowed_variance(np.where(share > 0, truth, nearest), NOTHING, share, SLOTS, 1.0, GREY)
     inside = (share == 0) & (X < N - 3) & (Y < N - 3)
     error, sigma = np.abs(nearest - truth)[inside], np.sqrt(found)[inside]
     assert 0.85 < np.mean(error <= 1.645 * sigma) <= 1.0
@@ -64,7 +65,7 @@ def test_intervals_of_borrowed_roughness_hold_the_truth() -> None:
 
 def test_farther_from_data_is_less_sure() -> None:
     share = np.where(X < 32, informed(1), 0).astype(np.float32)
-    found, _ = borrowed_variance(stripes(16), NOTHING, share, SLOTS, 1.0)
+    found, _ = borrowed_variance(stripes(16), NOTHING, share, SLOTS, 1.0, GREY)
     near, far = found[40, 34], found[40, 60]
     assert 0 < near < far and far >= 0.5 * 0.16 * 0.9
 
@@ -72,7 +73,7 @@ def test_farther_from_data_is_less_sure() -> None:
 def test_texels_of_one_pixel_repeat_each_other() -> None:
     """Informed texels in the width of a pixel count once, and no data are nearer than a pixel."""
     share = np.full((N, N), 0.9, np.float32)
-    fine, coarse = (borrowed_variance(stripes(16), NOTHING, share, SLOTS, pixel)[0] for pixel in (1.0, 4.0))
+    fine, coarse = (borrowed_variance(stripes(16), NOTHING, share, SLOTS, pixel, GREY)[0] for pixel in (1.0, 4.0))
     assert np.median(coarse) > 2 * np.median(fine) > 0
 
 
@@ -81,9 +82,56 @@ def test_materials_do_not_tell_of_each_other() -> None:
     slots = np.select([Y < 32, Y < 64], [0, 1], 2).astype(np.int32)
     rough = np.where(slots == 0, stripes(4), np.float32(0.3)).astype(np.float32)
     share = np.where(slots == 2, 0, informed(2)).astype(np.float32)
-    found, known = borrowed_variance(rough, NOTHING, share, slots, 1.0)
+    found, known = borrowed_variance(rough, NOTHING, share, slots, 1.0, GREY)
     empty = share == 0
     assert np.sqrt(found[(slots == 0) & empty]).mean() > 0.1 and found[slots == 1].max() < 1e-6
     np.testing.assert_array_equal(known, slots != 2)
-    unsolved, told = borrowed_variance(rough, NOTHING, share, np.full((N, N), -1, np.int32), 1.0)
+    unsolved, told = borrowed_variance(rough, NOTHING, share, np.full((N, N), -1, np.int32), 1.0, GREY)
     assert not unsolved.any() and told.all()
+
+
+def paints(rough: np.ndarray, seed: int = 5) -> np.ndarray:
+    """(N, N, 3) base colour: red where roughness is 0.2, green where it is 0.6, each with clouds of a sixth."""
+    clouds = 1 + 0.15 * np.random.default_rng(seed).standard_normal((N, N, 1))
+    base = np.where(rough[..., None] < 0.4, [0.55, 0.12, 0.08], [0.12, 0.4, 0.15]) * clouds
+    return np.asarray(np.clip(base, 0.01, 0.9), np.float32)
+
+
+def test_kinds_of_colour_part_two_paints() -> None:
+    """No kind holds texels of both, though each paint has shades; what is not of the material has none."""
+    mine = Y < 80
+    kinds = colour_kinds(paints(stripes(6)), mine)
+    assert np.all(kinds[~mine] == -1) and np.all(kinds[mine] >= 0) and kinds.max() < KINDS
+    for kind in np.unique(kinds[mine]):
+        assert len(np.unique(stripes(6)[mine & (kinds == kind)])) == 1
+    one = colour_kinds(GREY, mine)
+    assert len(np.unique(one[mine])) == 1
+
+
+def test_where_colour_tells_roughness_its_own_colour_is_what_a_texel_borrows_from() -> None:
+    """Stripes of two paints, of which the lower half is informed: above, a texel's own paint is near."""
+    rough, share = stripes(6), np.where(Y < 48, 0.9, 0).astype(np.float32)
+    noise = np.random.default_rng(8).normal(0, 0.01, (N, N)).astype(np.float32)
+    sigma = np.full((N, N), 0.01, np.float32)
+    plain, coloured = (borrowed_variance(rough + noise, sigma, share, SLOTS, 1.0, base)[0]
+                       for base in (GREY, paints(rough)))
+    near = (Y >= 48) & (Y < 64)
+    assert np.sqrt(plain[near]).min() > 0.1 and np.sqrt(coloured[near]).max() < 0.05  # five times the noise
+    np.testing.assert_array_equal(coloured <= plain, True)
+
+
+def test_without_data_of_its_own_colour_a_texel_is_as_unsure_as_the_whole_material() -> None:
+    """Only red texels are informed there: what they say does not make the green ones sure."""
+    rough = stripes(6)
+    share = np.where((Y < 32) | (rough < 0.4), 0.9, 0).astype(np.float32)
+    plain, coloured = (borrowed_variance(rough, NOTHING, share, SLOTS, 1.0, base)[0] for base in (GREY, paints(rough)))
+    far = (Y > 80) & (rough > 0.4)
+    np.testing.assert_array_equal(coloured[far], plain[far])
+    assert np.sqrt(plain[far]).min() > 0.1
+
+
+def test_colours_that_tell_nothing_of_roughness_change_nothing() -> None:
+    rough, share = stripes(6), informed(3)
+    other = paints(stripes(6).T)  # across
+    plain, coloured = (borrowed_variance(rough, NOTHING, share, SLOTS, 1.0, base)[0] for base in (GREY, other))
+    np.testing.assert_array_equal(coloured, plain)

@@ -164,11 +164,15 @@ def _together(parts: list[BlockErrors]) -> BlockErrors:
 
 
 def _alphas(tangents: F32, texels: TexelFit) -> tuple[F64, Bool]:
-    """(CELLS, CELLS) least tan(theta_h) / alpha, and which cells were seen and solved (those without gloss are not)."""
+    """(CELLS, CELLS) least tan(theta_h) / alpha, and which cells were seen and solved (those without gloss are not).
+
+    The lobe is as narrow as the standard error of roughness allows: without a highlight it may seem wide by chance.
+    """
     dull = [slot for slot, name in enumerate(texels.slot_names) if texels.models.get(name) == "lambert"]
     matt = np.isin(texels.slots, dull)
     seen = np.isfinite(tangents) & nearest(texels.solved, CELLS) & ~nearest(matt, CELLS)
-    alpha = np.maximum(nearest(texels.roughness, CELLS).astype(np.float64), ROUGHNESS_MIN) ** 2
+    least = texels.roughness - texels.sigma if texels.sure else texels.roughness
+    alpha = np.maximum(nearest(least, CELLS).astype(np.float64), ROUGHNESS_MIN) ** 2
     return np.where(seen, tangents, 0) / alpha, seen
 
 

@@ -119,8 +119,9 @@ def make_maps(
         yield Progress(1.0, "maps", "standard errors")
     except Cancelled:  # the maps are of no use without
         albedo.cancelled = True
+    painted = device.read(base_texture)[..., :3].copy()
     maps = Maps(
-        base_color=device.read(base_texture)[..., :3].copy(),
+        base_color=painted,
         roughness=pairs[..., 0].copy(),
         error=np.where(good, relative, 0.0).astype(np.float32),
         filled=~(good | part.known),
@@ -128,7 +129,7 @@ def make_maps(
         lobes=pairs if joined.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and joined.level is not None else None,
         **_certainty(_believed(scene, texels, joined.texels, lambert).without(torn), own.observations, lambert, good,
-                     max(albedo.pixels_per_texel, MIXED**-2) ** -0.5, excess),
+                     max(albedo.pixels_per_texel, MIXED**-2) ** -0.5, excess, painted),
     )
     maps = part.join_maps(maps, part.share(good))
     contradicted = float(np.mean(torn[good])) if good.any() else 0.0
@@ -147,15 +148,17 @@ def _believed(scene: SceneData, texels: SolvedTexelGrid, joined: SolvedTexels, l
 
 
 def _certainty(
-    believed: _Believed, observations: F32, lambert: Bool, good: Bool, pixel: float, excess: F32,
+    believed: _Believed, observations: F32, lambert: Bool, good: Bool, pixel: float, excess: F32, base: F32,
 ) -> dict[str, F32]:
     """The maps that say how sure each texel is, by role; ``pixel``: its width in texels; ``excess``: `unexplained`.
+
+    ``base``: base colour, holes filled.
 
     Without a lobe no roughness was solved for: what can be trusted or not is the base colour.
     """
     texels = believed.texels
     own = texels.sigma**2 + mixture(texels.roughness, texels.sigma, texels.solved, pixel)
-    borrowed, told = borrowed_variance(texels.roughness, texels.sigma, believed.share, believed.slots, pixel)
+    borrowed, told = borrowed_variance(texels.roughness, texels.sigma, believed.share, believed.slots, pixel, base)
     error = np.sqrt(np.maximum(own, borrowed))
     rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), error)
     doubt = np.where(lambert, texels.base_sigma, sigma)

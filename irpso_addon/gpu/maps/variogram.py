@@ -3,6 +3,7 @@
 The neighbours' prior assumes how much roughness changes across a map.  How much it does change is measured here, on
 the texels that their own data determine, as a variogram (Matheron 1963, "Principles of geostatistics", eq. 1; here the
 mean square itself, without the half): the mean square difference of two texels of a material by their distance.
+Where texels of one colour differ far less, those of other colours do not count: docs/decisions/0049.
 """
 
 from __future__ import annotations
@@ -14,18 +15,24 @@ from ...core.data import F32, F64, I32, Bool
 DISTANCES = (1, 2, 4, 8, 16, 32)  # texels; the last is what a block solves around itself
 INFORMED = 0.5  # share that a texel's own data determine, from which on it tells of the material
 LEAST_PAIRS = 50.0
+KINDS = 8  # of base colour, in a material
+KINDS_TELL = 0.5  # of the whole material's variogram: if that of texels of one kind is less, base colour tells
+KIND_TEXELS, KIND_ROUNDS = 4096, 12  # from which kinds are found, and in how many rounds
 
 
 def borrowed_variance(
-    roughness: F32, sigma: F32, share: F32, slots: I32, pixel: float,
+    roughness: F32, sigma: F32, share: F32, slots: I32, pixel: float, base: F32,
 ) -> tuple[F32, Bool]:
     """(variance of roughness because it is the neighbours', where that is known), (h, w) each.
 
     ``share``: 0..1, how far the texel's own data determine its roughness.  ``slots``: material of each solved texel, -1
-    elsewhere.  ``pixel``: width of a pixel in texels.  With a normal prior of variance P the posterior's is
-    (1 - share) P.  P is the material's mean square difference over the distance of the nearest data or, where that is
-    larger, the mean square difference of the texels as near as that.  Texels nearer than a pixel repeat its data: that
-    many count once, and none is nearer than a pixel.  It is not known where no texels of the material are informed.
+    elsewhere.  ``pixel``: width of a pixel in texels.  ``base``: (h, w, 3) base colour.
+
+    With a normal prior of variance P the posterior's is (1 - share) P.  P is the material's mean square difference over
+    the distance of the nearest data or, where that is larger, the mean square difference of the texels as near as that.
+    Texels nearer than a pixel repeat its data: that many count once, and none is nearer than a pixel.  It is not known
+    where no texels of the material are informed.
+    Where base colour tells roughness, the material is the texels of one kind of colour, if such data are near.
     """
     variance, known = np.zeros_like(roughness), np.ones(roughness.shape, bool)
     for slot in np.unique(slots[slots >= 0]):
@@ -33,25 +40,29 @@ def borrowed_variance(
         at = np.s_[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1]
         mine = slots[at] == slot
         r, s, own = (np.where(mine, a[at], 0).astype(np.float64) for a in (roughness, sigma, share))
-        curve = variogram(r, s, np.where(own > INFORMED, own, 0))
-        found = None if curve is None else _of_prior(r, own, mine, curve, max(pixel, 1.0))
-        if found is None:
+        weight = np.where(own > INFORMED, own, 0)
+        curve = variogram(r, s, weight)
+        if curve is None:
             known[at] &= ~mine
-        else:
-            variance[at][mine] = ((1 - share[at]) * found)[mine]
+            continue
+        found, kinds = _of_prior(r, own, mine, curve, max(pixel, 1.0)), colour_kinds(base[at], mine)
+        alike = variogram(r, s, weight, kinds)
+        if alike is not None and alike.sum() < KINDS_TELL * curve.sum():
+            found = np.minimum(found, _of_kinds(r, own, kinds, alike, max(pixel, 1.0)))
+        variance[at][mine] = ((1 - share[at]) * found)[mine]
     return variance, known
 
 
-def variogram(roughness: F64, sigma: F64, weight: F64) -> F64 | None:
+def variogram(roughness: F64, sigma: F64, weight: F64, kinds: I32 | None = None) -> F64 | None:
     """Mean square difference at each of DISTANCES, beyond the texels' own variances; never falls; None: too few pairs.
 
-    Of (h, w) texels; those of weight 0 do not count.
+    Of (h, w) texels; those of weight 0 do not count.  ``kinds``: pairs of two kinds do not count.
     """
     found = []
     for apart in DISTANCES:
         sums = np.zeros(2)
         for a, b in ((np.s_[:, apart:], np.s_[:, :-apart]), (np.s_[apart:], np.s_[:-apart])):
-            both = weight[a] * weight[b]
+            both = weight[a] * weight[b] * (True if kinds is None else kinds[a] == kinds[b])
             square = (roughness[a] - roughness[b]) ** 2 - sigma[a] ** 2 - sigma[b] ** 2
             sums += ((both * square).sum(), both.sum())
         found.append(max(sums[0] / sums[1], 0.0) if sums[1] > LEAST_PAIRS else np.nan)
@@ -60,6 +71,42 @@ def variogram(roughness: F64, sigma: F64, weight: F64) -> F64 | None:
     if not measured.any():
         return None
     return np.maximum.accumulate(np.interp(DISTANCES, np.array(DISTANCES)[measured], values[measured]))
+
+
+def colour_kinds(base: F32, mine: Bool) -> I32:
+    """(h, w) kind of base colour of each of a material's texels, 0..KINDS - 1, and -1 elsewhere.
+
+    ``base``: (h, w, 3).  Lloyd's algorithm (1982) on some texels' square roots, which are about as far apart as they
+    look; it starts at quantiles of brightness.
+    """
+    colours = np.sqrt(np.maximum(base[mine], 0)).astype(np.float64)
+    some = colours[::max(1, len(colours) // KIND_TEXELS)]
+    order = np.argsort(some.sum(1), kind="stable")
+    middles = some[order[((np.arange(KINDS) + 0.5) / KINDS * len(some)).astype(int)]]
+    for _ in range(KIND_ROUNDS):
+        nearest = _nearest(some, middles)
+        members = [some[nearest == kind] for kind in range(KINDS)]
+        middles = np.stack([m.mean(0) if len(m) else old for m, old in zip(members, middles, strict=True)])
+    kinds = np.full(mine.shape, -1, np.int32)
+    kinds[mine] = _nearest(colours, middles)
+    return kinds
+
+
+def _nearest(colours: F64, middles: F64) -> I32:
+    """(N,) index of the nearest of ``middles`` (K, 3) to each colour (N, 3)."""
+    return np.stack([np.square(colours - middle).sum(1) for middle in middles]).argmin(0).astype(np.int32)
+
+
+def _of_kinds(roughness: F64, share: F64, kinds: I32, curve: F64, pixel: float) -> F64:
+    """`_of_prior` of the texels of each kind; infinite where no data of a texel's own kind are near."""
+    found = np.full(kinds.shape, np.inf)
+    for kind in range(KINDS):
+        its = kinds == kind
+        own = np.where(its, share, 0)
+        near = its & (_window_sum(own, DISTANCES[-1]) >= pixel**2)
+        if near.any():
+            found[near] = _of_prior(np.where(its, roughness, 0), own, its, curve, pixel)[near]
+    return found
 
 
 def _of_prior(roughness: F64, share: F64, mine: Bool, curve: F64, pixel: float) -> F64:

@@ -35,7 +35,7 @@ ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
 UNROLLED = 16  # layers up to which loops over them are unrolled; shaders/solve/each_group.glsl goes so far
 REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
-POOL_GAIN = 0.3  # neighbours' errors are alike (shared pixels, model error), four say less than four times one
+SHARED_ERROR = 0.001  # relative: of the forward model in a pixel, and alike in neighbouring texels
 MODEL_ERROR = 0.003  # relative: pixels stand for texels
 LEAST_GAIN = 5.0  # nats a texel: such errors are mimicked by more lobes; up to 2.9 was seen
 
@@ -83,7 +83,7 @@ class Source(Protocol):
     size: tuple[int, int]  # width and height of the maps
     layers: Layers
     camera_slack: float  # how much albedo may differ between groups, relative
-    pool_gain: float  # of 1: how much four texels together say, in units of what they say apart
+    shared_error: float  # relative: the least noise of an observation, and what neighbouring texels share of it
     model_error: float  # relative, of the forward model: the floor of core.models.evidence
     least_gain: float  # of core.models.choose
     misfit: float  # times the noise that residuals show: a texel's observations may err alike
@@ -171,7 +171,7 @@ class CameraSource:
         # Where each camera has one view, as under one environment, the scatter between cameras is measured: as noise.
         alone = around and len(set(groups)) == len(groups)
         self.camera_slack = 0.0 if alone else CAMERA_SLACK
-        self.pool_gain = POOL_GAIN
+        self.shared_error = SHARED_ERROR
         self.model_error = MODEL_ERROR
         self.least_gain = LEAST_GAIN
         self.misfit = misfit
@@ -263,7 +263,7 @@ class ArraySource:
         self.size = (w, h)
         self.layers = Layers(texels.groups, lobes.shape[3], 1, spread=bool(np.any(lobes[..., 1])))
         self.camera_slack = 0.0  # texels are observed where they are
-        self.pool_gain = 1.0  # and each for itself
+        self.shared_error = 0.0  # and each for itself
         self.model_error = 1e-4  # float32
         self.least_gain = 0.0
         self.misfit = 1.0

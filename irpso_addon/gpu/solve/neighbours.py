@@ -22,6 +22,8 @@ FAR = 2.0  # log of a variance: outliers make their texels' so much larger, ...
 GROSS = 0.01  # ... and leave relative errors of this size: finer ones are the model's, and alike in neighbours
 NOISE_MOST = 0.06  # relative: more is not noise, but outliers in every texel: then ...
 NOISE_GUESS = 0.02  # ... this much is taken for a start
+ALIKE = 0.5  # how much four texels whose errors are alike say, in units of what they would say if these were not
+EVIDENCE = 0.8  # how much of tables counts where kinds are told apart: a texel is in many cells, some part by chance
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
 TABLE_TILES = 4  # across a texture that holds the 16 tables of both kinds
 Textures = tuple[moderngl.Texture, ...]
@@ -73,6 +75,22 @@ def clean_noise(residual: F32, degrees: F32) -> tuple[float, bool]:
     return max(float(np.exp(low)), NOISE_FLOOR**2), bool(high - low > FAR and high > 2 * np.log(GROSS))
 
 
+def shared_part(variance: float, shared_error: float) -> float:
+    """0..1: which part of the noise's ``variance`` neighbours share; ``shared_error``: as of `Source`."""
+    return min(shared_error**2 / variance, 1.0)
+
+
+def gain(shared: float, level: int) -> float:
+    """Of 1: how much four cells of a level say together, in units of what they say apart; texels are level 0.
+
+    ``shared``: as of `shared_part`.  What is each texel's own is a quarter in the mean of four cells, and of the rest
+    the variance is 1 / (4 ALIKE) of theirs.  So the larger the cells are, the more is it that which is left.
+    """
+    own, alike = 1 - shared, shared * (4 * ALIKE) ** -level
+    own *= 4.0**-level
+    return (own + alike) / (own + alike / ALIKE)
+
+
 def scatter(roughness: F32, observed: Bool) -> float:
     """Mean difference of roughness between neighbouring texels, (h, w) each; 0 where none are observed."""
     across = np.abs(np.diff(roughness, axis=1))[observed[:, 1:] & observed[:, :-1]]
@@ -105,19 +123,18 @@ class Cells:
 
 
 def pyramid(
-    device: Device, tables: Textures, colour: moderngl.Texture, gain: float, extent: float = 1.0,
+    device: Device, tables: Textures, colour: moderngl.Texture, shared: float, extent: float = 1.0,
     around: F32 | None = None,
 ) -> tuple[moderngl.Texture, moderngl.Texture]:
     """Tables summed upwards, estimates handed downwards: (estimate, prior) of every texel.
 
-    ``colour``: base colour, 1 where observed.  ``gain``: of 1; how much four texels together say, in units of what
-    they say apart.  ``extent``: width of the grid in UV squares.  ``around``: as `tiled_plan.Before.roughness`; it
-    stands in for all levels from its cells on, which lie alike in neighbouring blocks, so that no border shows between
-    them.
+    ``colour``: base colour, 1 where observed.  ``shared``: as of `shared_part`.  ``extent``: width of the grid in UV
+    squares.  ``around``: as `tiled_plan.Before.roughness`; it stands in for all levels from its cells on, which lie
+    alike in neighbouring blocks, so that no border shows between them.
     """
     with device.scope() as owned:
         texels = Cells(colour.size, tables, (colour,))
-        levels = _summed(device, texels, gain, 8 if around is None else around.shape[1])
+        levels = _summed(device, texels, shared, 8 if around is None else around.shape[1])
         parents: tuple[Cells, Textures] | None = None
         if around is not None:
             size = (around.shape[1], around.shape[1])
@@ -126,7 +143,7 @@ def pyramid(
             levels.pop()
         for n, level in reversed(list(enumerate(levels))):
             # Texels that share a pixel are off together: four texels alone do not show that two kinds are apart.
-            found = _handed_down(device, level, parents, extent, 0.0 if n == 1 else 1.0)
+            found = _handed_down(device, level, parents, extent, 0.0 if n == 1 else EVIDENCE)
             parents = level, found
             if n > 0:  # the largest textures of all
                 level.tables[0].release()
@@ -135,7 +152,7 @@ def pyramid(
         return estimate, prior
 
 
-def _summed(device: Device, texels: Cells, gain: float, most: int) -> list[Cells]:
+def _summed(device: Device, texels: Cells, shared: float, most: int) -> list[Cells]:
     """The texels and ever larger cells, until there are no more than ``most`` of these in a row."""
     levels = [texels]
     while levels[-1].size[0] > most:
@@ -147,7 +164,7 @@ def _summed(device: Device, texels: Cells, gain: float, most: int) -> list[Cells
         table = device.texture(TABLE_TILES * width, TABLE_TILES * height)
         with device.target([table]) as target:
             device.draw("solve/pool.frag", target, Inputs(
-                {**below.inputs(), "u_members": members}, {"u_gain": gain}, below.defines()))
+                {**below.inputs(), "u_members": members}, {"u_gain": gain(shared, len(levels) - 1)}, below.defines()))
         members.release()
         levels.append(Cells((width, height), (table,), (first, second)))
     return levels

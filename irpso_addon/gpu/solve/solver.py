@@ -206,7 +206,8 @@ class Solver(TilePasses):
             yield from self.run(chosen, (0.6, 0.8), KernelPass(
                 "solve/table.kernel", tables, valleys, floor, robust=self.robust))
             estimate, prior = neighbours.pyramid(
-                self.device, tuple(tables), colour, self.source.pool_gain, self.source.extent, self.before.roughness)
+                self.device, tuple(tables), colour, neighbours.shared_part(variance, self.source.shared_error),
+                self.source.extent, self.before.roughness)
             colour.release()
             yield from self.run(chosen, (0.8, 1.0), KernelPass(
                 "solve/polish.kernel", outputs, {**valleys, "u_estimate": estimate, "u_prior": prior},
@@ -302,7 +303,8 @@ class Solver(TilePasses):
 
     def _floor(self, variance: float) -> Uniforms:
         """Variances of the noise that are assumed where the map of it says less, or nothing."""
-        return {"u_noise_floor": neighbours.NOISE_FLOOR, "u_noise_unknown": self.source.camera_slack**2 or variance}
+        return {"u_noise_floor": max(neighbours.NOISE_FLOOR, self.source.shared_error),
+                "u_noise_unknown": self.source.camera_slack**2 or variance}
 
     def albedo(
         self, lobe_map: moderngl.Texture, lobes: int = 1, *, chosen: list[Tile] | None = None,
