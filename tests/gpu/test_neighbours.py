@@ -11,6 +11,7 @@ import pytest
 
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading.brdf import ROUGHNESS_MIN
+from irpso_addon.core.tiled.tiled_plan import Noise
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve import neighbours
 from irpso_addon.gpu.solve.solver import Solver
@@ -183,13 +184,49 @@ def test_a_solve_borrows_from_texels_of_its_colour(on_gl: Any) -> None:
 
 def test_what_neighbours_share_is_what_is_left_in_the_mean_of_many() -> None:
     """Against the variance of the mean of 4^L texels, of whose errors one part is each texel's own."""
-    assert neighbours.shared_part(0.01**2, 0.0) == 0
-    assert neighbours.shared_part(0.01**2, 0.001) == pytest.approx(0.01)
-    assert neighbours.shared_part(1e-8, 0.001) == 1
+    assert neighbours.shared_part(Noise(0.01**2, True), 0.0) == 0
+    assert neighbours.shared_part(Noise(0.01**2, True), 0.001) == pytest.approx(0.01)
+    assert neighbours.shared_part(Noise(0.01**2, True, 0.3), 0.001) == 0.3
+    assert neighbours.shared_part(Noise(1e-8, True, 0.3), 0.001) == 1
     for shared in (0.0, 0.01, 0.5, 1.0):
         said = [4.0**level * np.prod([neighbours.gain(shared, below) for below in range(level)]) for level in range(9)]
         variance = [(1 - shared) * 0.25**level + shared * 0.5**level for level in range(9)]
         np.testing.assert_allclose(said, 1 / np.array(variance), rtol=1e-12)
+
+
+def test_how_far_errors_are_alike() -> None:
+    """Of a smooth field and of noise, in parts that are known; a few outliers do not count."""
+    rng, (y, x) = np.random.default_rng(3), np.mgrid[:SIZE, :SIZE] / SIZE
+    smooth = np.stack([np.sqrt(2) * np.cos(6 * x * (1 + i) + 5 * y) for i in range(3)], -1)
+    noise = rng.standard_normal((SIZE, SIZE, 3))
+    one = np.ones((SIZE, SIZE, 1))
+    for part in (0.0, 0.3, 0.9):
+        errors = np.sqrt(part) * smooth + np.sqrt(1 - part) * noise
+        assert neighbours.alike(np.concatenate([errors, one], -1)) == pytest.approx(part, abs=0.03)
+        errors[::50, ::50] = 1e3
+        assert neighbours.alike(np.concatenate([errors, one], -1)) == pytest.approx(part, abs=0.05)
+    assert neighbours.alike(np.zeros((SIZE, SIZE, 4))) == 0
+
+
+@pytest.mark.parametrize(("shared", "least", "most"), [(0.0, 0.0, 0.1), (0.02, 0.6, 1.0)])
+def test_a_solve_measures_how_far_errors_are_alike(on_gl: Any, shared: float, least: float, most: float) -> None:
+    """Each view errs in each texel by itself, or by what changes slowly from texel to texel as well."""
+    _, texels = exact(views=8, size=64)
+    rng = np.random.default_rng(2)
+    y, x = np.mgrid[:64, :64] / 64
+    views = texels.rgb.shape[2]
+    slow = np.stack([np.cos(2 * np.pi * (rng.uniform(-1, 1) * x + rng.uniform(-1, 1) * y + rng.uniform()))
+                     for _ in range(views)], -1)[..., None]
+    own = rng.standard_normal((64, 64, views, 1))
+    texels = replace(texels, rgb=(texels.rgb * (1 + shared * slow + 0.005 * own)).astype(np.float32))
+
+    def job(device: Device) -> float:
+        solver = Solver(device, texels.source(device), SolveSettings(size=64))
+        finish(solver.solve()).release()
+        solver.release()
+        return solver.noise_of[1].alike
+
+    assert least <= on_gl(job) <= most
 
 
 def test_an_error_of_the_model_that_three_views_do_not_show_is_still_expected(on_gl: Any) -> None:

@@ -25,6 +25,7 @@ class Noise:
 
     variance: float  # median, relative
     neighbours: bool  # whether texels need theirs
+    alike: float = 0.0  # 0..1: which part of it neighbours have in common
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ UNROLLED = 16  # layers up to which loops over them are unrolled; shaders/solve/
 REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
 SHARED_ERROR = 0.001  # relative: of the forward model in a pixel, and alike in neighbouring texels
+ENVIRONMENT_ERROR = 0.006  # the same of light from all around, which is a sum: docs/environment.md
 MODEL_ERROR = 0.003  # relative: pixels stand for texels
 LEAST_GAIN = 5.0  # nats a texel: such errors are mimicked by more lobes; up to 2.9 was seen
 
@@ -171,7 +172,7 @@ class CameraSource:
         # Where each camera has one view, as under one environment, the scatter between cameras is measured: as noise.
         alone = around and len(set(groups)) == len(groups)
         self.camera_slack = 0.0 if alone else CAMERA_SLACK
-        self.shared_error = SHARED_ERROR
+        self.shared_error = ENVIRONMENT_ERROR if around else SHARED_ERROR
         self.model_error = MODEL_ERROR
         self.least_gain = LEAST_GAIN
         self.misfit = misfit

@@ -11,6 +11,7 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32, Bool
+from ...core.tiled.tiled_plan import Noise
 from ..device.context import Device, Inputs
 
 NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
@@ -24,6 +25,8 @@ NOISE_MOST = 0.06  # relative: more is not noise, but outliers in every texel: t
 NOISE_GUESS = 0.02  # ... this much is taken for a start
 ALIKE = 0.5  # how much four texels whose errors are alike say, in units of what they would say if these were not
 EVIDENCE = 0.8  # how much of tables counts where kinds are told apart: a texel is in many cells, some part by chance
+APART = 4  # texels whose errors are compared: pixels are mostly smaller
+OUTLYING = 4.5  # times the median size: three standard deviations
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
 TABLE_TILES = 4  # across a texture that holds the 16 tables of both kinds
 Textures = tuple[moderngl.Texture, ...]
@@ -75,9 +78,27 @@ def clean_noise(residual: F32, degrees: F32) -> tuple[float, bool]:
     return max(float(np.exp(low)), NOISE_FLOOR**2), bool(high - low > FAR and high > 2 * np.log(GROSS))
 
 
-def shared_part(variance: float, shared_error: float) -> float:
-    """0..1: which part of the noise's ``variance`` neighbours share; ``shared_error``: as of `Source`."""
-    return min(shared_error**2 / variance, 1.0)
+def alike(errors: F32) -> float:
+    """0..1: how far errors of texels that are APART are alike (their correlation).
+
+    ``errors``: (h, w, 4) three sums of each texel's errors, as of solve/albedo.kernel, and 1 where observed.
+    """
+    sums, seen = errors[..., :3].astype(np.float64), errors[..., 3] > 0
+    if not seen.any():
+        return 0.0
+    limit = OUTLYING * float(np.median(np.abs(sums[seen])))
+    sums = np.clip(sums, -limit, limit)
+    product = square = 0.0
+    for a, b in ((np.s_[:, APART:], np.s_[:, :-APART]), (np.s_[APART:], np.s_[:-APART])):
+        both = seen[a] & seen[b]
+        product += float((sums[a] * sums[b])[both].sum())
+        square += 0.5 * float((sums[a] ** 2 + sums[b] ** 2)[both].sum())
+    return min(max(product / square, 0.0), 1.0) if square > 0 else 0.0
+
+
+def shared_part(noise: Noise, shared_error: float) -> float:
+    """0..1: which part of the noise's variance neighbours share; ``shared_error``: as of `Source`."""
+    return max(min(shared_error**2 / noise.variance, 1.0), noise.alike)
 
 
 def gain(shared: float, level: int) -> float:

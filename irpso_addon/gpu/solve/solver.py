@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import moderngl
 import numpy as np
@@ -201,13 +201,19 @@ class Solver(TilePasses):
         """Pool what texels say, and polish each under its neighbours' prior."""
         valleys, floor = self._valleys(searched), {**self._floor(variance), **self._joint()}
         with self.device.scope():
-            colour = yield from self.albedo(searched[0], chosen=chosen, span=(0.5, 0.6))
+            judged = 1 not in self.before.noise and not self.metallic
+            colour, *errors = own = self.textures(2 if judged else 1)
+            yield from self._albedo(own, searched[0], 1, chosen, (0.5, 0.6))
+            for texture in errors:
+                self.noise_of[1] = replace(self.noise_of[1], alike=neighbours.alike(self.device.read(texture)))
+                texture.release()
             tables = self.textures(8)
             yield from self.run(chosen, (0.6, 0.8), KernelPass(
                 "solve/table.kernel", tables, valleys, floor, robust=self.robust))
             estimate, prior = neighbours.pyramid(
-                self.device, tuple(tables), colour, neighbours.shared_part(variance, self.source.shared_error),
-                self.source.extent, self.before.roughness)
+                self.device, tuple(tables), colour,
+                neighbours.shared_part(self.noise_of[1], self.source.shared_error), self.source.extent,
+                self.before.roughness)
             colour.release()
             yield from self.run(chosen, (0.8, 1.0), KernelPass(
                 "solve/polish.kernel", outputs, {**valleys, "u_estimate": estimate, "u_prior": prior},
@@ -314,13 +320,20 @@ class Solver(TilePasses):
 
         ``chosen``: of these tiles.  ``span``: as of `run`.
         """
-        chosen = tiles(self.atlas, self.covered) if chosen is None else chosen
-        (albedo,) = self.textures(1)
+        outputs = self.textures(1)
+        yield from self._albedo(
+            outputs, lobe_map, lobes, tiles(self.atlas, self.covered) if chosen is None else chosen, span)
+        return outputs[0]
+
+    def _albedo(
+        self, outputs: list[moderngl.Texture], lobe_map: moderngl.Texture, lobes: int, chosen: list[Tile],
+        span: tuple[float, float],
+    ) -> Generator[Progress, None, None]:
+        """Runs solve/albedo.kernel: base colour and, of one lobe that is no metal's, if wanted errors."""
         robust = self.robust and lobes == 1
         yield from self.run(chosen, span, KernelPass(
-            "solve/albedo.kernel", [albedo], {"u_found": lobe_map, **({"u_noise": self.noise_map} if robust else {})},
+            "solve/albedo.kernel", outputs, {"u_found": lobe_map, **({"u_noise": self.noise_map} if robust else {})},
             self._floor(self.noise**2) if robust else {}, lobes, colour=True, robust=robust))
-        return albedo
 
     def _noise(
         self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int, misfit: float = 1.0,
