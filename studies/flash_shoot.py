@@ -96,7 +96,8 @@ def main() -> None:
     print("\n".join(rows))
     said = re.sub(r".*?warning: \w+: ", "", doubt)
     report = json.loads((work / "out_native" / "report.json").read_text(encoding="utf-8"))
-    short = textwrap.fill(SHORT.format(doubt=f'The solve warns: "{said}".' if said else ""), 119)
+    short = SHORT.format(doubt=f'The solve warns: "{said}".' if said else "")
+    short = textwrap.fill(" ".join(short.split()), 119)
     pages.fill(PAGE, {
         "made": pages.measured(report["device"]["renderer"], f"IRPSO {version()}"), "table": "\n".join([HEAD, *rows]),
         "found": FOUND.format(many=MANY, seconds=many(work), short=short)})

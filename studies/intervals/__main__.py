@@ -1,6 +1,6 @@
 """``python -m studies.intervals``: makes docs/intervals.md, whether intervals and confidence hold on pictures.
 
-Four assets that nothing was tuned on are rendered by Cycles, one of them path-traced too, and solved with `auto`.
+Four assets that were made for it are rendered by Cycles, one of them path-traced too, and solved with `auto`.
 Needs Blender as a module and matplotlib.  Pictures are kept in build/intervals.  --assets: these alone, and no page.
 """
 

@@ -1,6 +1,7 @@
 """Assets of the study as arrays: what Cycles is given, and the maps they are painted with.  All of it are formulas.
 
-Nothing in the product was tuned on them.  Each is made of sheets: grids of quads with an island of the UV square each.
+docs/intervals.md says what was chosen on them.  Each is made of sheets: grids of quads with an island of the UV square
+each.
 """
 
 from __future__ import annotations
