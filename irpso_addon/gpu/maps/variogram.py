@@ -79,7 +79,7 @@ def colour_kinds(base: F32, mine: Bool) -> I32:
     ``base``: (h, w, 3).  Lloyd's algorithm (1982) on some texels' square roots, which are about as far apart as they
     look; it starts at quantiles of brightness.
     """
-    colours = np.sqrt(np.maximum(base[mine], 0)).astype(np.float64)
+    colours = np.sqrt(np.maximum(base[mine], 0))
     some = colours[::max(1, len(colours) // KIND_TEXELS)]
     order = np.argsort(some.sum(1), kind="stable")
     middles = some[order[((np.arange(KINDS) + 0.5) / KINDS * len(some)).astype(int)]]
@@ -92,9 +92,14 @@ def colour_kinds(base: F32, mine: Bool) -> I32:
     return kinds
 
 
-def _nearest(colours: F64, middles: F64) -> I32:
+def _nearest(colours: F32, middles: F32) -> I32:
     """(N,) index of the nearest of ``middles`` (K, 3) to each colour (N, 3)."""
-    return np.stack([np.square(colours - middle).sum(1) for middle in middles]).argmin(0).astype(np.int32)
+    nearest, least = np.zeros(len(colours), np.int32), np.full(len(colours), np.inf, np.float32)
+    for kind, middle in enumerate(middles):
+        away = np.square(colours - middle).sum(1)
+        nearest[away < least] = kind
+        np.minimum(least, away, out=least)
+    return nearest
 
 
 def _of_kinds(roughness: F64, share: F64, kinds: I32, curve: F64, pixel: float) -> F64:

@@ -83,16 +83,18 @@ def alike(errors: F32) -> float:
 
     ``errors``: (h, w, 4) three sums of each texel's errors, as of solve/albedo.kernel, and 1 where observed.
     """
-    sums, seen = errors[..., :3].astype(np.float64), errors[..., 3] > 0
+    seen = errors[..., 3] > 0
     if not seen.any():
         return 0.0
-    limit = OUTLYING * float(np.median(np.abs(sums[seen])))
-    sums = np.clip(sums, -limit, limit)
+    limit = OUTLYING * float(np.median(np.abs(errors[seen, :3])))
     product = square = 0.0
-    for a, b in ((np.s_[:, APART:], np.s_[:, :-APART]), (np.s_[APART:], np.s_[:-APART])):
-        both = seen[a] & seen[b]
-        product += float((sums[a] * sums[b])[both].sum())
-        square += 0.5 * float((sums[a] ** 2 + sums[b] ** 2)[both].sum())
+    for i in range(3):
+        sums = np.clip(errors[..., i], -limit, limit)
+        for a, b in ((np.s_[:, APART:], np.s_[:, :-APART]), (np.s_[APART:], np.s_[:-APART])):
+            both = seen[a] & seen[b]
+            one, other = sums[a][both], sums[b][both]
+            product += float(np.sum(one * other, dtype=np.float64))
+            square += 0.5 * float(np.sum(one * one + other * other, dtype=np.float64))
     return min(max(product / square, 0.0), 1.0) if square > 0 else 0.0
 
 

@@ -312,24 +312,17 @@ class Solver(TilePasses):
         return {"u_noise_floor": max(neighbours.NOISE_FLOOR, self.source.shared_error),
                 "u_noise_unknown": self.source.camera_slack**2 or variance}
 
-    def albedo(
-        self, lobe_map: moderngl.Texture, lobes: int = 1, *, chosen: list[Tile] | None = None,
-        span: tuple[float, float] = (0.0, 1.0),
-    ) -> Generator[Progress, None, moderngl.Texture]:
-        """Base colour of each texel from its own observations alone; ``lobe_map``: roughness, or the pairs of lobes.
-
-        ``chosen``: of these tiles.  ``span``: as of `run`.
-        """
+    def albedo(self, lobe_map: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
+        """Base colour of each texel from its own observations alone; ``lobe_map``: roughness, or the pairs of lobes."""
         outputs = self.textures(1)
-        yield from self._albedo(
-            outputs, lobe_map, lobes, tiles(self.atlas, self.covered) if chosen is None else chosen, span)
+        yield from self._albedo(outputs, lobe_map, lobes, tiles(self.atlas, self.covered), (0.0, 1.0))
         return outputs[0]
 
     def _albedo(
         self, outputs: list[moderngl.Texture], lobe_map: moderngl.Texture, lobes: int, chosen: list[Tile],
         span: tuple[float, float],
     ) -> Generator[Progress, None, None]:
-        """Runs solve/albedo.kernel: base colour and, of one lobe that is no metal's, if wanted errors."""
+        """Base colour and, where a second output is given, errors for `neighbours.alike`: of one lobe, of no metal."""
         robust = self.robust and lobes == 1
         yield from self.run(chosen, span, KernelPass(
             "solve/albedo.kernel", outputs, {"u_found": lobe_map, **({"u_noise": self.noise_map} if robust else {})},
