@@ -81,7 +81,8 @@ def clean_noise(residual: F32, degrees: F32) -> tuple[float, bool]:
 def alike(errors: F32) -> float:
     """0..1: how far errors of texels that are APART are alike (their correlation).
 
-    ``errors``: (h, w, 4) three sums of each texel's errors, as of solve/albedo.kernel, and 1 where observed.
+    ``errors``: (h, w, 4) three sums of each texel's errors with random signs (Hutchinson 1990, "A stochastic estimator
+    of the trace of the influence matrix"), as of solve/albedo.kernel, and 1 where observed.
     """
     seen = errors[..., 3] > 0
     if not seen.any():
