@@ -31,25 +31,26 @@ float lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2
     return mix(rows.x, rows.y, f.y);
 }
 
-// The same of light that comes from several directions about one, and of that one alone.  `spread`: their standard
-// deviation along each of two axes, as texels for a metre of height of what is in the way; `reach`: metres of height at
-// which that is looked for.  First how high it is, then what each of four directions meets there (after Fernando 2005,
-// "Percentage-Closer Soft Shadows"; here the four of a Gauss rule for the cell, and the middle one).
-vec2 softly_lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2 slope, float spread, float reach) {
+// The same of light that comes from several directions about one.  `spread`: their standard deviation along each of two
+// axes, as texels for a metre of height of what is in the way; `reach`: metres of height at which that is looked for.
+// First how high it is, then what each of four directions meets there (after Fernando 2005, "Percentage-Closer Soft
+// Shadows"; here the four of a Gauss rule for the cell, and the middle one).
+float softly_lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2 slope, float spread, float reach) {
     const float MIDDLE = 0.3;  // weight of what arrives from the middle; 0 is less exact (decision 0018)
+    const float LOW = 0.3;     // of the height: what is lower is not in the way of the four (decision 0050)
     float lit = lit_in(sheet, corner, side, at, depth, slope);
     float height = max(depth - nearest_in(sheet, corner, side, at), 0.0);  // not minus infinity: maps hold halves
     for (int k = 0; k < 4; k++) {
         vec2 off = spread * reach * DIAGONALS[k];
         height = max(height, depth - max(dot(slope, off), 0.0) - nearest_in(sheet, corner, side, at + off));
     }
-    if (spread * height < 1.0) return vec2(lit);  // the percentage of four texels is as soft
+    if (spread * height < 1.0) return lit;  // the percentage of four texels is as soft
     float around = 0.0;
     for (int k = 0; k < 4; k++) {
         vec2 off = spread * height * DIAGONALS[k];
-        // What is less than half as high does not reach the ray there; the receiver's own facet neither.
-        float least = depth - max(dot(slope, off), 0.5 * height);
+        // What is much lower does not reach the ray there; the receiver's own facet neither.
+        float least = depth - max(dot(slope, off), LOW * height);
         around += step(least, nearest_in(sheet, corner, side, at + off));
     }
-    return vec2(mix(around * 0.25, lit, MIDDLE), lit);
+    return mix(around * 0.25, lit, MIDDLE);
 }

@@ -12,7 +12,7 @@ uniform int u_width;             // of the picture
 const float alpha2_of[] = float[](NODE_ALPHA2);
 
 #ifdef IRRADIANCE
-layout(location = 0) out vec4 o_irradiance;  // RGB, W/m^2; of their mean what comes from where a shadow's edge passes
+layout(location = 0) out vec4 o_irradiance;  // RGB, W/m^2; of their mean what soft shadows leave in doubt
 layout(location = 1) out vec4 o_node[NODE_COUNT];  // RGB, W/(m^2 sr), at IOR 1.5; mean of the channels without Fresnel
 #else
 layout(location = 0) out vec4 o_node[NODE_COUNT];
@@ -36,7 +36,7 @@ bool wide(Direction d) {
         (close_by(d) || d.spread * d.spread > SHARP * (dot(off, off) + alpha2_of[FIRST_NODE] * square));
 }
 
-void add(Direction d, float share, bool edge) {
+void add(Direction d, float share) {
     float middle = dot(N, d.toward);
     // Of what lies across the horizon only a part is above.
     float cos_l = clamped_mean(middle, d.spread * sqrt(3.0 * max(1.0 - middle * middle, 0.0)));
@@ -66,7 +66,7 @@ void add(Direction d, float share, bool edge) {
         o_node[k] += shape * vec4(arrives * fresnel, grey);
     }
 #ifdef IRRADIANCE
-    o_irradiance += vec4(arrives, edge ? grey : 0.0);
+    o_irradiance += vec4(arrives, 4.0 * (1.0 - share) * grey);  // doubt: all of it, where half arrives
 #endif
 }
 
@@ -105,7 +105,7 @@ void main() {
             first = first * PARTS + u_all;
             continue;
         }
-        add(d, float(lit & LIT_FULL) / float(LIT_FULL), (lit & LIT_EDGE) != 0u);
+        add(d, float(lit) / 255.0);
         at++;
         while (level > 0 && at % PARTS == 0) {
             level--;

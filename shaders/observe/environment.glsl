@@ -3,8 +3,6 @@ uniform int u_first;             // direction of the batch
 uniform int u_count;             // directions in it
 uniform int u_all;               // directions in all
 
-const uint LIT_FULL = 127u, LIT_EDGE = 128u;  // see observe/environment_lit.frag
-
 vec3 P, N;
 
 struct Direction { vec3 toward; float spread; vec3 power; };

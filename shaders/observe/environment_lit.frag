@@ -1,5 +1,5 @@
-// Which of a batch's directions, 16 in a row, light a pixel: a byte each, in the order of the components and their bytes.
-// LIT_FULL is all of a direction's light; LIT_EDGE is added where an edge of its shadow passes.
+// How much of a batch's directions, 16 in a row, lights a pixel: a byte each, in the order of the components and their
+// bytes.
 //
 // Defines: EMITTERS for patches of meshes.
 #include "include/pixel.glsl"
@@ -9,8 +9,6 @@ uniform sampler2D u_facet;
 uniform sampler2D u_shadow;   // linear depth from u_center on, nearest: the batch's maps
 uniform int u_place;          // of the 16 among the batch's
 uniform ivec2 u_corner;       // of their place in the target
-
-const float EDGE = 0.02;      // share of a direction's middle between which and the rest an edge of its shadow lies
 
 layout(location = 0) out uvec4 o_lit;
 
@@ -39,10 +37,8 @@ void main() {
     for (int k = 0; k < 16; k++) {
         int n = 16 * u_place + k;
         if (n >= u_count || !above(u_first + n)) continue;
-        vec2 lit = lit_of(n, direction(u_first + n), facet);
-        uint found = uint(lit.x * float(LIT_FULL) + 0.5);
-        if (lit.y > EDGE && lit.y < 1.0 - EDGE) found |= LIT_EDGE;
-        bytes[k >> 2] |= found << uint(8 * (k & 3));
+        float lit = lit_of(n, direction(u_first + n), facet);
+        bytes[k >> 2] |= uint(lit * 255.0 + 0.5) << uint(8 * (k & 3));
     }
     o_lit = bytes;
 }

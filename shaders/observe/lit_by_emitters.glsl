@@ -3,8 +3,8 @@ uniform sampler2D u_sights;      // of each patch: from where its shadows are se
 uniform vec3 u_center;           // of the subject's sphere
 uniform float u_radius;
 
-// Share of the light of the batch's n-th patch that arrives, twice (as of a world), by a perspective map.
-vec2 lit_of(int n, Direction d, vec4 facet) {
+// Share of the light of the batch's n-th patch that arrives, by a perspective map.
+float lit_of(int n, Direction d, vec4 facet) {
     vec4 sight = texelFetch(u_sights, texel_of(u_first + n), 0);
     vec3 axis = u_center - sight.xyz, away = P - sight.xyz;
     float reach = length(axis), half_width = 1.001;
@@ -23,6 +23,6 @@ vec2 lit_of(int n, Direction d, vec4 facet) {
     vec3 right = right_of(forward), up = cross(right, forward);
     float depth = max(dot(forward, lifted), 1e-9);
     vec2 at = (vec2(dot(right, lifted), dot(up, lifted)) / (depth * half_width) * 0.5 + 0.5) * float(SHADOW_SIDE) - 0.5;
-    return vec2(lit_in(u_shadow, corner_of(map), SHADOW_SIDE, at, depth - dot(forward, axis) - BIAS * texel,
-                       depth_slope(facet.xyz, lifted / depth, right, up, texel)));
+    return lit_in(u_shadow, corner_of(map), SHADOW_SIDE, at, depth - dot(forward, axis) - BIAS * texel,
+                  depth_slope(facet.xyz, lifted / depth, right, up, texel));
 }

@@ -2,8 +2,8 @@
 uniform vec3 u_center;           // of the subject's sphere
 uniform float u_half_width;      // of a shadow map, metres
 
-// Share of the light of the batch's n-th direction that arrives, and of its middle, by a parallel map.
-vec2 lit_of(int n, Direction d, vec4 facet) {
+// Share of the light of the batch's n-th direction that arrives, by a parallel map.
+float lit_of(int n, Direction d, vec4 facet) {
     vec3 forward = -d.toward;
     vec3 right = right_of(forward), up = cross(right, forward);
     float texel = 2.0 * u_half_width / float(SHADOW_SIDE);

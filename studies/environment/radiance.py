@@ -106,7 +106,7 @@ def _seen(scene: SceneData, white: object, size: int, count: int) -> Generator[P
         toward = camera.camera.position - position[..., :3]
         toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
         cos_v = (normal * toward).sum(-1)
-        where = (position[..., 3] > 0.5) & (colour[..., 3] > 0.25 * cos_v**2) & (cos_v > 0.2)
+        where = (position[..., 3] > 0.5) & (colour[..., 3] > 0.01 * cos_v**2) & (cos_v > 0.2)
         assert view.nodes is not None
         nodes = np.stack([device.read(view.nodes, place)[where][:, :3] for place in node_places(size, size)], -1)
         return Pixels(where, 1 / colour[where][:, :3].astype(np.float64), nodes.astype(np.float64), cos_v[where])

@@ -71,25 +71,73 @@ def test_nodes_and_irradiance_are_those_of_the_twin():
     assert np.median(worst) < 0.004
 
 
-def test_shadows_of_a_sky_are_soft():
-    """A plate with a gap over the plane: what of the sky is seen through it and past its edges, ray by ray."""
-    sky, mesh, high = skies.sky(128), syn.plane_mesh(), 0.6
-    plate = np.concatenate([syn.quad([(x, -0.7, high), (x + 0.5, -0.7, high), (x + 0.5, 0.7, high), (x, 0.7, high)])
-                            for x in (-0.7, 0.2)]).astype(np.float32)
-    view = View(Path("a.exr"), syn.camera((0, -2.6, 0.5), degrees=44), (), environment=sky)
-    irradiance, _, position, normal, quality = _observed(view, mesh, plate, environment.COUNT)
-    at = (position[..., 3] > 0.5) & (quality > 0) & (np.abs(position[..., :2]) < 0.95).all(-1)
-    P, N = position[at][:, :3].astype(np.float64), normal[at][:, :3].astype(np.float64)
+def _sky_rays(sky) -> tuple[np.ndarray, np.ndarray]:
+    """(toward (N, 3), W/m^2 on what faces them (N, 3)) of a sky's pixels above the horizon."""
     toward, solid = (a.reshape(-1, a.shape[-1]) for a in environment.texel_directions(*sky.radiance.shape[:2]))
     power = (sky.radiance * solid.reshape(len(sky.radiance), 1, 1)).reshape(-1, 3)
-    power, toward = power[toward[:, 2] > 0], toward[toward[:, 2] > 0]
-    crossing = P[:, None, :2] + toward[None, :, :2] * ((high - P[:, 2])[:, None] / toward[:, 2])[..., None]
-    x, y = np.abs(crossing[..., 0]), np.abs(crossing[..., 1])
-    hidden = (x > 0.2) & (x < 0.7) & (y < 0.7)
-    want = (np.maximum(N @ toward.T, 0) * ~hidden) @ power
-    assert len(P) > 200 and want[:, 0].min() < 0.7 * want[:, 0].max()
-    off = np.abs(irradiance[at] / want - 1)
-    assert off.mean() < 0.005  # 0.0044; hard shadows: 0.0078
+    return toward[toward[:, 2] > 0], power[toward[:, 2] > 0]
+
+
+def _off_and_trust(occluders: np.ndarray, cam, hides, within: float) -> tuple[np.ndarray, ...]:
+    """Of pixels of the plane under a sky: relative error of irradiance, quality over a good pixel's, place, irradiance.
+
+    ``hides``: (place, rays) -> which of the rays something is in the way of.
+    """
+    sky = skies.sky(128)
+    view = View(Path("a.exr"), cam, (), environment=sky)
+    irradiance, _, position, normal, quality = _observed(
+        view, syn.plane_mesh(), occluders.astype(np.float32), environment.COUNT)
+    at = (position[..., 3] > 0.5) & (quality > 0) & (np.abs(position[..., :2]) < within).all(-1)
+    P, N = position[at][:, :3].astype(np.float64), normal[at][:, :3].astype(np.float64)
+    toward, power = _sky_rays(sky)
+    want = np.stack([(np.maximum(toward @ n, 0) * ~hides(p, toward)) @ power for p, n in zip(P, N, strict=True)])
+    to_camera = cam.position - P
+    cos_v = (N * to_camera).sum(-1) / np.linalg.norm(to_camera, axis=-1)
+    return irradiance[at].mean(-1) / want.mean(-1) - 1, quality[at] / cos_v**2, P, want.mean(-1)
+
+
+def test_shadows_of_a_sky_are_soft():
+    """A plate with a gap over the plane: what of the sky is seen through it and past its edges, ray by ray."""
+    high = 0.6
+    plate = np.concatenate([syn.quad([(x, -0.7, high), (x + 0.5, -0.7, high), (x + 0.5, 0.7, high), (x, 0.7, high)])
+                            for x in (-0.7, 0.2)])
+
+    def hides(place: np.ndarray, toward: np.ndarray) -> np.ndarray:
+        x, y = np.abs(place[:2] + toward[:, :2] * ((high - place[2]) / toward[:, 2])[:, None]).T
+        return (x > 0.2) & (x < 0.7) & (y < 0.7)
+
+    off, _, _, want = _off_and_trust(plate, syn.camera((0, -2.6, 0.5), degrees=44), hides, 0.95)
+    assert len(off) > 200 and want.min() < 0.7 * want.max()
+    assert np.abs(off).mean() < 0.005  # 0.0044; hard shadows: 0.0078
+
+
+def test_light_beside_a_ball_is_known_roughly():
+    """The floor where a ball lies on it: the nearer, the less of the light is sure, and trusted."""
+    middle = np.array([0.0, 0.0, 0.5])
+
+    def hides(place: np.ndarray, toward: np.ndarray) -> np.ndarray:
+        along = toward @ (middle - place)
+        return (along > 0) & ((middle - place) @ (middle - place) - along**2 < middle[2] ** 2)
+
+    off, trust, P, _ = _off_and_trust(syn.sphere(96, 48, middle[2])[0] + middle, syn.camera((0, -2.0, 0.7), degrees=44),
+                                   hides, 0.64)
+    away = np.linalg.norm(P[:, :2], axis=-1)
+    near, far = away < 0.3, away > 0.5
+    assert near.sum() > 20 and far.sum() > 200
+    assert np.abs(off[near]).mean() > 0.05 and np.abs(off[far]).mean() < 0.006  # 0.18; 0.004
+    assert np.quantile(trust[near], 0.9) < 0.3 and np.quantile(trust[far], 0.1) > 0.75
+
+
+def test_light_through_bars_of_several_heights():
+    """What is low is in the way of a cell's directions as well as what is high above it."""
+    bars = [((x, -2.0, z), (x + width, 2.0, z + width)) for z, width, step in
+            ((0.12, 0.05, 0.25), (0.4, 0.1, 0.3), (1.0, 0.3, 0.6)) for x in step * np.arange(-2, 3)]
+    off, trust, _, _ = _off_and_trust(
+        np.concatenate([syn.box(*bar) for bar in bars]), syn.camera((0, -2.6, 0.5), degrees=44),
+        lambda place, toward: np.any([syn.box_blocks(place, 9 * toward, *bar) for bar in bars], 0), 0.8)
+    assert len(off) > 100
+    assert abs(off.mean()) < 0.15  # 0.11; where what is half as high as the highest counts alone: 0.35
+    assert np.median(trust) < 0.1
 
 
 # ---- solved for

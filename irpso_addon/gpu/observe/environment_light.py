@@ -32,7 +32,7 @@ DATA_WIDTH = 2048  # texels
 class EnvironmentLight:
     """One environment at one camera's pixels."""
 
-    irradiance: moderngl.Texture  # RGBA32F: W/m^2, whether an edge of a shadow passes
+    irradiance: moderngl.Texture  # RGBA32F: W/m^2, and of the channels' mean what soft shadows leave in doubt
     nodes: moderngl.Texture  # RGBA16F, NODES parts: see shaders/observe/environment_nodes.frag
 
 
@@ -84,7 +84,7 @@ class LitByEnvironment:
             sums = [device.texture(*size) for _ in range(1 + model.NODES)]
             for _ in self._sum(camera, sums, 0):
                 yield None
-            made = self._divided(camera.maps, sums[0], sums[1:])
+            made = EnvironmentLight(sums[0], self._divided(camera.maps, sums[0], sums[1:]))
             owned.hand_over(made.irradiance, made.nodes)
         yield made
 
@@ -149,13 +149,11 @@ class LitByEnvironment:
 
     def _divided(
         self, maps: GBufferMaps, irradiance: moderngl.Texture, nodes: Sequence[moderngl.Texture],
-    ) -> EnvironmentLight:
-        """What the sums amount to."""
+    ) -> moderngl.Texture:
+        """The nodes, from their sums."""
         device, (width, height) = self.device, maps.position.size
-        made = EnvironmentLight(device.texture(width, height), node_texture(device, width, height))
-        with device.target([made.irradiance], clear=True) as target:
-            device.draw("observe/environment_irradiance.frag", target, Inputs({"u_sums": irradiance}), cells=maps.cells)
-        with device.target([made.nodes], clear=True) as target:
+        made = node_texture(device, width, height)
+        with device.target([made], clear=True) as target:
             for place, node in zip(node_places(width, height), nodes, strict=True):
                 device.draw("observe/environment_nodes.frag", target, Inputs(
                     {"u_sums": node, "u_irradiance": irradiance}, {"u_corner": place[:2]}),
