@@ -159,7 +159,8 @@ def _certainty(
     texels = believed.texels
     own = texels.sigma**2 + mixture(texels.roughness, texels.sigma, texels.solved, pixel)
     borrowed, told = borrowed_variance(texels.roughness, texels.sigma, believed.share, believed.slots, pixel, base)
-    error = np.sqrt(np.maximum(own, borrowed))
+    # The less its own data determine it, the more it matters how far it may be off because it is its neighbours'.
+    error = np.sqrt(own + (1 - believed.share) * np.maximum(borrowed - own, 0))
     rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), error)
     doubt = np.where(lambert, texels.base_sigma, sigma)
     whole = np.where(told & ~believed.bound, np.float32(1), MATERIAL_ALONE)
