@@ -36,21 +36,19 @@ float lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2
 // First how high it is, then what each of four directions meets there (after Fernando 2005, "Percentage-Closer Soft
 // Shadows"; here the four of a Gauss rule for the cell, and the middle one).
 float softly_lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2 slope, float spread, float reach) {
-    const float MIDDLE = 0.3;  // weight of what arrives from the middle; 0 is less exact (decision 0018)
-    const float LOW = 0.3;     // of the height: what is lower is not in the way of the four (decision 0050)
+    const float MIDDLE = 0.4;  // weight of what arrives from the middle (decision 0050)
     float lit = lit_in(sheet, corner, side, at, depth, slope);
     float height = max(depth - nearest_in(sheet, corner, side, at), 0.0);  // not minus infinity: maps hold halves
     for (int k = 0; k < 4; k++) {
         vec2 off = spread * reach * DIAGONALS[k];
-        height = max(height, depth - max(dot(slope, off), 0.0) - nearest_in(sheet, corner, side, at + off));
+        // The receiver's own facet, which may rise towards the light there, is not in the way.
+        height = max(height, depth + min(dot(slope, off), 0.0) - nearest_in(sheet, corner, side, at + off));
     }
     if (spread * height < 1.0) return lit;  // the percentage of four texels is as soft
     float around = 0.0;
     for (int k = 0; k < 4; k++) {
         vec2 off = spread * height * DIAGONALS[k];
-        // What is much lower does not reach the ray there; the receiver's own facet neither.
-        float least = depth - max(dot(slope, off), LOW * height);
-        around += step(least, nearest_in(sheet, corner, side, at + off));
+        around += step(depth + min(dot(slope, off), 0.0), nearest_in(sheet, corner, side, at + off));
     }
     return mix(around * 0.25, lit, MIDDLE);
 }

@@ -5,7 +5,7 @@ uniform sampler2D u_irradiance;  // of the view's lights; a: EDGE, or what soft 
 
 // How much light soft shadows let through is known roughly: where what they leave in doubt is this share of all light, an
 // observation counts half.
-const float DOUBT_SHARE = 0.2;
+const float DOUBT_SHARE = 0.4;
 
 #ifdef BOUNCED
 uniform sampler2D u_bounced;     // indirect irradiance; a: the sum of what is light from all around

@@ -125,7 +125,7 @@ def test_light_beside_a_ball_is_known_roughly():
     near, far = away < 0.3, away > 0.5
     assert near.sum() > 20 and far.sum() > 200
     assert np.abs(off[near]).mean() > 0.05 and np.abs(off[far]).mean() < 0.006  # 0.18; 0.004
-    assert np.quantile(trust[near], 0.9) < 0.3 and np.quantile(trust[far], 0.1) > 0.75
+    assert np.quantile(trust[near], 0.9) < 0.6 and np.quantile(trust[far], 0.1) > 0.85
 
 
 def test_light_through_bars_of_several_heights():
@@ -136,8 +136,8 @@ def test_light_through_bars_of_several_heights():
         np.concatenate([syn.box(*bar) for bar in bars]), syn.camera((0, -2.6, 0.5), degrees=44),
         lambda place, toward: np.any([syn.box_blocks(place, 9 * toward, *bar) for bar in bars], 0), 0.8)
     assert len(off) > 100
-    assert abs(off.mean()) < 0.15  # 0.11; where what is half as high as the highest counts alone: 0.35
-    assert np.median(trust) < 0.1
+    assert abs(off.mean()) < 0.03  # 0.012; 0.35 where what is less than half as high as the highest does not count
+    assert np.median(trust) < 0.2  # 0.11
 
 
 # ---- solved for
