@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..checks.light_checks import light_slopes
+from ..checks.light_checks import four_sided, light_slopes
 from ..data import F64, I32, Bool, Camera, Light
 from ..evaluation.sampled_texels import SampledTexels
 from ..shading import brdf
@@ -190,7 +190,7 @@ class RigGeometry:
         lights, result = sample.rig.lights(change), {}
         for group in sample.rig.groups:
             for name, axes in zip(group.lights, group.axes, strict=True):
-                light = lights[name]
+                light = four_sided(lights[name])  # what counts are ratios to the lamp as it is given
                 slopes, fine = light_slopes(light, sample.position, sample.normal)
                 own = 1.0 if light.kind == "SUN" else float(
                     np.linalg.norm(light.matrix[:3, 3] - sample.position.mean(0)))

@@ -137,15 +137,18 @@ def light_slopes(light: Light, P: F64, N: F64) -> tuple[F64, Bool]:
     direction = light.matrix[:3, 2] if light.kind == "SUN" else offset
     direction = direction / np.maximum(np.linalg.norm(direction, axis=-1, keepdims=True), 1e-12)
     fine = np.asarray((N * direction).sum(-1) > MIN_COS_L)
-    slopes, light = np.zeros(P.shape), _four_sided(light)
-    for axis in range(3):
-        two = [light_irradiance(moved(light, axis, sign * STEP * reach), P, N) for sign in (1, -1)]
-        fine &= (two[0] > 0) & (two[1] > 0)
-        slopes[:, axis] = np.log(np.maximum(two[0], 1e-30) / np.maximum(two[1], 1e-30)) / (2 * STEP)
+    light = four_sided(light)
+    if light.kind == "SUN":
+        two = np.stack([[light_irradiance(moved(light, axis, by), P, N) for axis in range(3)] for by in (STEP, -STEP)])
+    else:  # a lamp that moves is, for the places, places that move the other way: all at once
+        by = STEP * reach * np.eye(3)[:, None]
+        two = light_irradiance(light, np.stack([P - by, P + by]), N)
+    fine &= (two > 0).all((0, 1))
+    slopes = np.log(np.maximum(two[0], 1e-30) / np.maximum(two[1], 1e-30)).T / (2 * STEP)
     return slopes, fine & np.isfinite(slopes).all(-1)
 
 
-def _four_sided(light: Light) -> Light:
+def four_sided(light: Light) -> Light:
     """A disc as the rectangle of the same second moments, whose irradiance takes an eighth of the time."""
     if light.kind != "AREA" or light.shape not in ("DISK", "ELLIPSE"):
         return light

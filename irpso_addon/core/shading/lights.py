@@ -199,12 +199,13 @@ def spread_point(uniforms: dict[str, Any], offset: F64, height: F64, square: F64
 
 
 def polygon_edge(a: F64, e: F64, N: F64) -> F64:
-    """One edge of Lambert's sum, from a along e, all (..., 3)."""
-    c = np.cross(a, e)
-    size, along = np.sqrt(dot(c, c)), dot(a, a + e)
+    """One edge of Lambert's sum, from a along e, all (3, ...)."""
+    (ax, ay, az), (ex, ey, ez) = a, e
+    cx, cy, cz = ay * ez - az * ey, az * ex - ax * ez, ax * ey - ay * ex
+    size, along = np.sqrt(cx * cx + cy * cy + cz * cz), ax * (ax + ex) + ay * (ay + ey) + az * (az + ez)
     far = size > 1e-6 * np.abs(along)
     angle = np.where(far, np.arctan2(size, along) / np.where(far, size, 1), 1 / np.where(along == 0, 1, along))
-    value: F64 = dot(c, N) * angle
+    value: F64 = (cx * N[0] + cy * N[1] + cz * N[2]) * angle
     return value
 
 
@@ -219,24 +220,24 @@ def area_corners(ellipse: bool) -> F64:
 
 
 def _edges_sum(outline: F64, N: F64) -> F64:
-    """Lambert's sum (T,) of a polygon (E, T, 3) that is above the horizon."""
-    along = np.roll(outline, -1, 0) - outline
-    return np.asarray(polygon_edge(outline, along, np.broadcast_to(N, outline.shape)).sum(0))
+    """Lambert's sum (T,) of a polygon (3, E, T) that is above the horizon; N: (3, T)."""
+    return np.asarray(polygon_edge(outline, np.roll(outline, -1, 1) - outline, N[:, None]).sum(0))
 
 
 def _clipped_sum(outline: F64, N: F64) -> F64:
     """The same of one that is in part above."""
-    total, clipped = np.zeros(N.shape[:-1]), np.zeros(N.shape[:-1], bool)
+    total, clipped = np.zeros(N.shape[1:]), np.zeros(N.shape[1:], bool)
     leave, enter = np.zeros(N.shape), np.zeros(N.shape)  # where the outline goes below the horizon and comes back
-    for a, following in zip(outline, np.roll(outline, -1, 0), strict=True):
-        e = following - a
-        za, zb = dot(a, N), dot(following, N)
+    heights = (outline * N[:, None]).sum(0)
+    for n in range(outline.shape[1]):
+        a, following = outline[:, n], outline[:, n + 1 - outline.shape[1]]
+        e, za, zb = following - a, heights[n], heights[n + 1 - len(heights)]
         rises, falls = (za < 0) & (zb >= 0), (za >= 0) & (zb < 0)
         clipped |= rises | falls
         cut = za / np.where(rises | falls, za - zb, 1)
-        start, end = np.where(rises, cut, 0)[..., None], np.where(falls, cut, 1)[..., None]
+        start, end = np.where(rises, cut, 0), np.where(falls, cut, 1)
         a, e = a + e * start, e * (end - start)
-        enter, leave = np.where(rises[..., None], a, enter), np.where(falls[..., None], a + e, leave)
+        enter, leave = np.where(rises, a, enter), np.where(falls, a + e, leave)
         total += np.where((za >= 0) | (zb >= 0), polygon_edge(a, e, N), 0)
     return total + np.where(clipped, polygon_edge(leave, enter - leave, N), 0)
 
@@ -247,18 +248,23 @@ def area_irradiance(light: Light, P: F64, N: F64) -> F64:
     u, v = np.asarray(uniforms["u_light_axis_u"]), np.asarray(uniforms["u_light_axis_v"])
     center = np.asarray(uniforms["u_light_position"]) - P
     corners = area_corners(uniforms["u_light_ellipse"]) @ np.stack([u, v])
-    outline = center + corners.reshape(-1, *[1] * (P.ndim - 1), 3)
-    height = dot(outline, np.broadcast_to(N, outline.shape))
-    total, above = np.zeros(P.shape[:-1]), (height >= 0).any(0)
-    whole = above & (height >= 0).all(0)
-    part = above & ~whole
-    total[whole] = _edges_sum(outline[:, whole], N[whole])
-    total[part] = _clipped_sum(outline[:, part], N[part])
+    # Components first: NumPy is several times as fast along many places.
+    normal = np.ascontiguousarray(N.reshape(-1, 3).T)
+    outline = center.reshape(-1, 3).T[:, None] + corners.T[:, :, None]  # (3, sides, places)
+    height = outline[0] * normal[0] + outline[1] * normal[1] + outline[2] * normal[2]
+    whole, above = (height >= 0).all(0), (height >= 0).any(0)
+    if whole.all():
+        total = _edges_sum(outline, normal)
+    else:
+        total, part = np.zeros(len(whole)), above & ~whole
+        total[whole] = _edges_sum(outline[:, :, whole], normal[:, whole])
+        total[part] = _clipped_sum(outline[:, :, part], normal[:, part])
     hu, hv = np.linalg.norm(u), np.linalg.norm(v)
-    total = np.abs(total) / (2 * np.pi * (np.pi if uniforms["u_light_ellipse"] else 4) * hu * hv)
-    offset, weight = light_sample(light, P, 0, 1)
-    point = weight * np.maximum(dot(offset, N) / length(offset), 0)
-    front = center @ np.asarray(uniforms["u_light_axis"]) < 0
+    total = np.abs(total.reshape(P.shape[:-1])) / (2 * np.pi * (np.pi if uniforms["u_light_ellipse"] else 4) * hu * hv)
     small = max(hu, hv) < POINT_SIZE * length(center)
-    irradiance: F64 = np.where(front, np.where(small, point, total), 0.0)
+    if small.any():
+        offset, weight = light_sample(light, P, 0, 1)
+        total = np.where(small, weight * np.maximum(dot(offset, N) / length(offset), 0), total)
+    front = center @ np.asarray(uniforms["u_light_axis"]) < 0
+    irradiance: F64 = np.where(front, total, 0.0)
     return irradiance
