@@ -132,10 +132,12 @@ def _plateaus(sample: F32, highest: F64) -> F64:
     """
     ceiling = np.full(3, _HALF_MAX)
     for channel in range(3):
-        values, counts = np.unique(sample[:, channel], return_counts=True)
-        top = counts[-1] if values[-1] == highest[channel] > 0 else 0
-        others = counts[:-1][values[:-1] > 0]
-        if len(others) and 0.001 * len(sample) < top < 0.5 * len(sample) and top > 10 * others.max():
+        column = sample[:, channel]
+        top = np.count_nonzero(column == highest[channel]) if highest[channel] > 0 else 0
+        if not 0.001 * len(sample) < top < 0.5 * len(sample):
+            continue
+        _, others = np.unique(column[(column > 0) & (column < highest[channel])], return_counts=True)
+        if len(others) and top > 10 * others.max():
             ceiling[channel] = min(ceiling[channel], highest[channel])
     return ceiling
 
