@@ -37,7 +37,7 @@ VARIANTS: list[tuple[str, dict[str, Any], bool]] = [
     ("one base colour for all cameras",
      {"solve.solver.FIRST_SLACK": 0.0, "observe.observation_atlas.CAMERA_SLACK": 0.0}, False),
     ("no neighbours", {"solve.neighbours.ROUGHNESS_SLOPE": 1e6}, False),
-    ("neighbours' errors taken for alike", {"solve.neighbours.gain": lambda *_: ALIKE}, False),
+    ("neighbours' errors taken for alike", {"solve.neighbours.Shared.gain": lambda *_: ALIKE}, False),
     ("base colour: no outliers expected", {"maps.albedo.ROBUST_PASSES": 1}, False),
     ("base colour: mean of what the cameras show", {"maps.finish_maps.ITERATIONS": 0}, False),
 ]

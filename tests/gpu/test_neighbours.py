@@ -35,7 +35,8 @@ def pyramid(on_gl: Any) -> Pyramid:
                 height, width = tables.shape[:2]
                 each = tuple(device.texture(width, height, data=tables[..., 4 * i:4 * i + 4]) for i in range(8))
                 colour = np.concatenate([base, np.ones((height, width, 1))], -1)
-                found = neighbours.pyramid(device, each, device.texture(width, height, data=colour), shared, **more)
+                found = neighbours.pyramid(device, each, device.texture(width, height, data=colour),
+                                           neighbours.Shared(shared), **more)
                 return device.read(found[0]), device.read(found[1])
 
         result: tuple[np.ndarray, np.ndarray] = on_gl(job)
@@ -183,15 +184,25 @@ def test_a_solve_borrows_from_texels_of_its_colour(on_gl: Any) -> None:
 
 
 def test_what_neighbours_share_is_what_is_left_in_the_mean_of_many() -> None:
-    """Against the variance of the mean of 4^L texels, of whose errors one part is each texel's own."""
-    assert neighbours.shared_part(Noise(0.01**2, True), 0.0) == 0
-    assert neighbours.shared_part(Noise(0.01**2, True), 0.001) == pytest.approx(0.01)
-    assert neighbours.shared_part(Noise(0.01**2, True, 0.3), 0.001) == 0.3
-    assert neighbours.shared_part(Noise(1e-8, True, 0.3), 0.001) == 1
-    for shared in (0.0, 0.01, 0.5, 1.0):
-        said = [4.0**level * np.prod([neighbours.gain(shared, below) for below in range(level)]) for level in range(9)]
-        variance = [(1 - shared) * 0.25**level + shared * 0.5**level for level in range(9)]
-        np.testing.assert_allclose(said, 1 / np.array(variance), rtol=1e-12)
+    """Against the variance of the mean of 4^L texels, of whose errors one part is each texel's own.
+
+    Of the other part the mean of four texels leaves half, and all where normals are refined.
+    """
+    def part(noise: Noise, error: float, refined: bool = False) -> float:
+        return neighbours.shared_by(noise, error, refined).part
+
+    assert part(Noise(0.01**2, True), 0.0) == 0
+    assert part(Noise(0.01**2, True), 0.001) == pytest.approx(0.01)
+    assert part(Noise(0.01**2, True, 0.3), 0.001) == 0.3
+    assert part(Noise(1e-8, True, 0.3), 0.001) == 1
+    assert part(Noise(0.01**2, True), 0.001, refined=True) == pytest.approx(0.25)
+    for refined, left in ((False, 0.5), (True, 1.0)):
+        alike = neighbours.shared_by(Noise(1.0, True), 0.0, refined).alike
+        for shared in (0.0, 0.01, 0.5, 1.0):
+            gain = neighbours.Shared(shared, alike).gain
+            said = [4.0**level * np.prod([gain(below) for below in range(level)]) for level in range(9)]
+            variance = [(1 - shared) * 0.25**level + shared * left**level for level in range(9)]
+            np.testing.assert_allclose(said, 1 / np.array(variance), rtol=1e-12)
 
 
 def test_how_far_errors_are_alike() -> None:

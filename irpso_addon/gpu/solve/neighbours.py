@@ -23,7 +23,9 @@ FAR = 2.0  # log of a variance: outliers make their texels' so much larger, ...
 GROSS = 0.01  # ... and leave relative errors of this size: finer ones are the model's, and alike in neighbours
 NOISE_MOST = 0.06  # relative: more is not noise, but outliers in every texel: then ...
 NOISE_GUESS = 0.02  # ... this much is taken for a start
-ALIKE = 0.5  # how much four texels whose errors are alike say, in units of what they would say if these were not
+ALIKE = 0.5  # how much four texels whose errors are alike say, in units of what they would say if these were not, ...
+ALIKE_REFINED = 0.25  # ... and under refined normals, which many texels have alike off: four say what one does
+REFINED_ERROR = 0.005  # relative: what that makes of an observation, at least
 EVIDENCE = 0.8  # how much of tables counts where kinds are told apart: a texel is in many cells, some part by chance
 APART = 4  # texels whose errors are compared: pixels are mostly smaller
 OUTLYING = 4.5  # times the median size: three standard deviations
@@ -99,20 +101,27 @@ def alike(errors: F32) -> float:
     return min(max(product / square, 0.0), 1.0) if square > 0 else 0.0
 
 
-def shared_part(noise: Noise, shared_error: float) -> float:
-    """0..1: which part of the noise's variance neighbours share; ``shared_error``: as of `Source`."""
-    return max(min(shared_error**2 / noise.variance, 1.0), noise.alike)
+@dataclass(frozen=True)
+class Shared:
+    """Which part of the noise's variance neighbours share, 0..1, and how much four say of whom all is shared."""
+
+    part: float
+    alike: float = ALIKE
+
+    def gain(self, level: int) -> float:
+        """Of 1: how much four cells of a level say together, in units of what they say apart; texels are level 0.
+
+        What is each texel's own is a quarter in the mean of four cells, and of the rest the variance is 1 / (4 alike)
+        of theirs.  So the larger the cells are, the more is it that which is left.
+        """
+        own, common = (1 - self.part) * 4.0**-level, self.part * (4 * self.alike) ** -level
+        return (own + common) / (own + common / self.alike)
 
 
-def gain(shared: float, level: int) -> float:
-    """Of 1: how much four cells of a level say together, in units of what they say apart; texels are level 0.
-
-    ``shared``: as of `shared_part`.  What is each texel's own is a quarter in the mean of four cells, and of the rest
-    the variance is 1 / (4 ALIKE) of theirs.  So the larger the cells are, the more is it that which is left.
-    """
-    own, alike = 1 - shared, shared * (4 * ALIKE) ** -level
-    own *= 4.0**-level
-    return (own + alike) / (own + alike / ALIKE)
+def shared_by(noise: Noise, shared_error: float, refined: bool) -> Shared:
+    """What neighbours share of some noise.  ``shared_error``: as of `Source`; ``refined``: of what normals are."""
+    error = max(shared_error, REFINED_ERROR) if refined else shared_error
+    return Shared(max(min(error**2 / noise.variance, 1.0), noise.alike), ALIKE_REFINED if refined else ALIKE)
 
 
 def scatter(roughness: F32, observed: Bool) -> float:
@@ -147,12 +156,12 @@ class Cells:
 
 
 def pyramid(
-    device: Device, tables: Textures, colour: moderngl.Texture, shared: float, extent: float = 1.0,
+    device: Device, tables: Textures, colour: moderngl.Texture, shared: Shared, extent: float = 1.0,
     around: F32 | None = None,
 ) -> tuple[moderngl.Texture, moderngl.Texture]:
     """Tables summed upwards, estimates handed downwards: (estimate, prior) of every texel.
 
-    ``colour``: base colour, 1 where observed.  ``shared``: as of `shared_part`.  ``extent``: width of the grid in UV
+    ``colour``: base colour, 1 where observed.  ``shared``: between neighbours.  ``extent``: width of the grid in UV
     squares.  ``around``: as `tiled_plan.Before.roughness`; it stands in for all levels from its cells on, which lie
     alike in neighbouring blocks, so that no border shows between them.
     """
@@ -176,7 +185,7 @@ def pyramid(
         return estimate, prior
 
 
-def _summed(device: Device, texels: Cells, shared: float, most: int) -> list[Cells]:
+def _summed(device: Device, texels: Cells, shared: Shared, most: int) -> list[Cells]:
     """The texels and ever larger cells, until there are no more than ``most`` of these in a row."""
     levels = [texels]
     while levels[-1].size[0] > most:
@@ -188,7 +197,7 @@ def _summed(device: Device, texels: Cells, shared: float, most: int) -> list[Cel
         table = device.texture(TABLE_TILES * width, TABLE_TILES * height)
         with device.target([table]) as target:
             device.draw("solve/pool.frag", target, Inputs(
-                {**below.inputs(), "u_members": members}, {"u_gain": gain(shared, len(levels) - 1)}, below.defines()))
+                {**below.inputs(), "u_members": members}, {"u_gain": shared.gain(len(levels) - 1)}, below.defines()))
         members.release()
         levels.append(Cells((width, height), (table,), (first, second)))
     return levels

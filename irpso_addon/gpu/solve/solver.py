@@ -212,7 +212,7 @@ class Solver(TilePasses):
                 "solve/table.kernel", tables, valleys, floor, robust=self.robust))
             estimate, prior = neighbours.pyramid(
                 self.device, tuple(tables), colour,
-                neighbours.shared_part(self.noise_of[1], self.source.shared_error), self.source.extent,
+                neighbours.shared_by(self.noise_of[1], self.source.shared_error, self.source.misfit != 1), self.source.extent,
                 self.before.roughness)
             colour.release()
             yield from self.run(chosen, (0.8, 1.0), KernelPass(
