@@ -186,7 +186,7 @@ def test_a_solve_borrows_from_texels_of_its_colour(on_gl: Any) -> None:
 def test_what_neighbours_share_is_what_is_left_in_the_mean_of_many() -> None:
     """Against the variance of the mean of 4^L texels, of whose errors one part is each texel's own.
 
-    Of the other part the mean of four texels leaves half, and all where normals are refined.
+    Of the other part the mean of four texels leaves half; all where errors are seen to be alike, or normals refined.
     """
     def part(noise: Noise, error: float, refined: bool = False) -> float:
         return neighbours.shared_by(noise, error, refined).part
@@ -196,6 +196,8 @@ def test_what_neighbours_share_is_what_is_left_in_the_mean_of_many() -> None:
     assert part(Noise(0.01**2, True, 0.3), 0.001) == 0.3
     assert part(Noise(1e-8, True, 0.3), 0.001) == 1
     assert part(Noise(0.01**2, True), 0.001, refined=True) == pytest.approx(0.25)
+    assert neighbours.shared_by(Noise(0.01**2, True, 0.3), 0.001, refined=False).alike == neighbours.COMMON
+    assert neighbours.shared_by(Noise(0.01**2, True, 0.005), 0.001, refined=False).alike == neighbours.ALIKE
     for refined, left in ((False, 0.5), (True, 1.0)):
         alike = neighbours.shared_by(Noise(1.0, True), 0.0, refined).alike
         for shared in (0.0, 0.01, 0.5, 1.0):

@@ -23,8 +23,8 @@ FAR = 2.0  # log of a variance: outliers make their texels' so much larger, ...
 GROSS = 0.01  # ... and leave relative errors of this size: finer ones are the model's, and alike in neighbours
 NOISE_MOST = 0.06  # relative: more is not noise, but outliers in every texel: then ...
 NOISE_GUESS = 0.02  # ... this much is taken for a start
-ALIKE = 0.5  # how much four texels whose errors are alike say, in units of what they would say if these were not, ...
-ALIKE_REFINED = 0.25  # ... and under refined normals, which many texels have alike off: four say what one does
+ALIKE = 0.5  # how much four texels say that share the model's error, in units of what they would say if they did not
+COMMON = 0.25  # the same where errors are seen to be alike, or normals are refined, which are still off alike: as one
 REFINED_ERROR = 0.005  # relative: what that makes of an observation, at least
 EVIDENCE = 0.8  # how much of tables counts where kinds are told apart: a texel is in many cells, some part by chance
 APART = 4  # texels whose errors are compared: pixels are mostly smaller
@@ -120,8 +120,9 @@ class Shared:
 
 def shared_by(noise: Noise, shared_error: float, refined: bool) -> Shared:
     """What neighbours share of some noise.  ``shared_error``: as of `Source`; ``refined``: of what normals are."""
-    error = max(shared_error, REFINED_ERROR) if refined else shared_error
-    return Shared(max(min(error**2 / noise.variance, 1.0), noise.alike), ALIKE_REFINED if refined else ALIKE)
+    model = min(shared_error**2 / noise.variance, 1.0)
+    common = max(noise.alike, min(REFINED_ERROR**2 / noise.variance, 1.0) if refined else 0.0)
+    return Shared(common, COMMON) if common > model or refined else Shared(model)
 
 
 def scatter(roughness: F32, observed: Bool) -> float:

@@ -212,8 +212,8 @@ class Solver(TilePasses):
                 "solve/table.kernel", tables, valleys, floor, robust=self.robust))
             estimate, prior = neighbours.pyramid(
                 self.device, tuple(tables), colour,
-                neighbours.shared_by(self.noise_of[1], self.source.shared_error, self.source.misfit != 1), self.source.extent,
-                self.before.roughness)
+                neighbours.shared_by(self.noise_of[1], self.source.shared_error, self.source.misfit != 1),
+                self.source.extent, self.before.roughness)
             colour.release()
             yield from self.run(chosen, (0.8, 1.0), KernelPass(
                 "solve/polish.kernel", outputs, {**valleys, "u_estimate": estimate, "u_prior": prior},
