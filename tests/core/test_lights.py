@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from irpso_addon.core.checks.light_checks import four_sided, light_slopes
 from irpso_addon.core.data import Light
 from irpso_addon.core.shading import lights
 
@@ -174,3 +175,48 @@ def test_one_sample_is_the_centre(name):
     light = KINDS[name]
     offset, _ = lights.light_sample(light, np.zeros(3), 0, 1)
     np.testing.assert_allclose(offset, TURN[:, 2] if light.kind == "SUN" else MATRIX[:3, 3], atol=1e-12)
+
+
+# ---- how irradiance changes as a lamp moves
+
+def test_slopes_of_a_point_are_those_of_its_formula():
+    light = replace(BASE, radius=0.0)
+    P, N = places(60)
+    offset = MATRIX[:3, 3] - P
+    want = N / (N * offset).sum(-1, keepdims=True) - 3 * offset / (offset * offset).sum(-1, keepdims=True)
+    slopes, fine = light_slopes(light, P, N)
+    assert fine.sum() > 30
+    reach = np.linalg.norm(MATRIX[:3, 3] - P.mean(0))
+    np.testing.assert_allclose(slopes[fine], reach * want[fine], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", ["RECTANGLE", "ELLIPSE"])
+def test_slopes_of_an_area_are_those_of_one_that_moves(shape):
+    """Against irradiance summed over cells of the emitter, for places that move and a lamp that stays."""
+    light = replace(AREA, shape=shape, size=(0.3, 0.2))
+    P, N = places(40)
+    slopes, fine = light_slopes(light, P, N)
+    reach, step = np.linalg.norm(MATRIX[:3, 3] - P.mean(0)), 1e-3
+    assert fine.sum() > 20
+    for axis in range(3):
+        by = step * reach * np.eye(3)[axis]
+        near, far = (brute_area(light, P[fine] + sign * by, N[fine], 60) for sign in (-1, 1))
+        np.testing.assert_allclose(slopes[fine, axis], np.log(near / far) / (2 * step), rtol=0.01, atol=0.02)
+
+
+def test_a_sun_turns():
+    light = replace(BASE, kind="SUN", radius=0.0)
+    P, N = places(60)
+    slopes, fine = light_slopes(light, P, N)
+    toward = TURN[:, 2]
+    want = N / (N @ toward)[:, None] - toward  # of a unit direction, whose length stays
+    np.testing.assert_allclose(slopes[fine], want[fine], rtol=1e-5, atol=1e-6)
+
+
+def test_a_disc_is_nearly_the_rectangle_of_its_second_moments():
+    light = replace(AREA, shape="DISK", size=(0.3, 0.3))
+    P, N = places(60)
+    fine = light_slopes(light, P, N)[1]  # not those whose horizon may cut the lamp
+    disc, four = (lights.light_irradiance(one, P[fine], N[fine]) for one in (light, four_sided(light)))
+    assert fine.sum() > 30
+    np.testing.assert_allclose(four, disc, rtol=1e-3)

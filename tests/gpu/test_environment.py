@@ -119,8 +119,8 @@ def test_light_beside_a_ball_is_known_roughly():
         along = toward @ (middle - place)
         return (along > 0) & ((middle - place) @ (middle - place) - along**2 < middle[2] ** 2)
 
-    off, trust, P, _ = _off_and_trust(syn.sphere(96, 48, middle[2])[0] + middle, syn.camera((0, -2.0, 0.7), degrees=44),
-                                   hides, 0.64)
+    off, trust, P, _ = _off_and_trust(
+        syn.sphere(96, 48, middle[2])[0] + middle, syn.camera((0, -2.0, 0.7), degrees=44), hides, 0.64)
     away = np.linalg.norm(P[:, :2], axis=-1)
     near, far = away < 0.3, away > 0.5
     assert near.sum() > 20 and far.sum() > 200

@@ -196,12 +196,12 @@ def test_what_neighbours_share_is_what_is_left_in_the_mean_of_many() -> None:
     assert part(Noise(0.01**2, True, 0.3), 0.001) == 0.3
     assert part(Noise(1e-8, True, 0.3), 0.001) == 1
     assert part(Noise(0.01**2, True), 0.001, refined=True) == pytest.approx(0.25)
-    assert neighbours.shared_by(Noise(0.01**2, True, 0.3), 0.001, refined=False).alike == neighbours.COMMON
-    assert neighbours.shared_by(Noise(0.01**2, True, 0.005), 0.001, refined=False).alike == neighbours.ALIKE
+    assert neighbours.shared_by(Noise(0.01**2, True, 0.3), 0.001, refined=False).together == neighbours.COMMON
+    assert neighbours.shared_by(Noise(0.01**2, True, 0.005), 0.001, refined=False).together == neighbours.ALIKE
     for refined, left in ((False, 0.5), (True, 1.0)):
-        alike = neighbours.shared_by(Noise(1.0, True), 0.0, refined).alike
+        together = neighbours.shared_by(Noise(1.0, True), 0.0, refined).together
         for shared in (0.0, 0.01, 0.5, 1.0):
-            gain = neighbours.Shared(shared, alike).gain
+            gain = neighbours.Shared(shared, together).gain
             said = [4.0**level * np.prod([gain(below) for below in range(level)]) for level in range(9)]
             variance = [(1 - shared) * 0.25**level + shared * left**level for level in range(9)]
             np.testing.assert_allclose(said, 1 / np.array(variance), rtol=1e-12)

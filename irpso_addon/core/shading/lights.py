@@ -248,7 +248,7 @@ def area_irradiance(light: Light, P: F64, N: F64) -> F64:
     u, v = np.asarray(uniforms["u_light_axis_u"]), np.asarray(uniforms["u_light_axis_v"])
     center = np.asarray(uniforms["u_light_position"]) - P
     corners = area_corners(uniforms["u_light_ellipse"]) @ np.stack([u, v])
-    # Components first: NumPy is several times as fast along many places.
+    # Components first: NumPy is faster along many places than along three numbers.
     normal = np.ascontiguousarray(N.reshape(-1, 3).T)
     outline = center.reshape(-1, 3).T[:, None] + corners.T[:, :, None]  # (3, sides, places)
     height = outline[0] * normal[0] + outline[1] * normal[1] + outline[2] * normal[2]

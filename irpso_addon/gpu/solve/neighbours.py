@@ -103,23 +103,23 @@ def alike(errors: F32) -> float:
 
 @dataclass(frozen=True)
 class Shared:
-    """Which part of the noise's variance neighbours share, 0..1, and how much four say of whom all is shared."""
+    """Which part of the noise's variance neighbours share, 0..1, and how much four say together if they share all."""
 
     part: float
-    alike: float = ALIKE
+    together: float = ALIKE
 
     def gain(self, level: int) -> float:
         """Of 1: how much four cells of a level say together, in units of what they say apart; texels are level 0.
 
-        What is each texel's own is a quarter in the mean of four cells, and of the rest the variance is 1 / (4 alike)
-        of theirs.  So the larger the cells are, the more is it that which is left.
+        What is each texel's own is a quarter in the mean of four cells, and of the rest the variance is
+        1 / (4 together) of theirs.  So the larger the cells are, the more is it that which is left.
         """
-        own, common = (1 - self.part) * 4.0**-level, self.part * (4 * self.alike) ** -level
-        return (own + common) / (own + common / self.alike)
+        own, common = (1 - self.part) * 4.0**-level, self.part * (4 * self.together) ** -level
+        return (own + common) / (own + common / self.together)
 
 
 def shared_by(noise: Noise, shared_error: float, refined: bool) -> Shared:
-    """What neighbours share of some noise.  ``shared_error``: as of `Source`; ``refined``: of what normals are."""
+    """What neighbours share of some noise.  ``shared_error``: as of `Source`; ``refined``: normals are."""
     model = min(shared_error**2 / noise.variance, 1.0)
     common = max(noise.alike, min(REFINED_ERROR**2 / noise.variance, 1.0) if refined else 0.0)
     return Shared(common, COMMON) if common > model or refined else Shared(model)
