@@ -225,6 +225,7 @@ class _Source(CameraSource):
     def __init__(self, device: Device, grid: GBufferMaps, observations: Observations) -> None:
         super().__init__(device, grid, observations)
         self._used = len(self.layers.groups)
+        self.tilts = None  # one program for all scenes
         if self.layers.channels == 1:
             self.layers = replace(self.layers, groups=tuple(range(VIEWS)))
 

@@ -23,8 +23,21 @@ float channel_of(int g) { return 1.0; }
 // Sums over one group, and over the groups per channel.
 // d is the difference to the group's first: near the solution it is constant in a group, and float32 would lose its
 // variance beside its mean.  A first that weighs nothing beside a later one (an edge) would not do: it is dropped.
-struct Group { float w, d, dd, s, ss, sd, first; };
+struct Group {
+    float w, d, dd, s, ss, sd, first;
+#ifdef TILTS
+    vec2 b, bd, bs;  // sums of what a tilt explains, alone, times d and times s
+#endif
+};
 struct Total { CHANNEL w, r, rr, t, tt, rt, first; };  // r too is the difference to the first group's
+
+#ifdef TILTS
+float fit_tilts;  // what tilts explain, of the last evaluation: no part of the residual
+#define GROUP_FROM(first) Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, first, vec2(0.0), vec2(0.0), vec2(0.0))
+#else
+const float fit_tilts = 0.0;
+#define GROUP_FROM(first) Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, first)
+#endif
 
 const Total NOTHING = Total(CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0));
 
@@ -44,7 +57,14 @@ void join(float rho, float d_rho, float w, CHANNEL channel, inout Total total) {
 void fold(Group g, float diffuse, float d_diffuse, CHANNEL channel, inout vec3 fit, inout Total total) {
     if (g.w <= 0.0) return;
     float mean = g.d / g.w, slope = g.s / g.w;
-    fit += vec3(max(g.dd - g.d * mean, 0.0), g.sd - g.s * mean, max(g.ss - g.s * slope, 0.0));
+    vec3 inner = vec3(g.dd - g.d * mean, g.sd - g.s * mean, g.ss - g.s * slope);
+#ifdef TILTS
+    vec2 tilt = g.bd - mean * g.b, d_tilt = g.bs - slope * g.b;
+    vec3 explained = vec3(dot(tilt, tilt), dot(tilt, d_tilt), dot(d_tilt, d_tilt));
+    inner -= explained;
+    fit_tilts += explained.x;
+#endif
+    fit += vec3(max(inner.x, 0.0), inner.y, max(inner.z, 0.0));
     mean += g.first;
     float rho = mean / diffuse;
     float d_rho = -(slope + rho * d_diffuse) / diffuse;
@@ -80,7 +100,7 @@ float obs_trust[LAYERS];  // how far believed 0..1
 #ifndef METALLIC
 // One group's observations at roughness r.
 void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total total) {
-    Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    Group g = GROUP_FROM(0.0);
 #ifdef ROBUST
     Toward t = group_toward[k];
 #else
@@ -94,7 +114,7 @@ void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total t
         specular_d(n, r, t, s, ds);
         float d = obs_f[n] - s, w = obs_weight[n];
 #endif
-        if (g.w < NEGLIGIBLE * w) g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, d);
+        if (g.w < NEGLIGIBLE * w) g = GROUP_FROM(d);
         d -= g.first;
         g.w += w;
         g.d += w * d;
@@ -102,6 +122,12 @@ void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total t
         g.s += w * ds;
         g.ss += w * ds * ds;
         g.sd += w * ds * d;
+#ifdef TILTS
+        vec2 b = w * obs_tilt[n];
+        g.b += b;
+        g.bd += b * d;
+        g.bs += b * ds;
+#endif
     }
     g.first += group_base[k];
     fold(g, t.diffuse, t.d_diffuse, channel_of(k), fit, total);
@@ -113,6 +139,9 @@ void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total t
 vec3 evaluate(float r) {
     vec3 fit = vec3(0.0);
     Total total = NOTHING;
+#ifdef TILTS
+    fit_tilts = 0.0;
+#endif
 #if defined(METALLIC) && !defined(ROBUST)
 #define GROUP(k, first, end) prepare_metal(k, first, end, r);
     EACH_GROUP
@@ -150,7 +179,7 @@ vec2 fit_albedo() {
 }
 
 void add_lambert(int k, int first, int end, inout vec3 fit, inout Total total) {
-    Group g = Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, group_base[k]);
+    Group g = GROUP_FROM(group_base[k]);
     for (int n = first; n < end; n++) {
 #ifdef ROBUST
         float w = obs_weight[n] * obs_trust[n];
@@ -164,7 +193,7 @@ void add_lambert(int k, int first, int end, inout vec3 fit, inout Total total) {
     fold(g, 1.0 / PI, 0.0, channel_of(k), fit, total);
 }
 
-// Residual of the model without a lobe: f = rho / pi.  ROBUST: of the observations that the last evaluation believed.
+// Residual of the model without a lobe: f = rho / pi, and no tilts.  ROBUST: of the observations that the last evaluation believed.
 float evaluate_lambert() {
     vec3 fit = vec3(0.0);
     Total total = NOTHING;

@@ -11,12 +11,27 @@ struct FitTwo {
     vec3 curvature;  // Gauss-Newton, r1 r1, r1 r2, r2 r2; base colour and weight projected out
     float weight;    // of lobe 1, at its best
     vec3 weight_row; // curvature of w: w w, w r1, w r2 (before projection)
+    float tilts;     // what tilts explain: no part of the residual
 };
 
 // Sums over one group of d, u, t1, t2 (residual and the model's derivatives by w, r1, r2) and their products.
 // Relative to those of its first observation: near the solution d is constant in a group, and float32 would
 // lose its variance beside its mean.
-struct GroupTwo { float w; vec4 first; vec4 v; vec4 dv; vec3 uv; vec3 tt; };
+struct GroupTwo {
+    float w;
+    vec4 first, v, dv;
+    vec3 uv, tt;
+#ifdef TILTS
+    vec2 b;       // sums of what a tilt explains, alone and times each of the four
+    vec4 bv, cv;
+#endif
+};
+vec3 fit_tilts;  // d d, d u, u u of what tilts explain, of the last evaluation
+#ifdef TILTS
+#define GROUP_FROM(first) GroupTwo(0.0, first, vec4(0.0), vec4(0.0), vec3(0.0), vec3(0.0), vec2(0.0), vec4(0.0), vec4(0.0))
+#else
+#define GROUP_FROM(first) GroupTwo(0.0, first, vec4(0.0), vec4(0.0), vec3(0.0), vec3(0.0))
+#endif
 
 // Scatter matrix of (d, u, t1, t2): d d, d u, d t1, d t2; u u, u t1, u t2; t1 t1, t1 t2, t2 t2.
 struct Scatter { vec4 dv; vec3 uv; vec3 tt; };
@@ -37,6 +52,14 @@ void fold(GroupTwo g, Toward one, Toward two, float weight, int channel, inout S
     within.tt += g.tt;
     add(within, g.v / g.w, -g.w);
     vec4 mean = g.v / g.w;
+#ifdef TILTS
+    vec4 one_way = g.bv - g.b.x * mean, other_way = g.cv - g.b.y * mean;
+    add(within, one_way, -1.0);
+    add(within, other_way, -1.0);
+    fit_tilts += vec3(dot(vec2(one_way.x, other_way.x), vec2(one_way.x, other_way.x)),
+                      dot(vec2(one_way.x, other_way.x), vec2(one_way.y, other_way.y)),
+                      dot(vec2(one_way.y, other_way.y), vec2(one_way.y, other_way.y)));
+#endif
     mean += g.first;
     float a = weight * one.diffuse + (1.0 - weight) * two.diffuse;
     float rho = mean.x / a;
@@ -54,7 +77,7 @@ void fold(GroupTwo g, Toward one, Toward two, float weight, int channel, inout S
 }
 
 void add_group(int k, int first, int end, vec2 r, float weight, inout Scatter all, inout Between between[CHANNELS]) {
-    GroupTwo g = GroupTwo(0.0, vec4(0.0), vec4(0.0), vec4(0.0), vec3(0.0), vec3(0.0));
+    GroupTwo g = GROUP_FROM(vec4(0.0));
     Toward one = toward(r.x, group_cos_v[k]), two = toward(r.y, group_cos_v[k]);
     for (int n = first; n < end; n++) {
         float s1, ds1, s2, ds2;
@@ -62,13 +85,19 @@ void add_group(int k, int first, int end, vec2 r, float weight, inout Scatter al
         specular_d(n, r.y, two, s2, ds2);
         float w = obs_weight[n];
         vec4 v = vec4(obs_f[n] - (weight * s1 + (1.0 - weight) * s2), s1 - s2, weight * ds1, (1.0 - weight) * ds2);
-        if (g.w < NEGLIGIBLE * w) g = GroupTwo(0.0, v, vec4(0.0), vec4(0.0), vec3(0.0), vec3(0.0));
+        if (g.w < NEGLIGIBLE * w) g = GROUP_FROM(v);
         v -= g.first;
         g.w += w;
         g.v += w * v;
         g.dv += w * v.x * v;
         g.uv += w * v.y * v.yzw;
         g.tt += w * vec3(v.z * v.z, v.z * v.w, v.w * v.w);
+#ifdef TILTS
+        vec2 b = w * obs_tilt[n];
+        g.b += b;
+        g.bv += b.x * v;
+        g.cv += b.y * v;
+#endif
     }
     g.first.x += group_base[k];
     fold(g, one, two, weight, CHANNELS == 1 ? 0 : GROUP_CHANNEL[k], all, between);
@@ -80,6 +109,7 @@ vec4 fit_albedo;
 
 FitTwo evaluate(vec2 r, float weight) {
     Scatter all = Scatter(vec4(0.0), vec3(0.0), vec3(0.0));
+    fit_tilts = vec3(0.0);
     Between between[CHANNELS];
     for (int c = 0; c < CHANNELS; c++) between[c] = Between(0.0, vec4(0.0), vec4(0.0), all);
 #define GROUP(k, first, end) add_group(k, first, end, r, weight, all, between);
@@ -98,6 +128,7 @@ FitTwo evaluate(vec2 r, float weight) {
     float best = clamp(wanted, 0.0, 1.0), step = best - weight;
     FitTwo fit;
     fit.weight = best;
+    fit.tilts = fit_tilts.x - step * (2.0 * fit_tilts.y - step * fit_tilts.z);
     fit.residual = max(all.dv.x - step * (2.0 * all.dv.y - step * all.uv.x), 0.0);
     fit.gradient = all.dv.zw - step * all.uv.yz;
     fit.curvature = all.tt;

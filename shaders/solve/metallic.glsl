@@ -148,6 +148,9 @@ void settle() {
 // One group's observations, as the last settle() has left them.
 void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total total) {
     vec3 squares = vec3(0.0), sums = vec3(0.0);
+#ifdef TILTS
+    vec2 b = vec2(0.0), bd = vec2(0.0), bs = vec2(0.0);  // as of Group in solve/fit.glsl
+#endif
     for (int n = first; n < end; n++) {
 #ifdef ROBUST
         float w = metal_weight[n] * obs_trust[n];
@@ -157,9 +160,23 @@ void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total t
         float d = obs_off[n], ds = obs_slope[n];
         sums += w * vec3(1.0, d, ds);
         squares += w * vec3(d * d, ds * d, ds * ds);
+#ifdef TILTS
+        // Slopes are those of observations, which are base colours times a here.
+        vec2 tilt = obs_tilt[n] * w * sqrt(obs_weight[n] / max(metal_weight[n], 1e-30));
+        b += tilt;
+        bd += tilt * d;
+        bs += tilt * ds;
+#endif
     }
     if (sums.x <= 0.0) return;
     vec2 mean = sums.yz / sums.x;
+#ifdef TILTS
+    bd -= mean.x * b;
+    // The slope has how a base colour truly changes: what a tilt explains is not orthogonal to it.
+    vec2 d_tilt = bs - mean.y * b;
+    squares -= vec3(dot(bd, bd), dot(bd, bs), dot(d_tilt, d_tilt));
+    fit_tilts += dot(bd, bd);
+#endif
     squares -= vec3(mean.x * sums.y, mean.x * sums.z, mean.y * sums.z);
     fit += vec3(max(squares.x, 0.0), squares.y, max(squares.z, 0.0));
     float own = group_own[k].x + mean.x;

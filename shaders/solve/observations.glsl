@@ -12,6 +12,7 @@
 // without, it is 0.5.
 // METALLIC: of one lobe; Metallic is u_metallic; without, it is 0.
 // ENVIRONMENT: layers have nodes of what lobes return of light from all around, after those of the lights.
+// TILTS: normals are known roughly: what a tilt would explain of the differences within a group is no residual.
 // COAT: of one lobe; what a coat reflects is taken off each observation, and the rest is what lies below it by itself.
 #include "include/kernel.glsl"
 #include "include/brdf.glsl"
@@ -91,12 +92,57 @@ vec2 lobe_metal[LOBES_HELD];  // u_metallic times the factor of a black metal, a
 float group_cos_v[GROUPS];
 float group_base[GROUPS];  // mean f of the group, subtracted from each: sums of squares keep their digits in float32
 bool group_seen[GROUPS];
+#ifdef TILTS
+uniform sampler2D u_texel_normal;
+uniform sampler2D u_lamps;  // a row for each layer: place of each light and 1, or direction to it and 0
+const float TILT = 1.0;     // standard deviation of a tilt, in radians for a relative error of noise of 1
+vec2 obs_tilt[LAYERS];      // weighted by obs_weight: sums of errors times these are what a tilt explains
+#endif
 #ifdef COLOUR
 vec3 obs_rgb[LAYERS];  // f of R, G and B
 #endif
 float obs_total;    // number of good observations
 float obs_share;    // how well the good ones' pixels stand for the texel, 0..1
 float obs_free;     // degrees of freedom that the residual has at the best roughness
+
+#ifdef TILTS
+// Relative change of a lamp's irradiance by a tilt about each of two axes.  lobe: as the atlas has it.
+vec2 tilt_slope(int n, int l, vec3 P, vec3 A, vec3 B, vec4 lobe, float cos_v) {
+    vec4 lamp = texelFetch(u_lamps, ivec2(l, n), 0);
+    vec3 L = normalize(lamp.xyz - lamp.w * P);
+    float cos_vh = (lobe.z + cos_v) / (2.0 * sqrt(max(1.0 - lobe.x, 1e-6)));
+    // Its share of the irradiance over N.L, from the lobe's factor.
+    float share = lobe.w * 2.0 * cos_v / F_dielectric(min(cos_vh, 1.0));
+#ifdef METALLIC
+    share *= 1.0 - u_metallic;  // a metal's own part is a lobe
+#endif
+    return share * vec2(dot(L, A), dot(L, B));
+}
+
+// Makes of a group's slopes those of errors about its mean, so that what a tilt explains of them is a sum of squares
+// (the tilt, a priori normal, is eliminated).  Returns how many degrees of freedom that takes.
+float tilted(int g, float total, float typical) {
+    vec2 mean = vec2(0.0);
+    for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) mean += obs_weight[n] / total * obs_tilt[n];
+    vec3 square = vec3(1.0, 0.0, 1.0) / (TILT * TILT);
+    for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) {
+        vec2 b = typical * (obs_tilt[n] - mean);
+        obs_tilt[n] = b;
+        square += obs_weight[n] * vec3(b.x * b.x, b.x * b.y, b.y * b.y);
+    }
+    float first = inversesqrt(square.x), across = square.y * first;
+    float second = inversesqrt(max(square.z - across * across, 1.0 / (TILT * TILT)));
+    float taken = 0.0;
+    for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) {
+        vec2 b = obs_tilt[n];
+        b.x *= first;
+        b.y = (b.y - across * b.x) * second;
+        obs_tilt[n] = b;
+        taken += obs_weight[n] * dot(b, b);
+    }
+    return taken;
+}
+#endif
 
 // Noise grows with the signal, so errors count relative to it: to the observation itself where it is
 // a highlight, else to the texel's typical one.  (Relative to itself always, a pixel wrongly taken
@@ -130,6 +176,9 @@ void weigh_observations(bool edges[LAYERS]) {
         }
         group_base[g] = sum / total;
         for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) obs_f[n] -= group_base[g];
+#ifdef TILTS
+        obs_free -= tilted(g, total, typical);
+#endif
     }
 }
 
@@ -145,6 +194,10 @@ bool load_observations() {
 #endif
 #if defined(SPECULAR) && !defined(LEVEL_SEARCHED)
     obs_level = texelFetch(u_level, texel, 0).r;
+#endif
+#ifdef TILTS
+    vec3 P = texelFetch(u_texel_position, texel, 0).xyz, N = normalize(texelFetch(u_texel_normal, texel, 0).xyz);
+    vec3 A = normalize(cross(N, abs(N.z) < 0.9 ? vec3(0.0, 0.0, 1.0) : vec3(0.0, 1.0, 0.0))), B = cross(N, A);
 #endif
     bool edges[LAYERS];
     float groups = 0.0;
@@ -171,6 +224,9 @@ bool load_observations() {
             float coat_root = lambda_root(coat_alpha2, 1.0 / (max(o.z, 1e-3) * max(o.z, 1e-3)) - 1.0);
 #endif
             good_ones += good;
+#ifdef TILTS
+            obs_tilt[n] = vec2(0.0);
+#endif
             for (int l = 0; l < LIGHTS; l++) {
                 vec4 v = texelFetch(u_observations, at + ivec2(0, (n * BLOCKS + 2 + l) * u_tile_height), 0);
                 int i = n * LIGHTS + l;
@@ -180,6 +236,9 @@ bool load_observations() {
 #endif
                 lobe_tan2[i] = 1.0 / (v.z * v.z + 1e-12) - 1.0;
                 lobe_factor[i] = v.w;
+#ifdef TILTS
+                if (v.w > 0.0) obs_tilt[n] += tilt_slope(n, l, P, A, B, v, o.z);  // else a layer with fewer lights
+#endif
 #ifdef COAT
                 coat_lobe += v.w * D_ggx_spread(coat_alpha2, v.x, v.y)
                            / (coat_root + lambda_root(coat_alpha2, lobe_tan2[i]));
@@ -215,7 +274,8 @@ bool load_observations() {
     obs_share /= max(obs_total, 1.0);
     weigh_observations(edges);
     // Within groups, and between them as far as the slack lets that count; some are spent on the search.
-    float all = max(obs_total - groups, 0.0) + max(groups - 1.0, 0.0) / (1.0 + u_group_slack);
+    // (obs_free: less what tilts take.)
+    float all = max(obs_total - groups + obs_free, 0.0) + max(groups - 1.0, 0.0) / (1.0 + u_group_slack);
     obs_free = all * max(obs_total - 1.0 - SEARCHED, 0.25) / max(obs_total - 1.0, 0.5);
     return some;
 }

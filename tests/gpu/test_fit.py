@@ -8,13 +8,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.texels import Texels, Twin, evaluate, exact, known, random_texels, slope, with_values
+from tests.support.texels import (
+    Texels,
+    Twin,
+    evaluate,
+    exact,
+    known,
+    known_roughly,
+    random_texels,
+    slope,
+    with_values,
+)
 
 COLOURS = (0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5)  # camera and channel: two cameras, two views, three channels
 LAYOUTS = {
     "one group": ((0,) * 6, 1, 0.0), "two groups": ((0, 0, 1, 1, 1), 1, 0.0), "slack": ((0, 0, 1, 1, 1, 2), 1, 3.0),
     "first slack": ((0, 0, 1, 1, 1, 2), 1, 300.0), "colours": (COLOURS, 3, 2.0),
     "too many to unroll": ((0,) * 9 + (1,) * 8 + (2,) * 4, 1, 1.0),
+    "one group, tilts": ((0,) * 6, 1, 0.0), "slack, tilts": ((0, 0, 1, 1, 1, 2), 1, 3.0),
+    "colours, tilts": (COLOURS, 3, 2.0), "too many to unroll, tilts": ((0,) * 9 + (1,) * 8 + (2,) * 4, 1, 1.0),
 }
 
 
@@ -30,6 +42,8 @@ class Case:
 def case(layout: str, **more: Any) -> Case:
     groups, channels, slack = LAYOUTS[layout]
     texels = random_texels(groups, channels, **more)
+    if "tilts" in layout:
+        texels = known_roughly(texels)
     rng = np.random.default_rng(11)
     pair = np.sort(rng.uniform(0.15, 0.95, (*texels.quality.shape[:2], 2)), -1)
     at = np.concatenate([pair, rng.uniform(0.05, 0.95, (*pair.shape[:2], 1))], -1)
@@ -48,7 +62,10 @@ def close(got: np.ndarray, expected: np.ndarray, rtol: float, scale: np.ndarray 
 
 
 def least_squares(twin: Twin, texel: int, a: np.ndarray, s: np.ndarray) -> float:
-    """Residual of f = a (rho_channel + delta_group) + s by least squares on all unknowns, rho within 0 to 1."""
+    """Residual of f = a (rho_channel + delta_group) + s by least squares on all unknowns, rho within 0 to 1.
+
+    With what a tilt of each group's changes, where normals are known roughly.
+    """
     _, own, _ = twin.groups(a, s)
     total = 0.0
     for channel in np.unique(twin.channel):
@@ -73,6 +90,15 @@ def least_squares(twin: Twin, texel: int, a: np.ndarray, s: np.ndarray) -> float
         values = values - matrix[:, 0] * rho
         delta = np.linalg.lstsq(matrix[:, 1:], values, rcond=None)[0]
         total += float(((values - matrix[:, 1:] @ delta) ** 2).sum())
+        for g in groups if twin.changes else []:
+            members = twin.members[g]
+            root = np.sqrt(twin.weight[texel, members])
+            columns = [root * a[texel, members], *twin.changes[g][texel].T]
+            prior = np.diag([0.0, 1.0, 1.0, 1.0])
+            right = root * (twin.f - s)[texel, members]
+            left = [np.linalg.lstsq(np.concatenate([np.stack(columns[:n], -1), prior[:, :n]]),
+                                    np.concatenate([right, np.zeros(4)]), rcond=None)[1] for n in (1, 4)]
+            total -= float(left[0][0] - left[1][0]) if left[0].size and left[1].size else 0.0
     return total
 
 
@@ -88,7 +114,7 @@ def test_residual_of_one_lobe_is_that_of_least_squares(on_gl, layout):
     got = fit.reshape(-1, 4)[seen]
     assert len(seen) > 40
     close(got[:, 0], expected, 1e-4, 1e-3)
-    twin.weight = twin.whole
+    twin.weight, twin.changes = twin.whole, []
     lambert = np.array([least_squares(twin, t, np.full_like(a, 1 / np.pi), np.zeros_like(s)) for t in seen])
     close(got[:, 3], lambert, 1e-4, 1e-3)
 
@@ -123,10 +149,12 @@ def test_one_lobe_is_its_twin(on_gl, layout, level):
     close(more[seen, 0], ((has * rho).sum(-1) / count)[seen], 2e-3, 0.05)
     close(more[seen, 1], variance[seen], 1e-4)
     np.testing.assert_array_equal(more[seen, 2], twin.good[seen])
+    close(more[seen, 3], twin.free()[seen], 1e-4, 0.1)
     assert not fit.reshape(-1, 4)[~seen].any()
 
 
-METALS = [("one group", 0.3, None), ("one group", 1.0, None), ("slack", 0.3, None), ("slack", 0.7, 0.3),
+METALS = [("one group", 0.3, None), ("one group, tilts", 0.3, None), ("colours, tilts", 0.5, None),
+          ("one group", 1.0, None), ("slack", 0.3, None), ("slack", 0.7, 0.3),
           ("first slack", 0.6, None), ("colours", 0.5, None), ("too many to unroll", 0.3, None)]
 
 

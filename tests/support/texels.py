@@ -14,7 +14,7 @@ import numpy as np
 from irpso_addon.core.shading import brdf
 from irpso_addon.core.shading.tables import principled_table
 from irpso_addon.gpu.device.context import Device, Inputs
-from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservationAtlas, ObservedTexels
+from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservationAtlas, ObservedTexels, Tilts
 from tests.support import texel_problem as bench
 
 HERE = Path(__file__).parent
@@ -54,6 +54,8 @@ class Texels:
     groups: tuple[int, ...]
     edge: np.ndarray | None = None
     channels: int = 1
+    normal: np.ndarray | None = None  # (h, w, 3) unit; with lamps: normals are known roughly
+    lamps: np.ndarray | None = None  # (K, lights, 4) place and 1, or direction and 0; texels are at (1, 1, 1)
 
     def source(self, device: Device) -> ArraySource:
         """The same for the solver."""
@@ -65,6 +67,9 @@ class Texels:
         if self.edge is not None:
             first[..., 3] += np.moveaxis(self.edge, -1, 0)
         source.layers = replace(source.layers, channels=self.channels)
+        if self.normal is not None and self.lamps is not None:
+            source.tilts = Tilts(device.texture(w, h, 3, self.normal.astype(np.float32)),
+                                 device.texture(*self.lamps.shape[1::-1], 4, self.lamps.astype(np.float32)))
         return source
 
     def observed(self) -> np.ndarray:
@@ -124,6 +129,9 @@ def evaluate(device: Device, texels: Texels, kernel: str, at: np.ndarray, output
     if level is not None:
         given["u_level"] = device.texture(w, h, 1, np.full((h, w), level, np.float32))
         defines["SPECULAR"] = "1"
+    if source.tilts is not None:
+        given |= source.tilts.textures()
+        defines["TILTS"] = "1"
     uniforms = {**atlas.uniforms, "u_group_slack": slack, "u_tile": (0, 0)}
     if metallic:
         uniforms["u_metallic"] = metallic
@@ -158,6 +166,11 @@ class Twin:
         self.members = [np.array([n for n in range(count) if texels.groups[n] == name]) for name in names]
         self.channel = np.array([name % texels.channels for name in names])
         self.weight = self.whole if metallic else self._dropped(self.whole)
+        self.taken = np.zeros(len(self.f))  # degrees of freedom, by tilts
+        self.changes: list[np.ndarray] = []  # of each group (texels, k, 3): of whitened errors by a tilt
+        self.tilts = self._tilts(texels) if texels.lamps is not None else []
+        good = (quality > 0) & ~edge
+        self.groups_seen = np.stack([good[:, members].any(-1) for members in self.members]).sum(0)
 
     def _weights(self, quality: np.ndarray, edge: np.ndarray) -> np.ndarray:
         """Relative to the observation where it is a highlight, else to the texel's typical one (docs/method.md)."""
@@ -166,8 +179,34 @@ class Twin:
         for number in range(4):
             w = quality / (1.0 if number == 0 else np.maximum(f, typical[:, None]))
             typical = np.maximum((w * f).sum(-1) / np.maximum(w.sum(-1), 1e-12), 1e-4)
+        self.typical = typical
         w = quality / np.maximum(f, typical[:, None]) ** 2
         return w * np.where(edge, 2.0 ** (-6.0 * np.minimum(self.good, 6))[:, None], 1.0)
+
+    def _tilts(self, texels: Texels) -> list[np.ndarray]:
+        """Of each group (texels, k, k): of whitened errors' covariance under unknown tilts the inverse's root."""
+        assert texels.normal is not None and texels.lamps is not None
+        normal = texels.normal.reshape(-1, 1, 1, 3).astype(np.float64)
+        toward = texels.lamps[..., :3] - texels.lamps[..., 3:]  # of texels at (1, 1, 1)
+        toward = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
+        sin2h, _, cos_l, factor = np.moveaxis(self.lobes, -1, 0)
+        cos_v = self.cos_v[..., None]
+        cos_vh = np.minimum((cos_l + cos_v) / (2 * np.sqrt(1 - sin2h)), 1)
+        share = 2 * factor * cos_l * cos_v / brdf.F_dielectric(cos_vh)  # of the irradiance
+        across = toward - (toward * normal).sum(-1, keepdims=True) * normal
+        slope = (1 - self.metallic) * ((share / cos_l)[..., None] * across).sum(2)  # (texels, K, 3)
+        roots = []
+        for members in self.members:
+            w, own = self.whole[:, members], slope[:, members]
+            mean = np.einsum("tk,tki->ti", w, own) / np.maximum(w.sum(-1), 1e-300)[:, None]
+            change = np.sqrt(w)[..., None] * self.typical[:, None, None] * (own - mean[:, None])
+            self.changes.append(change)
+            covariance = np.eye(len(members)) + np.einsum("tki,tli->tkl", change, change)
+            inverse = np.linalg.inv(covariance)
+            self.taken += len(members) - np.trace(inverse, axis1=1, axis2=2)
+            values, vectors = np.linalg.eigh(inverse)
+            roots.append(np.einsum("tki,ti,tli->tkl", vectors, np.sqrt(np.maximum(values, 0)), vectors))
+        return roots
 
     def _dropped(self, weight: np.ndarray) -> np.ndarray:
         """Without those first of a group that weigh less than NEGLIGIBLE of what comes next: sums start there."""
@@ -177,6 +216,12 @@ class Twin:
                 before = weight[:, members[:i]]
                 weight[:, members[:i]] = np.where((before.sum(-1) < 1e-5 * weight[:, n])[:, None], 0, before)
         return weight
+
+    def free(self) -> np.ndarray:
+        """(texels,) degrees of freedom of the residual of one lobe: what is spent on albedos, tilts and the search."""
+        within = np.maximum(self.good - self.groups_seen - self.taken, 0)
+        between = np.maximum(self.groups_seen - 1, 0) / (1 + self.slack)
+        return (within + between) * np.maximum(self.good - 2, 0.25) / np.maximum(self.good - 1, 0.5)
 
     def parts(self, r: np.ndarray, information: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(a, s) of f = rho a + s at roughness r (texels); of a metal at the base colour that then comes out.
@@ -274,6 +319,8 @@ class Twin:
                bounded: bool = True) -> np.ndarray:
         """All whitened errors (texels, K + G); ``information`` frozen (Kaufman 1975) where given."""
         within, rho, own = self.groups(a, s)
+        for members, root in zip(self.members, self.tilts, strict=False):
+            within[:, members] = np.einsum("tkl,tl->tk", root, within[:, members])
         return np.concatenate([within, self.between(rho, own if information is None else information, bounded)[0]], -1)
 
 
@@ -298,6 +345,15 @@ def random_texels(groups: tuple[int, ...], channels: int = 1, lights: int = 2, s
     edge[..., (camera == 0) & (channels == 3)] = 0  # sums over groups refer to a channel's first
     return Texels(rng.uniform(0.02, 0.5, (*shape, 3)).astype(np.float32), quality.astype(np.float32),
                   cos_v.astype(np.float32), lobes.astype(np.float32), groups, edge, channels)
+
+
+def known_roughly(texels: Texels, seed: int = 5) -> Texels:
+    """The same with normals and lamps: some places, some suns.  What they add up to is all light."""
+    rng = np.random.default_rng(seed)
+    normal = rng.standard_normal((*texels.quality.shape[:2], 3))
+    place = rng.uniform(-3, 5, (len(texels.groups), texels.lobes.shape[3], 4))
+    place[..., 3] = rng.random(place.shape[:2]) < 0.7
+    return replace(texels, normal=normal / np.linalg.norm(normal, axis=-1, keepdims=True), lamps=place)
 
 
 def known(texels: Texels) -> np.ndarray:

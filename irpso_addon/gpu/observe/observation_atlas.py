@@ -78,6 +78,18 @@ class Layers:
         }
 
 
+@dataclass(frozen=True)
+class Tilts:
+    """By what light changes where a normal is not quite the texel's."""
+
+    normal: moderngl.Texture  # of the texels: shading normal
+    lamps: moderngl.Texture  # (lights, layers) place of each light and 1, or the direction to it and 0
+
+    def textures(self) -> dict[str, moderngl.Texture]:
+        """As solve/observations.glsl calls them."""
+        return {"u_texel_normal": self.normal, "u_lamps": self.lamps}
+
+
 class Source(Protocol):
     """Something that fills an atlas."""
 
@@ -90,6 +102,7 @@ class Source(Protocol):
     misfit: float  # times the noise that residuals show: a texel's observations may err alike
     extent: float  # width of the maps in UV squares
     position: moderngl.Texture  # of the texels: world xyz, coverage
+    tilts: Tilts | None  # None: normals are known exactly
     principled_table: moderngl.Texture
 
     def gather(self, atlas: ObservationAtlas, tile: Tile, colour: bool) -> Iterator[None]:
@@ -178,6 +191,10 @@ class CameraSource:
         self.misfit = misfit
         self.extent = extent
         self.position = grid.position
+        several = len(set(groups)) < len(groups)  # views of some camera: tilts explain how they differ
+        self.tilts: Tilts | None = None
+        if lights and several:
+            self.tilts = Tilts(grid.normal, _lamps(device, self.layers, observations))
         self.principled_table = observations.principled_table
 
     def gather(self, atlas: ObservationAtlas, tile: Tile, colour: bool) -> Iterator[None]:
@@ -239,6 +256,18 @@ class CameraSource:
             "u_size": (view.nodes.width // NODE_COLUMNS, view.nodes.height // NODE_ROWS)}), viewport=place)
 
 
+def _lamps(device: Device, layers: Layers, observations: Observations) -> moderngl.Texture:
+    """As of `Tilts`."""
+    rows = np.zeros((len(layers.groups), layers.lights, 4), np.float32)
+    views = [view.view for camera in observations.cameras for _ in range(observations.channels)
+             for view in camera.views]
+    for layer, view in enumerate(views):
+        for n, light in enumerate(view.lights):
+            column = light.matrix[:3, 2] if light.kind == "SUN" else light.matrix[:3, 3]
+            rows[layer, n] = *column, light.kind != "SUN"
+    return device.texture(layers.lights, len(layers.groups), data=rows)
+
+
 @dataclass(frozen=True)
 class ObservedTexels:
     """K observations of each of (h, w) texels, row 0 at the bottom."""
@@ -270,6 +299,7 @@ class ArraySource:
         self.misfit = 1.0
         self.extent = 1.0
         self.position = device.texture(w, h, 4, np.ones((h, w, 4), np.float32))
+        self.tilts: Tilts | None = None
         self.principled_table = device.texture(table.shape[1], table.shape[0], table.shape[2], table)
         flags = np.where(quality > 0, 0.5 * 0.999, 0.0)
         first = np.stack([rgb.mean(axis=3), quality, cos_v, flags], axis=3)

@@ -98,7 +98,7 @@ class TilePasses:
         tinted = metal and self.source.layers.channels == 1
         switches = {"COLOUR": work.colour or tinted, "STARTED": "u_started" in work.uniforms,
                     "SPECULAR": self.level is not None or level_searched, "LEVEL_SEARCHED": level_searched,
-                    "METALLIC": metal, "TINTED": tinted,
+                    "METALLIC": metal, "TINTED": tinted, "TILTS": self.source.tilts is not None,
                     "COAT": work.lobes == 1 and self.coat is not None,
                     "ROBUST": work.robust, "JOINT": "u_joint_strength" in work.uniforms,
                     "NDF_BECKMANN": work.lobes == 2 and self.settings.ndf == "beckmann"}
@@ -117,6 +117,7 @@ class TilePasses:
         yield from self.device.steps(work.kernel, target, Inputs({
             "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
             "u_principled_table": self.source.principled_table,
+            **(self.source.tilts.textures() if self.source.tilts else {}),
             **({"u_level": self.level} if self.level and "LEVEL_SEARCHED" not in defines else {}),
             **({"u_start": self.start} if "STARTED" in defines else {}), **work.textures,
         }, {**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile,
