@@ -26,14 +26,21 @@ float channel_of(int g) { return 1.0; }
 struct Group {
     float w, d, dd, s, ss, sd, first;
 #ifdef TILTS
-    vec2 b, bd, bs;  // sums of what a tilt explains, alone, times d and times s
+    vec2 bd, bs;  // sums of obs_tilt times d and times s
+#ifdef ROBUST
+    vec2 b;       // and alone, under the present trust
+#endif
 #endif
 };
 struct Total { CHANNEL w, r, rr, t, tt, rt, first; };  // r too is the difference to the first group's
 
 #ifdef TILTS
 float fit_tilts;  // what tilts explain, of the last evaluation: no part of the residual
+#ifdef ROBUST
 #define GROUP_FROM(first) Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, first, vec2(0.0), vec2(0.0), vec2(0.0))
+#else
+#define GROUP_FROM(first) Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, first, vec2(0.0), vec2(0.0))
+#endif
 #else
 const float fit_tilts = 0.0;
 #define GROUP_FROM(first) Group(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, first)
@@ -59,7 +66,11 @@ void fold(Group g, float diffuse, float d_diffuse, CHANNEL channel, inout vec3 f
     float mean = g.d / g.w, slope = g.s / g.w;
     vec3 inner = vec3(g.dd - g.d * mean, g.sd - g.s * mean, g.ss - g.s * slope);
 #ifdef TILTS
-    vec2 tilt = g.bd - mean * g.b, d_tilt = g.bs - slope * g.b;
+    vec2 tilt = g.bd, d_tilt = g.bs;
+#ifdef ROBUST
+    tilt -= mean * g.b;
+    d_tilt -= slope * g.b;
+#endif
     vec3 explained = vec3(dot(tilt, tilt), dot(tilt, d_tilt), dot(d_tilt, d_tilt));
     inner -= explained;
     fit_tilts += explained.x;
@@ -123,8 +134,11 @@ void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total t
         g.ss += w * ds * ds;
         g.sd += w * ds * d;
 #ifdef TILTS
-        vec2 b = w * obs_tilt[n];
+        vec2 b = obs_tilt[n];
+#ifdef ROBUST
+        b *= obs_trust[n];
         g.b += b;
+#endif
         g.bd += b * d;
         g.bs += b * ds;
 #endif

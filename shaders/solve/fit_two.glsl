@@ -22,13 +22,12 @@ struct GroupTwo {
     vec4 first, v, dv;
     vec3 uv, tt;
 #ifdef TILTS
-    vec2 b;       // sums of what a tilt explains, alone and times each of the four
-    vec4 bv, cv;
+    vec4 bv, cv;  // sums of the two of obs_tilt times each of the four
 #endif
 };
 vec3 fit_tilts;  // d d, d u, u u of what tilts explain, of the last evaluation
 #ifdef TILTS
-#define GROUP_FROM(first) GroupTwo(0.0, first, vec4(0.0), vec4(0.0), vec3(0.0), vec3(0.0), vec2(0.0), vec4(0.0), vec4(0.0))
+#define GROUP_FROM(first) GroupTwo(0.0, first, vec4(0.0), vec4(0.0), vec3(0.0), vec3(0.0), vec4(0.0), vec4(0.0))
 #else
 #define GROUP_FROM(first) GroupTwo(0.0, first, vec4(0.0), vec4(0.0), vec3(0.0), vec3(0.0))
 #endif
@@ -53,12 +52,10 @@ void fold(GroupTwo g, Toward one, Toward two, float weight, int channel, inout S
     add(within, g.v / g.w, -g.w);
     vec4 mean = g.v / g.w;
 #ifdef TILTS
-    vec4 one_way = g.bv - g.b.x * mean, other_way = g.cv - g.b.y * mean;
-    add(within, one_way, -1.0);
-    add(within, other_way, -1.0);
-    fit_tilts += vec3(dot(vec2(one_way.x, other_way.x), vec2(one_way.x, other_way.x)),
-                      dot(vec2(one_way.x, other_way.x), vec2(one_way.y, other_way.y)),
-                      dot(vec2(one_way.y, other_way.y), vec2(one_way.y, other_way.y)));
+    add(within, g.bv, -1.0);
+    add(within, g.cv, -1.0);
+    vec2 of_d = vec2(g.bv.x, g.cv.x), of_u = vec2(g.bv.y, g.cv.y);
+    fit_tilts += vec3(dot(of_d, of_d), dot(of_d, of_u), dot(of_u, of_u));
 #endif
     mean += g.first;
     float a = weight * one.diffuse + (1.0 - weight) * two.diffuse;
@@ -93,10 +90,8 @@ void add_group(int k, int first, int end, vec2 r, float weight, inout Scatter al
         g.uv += w * v.y * v.yzw;
         g.tt += w * vec3(v.z * v.z, v.z * v.w, v.w * v.w);
 #ifdef TILTS
-        vec2 b = w * obs_tilt[n];
-        g.b += b;
-        g.bv += b.x * v;
-        g.cv += b.y * v;
+        g.bv += obs_tilt[n].x * v;
+        g.cv += obs_tilt[n].y * v;
 #endif
     }
     g.first.x += group_base[k];

@@ -161,8 +161,11 @@ void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total t
         sums += w * vec3(1.0, d, ds);
         squares += w * vec3(d * d, ds * d, ds * ds);
 #ifdef TILTS
-        // Slopes are those of observations, which are base colours times a here.
-        vec2 tilt = obs_tilt[n] * w * sqrt(obs_weight[n] / max(metal_weight[n], 1e-30));
+        // The slopes are those of observations, which are base colours times a here.
+        vec2 tilt = obs_tilt[n] * sqrt(metal_weight[n] / max(obs_weight[n], 1e-30));
+#ifdef ROBUST
+        tilt *= obs_trust[n];
+#endif
         b += tilt;
         bd += tilt * d;
         bs += tilt * ds;

@@ -96,7 +96,7 @@ bool group_seen[GROUPS];
 uniform sampler2D u_texel_normal;
 uniform sampler2D u_lamps;  // a row for each layer: place of each light and 1, or direction to it and 0
 const float TILT = 1.0;     // standard deviation of a tilt, in radians for a relative error of noise of 1
-vec2 obs_tilt[LAYERS];      // weighted by obs_weight: sums of errors times these are what a tilt explains
+vec2 obs_tilt[LAYERS];      // sums of errors times these are what a tilt explains; they add up to 0 in each group
 #endif
 #ifdef COLOUR
 vec3 obs_rgb[LAYERS];  // f of R, G and B
@@ -137,7 +137,7 @@ float tilted(int g, float total, float typical) {
         vec2 b = obs_tilt[n];
         b.x *= first;
         b.y = (b.y - across * b.x) * second;
-        obs_tilt[n] = b;
+        obs_tilt[n] = obs_weight[n] * b;
         taken += obs_weight[n] * dot(b, b);
     }
     return taken;
