@@ -36,6 +36,7 @@ VARIANTS: list[tuple[str, dict[str, Any], bool]] = [
     ("edges count like other pixels", {"observe.view_drawing.EDGE_WEIGHT": 1.0}, False),
     ("one base colour for all cameras",
      {"solve.solver.FIRST_SLACK": 0.0, "observe.observation_atlas.CAMERA_SLACK": 0.0}, False),
+    ("normals taken as exact", {"observe.observation_atlas.Tilts": lambda *_: None}, False),
     ("no neighbours", {"solve.neighbours.ROUGHNESS_SLOPE": 1e6}, False),
     ("neighbours' errors taken for alike", {"solve.neighbours.Shared.gain": lambda *_: ALIKE}, False),
     ("base colour: no outliers expected", {"maps.albedo.ROBUST_PASSES": 1}, False),
