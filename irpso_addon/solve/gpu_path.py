@@ -47,7 +47,7 @@ from .kept_images import KeptImages, ReadImage
 from .outlined_scene import Observed, through_right_cameras
 
 Result = TypeVar("Result")
-REFINED = 2.0  # times the noise of residuals: what refined normals are still off by is in all of a texel's observations
+REFINED = 0.005  # relative: what refined normals are still off by makes of an observation; residuals do not show it
 STAGES = {  # share of a round's progress
     "pictures": (0.0, 1.0), "gbuffer": (0.0, 0.05), "observe": (0.05, 0.3), "cameras": (0.3, 0.3),
     "calibrate": (0.3, 0.33), "normals": (0.33, 0.35),
@@ -198,7 +198,7 @@ def _ladder(
     if sparse is not None:
         surface, slots = surface_of(device, maps, sparse), sparse.picked(slots)
         last = None if last is None else picked(last, sparse)
-    misfit = REFINED if isinstance(views.normals, NormalsJudged) or keeps_normals(scene) else 1.0
+    misfit = REFINED if isinstance(views.normals, NormalsJudged) or keeps_normals(scene) else 0.0
     steps = Ladder(device, CameraSource(device, surface, views.observations, scene.mesh.extent, misfit), given.settings,
                    Materials(slots, scene.mesh.slot_names), last, given.before, scale_known=scene.scale_known).solve()
     return (yield from (steps if sparse is None else looked(steps, sparse)))

@@ -195,7 +195,7 @@ def test_what_neighbours_share_is_what_is_left_in_the_mean_of_many() -> None:
     assert part(Noise(0.01**2, True), 0.001) == pytest.approx(0.01)
     assert part(Noise(0.01**2, True, 0.3), 0.001) == 0.3
     assert part(Noise(1e-8, True, 0.3), 0.001) == 1
-    assert part(Noise(0.01**2, True), 0.001, refined=True) == pytest.approx(0.25)
+    assert part(Noise(0.01**2, True), 0.001, refined=True) == pytest.approx(0.09)
     assert neighbours.shared_by(Noise(0.01**2, True, 0.3), 0.001, refined=False).together == neighbours.COMMON
     assert neighbours.shared_by(Noise(0.01**2, True, 0.005), 0.001, refined=False).together == neighbours.ALIKE
     for refined, left in ((False, 0.5), (True, 1.0)):

@@ -99,7 +99,7 @@ class Source(Protocol):
     shared_error: float  # relative: the least noise of an observation, and what neighbouring texels share of it
     model_error: float  # relative, of the forward model: the floor of core.models.evidence
     least_gain: float  # of core.models.choose
-    misfit: float  # times the noise that residuals show: a texel's observations may err alike
+    misfit: float  # relative error of an observation that residuals do not show: a texel's err alike
     extent: float  # width of the maps in UV squares
     position: moderngl.Texture  # of the texels: world xyz, coverage
     tilts: Tilts | None  # None: normals are known exactly
@@ -172,7 +172,7 @@ class CameraSource:
     """Texels matched to the pixels of the cameras that see them."""
 
     def __init__(
-        self, device: Device, grid: TexelSurface, observations: Observations, extent: float = 1.0, misfit: float = 1.0,
+        self, device: Device, grid: TexelSurface, observations: Observations, extent: float = 1.0, misfit: float = 0.0,
     ) -> None:
         self.device, self.grid, self.observations = device, grid, observations
         channels = observations.channels
@@ -296,7 +296,7 @@ class ArraySource:
         self.shared_error = 0.0  # and each for itself
         self.model_error = 1e-4  # float32
         self.least_gain = 0.0
-        self.misfit = 1.0
+        self.misfit = 0.0
         self.extent = 1.0
         self.position = device.texture(w, h, 4, np.ones((h, w, 4), np.float32))
         self.tilts: Tilts | None = None

@@ -25,7 +25,7 @@ NOISE_MOST = 0.06  # relative: more is not noise, but outliers in every texel: t
 NOISE_GUESS = 0.02  # ... this much is taken for a start
 ALIKE = 0.5  # how much four texels say that share the model's error, in units of what they would say if they did not
 COMMON = 0.25  # the same where errors are seen to be alike, or normals are refined, which are still off alike: as one
-REFINED_ERROR = 0.005  # relative: what that makes of an observation, at least
+REFINED_ERROR = 0.003  # relative: what that makes of an observation, at least
 EVIDENCE = 0.8  # how much of tables counts where kinds are told apart: a texel is in many cells, some part by chance
 APART = 4  # texels whose errors are compared: pixels are mostly smaller
 OUTLYING = 4.5  # times the median size: three standard deviations
@@ -36,7 +36,7 @@ Textures = tuple[moderngl.Texture, ...]
 
 def noise_map(
     device: Device, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int, unknown: float,
-    cells: int | None = None, misfit: float = 1.0,
+    cells: int | None = None, misfit: float = 0.0,
 ) -> tuple[moderngl.Texture, float]:
     """(log variance of the relative noise around each texel, at 1 / 2^NOISE_LEVELS of the size; its median variance).
 

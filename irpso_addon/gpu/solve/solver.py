@@ -171,7 +171,7 @@ class Solver(TilePasses):
         chosen = chosen[:done]  # fewer when stopped: these are finished, the rest is filled from them
         variance = self._noise(outputs[0], outputs[1], 1)
         outputs, variance = yield from self._believed(chosen, outputs, variance)
-        if self.source.misfit != 1:  # outliers are those of the noise itself
+        if self.source.misfit > 0:  # outliers are those of the noise itself
             variance = self._noise(outputs[0], outputs[1], 1, self.source.misfit)
         self.noise_of[1] = self.before.noise.get(1, Noise(variance, self._unsure(variance, outputs[1])))
         return Searched(chosen, outputs, variance)
@@ -212,7 +212,7 @@ class Solver(TilePasses):
                 "solve/table.kernel", tables, valleys, floor, robust=self.robust))
             estimate, prior = neighbours.pyramid(
                 self.device, tuple(tables), colour,
-                neighbours.shared_by(self.noise_of[1], self.source.shared_error, self.source.misfit != 1),
+                neighbours.shared_by(self.noise_of[1], self.source.shared_error, self.source.misfit > 0),
                 self.source.extent, self.before.roughness)
             colour.release()
             yield from self.run(chosen, (0.8, 1.0), KernelPass(
@@ -329,7 +329,7 @@ class Solver(TilePasses):
             self._floor(self.noise**2) if robust else {}, lobes, colour=True, robust=robust))
 
     def _noise(
-        self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int, misfit: float = 1.0,
+        self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int, misfit: float = 0.0,
     ) -> float:
         """Maps the noise; returns its median variance, by which the slack between cameras is set too.
 
