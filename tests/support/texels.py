@@ -348,7 +348,7 @@ def random_texels(groups: tuple[int, ...], channels: int = 1, lights: int = 2, s
 
 
 def known_roughly(texels: Texels, seed: int = 5) -> Texels:
-    """The same with normals and lamps: some places, some suns.  What they add up to is all light."""
+    """The same with normals and lamps, of which some are suns."""
     rng = np.random.default_rng(seed)
     normal = rng.standard_normal((*texels.quality.shape[:2], 3))
     place = rng.uniform(-3, 5, (len(texels.groups), texels.lobes.shape[3], 4))
