@@ -199,7 +199,9 @@ def _ladder(
         surface, slots = surface_of(device, maps, sparse), sparse.picked(slots)
         last = None if last is None else picked(last, sparse)
     misfit = REFINED if isinstance(views.normals, NormalsJudged) or keeps_normals(scene) else 0.0
-    steps = Ladder(device, CameraSource(device, surface, views.observations, scene.mesh.extent, misfit), given.settings,
+    source = CameraSource(device, surface, views.observations, scene.mesh.extent, misfit,
+                          1 if sparse is None else sparse.stride)
+    steps = Ladder(device, source, given.settings,
                    Materials(slots, scene.mesh.slot_names), last, given.before, scale_known=scene.scale_known).solve()
     return (yield from (steps if sparse is None else looked(steps, sparse)))
 

@@ -219,6 +219,12 @@ def test_how_far_errors_are_alike() -> None:
         errors[::50, ::50] = 1e3
         assert neighbours.alike(np.concatenate([errors, one], -1)) == pytest.approx(part, abs=0.05)
     assert neighbours.alike(np.zeros((SIZE, SIZE, 4))) == 0
+    # A pixel is eight texels wide: half of those that are four apart share one, in whatever grid they are solved.
+    wide = np.repeat(np.repeat(rng.standard_normal((SIZE // 8, SIZE // 8, 3)), 8, 0), 8, 1)
+    errors = np.concatenate([wide, one], -1)
+    assert neighbours.alike(errors) == pytest.approx(0.5, abs=0.05)
+    assert neighbours.alike(errors[::2, ::2], 2) == pytest.approx(0.5, abs=0.05)
+    assert neighbours.alike(errors[::2, ::2]) < 0.1
 
 
 @pytest.mark.parametrize(("shared", "least", "most"), [(0.0, 0.0, 0.1), (0.02, 0.6, 1.0)])

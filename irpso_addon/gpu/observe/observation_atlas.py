@@ -101,6 +101,7 @@ class Source(Protocol):
     least_gain: float  # of core.models.choose
     misfit: float  # relative error of an observation that residuals do not show: a texel's err alike
     extent: float  # width of the maps in UV squares
+    stride: int  # of these texels along the map's own: more than 1 where others lie between
     position: moderngl.Texture  # of the texels: world xyz, coverage
     tilts: Tilts | None  # None: normals are known exactly
     principled_table: moderngl.Texture
@@ -173,6 +174,7 @@ class CameraSource:
 
     def __init__(
         self, device: Device, grid: TexelSurface, observations: Observations, extent: float = 1.0, misfit: float = 0.0,
+        stride: int = 1,
     ) -> None:
         self.device, self.grid, self.observations = device, grid, observations
         channels = observations.channels
@@ -190,6 +192,7 @@ class CameraSource:
         self.least_gain = LEAST_GAIN
         self.misfit = misfit
         self.extent = extent
+        self.stride = stride
         self.position = grid.position
         several = len(set(groups)) < len(groups)  # views of some camera: tilts explain how they differ
         self.tilts: Tilts | None = None
@@ -298,6 +301,7 @@ class ArraySource:
         self.least_gain = 0.0
         self.misfit = 0.0
         self.extent = 1.0
+        self.stride = 1
         self.position = device.texture(w, h, 4, np.ones((h, w, 4), np.float32))
         self.tilts: Tilts | None = None
         self.principled_table = device.texture(table.shape[1], table.shape[0], table.shape[2], table)

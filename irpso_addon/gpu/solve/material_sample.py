@@ -204,7 +204,8 @@ class CameraSample(CameraSource):
         position[~self.covered] = 0.0
         height, width = position.shape[:2]
         packed = PackedTexels(device.texture(width, height, data=position), device.texture(width, height, data=normal))
-        super().__init__(device, packed, source.observations, source.extent * width / source.size[0], source.misfit)
+        super().__init__(device, packed, source.observations, source.extent * width / source.size[0], source.misfit,
+                         source.stride)
         self.places, self.normals = position, normal
         self.covered &= position[..., 3] > 0.5
         self.left_out: Bool = np.zeros(len(self.layers.groups), bool)

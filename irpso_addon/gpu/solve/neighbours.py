@@ -27,7 +27,7 @@ ALIKE = 0.5  # how much four texels say that share the model's error, in units o
 COMMON = 0.25  # the same where errors are seen to be alike, or normals are refined, which are still off alike: as one
 REFINED_ERROR = 0.003  # relative: what that makes of an observation, at least
 EVIDENCE = 0.8  # how much of tables counts where kinds are told apart: a texel is in many cells, some part by chance
-APART = 4  # texels whose errors are compared: pixels are mostly smaller
+APART = 4  # texels of the map between those whose errors are compared: pixels are mostly smaller
 OUTLYING = 4.5  # times the median size: three standard deviations
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
 TABLE_TILES = 4  # across a texture that holds the 16 tables of both kinds
@@ -80,20 +80,22 @@ def clean_noise(residual: F32, degrees: F32) -> tuple[float, bool]:
     return max(float(np.exp(low)), NOISE_FLOOR**2), bool(high - low > FAR and high > 2 * np.log(GROSS))
 
 
-def alike(errors: F32) -> float:
+def alike(errors: F32, stride: int = 1) -> float:
     """0..1: how far errors of texels that are APART are alike (their correlation).
 
     ``errors``: (h, w, 4) three sums of each texel's errors with random signs (Hutchinson 1990, "A stochastic estimator
     of the trace of the influence matrix"), as of solve/albedo.kernel, and 1 where observed.
+    ``stride``: as of `Source`.
     """
     seen = errors[..., 3] > 0
     if not seen.any():
         return 0.0
     limit = OUTLYING * float(np.median(np.abs(errors[seen, :3])))
     product = square = 0.0
+    apart = max(APART // stride, 1)
     for i in range(3):
         sums = np.clip(errors[..., i], -limit, limit)
-        for a, b in ((np.s_[:, APART:], np.s_[:, :-APART]), (np.s_[APART:], np.s_[:-APART])):
+        for a, b in ((np.s_[:, apart:], np.s_[:, :-apart]), (np.s_[apart:], np.s_[:-apart])):
             both = seen[a] & seen[b]
             one, other = sums[a][both], sums[b][both]
             product += float(np.sum(one * other, dtype=np.float64))

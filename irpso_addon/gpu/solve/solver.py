@@ -205,7 +205,8 @@ class Solver(TilePasses):
             colour, *errors = own = self.textures(2 if judged else 1)
             yield from self._albedo(own, searched[0], 1, chosen, (0.5, 0.6))
             for texture in errors:
-                self.noise_of[1] = replace(self.noise_of[1], alike=neighbours.alike(self.device.read(texture)))
+                self.noise_of[1] = replace(self.noise_of[1], alike=neighbours.alike(
+                    self.device.read(texture), self.source.stride))
                 texture.release()
             tables = self.textures(8)
             yield from self.run(chosen, (0.6, 0.8), KernelPass(
