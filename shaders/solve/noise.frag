@@ -2,7 +2,6 @@
 // robust against texels whose fit fails.
 uniform sampler2D u_valleys;
 uniform sampler2D u_support;
-uniform float u_misfit;  // relative error of an observation that residuals do not show
 
 layout(location = 0) out vec4 o_noise;  // log variance, -, -, weight
 
@@ -16,5 +15,5 @@ void main() {
     vec4 support = texelFetch(u_support, texel, 0);
     // A residual of a few degrees of freedom is far below its variance as often as above it.
     float weight = support.w * clamp((support.z - 1.0) / 4.0, 0.0, 1.0);
-    o_noise = vec4(log(max(residual / max(support.z, 1e-6), 1e-12) + u_misfit * u_misfit), 0.0, 0.0, weight);
+    o_noise = vec4(log(max(residual / max(support.z, 1e-6), 1e-12)), 0.0, 0.0, weight);
 }

@@ -126,7 +126,7 @@ def test_outliers_are_those_of_the_noise_itself(on_gl):
         return solver.noise
 
     plain, wary = (on_gl(lambda device, m=misfit: told(device, m)) for misfit in (0.0, 0.002))
-    assert wary == pytest.approx(np.hypot(plain, 0.002), rel=0.05)
+    assert wary == pytest.approx(np.hypot(plain, 0.002), rel=1e-3)
 
 
 def solved(device, problem: Problem, loss: str):

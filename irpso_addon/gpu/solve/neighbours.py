@@ -49,14 +49,17 @@ def noise_map(
         noise = device.texture(*valleys.size)
         with device.target([noise]) as target:
             device.draw("solve/noise.frag", target, Inputs(
-                {"u_valleys": valleys, "u_support": support}, {"u_misfit": misfit}, {"LOBES": str(lobes)}))
+                {"u_valleys": valleys, "u_support": support}, defines={"LOBES": str(lobes)}))
         for _ in range(levels):
             finer = noise
             noise = device.texture((finer.width + 1) // 2, (finer.height + 1) // 2)
             with device.target([noise]) as target:
                 device.draw("maps/fill_down.frag", target, Inputs({"u_map": finer}))
         owned.hand_over(noise)
-    values = device.read(noise)
+    values = device.read(noise).copy()
+    if misfit > 0:
+        values[..., 0] = np.logaddexp(values[..., 0], 2 * np.log(misfit))
+        noise.write(values.tobytes())
     known = values[values[..., 3] > 0.1, 0]
     variance = float(np.exp(np.median(known))) if len(known) else unknown
     return noise, max(variance, NOISE_FLOOR**2)
