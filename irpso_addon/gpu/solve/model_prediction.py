@@ -26,6 +26,7 @@ from .prediction_trials import (
     DRAWN_LEVEL,
     DRAWN_LEVELS,
     DRAWN_METAL,
+    DRAWN_WEAKLY,
     FITTED,
     FREE_COAT,
     PARTS,
@@ -159,6 +160,7 @@ class _Contest:
             free = max(abs(joint.apart.level - 0.5) for joint in self.joints) > SAME_LEVEL
             yield from self._folds(self._drawn, DRAWN_LEVEL if free and UNIFORM[1].name in near else [], race=True)
             yield from self._folds(self._drawn_levels, DRAWN_LEVELS, race=True)
+            yield from self._folds(self._drawn, DRAWN_WEAKLY if self._flashes() else [], race=True)
         elif few and self.fitted.model in OWN_DRAWN:
             yield from self._folds(self._drawn, OWN_DRAWN[self.fitted.model], race=True)
         # A metal's roughness may differ from texel to texel: then one value says little of it.
@@ -185,6 +187,11 @@ class _Contest:
         """Over all but two lobes that were given up."""
         return self.judge.leads(incumbent, clear, [
             name for name in self.predictions if name != FITTED["two-lobe"] or name == incumbent])
+
+    def _flashes(self) -> bool:
+        """Whether a roughness a texel, which does not lead, has the least error of lightness: a few texels flash."""
+        least = min(self.predictions, key=lambda name: self.judge.error(name).lightness)
+        return least == FITTED["one-lobe"]
 
     def _under_coats(self, taken: str, metal: bool) -> Generator[Progress, None, str | None]:
         """The trial with a coat that is to be taken instead, if there is one."""

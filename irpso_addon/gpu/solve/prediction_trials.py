@@ -10,6 +10,7 @@ from ...core.evaluation.coat_search import APART, METAL, PLAIN
 from ...core.evaluation.joint_material import Joint, OneMaterial
 
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
+WEAK_STRENGTHS = (0.3, 0.1)  # that keep a few texels from flashing and hardly move the others
 LEVEL_STRENGTHS = ((200.0, 1.0), (200.0, 0.2), (10.0, 0.2))  # where levels differ too: of roughness, and of level
 
 
@@ -33,8 +34,11 @@ class Trial:
         return replace(prior, level=one.level, level_strength=self.level_strength) if self.level_strength else prior
 
 
-def _trials(name: str, model: str, material: Callable[[Joint], OneMaterial], coat: str = "") -> list[Trial]:
-    return [Trial(f"{name}, prior {strength:g}", model, strength, material, coat) for strength in STRENGTHS]
+def _trials(
+    name: str, model: str, material: Callable[[Joint], OneMaterial], coat: str = "",
+    strengths: tuple[float, ...] = STRENGTHS,
+) -> list[Trial]:
+    return [Trial(f"{name}, prior {strength:g}", model, strength, material, coat) for strength in strengths]
 
 
 UNIFORM = (
@@ -43,6 +47,7 @@ UNIFORM = (
 )
 UNIFORM_METAL = Trial("one value, level and metallic", "one-lobe-metallic", ONE_VALUE, lambda joint: joint.metal)
 DRAWN = _trials("a value a texel", "one-lobe", lambda joint: joint.plain)
+DRAWN_WEAKLY = _trials("a value a texel", "one-lobe", lambda joint: joint.plain, strengths=WEAK_STRENGTHS)
 DRAWN_LEVEL = _trials("a value a texel, one level", "one-lobe-specular", lambda joint: joint.apart)
 DRAWN_LEVELS = [Trial(f"a value and level a texel, prior {strength:g}, {level:g}", "one-lobe-specular", strength,
                        lambda joint: joint.specular, level_strength=level) for strength, level in LEVEL_STRENGTHS]
