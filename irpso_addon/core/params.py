@@ -81,7 +81,7 @@ class SolveSettings(Table):
     method: str = parameter("refined", "Search algorithm", label="Method", choices=(
         ("refined", "Particle swarm with Levenberg-Marquardt steps; fast and exact"),
         ("draft", "Refined with fewer particles and steps; for a first look"),
-        ("swarm", "Particle swarm in a ring, without derivatives; slower"),
+        ("swarm", "Particle swarm in a ring; derivatives only refine the two best; slower"),
         ("paper", "IRPSO as published, which searches every parameter; for comparison"),
     ))
     particles: int = parameter(16, "Particles in the swarm of a texel (m); for method Paper", label="Particles",
