@@ -12,6 +12,7 @@ import signal
 import sys
 import traceback
 from pathlib import Path
+from types import FrameType
 
 from .cli import console, options
 from .core import log
@@ -28,8 +29,8 @@ def main(argv: list[str]) -> int:
         arguments = options.parser().parse_args(argv, argparse.Namespace(given=argv))
     except SystemExit as stop:  # argparse has said why: 0 after --help, 2 after wrong usage
         return int(stop.code or 0)
-    # Blender installs no handler for Ctrl-C that Python would hear of.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    # Blender installs no handler for Ctrl-C that Python would hear of.  Until it is loaded, none may interrupt it.
+    before = signal.signal(signal.SIGINT, _left)
     try:
         return _run(arguments)
     finally:
@@ -43,8 +44,11 @@ def _run(arguments: argparse.Namespace) -> int:
         if arguments.verbose:
             log.to_stream(sys.stderr)
         # Imported here, because Blender's module takes a second to load and --help must not.
-        if arguments.command not in WITHOUT_BLENDER:
+        blender = arguments.command not in WITHOUT_BLENDER
+        if blender:
             _import_blender(arguments.command)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if blender:
             given = [log.name_alone(argument) for argument in arguments.given]
             importlib.import_module(".blender.logs", __package__).begin("command", arguments=given)
         module = MODULES.get(arguments.command, arguments.command)
@@ -65,6 +69,12 @@ def _run(arguments: argparse.Namespace) -> int:
         log.info("end", peak_memory_bytes=peak_memory())
         log.close()
     return 0
+
+
+def _left(number: int, frame: FrameType | None) -> None:
+    """Ends the process at once, before anything was begun."""
+    console.warn("cancelled; nothing was written")
+    os._exit(130)
 
 
 def _import_blender(command: str) -> None:

@@ -51,6 +51,8 @@ def hold_out(data: SceneData, every: int, has_truth: bool) -> tuple[SceneData, S
         if not has_truth:
             raise BadInput("--hold-out 0: leaves nothing to judge by; hold out views, or give the true maps (--truth)")
         return data, None
+    if every == 1:
+        raise BadInput("--hold-out 1: leaves no view to solve from; use 2 or more")
     if len(data.views) < FEWEST_VIEWS:
         raise BadInput(f"{data.name}: has {len(data.views)} usable views, too few to hold one out and solve from the "
                        f"rest; use {FEWEST_VIEWS} or more")

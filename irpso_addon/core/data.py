@@ -193,6 +193,7 @@ class SceneData:
 
 
 SOLID = 0.5  # coverage: a pixel of no more is an edge, and no observation
+OPAQUE = 0.95  # coverage of a pixel that shows the object alone: masks are seldom quite white
 
 
 @dataclass(frozen=True)

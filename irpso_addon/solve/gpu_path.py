@@ -21,6 +21,7 @@ from ..core.calibration.rig import Rig
 from ..core.calibration.rig_sample import RigSample
 from ..core.calibration.worlds import are_few, judge_worlds
 from ..core.change_records import Calibration
+from ..core.checks.warnings import grouped
 from ..core.data import F32, I32, Bool, Bounced, MeshArrays, SceneData
 from ..core.errors import BadInput, Cancelled
 from ..core.job import Progress, mapped
@@ -233,7 +234,7 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
                        limits=ObserveOptions(given.bounced, part, level=given.level))
     observations: Observations = yield from clock.stage("observe", observed(scene=scene))
     if not observations.cameras:
-        raise BadInput("; ".join(f"{name}: {why}" for name, why in observations.skipped))
+        raise BadInput("; ".join(grouped([f"{name}: {why}" for name, why in observations.skipped])))
 
     def source(shown: Observations) -> CameraSource:
         return CameraSource(device, part.grid(device, grid.maps), shown, scene.mesh.extent)

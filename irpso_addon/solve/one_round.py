@@ -34,6 +34,7 @@ from ..gpu.maps.partial_solve import PartialSolve, earlier_result_of, partial_so
 from .gpu_path import Clock, Given, Solved, TexelGrid, draw_texels, keeps_normals, solve_grid
 from .kept_images import ReadImage
 
+DARKEST = 0.015  # base colour that a median seldom is below: coal has 0.02 to 0.04
 NO_CONFIDENCE = "method paper: gives no uncertainty; confidence is 0 and the standard errors are 0.5 everywhere"
 
 
@@ -104,6 +105,11 @@ def one_round(
             device, grid, Given(
                 scene, settings, read_image, part, last, bounced, settled=settled, aligns=aligns,
                 calibrates=scene.region is None), clock)
+        if not solved.made.good.any() and not solved.ladder.cancelled:
+            raise BadInput(
+                f"{scene.mesh.name}: no texel is lit and seen well in any view; check that its faces point outwards "
+                "(Mesh > Normals > Recalculate Outside), that lamps light it and have their real power, that masks are "
+                "white where it is, and that faces do not share UVs with others")
         checks, pictures = yield from clock.stage("maps", _checks(scene, settings, solved.made, grid))
         solution = _solution(scene, settings, gbuffer, solved, part)
         normals = _normals(grid, solved)
@@ -215,6 +221,11 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, udim: str) -> list
     if unseen > 0.05:
         lines.append(f"{name}: {100 * unseen:.0f} % of its texels are lit in no view, so IRPSO filled them from their "
                      "neighbours")
+    seen = gbuffer.coverage & ~maps.filled
+    shown = float(np.median(maps.base_color[seen].mean(-1))) if seen.any() else 1.0
+    if shown < DARKEST:
+        lines.append(f"{name}: base colour is {shown:.2g} in the median, darker than any common material; check the "
+                     "lamps' power and the views' exposure")
     return lines
 
 

@@ -8,7 +8,7 @@
 // GROUP(k, first, end) for each group, with constants where layers are so few that unrolled loops pay (compilers leave
 // a loop around a loop).
 // NDF_BECKMANN: Cook-Torrance with Beckmann's distribution instead of the Principled BSDF.
-// SPECULAR: the Specular IOR Level of each texel is read from u_level, or with LEVEL_SEARCHED it is set in obs_level;
+// SPECULAR: the Specular IOR Level of each texel is read from u_level, or with LEVEL_SEARCHED use_level() sets it;
 // without, it is 0.5.
 // METALLIC: of one lobe; Metallic is u_metallic; without, it is 0.
 // ENVIRONMENT: layers have nodes of what lobes return of light from all around, after those of the lights.
@@ -83,6 +83,9 @@ float obs_f[LAYERS], obs_weight[LAYERS];
 #define LOBES_HELD 1  // no array is empty
 #endif
 float lobe_sin2h[LOBES_HELD], lobe_tan2[LOBES_HELD], lobe_factor[LOBES_HELD];
+#ifdef LEVEL_SEARCHED
+float lobe_given[LOBES_HELD], lobe_cos_vh[LOBES_HELD];  // the factor at level 0.5
+#endif
 #ifdef SPREAD
 float lobe_spread[LOBES_HELD];
 #endif
@@ -251,7 +254,10 @@ bool load_observations() {
                 lobe_metal[i] = u_metallic * v.w / F_dielectric(min(cos_vh, 1.0)) * vec2(black, 1.0 - black);
                 lobe_factor[i] *= 1.0 - u_metallic;
 #endif
-#ifdef SPECULAR
+#ifdef LEVEL_SEARCHED
+                lobe_given[i] = lobe_factor[i];
+                lobe_cos_vh[i] = min(cos_vh, 1.0);
+#elif defined(SPECULAR)
                 lobe_factor[i] *= F_level_ratio(min(cos_vh, 1.0), obs_level);
 #endif
             }
@@ -279,6 +285,15 @@ bool load_observations() {
     obs_free = all * max(obs_total - 1.0 - SEARCHED, 0.25) / max(obs_total - 1.0, 0.5);
     return some;
 }
+
+#ifdef LEVEL_SEARCHED
+// Of the observations that are loaded.  (To load them for each level takes many more rounds, and llvmpipe ends a
+// shader's loops after 65535 in all.)
+void use_level(float level) {
+    obs_level = level;
+    for (int i = 0; i < LAYERS * LIGHTS; i++) lobe_factor[i] = lobe_given[i] * F_level_ratio(lobe_cos_vh[i], level);
+}
+#endif
 
 // What a camera's direction makes of a roughness: the diffuse a and the gain of the lobe with their
 // derivatives, and of the masking term the camera's root.

@@ -201,6 +201,32 @@ def test_cancel_keeps_what_was_found(scenes, tmp_path):
         assert last == "irpso: cancelled; nothing was written"
 
 
+@pytest.mark.parametrize("after", [0.3, 0.6])
+def test_cancel_while_blender_is_loaded(scenes, tmp_path, after):
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "irpso_addon", "solve", scenes / "good" / "scene.blend", "--out", out]
+    process = subprocess.Popen(list(map(str, command)), cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    time.sleep(after)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    # So early that Python itself is not yet there, it ends by the signal.
+    assert process.returncode in (130, -signal.SIGINT), said
+    assert process.returncode < 0 or said.splitlines()[-1] == "irpso: cancelled; nothing was written"
+    assert not out.exists()
+
+
+def test_cancel_while_the_demo_is_rendered(tmp_path):
+    process = subprocess.Popen([sys.executable, "-m", "irpso_addon", "demo", "--out", str(tmp_path / "demo")], cwd=ROOT,
+                               stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    for line in process.stderr:
+        if " render: view" in line:
+            break
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 130, said
+    assert said.splitlines()[-1].startswith("irpso: cancelled")
+
+
 # ---- the other commands
 
 

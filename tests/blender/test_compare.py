@@ -159,6 +159,7 @@ def test_png_truth_alone_judges(scenes, irpso_here, tmp_path):
 
 @pytest.mark.parametrize(("more", "code", "words"), [
     (["--hold-out", 0], 3, "--hold-out 0: leaves nothing to judge by"),
+    (["--hold-out", 1], 3, "--hold-out 1: leaves no view to solve from"),
     (["--hold-out", -1], 2, "must be at least 0"),
     (["--passes", 0], 2, "must be at least 1"),
     (["--truth", "nowhere"], 3, "nowhere: has no Ball_basecolor.exr"),

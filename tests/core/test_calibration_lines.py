@@ -135,3 +135,8 @@ def test_rows_of_worlds() -> None:
     both = found(worlds=(replace(WORLD, sure_strength=True), replace(WORLD, turn=0.2)))
     assert world_rows(both) == [("Room", "up to +11.5 ± 0.2°"), ("Strength of Room", "× 1.082 ± 0.3 %")]
     assert world_rows(found()) == []
+
+
+def test_an_error_that_did_not_fall_is_not_said_to_have_fallen():
+    (line,) = calibrated(replace(found(KEY), changed=PredictionError(0.0455, 1.5)))
+    assert "fell" not in line and line.endswith("The scene keeps its lamps and exposures.")

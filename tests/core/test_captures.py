@@ -34,7 +34,7 @@ def error_of(content: object) -> str:
     return message
 
 
-@given(st.lists(views, min_size=1, max_size=3))
+@given(st.lists(views, min_size=1, max_size=3).filter(lambda all: all[0] not in all[1:] and all[-1] not in all[:-1]))
 def test_reads_back_what_was_written(entries):
     found = parse_captures(json.dumps({"views": entries, "version": 3}), FILE)
     assert found == [
@@ -100,6 +100,12 @@ def test_names_the_view_and_what_is_wrong(change, words):
 @pytest.mark.parametrize("content", ["", "{", "[]", "null", "{}", '{"views": []}', '{"views": {}}', "[" * 100_000])
 def test_no_views(content):
     error_of(content)
+
+
+def test_a_view_that_is_listed_twice_is_refused():
+    one, two = ({"image": name, "camera": "Camera", "lights": ["Key"]} for name in ("a.exr", "b.exr"))
+    with pytest.raises(BadInput, match=r"c\.json: view 2: is the same as view 0; list it once"):
+        parse_captures(json.dumps({"views": [one, two, one]}), Path("c.json"))
 
 
 def test_broken_json_names_the_line():

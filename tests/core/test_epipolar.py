@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.checks.drawn_view import DrawnView
-from irpso_addon.core.checks.epipolar import Side, compared, epipolar_distances, neighbours, side_of
+from irpso_addon.core.checks.epipolar import Side, _corners, compared, epipolar_distances, neighbours, side_of
 from irpso_addon.core.checks.mended_cameras import moved
 from irpso_addon.core.data import Camera, RadianceImage, View
 from irpso_addon.core.projection import rays_of
@@ -93,6 +93,13 @@ def test_pictures_that_do_not_tell():
     fine = side(one)
     stripes = replace(fine, grey=(np.indices(fine.grey.shape).sum(0) % 6 / 6).astype(np.float32))
     assert not compared(stripes, replace(stripes, view=side(other).view, position=side(other).position)).measured
+
+
+def test_a_picture_of_one_pixel_has_no_corners():
+    whole = side(camera(0))
+    tiny = replace(whole, grey=whole.grey[:1, :1], usable=whole.usable[:1, :1])
+    rows, columns = _corners(tiny)
+    assert len(rows) == len(columns) == 0
 
 
 def test_a_turn_about_the_axis_is_no_scatter():

@@ -10,6 +10,7 @@ import pytest
 from irpso_addon.core.data import Solution
 from irpso_addon.core.evaluation import folds
 from irpso_addon.core.shading import brdf
+from irpso_addon.gpu.solve import prediction_trials
 from irpso_addon.gpu.solve.model_ladder import Ladder
 from irpso_addon.gpu.solve.texel_records import SolvedTexels
 from tests.support import synthetic as syn
@@ -143,6 +144,11 @@ def test_a_weak_prior_keeps_roughness_where_a_few_texels_flash():
     assert own.relative_rms > prediction.tried["lambert"].relative_rms and own.lightness < 0.95 * one.lightness
     assert prediction.taken in ("a value a texel, prior 0.3", "a value a texel, prior 0.1")
     assert errors(found, varied).rough.mean() < 0.13  # one value: 0.26
+
+
+def test_levels_a_texel_are_larger_than_any_one_level():
+    weak = prediction_trials.by_size([*prediction_trials.DRAWN_LEVELS, *prediction_trials.DRAWN_WEAKLY])
+    assert [names[0] for names in weak] == ["a value a texel, prior 0.3", "a value and level a texel, prior 200, 1"]
 
 
 def test_where_no_model_fits_the_result_says_so():

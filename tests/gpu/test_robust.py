@@ -159,6 +159,19 @@ def test_clean_data_are_left_alone_bit_for_bit(on_gl):
     assert (rough == rough2).all() and (base == base2).all()
 
 
-def test_noise_of_too_few_degrees_of_freedom_is_not_judged():
-    variance, outliers = neighbours.clean_noise(np.array([1.0, 2.0], np.float32), np.array([1.0, 2.0], np.float32))
-    assert variance == neighbours.NOISE_FLOOR**2 and not outliers
+def test_noise_of_less_than_a_degree_of_freedom_is_not_judged():
+    variance, outliers = neighbours.clean_noise(np.array([1.0, 2.0], np.float32), np.array([0.5, 0.9], np.float32))
+    assert variance == np.inf and not outliers
+
+
+@pytest.mark.parametrize("degrees", [1.5, 2.5])
+def test_outliers_show_among_texels_of_few_degrees_of_freedom(degrees):
+    """Two lamps a camera: tilts of the normal explain most of what their observations differ by."""
+    rng = np.random.default_rng(3)
+    clean = 1e-4 * rng.chisquare(degrees, 5000)
+    gross = np.where(rng.uniform(size=5000) < 0.15, 0.1, clean)
+    for residual, expected in ((clean, False), (gross, True)):
+        variance, outliers = neighbours.clean_noise(
+            residual.astype(np.float32), np.full(5000, degrees, np.float32), tilts=True)
+        assert outliers is expected
+        assert 0.5e-4 < variance < 4e-4

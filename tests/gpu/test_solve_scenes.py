@@ -27,7 +27,7 @@ def test_views_that_see_nothing_are_skipped_and_named(patches):
 
 
 def test_no_view_that_sees_anything_is_an_error(patches):
-    with pytest.raises(BadInput, match=r"view_00\.exr: no usable pixel"):
+    with pytest.raises(BadInput, match=r"view_00\.exr, .* and 13 more: no usable pixel"):
         run(turned_away(patches, len(patches.scene.views)))
 
 
@@ -48,6 +48,56 @@ def test_masked_and_clipped_pixels_say_nothing(patches):
     assert np.median(found.rough) < 1e-5
     assert np.quantile(found.rough, 0.95) < 0.005
     assert np.median(found.base) < 1e-4
+
+
+def darkened(shoot: syn.Shoot, count: int) -> syn.Shoot:
+    """The first ``count`` pictures are black."""
+    images = {name: replace(image, rgb=0 * image.rgb) if n < count else image
+              for n, (name, image) in enumerate(shoot.images.items())}
+    return replace(shoot, images=images)
+
+
+def test_a_black_picture_is_left_out_and_named(patches):
+    found = run(darkened(patches, 1))
+    assert found.views_skipped == (("view_00.exr", "it is black where it shows the object; replace the picture or "
+                                                   "leave the view out"),)
+    with pytest.raises(BadInput, match=r"view_00\.exr, .* and 13 more: it is black"):
+        run(darkened(patches, len(patches.images)))
+
+
+def test_a_mask_that_is_not_quite_white_is_one(patches):
+    """As of an editor's soft brush, or of a JPEG."""
+    def masked(coverage: float) -> syn.Shoot:
+        return replace(patches, images={name: replace(image, coverage=coverage * image.coverage)
+                                        for name, image in patches.images.items()})
+
+    whole, soft = run(patches), run(masked(250 / 255))
+    assert soft.texels["solved"] == whole.texels["solved"]
+    with pytest.raises(BadInput, match=r"its mask or alpha is nowhere above 0\.60; use white"):
+        run(masked(0.6))
+
+
+def test_a_lamp_without_power_is_named(patches):
+    views = list(patches.scene.views)
+    dead = views[2].lights[0].name
+    views = [replace(view, lights=tuple(
+        replace(light, power=0 * light.power) if light.name == dead else light for light in view.lights))
+        for view in views]
+    found = run(replace(patches, scene=replace(patches.scene, views=tuple(views))))
+    assert {why for _, why in found.views_skipped} == {"none of its lights has power; set their power"}
+
+
+def test_faces_that_point_away_are_named(patches):
+    mesh = patches.scene.mesh
+    with pytest.raises(BadInput, match="no texel is lit and seen well in any view; check that its faces"):
+        run(replace(patches, scene=replace(patches.scene, mesh=replace(mesh, normals=-mesh.normals))))
+
+
+def test_lamps_that_are_much_too_strong_are_told_by_the_base_colour(patches):
+    views = tuple(replace(view, lights=tuple(replace(light, power=100 * light.power) for light in view.lights))
+                  for view in patches.scene.views)
+    found = run(replace(patches, scene=replace(patches.scene, views=views)))
+    assert any("darker than any common material; check the lamps' power" in line for line in found.warnings)
 
 
 def test_overlapping_uvs_are_named(patches):

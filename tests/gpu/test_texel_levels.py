@@ -56,6 +56,20 @@ def test_each_texel_finds_its_own(on_gl, halves):
     assert np.quantile(off, 0.9) < 0.4
 
 
+def test_hundreds_of_views_that_show_nothing_change_nothing(on_gl, halves):
+    """llvmpipe ends a shader's loops after 65535 rounds in all."""
+    texels, _ = halves
+    more = 500 - texels.quality.shape[2]
+
+    def padded(values: np.ndarray, by: float = 0.0) -> np.ndarray:
+        return np.concatenate([values, np.full((*values.shape[:2], more, *values.shape[3:]), by, values.dtype)], 2)
+
+    many = Texels(padded(texels.rgb), padded(texels.quality), padded(texels.cos_v, 0.5), padded(texels.lobes),
+                  texels.groups + (texels.groups[-1],) * more)
+    (few,), (found,) = (levels_of(on_gl, each, [PRIOR]) for each in (texels, many))
+    np.testing.assert_allclose(found, few, rtol=1e-3)
+
+
 def test_a_strong_prior_holds_them(on_gl, halves):
     texels, _ = halves
     weak, strong = levels_of(on_gl, texels, [PRIOR, replace(PRIOR, level_strength=1e4)])

@@ -10,6 +10,7 @@ import pytest
 
 from irpso_addon.core.data import Light
 from irpso_addon.gpu.observe import observation_atlas
+from irpso_addon.gpu.solve import neighbours
 from tests.support import shoots
 from tests.support import synthetic as syn
 
@@ -75,3 +76,25 @@ def test_where_normals_are_right_little_is_lost(monkeypatch) -> None:
     with_tilts, without = (solved(monkeypatch, 0.0, tilts) for tilts in (True, False))
     assert with_tilts.error < 1.1 * without.error
     assert 0.93 < with_tilts.held < 0.98
+
+
+def test_two_lamps_a_camera_show_the_noise(monkeypatch) -> None:
+    """Tilts explain most of what two observations of a group differ by: less than one degree of freedom is left."""
+    rig = []
+    for i, camera in enumerate(syn.cameras(3)):
+        for turn in (0.3 + 0.4 * i, 0.3 + 0.4 * i + np.pi):
+            place = 3.1 * np.array([np.sin(np.pi / 3) * np.cos(turn), np.sin(np.pi / 3) * np.sin(turn), 0.5])
+            rig.append((camera, [syn.lamp(place, name=f"Light {i} {turn:.1f}")]))
+    shoot = syn.shoot(syn.PATCHES, rig, (96, 96), noise=0.003)
+    found = []
+    original = neighbours.noise_map
+
+    def noise_map(*given: Any) -> tuple[Any, float]:
+        found.append(original(*given)[1])
+        return original(*given)
+
+    monkeypatch.setattr(neighbours, "noise_map", noise_map)
+    maps = shoots.run(shoot, model="one-lobe", registration="given", indirect="off").maps
+    assert 0.001 < np.sqrt(found[-1]) < 0.01  # unknown it would be 0.05
+    solved = maps.coverage & ~maps.filled
+    assert (maps.confidence[solved] > 0.5).mean() > 0.25

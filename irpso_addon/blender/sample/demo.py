@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -236,6 +238,22 @@ def _set_up_render(scene: bpy.types.Scene) -> None:
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
 
 
+@contextmanager
+def _interrupted_after() -> Iterator[None]:
+    """Holds Ctrl-C back until the block has ended: Blender drops what is raised while it renders."""
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:  # in the window
+        yield
+        return
+    pressed: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if pressed:
+        raise KeyboardInterrupt
+
+
 def _render(path: Path, camera: bpy.types.Object, light: bpy.types.Object) -> None:
     """One picture with one light on."""
     scene = bpy.context.scene
@@ -244,7 +262,8 @@ def _render(path: Path, camera: bpy.types.Object, light: bpy.types.Object) -> No
     before, scene.camera = scene.render.filepath, camera
     with replacing(path.resolve()) as part:
         scene.render.filepath = str(part)
-        bpy.ops.render.render(write_still=True)
+        with _interrupted_after():
+            bpy.ops.render.render(write_still=True)
     scene.render.filepath = before
     for obj in _lights():
         obj.hide_render = False

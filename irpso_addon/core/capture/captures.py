@@ -54,7 +54,11 @@ def parse_captures(text: str, path: Path) -> list[CaptureView]:
     views = content.get("views") if isinstance(content, dict) else None
     if not isinstance(views, list) or not views:
         raise BadInput(f'{path}: has no views; write {{"views": [{{"image", "camera", "lights"}}, ...]}}')
-    return [_view(entry, index, path) for index, entry in enumerate(views)]
+    found = [_view(entry, index, path) for index, entry in enumerate(views)]
+    for index, entry in enumerate(views):
+        if entry in views[:index]:
+            raise BadInput(f"{path}: view {index}: is the same as view {views.index(entry)}; list it once")
+    return found
 
 
 def _view(entry: Any, index: int, path: Path) -> CaptureView:

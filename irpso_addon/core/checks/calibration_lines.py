@@ -40,7 +40,8 @@ def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
         what = f"changed {changed or 'lamps'} a little, although no single change is certain"
     before, after = (percent(error.relative_rms, 1) for error in (calibration.given, calibration.changed))
     # Few large errors make the root mean square: it may hide that most became smaller.
-    fell = f"The error on left-out views fell from {before} to {after} of their radiance. " if before != after else ""
+    smaller = calibration.changed.relative_rms < calibration.given.relative_rms and before != after
+    fell = f"The error on left-out views fell from {before} to {after} of their radiance. " if smaller else ""
     return (f"IRPSO {what}. {fell}{WORLD_STAYS if calibration.worlds else STAYS}",)
 
 

@@ -139,13 +139,13 @@ def _at(side: Side, places: F64) -> F64:
 
 def _corners(side: Side) -> tuple[Index, Index]:
     """Rows and columns of the best patches, all inside the object."""
+    height, width = (n // CELL * CELL for n in side.grey.shape)
+    if not height or not width:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     up, right = np.gradient(blurred(side.grey))
     a, b, c = (_box(np.asarray(product)) for product in (right * right, right * up, up * up))
     least = (a + c) / 2 - np.hypot((a - c) / 2, b)
     least[_box(side.usable.astype(np.float32)) < (2 * PATCH + 1) ** 2 - 0.5] = 0
-    height, width = (n // CELL * CELL for n in least.shape)
-    if not height or not width:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     split = least[:height, :width].reshape(height // CELL, CELL, width // CELL, CELL)
     cells = split.swapaxes(1, 2).reshape(height // CELL, width // CELL, CELL * CELL)
     best, score = cells.argmax(2), cells.max(2)

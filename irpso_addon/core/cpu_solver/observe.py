@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data import F32, F64, Bool, Camera, Light, RadianceImage, SceneData, View
+from ..data import F32, F64, OPAQUE, Bool, Camera, Light, RadianceImage, SceneData, View
 from ..job import Progress
 from ..observation_quality import DARK_SHARE, EDGE_WEIGHT, MIN_COS_L, MIN_COS_V
 from ..projection import pixel_widths, pixels_of, rays_of
@@ -204,7 +204,7 @@ def _seen(picture: _Picture, shown: Shown, lighting: _Lighting, level: float, ca
     level: typical radiance.
     """
     irradiance, powers = lighting.irradiance, lighting.powers
-    edge = lighting.edge | (picture.coverage < 0.999)
+    edge = lighting.edge | (picture.coverage < OPAQUE)
     mean = irradiance.mean(-1)
     good = (picture.coverage > 0) & (mean > 0)
     each = irradiance > NO_LIGHT * np.maximum(mean, 1e-300)[:, None]

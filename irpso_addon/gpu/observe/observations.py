@@ -17,7 +17,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.data import F32, SOLID, Bool, Bounced, Camera, RadianceImage, SceneData, View
+from ...core.data import F32, OPAQUE, SOLID, Bool, Bounced, Camera, RadianceImage, SceneData, View
 from ...core.job import Progress
 from ...core.projection import lens_axes
 from ...core.shading import environment as environment_model
@@ -197,15 +197,28 @@ class _Observer:
         c = self._camera(view.camera, *image.rgb.shape[1::-1])
         opaque = self.covered[c] & (image.coverage > SOLID)
         good = opaque & image.valid
+        if view.environment is None and not any(light.power.max() > 0 for light in view.lights):
+            self.skipped.append((view.image.name, "none of its lights has power; set their power"))
+            return False
         if self.limits.level is None:
             if not good.any():
                 what = "object" if self.limits.mask is None or self.limits.mask.whole else "region to solve"
                 self.skipped.append(
                     (view.image.name, f"no usable pixel shows the {what}; check camera, mask and clipping"))
                 return False
+            if image.rgb[good].max() <= 0:
+                self.skipped.append((view.image.name, "it is black where it shows the object; replace the picture or "
+                                                      "leave the view out"))
+                return False
+            if not (image.coverage[good] >= OPAQUE).any():
+                most = float(image.coverage[good].max())
+                self.skipped.append((
+                    view.image.name, f"its mask or alpha is nowhere above {most:.2f}; use white (1) for the object"))
+                return False
             brightness = np.median((image.rgb[..., 0] + image.rgb[..., 1] + image.rgb[..., 2])[good]) / np.float32(3)
             self.levels.append(np.maximum(brightness, np.float32(0))[None])
-        quality = np.where(image.valid, np.where(image.coverage > SOLID, image.coverage, 0.0), 0.0)
+        shown = np.where(image.coverage < OPAQUE, image.coverage, np.float32(1))
+        quality = np.where(image.valid & (image.coverage > SOLID), shown, 0.0)
         # Read noise may leave less than 0: that is data, because the fit is linear in it.
         floor = BLACK * max(image.rgb.max(), np.float32(0))
         rgb = np.where(np.abs(image.rgb) < floor, floor, image.rgb)

@@ -45,7 +45,7 @@ def _searched(lobes: int, device: Device, outputs: Sequence[moderngl.Texture]) -
 
 def _noise(residual: F32, degrees: F32) -> float:
     """Median variance of the relative noise that fits leave, (N,) each; where none tells, the slack between cameras."""
-    informed = degrees >= neighbours.LEAST_DEGREES
+    informed = neighbours.telling(degrees, tilts=True)
     if not informed.any():
         return CAMERA_SLACK**2
     return max(float(np.median(residual[informed] / degrees[informed])), neighbours.NOISE_FLOOR**2)

@@ -160,9 +160,10 @@ class _Contest:
             free = max(abs(joint.apart.level - 0.5) for joint in self.joints) > SAME_LEVEL
             yield from self._folds(self._drawn, DRAWN_LEVEL if free and UNIFORM[1].name in near else [], race=True)
             yield from self._folds(self._drawn_levels, DRAWN_LEVELS, race=True)
-            yield from self._folds(self._drawn, DRAWN_WEAKLY if self._flashes() else [], race=True)
         elif few and self.fitted.model in OWN_DRAWN:
             yield from self._folds(self._drawn, OWN_DRAWN[self.fitted.model], race=True)
+        if not self.solver.cancelled and not self._leads(incumbent, 0.0 if led else clear) and self._flashes():
+            yield from self._folds(self._drawn, DRAWN_WEAKLY, race=True)
         # A metal's roughness may differ from texel to texel: then one value says little of it.
         apart = min(joint.apart_metal.metallic for joint in self.joints) > SOME_METALLIC
         if not self.solver.cancelled and (

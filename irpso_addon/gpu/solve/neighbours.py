@@ -16,8 +16,9 @@ from ..device.context import Device, Inputs
 
 NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
 NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
+LEAST_KNOWN = 0.1  # of 1: how far the noise of a cell must be known
 PRIOR_CUT = 15.0  # an edge in the map costs no more than this, in nats
-LEAST_DEGREES = 3.0  # of freedom from which on a texel says something of the noise
+LEAST_DEGREES = 3.0  # of freedom from which on a texel says something of the noise, where there are such texels
 TAIL, TAIL_Z = 0.9, 1.2816  # share of texels below the upper tail, and its place under a normal distribution
 FAR = 2.0  # log of a variance: outliers make their texels' so much larger, ...
 GROSS = 0.01  # ... and leave relative errors of this size: finer ones are the model's, and alike in neighbours
@@ -36,44 +37,67 @@ Textures = tuple[moderngl.Texture, ...]
 
 def noise_map(
     device: Device, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int, unknown: float,
-    cells: int | None = None, misfit: float = 0.0,
+    cells: int | None = None, misfit: float = 0.0, tilts: bool = False,
 ) -> tuple[moderngl.Texture, float]:
     """(log variance of the relative noise around each texel, at 1 / 2^NOISE_LEVELS of the size; its median variance).
 
     ``unknown``: variance where no camera has views enough to tell: only the scatter between cameras does then.
     ``cells``: in a row, of those that lie alike in neighbouring blocks: noise is averaged over no larger ones.
-    ``misfit``: as of `Source`.
+    ``misfit``: as of `Source`.  ``tilts``: as of `telling`.
     """
     levels = NOISE_LEVELS if cells is None else min(NOISE_LEVELS, (valleys.width // cells).bit_length() - 1)
+    noise = _averaged_noise(device, valleys, support, lobes, levels)
+    values = device.read(noise).copy()
+    if tilts and not np.any(values[..., 3] > LEAST_KNOWN):  # two lamps a camera: tilts explain most of their difference
+        noise.release()
+        noise = _averaged_noise(device, valleys, support, lobes, levels, few=True)
+        values = device.read(noise).copy()
+    if misfit > 0:
+        values[..., 0] = np.logaddexp(values[..., 0], 2 * np.log(misfit))
+        noise.write(values.tobytes())
+    known = values[values[..., 3] > LEAST_KNOWN, 0]
+    variance = float(np.exp(np.median(known))) if len(known) else unknown
+    return noise, max(variance, NOISE_FLOOR**2)
+
+
+def _averaged_noise(
+    device: Device, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int, levels: int, few: bool = False,
+) -> moderngl.Texture:
+    """Log variance and how far it is known, over ever larger cells.  ``few``: degrees of freedom in all texels."""
     with device.scope() as owned:
         noise = device.texture(*valleys.size)
         with device.target([noise]) as target:
             device.draw("solve/noise.frag", target, Inputs(
-                {"u_valleys": valleys, "u_support": support}, defines={"LOBES": str(lobes)}))
+                {"u_valleys": valleys, "u_support": support}, {"u_few": few}, {"LOBES": str(lobes)}))
         for _ in range(levels):
             finer = noise
             noise = device.texture((finer.width + 1) // 2, (finer.height + 1) // 2)
             with device.target([noise]) as target:
                 device.draw("maps/fill_down.frag", target, Inputs({"u_map": finer}))
         owned.hand_over(noise)
-    values = device.read(noise).copy()
-    if misfit > 0:
-        values[..., 0] = np.logaddexp(values[..., 0], 2 * np.log(misfit))
-        noise.write(values.tobytes())
-    known = values[values[..., 3] > 0.1, 0]
-    variance = float(np.exp(np.median(known))) if len(known) else unknown
-    return noise, max(variance, NOISE_FLOOR**2)
+    return noise
 
 
-def clean_noise(residual: F32, degrees: F32) -> tuple[float, bool]:
+def telling(degrees: F32, tilts: bool) -> Bool:
+    """(N,) texels of (N,) whose residuals tell the noise: LEAST_DEGREES.
+
+    ``tilts``: those of normals have taken some of them.  Then as many as the best tenth has are enough, 1 at least.
+    """
+    most = float(np.quantile(degrees, 0.9)) if tilts and len(degrees) else LEAST_DEGREES
+    return np.asarray(degrees >= min(LEAST_DEGREES, max(most, 1.0)))
+
+
+def clean_noise(residual: F32, degrees: F32, tilts: bool = False) -> tuple[float, bool]:
     """(variance of the noise without outliers, whether there are outliers) from what fits leave, (N,) each.
+
+    Infinite where no texel tells.  ``tilts``: as of `telling`.
 
     Texels that no outlier touched are the lower tail: its place under normal noise (chi-squared, by Wilson and
     Hilferty 1931) tells the variance.  There are outliers where the upper tail lies far above its own place.
     """
-    informed = degrees >= LEAST_DEGREES
+    informed = telling(degrees, tilts)
     if not informed.any():
-        return NOISE_FLOOR**2, False
+        return np.inf, False
     log = np.log(np.maximum(residual[informed] / degrees[informed], 1e-12))
     step = 2 / (9 * degrees[informed])
     low, high = (np.quantile(log - 3 * np.log1p(-step + z * np.sqrt(step)), share)

@@ -63,6 +63,7 @@ DRAWN_COAT_METAL = _trials("a value a texel, one metallic and coat", "one-lobe-m
 FREE_COAT = Trial("a value a texel and coat", "one-lobe-specular", 0.0, lambda joint: joint.coated[APART], APART)
 PARTS = [Trial("two parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[0]),
          Trial("three parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[1])]
+MODELS = "one-lobe", "one-lobe-specular", "one-lobe-metallic"  # from the smallest on
 # The fit's own, without a prior of the material:
 FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specular": "a value a texel, one level",
           "two-lobe": "two lobes"}
@@ -72,8 +73,8 @@ def by_size(trials: list[Trial]) -> list[list[str]]:
     """Names of one value for the material, of parts, and of texels that are drawn, by model; those with levels last."""
     uniform = [[trial.name] for trial in trials if trial.strength == ONE_VALUE]
     parts = [[trial.name] for trial in trials if trial in PARTS]
-    drawn: dict[tuple[str, bool], list[str]] = {}
+    drawn: dict[tuple[bool, int], list[str]] = {}
     for trial in trials:
         if trial.strength != ONE_VALUE and trial not in PARTS:
-            drawn.setdefault((trial.model, trial in DRAWN_LEVELS), []).append(trial.name)
-    return [*uniform, *parts, *drawn.values()]
+            drawn.setdefault((trial in DRAWN_LEVELS, MODELS.index(trial.model)), []).append(trial.name)
+    return [*uniform, *parts, *(drawn[size] for size in sorted(drawn))]

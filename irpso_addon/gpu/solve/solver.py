@@ -29,6 +29,7 @@ UNSURE_SHARE = 0.05  # ... but for this share of them, need no neighbours
 ROBUST_SEARCHES = 4  # at most
 POLISH_STEPS = 4  # Levenberg-Marquardt, from each valley
 LEVEL_STEPS = 3  # the same at each Specular IOR Level that a texel tries
+CONTRADICTS = 10.0  # strength of a material's prior from which on it may contradict observations
 STRIDES = (1, 2, 1)  # two lobes: how far away the neighbours are whose pairs a texel tries, pass by pass
 QUIET_PASSES = 1  # of them, without noise
 TAU = 0.03  # two lobes: how much the roughnesses of neighbours differ
@@ -237,13 +238,14 @@ class Solver(TilePasses):
         """
         self.robust, loss = False, self.settings.loss
         # Under a material's prior outliers are believed, as when it was judged: a lobe that flashes may not make
-        # outliers of what it contradicts.
-        if loss == "squares" or (loss == "auto" and self.joint is not None):
+        # outliers of what it contradicts.  A weak prior contradicts nothing.
+        strong = self.joint is not None and self.joint.strength >= CONTRADICTS
+        if loss == "squares" or (loss == "auto" and strong):
             return plain, variance
         support = read_support(self.device, plain[1])
         observed = support.observed
         clean, outliers = neighbours.clean_noise(
-            read_residual(self.device, plain[0], 1)[observed], support.degrees[observed])
+            read_residual(self.device, plain[0], 1)[observed], support.degrees[observed], self.source.tilts is not None)
         if not outliers and loss == "auto":
             return plain, variance
         part, wary = min(clean / variance, 1.0), self.textures(3)
@@ -340,7 +342,8 @@ class Solver(TilePasses):
         scatter = CAMERA_SLACK if self.source.layers.environment else neighbours.NOISE_FLOOR
         unknown = (self.source.camera_slack or scatter)**2
         cells = None if self.before.roughness is None else self.before.roughness.shape[1]
-        noise, variance = neighbours.noise_map(self.device, valleys, support, lobes, unknown, cells, misfit)
+        noise, variance = neighbours.noise_map(
+            self.device, valleys, support, lobes, unknown, cells, misfit, self.source.tilts is not None)
         if lobes in self.before.noise:
             variance = self.before.noise[lobes].variance
         if self.noise_map is not None:
