@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from irpso_addon.core.data import ONE_VALUE, JointPrior
 from irpso_addon.core.errors import Cancelled
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
-from irpso_addon.gpu.solve.ladder_records import LadderResult, Materials
+from irpso_addon.gpu.solve.ladder_records import EarlierResult, LadderResult, Materials
 from irpso_addon.gpu.solve.model_ladder import Ladder
 from tests.support import texel_problem as bench
 from tests.support.texels import Texels, exact, finish, held
@@ -329,3 +330,31 @@ def test_a_stop_at_any_step_gives_what_there_is_and_leaves_nothing(on_gl, coat, 
         at = found.texels
         for values in (at.roughness, at.sigma, at.residual, found.lobes, found.level, found.base):
             assert values is None or np.isfinite(values).all()
+
+
+@pytest.mark.parametrize("other", [
+    EarlierResult(model={"A": "one-lobe", "B": "one-lobe"}, priors={"B": JointPrior(0.4, ONE_VALUE, 0.02)}),
+    EarlierResult(model={"A": "one-lobe", "B": "one-lobe-metallic"}, metallic={"B": 0.7}, levels={"B": 0.5}),
+])
+def test_blocks_go_by_the_noise_of_texels_without_a_prior(on_gl, other):
+    """Whatever the material that is solved last: errors of 16 x 16 texels are alike, and some observations outliers."""
+    _, texels = exact(size=64, views=12, noise=0.003)
+    rng = np.random.default_rng(0)
+    common = np.kron(rng.standard_normal((4, 4, 12)), np.ones((16, 16, 1)))
+    rgb = texels.rgb * (1 + 0.02 * common[..., None])
+    rgb[rng.random(rgb.shape[:3]) < 0.06] *= 2.5
+    texels = replace(texels, rgb=rgb.astype(np.float32))
+    slots = np.broadcast_to((np.arange(64) >= 32).astype(np.int32), (64, 64))
+
+    def job(device: Device, last: EarlierResult) -> LadderResult:
+        source = texels.source(device)
+        ladder = Ladder(device, source, settings(texels, model="auto"), Materials(slots, ("A", "B")), last)
+        found = finish(ladder.solve())
+        ladder.release()
+        source.release()
+        return found
+
+    alone = on_gl(lambda device: job(device, EarlierResult(model={"A": "one-lobe", "B": "one-lobe"})))
+    beside = on_gl(lambda device: job(device, other))
+    assert alone.robust and alone.noise[1].alike > 0.3
+    assert (beside.robust, beside.noise[1]) == (alone.robust, alone.noise[1])

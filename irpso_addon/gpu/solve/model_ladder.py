@@ -13,7 +13,7 @@ from ...core.data import F32, Bool, Coat, JointPrior
 from ...core.job import Progress
 from ...core.models import CELL, Fit, choose
 from ...core.params import SolveSettings
-from ...core.tiled.tiled_plan import PriorKnowledge
+from ...core.tiled.tiled_plan import Noise, PriorKnowledge
 from ..device.context import Device
 from ..observe.observation_atlas import Source, Tile, tiles
 from .ladder_records import EarlierResult, LadderResult, Materials
@@ -50,6 +50,9 @@ class Ladder:
             name: level for name, level in self.last.levels.items()
             if name in self.last.metallic or name in self.last.coats}
         self.decided_coats: dict[str, Coat] = dict(self.last.coats)
+        # Of texels without a prior, where there are such: blocks of a map go by them.  A material's prior makes others.
+        self.noise: dict[int, Noise] = {}
+        self.robust: bool | None = None
         self.fitted_levels: dict[str, float] = {}  # by material, where evidence has tried another than 0.5
 
     def solve(self) -> Generator[Progress, None, LadderResult]:
@@ -71,7 +74,8 @@ class Ladder:
         if model != "auto":
             result.model, result.why = dict.fromkeys(present, model), dict.fromkeys(present, "chosen")
         result.cancelled, result.priors = self.solver.cancelled, self.priors
-        result.noise, result.robust = self.solver.noise_of, self.solver.robust
+        result.noise, result.robust = self.solver.noise_of | self.noise, (
+            self.solver.robust if self.robust is None else self.robust)
         return result
 
     def _read(self, maps: RoughnessMaps) -> LadderResult:
@@ -108,6 +112,7 @@ class Ladder:
             larger = yield from self._climb(result)
             if any(name not in self.priors for name in larger.get("one-lobe", [])):
                 result.texels = self._read((yield from self.solver.among_neighbours(searched))).texels
+                self.noise, self.robust = {1: self.solver.noise_of[1]}, self.solver.robust
             owned.hand_over(self.solver.noise_map)
         yield from self._solve_larger(result, larger)
         return result

@@ -209,12 +209,14 @@ class Solver(TilePasses):
                 self.noise_of[1] = replace(self.noise_of[1], alike=neighbours.alike(
                     self.device.read(texture), self.source.stride))
                 texture.release()
+            # A metal's errors were not compared.
+            noise = replace(self.noise_of[1], alike=0.0) if self.metallic else self.noise_of[1]
             tables = self.textures(8)
             yield from self.run(chosen, (0.6, 0.8), KernelPass(
                 "solve/table.kernel", tables, valleys, floor, robust=self.robust))
             estimate, prior = neighbours.pyramid(
                 self.device, tuple(tables), colour,
-                neighbours.shared_by(self.noise_of[1], self.source.shared_error, self.source.misfit > 0),
+                neighbours.shared_by(noise, self.source.shared_error, self.source.misfit > 0),
                 self.source.extent, self.before.roughness)
             colour.release()
             yield from self.run(chosen, (0.8, 1.0), KernelPass(
@@ -238,9 +240,10 @@ class Solver(TilePasses):
         """
         self.robust, loss = False, self.settings.loss
         # Under a material's prior outliers are believed, as when it was judged: a lobe that flashes may not make
-        # outliers of what it contradicts.  A weak prior contradicts nothing.
+        # outliers of what it contradicts.  A weak prior contradicts nothing.  (Blocks have the loss that their plan has
+        # judged, of texels without a prior.)
         strong = self.joint is not None and self.joint.strength >= CONTRADICTS
-        if loss == "squares" or (loss == "auto" and strong):
+        if loss == "squares" or (strong and (loss == "auto" or 1 in self.before.noise)):
             return plain, variance
         support = read_support(self.device, plain[1])
         observed = support.observed
