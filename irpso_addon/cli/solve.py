@@ -14,7 +14,7 @@ from ..blender.jobs import solve_object
 from ..core.data import Solution
 from ..core.errors import BadInput, Cancelled
 from ..core.job import Progress
-from ..core.maps.export import write_maps
+from ..core.maps.export import earlier_maps, write_maps
 from ..core.params import SolveSettings
 from ..core.phrases import percent
 from ..core.reporting import estimates
@@ -91,9 +91,13 @@ def solve(request: Request) -> Solution:
         write_report(staging.folder / "report.json", report)
         if request.report is not None:
             write_report(request.report, report)
-        staging.publish()
+        written = staging.publish()
+        left = earlier_maps(staging.out, order.name, written)
     solve_object.forget_work(order)
     print_summary(order.name, solution, request.out)
+    if left:
+        console.warn(f"warning: {request.out}: an earlier solve left {', '.join(left)}; delete these files, or choose "
+                     "another folder")
     return solution
 
 

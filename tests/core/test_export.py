@@ -11,7 +11,7 @@ import pytest
 
 from irpso_addon.core.data import Maps
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.maps.export import safe_stem, write_maps
+from irpso_addon.core.maps.export import LAYERS, earlier_maps, layers, safe_stem, write_maps
 
 oiio = pytest.importorskip("OpenImageIO")
 
@@ -147,3 +147,17 @@ def test_a_full_disk_leaves_nothing(tmp_path: Path) -> None:
 
 def test_an_unknown_format() -> None:
     refuses(Path("unused"), "bmp", kind="bmp")
+
+
+def test_maps_of_an_earlier_solve_are_named(tmp_path):
+    """Of the same object alone; what is not a map stays unnamed."""
+    whole = replace(make_maps(), specular=np.zeros((8, 8), np.float32), normal=np.zeros((8, 8, 3), np.float32))
+    assert tuple(layers(whole)) == LAYERS
+    write_maps(whole, "A.B", tmp_path, "exr")
+    write_maps(whole, "A.B 2", tmp_path, "exr")
+    (tmp_path / "A.B_notes.exr").touch()
+    (tmp_path / "A.B_basecolor.1002.exr").touch()
+    written = write_maps(make_maps(), "A.B", tmp_path, "exr")
+    assert earlier_maps(tmp_path, "A.B", written) == [
+        "A.B_basecolor.1002.exr", "A.B_normal.exr", "A.B_specular.exr"]
+    assert len(earlier_maps(tmp_path, "A.B", write_maps(make_maps(), "A.B", tmp_path, "png"))) == 10

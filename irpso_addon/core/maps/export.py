@@ -10,6 +10,8 @@ material, in the report.  Either every file of a set appears, or none.
 from __future__ import annotations
 
 import hashlib
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,8 @@ from ..images.image_writer import write_image
 from ..storage.output_transaction import OutputTransaction
 
 KINDS = ("exr", "png", "tiff")
+LAYERS = ("basecolor", "roughness", "confidence", "error", "filled", "roughness_sigma", "basecolor_sigma", "specular",
+          "normal")
 STEM_BYTES = 200  # file systems allow 255 bytes a name; the longest suffix is "_basecolor_sigma.tiff"
 FORBIDDEN = frozenset('/\\:*?"<>|')  # in a file name on some system that artists share files with
 
@@ -63,6 +67,12 @@ def layers(maps: Maps) -> dict[str, F32]:
     }
     more = {"specular": maps.specular, "normal": maps.normal}
     return found | {layer: array for layer, array in more.items() if array is not None}
+
+
+def earlier_maps(out: Path, stem: str, written: Sequence[Path]) -> list[str]:
+    """Names of maps of the same object that an earlier solve has left in the folder, beside those just ``written``."""
+    name = re.compile(rf"{re.escape(safe_stem(stem))}_({'|'.join(LAYERS)})(\.\d{{4}})?\.({'|'.join(KINDS)})")
+    return sorted(path.name for path in out.iterdir() if name.fullmatch(path.name) and path not in written)
 
 
 def check_kind(kind: str) -> None:
