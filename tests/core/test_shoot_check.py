@@ -198,6 +198,7 @@ def said(check: ShootCheck = CHECK, one: bool = False, **change: object) -> list
     ({"clipped": 0.9 * CLIPPED}, {"clipped": 1.1 * CLIPPED}, "clipped"),
     ({"brightness": 1.1 * DARK}, {"brightness": 0.9 * DARK}, "too dark"),
     ({"brightness": None}, {"brightness": 0.0}, "too dark"),
+    ({"albedo": 0.15}, {"albedo": 0.0, "brightness": 0.0}, "is black where it shows the object"),
     ({"lit": 1.1 * LIT}, {"lit": 0.9 * LIT}, "light too little"),
     ({"brightest": 0.9 * WHITE}, {"brightest": 1.1 * WHITE}, "too little power"),
     ({"albedo": 0.02}, {"albedo": 0.005}, "too much power"),

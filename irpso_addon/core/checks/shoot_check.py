@@ -225,7 +225,13 @@ def _exposure(check: ShootCheck) -> list[Finding]:
             f"{some([view.view for view in clipped])}: clipped",
             f"{percent(worst.clipped)} of the object's pixels in '{worst.view}'",
             "retake the pictures with less exposure: roughness is found from highlights"))
-    dark = [view for view in check.views if view.brightness is not None and view.brightness < DARK]
+    black = [view for view in check.views if view.drawn and view.albedo == 0]
+    if black:
+        lines.append(Finding(f"{some([view.view for view in black])}: is black where it shows the object",
+                             f"{len(black)} of {len(check.views)} views, half of the object's pixels or more",
+                             "replace the picture, or switch the view off"))
+    dark = [view for view in check.views
+            if view.brightness is not None and view.brightness < DARK and view not in black]
     if dark:
         level = min(view.brightness or 0.0 for view in dark)
         lines.append(Finding(f"{some([view.view for view in dark])}: too dark",
@@ -240,7 +246,8 @@ def _light(check: ShootCheck) -> list[Finding]:
         return []
     return [Finding(f"lights of '{check.name}': they light too little of it",
                     f"{percent(float(np.median(shares)))} of what the cameras see is lit, in the median view",
-                    "place the lamps outside the mesh, on the cameras' side, where no object hides them")]
+                    "place the lamps outside the mesh, on the cameras' side, where no object hides them; check that "
+                    "the mesh's faces point outwards")]
 
 
 def _power(check: ShootCheck) -> list[Finding]:
