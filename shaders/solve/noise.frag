@@ -22,7 +22,7 @@ void main() {
 #endif
     vec4 support = texelFetch(u_support, texel, 0);
     // A residual of a few degrees of freedom is far below its variance as often as above it.
-    float weight = support.w * clamp(u_few ? support.z : (support.z - 1.0) / 4.0, 0.0, 1.0);
+    float weight = min(support.w, 1.0) * clamp(u_few ? support.z : (support.z - 1.0) / 4.0, 0.0, 1.0);
     float value = log(max(residual / max(support.z, 1e-6), 1e-12));
     if (u_few) value += below(0.5 * max(support.z, 0.1));
     o_noise = vec4(value, 0.0, 0.0, weight);

@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.data import Light
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe import observation_atlas
 from irpso_addon.gpu.solve import neighbours
+from irpso_addon.gpu.solve.solver import Solver
+from irpso_addon.gpu.solve.texel_records import SolvedTexels
 from tests.support import shoots
 from tests.support import synthetic as syn
+from tests.support.texels import finish, known_roughly, random_texels
 
 MESH = syn.plane_normal
 WAVES = 4.0  # radians a metre
@@ -76,6 +81,31 @@ def test_where_normals_are_right_little_is_lost(monkeypatch) -> None:
     with_tilts, without = (solved(monkeypatch, 0.0, tilts) for tilts in (True, False))
     assert with_tilts.error < 1.1 * without.error
     assert 0.93 < with_tilts.held < 0.98
+
+
+def test_errors_are_told_without_tilts(on_gl) -> None:
+    """Whether a texel's roughness is its own or that of its neighbours."""
+    texels = known_roughly(random_texels((0,) * 10, size=32))
+
+    def solve(device: Device) -> tuple[SolvedTexels, SolvedTexels]:
+        source = texels.source(device)
+        solver = Solver(device, source, SolveSettings(size=32, loss="squares"))
+        searched = finish(solver.searched())
+        found = tuple(maps.read(device) for maps in (
+            solver.alone(searched), finish(solver.among_neighbours(searched))))
+        for thing in (solver, source):
+            thing.release()
+        return found
+
+    def scoped(device: Device) -> tuple[SolvedTexels, SolvedTexels]:
+        with device.scope():
+            return solve(device)
+
+    alone, among = on_gl(scoped)
+    some = alone.solved & (alone.observations >= 4)
+    for name, tolerance in (("residual", 0.1), ("lambert_residual", 1e-4)):
+        one, other = (np.median(getattr(found, name)[some]) for found in (alone, among))
+        assert one == pytest.approx(other, rel=tolerance)
 
 
 def test_two_lamps_a_camera_show_the_noise(monkeypatch) -> None:
