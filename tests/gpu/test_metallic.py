@@ -14,6 +14,7 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.solve import model_prediction
 from irpso_addon.gpu.solve.solver import Solver
 from tests.support import shoots
 from tests.support import synthetic as syn
@@ -144,3 +145,12 @@ def test_metallic_is_found(shoot, model):
     assert solution.metallic["Paint"] == pytest.approx(METALLIC, abs=0.02)
     off = shoots.errors(solution, shoot.truth)
     assert np.median(off.rough) < 0.01 and np.median(off.base) < 0.02
+
+
+def test_views_beyond_what_a_software_renderer_finishes(on_gl, shoot, monkeypatch):
+    """Tables of metals would be wrong there without a message."""
+    monkeypatch.setattr(model_prediction, "METAL_LAYERS", 10)
+    monkeypatch.setattr(on_gl(lambda device: device), "is_software", True)
+    with pytest.raises(BadInput, match="model one-lobe-metallic: without a GPU it takes at most"):
+        shoots.run(shoot, model="one-lobe-metallic", loss="squares")
+    assert shoots.run(shoot, model="auto", loss="squares").metallic == {}

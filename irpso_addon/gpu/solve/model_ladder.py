@@ -10,6 +10,7 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32, Bool, Coat, JointPrior
+from ...core.errors import BadInput
 from ...core.job import Progress
 from ...core.models import CELL, Fit, choose
 from ...core.params import SolveSettings
@@ -18,7 +19,7 @@ from ..device.context import Device
 from ..observe.observation_atlas import Source, Tile, tiles
 from .ladder_records import EarlierResult, LadderResult, Materials
 from .material_sample import Squares, packed
-from .model_prediction import Fitted, ModelPrediction
+from .model_prediction import METAL_LAYERS, Fitted, ModelPrediction, solves_metals
 from .paper_swarm import PaperSwarm
 from .solver import Solver
 from .specular_level import LevelSearch
@@ -65,6 +66,9 @@ class Ladder:
         elif model == "one-lobe-specular":
             result = yield from self._specular(list(self.masks))
         elif model == "one-lobe-metallic":
+            if not solves_metals(self.device, self.solver.source):
+                raise BadInput(f"model one-lobe-metallic: without a GPU it takes at most {METAL_LAYERS} views, a third "
+                               "of that under coloured lamps; leave views out, or choose another model")
             result = yield from self._metallic(list(self.masks))
         elif model == "auto":
             result = yield from self._auto()

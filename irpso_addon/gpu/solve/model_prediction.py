@@ -53,11 +53,17 @@ SOME_METALLIC = 0.08  # ... and one above this worth the time to try it where te
 WORTH_RMS, WORTH_LIGHTNESS = 0.05, 0.7  # errors of what would be taken from which on a coat is tried
 CLEAR_COAT = 1 / 6  # of its loss, by which a coat must lead: a second lobe mends a little of every material
 WORSE = 1.05  # ratio of errors up to which a coat may be worse in one of the two
+METAL_LAYERS = 300  # their tables take some 200 rounds a layer
 LEAST_COAT = 0.02  # weight that every fold must find
 AGREED = 2.0  # ratio of the folds' largest roughness of the coat to the least
 OWN_DRAWN = {"one-lobe": DRAWN, "one-lobe-specular": DRAWN_LEVEL}
 STOPPED = "stopped before left-out views were predicted"
 PREDICTING = Progress(0.5, "solve", "predicting left-out views")
+
+
+def solves_metals(device: Device, source: Source) -> bool:
+    """Whether the device finishes the kernels of metals: llvmpipe ends a shader's loops after 65535 rounds in all."""
+    return not device.is_software or len(source.layers.groups) <= METAL_LAYERS
 
 
 @dataclass(frozen=True)
@@ -130,6 +136,7 @@ class _Contest:
     ) -> None:
         self.sample, self.observed, self.places, self.folds, self.fitted = sample, observed, places, folds, fitted
         self.settings = owner.settings
+        self.metals = solves_metals(owner.device, sample)
         self.solver = Solver(owner.device, sample, self.settings)
         self.solver.shown = False
         self.search = JointSearch(observed)
@@ -143,7 +150,7 @@ class _Contest:
         for left_out in self.folds.left_out:
             yield PREDICTING
             self.joints.append(self.search.fit(~left_out))
-        metal = min(joint.metal.metallic for joint in self.joints) > PLAIN_METALLIC
+        metal = self.metals and min(joint.metal.metallic for joint in self.joints) > PLAIN_METALLIC
         yield from self._folds(self._own)
         yield from self._folds(self._uniform, [*UNIFORM, *([UNIFORM_METAL] if metal else [])])
         few = self.observed.typical_observations() < FEW
@@ -165,7 +172,7 @@ class _Contest:
         if not self.solver.cancelled and not self._leads(incumbent, 0.0 if led else clear) and self._flashes():
             yield from self._folds(self._drawn, DRAWN_WEAKLY, race=True)
         # A metal's roughness may differ from texel to texel: then one value says little of it.
-        apart = min(joint.apart_metal.metallic for joint in self.joints) > SOME_METALLIC
+        apart = self.metals and min(joint.apart_metal.metallic for joint in self.joints) > SOME_METALLIC
         if not self.solver.cancelled and (
                 apart or self.judge.leads(UNIFORM_METAL.name, ALIKE[0], self.predictions)):
             yield from self._folds(self._drawn, DRAWN_METAL, race=True)
