@@ -71,7 +71,7 @@ def test_captures(stage):
     view = {"image": "refs/a.exr", "camera": "Cam", "lights": ["Key", "Sun"], "exposure": 2, "mask": "m.png",
             "colorspace": "ACEScg", "ambient": "dark.exr", "flat": "refs/flat.exr", "vignetting": 3.5,
             "response": 0.9, "ambient_radiance": [0.1, 0.2, 0], "black_level": [0.01, 0, -0.02]}
-    write_captures(stage, view, view)
+    write_captures(stage, view, view | {"image": "refs/b.exr"})
     stage.scene.cycles.film_exposure = 0.5
     read = stage.read()
     assert read.name == "stage" and len(read.views) == 2 and read.views[0].camera is read.views[1].camera
