@@ -32,7 +32,7 @@ float belief(float observations, float share) {
 uniform float u_noise_floor;
 uniform float u_noise_unknown;  // variance to assume where no camera has views enough to tell
 
-// The typical variance around a texel, from the map that solve/noise.frag and maps/fill_down.frag made.
+// The typical variance around a texel, from the map of gpu/solve/neighbours.py.
 float noise_around(sampler2D noise, ivec2 texel, ivec2 size) {
     vec2 at = (vec2(texel) + 0.5) / vec2(size) * vec2(textureSize(noise, 0)) - 0.5;
     ivec2 corner = ivec2(floor(at)), last = textureSize(noise, 0) - 1;

@@ -34,7 +34,8 @@ def error_of(content: object) -> str:
     return message
 
 
-@given(st.lists(views, min_size=1, max_size=3).filter(lambda all: all[0] not in all[1:] and all[-1] not in all[:-1]))
+@given(st.lists(views, min_size=1, max_size=3).filter(
+    lambda found: found[0] not in found[1:] and found[-1] not in found[:-1]))
 def test_reads_back_what_was_written(entries):
     found = parse_captures(json.dumps({"views": entries, "version": 3}), FILE)
     assert found == [

@@ -159,8 +159,10 @@ def test_clean_data_are_left_alone_bit_for_bit(on_gl):
     assert (rough == rough2).all() and (base == base2).all()
 
 
-def test_noise_of_less_than_a_degree_of_freedom_is_not_judged():
-    variance, outliers = neighbours.clean_noise(np.array([1.0, 2.0], np.float32), np.array([0.5, 0.9], np.float32))
+@pytest.mark.parametrize(("degrees", "tilts"), [((1.0, 2.0), False), ((0.5, 0.9), True)])
+def test_noise_of_too_few_degrees_of_freedom_is_not_judged(degrees, tilts):
+    """Infinite: then nothing is an outlier."""
+    variance, outliers = neighbours.clean_noise(np.array([1.0, 2.0], np.float32), np.array(degrees, np.float32), tilts)
     assert variance == np.inf and not outliers
 
 

@@ -206,14 +206,8 @@ class _Observer:
                 self.skipped.append(
                     (view.image.name, f"no usable pixel shows the {what}; check camera, mask and clipping"))
                 return False
-            if image.rgb[good].max() <= 0:
-                self.skipped.append((view.image.name, "it is black where it shows the object; replace the picture or "
-                                                      "leave the view out"))
-                return False
-            if not (image.coverage[good] >= OPAQUE).any():
-                most = float(image.coverage[good].max())
-                self.skipped.append((
-                    view.image.name, f"its mask or alpha is nowhere above {most:.2f}; use white (1) for the object"))
+            if why := _useless(image, good):
+                self.skipped.append((view.image.name, why))
                 return False
             brightness = np.median((image.rgb[..., 0] + image.rgb[..., 1] + image.rgb[..., 2])[good]) / np.float32(3)
             self.levels.append(np.maximum(brightness, np.float32(0))[None])
@@ -360,6 +354,14 @@ def _tint(view: View) -> tuple[float, float, float]:
         power = mean_radiance(view.environment)
     tint = power / max(float(power.mean()), 1e-20)
     return float(tint[0]), float(tint[1]), float(tint[2])
+
+
+def _useless(image: RadianceImage, good: Bool) -> str:
+    """Why what a picture shows of the object at ``good`` pixels tells nothing; else "".  Both: (h, w)."""
+    if image.rgb[good].max() <= 0:
+        return "it is black where it shows the object; replace the picture or leave the view out"
+    most = float(image.coverage[good].max())
+    return "" if most >= OPAQUE else f"its mask or alpha is nowhere above {most:.2f}; use white (1) for the object"
 
 
 def _read_ahead(read_image: ReadImage, views: Sequence[View]) -> Iterator[RadianceImage]:

@@ -66,9 +66,6 @@ class Ladder:
         elif model == "one-lobe-specular":
             result = yield from self._specular(list(self.masks))
         elif model == "one-lobe-metallic":
-            if not solves_metals(self.device, self.solver.source):
-                raise BadInput(f"model one-lobe-metallic: without a GPU it takes at most {METAL_LAYERS} views, a third "
-                               "of that under coloured lamps; leave views out, or choose another model")
             result = yield from self._metallic(list(self.masks))
         elif model == "auto":
             result = yield from self._auto()
@@ -220,6 +217,9 @@ class Ladder:
 
     def _metallic(self, names: list[str]) -> Generator[Progress, None, LadderResult]:
         """One lobe of each material with its Metallic and Specular IOR Level."""
+        if not solves_metals(self.device, self.solver.source):
+            raise BadInput(f"model one-lobe-metallic: without a GPU it takes at most {METAL_LAYERS} views, a third of "
+                           "that under coloured lamps; leave views out, or choose another model")
         names = [name for name in names if self.masks[name].any()] or names
         result: LadderResult | None = None
         for name in names:
