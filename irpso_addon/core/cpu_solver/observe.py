@@ -13,7 +13,7 @@ import numpy as np
 
 from ..data import F32, F64, OPAQUE, Bool, Camera, Light, RadianceImage, SceneData, View
 from ..job import Progress
-from ..observation_quality import DARK_SHARE, EDGE_WEIGHT, MIN_COS_L, MIN_COS_V
+from ..observation_quality import DARK_SHARE, EDGE_WEIGHT, MIN_COS_L, MIN_COS_V, useless
 from ..projection import pixel_widths, pixels_of, rays_of
 from ..shading import brdf
 from ..shading.lights import light_irradiance, light_sample
@@ -85,6 +85,9 @@ def observe(
         valid = shown[key].seen & image.valid[y, x] & (image.coverage[y, x] > 0.5)
         if not valid.any():
             skipped.append((view.image.name, "no usable pixel shows the object; check camera, mask and clipping"))
+            continue
+        if why := useless(image.rgb[y, x][valid], image.coverage[y, x][valid]):
+            skipped.append((view.image.name, why))
             continue
         pictures.append(_Picture(view, key, image.rgb[y, x].astype(np.float64),
                                  np.where(valid, image.coverage[y, x], 0)))

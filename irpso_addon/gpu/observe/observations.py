@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ...core.data import F32, OPAQUE, SOLID, Bool, Bounced, Camera, RadianceImage, SceneData, View
 from ...core.job import Progress
+from ...core.observation_quality import useless
 from ...core.projection import lens_axes
 from ...core.shading import environment as environment_model
 from ...core.shading.tables import principled_table
@@ -206,7 +207,7 @@ class _Observer:
                 self.skipped.append(
                     (view.image.name, f"no usable pixel shows the {what}; check camera, mask and clipping"))
                 return False
-            if why := _useless(image, good):
+            if why := useless(image.rgb[good], image.coverage[good]):
                 self.skipped.append((view.image.name, why))
                 return False
             brightness = np.median((image.rgb[..., 0] + image.rgb[..., 1] + image.rgb[..., 2])[good]) / np.float32(3)
@@ -354,14 +355,6 @@ def _tint(view: View) -> tuple[float, float, float]:
         power = mean_radiance(view.environment)
     tint = power / max(float(power.mean()), 1e-20)
     return float(tint[0]), float(tint[1]), float(tint[2])
-
-
-def _useless(image: RadianceImage, good: Bool) -> str:
-    """Why what a picture shows of the object at ``good`` pixels tells nothing; else "".  Both: (h, w)."""
-    if image.rgb[good].max() <= 0:
-        return "it is black where it shows the object; replace the picture or leave the view out"
-    most = float(image.coverage[good].max())
-    return "" if most >= OPAQUE else f"its mask or alpha is nowhere above {most:.2f}; use white (1) for the object"
 
 
 def _read_ahead(read_image: ReadImage, views: Sequence[View]) -> Iterator[RadianceImage]:
