@@ -12,7 +12,7 @@ from ..evaluation.folds import split
 from ..job import Steps, share_of
 from .contest import GIVEN, HALF, SURE, Contest
 from .free_numbers import LEAST_FIT, candidates, gains, is_off, pruned, sure_of_ambient
-from .rig_fit import ROUNDS, RigFound, fit_rig
+from .rig_fit import AGAIN, ROUNDS, RigFound, fit_rig
 from .rig_numbers import Free
 from .rig_sample import RigSample
 from .shade import shows_shade
@@ -99,11 +99,11 @@ def with_ambient(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[F
     One number more, which all views share, is not judged by halves of the texels: the lamps of two halves differ by
     more than it explains.  Where places in the shade show it, lit places need only not contradict.
     """
-    without = yield from share_of(fit_rig(contest.sample, free, start=found, rounds=ROUNDS), 1.0, 1.0)
+    without = yield from share_of(fit_rig(contest.sample, free, start=found, rounds=AGAIN), 1.0, 1.0)
     if free.ambient or not free.lamps:
         return free, without
     lit = replace(free, ambient=True)
-    other = yield from share_of(fit_rig(contest.sample, lit, start=found, rounds=ROUNDS), 1.0, 1.0)
+    other = yield from share_of(fit_rig(contest.sample, lit, start=found, rounds=AGAIN), 1.0, 1.0)
     if not sure_of_ambient(other):
         return free, without
     for name, each in (("without", without), ("lit", other)):
@@ -125,7 +125,7 @@ def _with_diffuse(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[
     best, name = (free, found), "lambert's"
     contest.add(name, contest.of_whole(found))
     for bent in (replace(free, cosine=True), replace(free, diffuse=True)):
-        other = yield from share_of(fit_rig(contest.sample, bent, start=found, rounds=ROUNDS), 1.0, 1.0)
+        other = yield from share_of(fit_rig(contest.sample, bent, start=found, rounds=AGAIN), 1.0, 1.0)
         contest.add(str(bent), contest.of_whole(other))
         sure = abs(other.change.cosine) > max(SURE * other.error.cosine, LEAST_BEND)
         if (sure and not contest.beats(name, str(bent))) if bent.cosine else contest.beats(str(bent), name):

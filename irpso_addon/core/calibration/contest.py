@@ -20,7 +20,7 @@ SURE = 3.0  # standard errors from which on a number is changed, or a rig better
 LEAST_ERROR = 0.002  # of the radiance: what a change must explain of left-out views ...
 LEAST_BENT = 0.001  # ... and a response: base colours and powers hide most of it, but it bends highlights
 HALF = 0.5
-WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise: few large errors make them
+WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise in any case
 HIGHLIGHT = 0.25  # of the radiance: lobes that show more make a highlight
 LEAST_SEEN = 1e-6
 GIVEN = "given"
@@ -91,9 +91,16 @@ class Contest:
 
     def shows(self, name: str, other: str, least: float = LEAST_ERROR) -> bool:
         """Whether a rig predicts better than another by what can be seen: so much of the radiance."""
-        after, before = self.judge.error(name), self.judge.error(other)
-        whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
-        return bool(whole < WORSE and self.scale(other) ** 2 - self.scale(name) ** 2 > least**2)
+        return not self._rises(name, other) and self.scale(other) ** 2 - self.scale(name) ** 2 > least**2
+
+    def _rises(self, name: str, other: str) -> bool:
+        """Whether root mean squares are larger than those of another rig, beyond the scatter."""
+        one, two = self.judge.candidates[name], self.judge.candidates[other]
+        for values, before in ((one.squares, two.squares), (one.lightness, two.lightness)):
+            rise = float((values - before).sum())
+            if rise > (WORSE**2 - 1) * before.sum() and rise > scatter(values - before, self.sample.cluster):
+                return True
+        return False
 
     def leaves_half(self, name: str) -> bool:
         """Whether a rig leaves less than half of what the given one does, of left-out views."""

@@ -119,7 +119,8 @@ class _RigFit:
 
     def found(self, start: RigFound | None, rounds: int, refit: bool) -> Steps[RigFound]:
         """Rounds until nothing moves any more."""
-        numbers, weight, given = self.numbers, None, None
+        numbers, given = self.numbers, None
+        now: RigRound | None = None
         materials: dict[int, OneMaterial] = {} if start is None else start.materials
         if start is not None:
             self.change = numbers.unpacked(numbers.packed(start.change)[numbers.free])  # what is not free is as given
@@ -129,16 +130,16 @@ class _RigFit:
             seen = self.sample.geometry.under(self.change)
             if refit and n in REFITS:
                 materials = materials_of(self.sample, seen.texels, self.free.levels)
-            now = RigRound(self.sample, self.paints, self.change, seen, materials, self.free.tilts, weight)
+            now = RigRound(self.sample, self.paints, self.change, seen, materials, self.free.tilts, now)
             if self.free.ambient:
                 numbers.expect(now.around_in_shade())
             step, covariance = now.step(numbers, self.factor)
-            weight, given = now.weight, given or (now.scatter, now.common())
+            given = given or (now.scatter, now.common())
             self.change = self._moved(step)
             materials = self._levelled(materials, step)
             if np.abs(step[:len(step) - len(numbers.slots)]).max(initial=0.0) < SETTLED and n + 1 not in REFITS:
                 break
-        assert given is not None
+        assert now is not None and given is not None
         error = numbers.unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
         return RigFound(_centred(self.change, bool(numbers.kept.any())), error, now.scatter, given[0],
                         (given[1], now.common()), materials, self._brightness(covariance), numbers.prior)

@@ -47,12 +47,13 @@ class RigRound:
 
     def __init__(
         self, sample: RigSample, paints: list[Paint], change: RigChange, seen: Seen, materials: dict[int, OneMaterial],
-        tilts: bool = False, weight: F64 | None = None,
+        tilts: bool = False, before: RigRound | None = None,
     ) -> None:
-        """``seen``: the sample under the change; ``tilts``: texels have them; ``weight``: (T, V) of a round before."""
+        """``seen``: the sample under the change; ``tilts``: texels have them; ``before``: under nearly the same one."""
         self.sample, self.paints, self.change, self.seen = sample, paints, change, seen
-        texels, lobes = seen.texels, lobes_of(sample, seen.texels, materials)
-        self.lobes = lobes
+        texels = seen.texels
+        lobes = lobes_of(sample, texels, materials, None if before is None else before.lobes.roughness[:, 0])
+        self.lobes: Lobes = lobes
         diffuse, specular = self._parts(lobes)
         rougher = self._parts(replace(lobes, roughness=lobes.roughness * (1 + STEP)))
         self.observed = texels.reflected.mean(-1)
@@ -61,7 +62,7 @@ class RigRound:
             for light in sample.rig.views[place].lights:
                 fine[:, v] &= seen.fine[light.name]
         self.good: Bool = texels.usable() & (self.observed > 0) & fine
-        self.weight = np.where(self.good, 1.0, 0.0) if weight is None else np.where(self.good, weight, 0.0)
+        self.weight: F64 = np.where(self.good, 1.0 if before is None else before.weight, 0.0)
         for _ in range(3):
             weight = np.where(self.good, self.weight / np.maximum(self.observed, 1e-4) ** 2, 0.0)
             base = base_colours(paints, weight, diffuse, self.observed - specular)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..data import F64, Bool
+from ..data import F64, I32, Bool
 from ..evaluation.joint_material import COSINES, HELD_TOGETHER, JointSearch, OneMaterial
 from ..evaluation.lobe_values import fresnel_ratio, lobe_values
 from ..evaluation.sampled_texels import Lobes, SampledTexels, one_lobe
@@ -31,17 +31,23 @@ def materials_of(sample: RigSample, texels: SampledTexels, levels: bool) -> dict
     return found
 
 
-def lobes_of(sample: RigSample, texels: SampledTexels, materials: dict[int, OneMaterial]) -> Lobes:
-    """Each texel's own roughness at its material's level; ``texels``: of the sample, under some rig."""
+def lobes_of(
+    sample: RigSample, texels: SampledTexels, materials: dict[int, OneMaterial], near: F64 | None = None,
+) -> Lobes:
+    """Each texel's own roughness at its material's level; ``texels``: of the sample, under some rig.
+
+    ``near``: (T,) roughness under a rig that is nearly the same; then what is far from it is not looked at.
+    """
     roughness, level = np.full(len(sample.slot), 0.5), np.full(len(sample.slot), 0.5)
     for slot, one in materials.items():
         own = sample.slot == slot
         if own.any():
-            roughness[own], level[own] = _roughness(texels.part(own), one), one.level
+            roughness[own] = _roughness(texels.part(own), one, None if near is None else near[own])
+            level[own] = one.level
     return one_lobe(roughness, level)
 
 
-def _roughness(texels: SampledTexels, one: OneMaterial) -> F64:
+def _roughness(texels: SampledTexels, one: OneMaterial, near: F64 | None) -> F64:
     """(T,) by the squared errors of the cube root of radiance, as `JointSearch`."""
     usable: Bool = texels.usable()
     f = mean(texels.reflected)
@@ -50,27 +56,43 @@ def _roughness(texels: SampledTexels, one: OneMaterial) -> F64:
     weight = np.where(usable, texels.quality * light ** (2 / 3) / unit ** (4 / 3), 0.0)
     cos_v, paints = np.clip(texels.cos_v, 1e-3, 1.0), paints_of(texels)
     ratio = fresnel_ratio(texels.lobes, cos_v, np.asarray(one.level), texels.nodes)
-    costs = np.empty((len(NODES), len(f)))
     energies = brdf.principled_energy_level(NODES[:, None], COSINES, np.full((len(NODES), 1), one.level))
-    for n, (roughness, energy) in enumerate(zip(NODES, energies, strict=True)):
-        gain, taken = (np.interp(texels.cos_v, COSINES, energy[:, k]) for k in (0, 1))
-        diffuse = (1 - taken) / np.pi
-        shape = lobe_values(texels.lobes, cos_v, np.full(len(f), roughness), nodes=texels.nodes)
+    cell = texels.cos_v.clip(0, 1) * (len(COSINES) - 1)
+    column = np.minimum(cell.astype(int), len(COSINES) - 2)
+    along = cell - column
+
+    def cost(node: I32) -> F64:
+        """(T,) of a node each."""
+        at = node[:, None] * len(COSINES) + column
+        gain, taken = (low.take(at) + along * (low.take(at + 1) - low.take(at)) for low in tables)
+        shape = lobe_values(texels.lobes, cos_v, NODES[node], nodes=texels.nodes)
         specular = dot(shape, ratio) * gain
+        diffuse = (1 - taken) / np.pi
         base = base_colours(paints, weight, diffuse, f - specular)
-        costs[n] = (weight * (f - specular - base * diffuse) ** 2).sum(1)
+        return np.asarray((weight * (f - specular - base * diffuse) ** 2).sum(1))
+
+    tables = [np.ascontiguousarray(energies[..., k]) for k in (0, 1)]
+    nodes = _nodes(near, len(f))
+    costs = np.stack([cost(node) for node in nodes])
     degrees = np.maximum(usable.sum(1) - 2, 1)
     noise = max(float(np.median(costs.min(0) / degrees)), LEAST)
-    costs = costs / noise + 2 * HELD_TOGETHER * (np.log(NODES / one.roughness) ** 2)[:, None]
-    return _lowest(costs)
+    costs = costs / noise + 2 * HELD_TOGETHER * np.log(NODES[nodes] / one.roughness) ** 2
+    return _lowest(costs, np.log(NODES[nodes]))
 
 
-def _lowest(costs: F64) -> F64:
-    """(T,) where the parabola through the lowest of (N, T) costs over log NODES has its bottom."""
+def _nodes(near: F64 | None, texels: int) -> I32:
+    """(N, T) which of NODES are looked at: all, or five about each texel's own."""
+    if near is None:
+        return np.broadcast_to(np.arange(len(NODES), dtype=np.int32)[:, None], (len(NODES), texels))
+    nearest = np.abs(np.log(NODES[:, None] / near)).argmin(0)
+    return np.asarray(np.clip(nearest, 2, len(NODES) - 3) + np.arange(-2, 3)[:, None], np.int32)
+
+
+def _lowest(costs: F64, nodes: F64) -> F64:
+    """(T,) where the parabola through the lowest of (N, T) costs at (N, T) ``nodes``, logarithms, has its bottom."""
     at = np.clip(costs.argmin(0), 1, len(costs) - 2)
     texel = np.arange(costs.shape[1])
     before, here, after = (costs[at + step, texel] for step in (-1, 0, 1))
     bend = np.maximum(before + after - 2 * here, LEAST)
     step = np.clip(0.5 * (before - after) / bend, -1, 1)
-    nodes = np.log(NODES)
-    return np.asarray(np.exp(nodes[at] + step * (nodes[1] - nodes[0])))
+    return np.asarray(np.exp(nodes[at, texel] + step * (nodes[1] - nodes[0])))

@@ -30,6 +30,7 @@ SAMPLE = 1500  # texels that say whether normals are refined
 MOST = 250_000  # texels that are fitted: pictures seldom tell more apart
 PADDING = 4  # texels around islands: what is interpolated there
 AT_ONCE = 80_000  # observations of light, of texels that are fitted together: as many as fit into a core's cache
+ROUNDS = 2, 3  # of the fit with the material's roughness, and of that with each texel's own
 LEAST = 200  # texels that are fitted together: they say what is noise
 THREADS = min(os.cpu_count() or 1, 8)  # that fit texels, beside that which reads them
 
@@ -113,9 +114,9 @@ def _fitted(sample: TiltSample, judged: NormalsJudged) -> tuple[F64, F64]:
     known = [judged.materials.get(int(slot), OneMaterial(0.5)) for slot in sample.rig.slot]
     rough, level = (np.array([getattr(one, name) for one in known]) for name in ("roughness", "level"))
     first = Lobes(np.stack([rough, rough], -1), np.ones(len(rough)), level)
-    tilt = fit_tilts(sample, first, scatter=judged.scatter, rounds=3).under(judged.deviation)[0]
+    tilt = fit_tilts(sample, first, scatter=judged.scatter, rounds=ROUNDS[0]).under(judged.deviation)[0]
     lobes = lobes_of(sample.rig, sample.tilted(tilt)[0], judged.materials)
-    found = fit_tilts(sample, lobes, start=tilt, scatter=judged.scatter, rounds=3)
+    found = fit_tilts(sample, lobes, start=tilt, scatter=judged.scatter, rounds=ROUNDS[1])
     return found.information, found.pull
 
 
