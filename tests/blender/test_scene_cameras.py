@@ -134,6 +134,21 @@ def test_a_camera_for_each_picture(tmp_path, suffix):
 
 @pytest.mark.usefixtures("irpso")
 @pytest.mark.parametrize("suffix", SUFFIXES)
+def test_one_mesh_without_uv_map_beside_the_cameras(tmp_path, suffix):
+    new_scene()
+    names = [f"IMG_000{n}" for n in range(3)]
+    for n, name in enumerate(names):
+        add_camera(name, 1.4 * n)
+    bpy.ops.mesh.primitive_cube_add(size=1, calc_uvs=False)
+    project = export(tmp_path / f"shot{suffix}")
+    new_scene()
+    found = bring(project, pictures(tmp_path / "p", names))
+    assert found.views == 3 and len(found.mesh.data.uv_layers) == 1
+    assert any("has no UV map; one was made" in line for line in found.messages)
+
+
+@pytest.mark.usefixtures("irpso")
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_one_camera_that_moves(tmp_path, suffix):
     """Frame 3 is picture 3.  It zooms, but not in Alembic for Blenders that do not read that."""
     scene = new_scene()

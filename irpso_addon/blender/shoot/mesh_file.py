@@ -67,6 +67,7 @@ def import_mesh(path: Path) -> bpy.types.Object:
     rollback.remove({obj for obj in rollback.blocks() - before if isinstance(obj, bpy.types.Object) and obj != whole})
     while unused := {block for block in rollback.blocks() - before if not block.users or _is_empty(block)}:
         rollback.remove(unused)
+    bpy.context.view_layer.update()  # which otherwise lists None where an object was removed
     whole.name = path.stem
     return whole
 
