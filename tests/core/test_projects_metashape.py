@@ -28,12 +28,12 @@ def metashape_pixel(shot: Shot, point: np.ndarray, lens=WIDE, size=(8688, 5792),
             size[1] * 0.5 + lens["cy"] + yp * lens["f"])
 
 
-@pytest.mark.parametrize("fisheye", [False, True])
-def test_metashape_projects_as_its_manual_says(tmp_path, fisheye):
+@pytest.mark.parametrize("kind", ["frame", "fisheye", "equidistant_fisheye"])
+def test_metashape_projects_as_its_manual_says(tmp_path, kind):
     shots = ring(5, suffix="")
-    path = write_metashape(tmp_path / "cameras.xml", shots, WIDE, kind="fisheye" if fisheye else "frame")
+    path = write_metashape(tmp_path / "cameras.xml", shots, WIDE, kind=kind)
     project = read_project(path)
-    agrees(project, shots, lambda shot, point: metashape_pixel(shot, point, fisheye=fisheye))
+    agrees(project, shots, lambda shot, point: metashape_pixel(shot, point, fisheye=kind != "frame"))
     assert (project.kind, project.left_out, project.warnings) == ("Metashape", (), ())
     assert project.metres_per_unit is None
     assert (project.cameras[0].lens.width, project.cameras[0].lens.height) == (8688, 5792)

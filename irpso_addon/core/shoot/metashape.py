@@ -28,6 +28,7 @@ from ..storage.text_file import read_text
 from .project import Draft, Project, checked, number, numbers, size
 
 EXPORT = "in Metashape, choose File, Export, Export Cameras, Agisoft XML"
+FISHEYES = ("fisheye", "equidistant_fisheye")  # one model: the second is its name beside the equisolid one's
 MOST_ELEMENTS, DEEPEST = 3_000_000, 50
 
 
@@ -158,8 +159,9 @@ def _lens(sensor: ElementTree.Element | None, who: str) -> Lens:
         raise BadInput(f"{who}: its sensor has no calibration; align the pictures and {EXPORT}")
     calibration = next((each for each in calibrations if each.get("class") == "adjusted"), calibrations[0])
     kind = calibration.get("type") or sensor.get("type")
-    if kind not in ("frame", "fisheye"):
-        raise BadInput(f"{who}: its sensor is of type '{str(kind)[:40]}'; only frame and fisheye cameras can be used")
+    if kind not in ("frame", *FISHEYES):
+        raise BadInput(f"{who}: its sensor is of type '{str(kind)[:40]}'; only frame and equidistant fisheye cameras "
+                       "can be used: align with one of these types, or disable the picture, and export again")
     if calibration.find("f") is None:
         raise BadInput(f"{who}: its calibration has no f, as before PhotoScan 1.2; open the project in Metashape, then "
                        f"{EXPORT}")
@@ -178,4 +180,4 @@ def _lens(sensor: ElementTree.Element | None, who: str) -> Lens:
     return checked(Lens(
         width, height, fx=value("f") + value("b1"), fy=value("f"), cx=width / 2 + value("cx"),
         cy=height / 2 + value("cy"), radial=(value("k1"), value("k2"), value("k3"), value("k4")),
-        tangential=(value("p2"), value("p1")), skew=value("b2"), fisheye=kind == "fisheye"), who)
+        tangential=(value("p2"), value("p1")), skew=value("b2"), fisheye=kind in FISHEYES), who)
