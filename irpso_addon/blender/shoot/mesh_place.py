@@ -18,6 +18,7 @@ from ...core.shoot.picture_lens import PictureCamera
 
 LEAST_SEEN = 0.5  # share of the cameras whose picture must show the mesh's middle
 SIZES = 0.05, 20.0  # the mesh's diagonal in a picture over the picture's: what somebody takes pictures of
+USUAL = 0.5  # the same of most objects
 # Turns of the mesh about x: some programs write meshes with Y up beside cameras with Z up, and the other way round.
 TURNS = {"": 0.0, "turned by +90 degrees about X": math.pi / 2, "turned by -90 degrees about X": -math.pi / 2}
 UNITS = (1.0, 100.0, 0.01, 1000.0, 0.001)  # FBX counts in centimetres, others in millimetres
@@ -28,21 +29,24 @@ def place(mesh: bpy.types.Object, cameras: Sequence[PictureCamera], scale: float
     own = np.array(mesh.matrix_world, np.float64)
     corners = np.array([corner[:] for corner in mesh.bound_box]) @ own[:3, :3].T + own[:3, 3]
     middle, diagonal = corners.mean(0), float(np.linalg.norm(np.ptp(corners, axis=0)))
-    straight, fallback = 0.0, None
+    straight, fallback, fitting = 0.0, None, {}
     for unit, turn in product(UNITS, TURNS):
         axes = np.array(Matrix.Rotation(TURNS[turn], 3, "X"), np.float64)
         share, size = _seen(axes @ middle * unit, diagonal * unit, cameras)
         straight = share if (unit, turn) == (1.0, "") else straight
         if share > LEAST_SEEN and SIZES[0] < size < SIZES[1]:
-            break
-        if share > LEAST_SEEN and unit == 1 and fallback is None:
-            fallback = unit, turn  # far off, or all round the cameras
+            fitting.setdefault(unit, (turn, size))
+        elif share > LEAST_SEEN and unit == 1 and fallback is None:
+            fallback = turn  # far off, or all round the cameras
+    if fitting:  # centimetres and millimetres may both do
+        unit = 1.0 if 1.0 in fitting else min(fitting, key=lambda each: abs(math.log(fitting[each][1] / USUAL)))
+        turn = fitting[unit][0]
+    elif fallback is not None:
+        unit, turn = 1.0, fallback
     else:
-        if fallback is None:
-            raise BadInput(f"mesh '{mesh.name}': {percent(straight)} of the cameras look at it; its coordinates "
-                           "differ from those of the project's cameras; export both from the same project, in the same "
-                           "coordinate system")
-        unit, turn = fallback
+        raise BadInput(f"mesh '{mesh.name}': {percent(straight)} of the cameras look at it; its coordinates differ "
+                       "from those of the project's cameras; export both from the same project, in the same "
+                       "coordinate system")
     mesh.matrix_world = Matrix.Scale(scale * unit, 4) @ Matrix.Rotation(TURNS[turn], 4, "X") @ mesh.matrix_world
     lines = [f"'{mesh.name}': its axes differ from those of the cameras; the mesh was {turn}"] if turn else []
     return lines + ([f"'{mesh.name}': its unit differs from that of the cameras; the mesh was scaled by {unit:g}"]
