@@ -41,6 +41,7 @@ def found(folder: Path, names: list[str], *files: str) -> tuple[dict[str, str], 
     ("right/IMG_1.jpg", ["left/IMG_1.CR3", "right/IMG_1.jpg"], "right/IMG_1.jpg"),  # folders come before kinds
     ("IMG_1.jpg", ["IMG_1.jpg", "IMG_1.jpeg"], "IMG_1.jpg"),
     ("IMG_1.jpg", ["IMG_1.jpg", ".thumbnails/IMG_1.jpg", "._IMG_1.jpg"], "IMG_1.jpg"),
+    ("S\u00fcd/\u00c4_1.jpg", ["Nord/A\u0308_1.jpg", "Su\u0308d/A\u0308_1.jpg"], "Su\u0308d/A\u0308_1.jpg"),  # a Mac's
 ])
 def test_the_file_of_a_picture(tmp_path, name, files, want):
     assert found(tmp_path, [name], *files)[0] == {name: want}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -37,8 +38,8 @@ class PictureFolder:
         self._pictures: dict[str, list[Path]] = {}  # by stem, lower case
         self._masks: dict[str, list[Path]] = {}  # by the stem of what they mask
         for path in sorted(_pictures(folder)):
-            masked = _masked(path.stem.lower())
-            (self._pictures if masked is None else self._masks).setdefault(masked or path.stem.lower(), []).append(path)
+            masked = _masked(_plain(path.stem))
+            (self._pictures if masked is None else self._masks).setdefault(masked or _plain(path.stem), []).append(path)
 
     def find(self, name: str) -> Path | None:
         """The file of one picture: of those that have its stem, the one whose folders end most like the name's.
@@ -76,14 +77,14 @@ class PictureFolder:
                                "; choose the folder that holds both, in folders as the project names them")
             first[path] = name
         missing = tuple(name for name in names if name not in files)
-        unused = len(self._pictures.keys() - {path.stem.lower() for path in files.values()})
+        unused = len(self._pictures.keys() - {_plain(path.stem) for path in files.values()})
         masks = {name: mask for name, path in files.items() if (mask := self._mask(path)) is not None}
         return PictureFiles(files, masks, missing, unused)
 
     def _mask(self, picture: Path) -> Path | None:
         """Its mask: beside it, else in the folders that end most like its own.  Raises BadInput where two may be."""
         ranked = sorted((mask.parent != picture.parent, -_alike(picture, mask), str(mask), mask)
-                        for mask in self._masks.get(picture.stem.lower(), []))
+                        for mask in self._masks.get(_plain(picture.stem), []))
         if len(ranked) > 1 and ranked[0][:2] == ranked[1][:2]:
             raise BadInput(f"{picture}: both '{ranked[0][3].name}' and '{ranked[1][3].name}' can be its mask; keep one "
                            "of them")
@@ -121,13 +122,18 @@ def _masked(stem: str) -> str | None:
 
 def _stem(name: PurePosixPath) -> str:
     """Without the suffix of a picture: programs may name pictures without it, and dots are no suffix then."""
-    return (name.stem if name.suffix.lower() in SUFFIXES | RAW else name.name).lower()
+    return _plain(name.stem if name.suffix.lower() in SUFFIXES | RAW else name.name)
+
+
+def _plain(name: str) -> str:
+    """``name`` for comparisons.  Mac OS may write an accent as a letter of its own, other systems do not."""
+    return unicodedata.normalize("NFC", name).lower()
 
 
 def _alike(name: PurePosixPath | Path, path: Path) -> int:
     """How many folders of both are the same, from the last one on."""
     pairs = zip(reversed(name.parts[:-1]), reversed(path.parts[:-1]), strict=False)
-    return next((count for count, (a, b) in enumerate(pairs) if a.lower() != b.lower()),
+    return next((count for count, (a, b) in enumerate(pairs) if _plain(a) != _plain(b)),
                 min(len(name.parts), len(path.parts)) - 1)
 
 

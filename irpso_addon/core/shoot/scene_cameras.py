@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -111,7 +112,7 @@ def numbered(path: Path, pictures: Sequence[str]) -> dict[int, str]:
 
 def plain(name: str) -> str:
     """What is left of a name in such files, which allow letters, digits and underscores alone."""
-    return re.sub(r"\W", "_", name.lower(), flags=re.ASCII).lstrip("_")
+    return re.sub(r"\W", "_", unicodedata.normalize("NFC", name).lower(), flags=re.ASCII).lstrip("_")
 
 
 def _add_frames(draft: Draft, file: SceneFile, pictures: Mapping[int, str], sizes: SizeOf) -> None:
