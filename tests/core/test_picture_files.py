@@ -40,6 +40,9 @@ def found(folder: Path, names: list[str], *files: str) -> tuple[dict[str, str], 
     ("C:\\shoot\\right\\IMG_1.jpg", ["left/IMG_1.jpg", "right/IMG_1.jpg"], "right/IMG_1.jpg"),
     ("right/IMG_1.jpg", ["left/IMG_1.CR3", "right/IMG_1.jpg"], "right/IMG_1.jpg"),  # folders come before kinds
     ("IMG_1.jpg", ["IMG_1.jpg", "IMG_1.jpeg"], "IMG_1.jpg"),
+    ("IMG_1", ["images/IMG_1.jpg", "Masks/IMG_1.png"], "images/IMG_1.jpg"),  # of those alike, PNG would come first
+    ("IMG_1", ["masks/IMG_1.png", "masks/IMG_1.CR3"], "masks/IMG_1.CR3"),  # pictures of masks
+    ("IMG_1", ["masks/front/IMG_1.png"], "masks/front/IMG_1.png"),
     ("IMG_1.jpg", ["IMG_1.jpg", ".thumbnails/IMG_1.jpg", "._IMG_1.jpg"], "IMG_1.jpg"),
     ("S\u00fcd/\u00c4_1.jpg", ["Nord/A\u0308_1.jpg", "Su\u0308d/A\u0308_1.jpg"], "Su\u0308d/A\u0308_1.jpg"),  # a Mac's
 ])
@@ -54,6 +57,11 @@ def test_the_file_of_a_picture(tmp_path, name, files, want):
     ("b/1.jpg", ["a/1.jpg", "b/1.jpg", "masks/a/1_mask.png", "masks/b/1_mask.png"], "masks/b/1_mask.png"),
     ("a/1.jpg", ["a/1.jpg", "a/11_mask.png"], None),
     ("a/1.jpg", ["a/1.jpg", "a/1-MASK.PNG"], "a/1-MASK.PNG"),
+    ("1", ["images/1.jpg", "masks/1.png"], "masks/1.png"),
+    ("1.jpg", ["images/1.jpg", "masks/1.jpg.png", "masks/11.jpg.png"], "masks/1.jpg.png"),
+    ("b/1.jpg", ["images/a/1.jpg", "images/b/1.jpg", "mask/a/1.png", "mask/b/1.png"], "mask/b/1.png"),
+    ("1.jpg", ["1.jpg", "1_mask.png", "masks/1.png"], "1_mask.png"),
+    ("1.jpg", ["1.jpg", "depth/1.png"], None),
 ])
 def test_the_mask_of_a_picture(tmp_path, picture, files, want):
     masks = found(tmp_path, [picture], *files)[1]

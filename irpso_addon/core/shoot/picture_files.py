@@ -15,6 +15,7 @@ from ..phrases import some
 
 RICH = (".exr", ".hdr", ".tif", ".tiff", ".png")  # of developed pictures, those that hold more than 8 bits
 MASK_ENDS = ("_mask", ".mask", "-mask")  # of the stem of a file that masks another
+MASK_FOLDERS = ("mask", "masks")  # below the chosen one: their files have the names of the pictures that they mask
 MOST = 100_000  # files of one folder
 DEEPEST = 4  # folders in folders
 
@@ -40,6 +41,23 @@ class PictureFolder:
         for path in sorted(_pictures(folder)):
             masked = _masked(_plain(path.stem))
             (self._pictures if masked is None else self._masks).setdefault(masked or _plain(path.stem), []).append(path)
+        self._take_masks_out()
+
+    def _take_masks_out(self) -> None:
+        """From the pictures: what lies in a folder for masks and has the name of a picture elsewhere."""
+        pictures = {stem for stem, paths in self._pictures.items() if not all(map(self._is_among_masks, paths))}
+        for stem, paths in list(self._pictures.items()):
+            inside = [path for path in paths if self._is_among_masks(path)]
+            masked = stem if stem in pictures else _stem(PurePosixPath(stem))  # COLMAP's are called IMG_1.jpg.png
+            if inside and masked in pictures:
+                self._masks.setdefault(masked, []).extend(inside)
+                self._pictures[stem] = [path for path in paths if path not in inside]
+                if not self._pictures[stem]:
+                    del self._pictures[stem]
+
+    def _is_among_masks(self, path: Path) -> bool:
+        folders = path.relative_to(self.folder).parts[:-1]
+        return path.suffix.lower() not in RAW and any(folder.lower() in MASK_FOLDERS for folder in folders)
 
     def find(self, name: str) -> Path | None:
         """The file of one picture: of those that have its stem, the one whose folders end most like the name's.
