@@ -175,8 +175,9 @@ def _only_mesh(project: Project) -> Path:
     """Raises BadInput unless there is one."""
     if len(project.meshes) == 1:
         return project.meshes[0]
-    names = some([path.name for path in project.meshes], mark="") or "none"
-    raise BadInput(f"{project.path}: has several meshes beside it: {names}; choose the mesh that the program exported")
+    names = some([path.name for path in project.meshes], mark="")
+    what = f"has several meshes beside it: {names}" if names else "has no mesh beside it"
+    raise BadInput(f"{project.path}: {what}; choose the mesh that the program exported")
 
 
 def _light_line(
