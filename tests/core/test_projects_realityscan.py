@@ -71,3 +71,9 @@ def test_realityscan_refuses(tmp_path, rows, columns, words):
 
 def test_realityscan_needs_the_pictures_sizes(tmp_path):
     refused(write_realityscan(tmp_path / "r.csv", [ROW], ALL), "'a.jpg'", "folder of the pictures")
+
+
+def test_realityscan_with_the_wrong_folder_of_pictures(tmp_path):
+    message = refused(write_realityscan(tmp_path / "r.csv", [ROW], ALL), size_of=lambda name: None)
+    assert message == (f"{tmp_path / 'r.csv'}: the chosen folder has none of the project's pictures ('a.jpg'); choose "
+                       "the folder of the pictures")

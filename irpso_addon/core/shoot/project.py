@@ -14,6 +14,7 @@ import numpy as np
 from ..data import F64
 from ..errors import BadInput
 from ..lens import Lens
+from ..phrases import some
 from ..projection import FLIP
 from ..storage.text_file import first_bytes
 
@@ -80,6 +81,10 @@ class Draft:
 
     def finished(self) -> Project:
         """The project, after the checks of all cameras together.  Raises BadInput."""
+        absent = [name for name, why in self.left_out if why == NO_PICTURE]
+        if not self.cameras and absent:
+            raise BadInput(f"{self.path}: the chosen folder has none of the project's pictures ({some(absent)}); "
+                           "choose the folder of the pictures")
         if not self.cameras:
             why = f" ('{self.left_out[0][0][:80]}': {self.left_out[0][1]})" if self.left_out else ""
             raise BadInput(f"{self.path}: has no camera with a pose{why}; align the pictures in {self.kind}")
