@@ -71,6 +71,7 @@ def test_the_mask_of_a_picture(tmp_path, picture, files, want):
 def test_what_is_missing_and_what_is_left_over(tmp_path):
     match = found(tmp_path, ["1.jpg", "2.jpg"], "1.jpg", "1.CR3", "3.jpg", "4.jpg", "4.CR3", "notes.txt")[2]
     assert match.missing == ("2.jpg",) and match.unused == 2  # 3 and 4
+    assert PictureFolder(tmp_path).match(["1.jpg"], ["C:\\shoot\\4.jpg", "5.jpg"]).unused == 1  # of those, 3
 
 
 @pytest.mark.parametrize(("names", "files", "line"), [

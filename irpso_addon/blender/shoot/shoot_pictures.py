@@ -97,7 +97,7 @@ def _until(job: Future[Any], step: Progress) -> Steps[None]:
 
 def read_pictures(project: Project, folder: PictureFolder, headers: Headers) -> Steps[ShootPictures]:
     """Raises BadInput, before anything is made, for whatever will not do."""
-    files = folder.match([camera.name for camera in project.cameras])
+    files = folder.match([camera.name for camera in project.cameras], [name for name, _ in project.left_out])
     cameras = [camera for camera in project.cameras if camera.name in files.files]
     paths = [*files.files.values(), *files.masks.values()]
     for path in paths:

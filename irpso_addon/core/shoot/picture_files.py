@@ -27,7 +27,7 @@ class PictureFiles:
     files: dict[str, Path]  # by the picture's name in the project; no file has two names
     masks: dict[str, Path]
     missing: tuple[str, ...]  # pictures without a file
-    unused: int  # pictures in the folder that the project does not place; those of one stem count once
+    unused: int  # pictures in the folder that the project does not have; those of one stem count once
 
 
 class PictureFolder:
@@ -82,8 +82,11 @@ class PictureFolder:
         """The names of all pictures, without folder and suffix, each once."""
         return [paths[0].stem for paths in self._pictures.values()]
 
-    def match(self, names: Sequence[str]) -> PictureFiles:
-        """The file of each picture and its mask.  Raises BadInput where there is none of them, or several of one."""
+    def match(self, names: Sequence[str], left_out: Iterable[str] = ()) -> PictureFiles:
+        """The file of each picture and its mask.  Raises BadInput where there is none of them, or several of one.
+
+        ``left_out``: pictures that the project has as well, but does not place.
+        """
         files = {name: path for name in names if (path := self.find(name)) is not None}
         if not files:
             raise BadInput(f"{self.folder}: has none of the project's pictures ({some(names)}); choose the "
@@ -95,7 +98,8 @@ class PictureFolder:
                                "; choose the folder that holds both, in folders as the project names them")
             first[path] = name
         missing = tuple(name for name in names if name not in files)
-        unused = len(self._pictures.keys() - {_plain(path.stem) for path in files.values()})
+        known = {_stem(PurePosixPath(name.replace("\\", "/"))) for name in left_out}
+        unused = len(self._pictures.keys() - {_plain(path.stem) for path in files.values()} - known)
         masks = {name: mask for name, path in files.items() if (mask := self._mask(path)) is not None}
         return PictureFiles(files, masks, missing, unused)
 
