@@ -119,7 +119,7 @@ def test_a_cropped_picture_is_turned_in_its_frame(tmp_path):
 # --- exposure
 
 
-def shot(time: float, f_number: float = 8.0, iso: float = 100.0) -> ShotSettings:
+def shot(time: float, f_number: float | None = 8.0, iso: float = 100.0) -> ShotSettings:
     return ShotSettings(time, f_number, iso)
 
 
@@ -149,6 +149,18 @@ def test_pictures_without_exif_are_named():
     assert found == {"a": 0, "b": 0} and len(lines) == 1
     assert lines[0].startswith("EXIF has no time, aperture and ISO for any picture")
     assert relative_exposures({}) == ({}, ())
+
+
+def test_a_lens_without_contacts():
+    """One aperture for all; time and ISO count as always."""
+    found, lines = relative_exposures({"a": shot(1 / 60, None), "b": shot(1 / 30, None), "c": shot(1 / 60, None, 50.0),
+                                       "d": shot(1 / 60, None), "e": None})
+    assert found == pytest.approx({"a": 0, "b": 1, "c": -1, "d": 0, "e": 0})
+    assert len(lines) == 3 and "2 of 5" in lines[0] and "no aperture for any picture" in lines[1]
+    assert lines[2].startswith("'e': EXIF has no time and ISO, so")
+    found, lines = relative_exposures({"a": shot(1 / 60, None), "b": shot(1 / 30)})  # one aperture is known: not alike
+    assert found == {"a": 0, "b": 0}
+    assert len(lines) == 1 and lines[0].startswith("'a': EXIF has no time, aperture and ISO")
 
 
 def test_equal_light_whatever_the_exposure(tmp_path):

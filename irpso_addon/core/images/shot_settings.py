@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median_low
 
 from ..phrases import some
@@ -38,9 +38,11 @@ def relative_exposures(shots: Mapping[str, ShotSettings | None]) -> tuple[dict[s
     """For each picture its exposure relative to the lower median, EV, as `View.exposure` counts; lines for the user.
 
     A picture whose settings are not known gets 0 and is named.  One line says that exposures differ, where they do by
-    more than LEAST_DIFFERENCE.  ``shots``: by the pictures' names.
+    more than LEAST_DIFFERENCE.  Where no picture has an aperture, one is assumed.  ``shots``: by the pictures' names.
     """
-    known = {name: shot.exposure_value for name, shot in shots.items() if shot is not None}
+    given = {name: shot for name, shot in shots.items() if shot is not None}
+    mute = not any(shot.f_number for shot in given.values()) and any(shot.time and shot.iso for shot in given.values())
+    known = {name: (replace(shot, f_number=1.0) if mute else shot).exposure_value for name, shot in given.items()}
     values = {name: value for name, value in known.items() if value is not None}
     middle = median_low(values.values()) if values else 0.0
     found = {name: values[name] - middle if name in values else 0.0 for name in shots}
@@ -51,10 +53,14 @@ def relative_exposures(shots: Mapping[str, ShotSettings | None]) -> tuple[dict[s
         lines.append(f"{len(off)} of {len(shots)} pictures: EXIF states another exposure than for the rest "
                      f"({found[worst]:+.2f} EV in '{worst}'); IRPSO scales their brightness by it, which is wrong for "
                      "a flash shorter than the exposure time: correct Exposure then")
+    if mute:
+        lines.append("EXIF has no aperture for any picture, as with a lens without contacts, so one is assumed for "
+                     "all; correct the exposures by hand if you changed it")
     missing = [name for name in shots if name not in values]
     if missing and values:
-        lines.append(f"{some(missing)}: EXIF has no time, aperture and ISO, so the exposure of the rest is used; "
-                     "enter it by hand if it differs")
+        what = "time and ISO" if mute else "time, aperture and ISO"
+        lines.append(f"{some(missing)}: EXIF has no {what}, so the exposure of the rest is used; enter it by hand if "
+                     "it differs")
     elif missing:
         lines.append("EXIF has no time, aperture and ISO for any picture, so equal exposures are used; enter the "
                      "exposures by hand if they differ")
