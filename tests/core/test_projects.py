@@ -146,6 +146,19 @@ def test_an_utf8_mark_is_no_obstacle(tmp_path):
         path = write_any(kind, tmp_path, ring(2))
         path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
         assert len(read_project(path, lambda name: SIZE).cameras) == 2
+    folder = write_any("colmap text", tmp_path, ring(2))
+    for name in ("cameras.txt", "images.txt"):
+        (folder / name).write_bytes(b"\xef\xbb\xbf" + (folder / name).read_bytes())
+    assert len(read_project(folder).cameras) == 2
+
+
+@pytest.mark.parametrize("kind", ["metashape", "realityscan", "alicevision", "transforms"])
+def test_utf16_is_named(tmp_path, kind):
+    path = write_any(kind, tmp_path, ring(2))
+    text = path.read_text(encoding="utf-8")
+    for encoding, mark in (("utf-16-le", b"\xff\xfe"), ("utf-16-be", b"\xfe\xff")):
+        path.write_bytes(mark + text.encode(encoding))
+        refused(path, "is UTF-16 text; save it as UTF-8")
 
 
 def test_json_text_holds_no_numbers_that_are_not(tmp_path):

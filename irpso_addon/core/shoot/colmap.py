@@ -127,7 +127,7 @@ def _lines(file: BinaryIO, path: Path) -> Iterator[str]:
         while line and not line.endswith(b"\n"):
             line = file.readline(LONGEST_LINE)
         try:
-            text = start.decode().strip()
+            text = start.decode().strip().removeprefix("\ufeff")
         except UnicodeDecodeError:
             raise BadInput(f"{path}: is not UTF-8 text; {EXPORT} as text") from None
         if not text.startswith("#"):

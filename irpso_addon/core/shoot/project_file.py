@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from ..errors import BadInput
-from ..storage.text_file import first_bytes
+from ..storage.text_file import UTF16, first_bytes
 from .alicevision import EXPORT as ALICEVISION
 from .alicevision import is_alicevision, read_alicevision
 from .colmap import FILES as COLMAP_FILES
@@ -40,7 +40,10 @@ def read_project(path: Path, size_of: SizeOf | None = None) -> Project:
         raise BadInput(f"{path}: only its own program can read this; {CLOSED[path.suffix.lower()]}")
     if path.suffix.lower() in (".bin", ".txt") and path.stem.lower() in COLMAP_FILES:
         return _read_folder(path.parent, sizes)
-    beginning = first_bytes(path, BEGINNING).removeprefix(b"\xef\xbb\xbf").lstrip()
+    beginning = first_bytes(path, BEGINNING)
+    if beginning.startswith(UTF16):
+        raise BadInput(f"{path}: is UTF-16 text; save it as UTF-8")
+    beginning = beginning.removeprefix(b"\xef\xbb\xbf").lstrip()
     if beginning.startswith(b"<"):
         return read_metashape(path)
     if beginning.startswith(b"{"):

@@ -11,6 +11,7 @@ from typing import BinaryIO
 
 from ..errors import BadInput
 
+UTF16 = (b"\xff\xfe", b"\xfe\xff")  # its byte order marks
 MOST = 64_000_000  # bytes: no list of views is as long
 
 
