@@ -262,6 +262,18 @@ def test_a_mesh_in_another_unit(scene, shoot, unit) -> None:
                                atol=2e-4)
 
 
+@pytest.mark.parametrize("scale", [0.002, 1.0, 2000.0])
+def test_cameras_show_the_mesh(scene, shoot, scale) -> None:
+    """Blender shows nothing nearer or further than a camera's clipping."""
+    ask(scene, scale=scale)
+    assert bpy.ops.irpso.import_shoot() == {"FINISHED"}
+    obj = bpy.context.view_layer.objects.active
+    for view in list(scene.irpso.views)[1:]:
+        eye = view.camera.matrix_world.inverted()
+        depths = [-(eye @ (obj.matrix_world @ vertex.co)).z for vertex in obj.data.vertices]
+        assert 0 < view.camera.data.clip_start < min(depths) and max(depths) < view.camera.data.clip_end
+
+
 def test_cameras_look_where_the_pictures_do(scene, shoot) -> None:
     """By Blender's own camera matrix, which is near the lens: the box is in the picture's middle."""
     ask(scene)

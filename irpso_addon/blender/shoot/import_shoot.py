@@ -25,7 +25,7 @@ from .mesh_file import import_mesh, unwrap
 from .mesh_place import place
 from .rollback import all_or_nothing
 from .scene_file import read_scene_file
-from .shoot_objects import add_cameras, add_flashes, add_views
+from .shoot_objects import add_cameras, add_flashes, add_views, show_mesh
 from .shoot_pictures import Headers, ShootPictures, already_there, check_path, read_pictures
 
 Stored = Callable[[Path], str]
@@ -127,6 +127,7 @@ def _add(
     before = [bpy.path.abspath(view.image) for view in scene.irpso.views if view.image]
     lines = [*_scale_line(settings, project), *already_there(pictures.files, before), *_other_lines(scene)]
     objects = add_cameras(pictures.cameras, _scale(settings, project))
+    show_mesh(objects, mesh)
     flashes = add_flashes(pictures.cameras, objects, settings) if flash else {}
     first = not len(scene.irpso.views)
     views = add_views(scene, objects, flashes, pictures.files, pictures.exposures, settings.colors)

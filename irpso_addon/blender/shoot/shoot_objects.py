@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 
 from ...core.lens import Lens
 from ...core.params import ShootSettings
@@ -20,6 +20,7 @@ from ..scene.camera_lens import write_lens
 COLLECTION = "Shoot"
 SPACES = {"file": "", "srgb": "sRGB", "linear": "Linear Rec.709"}
 SHOWN = 0.1  # size of a camera in the viewport, project's units
+CLIPPED = 100  # how many times nearer than the object is hidden, and how many times further
 
 Objects = dict[str, bpy.types.Object]  # by the picture's name
 
@@ -43,6 +44,19 @@ def add_cameras(cameras: Sequence[PictureCamera], scale: float) -> Objects:
         collection.objects.link(obj)
         objects[camera.name] = obj
     return objects
+
+
+def show_mesh(objects: Objects, mesh: bpy.types.Object) -> None:
+    """Cameras show, in the viewport and in renders of indirect light, what lies about as far away as ``mesh``.
+
+    The default, 0.1 m to 1 km, hides what was photographed from a hand's breadth, and a project of many units.
+    """
+    corners = np.array([mesh.matrix_world @ Vector(corner) for corner in mesh.bound_box])
+    away: dict[Any, list[float]] = {}
+    for obj in objects.values():
+        away.setdefault(obj.data, []).append(float(np.linalg.norm(np.array(obj.matrix_world)[:3, 3] - corners.mean(0))))
+    for data, distances in away.items():
+        data.clip_start, data.clip_end = min(distances) / CLIPPED, max(distances) * CLIPPED
 
 
 def add_flashes(cameras: Sequence[PictureCamera], objects: Objects, settings: ShootSettings) -> Objects:
