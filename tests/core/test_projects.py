@@ -161,6 +161,13 @@ def test_utf16_is_named(tmp_path, kind):
         refused(path, "is UTF-16 text; save it as UTF-8")
 
 
+def test_a_file_with_all_its_points_is_told(tmp_path):
+    path = write_any("alicevision", tmp_path, ring(2))
+    with open(path, "r+b") as file:
+        file.truncate(64_000_001)
+    refused(path, "is larger than 64 MB", "ConvertSfMFormat with Structure off")
+
+
 def test_json_text_holds_no_numbers_that_are_not(tmp_path):
     """Python reads NaN and Infinity in JSON."""
     path = write_transforms(tmp_path / "t.json", ring(2), {**PLAIN, "cx": float("nan")})

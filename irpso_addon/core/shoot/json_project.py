@@ -10,11 +10,13 @@ from ..errors import BadInput
 from ..storage.text_file import read_text
 from .project import MOST_CAMERAS
 
+LARGE = "write it without its points: in Meshroom, by ConvertSfMFormat with Structure off"
+
 
 def read_object(path: Path) -> dict[str, Any]:
     """The JSON object in ``path``.  Raises BadInput."""
     try:
-        content = json.loads(read_text(path))
+        content = json.loads(read_text(path, LARGE))
     except (ValueError, RecursionError):
         raise BadInput(f"{path}: is not complete JSON; write it again with the program it comes from") from None
     return content if isinstance(content, dict) else {}

@@ -15,11 +15,11 @@ UTF16 = (b"\xff\xfe", b"\xfe\xff")  # its byte order marks
 MOST = 64_000_000  # bytes: no list of views is as long
 
 
-def read_text(path: Path) -> str:
-    """A file's text (UTF-8, a byte order mark left out).  Raises BadInput."""
+def read_text(path: Path, remedy: str = "check whether it is the right file") -> str:
+    """A file's text (UTF-8, a byte order mark left out).  Raises BadInput; ``remedy``: of a file too large."""
     data = first_bytes(path, MOST + 1)
     if len(data) > MOST:
-        raise BadInput(f"{path}: is larger than {MOST // 1_000_000} MB; check whether it is the right file")
+        raise BadInput(f"{path}: is larger than {MOST // 1_000_000} MB; {remedy}")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
