@@ -78,6 +78,8 @@ def test_what_is_missing_and_what_is_left_over(tmp_path):
     (["1.jpg"], ["a/1.jpg", "b/1.jpg"], r"both 'a.1\.jpg' and 'b.1\.jpg' can be the project's picture '1\.jpg'"),
     (["a/1.jpg", "b/1.jpg"], ["1.jpg"], r"1\.jpg: is the only file for two pictures of the project, 'a/1\.jpg' and 'b"),
     (["1.jpg"], ["1.jpg", "1_mask.png", "1.mask.png"], "can be its mask"),
+    (["a/1.jpg"], ["1.HEIC", "2.HEIC"], r"its pictures are \.HEIC files, which cannot be read; convert"),
+    (["1.jpg"], ["1.txt", "2.HEIC"], "has none of the project's pictures"),
     (["1.jpg"], ["2.jpg"], r"has none of the project's pictures \('1\.jpg'\); choose"),
 ])
 def test_what_cannot_be_told(tmp_path, names, files, line):

@@ -14,6 +14,7 @@ from ..images.raw_reader import SUFFIXES as RAW
 from ..phrases import some
 
 RICH = (".exr", ".hdr", ".tif", ".tiff", ".png")  # of developed pictures, those that hold more than 8 bits
+UNREADABLE = (".heic", ".heif", ".hif", ".avif", ".jxl", ".psd", ".psb", ".gpr")  # pictures all the same
 MASK_ENDS = ("_mask", ".mask", "-mask")  # of the stem of a file that masks another
 MASK_FOLDERS = ("mask", "masks")  # below the chosen one: their files have the names of the pictures that they mask
 MOST = 100_000  # files of one folder
@@ -89,8 +90,7 @@ class PictureFolder:
         """
         files = {name: path for name in names if (path := self.find(name)) is not None}
         if not files:
-            raise BadInput(f"{self.folder}: has none of the project's pictures ({some(names)}); choose the "
-                           "folder of the pictures")
+            raise BadInput(f"{self.folder}: {self._other_file(names)}")
         first: dict[Path, str] = {}
         for name, path in files.items():
             if path in first:
@@ -102,6 +102,15 @@ class PictureFolder:
         unused = len(self._pictures.keys() - {_plain(path.stem) for path in files.values()} - known)
         masks = {name: mask for name, path in files.items() if (mask := self._mask(path)) is not None}
         return PictureFiles(files, masks, missing, unused)
+
+    def _other_file(self, names: Sequence[str]) -> str:
+        """Why the folder has no picture: a file of such a name that is none, as a telephone's HEIC, or nothing."""
+        wanted = {_stem(PurePosixPath(name.replace("\\", "/"))) for name in names}
+        kinds = {path.suffix for path in self.folder.iterdir()
+                 if _plain(path.stem) in wanted and path.suffix.lower() in UNREADABLE}
+        if kinds:
+            return f"its pictures are {min(kinds)} files, which cannot be read; convert them to 16-bit TIFF files"
+        return f"has none of the project's pictures ({some(names)}); choose the folder of the pictures"
 
     def _mask(self, picture: Path) -> Path | None:
         """Its mask: beside it, else in the folders that end most like its own.  Raises BadInput where two may be."""
