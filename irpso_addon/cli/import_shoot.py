@@ -27,6 +27,9 @@ def run(arguments: argparse.Namespace) -> None:
         raise BadInput(f"{out}: must end in .blend; change --out")
     if os.path.lexists(out):
         raise BadInput(f"{out}: already exists, and an import replaces no file; change --out, or move the file away")
+    if arguments.grey is not None and arguments.rig == "lamps":
+        raise BadInput("--grey: sets the power of the flash, and --rig lamps brings no lamp; leave --grey out, place "
+                       "the lamps, and click the grey card in Blender")
     folder = out.resolve().parent
     given = vars(arguments)
     settings = ShootSettings(**{field.name: given[field.name] for field in fields(ShootSettings)})

@@ -320,6 +320,9 @@ def test_other_mistakes(bring, made, irpso_here, tmp_path):
     done = irpso_here("import", made / "transforms.json", "--images", made / "pictures", "--out", tmp_path / "a.txt")
     assert done.returncode == 3 and done.stderr.strip() == (
         f"irpso: {tmp_path / 'a.txt'}: must end in .blend; change --out")
+    done = irpso_here("import", made / "transforms.json", "--images", made / "pictures", "--out", tmp_path / "a.blend",
+                      "--rig", "lamps", "--grey", "IMG_0000.exr", 60, 40, 6, 0.18)
+    assert done.returncode == 3 and "--grey: sets the power of the flash, and --rig lamps brings no lamp" in done.stderr
     project = some_frames(made, tmp_path, ["IMG_0000"])
     shutil.copy(made / "mesh.obj", tmp_path / "other.obj")
     done = irpso_here("import", project, "--images", made / "pictures", "--out", tmp_path / "new" / "a.blend")
