@@ -59,6 +59,17 @@ def test_colmap_is_found_in_its_workspace(tmp_path):
         assert (project.path, project.meshes) == (folder, (tmp_path / "meshed-poisson.ply",))
 
 
+def test_other_models_are_told_of(tmp_path):
+    """The mapper numbers them in the order of their making, not by size."""
+    first = write_colmap_text(tmp_path / "sparse" / "0", ring(2), OPENCV)
+    second = write_colmap_binary(tmp_path / "sparse" / "1", ring(5), OPENCV)
+    for start in (tmp_path, tmp_path / "sparse"):
+        project = read_project(start)
+        assert len(project.cameras) == 2 and len(project.warnings) == 1
+        assert "'0' is used: if another ('1') has more of the pictures, choose its folder" in project.warnings[0]
+    assert not read_project(first).warnings and len(read_project(second).cameras) == 5
+
+
 def test_colmap_cut_anywhere_is_refused(tmp_path):
     write_colmap_binary(tmp_path, ring(3), OPENCV)
     for name in ("cameras.bin", "images.bin"):

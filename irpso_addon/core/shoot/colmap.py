@@ -20,6 +20,7 @@ import numpy as np
 from ..data import F64
 from ..errors import BadInput
 from ..lens import Lens
+from ..phrases import some
 from ..storage.text_file import opened
 from .project import LONGEST_NAME, MOST_CAMERAS, Draft, Project, checked, number, size
 
@@ -65,14 +66,29 @@ def model_folder(folder: Path) -> Path | None:
     return None
 
 
+def _other_models(folder: Path) -> list[str]:
+    """Names of the numbered models beside ``folder``, if it is one."""
+    if not folder.name.isdecimal():
+        return []
+    return sorted(each.name for each in folder.parent.iterdir() if each.name.isdecimal() and each != folder and (
+        _has_files(each, ".bin") or _has_files(each, ".txt")))
+
+
 def _has_files(folder: Path, suffix: str) -> bool:
     return all(os.path.isfile(folder / f"{name}{suffix}") for name in ("cameras", "images"))
 
 
-def read_colmap(folder: Path) -> Project:
-    """The sparse model that lies in ``folder`` itself.  Raises BadInput."""
+def read_colmap(folder: Path, chosen: bool = True) -> Project:
+    """The sparse model that lies in ``folder`` itself; a line tells of others beside it unless it was ``chosen``.
+
+    Raises BadInput.
+    """
     workspace = folder.parent.parent if folder.parent.name == "sparse" else folder.parent
     draft = Draft(folder, "COLMAP", folders=(workspace,) if "sparse" in (folder.name, folder.parent.name) else ())
+    others = [] if chosen else _other_models(folder)
+    if others:
+        draft.warnings.append(f"COLMAP has made several models that do not hang together; '{folder.name}' is used: "
+                              f"if another ({some(others)}) has more of the pictures, choose its folder")
     if _has_files(folder, ".bin"):
         cameras, images = _binary_cameras(folder / "cameras.bin"), _binary_images(folder / "images.bin")
     else:

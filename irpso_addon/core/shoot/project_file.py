@@ -57,7 +57,7 @@ def read_project(path: Path, size_of: SizeOf | None = None) -> Project:
 def _read_folder(folder: Path, sizes: SizeOf) -> Project:
     model = model_folder(folder)
     if model is not None:
-        return read_colmap(model)
+        return read_colmap(model, chosen=model == folder)
     if os.path.isfile(folder / "transforms.json"):
         return _read_json(folder / "transforms.json", sizes)
     raise BadInput(f"{folder}: has neither a COLMAP model's cameras and images nor a transforms.json; choose {KINDS}")
