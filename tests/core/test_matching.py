@@ -20,6 +20,11 @@ def matched(names, cameras, lights, flashes=None):
     return {str(m.file): (m.camera, m.lights) for m in match(files(*names), cameras, lights, flashes)}
 
 
+def test_accents_as_a_mac_writes_them():
+    (found,) = match([PurePath("Su\u0308d 1/x.tif")], ["S\u00fcd 1", "Nord 1"], [])
+    assert found.camera == "S\u00fcd 1" and not found.camera_by_order
+
+
 @pytest.mark.parametrize(("file", "camera", "lights"), [
     ("Camera 0, Light 1.exr", "Camera 0", ("Light 1",)),
     ("camera_0-light01.png", "Camera 0", ("Light 1",)),

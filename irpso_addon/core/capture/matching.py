@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
@@ -25,8 +26,11 @@ class Match:
 
 
 def words(text: str) -> Words:
-    """Words and numbers of a name: "Cam01_light-3", "cam 1 LIGHT.003" are the same."""
-    words = re.findall(r"\d+|[^\W\d_]+", text.lower())
+    """Words and numbers of a name: "Cam01_light-3", "cam 1 LIGHT.003" are the same.
+
+    Accents that are letters of their own, as Mac OS may write them, join the letter before.
+    """
+    words = re.findall(r"\d+|[^\W\d_]+", unicodedata.normalize("NFC", text).lower())
     return tuple(str(int(word)) if word.isdecimal() else word for word in words)
 
 
