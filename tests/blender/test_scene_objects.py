@@ -252,6 +252,84 @@ def test_lamps_that_views_name_and_the_viewport_hides_keep_their_place(stage):
         properties.unregister()
 
 
+def by_constraint(stage):
+    target = bpy.data.objects.new("Target", None)
+    stage.scene.collection.objects.link(target)
+    target.location = (1, 2, 3)
+    for obj in (stage.key, stage.camera, stage.subject):
+        obj.constraints.new("COPY_LOCATION").target = target
+
+
+def by_keyframes(stage):
+    for obj in (stage.key, stage.camera, stage.subject):
+        for frame, place in ((1, (0, 0, 3)), (10, (1, 2, 3))):
+            obj.location = place
+            obj.keyframe_insert("location", frame=frame)
+    stage.scene.frame_set(1)
+
+
+def by_a_parents_constraint(stage):
+    by_constraint(stage)
+    for obj in (stage.key, stage.camera, stage.subject):
+        parent = bpy.data.objects.new(f"{obj.name}'s", None)
+        stage.scene.collection.objects.link(parent)
+        parent.constraints.new("COPY_LOCATION").target = bpy.data.objects["Target"]
+        parent.hide_viewport, obj.parent = True, parent
+        obj.constraints.clear()
+
+
+@pytest.mark.parametrize("placed", [by_constraint, by_keyframes, by_a_parents_constraint])
+@pytest.mark.parametrize("name", ["key", "camera", "subject"])
+def test_what_blender_has_not_placed_is_refused(stage, placed, name):
+    """Beside the object's own location these decide, and of what is disabled Blender evaluates none of them."""
+    placed(stage)
+    obj = getattr(stage, name)
+    obj.hide_viewport = True
+    stage.scene.frame_set(10)
+    with pytest.raises(BadInput, match=rf"^\w+ '{obj.name}('s)?': is disabled .* so its .* enable it$"):
+        stage.read()
+    obj.hide_viewport = False
+    for parent in bpy.data.objects:
+        parent.hide_viewport = False
+    read = stage.read()
+    places = {"key": read.views[0].lights[0].matrix[:3, 3], "camera": read.views[0].camera.position,
+              "subject": read.mesh.positions.reshape(-1, 3).mean(0)}
+    np.testing.assert_allclose(places[name], np.array(obj.evaluated_get(
+        bpy.context.evaluated_depsgraph_get()).matrix_world.translation), atol=1e-6)
+
+
+def test_a_lamp_on_a_bone_in_an_excluded_collection_is_refused(stage):
+    rig = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
+    stage.scene.collection.objects.link(rig)
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    bone = rig.data.edit_bones.new("Arm")
+    bone.head, bone.tail = (1, 1, 1), (1, 1, 2)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    stage.key.parent, stage.key.parent_type, stage.key.parent_bone = rig, "BONE", "Arm"
+    lamps = bpy.data.collections.new("Lamps")
+    stage.scene.collection.children.link(lamps)
+    lamps.objects.link(stage.key)
+    stage.scene.collection.objects.unlink(stage.key)
+    stage.read()
+    bpy.context.view_layer.layer_collection.children["Lamps"].exclude = True
+    with pytest.raises(BadInput, match="light 'Key': is disabled in viewports or excluded, so the bones"):
+        stage.read()
+
+
+@pytest.mark.parametrize("shaped", ["modifier", "shape key"])
+def test_a_subject_whose_shape_blender_has_not_evaluated_is_refused(stage, shaped):
+    if shaped == "modifier":
+        stage.subject.modifiers.new("Sub", "SUBSURF")
+    else:
+        stage.subject.shape_key_add(name="Basis")
+        stage.subject.shape_key_add(name="Moved").value = 1.0
+    stage.read()
+    stage.subject.hide_viewport = True
+    with pytest.raises(BadInput, match=r"'Subject': is disabled .* its modifiers and shape keys are ignored"):
+        stage.read()
+
+
 def test_a_flat_light(stage):
     stage.key.scale = (1, 1, 0)
     with pytest.raises(BadInput, match=r"^light 'Key': its scale is 0"):

@@ -13,8 +13,8 @@ from ...core.checks.camera_changes import changed_camera
 from ...core.errors import BadInput
 from ...core.phrases import counted
 from .camera_lens import write_lens
-from .move_light import animated, check_place, object_named
-from .scene_objects import read_camera
+from .move_light import check_place, object_named
+from .scene_objects import animated, read_camera
 
 OPTICS = "lens", "shift", "ortho_scale", "sensor", "irpso_lens"  # starts of animated paths
 

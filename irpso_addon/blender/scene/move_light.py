@@ -10,10 +10,9 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ...core.errors import BadInput
-from .scene_objects import world_matrix
+from .scene_objects import PLACE, animated, world_matrix
 
-PLACE = "location", "rotation", "delta_location", "delta_rotation"  # starts of animated paths
-POWER = "energy", "color"
+POWER = "energy", "color"  # starts of animated paths
 
 
 def object_named(scene: Any, name: str, kind: str = "LIGHT") -> Any:
@@ -99,17 +98,3 @@ def axes_of(scene: Any, camera: str) -> np.ndarray:
         raise BadInput(f"camera '{camera}': is not in the scene any more; solve again")
     axes = world_matrix(obj, bpy.context.evaluated_depsgraph_get())[:3, :3]
     return np.asarray(axes / np.linalg.norm(axes, axis=0))
-
-
-def animated(block: Any, paths: tuple[str, ...]) -> bool:
-    """Whether keyframes or drivers set a property whose path begins like one of these."""
-    animation = block.animation_data
-    if animation is None:
-        return False
-    curves = list(animation.drivers)
-    for layer in animation.action.layers if animation.action is not None else ():
-        for strip in layer.strips:
-            for bag in strip.channelbags:
-                if bag.slot_handle == animation.action_slot_handle:
-                    curves += bag.fcurves
-    return any(curve.data_path.startswith(paths) for curve in curves)

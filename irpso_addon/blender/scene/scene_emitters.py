@@ -12,7 +12,7 @@ from ...core.errors import BadInput
 from ...core.shading.environment import reduced
 from ..glow import Glow, Unmodelled, glows, radiance_of
 from .scene_mesh import corners_of, evaluated_mesh, uvs_of
-from .scene_objects import FAR, world_matrix
+from .scene_objects import FAR, require_whole, world_matrix
 from .scene_world import pixels_of
 
 Warn = Callable[[str], None]
@@ -105,6 +105,7 @@ def _warn_of_visibility(obj: Any, name: str, warn: Warn) -> None:
 
 def _triangles(obj: Any, depsgraph: Any, uv_maps: set[str]) -> tuple[F64, dict[str, F64], I32, bool]:
     """World corners (T, 3, 3), their UVs by map, material of each, and whether they are a closed shape's outside."""
+    require_whole(obj, depsgraph)
     world = world_matrix(obj, depsgraph)
     with evaluated_mesh(obj, depsgraph) as mesh:
         if mesh is None or not mesh.polygons:

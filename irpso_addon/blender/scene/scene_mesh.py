@@ -14,7 +14,7 @@ from ...core.data import F32, F64, I32, MeshArrays, NormalMap
 from ...core.errors import BadInput
 from ..glow import SOLID
 from .scene_material import SlotNormalMap
-from .scene_objects import FAR, rendered_objects, world_matrix
+from .scene_objects import FAR, ignored, rendered_objects, require_whole, world_matrix
 
 MAX_TRIANGLES = 20_000_000  # of the occluders: 720 MB
 
@@ -36,8 +36,9 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
     """``obj`` after its modifiers, in world space.
 
     A mirrored object (negative scale) has its corners turned round, so that triangles are
-    counter-clockwise from outside.  Raises BadInput: no faces, no UV map, a UV map without area.
+    counter-clockwise from outside.  Raises BadInput: no faces, no UV map, a UV map without area, not evaluated.
     """
+    require_whole(obj, depsgraph)
     world = world_matrix(obj, depsgraph)
     linear = world[:3, :3]
     if not np.isfinite(world).all() or abs(np.linalg.det(linear)) < 1e-20:
@@ -228,8 +229,8 @@ def _solids(subject: Any, depsgraph: Any, warn: Warn) -> Iterator[tuple[Any, int
         if name in iterated or obj == subject or obj.type not in SOLID:
             continue
         evaluated = obj.evaluated_get(depsgraph)
-        if not evaluated.is_evaluated and len(obj.modifiers):
-            warn(f"object '{obj.name}': is disabled in viewports, so its modifiers are ignored; enable it")
+        if line := ignored(obj, depsgraph):
+            warn(line)
         yield evaluated, hash((evaluated.as_pointer(), evaluated.data.as_pointer())), world_matrix(obj, depsgraph)
 
 

@@ -17,18 +17,66 @@ Warn = Callable[[str], None]
 FAR = 1e12  # metres: whose square single precision still holds
 BRIGHTEST = 1e30  # watts
 NARROWEST = math.radians(0.1)  # spread of an area lamp
+PLACE = "location", "rotation", "delta_location", "delta_rotation"  # starts of animated paths
 
 
 def world_matrix(obj: Any, depsgraph: Any) -> F64:
     """(4, 4) object to world.  Of an object that is not evaluated (disabled in viewports), by its parents."""
-    evaluated = obj.evaluated_get(depsgraph)
-    # What a property alone refers to counts as evaluated, too, but was never placed.
-    if evaluated.is_evaluated and depsgraph.objects.get(obj.name) is not None:
-        return np.array(evaluated.matrix_world, np.float64)
+    if _is_placed(obj, depsgraph):
+        return np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64)
     own = np.array(obj.matrix_basis, np.float64)
     if obj.parent is None or obj.parent_type != "OBJECT":
         return own
     return np.asarray(world_matrix(obj.parent, depsgraph) @ np.array(obj.matrix_parent_inverse, np.float64) @ own)
+
+
+def _is_placed(obj: Any, depsgraph: Any) -> bool:
+    """Whether Blender has evaluated it."""
+    # What a property alone refers to counts as evaluated, too, but was never placed.
+    return bool(obj.evaluated_get(depsgraph).is_evaluated) and depsgraph.objects.get(obj.name) is not None
+
+
+def require_whole(obj: Any, depsgraph: Any) -> None:
+    """Raises BadInput where `ignored` names something."""
+    line = ignored(obj, depsgraph)
+    if line:
+        raise BadInput(line)
+
+
+def ignored(obj: Any, depsgraph: Any) -> str:
+    """A line on what Blender has not evaluated of an object's shape or place, which is then read wrongly; "": none."""
+    if _is_placed(obj, depsgraph):
+        return ""
+    if len(obj.modifiers) or getattr(obj.data, "shape_keys", None) is not None:
+        return _ignored_line(obj, "its modifiers and shape keys")
+    while obj is not None and not _is_placed(obj, depsgraph):
+        if any(constraint.enabled and constraint.influence for constraint in obj.constraints):
+            return _ignored_line(obj, "its constraints")
+        if animated(obj, PLACE):
+            return _ignored_line(obj, "its keyframes and drivers")
+        if obj.parent is not None and obj.parent_type != "OBJECT":
+            return _ignored_line(obj, "the bones or vertices that it is parented to")
+        obj = obj.parent
+    return ""
+
+
+def _ignored_line(obj: Any, what: str) -> str:
+    kind = obj.type.lower() if obj.type in {"LIGHT", "CAMERA"} else "object"
+    return f"{kind} '{obj.name}': is disabled in viewports or excluded, so {what} are ignored; enable it"
+
+
+def animated(block: Any, paths: tuple[str, ...]) -> bool:
+    """Whether keyframes or drivers set a property whose path begins like one of these."""
+    animation = block.animation_data
+    if animation is None:
+        return False
+    curves = list(animation.drivers)
+    for layer in animation.action.layers if animation.action is not None else ():
+        for strip in layer.strips:
+            for bag in strip.channelbags:
+                if bag.slot_handle == animation.action_slot_handle:
+                    curves += bag.fcurves
+    return any(curve.data_path.startswith(paths) for curve in curves)
 
 
 def rendered_objects(view_layer: Any) -> dict[str, Any]:
@@ -54,7 +102,11 @@ def names_of(objects: Iterable[Any]) -> str:
 
 
 def read_camera(obj: Any, scene: Any, depsgraph: Any) -> Camera:
-    """``obj``, perspective or orthographic, with the scene's render resolution and pixel aspect, or its own lens."""
+    """``obj``, perspective or orthographic, with the scene's render resolution and pixel aspect, or its own lens.
+
+    Raises BadInput.
+    """
+    require_whole(obj, depsgraph)
     render, lens = scene.render, read_lens(obj.data)
     width = max(1, render.resolution_x * render.resolution_percentage // 100)
     height = max(1, render.resolution_y * render.resolution_percentage // 100)
@@ -93,8 +145,8 @@ def read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
 
 
 def _read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
-    lamp = obj.data
-    matrix = world_matrix(obj, depsgraph)
+    require_whole(obj, depsgraph)
+    lamp, matrix = obj.data, world_matrix(obj, depsgraph)
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-20:
         raise BadInput(f"light '{obj.name}': its scale is 0 or its matrix not finite; clear its scale")
     power = lamp.energy * np.exp2(lamp.exposure) * np.array(lamp.color, np.float64)
