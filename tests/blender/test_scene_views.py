@@ -192,6 +192,26 @@ def add_background(stage, path, name="Photo"):
     return image
 
 
+@pytest.mark.parametrize("name", ["Subject", "Cam", "Key", "every light"])
+def test_names_that_a_linked_object_has_too(stage, view_list, name):
+    """The scene has two objects of one name; by the name alone the linked one would be read."""
+    alike = "Key" if name == "every light" else name
+    library = stage.folder / "library.blend"
+    bpy.data.libraries.write(str(library), {bpy.data.objects[alike]})
+    view = stage.scene.irpso.views.add()
+    view.image, view.camera = "//a.exr", stage.camera
+    if name != "every light":
+        view.lights.add().light = stage.key
+    stage.read(captures=None)
+    with bpy.data.libraries.load(str(library), link=True) as (_, into):
+        into.objects = [alike]
+    stage.scene.collection.objects.link(into.objects[0])
+    assert f"'{alike}': is the name of two objects in the scene" in bad(stage, captures=None)
+    local = next(obj for obj in stage.scene.objects if obj.name == alike and obj.library is None)
+    local.name = "Mine"
+    stage.read(name="Mine" if name == "Subject" else "Subject", captures=None)
+
+
 def test_background_images(stage):
     add_light(stage, "Sun")
     image = add_background(stage, stage.folder / "photo.png")

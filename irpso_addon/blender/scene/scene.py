@@ -24,7 +24,7 @@ from .scene_emitters import name_instances, read_emitter
 from .scene_material import read_normal_maps
 from .scene_mesh import read_mesh, read_occluders
 from .scene_objects import names_of, read_camera, read_light, rendered_objects
-from .scene_views import NamedView, SceneViews
+from .scene_views import NamedView, SceneViews, alike_line
 from .scene_world import lighting, read_environment
 
 NO_WORLD = Environment("", np.zeros((1, 2, 3), np.float32), np.eye(3))
@@ -45,6 +45,8 @@ def read_scene(context: Any | None, object_name: str | None, captures: Path | No
     depsgraph = context.evaluated_depsgraph_get()
     _check_working_space()
     subject = subject_of(context, object_name)
+    if sum(obj.name == subject.name for obj in context.scene.objects) > 1:
+        raise BadInput(alike_line(subject.name))
     reader = _Reader(context.scene, depsgraph, subject)
     reader.name_unmodelled()
     maps = read_normal_maps(subject, reader.warn)

@@ -61,14 +61,21 @@ class NamedViews:
     fault: Fault | None = None  # why there is no view to use
 
 
+def alike_line(name: str) -> str:
+    """For BadInput: which object is meant is not clear."""
+    return f"'{name}': is the name of two objects in the scene, one of them linked from a library; rename the other"
+
+
 class SceneViews:
     """Lists the views of a scene and judges each of them."""
 
     def __init__(self, scene: Any, view_layer: Any) -> None:
         self._scene, self._view_layer = scene, view_layer
         self._objects: dict[str, Any] = {}
-        for obj in scene.objects:  # of two with one name, one of which is linked, the first: as scene.objects.get
-            self._objects.setdefault(obj.name, obj)
+        self._alike: set[str] = set()  # names that two objects have, one of which is linked
+        for obj in scene.objects:
+            if self._objects.setdefault(obj.name, obj) != obj:
+                self._alike.add(obj.name)
         self._all_lights: tuple[str, ...] | None = None
         self._all_glowing: tuple[str, ...] | None = None
         self._named: set[str] = set()  # lights that some view names
@@ -179,7 +186,8 @@ class SceneViews:
 
     def _dark_faults(self) -> list[Fault]:
         """Of a view that names no light."""
-        return [] if self._rendered_lights() or self._glowing() or not is_black(self._scene.world) else [Fault(
+        lights = self._rendered_lights() + self._glowing()
+        return self._alike_faults(lights) if lights or not is_black(self._scene.world) else [Fault(
             "No light in the scene renders",
             f"scene '{self._scene.name}': has no light that renders and its world is black; add those of the "
             "references")]
@@ -188,13 +196,18 @@ class SceneViews:
         """What is wrong with an object that is named as a camera or light."""
         obj = self._objects.get(name)
         if obj is not None and (obj.type == kind or (kind == "LIGHT" and glows(obj, self._glow))):
-            return []
+            return self._alike_faults([name])
         if kind not in self._choices:  # once: a long list may name many
             glowing = [self._objects[name] for name in self._glowing()] if kind == "LIGHT" else []
             self._choices[kind] = names_of(self._of_type(kind) + glowing) or "none"
         what = "does not exist in the scene" if obj is None else f"is a {obj.type.lower()}"
         return [Fault(f"{kind.capitalize()} '{name}' {absent}",
                       f"{where}: {kind.lower()} '{name}' {what}; there are: {self._choices[kind]}")]
+
+    def _alike_faults(self, names: Iterable[str]) -> list[Fault]:
+        """Of names that do not tell which object is meant."""
+        return [Fault(f"'{name}' is the name of two objects", alike_line(name))
+                for name in names if name in self._alike]
 
     def _of_type(self, kind: str) -> list[Any]:
         return [obj for obj in self._scene.objects if obj.type == kind]
