@@ -118,6 +118,50 @@ def test_material_slots(stage):
     assert mesh.slots.tolist() == [2, 2, 1, 1, 2, 2] and mesh.slots.dtype == np.int32
 
 
+@pytest.mark.parametrize("slots", ["one", "empty", "none"])
+def test_materials_that_geometry_nodes_set(stage, slots):
+    """Cycles shows theirs and not the slots': maps on the slots would be seen nowhere."""
+    subject, clay = stage.subject, bpy.data.materials.new("Clay")
+    if slots == "none":
+        subject.data.materials.clear()
+    elif slots == "empty":
+        subject.material_slots[0].material = None
+    group = bpy.data.node_groups.new("Sets", "GeometryNodeTree")
+    for in_out in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
+    given, put, result = (group.nodes.new(kind) for kind in (
+        "NodeGroupInput", "GeometryNodeSetMaterial", "NodeGroupOutput"))
+    group.links.new(given.outputs[0], put.inputs["Geometry"])
+    group.links.new(put.outputs[0], result.inputs[0])
+    subject.modifiers.new("Clay", "NODES").node_group = group
+    put.inputs["Material"].default_value = clay
+    with pytest.raises(BadInput, match=r"^object 'Subject': its modifiers give all faces material 'Clay'"):
+        stage.read()
+    put.inputs["Selection"].default_value = False
+    assert not any("Clay" in line for line in stage.read().warnings)
+    put.inputs["Selection"].default_value = True
+    subject.data.materials.clear()
+    subject.data.materials.append(clay)
+    read = stage.read()
+    assert read.mesh.slot_names == ("Clay",) and not any("modifiers" in line for line in read.warnings)
+
+
+def test_materials_that_a_boolean_brings_along(stage):
+    bpy.ops.mesh.primitive_cube_add(size=1)
+    cutter = bpy.context.object
+    cutter.data.materials.append(bpy.data.materials.new("Cut"))
+    cutter.hide_render = True
+    replace_mesh(stage.subject, lambda bm: bmesh.ops.create_cube(bm, size=1, calc_uvs=True))
+    cutter.location = (0.5, 0.5, 0.5)
+    modifier = stage.subject.modifiers.new("Cut", "BOOLEAN")
+    modifier.object, modifier.material_mode = cutter, "TRANSFER"
+    read = stage.read()
+    assert [line for line in read.warnings if "its modifiers give" in line and "'Cut'" in line]
+    assert set(read.mesh.slots) == {0}
+    cutter.material_slots[0].material = None
+    assert stage.read().mesh.slots.min() >= 0  # Blender 5.2 gives these faces material -1
+
+
 def test_the_uv_map_that_renders(stage):
     layers = stage.subject.data.uv_layers
     other = layers.new(name="Other")

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...core.data import F32, F64, I32, MeshArrays, NormalMap
 from ...core.errors import BadInput
+from ...core.phrases import percent
 from ..glow import SOLID
 from .scene_material import SlotNormalMap
 from .scene_objects import FAR, ignored, rendered_objects, require_whole, world_matrix
@@ -77,7 +78,8 @@ def _read_corners(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn
         normals = _floats(mesh.corner_normals, "vector", 3)[loops]
         uvs = _floats(mesh.uv_layers[layer].uv, "vector", 2)[loops]
         _check(obj, positions, uvs)
-        slots = np.minimum(slots, max(1, len(obj.material_slots)) - 1)
+        _check_materials(obj, obj.evaluated_get(depsgraph), slots, warn)
+        slots = np.clip(slots, 0, max(1, len(obj.material_slots)) - 1)
         if maps and not mesh.is_editable:  # also of its temporary copy: tangents of what cannot be set crash Blender
             raise BadInput(f"object '{obj.name}': its mesh is linked from a library and has a normal map; "
                            "make it local first (Object > Relations)")
@@ -141,6 +143,25 @@ def _check(obj: Any, local: F32, uvs: F32) -> None:
     a, b = (uvs[:, i].astype(np.float64) - uvs[:, 0] for i in (1, 2))
     if not (np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) > 1e-12).any():
         raise BadInput(f"object '{obj.name}': its UV map has no area; unwrap it")
+
+
+def _check_materials(obj: Any, evaluated: Any, slots: I32, warn: Warn) -> None:
+    """Of faces to which modifiers give materials that are in none of the slots: maps on the slots do not show there.
+
+    Raises BadInput where no other face is left.
+    """
+    own = [slot.material for slot in obj.material_slots]
+    shown = [slot.material.original if slot.material is not None else None for slot in evaluated.material_slots]
+    foreign = {index: material for index, material in enumerate(shown)
+               if material is not None and (index >= len(own) or material != own[index])}
+    given = np.isin(np.minimum(slots, len(shown) - 1), list(foreign))
+    if not given.any():
+        return
+    material = foreign[int(min(slots[given].min(), len(shown) - 1))]
+    line = f"object '{obj.name}': its modifiers give {{}} material '{material.name}', on which no map can show"
+    if given.all():
+        raise BadInput(f"{line.format('all faces')}; take it off there, and put it in a slot of the object")
+    warn(f"{line.format(f'{percent(given.mean())} of its faces')}; apply the modifiers to solve these")
 
 
 def _slot_tangents(
