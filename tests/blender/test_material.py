@@ -282,5 +282,26 @@ def test_linked_data_is_refused(empty, tmp_path: Path) -> None:
     refuses(obj, {"Skin": "one-lobe"}, "Skin", "library")
 
 
+def linked(folder: Path, kind: str, name: str) -> bpy.types.ID:
+    """The only thing of that kind in the open file, linked into an empty one."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "library.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(folder / "library.blend"), link=True) as (_, into):
+        setattr(into, kind, [name])
+    return getattr(into, kind)[0]
+
+
+@pytest.mark.parametrize("users", [1, 2])
+def test_a_linked_mesh_with_an_empty_slot(empty, tmp_path: Path, users: int) -> None:
+    """Its slots cannot be changed, those of the object can."""
+    make_plane(materials=()).data.materials.append(None)
+    mesh = linked(tmp_path, "meshes", "Plane")
+    first, *others = (bpy.data.objects.new(f"Mine {number}", mesh) for number in range(users))
+    messages = material.write_maps(first, make_solution({"": "one-lobe"}))
+    assert any("empty material slot" in message for message in messages)
+    assert source(first.material_slots[0].material, "Roughness").image.name == "Mine 0_roughness"
+    assert mesh.materials[0] is None and all(other.material_slots[0].material is None for other in others)
+
+
 def test_a_lamp_is_refused(empty) -> None:
     refuses(bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT")), {"": "one-lobe"}, "Lamp", "mesh")

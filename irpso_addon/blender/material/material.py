@@ -264,7 +264,7 @@ class _Own:
             if self.share:
                 self.messages.append(f"material '{material.name}': {named(others)} shows the maps too")
                 return material
-        if obj.data.users > 1:
+        if obj.data.users > 1 or not obj.data.is_editable:
             slot.link = "OBJECT"  # else the slots of the other objects with this mesh would change as well
         if material is None:
             slot.material = bpy.data.materials.new(obj.name)
