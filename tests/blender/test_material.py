@@ -291,6 +291,17 @@ def linked(folder: Path, kind: str, name: str) -> bpy.types.ID:
     return getattr(into, kind)[0]
 
 
+def test_an_overridden_material_is_refused(empty, tmp_path: Path) -> None:
+    """Blender would save none of its new nodes."""
+    make_material("Skin").use_fake_user = True
+    override = linked(tmp_path, "materials", "Skin").override_create()
+    obj = make_plane(materials=())
+    obj.data.materials.append(override)
+    count = len(override.node_tree.nodes)
+    refuses(obj, {"Skin": "one-lobe"}, "Skin", "override", "local")
+    assert len(override.node_tree.nodes) == count
+
+
 @pytest.mark.parametrize("users", [1, 2])
 def test_a_linked_mesh_with_an_empty_slot(empty, tmp_path: Path, users: int) -> None:
     """Its slots cannot be changed, those of the object can."""

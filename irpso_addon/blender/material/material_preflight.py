@@ -43,6 +43,9 @@ def check_material(material: bpy.types.Material | None) -> None:
     if material is None:
         return
     require_editable(material, "material")
+    if material.override_library is not None:
+        raise BadInput(f"{material.name}: this material is a library override, whose nodes Blender does not save; make "
+                       "it local first (Object > Relations)")
     if not has_nodes(material) or find_shader(material.node_tree) is not None:
         return
     output = material.node_tree.get_output_node("CYCLES")
