@@ -314,5 +314,20 @@ def test_a_linked_mesh_with_an_empty_slot(empty, tmp_path: Path, users: int) -> 
     assert mesh.materials[0] is None and all(other.material_slots[0].material is None for other in others)
 
 
+def test_an_overridden_object_keeps_no_result(empty, tmp_path: Path) -> None:
+    """So Blender has it: custom properties that an override gets are gone when the file is opened again."""
+    make_plane()
+    linked(tmp_path, "objects", "Plane")
+    obj = bpy.data.objects["Plane"].override_create()
+    bpy.context.scene.collection.objects.link(obj)
+    obj.material_slots[0].link, obj.material_slots[0].material = "OBJECT", make_material("Mine")
+    messages = material.write_maps(obj, make_solution({"Mine": "one-lobe"}))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mine.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "mine.blend"))
+    obj = next(obj for obj in bpy.data.objects if obj.override_library is not None)
+    assert source(obj.material_slots[0].material, "Base Color").image.name == "Plane_basecolor"
+    assert ("irpso" in obj) == (not any("override" in message for message in messages))
+
+
 def test_a_lamp_is_refused(empty) -> None:
     refuses(bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT")), {"": "one-lobe"}, "Lamp", "mesh")

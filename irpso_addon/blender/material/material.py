@@ -91,6 +91,9 @@ def wire_maps(
         messages += [f"material '{material.name}': {text}" for text in found]
         tag_prior(material, solution.priors.get(name))
     _drop_others(obj, images)
+    if obj.override_library is not None:
+        messages.append(f"{obj.name}: is a library override, which keeps its materials but not its result when the "
+                        "file is opened again; export the maps, or make it local (Object > Relations)")
     return tuple(messages)
 
 
