@@ -14,12 +14,17 @@ class IRPSO_OT_unwrap(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A mesh in Object Mode."""
+        """A mesh of this file in Object Mode, that is seen: Blender unwraps no other."""
         obj = context.active_object
         if obj is None or obj.type != "MESH" or context.mode != "OBJECT":
             cls.poll_message_set("Make a mesh object active, in Object Mode")
-            return False
-        return True
+        elif not (obj.is_editable and obj.data.is_editable):
+            cls.poll_message_set("The object is linked from a library: make it local first")
+        elif not obj.visible_get():
+            cls.poll_message_set("The object is hidden: show it first")
+        else:
+            return True
+        return False
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """One undo takes it back."""

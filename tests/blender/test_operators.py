@@ -198,6 +198,35 @@ def test_what_is_not_possible_says_why(scene) -> None:
     assert bpy.ops.irpso.solve.poll()
 
 
+def test_a_uv_map_is_made_where_blender_can_make_it(scene, tmp_path: Path) -> None:
+    ball = bpy.data.objects["Ball"]
+    ball.data.uv_layers.remove(ball.data.uv_layers[0])
+    ball.hide_set(True)
+    assert not bpy.ops.irpso.unwrap.poll()  # Blender enters Edit Mode of nothing that is hidden, without a word
+    ball.hide_set(False)
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {ball})
+    assert bpy.ops.irpso.unwrap() == {"FINISHED"} and len(ball.data.uv_layers) == 1
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, into):
+        into.objects = ["Ball"]
+    scene.collection.objects.link(into.objects[0])
+    bpy.context.view_layer.objects.active = into.objects[0]
+    assert not bpy.ops.irpso.unwrap.poll()
+
+
+def test_the_slots_of_a_mesh_stay_where_it_gets_a_material(scene) -> None:
+    """Faces are assigned to them, and another object with this mesh has materials of its own in them."""
+    ball = bpy.data.objects["Ball"]
+    ball.data.materials[0] = None
+    ball.data.materials.append(None)
+    ball.data.polygons[0].material_index = 1
+    twin = bpy.data.objects.new("Twin", ball.data)
+    scene.collection.objects.link(twin)
+    twin.material_slots[1].link, twin.material_slots[1].material = "OBJECT", bpy.data.materials.new("Twin's")
+    assert bpy.ops.irpso.unwrap() == {"FINISHED"}
+    assert [slot.material.name for slot in ball.material_slots] == ["Ball", "Ball"]
+    assert twin.material_slots[1].material.name == "Twin's" and ball.data.polygons[0].material_index == 1
+
+
 def test_a_file_that_was_never_saved(extension) -> None:
     bpy.ops.wm.read_factory_settings(use_empty=False)
     bpy.context.view_layer.objects.active = next(o for o in bpy.data.objects if o.type == "MESH")

@@ -86,8 +86,10 @@ def unwrap(mesh: bpy.types.Object) -> list[str]:
         material = bpy.data.materials.new(mesh.name)
         if bpy.app.version < (5, 0, 0):
             material.use_nodes = True
-        mesh.data.materials.clear()
-        mesh.data.materials.append(material)
+        if not mesh.material_slots:
+            mesh.data.materials.append(None)
+        for slot in mesh.material_slots:  # which faces and other objects with this mesh may use
+            slot.material = material
     if mesh.data.uv_layers:
         return []
     _deselect()
