@@ -45,6 +45,14 @@ def test_look_through_a_view_and_back(scene) -> None:
     assert not bpy.ops.irpso.look_back.poll()
 
 
+def test_a_scene_without_a_camera_has_none_again(scene) -> None:
+    scene.camera = None
+    bpy.ops.irpso.look_through_view()
+    assert scene.camera is not None
+    bpy.ops.irpso.look_back()
+    assert scene.camera is None
+
+
 def test_a_view_of_all_lamps_has_all(scene) -> None:
     scene.irpso.active_view = 0
     bpy.ops.irpso.look_through_view()

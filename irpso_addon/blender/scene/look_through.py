@@ -35,10 +35,10 @@ def look_through(scene: bpy.types.Scene, view: NamedView) -> None:
 
 def look_back(scene: bpy.types.Scene) -> None:
     """Camera and lamps as they were."""
-    before = _before(scene)
+    name = _before(scene).get("camera")
     lamps_back(scene)
-    camera = scene.objects.get(str(before.get("camera", "")))
-    if camera is not None and camera.type == "CAMERA":
+    camera = scene.objects.get(str(name))
+    if name == "" or (camera is not None and camera.type == "CAMERA"):
         scene.camera = camera
     scene.irpso.looked = ""
 
