@@ -170,3 +170,50 @@ def test_captures_are_chosen(scene) -> None:
     assert scene.irpso.captures == "//captures.json"
     with pytest.raises(RuntimeError, match="is not a file"):
         bpy.ops.irpso.choose_captures(filepath=str(path.parent))
+
+
+# ---- from the cameras' background images
+
+
+def picture(path: Path) -> Path:
+    image = bpy.data.images.new(path.stem, 8, 8)
+    image.filepath_raw, image.file_format = str(path), "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+    return path
+
+
+@pytest.mark.parametrize("space", ["sRGB", "Non-Color", "Linear Rec.2020"])
+def test_background_images_keep_their_color_space(scene, space) -> None:
+    """A solve reads them as without the list: as the image's own settings say."""
+    scene.irpso.views.clear()
+    file, camera = picture(Path(bpy.data.filepath).with_name("front.png")), bpy.data.objects["Camera 0"]
+    image = bpy.data.images.load(str(file))
+    image.colorspace_settings.name = space
+    camera.data.background_images.new().image = image
+    camera.select_set(True)
+    read = sys.modules["irpso_ext.irpso_addon.blender.scene.scene"].read_scene
+    [before] = read(None, "Ball", None).views
+    bpy.ops.irpso.add_views()
+    [after] = read(None, "Ball", None).views
+    assert (after.image, after.colorspace or "sRGB") == (before.image, before.colorspace) == (file, space)
+
+
+def test_background_images_of_a_linked_camera(scene, tmp_path: Path) -> None:
+    """Their paths are relative to the library, not to the open file."""
+    home, rig = Path(bpy.data.filepath), tmp_path / "rig"
+    rig.mkdir()
+    file = picture(rig / "left.png")
+    camera = bpy.data.objects.new("Left", bpy.data.cameras.new("Left"))
+    image = camera.data.background_images.new().image = bpy.data.images.load(str(file))
+    image.filepath = "//left.png"
+    scene.collection.objects.link(camera)
+    bpy.ops.wm.save_as_mainfile(filepath=str(rig / "rig.blend"), relative_remap=False)
+    bpy.ops.wm.open_mainfile(filepath=str(home), load_ui=False)
+    with bpy.data.libraries.load(str(rig / "rig.blend"), link=True) as (_, into):
+        into.objects = ["Left"]
+    scene = bpy.context.scene
+    scene.collection.objects.link(into.objects[0])
+    bpy.ops.irpso.add_views()
+    view = next(view for view in scene.irpso.views if view.camera.name == "Left")
+    assert Path(bpy.path.abspath(view.image)).resolve() == file.resolve()
