@@ -163,7 +163,7 @@ def test_a_stopped_solve_counts_what_it_has_solved(module, finished) -> None:
     live, display, params = module("core.live_maps").Live, module("blender.jobs.live_display"), module("core.params")
 
     class Data:
-        mesh = type("Mesh", (), {"slot_names": ("Paint",)})
+        mesh = type("Mesh", (), {"slot_names": ("Paint",), "slots": np.zeros(2, np.int32)})
         views, start = (), None
 
     maps = display.LiveMaps(Data, params.SolveSettings(size=16, model="one-lobe"))
@@ -179,3 +179,25 @@ def test_a_stopped_solve_counts_what_it_has_solved(module, finished) -> None:
     assert stopped.texels == {"covered": 256, "observed": solved, "solved": solved, "filled": 256 - solved}
     assert stopped.maps.filled.sum() == 256 - solved and (stopped.maps.confidence[stopped.maps.filled] == 0).all()
     assert "base color is still coarse" in stopped.warnings[0]
+
+
+def test_a_stopped_solve_is_placed_beside_a_material_without_faces(scene, module) -> None:
+    """Which needs no Principled BSDF: no map goes there."""
+    live, display = module("core.live_maps").Live, module("blender.jobs.live_display")
+    place, properties = module("blender.jobs.solve_object"), module("blender.properties")
+    ball, glow = bpy.data.objects["Ball"], bpy.data.materials.new("Glow")
+    if bpy.app.version < (5, 0, 0):
+        glow.use_nodes = True
+    tree = glow.node_tree
+    tree.links.new(tree.nodes.new("ShaderNodeEmission").outputs[0], tree.get_output_node("ALL").inputs["Surface"])
+    ball.data.materials.append(glow)
+    settings = properties.settings(scene.irpso)
+    order = place.read(bpy.context, ball, Path(bpy.path.abspath("//captures.json")), settings)
+    maps = display.LiveMaps(order.data, settings)
+    maps.take_preview(live({"base_color": np.full((SIZE, SIZE, 3), 0.5, "f4"), "roughness": np.ones((SIZE, SIZE), "f4"),
+                            "confidence": np.ones((SIZE, SIZE), "f4"), "error": np.ones((SIZE, SIZE), "f4")},
+                           np.ones((SIZE, SIZE), bool)))
+    place.place_now(ball, order, maps.solution())
+    principled = bpy.data.materials["Paint"].node_tree.nodes["Principled BSDF"]
+    assert principled.inputs["Base Color"].links[0].from_node.image == bpy.data.images["Ball_basecolor"]
+    assert not any("irpso" in node for node in tree.nodes)

@@ -51,7 +51,8 @@ class LiveMaps:
     """The maps of one running solve."""
 
     def __init__(self, scene: SceneData, settings: SolveSettings) -> None:
-        self.model = dict.fromkeys(scene.mesh.slot_names, "lambert" if settings.model == "lambert" else "one-lobe")
+        used = (scene.mesh.slot_names[slot] for slot in np.unique(scene.mesh.slots))  # others need not take maps
+        self.model = dict.fromkeys(used, "lambert" if settings.model == "lambert" else "one-lobe")
         self.views = tuple(view.image.name for view in scene.views)
         self.start = scene.start  # what is there already, and shown until there is better
         self.canvas = Canvas(settings.size)
