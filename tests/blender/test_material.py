@@ -165,6 +165,21 @@ def test_a_material_of_another_object_is_copied(empty) -> None:
     assert len(bpy.data.materials) == 2
 
 
+def test_another_object_that_was_given_the_solved_material_keeps_its_maps(empty) -> None:
+    obj, maps, later = make_plane("Mine"), make_maps(), make_maps(seed=5)
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}, maps))
+    other = make_plane("Theirs")  # by hand, not as a duplicate
+    messages = material.write_maps(obj, make_solution({"Skin": "one-lobe"}, later))
+    assert any("'Theirs' uses it too" in message for message in messages)
+    images = len(bpy.data.images)
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}, later))
+    assert len(bpy.data.images) == images  # what nobody else shows is replaced
+    mine, theirs = obj.material_slots[0].material, other.material_slots[0].material
+    np.testing.assert_allclose(bake(other, theirs, "Base Color"), maps.base_color, atol=1e-6)
+    other.select_set(False)
+    np.testing.assert_allclose(bake(obj, mine, "Base Color"), later.base_color, atol=1e-6)
+
+
 def test_a_shared_mesh_keeps_its_material(empty) -> None:
     obj = make_plane("Mine")
     twin = bpy.data.objects.new("Twin", obj.data)

@@ -81,7 +81,7 @@ def wire_maps(
     """As `write_maps`, with images that are there already, by role."""
     messages: list[str] = []
     targets = check(obj, solution)
-    own = _Own(obj, share=bpy.context.scene.irpso.shared_material == "SHARE" if has_settings() else False)
+    own = _Own(obj, _shares())
     solved = {own.material(target): target.solved for target in targets}
     messages += own.messages
     for material, name in solved.items():
@@ -208,16 +208,27 @@ def _adopt(obj: bpy.types.Object, role: str, image: bpy.types.Image) -> bpy.type
     before = maps_of(obj).get(role)
     if not hasattr(obj.get(TAG), "items"):
         obj[TAG] = {}
-    # A duplicated object points to the images of its original: those are not ours to replace.
-    shared = any(image == before and (other, key) != (obj, role)
-                 for other in bpy.data.objects for key, image in maps_of(other).items())
-    if before is not None and not shared:
+    if before is not None and not _is_others(obj, role, before):
         before.user_remap(image)
         bpy.data.images.remove(before)
     suffix = "_" + SUFFIXES.get(role, role)
     image.name = obj.name.encode()[: NAME_BYTES - len(suffix)].decode(errors="ignore") + suffix
     obj[TAG][role] = image  # counts as a user: confidence and error have no node that would keep them
     return image
+
+
+def _is_others(obj: bpy.types.Object, role: str, image: bpy.types.Image) -> bool:
+    """Whether another object has the map, so that it is not ours to replace there.
+
+    A duplicated object points to the images of its original.  Where others keep their materials, those show them.
+    """
+    if any(found == image and (other, key) != (obj, role)
+           for other in bpy.data.objects for key, found in maps_of(other).items()):
+        return True
+    materials = {slot.material for other in bpy.data.objects if other != obj for slot in other.material_slots}
+    return not _shares() and any(
+        getattr(node, "image", None) == image for material in materials if material is not None and has_nodes(material)
+        for node in material.node_tree.nodes)
 
 
 def _drop_others(obj: bpy.types.Object, images: Mapping[str, bpy.types.Image]) -> None:
@@ -281,6 +292,11 @@ class _Own:
                                      f"'{self._copies[material].name}' for {obj.name}")
             slot.material = self._copies[material]
         return slot.material
+
+
+def _shares() -> bool:
+    """Whether materials that other objects show too are to show the maps there as well."""
+    return bool(has_settings() and bpy.context.scene.irpso.shared_material == "SHARE")
 
 
 def has_settings() -> bool:
