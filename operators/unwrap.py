@@ -20,6 +20,8 @@ class IRPSO_OT_unwrap(bpy.types.Operator):
             cls.poll_message_set("Make a mesh object active, in Object Mode")
         elif not (obj.is_editable and obj.data.is_editable):
             cls.poll_message_set("The object is linked from a library: make it local first")
+        elif not len(obj.data.polygons):
+            cls.poll_message_set("The mesh has no faces")
         elif not obj.visible_get():
             cls.poll_message_set("The object is hidden: show it first")
         else:

@@ -211,6 +211,10 @@ def test_a_uv_map_is_made_where_blender_can_make_it(scene, tmp_path: Path) -> No
     scene.collection.objects.link(into.objects[0])
     bpy.context.view_layer.objects.active = into.objects[0]
     assert not bpy.ops.irpso.unwrap.poll()
+    bpy.context.view_layer.objects.active = ball
+    assert bpy.ops.irpso.unwrap.poll()
+    ball.data.clear_geometry()
+    assert not bpy.ops.irpso.unwrap.poll()
 
 
 def test_the_slots_of_a_mesh_stay_where_it_gets_a_material(scene) -> None:
