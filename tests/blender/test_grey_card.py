@@ -140,6 +140,18 @@ def test_what_is_refused_changes_nothing(studio, card, words):
     assert lamp.data.energy == WATTS and not scene.irpso.scale_known
 
 
+def test_keyframes_of_the_power_are_refused(studio):
+    """They would set it back at the next frame."""
+    scene, floor, lamp, folder = studio
+    look(scene, folder)
+    add_view(scene, folder, lamp)
+    lamp.data.energy = 37.0
+    lamp.data.keyframe_insert("energy", frame=1)
+    with pytest.raises(BadInput, match=f"light '{lamp.name}': keyframes or a driver set its power"):
+        set_power_by_grey_card(bpy.context, floor, GreyCard("card.exr", *pixel_of((0, 0, 0)), 8, GREY))
+    assert lamp.data.energy == 37.0
+
+
 def test_a_clipped_card_is_refused(studio):
     scene, floor, lamp, folder = studio
     rgb = look(scene, folder)

@@ -14,6 +14,7 @@ from ...core.projection import rays_of
 from ...core.shading.lights import light_irradiance
 from ...core.shoot.grey_patch import Patch, measure_patch
 from ...core.shoot.picture_marks import Square
+from ..scene.move_light import check_power
 from ..scene.scene_objects import read_light, rendered_objects
 from .mesh_rays import MeshRays
 from .view_pictures import ListedView, read_picture
@@ -108,7 +109,10 @@ def scale_power(context: bpy.types.Context, views: Sequence[ListedView], factor:
 
     Raises BadInput, and changes nothing then.
     """
-    blocks = {obj.data: None for view in views for obj in lights_of(context, view)}
+    lights = [obj for view in views for obj in lights_of(context, view)]
+    blocks = {obj.data: None for obj in lights}
+    for obj in lights:
+        check_power(obj)
     for data in blocks:
         if data.library is not None:
             raise BadInput(f"light data '{data.name}': is linked from another file; make it local")
