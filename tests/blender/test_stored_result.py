@@ -181,6 +181,19 @@ def test_a_stopped_solve_counts_what_it_has_solved(module, finished) -> None:
     assert "base color is still coarse" in stopped.warnings[0]
 
 
+def test_maps_so_far_of_a_file_that_was_saved_during_a_solve_are_no_result(scene, module) -> None:
+    """The panel would offer an export of it, which fails."""
+    material, session = module("blender.material.material"), module("blender.jobs.session").session
+    for role, shape in (("base_color", (8, 8, 3)), ("roughness", (8, 8)), ("confidence", (8, 8)), ("error", (8, 8))):
+        material.put_image(bpy.data.objects["Ball"], role, np.ones(shape, np.float32))
+    ball = opened(saved())
+    assert session.results_of(ball) == [] and not bpy.ops.irpso.export_maps.poll()
+    for role in ("roughness_sigma", "basecolor_sigma"):  # as in a file from before there were records
+        material.put_image(ball, role, np.ones((8, 8), np.float32))
+    ball = opened(saved())
+    assert len(session.results_of(ball)) == 1 and bpy.ops.irpso.export_maps.poll()
+
+
 def test_a_stopped_solve_is_placed_beside_a_material_without_faces(scene, module) -> None:
     """Which needs no Principled BSDF: no map goes there."""
     live, display = module("core.live_maps").Live, module("blender.jobs.live_display")

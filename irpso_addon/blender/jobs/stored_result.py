@@ -31,6 +31,7 @@ SMALL = 256  # texels of the maps that stand for those of a large solve, which a
 PICTURES = 2_000_000  # bytes of all pictures together
 FORMAT = 1
 UNNAMED = "maps of the file"
+WHOLE = {"base_color", "roughness", "confidence", "error", "roughness_sigma", "basecolor_sigma"}  # that each result has
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,8 @@ def read(obj: bpy.types.Object) -> Result | None:
     if isinstance(record, bytes) and number_of(obj):
         with suppress(ValueError):
             return _of_record(obj, npz_archive.unpacked(record))
+    if not WHOLE <= maps_of(obj).keys():  # saved while a solve ran: maps so far
+        return None
     shown = shown_solution(obj, _no_maps())  # of an older file: what its materials say
     return Result(UNNAMED, shown, _files(obj), number_of(obj) or 1, names_of(obj, shown.model),
                   partial(_load, obj.session_uid, None))
