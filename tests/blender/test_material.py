@@ -105,6 +105,16 @@ def test_a_renamed_object_keeps_one_set(empty) -> None:
     assert sorted(bpy.data.images.keys()) == [f"Cöw_{end}" for end in ENDS]
 
 
+def test_an_object_that_is_renamed_during_a_solve(empty) -> None:
+    """Some of its images are there before, some come after."""
+    obj, layers = make_plane(), material.layers_of(make_maps())
+    early = {role: layers.pop(role) for role in ("base_color", "roughness")}
+    images = material.write_images(obj, early)
+    obj.name = "Cöw"
+    material.adopt(obj, images | material.write_images(obj, layers))
+    assert sorted(bpy.data.images.keys()) == [f"Cöw_{end}" for end in ENDS]
+
+
 def test_long_names_stay_distinct(empty) -> None:
     obj = make_plane("é" * 31)
     material.write_maps(obj, make_solution({"Skin": "one-lobe"}))

@@ -153,6 +153,8 @@ def adopt(obj: bpy.types.Object, images: Mapping[str, bpy.types.Image]) -> None:
     for role, image in images.items():
         if before.get(role) != image:
             _adopt(obj, role, image)
+        else:  # the object may have been renamed since
+            image.name = _image_name(obj, role)
 
 
 def files_of(name: str, maps: Maps, directory: Path, kind: str, udims: tuple[int, ...]) -> MapFiles:
@@ -211,10 +213,14 @@ def _adopt(obj: bpy.types.Object, role: str, image: bpy.types.Image) -> bpy.type
     if before is not None and not _is_others(obj, role, before):
         before.user_remap(image)
         bpy.data.images.remove(before)
-    suffix = "_" + SUFFIXES.get(role, role)
-    image.name = obj.name.encode()[: NAME_BYTES - len(suffix)].decode(errors="ignore") + suffix
+    image.name = _image_name(obj, role)
     obj[TAG][role] = image  # counts as a user: confidence and error have no node that would keep them
     return image
+
+
+def _image_name(obj: bpy.types.Object, role: str) -> str:
+    suffix = "_" + SUFFIXES.get(role, role)
+    return obj.name.encode()[: NAME_BYTES - len(suffix)].decode(errors="ignore") + suffix
 
 
 def _is_others(obj: bpy.types.Object, role: str, image: bpy.types.Image) -> bool:
