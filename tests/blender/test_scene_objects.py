@@ -203,6 +203,20 @@ def test_light_linking_and_ray_visibility_are_named(stage):
     assert "'Key': light linking" in text and "'Key': is hidden from" in text
 
 
+@pytest.mark.parametrize("hidden", ["", "lamp", "instancer"])
+def test_lamps_of_a_collection_instance_are_named(stage, hidden):
+    """Cycles renders them, and the view of every light that renders does not have them."""
+    rig = bpy.data.collections.new("Rig")
+    lamp = bpy.data.objects.new("Rim", bpy.data.lights.new("Rim", "AREA"))
+    rig.objects.link(lamp)
+    instancer = bpy.data.objects.new("Left", None)
+    instancer.instance_type, instancer.instance_collection = "COLLECTION", rig
+    stage.scene.collection.objects.link(instancer)
+    lamp.hide_render, instancer.hide_render = hidden == "lamp", hidden == "instancer"
+    named = [line for line in stage.read().warnings if line.startswith("light 'Rim': shines as an instance of 'Left'")]
+    assert len(named) == (not hidden)
+
+
 def test_fields(stage):
     lamp = bpy.data.lights.new("L", "SPOT")
     lamp.spot_size, lamp.spot_blend, lamp.shadow_soft_size, lamp.use_shadow = 0.9, 0.4, 0.25, False

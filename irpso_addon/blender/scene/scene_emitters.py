@@ -10,7 +10,7 @@ import numpy as np
 from ...core.data import F64, I32, Emitter
 from ...core.errors import BadInput
 from ...core.shading.environment import reduced
-from ..glow import Glow, Unmodelled, glows, radiance_of
+from ..glow import Glow, Unmodelled, is_light, radiance_of
 from .scene_mesh import corners_of, evaluated_mesh, uvs_of
 from .scene_objects import FAR, require_whole, world_matrix
 from .scene_world import pixels_of
@@ -87,12 +87,16 @@ def _cut(corners: F64, uvs: dict[str, F64], slots: I32) -> tuple[F64, dict[str, 
 
 
 def name_instances(depsgraph: Any, warn: Warn) -> None:
-    """Warns of instances that glow: objects alone are emitters."""
+    """Warns of instances that shine: lamps and emitters are objects alone."""
     for instance in depsgraph.object_instances:
-        obj = instance.object.original
-        if instance.is_instance and instance.parent is not None and instance.parent.original != obj and glows(obj):
-            warn(f"object '{obj.name}': glows as an instance of '{instance.parent.original.name}', which is not "
-                 "modelled, so it counts as indirect light; make instances real (Object > Apply)")
+        if not instance.is_instance or instance.parent is None:
+            continue
+        obj, parent = instance.object.original, instance.parent.original
+        if parent == obj or obj.hide_render or parent.hide_render or not is_light(obj):
+            continue
+        kind, does = ("light", "shines") if obj.type == "LIGHT" else ("object", "glows")
+        warn(f"{kind} '{obj.name}': {does} as an instance of '{parent.name}', which is not modelled, so it counts as "
+             "indirect light; make instances real (Object > Apply)")
 
 
 def _warn_of_visibility(obj: Any, name: str, warn: Warn) -> None:
