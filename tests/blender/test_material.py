@@ -288,6 +288,15 @@ def test_no_principled_is_named(empty) -> None:
     assert len(bpy.data.materials["Fine"].node_tree.nodes) == 2
 
 
+def test_an_output_for_eevee_alone_is_named(empty) -> None:
+    """The maps would go to nodes of their own, which EEVEE and Material Preview do not show."""
+    obj = make_plane()
+    tree = obj.material_slots[0].material.node_tree
+    tree.get_output_node("ALL").target = "EEVEE"
+    refuses(obj, {"Skin": "one-lobe"}, "Skin", "EEVEE", "Target")
+    assert len(tree.nodes) == 2
+
+
 def test_other_materials_than_were_solved(empty) -> None:
     refuses(make_plane(), {"Gone": "one-lobe"}, "Plane", "Gone", "solve again")
     bare = make_plane("Bare", materials=())

@@ -49,6 +49,8 @@ def check_material(material: bpy.types.Material | None) -> None:
     if not has_nodes(material) or find_shader(material.node_tree) is not None:
         return
     output = material.node_tree.get_output_node("CYCLES")
+    if output is None and any(node.bl_idname == "ShaderNodeOutputMaterial" for node in material.node_tree.nodes):
+        raise BadInput(f"material '{material.name}': its Material Output is for EEVEE alone; set its Target to All")
     if output is not None and output.inputs["Surface"].is_linked:
         raise BadInput(f"material '{material.name}': {_obstacle(output)}")
 
