@@ -122,6 +122,85 @@ def test_other_nodes_are_rendered_once(picture):
     assert [w.name for w in bpy.data.worlds] == ["Room"]
 
 
+def _corrected(world):
+    """A Gamma node between picture and background: nodes that are rendered."""
+    tree = world.node_tree
+    gamma, background = tree.nodes.new("ShaderNodeGamma"), next(n for n in tree.nodes if n.type == "BACKGROUND")
+    gamma.inputs["Gamma"].default_value = 1.2
+    picture = next(n for n in tree.nodes if n.type == "TEX_ENVIRONMENT")
+    tree.links.new(picture.outputs["Color"], gamma.inputs["Color"])
+    tree.links.new(gamma.outputs["Color"], background.inputs["Color"])
+    return picture
+
+
+def test_rendered_nodes_have_their_picture_and_their_values_of_this_frame(picture, tmp_path):
+    """The picture is given relative to the .blend, and the world turns from frame 1 on."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    world = _world(picture, rotation=(0, 0, 0))
+    image = _corrected(world).image
+    image.filepath = bpy.path.relpath(image.filepath)
+    turn = next(n for n in world.node_tree.nodes if n.type == "MAPPING").inputs["Rotation"]
+    turn.keyframe_insert("default_value", frame=1)
+    turn.default_value = (0, 0, 2)
+    turn.keyframe_insert("default_value", frame=20)
+    bpy.context.scene.frame_set(20)
+    bpy.context.view_layer.update()
+    _sees_what_cycles_shows(world, _some())
+    assert image.filepath == "//sky.exr"
+
+
+def _in_group(world, output: str):
+    """The world's shader from a group that mixes by an output of Light Path."""
+    group = bpy.data.node_groups.new("Room", "ShaderNodeTree")
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    names = ("ShaderNodeLightPath", "NodeReroute", "ShaderNodeMixShader", "NodeGroupOutput")
+    path, between, mix, out = (group.nodes.new(name) for name in names)
+    for socket, color in ((1, (0.2, 0.4, 0.6, 1)), (2, (9, 0, 0, 1))):
+        background = group.nodes.new("ShaderNodeBackground")
+        background.inputs["Color"].default_value = color
+        group.links.new(background.outputs[0], mix.inputs[socket])
+    group.links.new(path.outputs[output], between.inputs[0])
+    group.links.new(between.outputs[0], mix.inputs[0])
+    group.links.new(mix.outputs[0], out.inputs[0])
+    node = world.node_tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    world.node_tree.links.new(node.outputs[0], world.node_tree.get_output_node("CYCLES").inputs["Surface"])
+
+
+def test_light_paths_in_groups(picture):
+    world = _world(None)
+    _in_group(world, "Is Camera Ray")
+    assert np.allclose(read_environment(world, 0.0, pytest.fail).radiance, (0.2, 0.4, 0.6), atol=1e-3)
+    world = _world(None)
+    _in_group(world, "Is Diffuse Ray")
+    with pytest.raises(BadInput, match=r"'Room.*Light Path node uses 'Is Diffuse Ray'"):
+        read_environment(world, 0.0, pytest.fail)
+
+
+def test_coordinates_that_a_camera_decides_are_refused_where_surfaces_see_them(picture):
+    world = _world(picture)
+    tree, node = world.node_tree, _corrected(world)
+    place, path, mix, other = (tree.nodes.new(f"ShaderNode{n}") for n in ("TexCoord", "LightPath", "MixShader",
+                                                                          "Background"))
+    tree.links.new(place.outputs["Window"], other.inputs["Color"])
+    tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
+    tree.links.new(next(n for n in tree.nodes if n.type == "BACKGROUND").outputs[0], mix.inputs[1])
+    tree.links.new(other.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+    assert read_environment(world, 0.0, pytest.fail) is not None
+    tree.links.new(place.outputs["Camera"], node.inputs["Vector"])
+    with pytest.raises(BadInput, match=r"'Room.*Texture Coordinate node uses 'Camera'"):
+        read_environment(world, 0.0, pytest.fail)
+
+
+def test_rendered_nodes_without_their_picture(picture):
+    world = _world(picture)
+    _corrected(world)
+    picture.unlink()
+    with pytest.raises(BadInput, match=r"sky\.exr' does not exist"):
+        read_environment(world, 0.0, pytest.fail)
+
+
 def test_plain_colours_and_black(picture):
     world = _world(None, strength=2.0)
     socket = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND").inputs["Color"]

@@ -27,15 +27,16 @@ def baked(world: Any) -> F32:
 
     with tempfile.TemporaryDirectory(prefix="irpso-world-") as name:
         folder = Path(name)
-        bpy.data.libraries.write(str(folder / BLEND), {world}, fake_user=True)
+        bpy.data.libraries.write(str(folder / BLEND), {world}, path_remap="ABSOLUTE", fake_user=True)
         child = second_blender.Child(second_blender.command(), "blender.scene.world_bake_child", folder)
         try:
             end = time.monotonic() + PATIENCE
             while child.status is None and time.monotonic() < end:
                 time.sleep(0.05)
             if child.status != 0:
-                raise BadInput(f"world '{world.name}': cannot be rendered ({child.last_line()}); use an Environment "
-                               "Texture or a plain color")
+                why = child.last_line() if child.status is not None else f"it took longer than {PATIENCE:.0f} s"
+                raise BadInput(f"world '{world.name}': cannot be rendered ({why}); change its nodes, or use an "
+                               "Environment Texture or a plain color")
         finally:
             child.end()
         return _read(folder / PICTURE)

@@ -49,14 +49,70 @@ def _render(folder: Path) -> None:
 
 
 def _as_surfaces_see(world: Any) -> None:
-    """What is for the camera's rays alone is for none."""
-    for node in world.node_tree.nodes:
-        if node.type != "LIGHT_PATH":
+    """What is for the camera's rays alone is for none, and values stay as they were when the file was written.
+
+    Raises ValueError for what a direction alone does not tell, and for images that are not there.
+    """
+    output = world.node_tree.get_output_node("CYCLES")
+    for link in list(output.inputs["Volume"].links):
+        world.node_tree.links.remove(link)
+    for owner in (world.node_tree, *bpy.data.node_groups, *bpy.data.objects):
+        owner.animation_data_clear()
+    for tree in (world.node_tree, *bpy.data.node_groups):
+        _without_camera_rays(tree)
+    for node in _used(output):
+        _check(node)
+
+
+def _without_camera_rays(tree: Any) -> None:
+    """Is Camera Ray is 0, and what a mix shows for 1 is not looked at."""
+    zero = tree.nodes.new("ShaderNodeValue").outputs[0]
+    zero.default_value = 0.0
+    asking = [link for link in tree.links
+              if link.from_node.type == "LIGHT_PATH" and link.from_socket.name == "Is Camera Ray"]
+    for socket in [socket for link in asking for socket in _ends(link)]:
+        tree.links.new(zero, socket)
+        if socket.node.type == "MIX_SHADER":
+            for unseen in list(socket.node.inputs[2].links):
+                tree.links.remove(unseen)
+
+
+def _ends(link: Any) -> list[Any]:
+    """The sockets that a link reaches, past reroutes."""
+    if link.to_node.type != "REROUTE":
+        return [link.to_socket]
+    return [socket for further in link.to_node.outputs[0].links for socket in _ends(further)]
+
+
+def _used(output: Any) -> list[Any]:
+    """The nodes that an output node depends on, those in groups too."""
+    waiting, found = [output], []
+    while waiting:
+        node = waiting.pop()
+        if node in found:
             continue
-        for output in node.outputs:
-            if output.is_linked and output.name != "Is Camera Ray":
-                raise ValueError(f"its Light Path node uses '{output.name}', which is not modelled")
-            for link in list(output.links):
-                socket = link.to_socket
-                world.node_tree.links.remove(link)
-                socket.default_value = 0.0
+        found.append(node)
+        waiting += [link.from_node for socket in node.inputs for link in socket.links]
+        if node.type == "GROUP" and node.node_tree is not None:
+            waiting += [inner for inner in node.node_tree.nodes if inner.type == "GROUP_OUTPUT"]
+    return found
+
+
+def _check(node: Any) -> None:
+    """Raises ValueError."""
+    outputs = {output.name for output in node.outputs if output.is_linked}
+    unknown = {"TEX_COORD": outputs & {"Camera", "Window"}, "CAMERA": outputs, "LIGHT_PATH": outputs}
+    for name in sorted(unknown.get(node.type, ())):
+        raise ValueError(f"its {node.bl_label} node uses '{name}', which is not modelled")
+    if node.type == "VECT_TRANSFORM" and "CAMERA" in {node.convert_from, node.convert_to}:
+        raise ValueError(f"its {node.bl_label} node uses the camera's space, which is not modelled")
+    if node.type not in {"TEX_ENVIRONMENT", "TEX_IMAGE"}:
+        return
+    image = node.image
+    if image is None:
+        raise ValueError(f"its {node.bl_label} node has no image")
+    if image.source not in {"FILE", "GENERATED"}:
+        raise ValueError(f"its image '{image.name}' is not a single picture")
+    path = bpy.path.abspath(image.filepath, library=image.library)
+    if image.source == "FILE" and image.packed_file is None and not Path(path).is_file():
+        raise ValueError(f"its image '{path}' does not exist")
