@@ -217,6 +217,34 @@ def test_lamps_of_a_collection_instance_are_named(stage, hidden):
     assert len(named) == (not hidden)
 
 
+def test_what_of_a_world_is_not_modelled_is_named(stage):
+    world = bpy.data.worlds.new("Room")
+    if world.node_tree is None:
+        world.use_nodes = True
+    stage.scene.world, tree, layer = world, world.node_tree, stage.scene.view_layers[0]
+    background = next(node for node in tree.nodes if node.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (0.5, 0.5, 0.5, 1)
+    stage.captures.write_text(stage.captures.read_text().replace('["Key"]', "[]"))
+    found = stage.read()
+    assert found.views[0].environment is not None and not [w for w in found.warnings if "Room" in w]
+    world.cycles_visibility.glossy = False
+    if hasattr(world.cycles, "use_shadows"):  # Blender 5
+        world.cycles.use_shadows = False
+    layer.use_sky = False
+    volume = tree.nodes.new("ShaderNodeVolumeAbsorption")
+    tree.links.new(volume.outputs[0], tree.get_output_node("CYCLES").inputs["Volume"])
+    named = [line for line in stage.read().warnings if "Room" in line]
+    for what in ("has a volume", "hidden from diffuse or glossy", "switches world 'Room' off"):
+        assert sum(what in line for line in named) == 1, named
+    assert any("casts no shadows" in line for line in named) == (bpy.app.version >= (5, 0, 0))
+    world.cycles_visibility.diffuse = False
+    with pytest.raises(BadInput, match="the world is black"):
+        stage.read()
+    world.cycles_visibility.diffuse, layer.use_sky = True, True
+    layer.world_override = bpy.data.worlds.new("Other")
+    assert any("overrides it" in line for line in stage.read().warnings)
+
+
 def test_fields(stage):
     lamp = bpy.data.lights.new("L", "SPOT")
     lamp.spot_size, lamp.spot_blend, lamp.shadow_soft_size, lamp.use_shadow = 0.9, 0.4, 0.25, False

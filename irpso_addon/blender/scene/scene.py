@@ -25,7 +25,7 @@ from .scene_material import read_normal_maps
 from .scene_mesh import read_mesh, read_occluders
 from .scene_objects import names_of, read_camera, read_light, rendered_objects
 from .scene_views import NamedView, SceneViews, alike_line
-from .scene_world import lighting, read_environment
+from .scene_world import lighting, read_environment, unmodelled
 
 NO_WORLD = Environment("", np.zeros((1, 2, 3), np.float32), np.eye(3))
 _DISPLAY_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".tga"}
@@ -175,6 +175,9 @@ class _Reader:
 
     def _world(self, view: NamedView, alone: bool) -> Environment | None:
         world = self.scene.world if view.world is None else bpy.data.worlds[view.world]
+        if world is not None:
+            for line in unmodelled(world, self.depsgraph.view_layer):
+                self.warn(line)
         if not lighting(world, alone):
             return None
         key = world.name, view.turn

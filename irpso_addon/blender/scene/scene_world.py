@@ -55,7 +55,7 @@ def lighting(world: Any, alone: bool) -> bool:
 
 def is_black(world: Any) -> bool:
     """Whether nothing shines, as far as that is seen at a glance."""
-    if world is None:
+    if world is None or not any(_visible(world)):
         return True
     if _plain(world):
         return not any(world.color)
@@ -76,6 +76,24 @@ def is_pictured(world: Any) -> bool:
         return False
     node = _surface(world)
     return node is not None and (node.type != "BACKGROUND" or any(socket.is_linked for socket in node.inputs))
+
+
+def unmodelled(world: Any, view_layer: Any) -> list[str]:
+    """What of a world that lights a render is not modelled, one line each."""
+    name, found = f"world '{world.name}'", []
+    output = None if _plain(world) else world.node_tree.get_output_node("CYCLES")
+    if output is not None and _source(output.inputs["Volume"]) is not None:
+        found.append(f"{name}: has a volume, which is not modelled; unlink it for the pictures")
+    if is_black(world):
+        return found
+    if not all(_visible(world)):
+        found.append(f"{name}: is hidden from diffuse or glossy rays, which is not modelled; make it visible to both")
+    if not getattr(getattr(world, "cycles", None), "use_shadows", True):  # Blender 5
+        found.append(f"{name}: casts no shadows, which is not modelled; let it cast them")
+    if not view_layer.use_sky or view_layer.world_override not in {None, world}:
+        found.append(f"view layer '{view_layer.name}': switches world '{world.name}' off or overrides it, which is not "
+                     "modelled; switch Environment on and clear World Override")
+    return found
 
 
 def read_environment(world: Any, turn: float, warn: Warn) -> Environment | None:
@@ -99,6 +117,12 @@ def read_environment(world: Any, turn: float, warn: Warn) -> Environment | None:
     cos, sin = float(np.cos(turn)), float(np.sin(turn))
     about = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])  # the world's light turns the other way back
     return Environment(world.name, picture, rotation @ about, turn)
+
+
+def _visible(world: Any) -> tuple[bool, bool]:
+    """Whether diffuse and glossy rays see it."""
+    rays = getattr(world, "cycles_visibility", None)  # None: the add-on Cycles is off
+    return (True, True) if rays is None else (bool(rays.diffuse), bool(rays.glossy))
 
 
 def _plain(world: Any) -> bool:

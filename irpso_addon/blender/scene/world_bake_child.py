@@ -51,7 +51,7 @@ def _render(folder: Path) -> None:
 def _as_surfaces_see(world: Any) -> None:
     """What is for the camera's rays alone is for none, and values stay as they were when the file was written.
 
-    Raises ValueError for what a direction alone does not tell, and for images that are not there.
+    Raises ValueError for light that depends on more than its direction, and for images that are not there.
     """
     output = world.node_tree.get_output_node("CYCLES")
     for link in list(output.inputs["Volume"].links):
