@@ -12,10 +12,12 @@ from ..core.data import F32, Maps
 from ..core.maps import target_export
 from ..core.maps.map_set import MapFiles, MapReader
 from ..core.maps.target_export import ExportObject, Surface
-from .scene.scene_material import SlotNormalMap, find_principled, normal_map_of
+from .material.solved_socket import COAT_WEIGHT, LEVEL, METALLIC
+from .scene.scene_material import SlotNormalMap, differences, find_principled, normal_map_of
 from .scene.scene_mesh import read_mesh
 
 Warn = Callable[[str], None]
+EXPORTED = (METALLIC.name, LEVEL.name, COAT_WEIGHT.name)  # or named by `target_export.losses`
 
 
 def export_object(
@@ -29,6 +31,7 @@ def export_object(
     lost: list[str] = []
     mesh = read_mesh(obj, bpy.context.evaluated_depsgraph_get(), {}, lambda _: None)
     used = [obj.material_slots[slot].material for slot in np.unique(mesh.slots) if slot < len(obj.material_slots)]
+    lost += [line for material in dict.fromkeys(used) for line in _left_out(material)]
     own = maps.normal if isinstance(maps, Maps) else None
     found = ExportObject(obj.name, mesh, surfaces, _normals(obj, used, lost.append) if own is None else own)
     if isinstance(maps, MapFiles):
@@ -37,6 +40,18 @@ def export_object(
     else:
         reader = MapReader.of_maps(maps)
     return target_export.write_target(found, reader, target, out), lost + target_export.losses(found, target)
+
+
+def _left_out(material: bpy.types.Material | None) -> list[str]:
+    """A line that names the inputs of its shader that no target takes."""
+    principled = None if material is None else find_principled(material)
+    if material is None or principled is None:
+        return []
+    names = [name for name, _ in differences(principled) if name not in EXPORTED]
+    if not names:
+        return []
+    return [f"material '{material.name}': {', '.join(names)} {'are' if len(names) > 1 else 'is'} not exported; set "
+            f"{'them' if len(names) > 1 else 'it'} in the other program"]
 
 
 def _normals(obj: bpy.types.Object, used: Sequence[bpy.types.Material | None], warn: Warn) -> F32 | None:

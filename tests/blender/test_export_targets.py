@@ -286,6 +286,20 @@ def test_what_the_user_linked_is_named(empty, tmp_path: Path) -> None:
     assert "'Skin'" in line and "Metallic" in line
 
 
+def test_what_else_a_material_has_is_named(empty, tmp_path: Path) -> None:
+    obj = make_plane()
+    material.write_maps(obj, solution("one-lobe"))
+    inputs = principled_of(obj.data.materials[0]).inputs
+    inputs["Emission Strength"].default_value, inputs["Emission Color"].default_value = 1.0, (0, 0, 0, 1)  # dark
+    assert export(obj, "blender", tmp_path) == []
+    inputs["Sheen Weight"].default_value = 0.5
+    assert export(obj, "unity", tmp_path) == [
+        "material 'Skin': Sheen Weight is not exported; set it in the other program"]
+    inputs["IOR"].default_value, inputs["Specular Tint"].default_value = 1.3, (1, 0.2, 0.1, 1)
+    assert export(obj, "gltf", tmp_path) == [
+        "material 'Skin': IOR, Sheen Weight, Specular Tint are not exported; set them in the other program"]
+
+
 def test_normal_maps_that_differ_are_left_out_and_named(empty, tmp_path: Path) -> None:
     obj = make_plane(materials=("Skin", "Shell"))
     obj.data.polygons[0].material_index = 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,7 @@ _MODELLED: dict[str, float] = {
     "Specular IOR Level": 0.5, "Anisotropic": 0.0, "Transmission Weight": 0.0, "Coat Weight": 0.0,
     "Sheen Weight": 0.0, "Emission Strength": 0.0, "Thin Film Thickness": 0.0,
 }
+TINT = "Specular Tint"  # of which the model's is white
 
 
 @dataclass(frozen=True)
@@ -81,26 +82,36 @@ def _source(socket: Any) -> tuple[Any | None, Any | None]:
 
 
 def _name_differences(material: Any, principled: Any, warn: Warn) -> None:
-    for name, modelled in _MODELLED.items():
-        socket = principled.inputs.get(name)
-        if socket is None:
-            continue
+    for name, value in differences(principled):
         if any(name == solved.name and solved.tag in principled for solved in (LEVEL, METALLIC, COAT_WEIGHT)):
             continue  # a solve has set it, and the next one will decide anew
-        if name == "Emission Strength" and not any(principled.inputs["Emission Color"].default_value[:3]):
-            continue
-        if _source(socket)[0] is not None:
-            warn(f"material '{material.name}': {name} is linked and not modelled; {modelled:g} is assumed")
-        elif abs(socket.default_value - modelled) > 1e-4:
-            warn(f"material '{material.name}': {name} is {socket.default_value:.3g} and not modelled; "
-                 f"{modelled:g} is assumed")
-    tint = principled.inputs.get("Specular Tint")
-    if tint is not None and (_source(tint)[0] is not None or min(tint.default_value[:3]) < 0.9999):
-        warn(f"material '{material.name}': Specular Tint is not modelled; white is assumed")
+        if name == TINT:
+            warn(f"material '{material.name}': {TINT} is not modelled; white is assumed")
+        elif value is None:
+            warn(f"material '{material.name}': {name} is linked and not modelled; {_MODELLED[name]:g} is assumed")
+        else:
+            warn(f"material '{material.name}': {name} is {value:.3g} and not modelled; {_MODELLED[name]:g} is assumed")
     lobe = lobe_of(principled)
     if lobe is not None and lobe.distribution != "MULTI_GGX":
         warn(f"material '{material.name}': distribution {lobe.distribution} is not modelled; "
              "Multiscatter GGX is assumed")
+
+
+def differences(principled: Any) -> Iterator[tuple[str, float | None]]:
+    """The inputs that differ from the model, with their values; None: linked, or a colour."""
+    for name, modelled in _MODELLED.items():
+        socket = principled.inputs.get(name)
+        if socket is None:
+            continue
+        if name == "Emission Strength" and not any(principled.inputs["Emission Color"].default_value[:3]):
+            continue
+        if _source(socket)[0] is not None:
+            yield name, None
+        elif abs(socket.default_value - modelled) > 1e-4:
+            yield name, socket.default_value
+    tint = principled.inputs.get(TINT)
+    if tint is not None and (_source(tint)[0] is not None or min(tint.default_value[:3]) < 0.9999):
+        yield TINT, None
 
 
 def normal_map_of(material: Any, principled: Any, warn: Warn) -> SlotNormalMap | None:
