@@ -246,3 +246,33 @@ def test_pictures_that_cannot_be_used_are_named_in_one_line(picture, tmp_path):
     assert len(said) == 1 and "stretches" in said[0]
     _hdr(tmp_path / "sky.exr", np.ones((20, 9000, 3)))
     assert read_environment(world, 0.0, said.append).radiance.shape[1] <= 2048
+
+
+def test_colour_spaces_of_pictures(picture):
+    """Those that Blender has and IRPSO does not know are refused; Blender's name for its own space is known."""
+    world = _world(picture)
+    image = next(n for n in world.node_tree.nodes if n.type == "TEX_ENVIRONMENT").image
+    image.colorspace_settings.name = "Linear Rec.709"
+    given = read_environment(world, 0.0, pytest.fail).radiance
+    if bpy.app.version >= (5, 0, 0):
+        image.colorspace_settings.name = "scene_linear"  # Working Space
+        assert np.array_equal(read_environment(world, 0.0, pytest.fail).radiance, given)
+    for name in ("Filmic Log", "AgX Log"):
+        image.colorspace_settings.name = name
+        with pytest.raises(BadInput, match=rf"sky\.exr: colour space '{name}' is not known"):
+            read_environment(world, 0.0, pytest.fail)
+
+
+def test_a_packed_picture_of_8_bits(picture, tmp_path):
+    buffer = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(64, 32, 3, OpenImageIO.UINT8))
+    OpenImageIO.ImageBufAlgo.fill(buffer, (0.5, 0.5, 0.5))
+    assert buffer.write(str(tmp_path / "sky.png"))
+    world = _world(tmp_path / "sky.png")
+    image = next(n for n in world.node_tree.nodes if n.type == "TEX_ENVIRONMENT").image
+    image.pack()
+    said: list[str] = []
+    assert read_environment(world, 0.0, said.append) is not None
+    assert len(said) == 1 and said[0].startswith("sky.png: has 8 bits per channel")
+    image.colorspace_settings.name = "Filmic Log"
+    with pytest.raises(BadInput, match=r"'sky\.png' \(of the world\): colour space 'Filmic Log' is not known"):
+        read_environment(world, 0.0, said.append)

@@ -16,12 +16,15 @@ import numpy as np
 
 from ...core.data import F32, F64, Environment
 from ...core.errors import BadInput
+from ...core.images.colour import known_space, to_linear_rec709
 from ...core.images.environment_image import (
     WIDTH,
     aspect_warning,
+    eight_bits,
     from_mirror_ball,
     read_environment_image,
     seen_from,
+    unknown_space,
 )
 from ...core.shading.environment import reduced
 from . import world_bake
@@ -278,6 +281,9 @@ def _inside(image: Any, warn: Warn, whose: str) -> F32:
     rgb = reduced(np.where(np.isfinite(rgb) & (rgb > 0), rgb, np.float32(0)), WIDTH)
     if image.is_float:
         return rgb
-    from ...core.images.colour import known_space, to_linear_rec709
-
-    return to_linear_rec709(rgb, known_space(image.colorspace_settings.name) or "sRGB")
+    warn(eight_bits(image.name))
+    given = image.colorspace_settings.name
+    space = known_space(given)
+    if space is None:
+        raise BadInput(f"image '{image.name}' (of {whose}): {unknown_space(given)}")
+    return to_linear_rec709(rgb, space)

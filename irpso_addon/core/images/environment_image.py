@@ -22,11 +22,13 @@ SQUARE = 0.02  # relative difference of aspects
 def read_environment_image(path: Path, colorspace: str | None) -> tuple[F32, list[str]]:
     """((h, w, 3) linear Rec.709, row 0 at the bottom, at most WIDTH columns; warnings).
 
-    Pixels that are NaN, infinite or negative count as black.  Raises BadInput for a file that cannot be read, and where
-    more than a hundredth is NaN or infinite.
+    Pixels that are NaN, infinite or negative count as black.  Raises BadInput for a file that cannot be read, for a
+    colour space that is not known, and where more than a hundredth is NaN or infinite.
     """
     file = open_image(path)
     space = known_space(colorspace) if colorspace else None
+    if colorspace and space is None:
+        raise BadInput(f"{path}: {unknown_space(colorspace)}")
     if space is None:
         space = "sRGB" if file.integer else "Linear Rec.709"
     width, height = min(file.width, WIDTH), max(1, round(file.height * min(1.0, WIDTH / file.width)))
@@ -62,8 +64,18 @@ def _warnings(name: str, bits: int, counts: tuple[int, int, int]) -> list[str]:
     if negative > 0.001 * pixels:
         found.append(f"{name}: {percent(negative / pixels, 1)} of its pixels are negative; they are treated as black")
     if bits <= 8:
-        found.append(f"{name}: has 8 bits per channel, so lights in it are clipped; use an HDR or EXR file")
+        found.append(eight_bits(name))
     return found
+
+
+def unknown_space(name: str) -> str:
+    """What to do about a colour space that is not known."""
+    return f"colour space '{name}' is not known; name the picture's true space, or save it as Linear Rec.709"
+
+
+def eight_bits(name: str) -> str:
+    """The warning of a picture that clips lights."""
+    return f"{name}: has 8 bits per channel, so lights in it are clipped; use an HDR or EXR file"
 
 
 def aspect_warning(name: str, picture: F32) -> list[str]:
