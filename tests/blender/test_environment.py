@@ -14,6 +14,7 @@ bpy = pytest.importorskip("bpy")
 from irpso_addon.blender.scene.scene_world import is_black, read_environment  # noqa: E402
 from irpso_addon.core.errors import BadInput  # noqa: E402
 from irpso_addon.core.images.environment_image import seen_from  # noqa: E402
+from irpso_addon.core.shading.environment import texel_directions  # noqa: E402
 from tests.support import skies  # noqa: E402
 
 HEIGHT = 64
@@ -199,6 +200,27 @@ def test_rendered_nodes_without_their_picture(picture):
     picture.unlink()
     with pytest.raises(BadInput, match=r"sky\.exr' does not exist"):
         read_environment(world, 0.0, pytest.fail)
+
+
+def test_the_disc_of_a_sky_node_is_as_bright_as_cycles_renders_it(picture):
+    """A white floor under a sun of half a degree, the whole of whose light comes from two pixels."""
+    from tests.blender import cycles_rig as rig
+
+    rig.scene(8, samples=1024)
+    rig.principled(rig.plane(), (1, 1, 1), 0.5, specular=0.0)
+    rig.camera((0, 0, 2))
+    world = _world(None)
+    tree = world.node_tree
+    sky = tree.nodes.new("ShaderNodeTexSky")
+    sky.sky_type = "NISHITA" if bpy.app.version < (5, 0, 0) else "SINGLE_SCATTERING"
+    sky.sun_elevation, sky.sun_rotation = 0.5, 2.5
+    background = next(n for n in tree.nodes if n.type == "BACKGROUND")
+    background.inputs["Strength"].default_value = 0.1
+    tree.links.new(sky.outputs["Color"], background.inputs["Color"])
+    found = read_environment(world, 0.0, pytest.fail).radiance
+    toward, solid = texel_directions(*found.shape[:2])
+    irradiance = (found * (np.maximum(toward[..., 2], 0) * solid)[..., None]).sum((0, 1))
+    assert np.allclose(irradiance, rig.render()["rgb"].mean((0, 1)) * np.pi, rtol=0.01)
 
 
 def test_plain_colours_and_black(picture):

@@ -18,7 +18,9 @@ from .. import second_blender
 
 HEIGHT, SAMPLES = 512, 4
 PATIENCE = 120.0  # seconds
-BLEND, PICTURE = "world.blend", "world.exr"
+BLEND, PICTURE, BRIGHT = "world.blend", "world.exr", "bright.exr"
+BRIGHTER = 20.0  # times the mean: pixels that are rendered again, with all others of their rectangle
+MOST_AGAIN, MOST_SAMPLES = 1 << 22, 1024  # samples of that rectangle, and of a pixel in it
 
 
 def baked(world: Any) -> F32:
@@ -39,12 +41,33 @@ def baked(world: Any) -> F32:
                                "Environment Texture or a plain color")
         finally:
             child.end()
-        return _read(folder / PICTURE)
+        return seen(folder)
 
 
-def _read(path: Path) -> F32:
+def seen(folder: Path) -> F32:
+    """What has been rendered: of a pixel that was rendered twice, the second."""
     import OpenImageIO
 
-    pixels = OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT)
-    rgb = np.asarray(pixels[::-1, :, :3], np.float32)
-    return np.where(np.isfinite(rgb) & (rgb > 0), rgb, np.float32(0))
+    found = np.zeros((HEIGHT, 2 * HEIGHT, 3), np.float32)
+    for name in (PICTURE, BRIGHT):
+        if (folder / name).exists():
+            pixels = OpenImageIO.ImageBuf(str(folder / name)).get_pixels(OpenImageIO.FLOAT)[::-1]
+            there = pixels[..., 3] > 0
+            found[there] = pixels[there, :3]
+    return np.where(np.isfinite(found) & (found > 0), found, np.float32(0))
+
+
+def bright_part(picture: F32) -> tuple[tuple[int, int, int, int], int] | None:
+    """Left, bottom, right and top of the small lights in a picture, and samples for its pixels; None: it has none.
+
+    A sun is as small as two pixels, whose few samples do not tell how much of them it covers.
+    """
+    weight = np.cos(np.pi * ((np.arange(HEIGHT) + 0.5) / HEIGHT - 0.5))[:, None]
+    light = picture.max(-1)
+    rows, columns = np.nonzero(light > BRIGHTER * float((light * weight).sum() / (weight.sum() * light.shape[1])))
+    if not len(rows):
+        return None
+    left, right = max(0, int(columns.min()) - 2), min(2 * HEIGHT, int(columns.max()) + 3)
+    bottom, top = max(0, int(rows.min()) - 2), min(HEIGHT, int(rows.max()) + 3)
+    samples = min(MOST_SAMPLES, MOST_AGAIN // ((right - left) * (top - bottom)))
+    return ((left, bottom, right, top), samples) if samples > SAMPLES else None

@@ -9,8 +9,9 @@ from typing import Any
 
 import bpy
 
+from ..oiio import ensure_openimageio
 from ..second_blender import as_child
-from .world_bake import BLEND, HEIGHT, PICTURE, SAMPLES
+from .world_bake import BLEND, BRIGHT, HEIGHT, PICTURE, SAMPLES, bright_part, seen
 
 
 def main(name: str) -> None:
@@ -43,9 +44,24 @@ def _render(folder: Path) -> None:
     cycles.use_adaptive_sampling = cycles.use_denoising = False
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
     cycles.pixel_filter_type, cycles.film_exposure = "BOX", 1.0
-    render.filepath, render.use_file_extension = str(folder / ("part-" + PICTURE)), False
+    render.image_settings.color_mode, render.use_file_extension = "RGBA", False
+    _to_file(folder / PICTURE)
+    ensure_openimageio()
+    again = bright_part(seen(folder))
+    if again is not None:
+        (left, bottom, right, top), cycles.samples = again
+        render.use_border, render.use_crop_to_border = True, False
+        render.border_min_x, render.border_max_x = left / (2 * HEIGHT), right / (2 * HEIGHT)
+        render.border_min_y, render.border_max_y = bottom / HEIGHT, top / HEIGHT
+        _to_file(folder / BRIGHT)
+
+
+def _to_file(path: Path) -> None:
+    """Renders the scene."""
+    part = path.with_name("part-" + path.name)
+    bpy.context.scene.render.filepath = str(part)
     bpy.ops.render.render(write_still=True)
-    os.replace(folder / ("part-" + PICTURE), folder / PICTURE)
+    os.replace(part, path)
 
 
 def _as_surfaces_see(world: Any) -> None:
