@@ -196,6 +196,31 @@ def test_emission_nodes(stage):
     assert any("'Key': an IES profile" in w for w in stage.read().warnings)
 
 
+def test_emission_behind_a_reroute_or_muted(stage):
+    """As Cycles renders them: a reroute changes nothing, a muted link is none, a muted node is named."""
+    if bpy.app.version < (5, 0, 0):
+        stage.key.data.use_nodes = True
+    tree = stage.key.data.node_tree
+    emission, output = next(n for n in tree.nodes if n.type == "EMISSION"), tree.get_output_node("CYCLES")
+    emission.inputs["Strength"].default_value = 3.0
+    plain = stage.read().views[0].lights[0].power
+    reroute = tree.nodes.new("NodeReroute")
+    tree.links.new(emission.outputs[0], reroute.inputs[0])
+    link = tree.links.new(reroute.outputs[0], output.inputs["Surface"])
+    found = stage.read()
+    assert np.array_equal(found.views[0].lights[0].power, plain) and not [w for w in found.warnings if "Key" in w]
+    emission.mute = True
+    assert any("'Key': nodes in it" in w for w in stage.read().warnings)
+    emission.mute, link.is_muted = False, True
+    assert not stage.read().views[0].lights[0].power.any()
+
+
+def test_a_light_of_negative_power_is_refused(stage):
+    stage.key.data.energy = -1.0
+    with pytest.raises(BadInput, match="'Key': its power or color is negative"):
+        stage.read()
+
+
 def test_light_linking_and_ray_visibility_are_named(stage):
     stage.key.light_linking.receiver_collection = bpy.data.collections.new("Only these")
     stage.key.visible_glossy = False

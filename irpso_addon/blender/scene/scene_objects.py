@@ -139,6 +139,8 @@ def read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
     sizes = [light.radius, light.spot_angle, light.spot_blend, *light.size, light.spread, *light.matrix.ravel()]
     if not (np.abs(sizes) <= FAR).all() or not (np.abs(light.power) <= BRIGHTEST).all():
         raise BadInput(f"light '{obj.name}': its power, size or position is not finite or too large; set it again")
+    if (light.power < 0).any():
+        raise BadInput(f"light '{obj.name}': its power or color is negative; set it again")
     if light.kind == "AREA" and light.spread < NARROWEST:
         raise BadInput(f"light '{obj.name}': its spread is below 0.1 degrees, which is not modelled; widen it")
     return light
@@ -195,10 +197,20 @@ def _emission(obj: Any, warn: Warn) -> F64:
     if tree is None or (bpy.app.version < (5, 0, 0) and not obj.data.use_nodes):
         return one
     output = tree.get_output_node("CYCLES")
-    links = output.inputs["Surface"].links if output is not None else ()
-    node = links[0].from_node if links else None
-    if node is not None and node.type == "EMISSION" and not any(i.is_linked for i in node.inputs if i.name != "Weight"):
+    node = None if output is None else _source(output.inputs["Surface"])
+    if node is None:  # it is dark
+        return np.zeros(3)
+    if node.type == "EMISSION" and not node.mute and not any(i.is_linked for i in node.inputs if i.name != "Weight"):
         return np.array(node.inputs["Color"].default_value[:3]) * node.inputs["Strength"].default_value
     what = "an IES profile" if any(n.type == "TEX_IES" for n in tree.nodes) else "nodes"
     warn(f"light '{obj.name}': {what} in it not modelled; its plain power is used")
     return one
+
+
+def _source(socket: Any) -> Any:
+    """The node behind a socket, past reroutes; None: none."""
+    while links := [link for link in socket.links if not link.is_muted]:
+        if links[0].from_node.type != "REROUTE":
+            return links[0].from_node
+        socket = links[0].from_node.inputs[0]
+    return None
