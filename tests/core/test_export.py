@@ -83,6 +83,13 @@ def test_two_lobes_and_the_specular_level(tmp_path: Path, kind: str) -> None:
     ("Kühe 牛 🐄", "Kühe 牛 🐄"),
     ("line\nbreak", "line_break"),
     ("Cube.001", "Cube.001"),
+    ("CON", "_CON"),  # devices of Windows
+    ("nul.001", "_nul.001"),
+    ("Com1 .x", "_Com1 .x"),
+    ("Lpt¹", "_Lpt¹"),
+    ("Console", "Console"),
+    ("COM10", "COM10"),
+    ("a.nul", "a.nul"),
 ])
 def test_names_become_file_names(name: str, stem: str) -> None:
     assert safe_stem(name) == stem

@@ -26,16 +26,20 @@ LAYERS = ("basecolor", "roughness", "confidence", "error", "filled", "roughness_
           "normal")
 STEM_BYTES = 200  # file systems allow 255 bytes a name; the longest suffix is "_basecolor_sigma.tiff"
 FORBIDDEN = frozenset('/\\:*?"<>|')  # in a file name on some system that artists share files with
+DEVICES = re.compile(r"(CON|PRN|AUX|NUL|(COM|LPT)[0-9¹²³])\s*(\.|$)", re.IGNORECASE)  # of Windows
 
 
 def safe_stem(name: str) -> str:
     """A file stem from an object's name: one path component on every system, non-ASCII letters kept.
 
+    One that begins like a device of Windows, as CON.001 does, gets a "_" before it.
     Names that are too long are cut at a letter and end in a hash of the whole, so that two objects
     whose names begin alike do not overwrite each other.
     """
     stem = "".join("_" if c in FORBIDDEN or not c.isprintable() else c for c in name)
     stem = stem.lstrip(". ").rstrip(". ") or "object"
+    if DEVICES.match(stem):
+        stem = f"_{stem}"
     if len(stem.encode()) > STEM_BYTES:
         digest = "_" + hashlib.sha256(name.encode(errors="replace")).hexdigest()[:8]
         stem = stem.encode()[: STEM_BYTES - len(digest)].decode(errors="ignore") + digest
