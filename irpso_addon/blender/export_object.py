@@ -39,7 +39,11 @@ def export_object(
         reader = MapReader.of_files(maps, layers)
     else:
         reader = MapReader.of_maps(maps)
-    return target_export.write_target(found, reader, target, out), lost + target_export.losses(found, target)
+    written = target_export.write_target(found, reader, target, out)
+    lost += target_export.losses(found, target)
+    if left := target_export.earlier_files(found, target, written):
+        lost.append(f"{out}: an earlier export left {', '.join(left)}; delete these files, or choose another folder")
+    return written, lost
 
 
 def _left_out(material: bpy.types.Material | None) -> list[str]:

@@ -300,6 +300,18 @@ def test_what_else_a_material_has_is_named(empty, tmp_path: Path) -> None:
         "material 'Skin': IOR, Sheen Weight, Specular Tint are not exported; set them in the other program"]
 
 
+def test_files_of_an_earlier_export_are_named(empty, tmp_path: Path) -> None:
+    obj = make_plane()
+    material.write_maps(obj, solution("one-lobe-specular", levels={"Skin": 0.2}))
+    for target in ("blender", "unreal"):
+        assert export(obj, target, tmp_path) == export(obj, target, tmp_path) == []
+    (tmp_path / "Plane_Normal_2.png").touch()  # somebody else's
+    material.write_maps(obj, solution("one-lobe"))
+    for target, name in (("blender", "Plane_Specular.png"), ("unreal", "T_Plane_S.png")):
+        assert export(obj, target, tmp_path) == [
+            f"{tmp_path}: an earlier export left {name}; delete these files, or choose another folder"]
+
+
 def test_normal_maps_that_differ_are_left_out_and_named(empty, tmp_path: Path) -> None:
     obj = make_plane(materials=("Skin", "Shell"))
     obj.data.polygons[0].material_index = 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -83,6 +84,14 @@ def write_target(obj: ExportObject, maps: MapReader, target: str, out: Path) -> 
                     raise BadInput(f"{path}: is a source map that the export would overwrite; choose another folder")
         staging.publish()
         return [staging.out / name for name in names]
+
+
+def earlier_files(obj: ExportObject, target: str, written: Sequence[Path]) -> list[str]:
+    """Names of the object's files for that target that lie in the folder of those ``written``, and are not theirs."""
+    names = "|".join(re.escape(file.name.replace("{}", safe_stem(obj.name))) for file in TARGETS[target].files)
+    name = re.compile(rf"({names})(\.\d{{4}})?\.png")
+    return sorted(path.name for path in written[0].parent.iterdir()
+                  if name.fullmatch(path.name) and path not in written)
 
 
 def losses(obj: ExportObject, target: str) -> list[str]:
