@@ -152,6 +152,24 @@ def test_a_picture_shines_as_cycles_renders_it():
     assert np.ptp((truth[..., 1] / truth[..., 2])[lit.all(-1)]) > 1  # the quarter shows
 
 
+def test_a_picture_without_its_uv_map_is_named(stage):
+    panel = glowing_scene.panel("Panel", (0, 0, 2), 0.5, 3.0)
+    _picture(panel)
+    said: list[str] = []
+    assert _read(panel) is not None
+    tree = panel.data.materials[0].node_tree
+    chosen = tree.nodes.new("ShaderNodeUVMap")
+    chosen.uv_map = "Gone"
+    tree.links.new(chosen.outputs["UV"], next(n for n in tree.nodes if n.type == "TEX_IMAGE").inputs["Vector"])
+    assert _read(panel, said.append) is None
+    tree.nodes.remove(chosen)
+    panel.data.uv_layers.remove(panel.data.uv_layers[0])
+    panel.data.update()
+    assert _read(panel, said.append) is None
+    assert said == [f"object 'Panel': glows by an image and lacks its UV map{which}, so it counts as indirect light; "
+                    "unwrap it, or choose a UV map that it has" for which in (" 'Gone'", "")]
+
+
 @pytest.mark.parametrize("what", ["texture", "blackbody", "coat", "group"])
 def test_what_is_not_modelled_is_named_in_one_line(stage, what):
     panel = glowing_scene.panel("Panel", (0, 0, 2), 0.5, 3.0)

@@ -38,8 +38,14 @@ def read_emitter(obj: Any, depsgraph: Any, warn: Warn) -> Emitter | None:
         raise BadInput(f"{name}: its emission is negative, not finite or too large; set it again")
     if not factors.any():
         return None
-    corners, uvs, slots, closed = _triangles(obj, depsgraph, {glow.uv_map for found in sent for glow in found})
-    if any(glow.image is not None for found in sent for glow in found):
+    maps = {glow.uv_map for found in sent for glow in found if glow.image is not None}
+    corners, uvs, slots, closed = _triangles(obj, depsgraph, maps)
+    if missing := sorted(maps - set(uvs)):
+        which = f" '{missing[0]}'" if missing[0] else ""
+        warn(f"{name}: glows by an image and lacks its UV map{which}, so it counts as indirect light; unwrap it, or "
+             "choose a UV map that it has")
+        return None
+    if maps:
         corners, uvs, slots = _cut(corners, uvs, slots)
     radiance = _sent(obj, sent, uvs, np.minimum(slots, len(sent) - 1), warn)
     lit = radiance.any(-1)
@@ -108,14 +114,18 @@ def _warn_of_visibility(obj: Any, name: str, warn: Warn) -> None:
 
 
 def _triangles(obj: Any, depsgraph: Any, uv_maps: set[str]) -> tuple[F64, dict[str, F64], I32, bool]:
-    """World corners (T, 3, 3), their UVs by map, material of each, and whether they are a closed shape's outside."""
+    """World corners (T, 3, 3), their UVs by map, material of each, and whether they are a closed shape's outside.
+
+    Maps that the mesh lacks are left out.
+    """
     require_whole(obj, depsgraph)
     world = world_matrix(obj, depsgraph)
     with evaluated_mesh(obj, depsgraph) as mesh:
         if mesh is None or not mesh.polygons:
             return np.zeros((0, 3, 3)), {name: np.zeros((0, 3, 2)) for name in uv_maps}, np.zeros(0, np.int32), False
         local, slots = corners_of(mesh)
-        uvs = {name: uvs_of(mesh, name).astype(np.float64) for name in uv_maps}
+        there = {layer.name for layer in mesh.uv_layers} | ({""} if mesh.uv_layers else set())
+        uvs = {name: uvs_of(mesh, name).astype(np.float64) for name in uv_maps & there}
     corners = local.astype(np.float64) @ world[:3, :3].T + world[:3, 3]
     if not (np.abs(corners) <= FAR).all():
         raise BadInput(f"object '{obj.name}': glows and is too large or too far away; scale it down or move it closer")
