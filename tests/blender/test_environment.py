@@ -270,6 +270,13 @@ def test_pictures_that_cannot_be_used_are_named_in_one_line(picture, tmp_path):
     assert read_environment(world, 0.0, said.append).radiance.shape[1] <= 2048
 
 
+def test_a_texture_without_an_image_is_refused(picture):
+    world = _world(picture)
+    next(n for n in world.node_tree.nodes if n.type == "TEX_ENVIRONMENT").image = None
+    with pytest.raises(BadInput, match="world 'Room': its Environment Texture has no image"):
+        read_environment(world, 0.0, pytest.fail)
+
+
 def test_colour_spaces_of_pictures(picture):
     """Those that Blender has and IRPSO does not know are refused; Blender's name for its own space is known."""
     world = _world(picture)

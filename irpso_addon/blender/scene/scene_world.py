@@ -38,6 +38,10 @@ class _Unmodelled(Exception):
     """Nodes that must be rendered."""
 
 
+class _NoImage(Exception):
+    """An Environment Texture that shows Cycles' colour of what is missing."""
+
+
 @dataclass(frozen=True)
 class _Term:
     """What adds to the light."""
@@ -111,6 +115,8 @@ def read_environment(world: Any, turn: float, warn: Warn) -> Environment | None:
         if not all((np.isfinite(term.factor) & (term.factor >= 0)).all() for term in terms):
             raise BadInput(f"{name}: its color or strength is negative or not finite; set it again")
         picture, rotation = _together(terms, warn)
+    except _NoImage:
+        raise BadInput(f"{name}: its Environment Texture has no image; choose an HDR or EXR file") from None
     except _Unmodelled:
         picture, rotation = world_bake.baked(world), np.eye(3)
     if not np.isfinite(picture).all():
@@ -198,7 +204,7 @@ def _color(socket: Any) -> _Term:
     if node.type != "TEX_ENVIRONMENT" or (links.from_node == node and links.from_socket.name != "Color"):
         raise _Unmodelled
     if node.image is None:
-        return _Term(np.array([1.0, 0.0, 1.0]))  # Cycles' colour of what is missing
+        raise _NoImage
     mapping = node.texture_mapping
     if tuple(mapping.scale) != (1, 1, 1) or any(mapping.rotation) or any(mapping.translation):
         raise _Unmodelled
