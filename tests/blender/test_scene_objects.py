@@ -262,6 +262,10 @@ def test_what_of_a_world_is_not_modelled_is_named(stage):
     for what in ("has a volume", "hidden from diffuse or glossy", "switches world 'Room' off"):
         assert sum(what in line for line in named) == 1, named
     assert any("casts no shadows" in line for line in named) == (bpy.app.version >= (5, 0, 0))
+    lit = stage.captures.read_text()
+    stage.captures.write_text(lit.replace("[]", '["Key"]'))  # beside which a grey world is no light
+    assert [line for line in stage.read().warnings if "Room" in line] == [line for line in named if "volume" in line]
+    stage.captures.write_text(lit)
     world.cycles_visibility.diffuse = False
     with pytest.raises(BadInput, match="the world is black"):
         stage.read()

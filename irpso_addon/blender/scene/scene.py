@@ -176,7 +176,7 @@ class _Reader:
     def _world(self, view: NamedView, alone: bool) -> Environment | None:
         world = self.scene.world if view.world is None else bpy.data.worlds[view.world]
         if world is not None:
-            for line in unmodelled(world, self.depsgraph.view_layer):
+            for line in unmodelled(world, self.depsgraph.view_layer, alone):
                 self.warn(line)
         if not lighting(world, alone):
             return None

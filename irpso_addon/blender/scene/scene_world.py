@@ -85,13 +85,13 @@ def is_pictured(world: Any) -> bool:
     return node is not None and (node.type != "BACKGROUND" or any(socket.is_linked for socket in node.inputs))
 
 
-def unmodelled(world: Any, view_layer: Any) -> list[str]:
-    """What of a world that lights a render is not modelled, one line each."""
+def unmodelled(world: Any, view_layer: Any, alone: bool) -> list[str]:
+    """What of a world is not modelled, one line each; but for its volume only where it is a light (see `lighting`)."""
     name, found = f"world '{world.name}'", []
     output = None if _plain(world) else world.node_tree.get_output_node("CYCLES")
     if output is not None and _source(output.inputs["Volume"]) is not None:
         found.append(f"{name}: has a volume, which is not modelled; unlink it for the pictures")
-    if is_black(world):
+    if not lighting(world, alone):
         return found
     if not all(_visible(world)):
         found.append(f"{name}: is hidden from diffuse or glossy rays, which is not modelled; make it visible to both")
