@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+# Errors of left-out radiance from which on no model fits: relative (predicting black errs by 1), and of CIE L*.
+UNEXPLAINED, UNEXPLAINED_LIGHTNESS = 0.6, 12.0
+
 
 @dataclass(frozen=True)
 class PredictionError:
@@ -12,6 +15,11 @@ class PredictionError:
 
     relative_rms: float  # square root of the sum of squared errors of radiance over that of squared radiances
     lightness: float  # root mean square error of CIE L*; about 1 is just noticeable
+
+    @property
+    def fits(self) -> bool:
+        """Whether what was fitted explains the views at all."""
+        return self.relative_rms < UNEXPLAINED and self.lightness < UNEXPLAINED_LIGHTNESS
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,6 @@ from .change_records import Calibration, CameraChange, PredictionError, RefinedN
 from .check_records import Checks
 from .lens import Lens
 
-# Errors of left-out radiance from which on no model fits: relative (predicting black errs by 1), and of CIE L*.
-UNEXPLAINED, UNEXPLAINED_LIGHTNESS = 0.6, 12.0
 ONE_VALUE = 1e5  # strength of a material's prior that leaves its texels no choice
 F16 = NDArray[np.float16]
 F32 = NDArray[np.float32]
@@ -293,7 +291,7 @@ class MaterialPrediction:
     @property
     def fits(self) -> bool:
         """Whether the model explains the material at all."""
-        return self.error.relative_rms < UNEXPLAINED and self.error.lightness < UNEXPLAINED_LIGHTNESS
+        return self.error.fits
 
 
 @dataclass(frozen=True)

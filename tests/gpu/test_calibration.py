@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from irpso_addon.core.change_records import Calibration
 from irpso_addon.core.checks.mended_cameras import moved as aside
 from irpso_addon.core.data import Light, Solution
+from irpso_addon.core.shading import brdf
 from tests.support import shoots
 from tests.support import synthetic as syn
 
@@ -243,6 +245,13 @@ def test_pictures_that_darken_towards_their_edges(plane, power) -> None:
     base, without = (np.mean(shoots.errors(each, plane.truth).base) for each in (solution, given))
     assert base < 0.3 * without
     assert rough_error(plane, solution) < (0.3 if power == 12 else 0.9) * rough_error(plane, given)
+
+
+def test_nothing_is_put_right_by_a_mirror() -> None:
+    """Of its pictures, which are right, a vignetting of -2.2 EV explains a little more than nothing."""
+    metal = replace(syn.PATCHES, roughness=syn.quarters([0.1, 0.12, 0.15, 0.1]),
+                    reflect=partial(brdf.principled, metallic=1.0))
+    assert shoots.run(syn.shoot(metal, shoots.rig(3, 4), PIXELS), **AUTO).calibration is None
 
 
 def test_lamps_that_were_measured_stay(plane) -> None:

@@ -31,13 +31,21 @@ def calibrate(
     sample: RigSample, lamps: bool, exposures: bool, more: Larger | None = None,
     normals: bool = False,
 ) -> Steps[Judged | None]:
-    """What is to be changed; None where nothing is, or where too little is seen to judge it.
+    """What is to be changed; None where nothing is, where too little is seen to judge it, or where nothing fits.
 
     ``lamps``, ``exposures``: what may be changed.  The fewest numbers are changed that predict about as well as all.
     ``more``: a larger sample, with its openness where asked, which says by how much; None: the same.  ``normals``:
-    whether the mesh may be wrong in detail.
+    whether the mesh may be wrong in detail.  What leaves most of the radiance of left-out views unexplained is no error
+    of the rig's: a material that no model fits, such as a mirror, is predicted a little better by any free number.
     """
-    larger = more or (lambda ambient: sample)
+    judged = yield from _judged(sample, lamps, exposures, more or (lambda ambient: sample), normals)
+    return judged if judged is not None and judged.changed.fits else None
+
+
+def _judged(
+    sample: RigSample, lamps: bool, exposures: bool, larger: Larger, normals: bool,
+) -> Steps[Judged | None]:
+    """The change that predicts left-out views better, of `calibrate`."""
     lamps = lamps and not all(group.kept for group in sample.rig.groups)
     folds = split(sample.texels)
     if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
