@@ -220,3 +220,19 @@ def test_a_disc_is_nearly_the_rectangle_of_its_second_moments():
     disc, four = (lights.light_irradiance(one, P[fine], N[fine]) for one in (light, four_sided(light)))
     assert fine.sum() > 30
     np.testing.assert_allclose(four, disc, rtol=1e-3)
+
+
+def test_a_soft_spot_that_moves_is_nearly_a_sharp_one():
+    """Within its cone, beside the sum over its points: what counts is the ratio to the spot as it was."""
+    spot = replace(BASE, kind="SPOT", radius=0.05, spot_angle=1.6, spot_blend=0.3)
+    matrix = spot.matrix.copy()
+    matrix[:3, 3] += 0.01, -0.02, 0.015
+    P, N = places(2000)
+    fine = light_slopes(spot, P, N)[1]
+    way = (P - MATRIX[:3, 3]) @ -TURN[:, 2] / np.linalg.norm(P - MATRIX[:3, 3], axis=1)
+    fine &= way > np.cos(0.45)
+    assert fine.sum() > 100 and four_sided(spot).radius == 0
+    soft, sharp = (
+        lights.light_irradiance(make(replace(spot, matrix=matrix)), P[fine], N[fine])
+        / lights.light_irradiance(make(spot), P[fine], N[fine]) for make in (lambda light: light, four_sided))
+    np.testing.assert_allclose(sharp, soft, rtol=2e-3)
