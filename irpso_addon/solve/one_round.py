@@ -17,7 +17,7 @@ from ..core.checks.calibration_lines import calibrated
 from ..core.checks.normals_line import refined
 from ..core.checks.solve_checks import TexelFit, measure
 from ..core.checks.warnings import grouped, warnings
-from ..core.data import F32, Bool, Bounced, Maps, MaterialPrediction, SceneData, Solution, ViewPicture
+from ..core.data import F32, Bool, Bounced, MaterialPrediction, SceneData, Solution, ViewPicture
 from ..core.errors import BadInput
 from ..core.job import Progress
 from ..core.normals.tangent_map import encoded
@@ -35,6 +35,7 @@ from .gpu_path import Clock, Given, Solved, TexelGrid, draw_texels, keeps_normal
 from .kept_images import ReadImage
 
 DARKEST = 0.015  # base colour that a median seldom is below: coal has 0.02 to 0.04
+PLAIN = 0.01  # of a metal's texels that look like no metal
 NO_CONFIDENCE = "method paper: gives no uncertainty; confidence is 0 and the standard errors are 0.5 everywhere"
 
 
@@ -172,8 +173,9 @@ def _solution(
                 "kept": int((part.known & ~made.good).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
         views_skipped=scene.skipped + observations.skipped,
-        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, maps, settings.udim),
-                  *(unfit(name, found) for name, found in ladder.predictions.items() if not found.fits)))
+        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, made, settings.udim),
+                  *(unfit(name, found) for name, found in ladder.predictions.items() if not found.fits),
+                  *(no_metal(name, share) for name, share in made.plain.items() if share > PLAIN)))
 
 
 def _checks(
@@ -193,6 +195,12 @@ def _checks(
     return measure(views, texels), tuple(pictures)
 
 
+def no_metal(name: str, share: float) -> str:
+    """What to say of a metal, part of whose texels is none."""
+    return (f"material '{name}': {percent(share)} of its texels look like no metal, which the rest is; one material "
+            "has one Metallic, so their confidence is 0; give them a material slot of their own, and solve again")
+
+
 def unfit(name: str, prediction: MaterialPrediction) -> str:
     """What to say of a material that no model explains."""
     error = prediction.error
@@ -202,7 +210,7 @@ def unfit(name: str, prediction: MaterialPrediction) -> str:
             "than the lamps'")
 
 
-def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, udim: str) -> list[str]:
+def _warnings(scene: SceneData, gbuffer: GBuffer, made: FinishedMaps, udim: str) -> list[str]:
     """What a user must know of the mesh before trusting the maps."""
     covered = max(int(gbuffer.coverage.sum()), 1)
     name = scene.mesh.name
@@ -217,12 +225,14 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, udim: str) -> list
         where = "outside the 0-1 UV square" if udim == "first" else "in no UDIM square"
         lines.append(f"{name}: {100 * outside:.1f} % of its faces are {where} and are not solved"
                      + ("; set UDIM to All to solve every square" if udim == "first" else ""))
-    unseen = (gbuffer.coverage & maps.filled).sum() / covered
-    if unseen > 0.05:
-        lines.append(f"{name}: {100 * unseen:.0f} % of its texels are lit in no view, so IRPSO filled them from their "
-                     "neighbours")
-    seen = gbuffer.coverage & ~maps.filled
-    shown = float(np.median(maps.base_color[seen].mean(-1))) if seen.any() else 1.0
+    holes, observed = gbuffer.coverage & made.maps.filled, made.solved | made.shown
+    for unseen, what in ((holes & ~observed, "lit in no view"),
+                         (holes & observed, "lit, but too dark or at too few angles to be solved")):
+        if unseen.sum() > 0.05 * covered:
+            lines.append(f"{name}: {100 * unseen.sum() / covered:.0f} % of its texels are {what}, so IRPSO filled them "
+                         "from their neighbours")
+    seen = gbuffer.coverage & ~made.maps.filled
+    shown = float(np.median(made.maps.base_color[seen].mean(-1))) if seen.any() else 1.0
     if shown < DARKEST:
         lines.append(f"{name}: base colour is {shown:.2g} in the median, darker than any common material; check the "
                      "lamps' power and the views' exposure")

@@ -147,6 +147,26 @@ def test_metallic_is_found(shoot, model):
     assert np.median(off.rough) < 0.01 and np.median(off.base) < 0.02
 
 
+def test_paint_beside_metal_in_one_slot_is_not_believed() -> None:
+    """Two quarters of a plane are metal and two are paint: one Metallic for all makes the paint's roughness wrong."""
+
+    def reflect(base: np.ndarray, rough: np.ndarray, *vectors: np.ndarray) -> np.ndarray:
+        return brdf.principled(base, rough, *vectors, metallic=np.where(rough < 0.42, 1.0, 0.0))
+
+    mixed = syn.shoot(replace(syn.PATCHES, reflect=reflect), shoots.rig(2, 8), (72, 72))
+    metal = replace(mixed, truth=replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=1.0)))
+    for shoot, lines in ((mixed, 1), (syn.shoot(metal.truth, shoots.rig(2, 8), (72, 72)), 0)):
+        solution = shoots.run(shoot, model="auto", size=64)
+        assert solution.model == {"Paint": "one-lobe-metallic"} and solution.metallic["Paint"] > 0.95
+        assert sum("look like no metal" in line for line in solution.warnings) == lines
+        assert not [line for line in solution.warnings if line.startswith("light")]
+        sure = solution.maps.confidence > 0.5
+        at = np.meshgrid(*2 * [(np.arange(64) + 0.5) / 64])
+        wrong = np.abs(solution.maps.roughness - shoot.truth.roughness(*at)) > 0.1
+        assert sure.mean() > (0.7 if lines == 0 else 0.3)  # 0.77 and 0.36
+        assert wrong[sure].mean() < 0.003  # of all that is mixed, 0.4
+
+
 def test_views_beyond_what_a_software_renderer_finishes(on_gl, shoot, monkeypatch):
     """Tables of metals would be wrong there without a message."""
     monkeypatch.setattr(model_prediction, "METAL_LAYERS", 10)

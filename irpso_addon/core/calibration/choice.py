@@ -148,12 +148,12 @@ def _is_no_material(contest: Contest, free: Free, start: RigFound, share: tuple[
 
     Such a diffuse bends brightness alike.  But some ambient light is in every room.
     """
-    if not free.response and not free.only_ambient:
+    if not free.response and not free.only_ambient and not free.vignetting:
         return True
-    other = replace(free, response=False, ambient=free.ambient and free.response, diffuse=True)
+    other = replace(free, response=False, vignetting=False, ambient=free.ambient and free.response, diffuse=True)
     found = yield from share_of(fit_rig(contest.sample, other, start=start, rounds=ROUNDS), *share)
     contest.add(str(other), (yield from share_of(contest.predictions(other, found), *share)))
-    if free.response:
+    if free.response or free.vignetting:
         return contest.beats(str(free), str(other))
     return not contest.beats(str(other), str(free))
 

@@ -19,7 +19,7 @@ from .residuals import is_indirect, scale_of
 from .solve_checks import CONTRADICTORY
 
 LEAST_GAIN, LEAST_MOVE = 0.015, 0.01  # relative errors of brightness, of shading, below which nothing is said
-EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move must explain; that leaves no doubt
+EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move must explain; of a misfit, or to be sure
 LEAST_POWER, LEAST_POWER_ALONE = 0.02, 0.1  # how far from 1 an exponent must be: of all views, of one
 LEAST_POWER_MISFIT = 0.3  # the same where a material is not what its model says: real diffuse reflection bends, too
 MISFIT_STRUCTURE = 0.03  # relative errors that neighbours share in most views: then a single one proves little
@@ -160,9 +160,9 @@ def mended(gains: Sequence[Misfit]) -> tuple[str, ...]:
 
 def moved_lights(checks: Checks) -> list[LightResidual]:
     """Lights that belong elsewhere, the worst first."""
-    least = max(LEAST_MOVE, _floor(checks))
+    least, enough = max(LEAST_MOVE, _floor(checks)), SURE if checks.misfit else EXPLAINED
     found = [light for light in checks.lights
-             if light.effect > least and light.offset_share > LEAST_MOVE and light.explained > EXPLAINED]
+             if light.effect > least and light.offset_share > LEAST_MOVE and light.explained > enough]
     return sorted(found, key=lambda light: -light.effect)
 
 

@@ -31,6 +31,7 @@ ALONE, MIXED = 0.75, 4  # texels: widths of a pixel up to which it mixes none, a
 MATERIAL_ALONE = np.float32(0.5)  # times confidence, where nothing tells how much the material's roughness varies
 CHANCE, NUMBERS = 2.5, 2.0  # standard errors by which a texel's residual may be off; numbers that its fit takes up
 EXCESS = 8.0  # times the square of a residual beyond chance: no edge, but another shape
+NO_METAL, METAL = 0.05, 0.95  # Metallic between them is no material's, but a mean of its texels', or of what it lacks
 BOUND = 100.0  # strength of a material's prior from which on it holds texels within 7 % of its value: it alone speaks
 
 
@@ -42,7 +43,7 @@ class _Believed:
     slots: I32  # (h, w) material of each solved texel that has a lobe, -1 elsewhere
     share: F32  # (h, w) 0..1: how far its own data determine it
     unfit: Bool  # (h, w) that no model explains, or of a material that none does
-    bound: Bool  # (h, w) of a material whose prior leaves its texels little choice
+    bound: Bool  # (h, w) of a material that leaves its texels little choice: by its prior, or by its Metallic
 
     def without(self, some: Bool) -> _Believed:
         """The same, but that no model explains some texels, (h, w)."""
@@ -81,6 +82,7 @@ class FinishedMaps:
     shown: Bool  # texels whose base colour some camera shows
     relative: F32  # RMS relative residual
     contradicted: float  # share of the good texels of whose views the model leaves far more than of its material's
+    plain: dict[str, float]  # of metals: share of the good texels that look like no metal
     albedo: AlbedoSolver
     base: moderngl.Texture  # holes filled
 
@@ -133,7 +135,17 @@ def make_maps(
     )
     maps = part.join_maps(maps, part.share(good))
     contradicted = float(np.mean(torn[good])) if good.any() else 0.0
-    return FinishedMaps(maps, joined, good, own.solved, shown, relative, contradicted, albedo, base_texture)
+    return FinishedMaps(maps, joined, good, own.solved, shown, relative, contradicted, _plain(scene, texels, good),
+                        albedo, base_texture)
+
+
+def _plain(scene: SceneData, texels: SolvedTexelGrid, good: Bool) -> dict[str, float]:
+    """By material: the share of a metal's ``good`` texels, (h, w), that look like no metal."""
+    plain = texels.ladder.plain
+    if plain is None:
+        return {}
+    own = {name: _of(scene, texels, [name]) & good for name in texels.ladder.metallic}
+    return {name: float(np.mean(plain[mine])) for name, mine in own.items() if mine.any()}
 
 
 def _believed(scene: SceneData, texels: SolvedTexelGrid, joined: SolvedTexels, lambert: Bool) -> _Believed:
@@ -141,7 +153,10 @@ def _believed(scene: SceneData, texels: SolvedTexelGrid, joined: SolvedTexels, l
     ladder = texels.ladder
     two = _of(scene, texels, [name for name, model in ladder.model.items() if model == "two-lobe"])
     unfit = _of(scene, texels, [name for name, found in ladder.predictions.items() if not found.fits])
-    bound = _of(scene, texels, [name for name, prior in ladder.priors.items() if prior.strength >= BOUND])
+    if ladder.plain is not None:
+        unfit |= ladder.plain
+    bound = _of(scene, texels, [name for name, prior in ladder.priors.items() if prior.strength >= BOUND]
+                + [name for name, value in ladder.metallic.items() if NO_METAL < value < METAL])
     share = np.clip(joined.determined / np.where(two, np.float32(NUMBERS_OF_TWO), np.float32(1)), 0, 1)
     slots = np.where(joined.solved & ~lambert, texels.slots, -1)
     return _Believed(joined, slots, share.astype(np.float32), unfit, bound)

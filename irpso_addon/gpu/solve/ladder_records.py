@@ -56,4 +56,5 @@ class LadderResult:
     predictions: dict[str, MaterialPrediction] = field(default_factory=dict)  # by material
     priors: dict[str, JointPrior] = field(default_factory=dict)  # by material, where there is one
     robust: bool = False  # whether outliers were disbelieved
+    plain: Bool | None = None  # (h, w) texels of metals that look like no metal; None: there is no metal
     cancelled: bool = False

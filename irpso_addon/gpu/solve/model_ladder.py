@@ -22,11 +22,13 @@ from .material_sample import Squares, packed
 from .model_prediction import METAL_LAYERS, Fitted, ModelPrediction, solves_metals
 from .paper_swarm import PaperSwarm
 from .solver import Solver
-from .specular_level import LevelSearch
+from .specular_level import LevelSearch, box
 from .texel_records import RoughnessMaps, SolvedTexels, read_support
 
 SAMPLE = 64  # texels: width of the square on which larger models are tried
 SAMPLES = 2  # squares of each material
+BETTER = 0.5  # of the error: a texel that another model explains so much better is of another material ...
+SHOWN = 0.01  # ... where the error is as large: relative, of all its observations
 
 
 class Ladder:
@@ -152,7 +154,10 @@ class Ladder:
             self._put(result, (yield from solved), [name])
         if "one-lobe-metallic" in larger:
             names = larger["one-lobe-metallic"]
-            self._put(result, (yield from self._metallic(names)), names)
+            part = yield from self._metallic(names)
+            metals = np.logical_or.reduce([self.masks[name] for name in names]) & part.texels.solved
+            result.plain = _explains_better(result.texels, part.texels, metals)
+            self._put(result, part, names)
         if "two-lobe" in larger:
             names = larger["two-lobe"]
             maps = yield from self.solver.solve_two(self._tiles(self.solver, names))
@@ -344,6 +349,17 @@ class Ladder:
         self.solver.release()
         if self.start is not None:
             self.start.release()
+
+
+def _explains_better(one: SolvedTexels, other: SolvedTexels, texels: Bool) -> Bool:
+    """(h, w) where one model leaves less than half of an error that another one shows, of 3 x 3 of some ``texels``.
+
+    Both have as many numbers a texel.
+    """
+    counted = texels & one.solved & other.solved
+    left, more, seen = (box(np.where(counted, values, 0.0).astype(np.float64), 3)
+                        for values in (one.residual, other.residual, other.observations))
+    return np.asarray(counted & (left < BETTER**2 * more) & (more > SHOWN**2 * seen))
 
 
 def _best_seen(texels: Bool, observations: F32) -> list[Tile]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import moderngl
+import numpy as np
 
 from ...core.data import F32
 from ...core.job import Progress, mapped
@@ -43,7 +44,8 @@ class SparseLadder:
         values = {name: around.spread(values) for name, values in vars(found).items() if name != "solved"}
         return replace(ladder, texels=SolvedTexels(solved=around.known, **values),
                        lobes=None if ladder.lobes is None else around.spread(ladder.lobes),
-                       level=None if ladder.level is None else around.spread(ladder.level))
+                       level=None if ladder.level is None else around.spread(ladder.level),
+                       plain=None if ladder.plain is None else around.spread(ladder.plain.astype(np.float32)) > 0.5)
 
 
 def surface_of(device: Device, whole: TexelSurface, texels: SparseTexels) -> Surface:

@@ -106,7 +106,7 @@ class LevelSearch:
     def _improved(self, level: F32, offsets: F64, costs: F64, masks: dict[str, Bool]) -> F32:
         result = level.copy()
         if self.settings.specular == "texel" and self.settings.model == "one-lobe-specular":
-            pooled = np.stack([_box(cost, LEVEL_WINDOW) for cost in costs])
+            pooled = np.stack([box(cost, LEVEL_WINDOW) for cost in costs])
             result = level + _lowest(offsets, pooled).astype(np.float32)
             for name in self.last.fixed.intersection(masks):
                 result[masks[name]] = level[masks[name]]
@@ -117,7 +117,7 @@ class LevelSearch:
         return np.clip(result, *BOUNDS)
 
 
-def _box(values: F64, width: int) -> F64:
+def box(values: F64, width: int) -> F64:
     """Sum over a square window."""
     half = width // 2
     padded = np.pad(values, ((half + 1, half), (half + 1, half)))
