@@ -35,6 +35,7 @@ from .gpu_path import Clock, Given, Solved, TexelGrid, draw_texels, keeps_normal
 from .kept_images import ReadImage
 
 DARKEST = 0.015  # base colour that a median seldom is below: coal has 0.02 to 0.04
+MANY = 0.05  # of the texels that are holes
 PLAIN = 0.01  # of a metal's texels that look like no metal
 NO_CONFIDENCE = "method paper: gives no uncertainty; confidence is 0 and the standard errors are 0.5 everywhere"
 
@@ -226,11 +227,13 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, made: FinishedMaps, udim: str)
         lines.append(f"{name}: {100 * outside:.1f} % of its faces are {where} and are not solved"
                      + ("; set UDIM to All to solve every square" if udim == "first" else ""))
     holes, observed = gbuffer.coverage & made.maps.filled, made.solved | made.shown
-    for unseen, what in ((holes & ~observed, "lit in no view"),
-                         (holes & observed, "lit, but too dark or at too few angles to be solved")):
-        if unseen.sum() > 0.05 * covered:
-            lines.append(f"{name}: {100 * unseen.sum() / covered:.0f} % of its texels are {what}, so IRPSO filled them "
-                         "from their neighbours")
+    unlit, dark = (int(some.sum()) / covered for some in (holes & ~observed, holes & observed))
+    if unlit > MANY:
+        lines.append(f"{name}: {percent(unlit)} of its texels are lit in no view, so IRPSO filled them from their "
+                     "neighbours")
+    if dark > MANY:
+        lines.append(f"{name}: {percent(dark)} of its texels are lit too little or at too few angles to be solved, "
+                     "so IRPSO filled them from their neighbours")
     seen = gbuffer.coverage & ~made.maps.filled
     shown = float(np.median(made.maps.base_color[seen].mean(-1))) if seen.any() else 1.0
     if shown < DARKEST:

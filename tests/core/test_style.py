@@ -63,7 +63,7 @@ WARNED = {  # where warnings are made: functions, or the records whose first arg
     "irpso_addon/core/checks/warnings.py": None,
     "irpso_addon/core/checks/camera_lines.py": {"corrected_cameras"},
     "irpso_addon/core/checks/shoot_check.py": {"Finding"},
-    "irpso_addon/solve/one_round.py": {"unfit", "_warnings"},
+    "irpso_addon/solve/one_round.py": {"unfit", "no_metal", "_warnings"},
 }
 
 

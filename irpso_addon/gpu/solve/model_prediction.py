@@ -13,6 +13,7 @@ from ...core.errors import Cancelled
 from ...core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
 from ...core.evaluation.folds import ALIKE, Folds, Judge, split
 from ...core.evaluation.joint_material import Joint, JointSearch, OneMaterial
+from ...core.evaluation.pixel_bias import pixel_bias
 from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted
 from ...core.job import Progress
 from ...core.params import SolveSettings
@@ -380,6 +381,9 @@ class _Contest:
         values = np.array([trial.material(joint).roughness for joint in self.joints])
         # Jackknife (Quenouille 1956) over the folds.
         sigma = float(np.sqrt((len(values) - 1) * values.var())) if trial.strength == ONE_VALUE else 0.0
+        if trial.strength == ONE_VALUE and not trial.coat:
+            sigma = float(np.hypot(sigma, pixel_bias(self.observed, lambda texels: trial.material(
+                JointSearch(texels, self.metals).fit(known)).roughness)))
         level = None if trial.model == "one-lobe" or trial in DRAWN_LEVELS else one.level
         # The lightness of most pixels says that texels differ, though the few brightest would flash.
         differ = (trial.strength == ONE_VALUE and self.fitted.model in ("one-lobe", "one-lobe-specular")
