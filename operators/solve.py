@@ -75,7 +75,7 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         order = self._order
         session.secure(obj)
         settings = replace(order.settings, size=order.shown_size)
-        maps = self._live = live_display.LiveMaps(order.data, settings)
+        maps = self._live = live_display.LiveMaps(order.data, settings, order.share)
         running = session.start(task.start(maps.take), self.bl_label, obj.session_uid, self._expected)
         running.curve, maps.time = maps.curve, running.time
         if order.udims != (uv_blocks.FIRST_UDIM,):

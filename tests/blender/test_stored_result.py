@@ -147,6 +147,22 @@ def test_a_shared_material_is_copied_or_shared_as_chosen(scene, module) -> None:
     assert material.shared_with(ball) == {}
 
 
+def test_another_scene_is_open_when_the_maps_come(scene, module) -> None:
+    """Its setting is of no matter."""
+    place = module("blender.jobs.solve_object")
+    ball = bpy.data.objects["Ball"]
+    other = bpy.data.objects.new("Other", ball.data)
+    scene.collection.objects.link(other)
+    scene.irpso.shared_material = "SHARE"
+    order = place.read(bpy.context, ball, Path(bpy.path.abspath("//captures.json")),
+                       module("blender.properties").settings(scene.irpso))
+    solution = place.run(order, Path(bpy.data.filepath), Path(bpy.data.filepath).parent, lambda _: None)
+    bpy.context.window.scene = bpy.data.scenes.new("Second")
+    assert bpy.context.scene.irpso.shared_material == "COPY"
+    place.place_now(ball, order, solution)
+    assert ball.material_slots[0].material == other.material_slots[0].material == bpy.data.materials["Paint"]
+
+
 def test_pictures_of_the_views_take_little_room(scene, module) -> None:
     data, stored = module("core.data"), module("blender.jobs.stored_result")
     many = tuple(data.ViewPicture(f"{i}.exr", "Camera", (), np.full((300, 200, 3), i, np.float16),

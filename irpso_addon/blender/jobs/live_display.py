@@ -50,7 +50,9 @@ _numbers = itertools.count()
 class LiveMaps:
     """The maps of one running solve."""
 
-    def __init__(self, scene: SceneData, settings: SolveSettings) -> None:
+    def __init__(self, scene: SceneData, settings: SolveSettings, share: bool | None = None) -> None:
+        """``share``: as in `material.wire_maps`."""
+        self.share = share
         used = (scene.mesh.slot_names[slot] for slot in np.unique(scene.mesh.slots))  # others need not take maps
         self.model = dict.fromkeys(used, "lambert" if settings.model == "lambert" else "one-lobe")
         self.views = tuple(view.image.name for view in scene.views)
@@ -180,8 +182,8 @@ class LiveMaps:
         _display.maps = self
         with suppress(BadInput):  # is reported when the result is there; the Image Editor shows the maps until then
             material.check(obj, self.outline)
-            material.adopt(obj, images)
-            material.wire_maps(obj, self.outline, images)
+            material.adopt(obj, images, self.share)
+            material.wire_maps(obj, self.outline, images, self.share)
         obj[SO_FAR] = self.token
         bpy.ops.ed.undo_push(message="Solve: Maps so Far")
         del obj[SO_FAR]  # no other step has it

@@ -54,6 +54,7 @@ class Order:
     folder: Path | None = None  # where files go; None: the maps are kept in the .blend alone
     kind: str = "exr"  # of the files
     names: Mapping[int, str] = field(default_factory=dict)  # session_uids of its materials -> their names in ``data``
+    share: bool = False  # materials that other objects show too show the maps there as well
 
     @property
     def name(self) -> str:
@@ -104,7 +105,8 @@ def read(
         material_preflight.check(obj, data.mesh)
     data = solve_region.with_part(context, obj, data, settings.start, *part)
     names = {slot.material.session_uid: slot.material.name for slot in obj.material_slots if slot.material is not None}
-    return Order(data, settings, uv_blocks.solved_udims(settings.udim, data.mesh.uvs), names=names)
+    return Order(data, settings, uv_blocks.solved_udims(settings.udim, data.mesh.uvs), names=names,
+                 share=material.shares(scene))
 
 
 def check(order: Order) -> None:
@@ -210,7 +212,7 @@ def place(
     solution = result.solution
     files = files_of(order, solution)
     if files is not None:
-        return put(obj, result)
+        return put(obj, result, share=order.share)
     material.check(obj, solution)
     uid, layers = obj.session_uid, material.layers_of(solution.maps)
     uids: dict[str, int] = {}
@@ -239,21 +241,27 @@ def place(
     images = {role: _image(image_uid) for role, image_uid in uids.items()}
     for role, image in images.items():
         if image is None:  # Undo has taken it meanwhile
-            images[role] = material.put_image(now, role, layers[role])
-    material.adopt(now, images)
+            images[role] = material.put_image(now, role, layers[role], order.share)
+    material.adopt(now, images, order.share)
     result.settle(now)
-    messages = material.wire_maps(now, result.solution, images)
+    messages = material.wire_maps(now, result.solution, images, order.share)
     _note(now, result, record)
     return messages
 
 
-def put(obj: bpy.types.Object, result: Result, packed: bool = True, directory: Path | None = None) -> tuple[str, ...]:
-    """A remembered result's maps on the materials of ``obj``, as `material.write_maps` does it.  Raises BadInput."""
+def put(
+    obj: bpy.types.Object, result: Result, packed: bool = True, directory: Path | None = None,
+    share: bool | None = None,
+) -> tuple[str, ...]:
+    """A remembered result's maps on the materials of ``obj``, as `material.write_maps` does it.  Raises BadInput.
+
+    ``share``: of maps that are files, as in `material.wire_maps`.
+    """
     session.secure(obj)  # what is there now stays remembered
     result.settle(obj)
     solution = result.solution
     if result.files is not None:
-        messages = material.link_files(obj, solution, result.files)
+        messages = material.link_files(obj, solution, result.files, share)
     else:
         messages = material.write_maps(obj, solution, packed=packed, directory=directory)
     _note(obj, result, stored_result.packed(obj, result))

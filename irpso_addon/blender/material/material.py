@@ -69,19 +69,24 @@ def link_maps(
     return link_files(obj, solution, files_of(obj.name, solution.maps, directory, kind, udims))
 
 
-def link_files(obj: bpy.types.Object, solution: Solution, files: MapFiles) -> tuple[str, ...]:
-    """The same of files by any names."""
+def link_files(
+    obj: bpy.types.Object, solution: Solution, files: MapFiles, share: bool | None = None,
+) -> tuple[str, ...]:
+    """The same of files by any names.  ``share``: as in `wire_maps`."""
     check(obj, solution)
-    return wire_maps(obj, solution, link_images(obj, files))
+    return wire_maps(obj, solution, link_images(obj, files, share), share)
 
 
 def wire_maps(
-    obj: bpy.types.Object, solution: Solution, images: Mapping[str, bpy.types.Image],
+    obj: bpy.types.Object, solution: Solution, images: Mapping[str, bpy.types.Image], share: bool | None = None,
 ) -> tuple[str, ...]:
-    """As `write_maps`, with images that are there already, by role."""
+    """As `write_maps`, with images that are there already, by role.
+
+    ``share``: whether materials that other objects show too show the maps there as well; None: as the open scene says.
+    """
     messages: list[str] = []
     targets = check(obj, solution)
-    own = _Own(obj, _shares())
+    own = _Own(obj, _or_open_scene(share))
     solved = {own.material(target): target.solved for target in targets}
     messages += own.messages
     for material, name in solved.items():
@@ -118,12 +123,12 @@ def write_images(obj: bpy.types.Object, layers: Mapping[str, F32]) -> dict[str, 
     return {role: put_image(obj, role, array) for role, array in layers.items()}
 
 
-def put_image(obj: bpy.types.Object, role: str, array: F32) -> bpy.types.Image:
-    """One of them."""
+def put_image(obj: bpy.types.Object, role: str, array: F32, share: bool | None = None) -> bpy.types.Image:
+    """One of them.  ``share``: as in `wire_maps`."""
     image = loose_image(obj, role, array.shape[0])
     set_pixels(image, array)
     image.pack()
-    return _adopt(obj, role, image)
+    return _adopt(obj, role, image, share)
 
 
 def loose_image(obj: bpy.types.Object, role: str, size: int, encoded: bool = False) -> bpy.types.Image:
@@ -144,15 +149,15 @@ def set_pixels(image: bpy.types.Image, array: F32) -> None:
     image.update()
 
 
-def adopt(obj: bpy.types.Object, images: Mapping[str, bpy.types.Image]) -> None:
-    """Makes them the object's images, by role.
+def adopt(obj: bpy.types.Object, images: Mapping[str, bpy.types.Image], share: bool | None = None) -> None:
+    """Makes them the object's images, by role.  ``share``: as in `wire_maps`.
 
     Until the next undo step is made Blender does not know of it: Undo would free what the object points to.
     """
     before = maps_of(obj)
     for role, image in images.items():
         if before.get(role) != image:
-            _adopt(obj, role, image)
+            _adopt(obj, role, image, share)
         else:  # the object may have been renamed since
             image.name = _image_name(obj, role)
 
@@ -164,8 +169,11 @@ def files_of(name: str, maps: Maps, directory: Path, kind: str, udims: tuple[int
                     udims)
 
 
-def link_images(obj: bpy.types.Object, files: MapFiles) -> dict[str, bpy.types.Image]:
-    """Images by role that are files, which need not be there yet; paths are relative where the .blend was saved."""
+def link_images(obj: bpy.types.Object, files: MapFiles, share: bool | None = None) -> dict[str, bpy.types.Image]:
+    """Images by role that are files, which need not be there yet; paths are relative where the .blend was saved.
+
+    ``share``: as in `wire_maps`.
+    """
     images, roles = {}, {suffix: role for role, suffix in SUFFIXES.items()}
     for layer, path in files.paths.items():
         if layer == UNKEPT:
@@ -176,7 +184,7 @@ def link_images(obj: bpy.types.Object, files: MapFiles) -> dict[str, bpy.types.I
         image.source = "TILED" if files.tiled else "FILE"
         if files.tiled:
             _set_tiles(image, files.udims)
-        images[role] = _adopt(obj, role, image)
+        images[role] = _adopt(obj, role, image, share)
     return images
 
 
@@ -205,12 +213,12 @@ def layers_of(maps: Maps) -> dict[str, F32]:
     return {roles.get(suffix, suffix): array for suffix, array in layers(maps).items() if suffix != UNKEPT}
 
 
-def _adopt(obj: bpy.types.Object, role: str, image: bpy.types.Image) -> bpy.types.Image:
+def _adopt(obj: bpy.types.Object, role: str, image: bpy.types.Image, share: bool | None) -> bpy.types.Image:
     """Makes ``image`` the object's one image of this role: named, owned, in place of the one before."""
     before = maps_of(obj).get(role)
     if not hasattr(obj.get(TAG), "items"):
         obj[TAG] = {}
-    if before is not None and not _is_others(obj, role, before):
+    if before is not None and not _is_others(obj, role, before, share):
         before.user_remap(image)
         bpy.data.images.remove(before)
     image.name = _image_name(obj, role)
@@ -223,7 +231,7 @@ def _image_name(obj: bpy.types.Object, role: str) -> str:
     return obj.name.encode()[: NAME_BYTES - len(suffix)].decode(errors="ignore") + suffix
 
 
-def _is_others(obj: bpy.types.Object, role: str, image: bpy.types.Image) -> bool:
+def _is_others(obj: bpy.types.Object, role: str, image: bpy.types.Image, share: bool | None) -> bool:
     """Whether another object has the map, so that it is not ours to replace there.
 
     A duplicated object points to the images of its original.  Where others keep their materials, those show them.
@@ -232,7 +240,7 @@ def _is_others(obj: bpy.types.Object, role: str, image: bpy.types.Image) -> bool
            for other in bpy.data.objects for key, found in maps_of(other).items()):
         return True
     materials = {slot.material for other in bpy.data.objects if other != obj for slot in other.material_slots}
-    return not _shares() and any(
+    return not _or_open_scene(share) and any(
         getattr(node, "image", None) == image for material in materials if material is not None and has_nodes(material)
         for node in material.node_tree.nodes)
 
@@ -300,9 +308,13 @@ class _Own:
         return slot.material
 
 
-def _shares() -> bool:
+def shares(scene: bpy.types.Scene) -> bool:
     """Whether materials that other objects show too are to show the maps there as well."""
-    return bool(has_settings() and bpy.context.scene.irpso.shared_material == "SHARE")
+    return bool(has_settings() and scene.irpso.shared_material == "SHARE")
+
+
+def _or_open_scene(share: bool | None) -> bool:
+    return shares(bpy.context.scene) if share is None else share
 
 
 def has_settings() -> bool:
