@@ -98,6 +98,29 @@ def test_a_material_renamed_between_reading_and_placing(scene, module) -> None:
     assert principled.inputs["Base Color"].links[0].from_node.image == bpy.data.images["Ball_basecolor"]
 
 
+def test_a_slot_without_faces_has_a_linked_material_of_the_same_name(scene, module, tmp_path: Path) -> None:
+    """Also where the one with faces is renamed, and when the file is opened again."""
+    session, place = module("blender.jobs.session").session, module("blender.jobs.solve_object")
+    library = tmp_path / "library.blend"
+    bpy.data.libraries.write(str(library), {bpy.data.materials["Paint"]})
+    with bpy.data.libraries.load(str(library), link=True) as (_, into):
+        into.materials = ["Paint"]
+    ball, far = bpy.data.objects["Ball"], into.materials[0]
+    ball.data.materials.append(far)
+    assert far.library is not None and far.name == ball.material_slots[0].material.name == "Paint"
+    assert bpy.ops.irpso.solve() == bpy.ops.irpso.write_maps() == {"FINISHED"}
+    ball = opened(saved())
+    assert bpy.ops.irpso.write_maps() == {"FINISHED"}
+    order = place.read(bpy.context, ball, Path(bpy.path.abspath("//captures.json")),
+                       module("blender.properties").settings(bpy.context.scene.irpso))
+    solution = place.run(order, Path(bpy.data.filepath), Path(bpy.data.filepath).parent, lambda _: None)
+    ball.material_slots[0].material.name = "Lacquer"
+    place.place_now(ball, order, solution)
+    assert set(session.facts_of(ball).model) == {"Lacquer"} and bpy.ops.irpso.write_maps() == {"FINISHED"}
+    principled = bpy.data.materials["Lacquer", None].node_tree.nodes["Principled BSDF"]
+    assert principled.inputs["Base Color"].links[0].from_node.image == bpy.data.images["Ball_basecolor"]
+
+
 @pytest.mark.parametrize("record", [
     b"", b"x" * 100, 7, {"number": "1", "record": b"zzz"}, {"number": [1], "record": 2}])
 def test_whatever_a_file_holds_by_that_name(scene, module, record) -> None:

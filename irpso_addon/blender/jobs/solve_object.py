@@ -33,6 +33,7 @@ from ...solve import pipeline, plan_preparation, tiled_solve
 from ...solve.plan_preparation import TiledRequest
 from ..files import object_named
 from ..material import material, material_preflight
+from ..material.slot_names import names_of
 from ..scene import look_through
 from ..scene.scene import read_scene
 from . import solve_region, solve_speed, stored_result
@@ -104,7 +105,7 @@ def read(
     if writes:
         material_preflight.check(obj, data.mesh)
     data = solve_region.with_part(context, obj, data, settings.start, *part)
-    names = {slot.material.session_uid: slot.material.name for slot in obj.material_slots if slot.material is not None}
+    names = names_of(obj, dict.fromkeys(data.mesh.slot_names, ""))
     return Order(data, settings, uv_blocks.solved_udims(settings.udim, data.mesh.uvs), names=names,
                  share=material.shares(scene))
 

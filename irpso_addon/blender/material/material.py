@@ -22,7 +22,7 @@ from ...core.maps.map_set import UDIM, MapFiles
 from ...core.tiled.uv_blocks import FIRST_UDIM
 from .material_preflight import check_material, check_object
 from .shader_nodes import find_shader, has_nodes, wire
-from .slot_names import solved_name
+from .slot_names import solved_slots
 from .tags import TAG, maps_of, tag_prior
 
 SUFFIXES = {"base_color": "basecolor"}  # role -> end of the name, where they differ
@@ -262,11 +262,7 @@ def _targets(obj: bpy.types.Object, model: Mapping[str, str]) -> list[_Target]:
     """The slots that the solution covers; an object that was solved without a slot gets one."""
     if not obj.material_slots and "" in model:
         obj.data.materials.append(None)
-    found = []
-    for slot in obj.material_slots:
-        name = solved_name(slot, model)
-        if name is not None:
-            found.append(_Target(slot, name))
+    found = [_Target(slot, name) for slot, name in solved_slots(obj, model)]
     if not found:
         solved = ", ".join(f"'{name}'" for name in model) or "none"
         raise BadInput(f"{obj.name}: none of its materials was solved ({solved}); solve again")

@@ -22,10 +22,24 @@ def solved_name(slot: bpy.types.MaterialSlot, model: Mapping[str, str]) -> str |
     return keys[0] if keys else None
 
 
+def solved_slots(obj: bpy.types.Object, model: Mapping[str, str]) -> list[tuple[bpy.types.MaterialSlot, str]]:
+    """The slots whose materials were solved, and under which names.
+
+    A linked material may have the name of one of this file: then it was not solved, which a linked one never is to
+    take maps.
+    """
+    found = [(slot, name) for slot in obj.material_slots if (name := solved_name(slot, model)) is not None]
+    own = {name for slot, name in found if not _is_linked(slot)}
+    return [(slot, name) for slot, name in found if name not in own or not _is_linked(slot)]
+
+
+def _is_linked(slot: bpy.types.MaterialSlot) -> bool:
+    return slot.material is not None and slot.material.library is not None
+
+
 def names_of(obj: bpy.types.Object, model: Mapping[str, str]) -> dict[int, str]:
     """Of the materials that the object's slots have now."""
-    found = ((slot.material, solved_name(slot, model)) for slot in obj.material_slots if slot.material is not None)
-    return {material.session_uid: name for material, name in found if name is not None}
+    return {slot.material.session_uid: name for slot, name in solved_slots(obj, model) if slot.material is not None}
 
 
 def present_names(obj: bpy.types.Object, names: Names) -> dict[str, str]:
