@@ -56,6 +56,11 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         """The active mesh, and the other selected ones."""
         return solve_objects(context)
 
+    def look_over(self, context: bpy.types.Context, objects: list[bpy.types.Object]) -> None:
+        """Their materials, if they are to take maps."""
+        if self.write and len(objects) > 1:
+            solve_object.check_objects(context, objects)
+
     def task(self, context: bpy.types.Context, obj: bpy.types.Object) -> Task:
         """Reads the scene and the panel's settings."""
         panel = context.scene.irpso

@@ -41,6 +41,9 @@ class ModalJob:
         """What is worked on, one after another."""
         return [context.active_object]
 
+    def look_over(self, context: bpy.types.Context, objects: list[bpy.types.Object]) -> None:
+        """Raises BadInput for what is known to stop one of several, before the first is worked on."""
+
     def task(self, context: bpy.types.Context, obj: bpy.types.Object) -> Task:
         """Reads everything the job needs.  Raises BadInput."""
         raise NotImplementedError
@@ -84,7 +87,9 @@ class ModalJob:
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Does the whole job before it returns."""
         try:
-            for obj in self.objects(context):
+            objects = self.objects(context)
+            self.look_over(context, objects)
+            for obj in objects:
                 value, cancelled = _outcome(self.task(context, obj).run)
                 for _ in self._finished(obj.session_uid, value, cancelled):
                     pass
@@ -96,8 +101,10 @@ class ModalJob:
         """Starts the job and returns to the user."""
         if bpy.app.background:
             return self.execute(context)
-        self._flow = self._through([obj.session_uid for obj in self.objects(context)])
+        objects = self.objects(context)
+        self._flow = self._through([obj.session_uid for obj in objects])
         try:
+            self.look_over(context, objects)
             next(self._flow)
         except (BadInput, StopIteration) as error:
             self._leave(context)

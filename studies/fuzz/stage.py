@@ -153,7 +153,7 @@ def _scene(rng: Random, folder: Path) -> None:
     data = read_scene(None, name, rng.choice((None, None, folder / CAPTURES)))
     check(data)
     subject = files.object_named(data.mesh.name)
-    material_preflight.check(subject, data.mesh)
+    material_preflight.check(subject, data.mesh.slots)
     part = rng.choice((("ALL", None), ("GROUP", "part"), ("GROUP", ""), ("FACES", None)))
     data = solve_region.with_part(None, subject, data, rng.choice(("anew", "last")), *part)
     SolveSettings()

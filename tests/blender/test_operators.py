@@ -188,6 +188,27 @@ def test_bad_input_is_one_line_and_changes_nothing(scene) -> None:
     refused(bpy.ops.irpso.solve, "Camera 1, Light 4.exr")
 
 
+def test_materials_of_all_objects_are_checked_before_the_first_is_solved(scene, module) -> None:
+    scene.irpso.captures = "//captures.json"
+    ball, second = bpy.data.objects["Ball"], bpy.data.objects["Ball"].copy()
+    second.data = ball.data.copy()
+    scene.collection.objects.link(second)
+    ball.select_set(True)
+    second.select_set(True)
+    glow = second.data.materials[0] = bpy.data.materials.new("Glow")
+    if bpy.app.version < (5, 0):
+        glow.use_nodes = True
+    emission = glow.node_tree.nodes.new("ShaderNodeEmission")
+    glow.node_tree.links.new(emission.outputs[0], glow.node_tree.get_output_node("ALL").inputs["Surface"])
+    refused(bpy.ops.irpso.solve, "Glow", "Principled")
+    assert module("blender.jobs.session").session.results_of(ball) == []
+    second.data.materials.clear()  # without faces it takes no map
+    second.data.materials.append(bpy.data.materials["Paint"].copy())
+    second.data.materials.append(glow)
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    assert all(module("blender.jobs.session").session.results_of(obj) for obj in (ball, second))
+
+
 def test_what_is_not_possible_says_why(scene) -> None:
     for active in (None, "Camera 0", "Ball"):
         bpy.context.view_layer.objects.active = bpy.data.objects.get(active) if active else None

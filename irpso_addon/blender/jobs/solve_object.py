@@ -1,5 +1,6 @@
 """A solve of an object, from the open scene to its materials: what the command and the panel's button have in common.
 
+    check_objects(...)                     of several, before the first one
     order = read(...)                      what is solved; refused where its maps could go nowhere
     check(order), check_room(order, ...)   what else is refused before the work
     run(order, ...) or task(order)         here and now, or as a job for a worker process
@@ -9,7 +10,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -36,6 +37,7 @@ from ..material import material, material_preflight
 from ..material.slot_names import names_of
 from ..scene import look_through
 from ..scene.scene import read_scene
+from ..scene.scene_mesh import face_slots
 from . import solve_region, solve_speed, stored_result
 from .indirect import IndirectRenderer
 from .jobs import Task
@@ -87,6 +89,13 @@ class Order:
         return f"{time.strftime('%H:%M')}  {model}, {choice_name(settings.method)}, {settings.size}{part}{stopped}"
 
 
+def check_objects(context: bpy.types.Context, objects: Sequence[bpy.types.Object]) -> None:
+    """Raises BadInput where the maps of one could not go onto its materials: before the first of several is solved."""
+    depsgraph = context.evaluated_depsgraph_get()
+    for obj in objects:
+        material_preflight.check(obj, face_slots(obj, depsgraph))
+
+
 def read(
     context: bpy.types.Context | None, subject: bpy.types.Object | str | None, captures: Path | None,
     settings: SolveSettings, part: Part = ALL, writes: bool = True,
@@ -103,7 +112,7 @@ def read(
     data = with_raw_size(read_scene(context, subject.name if given else subject, captures), settings)
     obj = subject if given else object_named(data.mesh.name)
     if writes:
-        material_preflight.check(obj, data.mesh)
+        material_preflight.check(obj, data.mesh.slots)
     data = solve_region.with_part(context, obj, data, settings.start, *part)
     names = names_of(obj, dict.fromkeys(data.mesh.slot_names, ""))
     return Order(data, settings, uv_blocks.solved_udims(settings.udim, data.mesh.uvs), names=names,

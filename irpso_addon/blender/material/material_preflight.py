@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...core.data import MeshArrays
+from ...core.data import I32
 from ...core.errors import BadInput
 from .shader_nodes import find_shader, has_nodes
 
@@ -21,10 +21,10 @@ def why_not(obj: bpy.types.Object) -> str | None:
     return None
 
 
-def check(obj: bpy.types.Object, mesh: MeshArrays) -> None:
-    """Raises BadInput when the maps of what was read of ``obj`` cannot go onto it; slots without faces need none."""
+def check(obj: bpy.types.Object, slots: I32) -> None:
+    """Raises BadInput when maps cannot go onto ``obj``, whose faces have these ``slots``; those without need none."""
     check_object(obj)
-    for index in np.unique(mesh.slots):
+    for index in np.unique(slots):
         if index < len(obj.material_slots):
             check_material(obj.material_slots[int(index)].material)
 

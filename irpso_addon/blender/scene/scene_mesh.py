@@ -79,12 +79,23 @@ def _read_corners(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn
         uvs = _floats(mesh.uv_layers[layer].uv, "vector", 2)[loops]
         _check(obj, positions, uvs)
         _check_materials(obj, obj.evaluated_get(depsgraph), slots, warn)
-        slots = np.clip(slots, 0, max(1, len(obj.material_slots)) - 1)
+        slots = _slots_of(obj, slots)
         if maps and not mesh.is_editable:  # also of its temporary copy: tangents of what cannot be set crash Blender
             raise BadInput(f"object '{obj.name}': its mesh is linked from a library and has a normal map; "
                            "make it local first (Object > Relations)")
         tangents = _slot_tangents(mesh, normals, loops, slots, maps, layer) if maps else None
     return _Corners(positions, normals, uvs, slots, tangents)
+
+
+def face_slots(obj: Any, depsgraph: Any) -> I32:
+    """(faces,) indices of the material slots that faces have after modifiers; nothing where there are none."""
+    with evaluated_mesh(obj, depsgraph) as mesh:
+        return _slots_of(obj, integers(() if mesh is None else mesh.polygons, "material_index", 1)[:, 0])
+
+
+def _slots_of(obj: Any, indices: I32) -> I32:
+    """What Blender shows by the material indices of faces: those beyond the slots have the last one."""
+    return np.clip(indices, 0, max(1, len(obj.material_slots)) - 1)
 
 
 @contextmanager
