@@ -63,6 +63,14 @@ class IRPSO_PG_light(PropertyGroup):
         type=bpy.types.Object, name="Light", poll=_is_light, description="Light that was on")
 
 
+class IRPSO_PG_looked_lamp(PropertyGroup):
+    """A lamp as it was before Look Through View."""
+
+    light: PointerProperty(type=bpy.types.Object, name="Light", poll=_is_light, description="The lamp")
+    hide_render: BoolProperty(name="Hidden in Renders", description="Whether it was hidden in renders")
+    hide_viewport: BoolProperty(name="Hidden in Viewports", description="Whether it was hidden in viewports")
+
+
 class IRPSO_PG_view(PropertyGroup):
     """One reference image with the camera and the lights it was taken under."""
 
@@ -192,7 +200,13 @@ class IRPSO_PG_scene(PropertyGroup):
                     "right up to one common factor")
     looked: StringProperty(
         name="Looked Through", options={"HIDDEN"},
-        description="Camera and lamps as they were before Look Through View")
+        description="Not empty since Look Through View; NO CAMERA: the scene had none")
+    looked_camera: PointerProperty(
+        type=bpy.types.Object, name="Camera Before", options={"HIDDEN"},
+        description="Camera of the scene before Look Through View")
+    looked_lamps: CollectionProperty(
+        type=IRPSO_PG_looked_lamp, name="Lamps Before", options={"HIDDEN"},
+        description="Lamps as they were before Look Through View")
     remedied: StringProperty(
         name="Remedies", options={"HIDDEN"},
         description="Remedies applied since Blender was started")
@@ -244,7 +258,8 @@ def shoot_settings(group: IRPSO_PG_shoot) -> ShootSettings:
     return ShootSettings(**{field.name: getattr(group, field.name) for field in fields(ShootSettings)})
 
 
-CLASSES = (IRPSO_PG_light, IRPSO_PG_view, IRPSO_PG_lens, IRPSO_PG_ball, IRPSO_PG_shoot, IRPSO_PG_scene)
+CLASSES = (IRPSO_PG_light, IRPSO_PG_looked_lamp, IRPSO_PG_view, IRPSO_PG_lens, IRPSO_PG_ball, IRPSO_PG_shoot,
+           IRPSO_PG_scene)
 
 
 def register() -> None:

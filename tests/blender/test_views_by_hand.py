@@ -53,6 +53,24 @@ def test_a_scene_without_a_camera_has_none_again(scene) -> None:
     assert scene.camera is None
 
 
+def test_what_is_renamed_meanwhile_comes_back(scene, tmp_path: Path) -> None:
+    """Also when the file was saved in between; a lamp that is gone does not matter."""
+    bpy.ops.irpso.look_through_view()
+    hidden = [obj for obj in scene.objects if obj.type == "LIGHT" and obj.hide_render]
+    camera = scene.camera = bpy.data.objects["Camera 1"]
+    bpy.ops.irpso.look_back()
+    scene.camera = camera
+    bpy.ops.irpso.look_through_view()
+    camera.name, hidden[0].name, hidden[1].name = "Left", "Lamp", hidden[0].name  # one has the name of another now
+    bpy.data.objects.remove(hidden[2])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "later.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "later.blend"), load_ui=False)
+    scene = bpy.context.scene
+    assert bpy.ops.irpso.look_back() == {"FINISHED"}
+    assert scene.camera.name == "Left" and set(lamps(scene).values()) == {(False, False)}
+    assert not scene.irpso.looked_lamps and scene.irpso.looked_camera is None  # nothing is kept alive by them
+
+
 def test_a_view_of_all_lamps_has_all(scene) -> None:
     scene.irpso.active_view = 0
     bpy.ops.irpso.look_through_view()

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from typing import Any
-
 import bpy
 
 from ..glow import is_light
 from .scene_views import NamedView, SceneViews
+
+NO_CAMERA = "NO CAMERA"  # what `looked` says where the scene had none
 
 
 def named_view(context: bpy.types.Context, index: int) -> NamedView | None:
@@ -25,42 +24,41 @@ def look_through(scene: bpy.types.Scene, view: NamedView) -> None:
     named = {item.light for entry in scene.irpso.views for item in entry.lights}
     lamps = [obj for obj in scene.objects if obj.type == "LIGHT" or (obj in named and is_light(obj))]
     if not is_looking(scene):
-        before = {"camera": scene.camera.name if scene.camera else "",
-                  "lamps": {lamp.name: [lamp.hide_render, lamp.hide_viewport] for lamp in lamps}}
-        scene.irpso.looked = json.dumps(before)
+        _remember(scene, lamps)
     scene.camera = scene.objects[view.camera]
     for lamp in lamps:
         lamp.hide_render = lamp.hide_viewport = lamp.name not in view.lights + view.emitters
 
 
+def _remember(scene: bpy.types.Scene, lamps: list[bpy.types.Object]) -> None:
+    """Camera and lamps as they are, by pointers, which follow renaming and saving."""
+    panel = scene.irpso
+    panel.looked, panel.looked_camera = "CAMERA" if scene.camera else NO_CAMERA, scene.camera
+    panel.looked_lamps.clear()
+    for lamp in lamps:
+        entry = panel.looked_lamps.add()
+        entry.light, entry.hide_render, entry.hide_viewport = lamp, lamp.hide_render, lamp.hide_viewport
+
+
 def look_back(scene: bpy.types.Scene) -> None:
     """Camera and lamps as they were."""
-    name = _before(scene).get("camera")
+    panel = scene.irpso
     lamps_back(scene)
-    camera = scene.objects.get(str(name))
-    if name == "" or (camera is not None and camera.type == "CAMERA"):
-        scene.camera = camera
-    scene.irpso.looked = ""
+    cameras = [obj for obj in scene.objects if obj.type == "CAMERA" and obj == panel.looked_camera]
+    if cameras or panel.looked == NO_CAMERA:
+        scene.camera = cameras[0] if cameras else None
+    panel.looked, panel.looked_camera = "", None
+    panel.looked_lamps.clear()
 
 
 def lamps_back(scene: bpy.types.Scene) -> None:
     """The lamps as they were; those that are new stay."""
-    lamps = _before(scene).get("lamps", {})
-    for name, hidden in lamps.items() if isinstance(lamps, dict) else ():
-        lamp = scene.objects.get(name)
-        if lamp is not None and is_light(lamp) and isinstance(hidden, list) and len(hidden) == 2:
-            lamp.hide_render, lamp.hide_viewport = bool(hidden[0]), bool(hidden[1])
+    for entry in scene.irpso.looked_lamps:
+        lamp = entry.light
+        if lamp is not None and is_light(lamp):
+            lamp.hide_render, lamp.hide_viewport = entry.hide_render, entry.hide_viewport
 
 
 def is_looking(scene: bpy.types.Scene) -> bool:
     """Whether the scene is as a view shows it."""
     return bool(scene.irpso.looked)
-
-
-def _before(scene: bpy.types.Scene) -> dict[str, Any]:
-    """Camera and lamps before; a file may hold anything there."""
-    try:
-        found = json.loads(scene.irpso.looked or "{}")
-    except (ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
