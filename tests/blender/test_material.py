@@ -190,6 +190,33 @@ def test_another_object_that_was_given_the_solved_material_keeps_its_maps(empty)
     np.testing.assert_allclose(bake(obj, mine, "Base Color"), later.base_color, atol=1e-6)
 
 
+@pytest.mark.parametrize("nested", [False, True])
+def test_a_material_that_geometry_nodes_give_another_object_is_copied(empty, nested: bool) -> None:
+    obj, maps, later = make_plane("Mine"), make_maps(), make_maps(seed=5)
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}, maps))
+    skin = obj.material_slots[0].material
+    group = bpy.data.node_groups.new("Skinned", "GeometryNodeTree")
+    group.nodes.new("GeometryNodeSetMaterial").inputs["Material"].default_value = skin
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}, maps))
+    assert obj.material_slots[0].material == skin  # nobody uses the nodes
+    if nested:
+        outer = bpy.data.node_groups.new("Outer", "GeometryNodeTree")
+        outer.nodes.new("GeometryNodeGroup").node_tree = group
+        group = outer
+    obj.modifiers.new("Own", "NODES").node_group = group
+    assert material.shared_with(obj) == {}
+    other = make_plane("Theirs", materials=())
+    other.modifiers.new("Skin", "NODES").node_group = group
+    assert material.shared_with(obj) == {"Skin": ["Theirs"]}
+    state = tree_state(skin.node_tree)
+    messages = material.write_maps(obj, make_solution({"Skin": "one-lobe"}, later))
+    assert any("'Theirs' uses it too" in message for message in messages)
+    assert obj.material_slots[0].material != skin and tree_state(skin.node_tree) == state
+    pixels = np.empty(SIZE * SIZE * 4, np.float32)
+    source(skin, "Base Color").image.pixels.foreach_get(pixels)
+    np.testing.assert_array_equal(pixels.reshape(SIZE, SIZE, 4)[..., :3], maps.base_color)
+
+
 def test_a_shared_mesh_keeps_its_material(empty) -> None:
     obj = make_plane("Mine")
     twin = bpy.data.objects.new("Twin", obj.data)

@@ -239,10 +239,9 @@ def _is_others(obj: bpy.types.Object, role: str, image: bpy.types.Image, share: 
     if any(found == image and (other, key) != (obj, role)
            for other in bpy.data.objects for key, found in maps_of(other).items()):
         return True
-    materials = {slot.material for other in bpy.data.objects if other != obj for slot in other.material_slots}
     return not _or_open_scene(share) and any(
-        getattr(node, "image", None) == image for material in materials if material is not None and has_nodes(material)
-        for node in material.node_tree.nodes)
+        bool(_others(obj, material)) for material in bpy.data.materials if has_nodes(material)
+        and any(getattr(node, "image", None) == image for node in material.node_tree.nodes))
 
 
 def _drop_others(obj: bpy.types.Object, images: Mapping[str, bpy.types.Image]) -> None:
@@ -333,9 +332,23 @@ def named(others: Sequence[str]) -> str:
 
 
 def _others(obj: bpy.types.Object, material: bpy.types.Material) -> list[str]:
-    """The names of the other objects that show it."""
+    """The names of the other objects that show it, by a slot or by Geometry Nodes."""
+    given = _given(material)
     return [other.name for other in bpy.data.objects if other != obj
-            and any(slot.material == material for slot in other.material_slots)]
+            and (other in given or any(slot.material == material for slot in other.material_slots))]
+
+
+def _given(material: bpy.types.Material) -> set[bpy.types.Object]:
+    """The objects whose Geometry Nodes may put it on faces."""
+    found: set[bpy.types.Object] = set()
+    waiting, seen = [material], set()
+    while waiting:
+        data = waiting.pop()
+        seen.add(data)
+        users = bpy.data.user_map(subset={data}, value_types={"NODETREE", "OBJECT"})[data]
+        found |= {user for user in users if isinstance(user, bpy.types.Object)}
+        waiting += [user for user in users if isinstance(user, bpy.types.NodeTree) and user not in seen]
+    return {obj for obj in found if any(modifier.type == "NODES" for modifier in obj.modifiers)}
 
 
 def are_shown(obj: bpy.types.Object) -> bool:
