@@ -14,8 +14,11 @@ class IRPSO_OT_show_views(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """There is a window."""
-        return context.window is not None
+        """There is a window; in the background Blender has one that nobody sees."""
+        if bpy.app.background or context.window is None:
+            cls.poll_message_set("Blender runs in the background: there is no window to show it in")
+            return False
+        return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Nothing of the file is changed."""

@@ -219,6 +219,10 @@ def test_what_is_not_possible_says_why(scene) -> None:
     assert bpy.ops.irpso.solve.poll()
 
 
+def test_without_a_window_there_is_no_editor_to_show_views_in(scene) -> None:
+    assert bpy.app.background and bpy.context.window is not None and not bpy.ops.irpso.show_views.poll()
+
+
 def test_a_uv_map_is_made_where_blender_can_make_it(scene, tmp_path: Path) -> None:
     ball = bpy.data.objects["Ball"]
     ball.data.uv_layers.remove(ball.data.uv_layers[0])
