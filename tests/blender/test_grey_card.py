@@ -140,6 +140,19 @@ def test_what_is_refused_changes_nothing(studio, card, words):
     assert lamp.data.energy == WATTS and not scene.irpso.scale_known
 
 
+def test_a_lamp_of_no_view_keeps_its_power(studio):
+    """Though it shares its data with one that is scaled."""
+    scene, floor, lamp, folder = studio
+    look(scene, folder)
+    add_view(scene, folder, lamp)
+    add_view(scene, folder, lamp).image = str(folder / "other.exr")
+    lamp.data.energy = 37.0
+    idle = rig.add("idle", lamp.data, (1, 1, 1))
+    lines = set_power_by_grey_card(bpy.context, floor, GreyCard("card.exr", *pixel_of((0, 0, 0)), 8, GREY))
+    assert lamp.data.energy == pytest.approx(WATTS, rel=0.02) and idle.data.energy == 37.0
+    assert len(lines) == 1 and lines[0].startswith(f"power of '{lamp.data.name}' x 2.")
+
+
 def test_keyframes_of_the_power_are_refused(studio):
     """They would set it back at the next frame."""
     scene, floor, lamp, folder = studio

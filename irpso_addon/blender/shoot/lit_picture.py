@@ -14,7 +14,7 @@ from ...core.projection import rays_of
 from ...core.shading.lights import light_irradiance
 from ...core.shoot.grey_patch import Patch, measure_patch
 from ...core.shoot.picture_marks import Square
-from ..scene.move_light import check_power
+from ..scene.move_light import check_power, multiply_power
 from ..scene.scene_objects import read_light, rendered_objects
 from .mesh_rays import MeshRays
 from .view_pictures import ListedView, read_picture
@@ -107,18 +107,14 @@ def _distance(mesh: bpy.types.Object, camera: Camera, direction: F64) -> float:
 def scale_power(context: bpy.types.Context, views: Sequence[ListedView], factor: float, what: str) -> list[str]:
     """Multiplies the power of every light of the views, and marks it as known; lines for the user that name ``what``.
 
-    Raises BadInput, and changes nothing then.
+    Other lights that share their data keep their power.  Raises BadInput, and changes nothing then.
     """
-    lights = [obj for view in views for obj in lights_of(context, view)]
-    blocks = {obj.data: None for obj in lights}
+    lights = list(dict.fromkeys(obj for view in views for obj in lights_of(context, view)))
     for obj in lights:
         check_power(obj)
-    for data in blocks:
-        if data.library is not None:
-            raise BadInput(f"light data '{data.name}': is linked from another file; make it local")
-    lines = []
-    for data in blocks:
-        data.energy *= factor
-        lines.append(f"power of '{data.name}' x {factor:.4g} by {what}: {data.energy:.4g}")
+        if obj.data.library is not None:
+            raise BadInput(f"light data '{obj.data.name}': is linked from another file; make it local")
+    multiply_power(lights, factor)
     context.scene.irpso.scale_known = True
-    return lines
+    return [f"power of '{data.name}' x {factor:.4g} by {what}: {data.energy:.4g}"
+            for data in dict.fromkeys(obj.data for obj in lights)]
