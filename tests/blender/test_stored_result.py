@@ -121,6 +121,24 @@ def test_a_slot_without_faces_has_a_linked_material_of_the_same_name(scene, modu
     assert principled.inputs["Base Color"].links[0].from_node.image == bpy.data.images["Ball_basecolor"]
 
 
+def test_a_material_that_is_deleted_while_its_solve_runs(scene, module) -> None:
+    """The line names the way to bring the result onto another one, and it leads there."""
+    place = module("blender.jobs.solve_object")
+    ball = bpy.data.objects["Ball"]
+    order = place.read(bpy.context, ball, Path(bpy.path.abspath("//captures.json")),
+                       module("blender.properties").settings(scene.irpso))
+    solution = place.run(order, Path(bpy.data.filepath), Path(bpy.data.filepath).parent, lambda _: None)
+    bpy.data.materials.remove(bpy.data.materials["Paint"])
+    new = ball.material_slots[0].material = bpy.data.materials.new("New")
+    with pytest.raises(module("core.errors").BadInput, match=r"'Paint'.*of that name.*Write to Material") as caught:
+        place.place_now(ball, order, solution)
+    assert bpy.ops.irpso.write_maps.get_rna_type().name in str(caught.value)
+    new.name = "Paint"
+    assert bpy.ops.irpso.write_maps() == {"FINISHED"}
+    assert new.node_tree.nodes["Principled BSDF"].inputs["Base Color"].links[0].from_node.image == (
+        bpy.data.images["Ball_basecolor"])
+
+
 @pytest.mark.parametrize("record", [
     b"", b"x" * 100, 7, {"number": "1", "record": b"zzz"}, {"number": [1], "record": 2}])
 def test_whatever_a_file_holds_by_that_name(scene, module, record) -> None:

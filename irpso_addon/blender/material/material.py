@@ -263,8 +263,11 @@ def _targets(obj: bpy.types.Object, model: Mapping[str, str]) -> list[_Target]:
         obj.data.materials.append(None)
     found = [_Target(slot, name) for slot, name in solved_slots(obj, model)]
     if not found:
-        solved = ", ".join(f"'{name}'" for name in model) or "none"
-        raise BadInput(f"{obj.name}: none of its materials was solved ({solved}); solve again")
+        solved = ", ".join(f"'{name}'" for name in model if name)
+        if not solved:
+            raise BadInput(f"{obj.name}: none of its materials was solved; solve again")
+        raise BadInput(f"{obj.name}: none of its materials was solved ({solved}); give it one of that name and press "
+                       "Write to Material, or solve again")
     return found
 
 
