@@ -208,6 +208,7 @@ def test_a_material_that_geometry_nodes_give_another_object_is_copied(empty, nes
     other = make_plane("Theirs", materials=())
     other.modifiers.new("Skin", "NODES").node_group = group
     assert material.shared_with(obj) == {"Skin": ["Theirs"]}
+    obj.modifiers.clear()
     state = tree_state(skin.node_tree)
     messages = material.write_maps(obj, make_solution({"Skin": "one-lobe"}, later))
     assert any("'Theirs' uses it too" in message for message in messages)
@@ -215,6 +216,26 @@ def test_a_material_that_geometry_nodes_give_another_object_is_copied(empty, nes
     pixels = np.empty(SIZE * SIZE * 4, np.float32)
     source(skin, "Base Color").image.pixels.foreach_get(pixels)
     np.testing.assert_array_equal(pixels.reshape(SIZE, SIZE, 4)[..., :3], maps.base_color)
+
+
+def test_a_material_that_geometry_nodes_give_the_object_itself_is_not_copied(empty) -> None:
+    """On a copy in its slot the maps would not show."""
+    obj, other = make_plane("Mine"), make_plane("Theirs", materials=())
+    group = bpy.data.node_groups.new("Skinned", "GeometryNodeTree")
+    nodes, links = group.nodes, group.links
+    for way in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    begin, paint, end = (nodes.new(kind) for kind in (
+        "NodeGroupInput", "GeometryNodeSetMaterial", "NodeGroupOutput"))
+    paint.inputs["Material"].default_value = obj.material_slots[0].material
+    links.new(begin.outputs[0], paint.inputs["Geometry"])
+    links.new(paint.outputs[0], end.inputs[0])
+    for each in (obj, other):
+        each.modifiers.new("Skin", "NODES").node_group = group
+    messages = material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert any("'Theirs' shows the maps too, because Geometry Nodes give it to Mine" in text for text in messages)
+    shown = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).material_slots[0].material.original
+    assert source(shown, "Base Color").image.name == "Mine_basecolor"
 
 
 def test_a_shared_mesh_keeps_its_material(empty) -> None:

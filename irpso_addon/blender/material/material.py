@@ -290,6 +290,11 @@ class _Own:
             if self.share:
                 self.messages.append(f"material '{material.name}': {named(others)} shows the maps too")
                 return material
+            if obj in _given(material):  # a copy would not show there
+                self.messages.append(f"material '{material.name}': {named(others)} shows the maps too, because "
+                                     f"Geometry Nodes give it to {obj.name}; give {obj.name} a group and a material of "
+                                     "its own to keep them apart")
+                return material
         if obj.data.users > 1 or not obj.data.is_editable:
             slot.link = "OBJECT"  # else the slots of the other objects with this mesh would change as well
         if material is None:
