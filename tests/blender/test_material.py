@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 
-from irpso_addon.blender.material import material
+from irpso_addon.blender.material import material, material_sharing
 from irpso_addon.blender.scene.scene_mesh import read_mesh
 from irpso_addon.core.errors import BadInput
 from tests.blender.materials import (
@@ -204,10 +204,10 @@ def test_a_material_that_geometry_nodes_give_another_object_is_copied(empty, nes
         outer.nodes.new("GeometryNodeGroup").node_tree = group
         group = outer
     obj.modifiers.new("Own", "NODES").node_group = group
-    assert material.shared_with(obj) == {}
+    assert material_sharing.shared_with(obj) == {}
     other = make_plane("Theirs", materials=())
     other.modifiers.new("Skin", "NODES").node_group = group
-    assert material.shared_with(obj) == {"Skin": ["Theirs"]}
+    assert material_sharing.shared_with(obj) == {"Skin": ["Theirs"]}
     obj.modifiers.clear()
     state = tree_state(skin.node_tree)
     messages = material.write_maps(obj, make_solution({"Skin": "one-lobe"}, later))

@@ -174,18 +174,18 @@ def test_an_earlier_result_comes_back_by_a_click(scene, module) -> None:
 
 
 def test_a_shared_material_is_copied_or_shared_as_chosen(scene, module) -> None:
-    material = module("blender.material.material")
+    material_sharing = module("blender.material.material_sharing")
     ball = bpy.data.objects["Ball"]
     other = bpy.data.objects.new("Other", ball.data)
     scene.collection.objects.link(other)
-    assert material.shared_with(ball) == {"Paint": ["Other"]}
+    assert material_sharing.shared_with(ball) == {"Paint": ["Other"]}
     scene.irpso.shared_material = "SHARE"
     bpy.ops.irpso.solve()
     assert ball.material_slots[0].material == other.material_slots[0].material
     scene.irpso.shared_material = "COPY"
     assert bpy.ops.irpso.solve() == {"FINISHED"}
     assert ball.material_slots[0].material != other.material_slots[0].material
-    assert material.shared_with(ball) == {}
+    assert material_sharing.shared_with(ball) == {}
 
 
 def test_another_scene_is_open_when_the_maps_come(scene, module) -> None:

@@ -33,7 +33,7 @@ from ...gpu.device import thread
 from ...solve import pipeline, plan_preparation, tiled_solve
 from ...solve.plan_preparation import TiledRequest
 from ..files import object_named
-from ..material import material, material_preflight
+from ..material import material, material_preflight, material_sharing
 from ..material.slot_names import names_of
 from ..scene import look_through
 from ..scene.scene import read_scene
@@ -116,7 +116,7 @@ def read(
     data = solve_region.with_part(context, obj, data, settings.start, *part)
     names = names_of(obj, dict.fromkeys(data.mesh.slot_names, ""))
     return Order(data, settings, uv_blocks.solved_udims(settings.udim, data.mesh.uvs), names=names,
-                 share=material.shares(scene))
+                 share=material_sharing.shares(scene))
 
 
 def check(order: Order) -> None:

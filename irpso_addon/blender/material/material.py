@@ -1,8 +1,8 @@
 """Maps onto an object's materials: image datablocks and the nodes that show them.
 
-Only this file, `wiring` and `two_lobe` write ``bpy.data``.  Images and nodes made here are found again by
-what they are, not by their names: nodes carry the custom property ``irpso`` (their role), and the object's
-custom property ``irpso`` points to its images.  So running twice leaves one set, also after renaming.
+Only this file, `material_sharing`, `shader_nodes` and `two_lobe` write ``bpy.data``.  Images and nodes made here are
+found again by what they are, not by their names: nodes carry the custom property ``irpso`` (their role), and the
+object's custom property ``irpso`` points to its images.  So running twice leaves one set, also after renaming.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ...core.maps.export import write_maps as export_maps
 from ...core.maps.map_set import UDIM, MapFiles
 from ...core.tiled.uv_blocks import FIRST_UDIM
 from .material_preflight import check_material, check_object
+from .material_sharing import Own, is_shared, or_open_scene
 from .shader_nodes import find_shader, has_nodes, wire
 from .slot_names import solved_slots
 from .tags import TAG, maps_of, tag_prior
@@ -86,8 +87,8 @@ def wire_maps(
     """
     messages: list[str] = []
     targets = check(obj, solution)
-    own = _Own(obj, _or_open_scene(share))
-    solved = {own.material(target): target.solved for target in targets}
+    own = Own(obj, or_open_scene(share))
+    solved = {own.material(target.slot, target.solved): target.solved for target in targets}
     messages += own.messages
     for material, name in solved.items():
         found = wire(material, images, model=solution.model[name], lobes=solution.maps.lobes is not None,
@@ -239,8 +240,8 @@ def _is_others(obj: bpy.types.Object, role: str, image: bpy.types.Image, share: 
     if any(found == image and (other, key) != (obj, role)
            for other in bpy.data.objects for key, found in maps_of(other).items()):
         return True
-    return not _or_open_scene(share) and any(
-        bool(_others(obj, material)) for material in bpy.data.materials if has_nodes(material)
+    return not or_open_scene(share) and any(
+        is_shared(obj, material) for material in bpy.data.materials if has_nodes(material)
         and any(getattr(node, "image", None) == image for node in material.node_tree.nodes))
 
 
@@ -269,94 +270,6 @@ def _targets(obj: bpy.types.Object, model: Mapping[str, str]) -> list[_Target]:
         raise BadInput(f"{obj.name}: none of its materials was solved ({solved}); give it one of that name and press "
                        "Write to Material, or solve again")
     return found
-
-
-class _Own:
-    """Materials that the object may change: made where a slot has none, copied where other objects show them too."""
-
-    def __init__(self, obj: bpy.types.Object, share: bool) -> None:
-        """``share``: change also those that others show."""
-        self.obj, self.share = obj, share
-        self.messages: list[str] = []
-        self._copies: dict[bpy.types.Material, bpy.types.Material] = {}
-
-    def material(self, target: _Target) -> bpy.types.Material:
-        """The slot's."""
-        obj, slot, material = self.obj, target.slot, target.slot.material
-        if material is not None and material not in self._copies:
-            others = _others(obj, material)
-            if not others:
-                return material
-            if self.share:
-                self.messages.append(f"material '{material.name}': {named(others)} shows the maps too")
-                return material
-            if obj in _given(material):  # a copy would not show there
-                self.messages.append(f"material '{material.name}': {named(others)} shows the maps too, because "
-                                     f"Geometry Nodes give it to {obj.name}; give {obj.name} a group and a material of "
-                                     "its own to keep them apart")
-                return material
-        if obj.data.users > 1 or not obj.data.is_editable:
-            slot.link = "OBJECT"  # else the slots of the other objects with this mesh would change as well
-        if material is None:
-            slot.material = bpy.data.materials.new(obj.name)
-            slot.material[TAG] = ""
-            self.messages.append(f"{obj.name}: had an empty material slot; made material '{slot.material.name}'")
-        else:
-            if material not in self._copies:
-                self._copies[material] = material.copy()
-                self._copies[material][TAG] = target.solved
-                self.messages.append(f"material '{material.name}': {named(others)} uses it too; made "
-                                     f"'{self._copies[material].name}' for {obj.name}")
-            slot.material = self._copies[material]
-        return slot.material
-
-
-def shares(scene: bpy.types.Scene) -> bool:
-    """Whether materials that other objects show too are to show the maps there as well."""
-    return bool(has_settings() and scene.irpso.shared_material == "SHARE")
-
-
-def _or_open_scene(share: bool | None) -> bool:
-    return shares(bpy.context.scene) if share is None else share
-
-
-def has_settings() -> bool:
-    """Whether scenes have IRPSO's settings."""
-    return hasattr(bpy.types.Scene, "irpso")
-
-
-def shared_with(obj: bpy.types.Object) -> dict[str, list[str]]:
-    """The object's materials that others show too, with these objects' names; for panels, which are drawn often."""
-    alone = obj.data is None or obj.data.users < 2
-    materials = dict.fromkeys(slot.material for slot in obj.material_slots if slot.material is not None
-                              and not (alone and slot.material.users < 2))
-    found = {material.name: _others(obj, material) for material in materials}
-    return {name: others for name, others in found.items() if others}
-
-
-def named(others: Sequence[str]) -> str:
-    """"'Vase' and 2 more"."""
-    return f"'{others[0]}'" + (f" and {len(others) - 1} more" if len(others) > 1 else "")
-
-
-def _others(obj: bpy.types.Object, material: bpy.types.Material) -> list[str]:
-    """The names of the other objects that show it, by a slot or by Geometry Nodes."""
-    given = _given(material)
-    return [other.name for other in bpy.data.objects if other != obj
-            and (other in given or any(slot.material == material for slot in other.material_slots))]
-
-
-def _given(material: bpy.types.Material) -> set[bpy.types.Object]:
-    """The objects whose Geometry Nodes may put it on faces."""
-    found: set[bpy.types.Object] = set()
-    waiting, seen = [material], set()
-    while waiting:
-        data = waiting.pop()
-        seen.add(data)
-        users = bpy.data.user_map(subset={data}, value_types={"NODETREE", "OBJECT"})[data]
-        found |= {user for user in users if isinstance(user, bpy.types.Object)}
-        waiting += [user for user in users if isinstance(user, bpy.types.NodeTree) and user not in seen]
-    return {obj for obj in found if any(modifier.type == "NODES" for modifier in obj.modifiers)}
 
 
 def are_shown(obj: bpy.types.Object) -> bool:

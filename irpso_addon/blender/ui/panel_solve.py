@@ -11,7 +11,7 @@ from ...core.params import SolveSettings
 from .. import preferences, presets
 from ..jobs import jobs, solve_region, solve_speed
 from ..jobs.session import Running, session
-from ..material import material, material_preflight
+from ..material import material_preflight, material_sharing
 from ..panel_common import Tab, letters, split, wrapped
 from ..scene import readiness
 
@@ -78,13 +78,14 @@ def _unfit(context: bpy.types.Context) -> str | None:
 def _draw_shared(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """That other objects use a material too, and what becomes of it."""
     shared = {name: others for obj in readiness.solve_objects(context)
-              for name, others in material.shared_with(obj).items()}
+              for name, others in material_sharing.shared_with(obj).items()}
     if not shared:
         return
     name, others = next(iter(shared.items()))
     column = layout.column(align=True)
     more = f" (and {len(shared) - 1} more materials)" if len(shared) > 1 else ""
-    wrapped(column, f"Material '{name}' is used by {material.named(others)} too{more}", letters(context), "INFO")
+    text = f"Material '{name}' is used by {material_sharing.named(others)} too{more}"
+    wrapped(column, text, letters(context), "INFO")
     column.row().prop(context.scene.irpso, "shared_material", expand=True)
 
 
