@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import F32, RadianceImage, View
+from irpso_addon.core.data import F32, F64, RadianceImage, View
 from irpso_addon.core.images.image_writer import write_image
-from irpso_addon.core.images.reference_image import read_reference
-from irpso_addon.core.images.response import undone
+from irpso_addon.core.images.reference_image import Reference, read_reference
+from irpso_addon.core.images.response import straightened, undone
 from irpso_addon.solve.kept_images import KeptImages
 from tests.support import synthetic as syn
 
@@ -37,6 +37,27 @@ def view(tmp_path: Path, radiance: F32) -> View:
 
 def test_a_file_is_read_as_radiance(view: View, radiance: F32) -> None:
     np.testing.assert_allclose(read_reference(view).rgb, radiance, rtol=2e-3)  # half floats in the file
+
+
+def test_ambient_light_and_flat_field_have_the_same_response_and_black_level(view: View, radiance: F32) -> None:
+    """By the formula of a file, docs/shooting.md; read whole, and as a block of a large solve reads it."""
+    room = np.random.default_rng(3).uniform(0.01, 0.1, radiance.shape)
+    lens = np.linspace(0.5, 1.0, SIZE[0])[:, None]  # that of the last column counts as 1
+
+    def file(name: str, light: F64, scale: float) -> Path:
+        path = view.image.with_name(name)
+        write_image(path, ((light * lens * scale) ** POWER + BLACK).astype(np.float32), kind="exr", color=True)
+        return path
+
+    lit = replace(view, image=file("lit.exr", radiance + room, 2**EXPOSURE * GAIN),
+                  ambient=file("room.exr", room, 2**EXPOSURE * GAIN),
+                  flat=file("flat.exr", np.full_like(room, 0.8), 1.0))
+    found = read_reference(lit).rgb
+    np.testing.assert_allclose(found, radiance, rtol=1e-2, atol=5e-3)  # half floats in the files
+    for (developed, _, _) in Reference(lit).bands():
+        np.testing.assert_allclose(straightened(developed, lit)[::-1], found, rtol=1e-5)
+    without = replace(lit, flat=None, ambient=None)
+    assert np.abs(read_reference(without).rgb / radiance - 1).max() > 0.3
 
 
 def test_a_second_look_is_as_if_read_anew(view: View) -> None:

@@ -17,7 +17,7 @@ from .image_file import ImageFile, open_image
 from .mask import ASPECT, Mask
 from .picture_survey import Rows, Survey, all_channels, survey
 from .raw_reader import is_raw
-from .response import straightened
+from .response import as_read, straightened
 
 _EVEN = 0.99  # quantile of a flat field that counts as 1: a speck may be brighter
 _DIM = 0.02  # of that: where a flat field is darker, nothing can be divided by it
@@ -29,8 +29,8 @@ Pixels = tuple[F32, F32, Bool]  # radiance (rows, width, 3), coverage and validi
 def read_reference(view: View, max_pixels: int | None = None) -> RadianceImage:
     """Radiance of ``view.image``: linear Rec.709, divided by 2^exposure and gain, alpha divided out, upright.
 
-    ``view.ambient`` is subtracted, ``view.flat`` and ``view.vignetting`` are divided out, and ``view.black_level``
-    and ``view.response`` of what is left are undone.
+    ``view.black_level`` and ``view.response`` are undone, also of ambient picture and flat field; then ``view.ambient``
+    is subtracted, and ``view.flat`` and ``view.vignetting`` are divided out.
 
     With ``max_pixels`` a larger image is reduced by area averages to at most about that many; a reduced
     pixel is valid only if all under it are.  Beside the result it takes about 250 MB, however large the image is, and
@@ -72,6 +72,7 @@ class Reference:
         if of is not None and (file.width, file.height) != (of.width, of.height):
             raise BadInput(f"{view.image}: is {file.width} x {file.height} pixels, {of.file.path.name} {of.width} x "
                            f"{of.height}; take both with the same camera and settings")
+        self._view = view
         self._develop, warnings = _development(view, file)
         self._rows = Rows(file, None if view.mask is None else Mask(view.mask, file))
         self._survey: Survey = survey(self._rows, 0.0 if of is None else of._survey.level)
@@ -90,22 +91,28 @@ class Reference:
             self.warnings += () if other is None else other.warnings
 
     def bands(self) -> Iterator[Pixels]:
-        """Radiance (rows, width, 3), coverage and validity (rows, width), row 0 at the top.  Once only."""
+        """Radiance (rows, width, 3), coverage and validity (rows, width), row 0 at the top.  Once only.
+
+        It is as from a file that holds it by the view's response and black level, which `straightened` undoes.
+        """
         ambient, flat = (None if other is None else _Taker(other.bands()) for other in (self._ambient, self._flat))
         even = None if self._flat is None else self._flat._even()
         for rgb, coverage in self._rows.bands(last=True):
             radiance, valid = self._developed(rgb)
-            if ambient is not None:
+            if ambient is not None or flat is not None:
+                radiance = straightened(radiance, self._view)
+            if ambient is not None and self._ambient is not None:
                 light, _, known = ambient.take(len(radiance))
-                radiance, valid = radiance - light, valid & known
+                radiance, valid = radiance - straightened(light, self._ambient._view), valid & known
                 self._left += _signs(radiance[valid & (coverage > 0)])
-            if flat is not None and even is not None:
+            if flat is not None and self._flat is not None:
                 light, _, known = flat.take(len(radiance))
+                light = straightened(light, self._flat._view)
                 share = light.mean(-1) / np.float32(even)  # of all channels: a lens falls off alike in them
                 valid = valid & known & (share > _DIM)
                 radiance = np.asarray(radiance / np.where(share > _DIM, share, np.float32(1))[..., None], np.float32)
             if ambient is not None or flat is not None:
-                radiance = np.where(valid[..., None], radiance, np.float32(0))
+                radiance = as_read(np.where(valid[..., None], radiance, np.float32(0)), self._view)
             yield radiance, coverage, valid
 
     def _developed(self, rgb: F32) -> tuple[F32, Bool]:
@@ -123,6 +130,7 @@ class Reference:
     def _even(self) -> float:
         """The level of a flat field that counts as 1.  Raises BadInput."""
         radiance, valid = self._developed(self._survey.sample)
+        radiance = straightened(radiance, self._view)
         level = float(np.quantile(radiance.mean(-1)[valid], _EVEN)) if valid.any() else 0.0
         if not level > 0:
             raise BadInput(f"{self.file.path}: is not a flat field (black, or every pixel is clipped); take a picture "
