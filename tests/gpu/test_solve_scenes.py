@@ -134,6 +134,13 @@ def test_what_no_view_sees_is_filled_and_said(patches):
     assert np.isfinite(found.maps.base_color).all()
 
 
+def test_pixels_per_texel_of_tiny_pictures_are_not_known():
+    """No four pixels in a row are away from every edge; a warning of numpy's would fail the test."""
+    found = run(syn.shoot(syn.PATCHES, rig(), pixels=(5, 5)), size=16)
+    assert found.checks is not None and np.isnan(found.checks.pixels_per_texel)
+    assert not any("coarser" in w for w in found.warnings)
+
+
 def test_too_few_views_are_said(patches):
     few = replace(patches, scene=replace(patches.scene, views=patches.scene.views[:2]))
     found = run(few)

@@ -121,7 +121,8 @@ class _Measured:
     def _pixels_per_texel(self) -> float:
         if not self.views:
             return 0.0
-        return 1 / max(float(np.median(np.concatenate([*self.areas, np.zeros(0)]))), 1e-9)
+        areas = np.concatenate(self.areas)
+        return 1 / max(float(np.median(areas)), 1e-9) if len(areas) else float("nan")
 
 
 def left_over(checks: Checks) -> float:
