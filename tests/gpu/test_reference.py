@@ -103,6 +103,19 @@ def test_models_that_it_has_not_are_refused_in_one_line(numpy_device, model):
     assert "\n" not in str(caught.value)
 
 
+def test_settings_that_it_cannot_follow_are_said():
+    shoot = syn.shoot(syn.PATCHES, rig(1, 4), (48, 48))
+    plain = drained(shoot, size=16)
+    assert plain.warnings == () and plain.normals_why == "device numpy keeps the mesh's normals"
+    found = drained(shoot, size=16, method="paper", loss="robust", exposures="solve", normals="mesh")
+    assert [line.split(":")[0] for line in found.warnings] == ["device numpy"] * 3
+    for word, line in zip(("method paper needs OpenGL", "full weight", "exposures are not solved"), found.warnings,
+                          strict=True):
+        assert word in line
+    assert found.normals_why == ""
+    np.testing.assert_array_equal(found.maps.roughness, plain.maps.roughness)
+
+
 def test_lamberts_error_is_that_of_its_own_fit():
     """On gloss, which Lambert cannot explain: both solvers leave the same residual, well above the one-lobe model's."""
     shoot = syn.shoot(syn.PATCHES, rig(1, 8), (72, 72))

@@ -32,6 +32,7 @@ DEFAULT_SIZE, MOST_SIZE = 64, 256  # texels: of what is asked for beyond the sec
 MOST_PIXELS = 1_000_000  # of a picture: beside texels this large, more would only alias
 MIXED_HALF = 0.05  # standard error of roughness at which a texel is mixed half and half with what lies around
 MODELS = {"auto": "one-lobe", "one-lobe": "one-lobe", "lambert": "lambert"}
+MESH_NORMALS = "device numpy keeps the mesh's normals"
 Result = TypeVar("Result")
 
 
@@ -68,7 +69,8 @@ def solve(
                 "filled": int((coverage & maps.filled).sum()), "kept": 0},
         seconds=seconds, residual=float(np.sqrt(np.mean(fit.error**2))) if len(fit.error) else 0.0,
         views_used=tuple(view.image.name for view in used), views_skipped=scene.skipped + tuple(skipped),
-        warnings=(*scene.warnings, *warnings, *limits, *reduced), device=device())
+        warnings=(*scene.warnings, *warnings, *limits, *reduced), device=device(),
+        normals_why=MESH_NORMALS if settings.normals == "auto" else "")
 
 
 def _owners(scene: SceneData, size: int, most_memory: float) -> tuple[Index, list[str]]:
@@ -116,6 +118,12 @@ def _possible(scene: SceneData, settings: SolveSettings) -> tuple[SolveSettings,
         limits.append("device numpy: only the 0-1 UV square is solved")
     if settings.indirect == "on":
         limits.append("device numpy: indirect light is not subtracted")
+    if settings.method != SolveSettings().method:
+        limits.append(f"device numpy: method {settings.method} needs OpenGL; the search was device numpy's own")
+    if settings.loss == "robust":
+        limits.append("device numpy: outliers have full weight")
+    if settings.exposures == "solve":
+        limits.append("device numpy: exposures are not solved; those of the views were used")
     return settings, limits
 
 
