@@ -163,13 +163,15 @@ def _solution(
     made, observations = solved.made, solved.observations
     ladder, maps = made.ladder, made.maps
     relative = made.relative[made.solved].astype(np.float64)
+    observed, cancelled = made.solved | made.shown, ladder.cancelled or made.albedo.cancelled
+    lit = made.solved if cancelled else observed  # a solve that was stopped did not reach the others
     return Solution(
         maps=maps, model=ladder.model, why=ladder.why, seconds={}, device={}, levels=ladder.levels,
         metallic=ladder.metallic, coats=ladder.coats,
         predictions=ladder.predictions, priors=ladder.priors, stride=solved.stride,
         residual=float(np.sqrt(np.mean(relative**2))) if len(relative) else 0.0,
-        cancelled=ladder.cancelled or made.albedo.cancelled, ndf=settings.ndf,
-        texels={"covered": int(gbuffer.coverage.sum()), "observed": int((made.solved | made.shown).sum()),
+        cancelled=cancelled, ndf=settings.ndf,
+        texels={"covered": int(gbuffer.coverage.sum()), "observed": int(observed.sum()),
                 "solved": int(made.good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum()),
                 "kept": int((part.known & ~made.good).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
@@ -232,8 +234,8 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, made: FinishedMaps, udim: str)
         lines.append(f"{name}: {percent(unlit)} of its texels are lit in no view, so IRPSO filled them from their "
                      "neighbours")
     if dark > MANY:
-        lines.append(f"{name}: {percent(dark)} of its texels are lit too little or at too few angles to be solved, "
-                     "so IRPSO filled them from their neighbours")
+        lines.append(f"{name}: {percent(dark)} of its texels are seen only at edges of shadows or of the object, or "
+                     "too dark to be solved, so IRPSO filled them from their neighbours")
     seen = gbuffer.coverage & ~made.maps.filled
     shown = float(np.median(made.maps.base_color[seen].mean(-1))) if seen.any() else 1.0
     if shown < DARKEST:

@@ -134,6 +134,15 @@ def test_what_no_view_sees_is_filled_and_said(patches):
     assert np.isfinite(found.maps.base_color).all()
 
 
+def test_what_views_show_only_at_edges_is_not_called_unlit():
+    """Lamps and cameras above an open plane light and see all of it; its border is wide in small pictures."""
+    found = run(syn.shoot(syn.PATCHES, rig(), pixels=(24, 24), samples=2))
+    covered = found.texels["covered"]
+    assert found.texels["observed"] > 0.99 * covered and found.texels["filled"] > 0.05 * covered
+    assert not any("lit in no view" in w for w in found.warnings)
+    assert any("are seen only at edges of shadows or of the object" in w for w in found.warnings)
+
+
 def test_pixels_per_texel_of_tiny_pictures_are_not_known():
     """No four pixels in a row are away from every edge; a warning of numpy's would fail the test."""
     found = run(syn.shoot(syn.PATCHES, rig(), pixels=(5, 5)), size=16)
