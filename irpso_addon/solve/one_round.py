@@ -17,7 +17,7 @@ from ..core.checks.calibration_lines import calibrated
 from ..core.checks.normals_line import refined
 from ..core.checks.solve_checks import TexelFit, measure
 from ..core.checks.warnings import grouped, warnings
-from ..core.data import F32, Bool, Bounced, MaterialPrediction, SceneData, Solution, ViewPicture
+from ..core.data import F32, Bool, Bounced, Maps, MaterialPrediction, SceneData, Solution, ViewPicture
 from ..core.errors import BadInput
 from ..core.job import Progress
 from ..core.normals.tangent_map import encoded
@@ -176,7 +176,8 @@ def _solution(
                 "kept": int((part.known & ~made.good).sum())},
         views_used=tuple(v.view.image.name for c in observations.cameras for v in c.views),
         views_skipped=scene.skipped + observations.skipped,
-        warnings=(*scene.warnings, *grouped(observations.warnings), *_warnings(scene, gbuffer, made, settings.udim),
+        warnings=(*scene.warnings, *grouped(observations.warnings),
+                  *_warnings(scene, gbuffer, maps, lit, settings.udim),
                   *(unfit(name, found) for name, found in ladder.predictions.items() if not found.fits),
                   *(no_metal(name, share) for name, share in made.plain.items() if share > PLAIN)))
 
@@ -213,7 +214,7 @@ def unfit(name: str, prediction: MaterialPrediction) -> str:
             "than the lamps'")
 
 
-def _warnings(scene: SceneData, gbuffer: GBuffer, made: FinishedMaps, udim: str) -> list[str]:
+def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, observed: Bool, udim: str) -> list[str]:
     """What a user must know of the mesh before trusting the maps."""
     covered = max(int(gbuffer.coverage.sum()), 1)
     name = scene.mesh.name
@@ -228,7 +229,7 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, made: FinishedMaps, udim: str)
         where = "outside the 0-1 UV square" if udim == "first" else "in no UDIM square"
         lines.append(f"{name}: {100 * outside:.1f} % of its faces are {where} and are not solved"
                      + ("; set UDIM to All to solve every square" if udim == "first" else ""))
-    holes, observed = gbuffer.coverage & made.maps.filled, made.solved | made.shown
+    holes = gbuffer.coverage & maps.filled
     unlit, dark = (int(some.sum()) / covered for some in (holes & ~observed, holes & observed))
     if unlit > MANY:
         lines.append(f"{name}: {percent(unlit)} of its texels are lit in no view, so IRPSO filled them from their "
@@ -236,8 +237,8 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, made: FinishedMaps, udim: str)
     if dark > MANY:
         lines.append(f"{name}: {percent(dark)} of its texels are seen only at edges of shadows or of the object, or "
                      "too dark to be solved, so IRPSO filled them from their neighbours")
-    seen = gbuffer.coverage & ~made.maps.filled
-    shown = float(np.median(made.maps.base_color[seen].mean(-1))) if seen.any() else 1.0
+    seen = gbuffer.coverage & ~maps.filled
+    shown = float(np.median(maps.base_color[seen].mean(-1))) if seen.any() else 1.0
     if shown < DARKEST:
         lines.append(f"{name}: base colour is {shown:.2g} in the median, darker than any common material; check the "
                      "lamps' power and the views' exposure")
