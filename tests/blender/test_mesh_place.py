@@ -48,3 +48,12 @@ def test_the_unit_is_found(share: float, unit: float) -> None:
     lines = place(obj, ring(), 0.25)
     np.testing.assert_allclose(np.array(obj.matrix_world), np.diag([0.25 / unit] * 3 + [1.0]), rtol=1e-6, atol=1e-9)
     assert [line for line in lines if f"scaled by {1 / unit:g}" in line] == lines and bool(lines) == (unit != 1)
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.05, True), (0.1, True), (0.2, False), (2.5, False), (5.0, True),
+                                             (15.0, True)])
+def test_a_mesh_of_an_unlikely_size_is_told_of_and_left(share: float, told: bool) -> None:
+    obj = cube(share, 1.0)
+    lines = place(obj, ring(), 0.25)
+    np.testing.assert_allclose(np.array(obj.matrix_world), np.diag([0.25] * 3 + [1.0]), rtol=1e-6, atol=1e-9)
+    assert [f"its diagonal is {share:.2g} times that of the pictures" in line for line in lines] == [True] * told

@@ -18,6 +18,7 @@ from ...core.shoot.picture_lens import PictureCamera
 
 LEAST_SEEN = 0.5  # share of the cameras whose picture must show the mesh's middle
 SIZES = 0.05, 20.0  # the mesh's diagonal in a picture over the picture's: what somebody takes pictures of
+ORDINARY = 0.15, 3.0  # the same of all but a few: cameras and mesh of two programs may differ by any factor
 USUAL = 0.5  # the same of most objects
 # Turns of the mesh about x: some programs write meshes with Y up beside cameras with Z up, and the other way round.
 TURNS = {"": 0.0, "turned by +90 degrees about X": math.pi / 2, "turned by -90 degrees about X": -math.pi / 2}
@@ -37,20 +38,25 @@ def place(mesh: bpy.types.Object, cameras: Sequence[PictureCamera], scale: float
         if share > LEAST_SEEN and SIZES[0] < size < SIZES[1]:
             fitting.setdefault(unit, (turn, size))
         elif share > LEAST_SEEN and unit == 1 and fallback is None:
-            fallback = turn  # far off, or all round the cameras
+            fallback = turn, size  # far off, or all round the cameras
     if fitting:  # centimetres and millimetres may both do
         unit = 1.0 if 1.0 in fitting else min(fitting, key=lambda each: abs(math.log(fitting[each][1] / USUAL)))
-        turn = fitting[unit][0]
+        turn, size = fitting[unit]
     elif fallback is not None:
-        unit, turn = 1.0, fallback
+        unit, (turn, size) = 1.0, fallback
     else:
         raise BadInput(f"mesh '{mesh.name}': {percent(straight)} of the cameras look at it; its coordinates differ "
                        "from those of the project's cameras; export both from the same project, in the same "
                        "coordinate system")
     mesh.matrix_world = Matrix.Scale(scale * unit, 4) @ Matrix.Rotation(TURNS[turn], 4, "X") @ mesh.matrix_world
     lines = [f"'{mesh.name}': its axes differ from those of the cameras; the mesh was {turn}"] if turn else []
-    return lines + ([f"'{mesh.name}': its unit differs from that of the cameras; the mesh was scaled by {unit:g}"]
-                    if unit != 1 else [])
+    if unit != 1:
+        lines.append(f"'{mesh.name}': its unit differs from that of the cameras; the mesh was scaled by {unit:g}")
+    if not ORDINARY[0] <= size <= ORDINARY[1]:
+        lines.append(f"'{mesh.name}': its diagonal is {size:.2g} times that of the pictures, as if its unit differed "
+                     "from that of the cameras; look through a camera, and export mesh and cameras from the same "
+                     "project where mesh and picture disagree")
+    return lines
 
 
 def _seen(point: F64, diagonal: float, cameras: Sequence[PictureCamera]) -> tuple[float, float]:
