@@ -49,6 +49,12 @@ def test_realityscan_projects_as_documented(tmp_path, size, columns):
         assert np.abs(seen(camera, points) - [realityscan_pixel(row, size, point) for point in points]).max() < PIXEL
 
 
+def test_a_name_may_begin_as_comments_do(tmp_path):
+    rows = [ROW, ROW | {"name": "#2 left.jpg"}]
+    project = read_project(write_realityscan(tmp_path / "r.csv", rows, ALL, counted=True), lambda name: (6000, 4000))
+    assert [camera.name for camera in project.cameras] == ["a.jpg", "#2 left.jpg"]
+
+
 def test_realityscan_angles_mean_compass_and_tilt(tmp_path):
     """Pitch 0 looks down with north up in the picture; pitch 90 and heading 90 look east with the sky above."""
     rows = [ROW | {"name": f"{angle}.jpg", "heading": angle, "pitch": angle, "roll": 0} for angle in (0, 90)]

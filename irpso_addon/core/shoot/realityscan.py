@@ -7,8 +7,9 @@ middle, in longer sides.  k1 to k4, t1 and t2 are Brown's, in OpenCV's order.  T
     camera to world = Rz(-heading) Rx(pitch) Ry(roll)
 
 for a camera with y up that looks along its -z: it looks down at pitch 0 and at the horizon at pitch 90; heading runs
-clockwise from +y.  The columns can be chosen in the program, so they are found by their names.  The file has no picture
-sizes, and does not say that a lens was fitted by the division model, which it cannot hold: export Brown's.
+clockwise from +y.  The columns can be chosen in the program, so they are found by their names.  Lines before that
+heading are comments; below it, "#" begins a picture's name.  The file has no picture sizes, and does not say that a
+lens was fitted by the division model, which it cannot hold: export Brown's.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def read_realityscan(path: Path, size_of: SizeOf) -> Project:
             if columns is None:
                 columns = header_of(",".join(row))
                 _require(columns, path)
-            elif any(cell.strip() for cell in row) and not row[0].startswith("#"):
+            elif any(cell.strip() for cell in row):
                 _add(draft, columns, row, size_of)
     except csv.Error as error:
         raise BadInput(f"{path}: is not complete CSV ({error}); {EXPORT}") from None
