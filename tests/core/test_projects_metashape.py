@@ -81,6 +81,17 @@ def test_metashape_leaves_out_what_has_no_pose(tmp_path):
         "off": ["it", "is", "disabled", "in"], "stray": ["its", "component", "has", "no"]}
 
 
+def test_metashape_leaves_out_pictures_of_sensors_that_cannot_be_used(tmp_path):
+    """A panorama of the room among the pictures of the object."""
+    path = write_metashape(tmp_path / "c.xml", ring(3), WIDE, more=(
+        '<camera id="90" sensor_id="7" label="room"><transform>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</transform></camera>'))
+    sensor = '<sensor id="7" type="spherical"><resolution width="8000" height="4000"/></sensor></sensors>'
+    path.write_text(path.read_text(encoding="utf-8").replace("</sensors>", sensor), encoding="utf-8")
+    project = read_project(path)
+    assert len(project.cameras) == 3 and [name for name, _ in project.left_out] == ["room"]
+    assert project.left_out[0][1].startswith("its sensor is of type 'spherical', and only frame")
+
+
 @pytest.mark.parametrize(("parts", "calibration", "words"), [
     ({"kind": "spherical"}, WIDE, ["IMG_0000", "spherical"]),
     ({"kind": "equisolid_fisheye"}, WIDE, ["equisolid_fisheye"]),

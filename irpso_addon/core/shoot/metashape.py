@@ -72,7 +72,7 @@ def read_metashape(path: Path) -> Project:
     lenses: dict[str, Lens] = {}
     for element in chunk.iterfind("cameras//camera"):
         name = element.get("label", "")
-        why = _missing(element)
+        why = _missing(element) or _unusable(sensors.get(element.get("sensor_id", "")))
         frame = frames.get(element.get("component_id"), frames.get(None))
         if why is None and frame is None:
             why = "its component has no place among the others; align or merge the components"
@@ -110,6 +110,25 @@ def _missing(element: ElementTree.Element) -> str | None:
     if element.get("master_id") is not None:
         return "it is a slave of a multi-camera system, whose poses cannot be read"
     return "it is not aligned"
+
+
+def _unusable(sensor: ElementTree.Element | None) -> str | None:
+    """Why no picture of a sensor can be used."""
+    if sensor is None or _kind(sensor) in ("frame", *FISHEYES):
+        return None
+    return (f"its sensor is of type '{str(_kind(sensor))[:40]}', and only frame and equidistant fisheye cameras can be "
+            "used; align with one of these types")
+
+
+def _kind(sensor: ElementTree.Element) -> str | None:
+    calibration = _calibration(sensor)
+    return (None if calibration is None else calibration.get("type")) or sensor.get("type")
+
+
+def _calibration(sensor: ElementTree.Element) -> ElementTree.Element | None:
+    """The adjusted one, else the first."""
+    calibrations = sensor.findall("calibration")
+    return next((each for each in calibrations if each.get("class") == "adjusted"), next(iter(calibrations), None))
 
 
 def _frames(chunk: ElementTree.Element, draft: Draft) -> dict[str | None, _Similarity | None]:
@@ -154,14 +173,9 @@ def _similarity(element: ElementTree.Element | None, path: Path) -> _Similarity 
 
 def _lens(sensor: ElementTree.Element | None, who: str) -> Lens:
     """The adjusted calibration of a sensor."""
-    calibrations = [] if sensor is None else sensor.findall("calibration")
-    if sensor is None or not calibrations:
+    calibration = None if sensor is None else _calibration(sensor)
+    if sensor is None or calibration is None:
         raise BadInput(f"{who}: its sensor has no calibration; align the pictures and {EXPORT}")
-    calibration = next((each for each in calibrations if each.get("class") == "adjusted"), calibrations[0])
-    kind = calibration.get("type") or sensor.get("type")
-    if kind not in ("frame", *FISHEYES):
-        raise BadInput(f"{who}: its sensor is of type '{str(kind)[:40]}'; only frame and equidistant fisheye cameras "
-                       "can be used: align with one of these types, or disable the picture, and export again")
     if calibration.find("f") is None:
         raise BadInput(f"{who}: its calibration has no f, as before PhotoScan 1.2; open the project in Metashape, then "
                        f"{EXPORT}")
@@ -180,4 +194,4 @@ def _lens(sensor: ElementTree.Element | None, who: str) -> Lens:
     return checked(Lens(
         width, height, fx=value("f") + value("b1"), fy=value("f"), cx=width / 2 + value("cx"),
         cy=height / 2 + value("cy"), radial=(value("k1"), value("k2"), value("k3"), value("k4")),
-        tangential=(value("p2"), value("p1")), skew=value("b2"), fisheye=kind in FISHEYES), who)
+        tangential=(value("p2"), value("p1")), skew=value("b2"), fisheye=_kind(sensor) in FISHEYES), who)
