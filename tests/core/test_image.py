@@ -310,11 +310,12 @@ def test_missing_and_foreign_files(tmp_path):
 
 @pytest.mark.parametrize(("suffix", "form"), [
     ("exr", "float"), ("exr", "half"), ("png", "uint16"), ("tif", "uint16"), ("tif", "float"), ("hdr", "float"),
+    ("jpg", "uint8"),
 ])
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.97])
 def test_truncated_files(tmp_path, suffix, form, share):
     pixels = noise(80, 120)
-    pixels = pixels if form in {"float", "half"} else (pixels * 60000).astype(form)
+    pixels = pixels if form in {"float", "half"} else (pixels * (200 if form == "uint8" else 60000)).astype(form)
     path = save(tmp_path / f"a.{suffix}", pixels, form)
     content = path.read_bytes()
     path.write_bytes(content[:int(len(content) * share)])
