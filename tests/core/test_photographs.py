@@ -214,6 +214,19 @@ def test_an_ambient_picture_of_another_exposure_is_scaled(tmp_path):
     np.testing.assert_allclose(read_reference(view(path, ambient=dark)).rgb, want, atol=1e-5)
 
 
+@pytest.mark.parametrize(("apertures", "scaled"), [((0.0, 0.0), True), ((8.0, 0.0), False)])
+def test_an_ambient_picture_by_a_lens_without_contacts(tmp_path, apertures, scaled):
+    """Cameras write an aperture of 0 then: time and ISO count where neither picture has one."""
+    one, half = (Shot(exposure=(time, aperture, 200))
+                 for time, aperture in zip((1 / 125, 1 / 250), apertures, strict=True))
+    light = RNG.integers(0, 4000, (40, 60))
+    path = save_dng(tmp_path / "a.dng", (light + 2000 + one.black).astype(np.uint16), one)
+    dark = save_dng(tmp_path / "b.dng", np.full((40, 60), 1000 + one.black, np.uint16), half)
+    left = light if scaled else light + 1000
+    want = read_reference(view(save_dng(tmp_path / "c.dng", (left + one.black).astype(np.uint16), one))).rgb
+    np.testing.assert_allclose(read_reference(view(path, ambient=dark)).rgb, want, atol=1e-5)
+
+
 def test_noise_of_a_dark_ambient_picture_is_data(tmp_path):
     dark = RNG.normal(0, 0.001, (20, 30, 3)).astype(np.float32)
     pixels = noise()

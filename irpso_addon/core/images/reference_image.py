@@ -18,6 +18,7 @@ from .mask import ASPECT, Mask
 from .picture_survey import Rows, Survey, all_channels, survey
 from .raw_reader import is_raw
 from .response import as_read, straightened
+from .shot_settings import brighter_by
 
 _EVEN = 0.99  # quantile of a flat field that counts as 1: a speck may be brighter
 _DIM = 0.02  # of that: where a flat field is darker, nothing can be divided by it
@@ -169,10 +170,8 @@ def _alike(ambient: View, file: ImageFile) -> View:
     """A picture without flash, balanced like ``file``, and exposed like it where EXIF says that of both."""
     if ambient.white_balance is None and file.camera is not None:
         ambient = replace(ambient, white_balance=file.camera.white_balance)
-    values = file.shot.exposure_value, open_image(ambient.image).shot.exposure_value
-    if values[0] is None or values[1] is None:
-        return ambient
-    return replace(ambient, exposure=ambient.exposure + values[1] - values[0])
+    difference = brighter_by(open_image(ambient.image).shot, file.shot)
+    return ambient if difference is None else replace(ambient, exposure=ambient.exposure + difference)
 
 
 def _space(view: View, file: ImageFile) -> tuple[str, tuple[str, ...]]:

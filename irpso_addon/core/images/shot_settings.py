@@ -67,6 +67,17 @@ def relative_exposures(shots: Mapping[str, ShotSettings | None]) -> tuple[dict[s
     return found, tuple(lines)
 
 
+def brighter_by(shot: ShotSettings, other: ShotSettings) -> float | None:
+    """EV by which a picture is brighter than the ``other`` in equal light; None where EXIF does not say.
+
+    Where neither has an aperture, as with a lens without contacts, it is the same one.
+    """
+    if shot.f_number is None and other.f_number is None:
+        shot, other = replace(shot, f_number=1.0), replace(other, f_number=1.0)
+    value, reference = shot.exposure_value, other.exposure_value
+    return None if value is None or reference is None else value - reference
+
+
 def positive(value: object) -> float | None:
     """A finite number above 0, else None: what files and cameras without a contact to the lens write is 0."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
