@@ -183,6 +183,20 @@ def test_masks_of_raw_files_that_hold_more_than_the_project(bring, made, tmp_pat
     assert f"'pictures/{stem}.exr': the mask is taken to cover the whole RAW file" in text
 
 
+def test_masks_that_the_project_states(bring, made, tmp_path):
+    project = some_frames(made, tmp_path, ["IMG_0002", "IMG_0004"])
+    content = json.loads(project.read_text())
+    for frame, mask in zip(content["frames"], ("cut/a.png", "cut/b.png"), strict=True):
+        frame["mask_path"] = mask
+    project.write_text(json.dumps(content))
+    (tmp_path / "cut").mkdir()
+    save(tmp_path / "cut" / "a.png", np.ones((80, 120, 1)), "uint8", "Y")
+    scene, lines = bring(project, *FLASH, "--flash-power", POWER)
+    masks = [view.mask for view in scene.views]
+    assert [mask and mask.name for mask in masks] == ["a.png", None] and masks[0].samefile(tmp_path / "cut" / "a.png")
+    assert len([line for line in lines if "the project states a mask, but there is no such file" in line]) == 1
+
+
 def test_portraits_that_the_project_has_lying(bring, made, tmp_path):
     """The program read the pictures as they are stored; a viewer turns them upright, and so does the solver."""
     stems = ["IMG_0000", "IMG_0001"]

@@ -68,6 +68,18 @@ def test_the_mask_of_a_picture(tmp_path, picture, files, want):
     assert masks == ({} if want is None else {picture: want})
 
 
+def test_the_masks_that_a_project_states(tmp_path):
+    """One of another name, one that is not there, and one beside a picture instead of the one that is not there."""
+    folder = made(tmp_path / "images", "1.jpg", "2.jpg", "3.jpg", "1_mask.png", "3_mask.png", "m4.png")
+    (tmp_path / "alpha.png").touch()
+    stated = {"1.jpg": tmp_path / "alpha.png", "2.jpg": tmp_path / "b.png", "3.jpg": tmp_path / "c.png",
+              "4.jpg": tmp_path / "images" / "m4.png"}
+    match = folder.match(["1.jpg", "2.jpg", "3.jpg"], (), stated)
+    assert match.masks == {"1.jpg": tmp_path / "alpha.png", "3.jpg": tmp_path / "images" / "3_mask.png"}
+    assert match.lost_masks == ("2.jpg",) and match.unused == 1
+    assert folder.match(["1.jpg"], (), {"1.jpg": tmp_path / "images" / "m4.png"}).unused == 2
+
+
 def test_what_is_missing_and_what_is_left_over(tmp_path):
     match = found(tmp_path, ["1.jpg", "2.jpg"], "1.jpg", "1.CR3", "3.jpg", "4.jpg", "4.CR3", "notes.txt")[2]
     assert match.missing == ("2.jpg",) and match.unused == 2  # 3 and 4

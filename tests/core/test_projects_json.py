@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -115,6 +116,14 @@ def test_transforms_with_an_angle_take_the_pictures_size(tmp_path):
     refused(path, "IMG_0000", "size")
 
 
+def test_transforms_state_masks(tmp_path):
+    path = write_transforms(tmp_path / "t.json", ring(2), PLAIN)
+    content = json.loads(path.read_text())
+    content["frames"][0]["mask_path"] = "alpha/m_1.png"
+    path.write_text(json.dumps(content))
+    assert [camera.mask for camera in read_project(path).cameras] == [tmp_path / "alpha" / "m_1.png", None]
+
+
 def test_transforms_warn_of_cameras_that_were_moved(tmp_path):
     still, moved = np.eye(4)[:3].tolist(), [[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0]]
     for applied, warned in ((still, False), (moved, True)):
@@ -127,7 +136,7 @@ def test_transforms_warn_of_cameras_that_were_moved(tmp_path):
     ({"w": 0}, {}, "0 x 4000"), ({"w": 1.5}, {}, "1.5 x 4000"), ({"k1": "a"}, {}, "'a'"), ({"k1": True}, {}, "True"),
     ({"distortion_params": [1, 2]}, {}, "2 numbers"), ({}, {"file_path": 3}, "file_path"),
     ({}, {"file_path": "a\nb"}, "not a picture's name"), ({}, {"file_path": "a" * 2000}, "not a picture's name"),
-    ({}, {"file_path": "a"}, "two"),
+    ({}, {"file_path": "a"}, "two"), ({}, {"mask_path": 3}, "mask_path"),
     ({}, {"transform_matrix": [[1, 0], [0, 1]]}, "4 numbers"), ({}, {"transform_matrix": "1 2 3"}, "3 numbers"),
     ({}, {"transform_matrix": (np.eye(4) * 1.01).tolist()}, "not a rotation"),
     ({}, {"transform_matrix": np.diag([-1, 1, 1, 1]).tolist()}, "not a rotation"),

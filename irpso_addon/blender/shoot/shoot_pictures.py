@@ -97,7 +97,8 @@ def _until(job: Future[Any], step: Progress) -> Steps[None]:
 
 def read_pictures(project: Project, folder: PictureFolder, headers: Headers) -> Steps[ShootPictures]:
     """Raises BadInput, before anything is made, for whatever will not do."""
-    files = folder.match([camera.name for camera in project.cameras], [name for name, _ in project.left_out])
+    files = folder.match([camera.name for camera in project.cameras], [name for name, _ in project.left_out],
+                         {camera.name: camera.mask for camera in project.cameras if camera.mask is not None})
     cameras = [camera for camera in project.cameras if camera.name in files.files]
     paths = [*files.files.values(), *files.masks.values()]
     for path in paths:
@@ -169,6 +170,9 @@ def _missing(project: Project, pictures: PictureFiles) -> list[str]:
     if pictures.missing:
         lines.append(f"{some(pictures.missing)}: the project has a camera, but the folder has no picture of that name; "
                      "left out")
+    if pictures.lost_masks:
+        lines.append(f"{some(pictures.lost_masks)}: the project states a mask, but there is no such file, so the whole "
+                     f"picture counts; put it where {project.path.name} has it")
     if pictures.unused:
         lines.append(f"{counted(pictures.unused, 'picture')} of the folder: not in the project, and not used")
     return lines

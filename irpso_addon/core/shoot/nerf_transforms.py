@@ -5,7 +5,7 @@ COLMAP's, with centres at (0.5, 0.5).  ``fl_x``, ``fl_y``, ``cx``, ``cy``, ``w``
 ``p2`` (or ``distortion_params``, in that order) hold for the file or for one frame.  Instead of a focal length there
 may be ``camera_angle_x``, the whole angle in radians.  ``transform_matrix`` leads from camera axes x right, y up, z
 back (OpenGL's) to the world, which both programs usually have turned, shifted and scaled: a mesh has to come from
-that world.
+that world.  ``mask_path`` is relative to the file's folder; such a mask is black where a picture does not count.
 """
 
 from __future__ import annotations
@@ -54,7 +54,9 @@ def read_transforms(path: Path, content: dict[str, Any], size_of: SizeOf) -> Pro
             draft.left_out.append((name, NO_PICTURE))
             continue
         lens = _lens(record, sides, who)
-        draft.add(name, lens, matrix[:, :3] @ OPENCV_FROM_OPENGL, matrix[:, 3])
+        mask = frame.get("mask_path")
+        draft.add(name, lens, matrix[:, :3] @ OPENCV_FROM_OPENGL, matrix[:, 3],
+                  path.parent / text(mask, who, "mask_path") if mask else None)
     if _moved(content, path):
         draft.warnings.append("applied_transform or applied_scale has moved its cameras; move a mesh from the program "
                               "that placed them first in the same way")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -28,6 +28,7 @@ class PictureFiles:
     files: dict[str, Path]  # by the picture's name in the project; no file has two names
     masks: dict[str, Path]
     missing: tuple[str, ...]  # pictures without a file
+    lost_masks: tuple[str, ...]  # pictures whose stated mask is not there, and that have no other
     unused: int  # pictures in the folder that the project does not have; those of one stem count once
 
 
@@ -83,10 +84,12 @@ class PictureFolder:
         """The names of all pictures, without folder and suffix, each once."""
         return [paths[0].stem for paths in self._pictures.values()]
 
-    def match(self, names: Sequence[str], left_out: Iterable[str] = ()) -> PictureFiles:
+    def match(
+        self, names: Sequence[str], left_out: Iterable[str] = (), stated: Mapping[str, Path] | None = None,
+    ) -> PictureFiles:
         """The file of each picture and its mask.  Raises BadInput where there is none of them, or several of one.
 
-        ``left_out``: pictures that the project has as well, but does not place.
+        ``left_out``: pictures that the project has as well, but does not place.  ``stated``: the masks that it states.
         """
         files = {name: path for name in names if (path := self.find(name)) is not None}
         if not files:
@@ -99,9 +102,13 @@ class PictureFolder:
             first[path] = name
         missing = tuple(name for name in names if name not in files)
         known = {_stem(PurePosixPath(name.replace("\\", "/"))) for name in left_out}
-        unused = len(self._pictures.keys() - {_plain(path.stem) for path in files.values()} - known)
-        masks = {name: mask for name, path in files.items() if (mask := self._mask(path)) is not None}
-        return PictureFiles(files, masks, missing, unused)
+        given = {name: path for name, path in (stated or {}).items() if name in files}
+        masks = {name: path for name, path in given.items() if os.path.isfile(path)}
+        masks |= {name: mask for name, path in files.items()
+                  if name not in masks and (mask := self._mask(path)) is not None}
+        used = {_plain(path.stem) for path in (*files.values(), *masks.values())}
+        return PictureFiles(files, masks, missing, tuple(name for name in given if name not in masks),
+                            len(self._pictures.keys() - used - known))
 
     def _other_file(self, names: Sequence[str]) -> str:
         """Why the folder has no picture: a file of such a name that is none, as a telephone's HEIC, or nothing."""

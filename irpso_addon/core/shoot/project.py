@@ -40,6 +40,7 @@ class ProjectCamera:
     name: str  # the picture's name as the project has it, perhaps with folders, perhaps without suffix
     lens: Lens
     world_from_camera: F64  # (4, 4) rigid; camera axes x right, y down, z forward; the project's units
+    mask: Path | None = None  # where the project states one; perhaps there is no such file
 
 
 @dataclass(frozen=True)
@@ -71,13 +72,13 @@ class Draft:
         """How messages name a camera."""
         return f"{self.path}: camera '{str(name)[:80]}'"
 
-    def add(self, name: str, lens: Lens, rotation: F64, position: F64) -> None:
+    def add(self, name: str, lens: Lens, rotation: F64, position: F64, mask: Path | None = None) -> None:
         """One more camera; ``rotation`` (3, 3) turns its axes (y down) into the world's.  Raises BadInput."""
         if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
             raise BadInput(f"{self.camera(name)}: its name is not a picture's name; rename it in the project")
         if len(self.cameras) == MOST_CAMERAS:
             raise BadInput(f"{self.path}: has more than {MOST_CAMERAS} cameras; export fewer of them")
-        self.cameras.append(ProjectCamera(name, lens, rigid(rotation, position, self.camera(name))))
+        self.cameras.append(ProjectCamera(name, lens, rigid(rotation, position, self.camera(name)), mask))
 
     def finished(self) -> Project:
         """The project, after the checks of all cameras together.  Raises BadInput."""
