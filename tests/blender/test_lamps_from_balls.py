@@ -254,6 +254,7 @@ def test_command(scene, tmp_path, irpso_here):
     given = [[*("Front", *map(str, pixels_of(ball)), str(1000 * RADIUS))] for ball in BALLS]
     command = ["lamps", tmp_path / "scene.blend", "--out", out]
     for wrong, word in ((["Front", "a", "1", "2", "3"], "numbers"), (["Front", "0", "0", "0", "-1"], "positive"),
+                        (["Front", "300", "150", "3", "160"], "pixels around a ball (Draw Circle, or X Y R of --ball)"),
                         (["Back", "0", "0", "0", "50"], "camera 'Back'")):
         refused = irpso_here(*command, "--ball", *wrong)
         assert refused.returncode == 3 and word in refused.stderr and not out.parent.exists(), refused.stderr

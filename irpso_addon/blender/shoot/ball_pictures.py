@@ -14,7 +14,7 @@ from ...core.lens import Lens
 from ...core.phrases import percent
 from ...core.projection import lens_axes, lens_for
 from ...core.shoot.ball_highlight import Ray, find_highlight, reflected_ray
-from ...core.shoot.chrome_ball import Ball, Circle, confirmed_ball, find_ball
+from ...core.shoot.chrome_ball import HOW, Ball, Circle, confirmed_ball, find_ball
 from .view_pictures import ListedView, read_picture
 
 
@@ -126,4 +126,4 @@ def _refuse_twice(seen: FoundBall, before: Sequence[FoundBall]) -> None:
     x, y, radius = seen.circle
     for other in before:
         if other.camera == seen.camera and np.hypot(x - other.circle[0], y - other.circle[1]) < radius:
-            raise BadInput(f"{seen.name}: is found where {other.name} is; draw a circle around each ball")
+            raise BadInput(f"{seen.name}: is found where {other.name} is; give a circle around each ball {HOW}")

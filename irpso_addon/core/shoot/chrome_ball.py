@@ -26,6 +26,7 @@ Circle = tuple[float, float, float]  # x, y, radius in pixels
 Reaches = tuple[tuple[float, float], ...]
 
 ANGLES = 360  # points of an outline that are looked at
+HOW = "(Draw Circle, or X Y R of --ball)"  # a user gives a circle
 ROUGH = 0.35  # of its radius: how far a drawn circle may be off
 TRIALS = 1000  # cones through three edges that are tried
 CONES = 3  # of them that are looked at closely
@@ -80,11 +81,11 @@ def find_ball(image: F64, lens: Lens, near: Circle | None = None, name: str = "p
         ball = _fitted(bright, lens, [_checked(near, name)])
         if ball is None or ball.support < LEAST_SUPPORT:
             raise BadInput(f"{name}: no ball's outline was found near the circle at ({near[0]:.0f}, {near[1]:.0f}); "
-                           "drag the circle onto the ball's outline")
+                           f"give one that is closer to the ball's outline {HOW}")
         return _whole(ball, lens, name)
     best = _fitted(bright, lens, find_circles(bright))
     if best is None or best.support < LEAST_SUPPORT:
-        raise BadInput(f"{name}: no chrome ball was found; draw a circle around it")
+        raise BadInput(f"{name}: no chrome ball was found; give a circle around it {HOW}")
     return _whole(best, lens, name)
 
 
@@ -94,7 +95,8 @@ def drawn_ball(lens: Lens, circle: Circle, name: str = "picture") -> Ball:
     turns = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)
     rays = lens.rays(np.stack([x + radius * np.cos(turns), y + radius * np.sin(turns)], -1))
     if not np.isfinite(rays).all():
-        raise BadInput(f"{name}: the lens does not reach the circle at ({x:.0f}, {y:.0f}); draw it around a ball")
+        raise BadInput(f"{name}: the lens does not reach the circle at ({x:.0f}, {y:.0f}); give one around a ball "
+                       f"{HOW}")
     m = np.linalg.lstsq(rays, np.ones(ANGLES), rcond=None)[0]
     return _whole(Ball(m / np.linalg.norm(m), float(np.arccos(1 / np.linalg.norm(m))), 0.0, 1.0), lens, name)
 
@@ -130,7 +132,7 @@ def brightness(image: F64, lens: Lens, name: str) -> F64:
 def _checked(near: Circle, name: str) -> Circle:
     if not (np.isfinite(near).all() and near[2] >= LEAST_RADIUS):
         raise BadInput(f"{name}: the circle's radius is {near[2]:.0f} pixels, too small for a direction; "
-                       f"draw a circle of at least {LEAST_RADIUS:.0f} pixels around a ball")
+                       f"give a circle of at least {LEAST_RADIUS:.0f} pixels around a ball {HOW}")
     return near
 
 
