@@ -70,6 +70,18 @@ def test_near_parallel_rays_give_no_position():
     assert line.startswith("Key: the rays are too nearly parallel") and "\n" not in line
 
 
+def test_rays_that_contradict_each_other():
+    """A ball's circle is wrong: its ray is turned outwards by 10 degrees and up by 8, from a lamp 1.5 m away."""
+    origins = [np.array([-0.25, 0, 0.0]), np.array([0.25, 0, 0.0])]
+    right, wrong = (np.array([0, 0, 1.5]) - origin for origin in origins)
+    wrong = wrong / np.linalg.norm(wrong) + (np.sin(np.radians(10.0)), np.sin(np.radians(8.0)), 0)
+    rays = [Ray(origin, ray / np.linalg.norm(ray)) for origin, ray in zip(origins, (right, wrong), strict=True)]
+    found = lamp_position(rays, "Key")
+    assert found.position is None and found.scatter_degrees > 4
+    line = found.summary("Key")
+    assert "contradict each other" in line and "circle and radius" in line and "\n" not in line
+
+
 def test_least_distance_holds():
     """The true distance is hardly ever below the least one: at two standard errors, one time in forty."""
     point, origins = np.array([0.0, 0.0, 12.0]), [(-0.05, 0, 0), (0.05, 0, 0), (0.0, 0.07, 0), (0.02, -0.03, 0)]

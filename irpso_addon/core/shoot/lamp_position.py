@@ -17,6 +17,7 @@ from .ball_highlight import Ray
 # Degrees that a ray is off at best: two rays that happen to meet closely prove no smaller error.
 RAY_ERROR = 0.2
 DETERMINED = 1 / 3  # of the distance: a position with a larger standard error is none
+CONTRADICTING = 3.0  # degrees of scatter without a position: a circle or a radius is wrong, the lamp is not far
 LIKELY = 2.0  # standard errors within which a distance is thought possible
 
 
@@ -36,6 +37,9 @@ class LampPosition:
         """One line about the lamp ``name``."""
         if self.position is None:
             x, y, z = self.direction
+            if self.scatter_degrees > CONTRADICTING:
+                return (f"{name}: the rays of the balls contradict each other, and differ from their mean ({x:.3f}, "
+                        f"{y:.3f}, {z:.3f}) by {self.scatter_degrees:.2f} degrees; check each ball's circle and radius")
             return (f"{name}: the rays are too nearly parallel for a position; the lamp is at least "
                     f"{self.distance:.2f} m away in the direction ({x:.3f}, {y:.3f}, {z:.3f}), "
                     f"and the rays differ from it by {self.scatter_degrees:.2f} degrees")
