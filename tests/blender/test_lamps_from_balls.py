@@ -262,6 +262,8 @@ def test_command(scene, tmp_path, irpso_here):
     done = irpso_here(*command, "--ball", *given[0], "--ball", *given[1])
     assert done.returncode == 0, done.stderr
     assert "3 lamps by 2 balls" in done.stdout and "Lamp 002: " in done.stderr
+    away = [float(words.split()[0]) for words in done.stderr.split(" pixels, so ")[1:]]
+    np.testing.assert_allclose(away, np.linalg.norm(BALLS - EYE, axis=1), rtol=0.01)
     bpy.ops.wm.open_mainfile(filepath=str(out), load_ui=False)
     scene = bpy.context.scene
     check_places(scene, [bpy.data.objects[f"Lamp 00{number}"] for number in (1, 2, 3)])

@@ -48,7 +48,9 @@ class FoundBall:
     def line(self) -> str:
         """For the user."""
         x, y, radius = self.circle
-        at = f"{self.name}: at ({x:.1f}, {y:.1f}), radius {radius:.1f} pixels"
+        away = float(np.linalg.norm(self.ball.centre(self.radius)))
+        at = (f"{self.name}: at ({x:.1f}, {y:.1f}), radius {radius:.1f} pixels, so {away:.3g} m from the camera if its "
+              f"own radius is {1000 * self.radius:g} mm")
         if self.as_drawn:
             return f"{at}, as drawn; the picture shows no outline that agrees with it"
         return f"{at}; {percent(self.ball.support)} of its outline shows, {self.ball.residual:.2f} px from a sphere's"
