@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> None:
     out: Path = arguments.out or scene.with_name(f"{scene.stem}_check.png")
     if out.suffix.lower() != ".png":
         raise BadInput(f"{out}: must end in .png; change --out")
-    if not out.resolve().parent.is_dir():
+    if arguments.out and not out.resolve().parent.is_dir():
         raise BadInput(f"{out}: folder not found; create it or choose another")
     thread.configure(options.device(arguments))
     with console.quiet():

@@ -204,6 +204,8 @@ def test_command(shoot: Path, irpso_here, tmp_path: Path) -> None:
     for bad, words in ((tmp_path / "a.jpg", "must end in .png"), (tmp_path / "no" / "a.png", "folder not found")):
         refused = irpso_here("check", shoot, "--out", bad)
         assert refused.returncode == 3 and words in refused.stderr and not bad.exists()
+    refused = irpso_here("check", tmp_path / "nowhere" / "a.blend")
+    assert refused.returncode == 3 and "a.blend: cannot be opened (No such file" in refused.stderr
 
 
 @pytest.mark.usefixtures("extension")
