@@ -75,7 +75,7 @@ def test_any_value_under_any_key_is_read_or_bad_input(entry, key, value):
     ({"vignetting": 17}, 'between -16 and 16 powers of the cosine'),
     ({"response": "sRGB"}, '"response" is not a number'),
     ({"response": 0.1}, 'between 0.2 and 5'),
-    ({"response": 6}, '"response" is out of range'),
+    ({"response": 6}, '"response" is out of range; it must be between 0.2 and 5'),
     ({"black_level": 0.1}, '"black_level" is not a color'),
     ({"black_level": [0, 0, 1.5]}, 'each between -1 and 1'),
     ({"ambient_radiance": 0.1}, '"ambient_radiance" is not a color'),

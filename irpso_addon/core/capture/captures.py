@@ -83,21 +83,20 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
     if len(set(lights)) < len(lights):
         bad('"lights" names a light twice; name each once')
 
-    def number(key: str, unit: str, most: float) -> float:
+    def number(key: str, unit: str, most: float, least: float | None = None, missing: float = 0.0) -> float:
         value = entry.get(key)
         if value is None:
-            return 0.0
+            return missing
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             bad(f'"{key}" is not a number; it must be {unit}')
-        if not abs(value) <= most:  # so is NaN
-            bad(f'"{key}" is out of range; it must be between -{most:g} and {most:g} {unit}')
+        span = f"{-most:g} and {most:g} {unit}" if least is None else f"{least:g} and {most:g}"
+        if not (-most if least is None else least) <= value <= most:  # so is NaN
+            bad(f'"{key}" is out of range; it must be between {span}')
         return float(value)
 
     exposure, turn = number("exposure", "EV", MOST_EXPOSURE), number("turn", "degrees", MOST_TURN)
     vignetting = number("vignetting", "powers of the cosine", MOST_VIGNETTING)
-    response = 1.0 if entry.get("response") is None else number("response", "an exponent", MOST_RESPONSE)
-    if not response >= LEAST_RESPONSE:
-        bad(f'"response" is out of range; it must be between {LEAST_RESPONSE:g} and {MOST_RESPONSE:g}')
+    response = number("response", "an exponent", MOST_RESPONSE, LEAST_RESPONSE, 1.0)
 
     def color(key: str, least: float, most: float) -> tuple[float, float, float]:
         value = entry.get(key)
