@@ -269,7 +269,13 @@ def test_companions_that_do_not_fit(tmp_path):
     path = save(tmp_path / "a.exr", noise(40, 60))
     small = save(tmp_path / "b.exr", noise())
     black = save(tmp_path / "c.exr", np.zeros((40, 60, 3), np.float32))
+    upright = save(tmp_path / "d.exr", noise(60, 40))
+    spot = np.zeros((40, 60, 3), np.float32)
+    spot[10:25, 10:30] = 0.5  # the object before black cloth
+    spot = save(tmp_path / "e.exr", spot)
     for key, other, words in (("ambient", small, "30 x 20"), ("flat", small, "30 x 20"), ("flat", black, "not a flat"),
+                              ("flat", upright, r"is 40 x 60 pixels, a\.exr 60 x 40; take both"),
+                              ("flat", spot, r"not a flat field \(88 % of it is black\)"),
                               ("ambient", tmp_path / "x.exr", "not found")):
         with pytest.raises(BadInput, match=words) as caught:
             read_reference(view(path, **{key: other}))

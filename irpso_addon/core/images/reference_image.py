@@ -10,6 +10,7 @@ import numpy as np
 from ..data import F32, F64, Bool, RadianceImage, SceneData, View
 from ..errors import BadInput
 from ..params import SolveSettings
+from ..phrases import percent
 from ..vignetting import brightened
 from . import oiio_reader
 from .colour import SPACES, known_space, to_linear_rec709
@@ -21,6 +22,7 @@ from .response import as_read, straightened
 from .shot_settings import brighter_by
 
 _EVEN = 0.99  # quantile of a flat field that counts as 1: a speck may be brighter
+_MOST_BLACK = 0.6  # share of a flat field: around the circle of a fisheye it is about half
 _DIM = 0.02  # of that: where a flat field is darker, nothing can be divided by it
 _TIFF = {".tif", ".tiff"}
 
@@ -64,15 +66,15 @@ class Reference:
     def __init__(self, view: View, of: Reference | None = None) -> None:
         """Raises BadInput as `read_reference`.  ``of``: the picture whose ambient or flat field this one is."""
         file = open_image(view.image, view.full_raw)
+        self.width, self.height, self.file = file.width, file.height, file
+        if of is not None and (file.width, file.height) != (of.width, of.height):
+            raise BadInput(f"{view.image}: is {file.width} x {file.height} pixels, {of.file.path.name} {of.width} x "
+                           f"{of.height}; take both with the same camera and settings")
         aspect = file.width / file.height
         if abs(aspect / view.camera.aspect - 1) > ASPECT:
             raise BadInput(f"{view.image}: is {file.width} x {file.height} pixels (aspect {aspect:.3f}), but camera "
                            f"'{view.camera.name}' has aspect {view.camera.aspect:.3f}; give the scene's render "
                            "resolution the aspect of the images")
-        self.width, self.height, self.file = file.width, file.height, file
-        if of is not None and (file.width, file.height) != (of.width, of.height):
-            raise BadInput(f"{view.image}: is {file.width} x {file.height} pixels, {of.file.path.name} {of.width} x "
-                           f"{of.height}; take both with the same camera and settings")
         self._view = view
         self._develop, warnings = _development(view, file)
         self._rows = Rows(file, None if view.mask is None else Mask(view.mask, file))
@@ -131,10 +133,14 @@ class Reference:
     def _even(self) -> float:
         """The level of a flat field that counts as 1.  Raises BadInput."""
         radiance, valid = self._developed(self._survey.sample)
-        radiance = straightened(radiance, self._view)
-        level = float(np.quantile(radiance.mean(-1)[valid], _EVEN)) if valid.any() else 0.0
+        grey = straightened(radiance, self._view).mean(-1)[valid]
+        level = float(np.quantile(grey, _EVEN)) if valid.any() else 0.0
         if not level > 0:
             raise BadInput(f"{self.file.path}: is not a flat field (black, or every pixel is clipped); take a picture "
+                           "of an evenly lit surface")
+        black = float(np.mean(grey <= _DIM * level))
+        if black > _MOST_BLACK:
+            raise BadInput(f"{self.file.path}: is not a flat field ({percent(black)} of it is black); take a picture "
                            "of an evenly lit surface")
         return level
 
