@@ -81,6 +81,7 @@ def test_a_card_on_the_mesh(studio):
     assert other.data.energy == pytest.approx(2.0 * WATTS / 37, rel=0.02) and idle.data.energy == 3.0
     assert scene.irpso.scale_known and len(lines) == 2
     assert lines[0].startswith(f"power of '{lamp.data.name}' x 2.") and "card.exr" in lines[0]
+    assert lines[0].endswith(f"{lamp.data.energy:.4g} W") and lines[1].endswith(f"{other.data.energy:.4g} W/m^2")
 
 
 def test_exposure_and_no_light_of_its_own(studio):

@@ -116,5 +116,6 @@ def scale_power(context: bpy.types.Context, views: Sequence[ListedView], factor:
             raise BadInput(f"light data '{obj.data.name}': is linked from another file; make it local")
     multiply_power(lights, factor)
     context.scene.irpso.scale_known = True
-    return [f"power of '{data.name}' x {factor:.4g} by {what}: {data.energy:.4g}"
+    return [f"power of '{data.name}' x {factor:.4g} by {what}: {data.energy:.4g} "
+            f"{'W/m^2' if data.type == 'SUN' else 'W'}"
             for data in dict.fromkeys(obj.data for obj in lights)]
