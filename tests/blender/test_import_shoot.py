@@ -166,6 +166,16 @@ def test_raw_files_beside_a_project_of_full_size(bring, made, tmp_path):
     assert np.median(np.abs(whole.reshape(80, 2, 120, 2, 3).mean((1, 3)) - rgb)) < 0.01 * rgb.max()
 
 
+def test_a_developed_picture_among_raw_files(bring, made, tmp_path):
+    stems = ["IMG_0001", "IMG_0002"]
+    project = some_frames(made, tmp_path, stems)
+    (tmp_path / "mixed").mkdir()
+    shutil.copy(made / "pictures" / f"{stems[0]}.exr", tmp_path / "mixed")
+    save_dng(tmp_path / "mixed" / f"{stems[1]}.dng", np.full((80, 120, 3), 0.1, np.float32))
+    _, lines = bring(project, *FLASH, "--flash-power", POWER, images=tmp_path / "mixed")
+    assert [line.split(": ")[1] for line in lines if "not RAW as the other pictures are" in line] == ["'IMG_0001.exr'"]
+
+
 def test_masks_of_raw_files_that_hold_more_than_the_project(bring, made, tmp_path):
     """DNGs of 240 x 160 samples; the project was made from the middle 236 x 158 pixels, and so was the mask, maybe."""
     stem = "IMG_0001"

@@ -110,7 +110,7 @@ def read_pictures(project: Project, folder: PictureFolder, headers: Headers) -> 
     found, lines = _turned(cameras, opened)
     exposures, exposed = relative_exposures({name: file.shot for name, file in opened.items()})
     return ShootPictures(files, tuple(found), exposures, (
-        *_missing(project, files), *lines, *_masked(found, files), *exposed))
+        *_missing(project, files), *lines, *_masked(found, files), *_mixed(list(opened.values())), *exposed))
 
 
 def check_path(path: Path) -> None:
@@ -161,6 +161,14 @@ def _masked(cameras: Sequence[PictureCamera], files: PictureFiles) -> list[str]:
     names = [camera.name for camera in cameras if camera.cropped and camera.name in files.masks]
     return [f"{some(names)}: the mask is taken to cover the whole RAW file, which shows more than the project's "
             "picture; if it was made from the smaller picture, make it again from the RAW file"] if names else []
+
+
+def _mixed(files: Sequence[ImageFile]) -> list[str]:
+    """A line where some pictures are RAW files and others are not."""
+    developed = [file.path.name for file in files if file.camera is None]
+    return [f"{some(developed)}: not RAW as the other pictures are, and developed pictures differ from those in "
+            "brightness and colour; put their RAW files into the folder, or choose a folder of one kind"
+            ] if 0 < len(developed) < len(files) else []
 
 
 def _missing(project: Project, pictures: PictureFiles) -> list[str]:
