@@ -21,6 +21,7 @@ from irpso_addon.core.data import SceneData, View
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import check_shoot
 from tests.support import photo_shoot
+from tests.support.picture_files import save
 
 PLAN = photo_shoot.Plan(views=8, pixels=240)
 UNIT = photo_shoot.UNIT
@@ -95,6 +96,15 @@ def test_what_the_figures_of_base_colour_mean(right: ShootCheck, shoot: Path) ->
     middle = float(np.median(true[..., :3].mean(-1)))
     albedo = [view.albedo for view in right.views]
     assert 0.95 * min(albedo) < middle < 1.05 * max(albedo)
+
+
+def test_an_inverted_mask(data: SceneData, tmp_path: Path) -> None:
+    """Only the view that has it is named; the others stay right."""
+    alpha = np.asarray(oiio.ImageBuf(str(data.views[0].image)).get_pixels(oiio.FLOAT))[..., 3:]
+    save(tmp_path / "mask.png", np.ascontiguousarray(255 * (alpha < 0.5), np.uint8), "uint8", "Y")
+    views = (replace(data.views[0], mask=tmp_path / "mask.png"), *data.views[1:])
+    (finding,) = checked(replace(data, views=views)).findings
+    assert finding.problem == f"'{data.views[0].image.name}': its mask or alpha hides the object"
 
 
 def test_cameras_that_are_off(data: SceneData) -> None:

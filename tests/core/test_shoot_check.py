@@ -14,6 +14,7 @@ from irpso_addon.core.checks.highlights import LampVotes, axes_of, highlight_of,
 from irpso_addon.core.checks.shoot_check import (
     CLIPPED,
     DARK,
+    HIDDEN,
     LIT,
     OFF,
     OUTLINE,
@@ -177,7 +178,7 @@ def test_flash_on_the_camera_or_lamp_in_the_room() -> None:
 # ---- lines
 
 GOOD = ViewFigures("a.exr", ("Flash",), 1.0, True, (0.1, 0.1), True, 0.0, 0.3, 1.0, 0.2, 0.8, (1.0, 0.5), False,
-                   0.1)
+                   1.0, 0.1)
 LAMP = LampFigures("Flash", 6, True, False, 0.5, (0.01, 0.0), 0.01, (0.0, 0.0, 0.0))
 CHECK = ShootCheck("Vase", tuple(replace(GOOD, view=f"{n}.exr") for n in range(6)), 40, (), (LAMP,))
 
@@ -199,6 +200,7 @@ def said(check: ShootCheck = CHECK, one: bool = False, **change: object) -> list
     ({"brightness": 1.1 * DARK}, {"brightness": 0.9 * DARK}, "too dark"),
     ({"brightness": None}, {"brightness": 0.0}, "too dark"),
     ({"albedo": 0.15}, {"albedo": 0.0, "brightness": 0.0}, "is black where it shows the object"),
+    ({"shown": 1.1 * HIDDEN}, {"shown": 0.9 * HIDDEN}, "its mask or alpha hides the object"),
     ({"lit": 1.1 * LIT}, {"lit": 0.9 * LIT}, "light too little"),
     ({"brightest": 0.9 * WHITE}, {"brightest": 1.1 * WHITE}, "too little power"),
     ({"albedo": 0.02}, {"albedo": 0.005}, "too much power"),

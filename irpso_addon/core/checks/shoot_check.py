@@ -22,6 +22,7 @@ CLIPPED = 0.01  # of the object's pixels
 DARK = 0.01  # of white: median of the object
 LIT = 0.3  # share of what a camera sees that its lights must reach, in the median
 WHITE, BLACK = 1.25, 0.01  # base colours that are none: of the brightest 2 %, and the median
+HIDDEN = 0.05  # of the object is left by alpha and mask
 UNLIKE = 2.0  # times as bright as the other views, or as dark
 OFF, SIGMAS = 0.05, 3.0  # lamps: offset over distance that is said, if it is so many standard errors
 
@@ -44,6 +45,7 @@ class ViewFigures:
     highlight: tuple[float, float] | None  # from the predicted one to the seen: pixels, degrees of half vector
 
     masked: bool  # whether coverage is a mask's, which need not follow the outline
+    shown: float = 1.0  # share of what the camera sees of the object that alpha and mask leave
     outline: float | None = None  # pixels between outlines in their worst tenth, once shifted; None: none
 
     @property
@@ -143,7 +145,7 @@ class ShootCheck:
 
 def findings(check: ShootCheck) -> tuple[Finding, ...]:
     """What is wrong, the likeliest cause of the rest first; nothing where all is well."""
-    return (*_outside(check), *_shifts(check), *_pairs(check), *_outlines(check), *_exposure(check),
+    return (*_outside(check), *_hidden(check), *_shifts(check), *_pairs(check), *_outlines(check), *_exposure(check),
             *_light(check), *_power(check), *_lamps(check))
 
 
@@ -154,6 +156,16 @@ def _outside(check: ShootCheck) -> list[Finding]:
         f"{some(check.outside)}: does not show '{check.name}'",
         f"{len(check.outside)} of {check.total} cameras have less than {percent(INSIDE)} of the mesh in their picture",
         "export cameras and mesh from the same project in the same coordinates, or switch these views off")]
+
+
+def _hidden(check: ShootCheck) -> list[Finding]:
+    hidden = [view for view in check.views if view.drawn and view.shown < HIDDEN]
+    if not hidden:
+        return []
+    worst = min(hidden, key=lambda view: view.shown)
+    return [Finding(f"{some([view.view for view in hidden])}: its mask or alpha hides the object",
+                    f"{percent(worst.shown)} of what its camera sees of '{check.name}' is left in '{worst.view}'",
+                    "paint the object white in the mask and the rest black; check that it is this picture's mask")]
 
 
 def _shifts(check: ShootCheck) -> list[Finding]:
