@@ -13,6 +13,7 @@ from irpso_addon.core.data import Coat
 from irpso_addon.core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
 from irpso_addon.core.evaluation.folds import Judge, lightness, limited, split
 from irpso_addon.core.evaluation.joint_material import JointSearch
+from irpso_addon.core.evaluation.pixel_bias import pixel_bias
 from irpso_addon.core.evaluation.sampled_texels import SampledTexels, one_lobe, predicted
 from irpso_addon.core.shading import brdf
 
@@ -314,3 +315,16 @@ def test_highlights_of_one_place_that_are_predicted_too_bright_do_not_choose_the
     assert squares["a value a texel"] > 2 * squares["one value"]
     assert judge.error("a value a texel").relative_rms < judge.error("one value").relative_rms
     assert judge.leads("a value a texel", 0.15, ["one value"])
+
+
+@pytest.mark.parametrize(("blurs", "lamps", "wanted"), [
+    ((1e-4, 3e-4), 8, 0.02), ((1e-4, 1.1e-4), 8, 0.04), ((1e-4,), 0, 0.0)])
+def test_what_pixels_add_is_in_proportion_to_the_blur(blurs: tuple[float, ...], lamps: int, wanted: float) -> None:
+    """Two halves of texels that differ by 0.02; at most twice that; without lamps nothing is known of it."""
+    texels, _ = sampled(200, 8, 1, np.full(200, 0.4))
+    blur = np.resize(blurs, 200)
+    lobes = texels.lobes[:, :, :lamps].copy()
+    lobes[..., 1] = blur[:, None, None]
+    texels = replace(texels, lobes=lobes)
+    found = pixel_bias(texels, lambda part: 0.4 + 0.02 * float(part.lobes[0, 0, 0, 1] > 1.05e-4) if lamps else 0.4)
+    assert found == pytest.approx(wanted, rel=1e-6)

@@ -25,7 +25,7 @@ def pixel_bias(texels: SampledTexels, value: Callable[[SampledTexels], float]) -
     some = seen.any(1)
     if some.sum() < 2 * LEAST:
         return 0.0
-    blur = np.where(seen, texels.lobes[..., 1].max(-1), 0.0).sum(1) / np.maximum(seen.sum(1), 1)
+    blur = np.where(seen, texels.lobes[..., 1].max(-1, initial=0.0), 0.0).sum(1) / np.maximum(seen.sum(1), 1)
     middle = np.median(blur[some])
     more, less = some & (blur > middle), some & (blur <= middle)
     if min(int(more.sum()), int(less.sum())) < LEAST:
