@@ -144,7 +144,7 @@ def _explains(found: RigFound, free: Free, given: RigFound, everything: RigFound
 
 
 def _is_no_material(contest: Contest, free: Free, start: RigFound, share: tuple[float, float]) -> Steps[bool]:
-    """Whether ambient light or a response predicts as well as a diffuse that is not Lambert's, a response better.
+    """Whether ambient light predicts as well as a diffuse that is not Lambert's, a response or vignetting better.
 
     Such a diffuse bends brightness alike.  But some ambient light is in every room.
     """
