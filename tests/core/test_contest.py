@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from irpso_addon.core.calibration import choice
 from irpso_addon.core.calibration.contest import Contest
 from irpso_addon.core.calibration.rig_fit import fit_rig
 from irpso_addon.core.calibration.rig_numbers import Free
@@ -43,3 +44,15 @@ def test_roughness_near_that_of_a_round_before_is_about_that_of_all(factor: floa
     off = np.log(near / of_all)
     assert np.sqrt(np.mean(off**2)) < (1e-3 if factor == 1 else 0.03)  # 0.0002, 0.023; a node is 0.17
     assert np.abs(off).max() < (5e-3 if factor == 1 else 0.15)
+
+
+def test_vignetting_must_beat_a_diffuse_that_is_not_lamberts() -> None:
+    """Spheres whose diffuse is a rough one, in pictures without vignetting: it must explain more than the diffuse."""
+    sample = balls.sphere(balls.rough_diffuse, noise=0.005)[0].rig
+    folds, free = split(sample.texels), Free(lamps=False, exposures=False, vignetting=True)
+    assert folds is not None
+    found = run_to_end(fit_rig(sample, free), lambda progress: None)
+    contest = Contest(sample, found, folds)
+    contest.add(str(free), contest.of_whole(found))
+    taken = run_to_end(choice._is_no_material(contest, free, found, (0.0, 1.0)), lambda progress: None)
+    assert not taken and any("diffuse=True" in name for name in contest.left)
