@@ -101,8 +101,8 @@ class SparseTexels:
     stride: int  # width of a block, in texels
     size: int  # n, texels on a side of the map
     texels: I32  # (N,) covered texels, as places in the flat map
-    corners: I32  # (N, 4) the solved texels around each, as places in the flat (m, m) array
-    weights: F32  # (N, 4), whose sum is 1; or 0
+    corners: I32  # (4, N) the solved texels around each, as places in the flat (m, m) array
+    weights: F32  # (4, N), whose sum is 1; or 0
 
     @classmethod
     def of(cls, position: F32, slots: I32, stride: int) -> SparseTexels:
@@ -123,16 +123,16 @@ class SparseTexels:
         for down, right in np.ndindex(2, 2):
             y, x = np.minimum(low[0] + down, side - 1), np.minimum(low[1] + right, side - 1)
             there = rows[y, x], columns[y, x]
-            apart = np.linalg.norm(position[there] - here, axis=1)
+            apart = _lengths(position[there] - here)
             weight = (along[0] if down else 1 - along[0]) * (along[1] if right else 1 - along[1])
             alike = (slots[there] == slot) & (apart <= REACH * stride * width)
             corners.append((y * side + x).astype(np.int32))
             same.append(alike)
             weights.append(weight * alike)
-        weight = np.stack(weights, 1).astype(np.float32)
-        alone = ~weight.any(1)  # the solved one of its block is of another piece
-        weight[alone] = np.stack(same, 1)[alone]
-        return cls(rows, columns, stride, size, (row * size + column).astype(np.int32), np.stack(corners, 1),
+        weight = np.stack(weights).astype(np.float32)
+        alone = ~weight.any(0)  # the solved one of its block is of another piece
+        weight[:, alone] = np.stack(same)[:, alone]
+        return cls(rows, columns, stride, size, (row * size + column).astype(np.int32), np.stack(corners),
                    _whole(weight))
 
     def picked(self, values: NDArray[T]) -> NDArray[T]:
@@ -152,26 +152,25 @@ class SparseTexels:
         flat = base.reshape(-1, 3)
         own, solved = flat[self.texels], self.picked(base).reshape(-1, 3)
         weights = self.weights.copy()
-        bright = np.linalg.norm(own, axis=1)
-        for n, corner in enumerate(self.corners.T):
-            there = solved[corner]
-            apart = np.linalg.norm(there - own, axis=1)
-            relative = apart / (0.5 * (np.linalg.norm(there, axis=1) + bright) + DARK)
-            weights[:, n] /= (1 + (relative / ALIKE) ** 2) ** 2
+        bright, brightness = _lengths(own), _lengths(solved)
+        for corner, weight in zip(self.corners, weights, strict=True):
+            relative = _lengths(solved[corner] - own) / (0.5 * (brightness[corner] + bright) + DARK)
+            weight /= np.square(1 + np.square(relative / ALIKE))
         return replace(self, weights=_whole(weights))
 
     @property
     def known(self) -> Bool:
         """(n, n) texels that get a value."""
-        return self._everywhere(self.weights.any(1))
+        return self._everywhere(self.weights.any(0))
 
     def spread(self, values: F32) -> F32:
         """(n, n, ...) from (m, m, ...): means by weight; 0 where nothing is known."""
         flat = values.reshape(len(self.rows) ** 2, -1)
-        means = np.empty((len(self.texels), flat.shape[1]), np.float32)
-        for channel, mean in zip(flat.T, means.T, strict=True):
-            mean[:] = np.where(self.weights > 0, channel[self.corners] * self.weights, np.float32(0)).sum(1)
-        return self._everywhere(means.reshape(len(means), *values.shape[2:]))
+        means = np.zeros((flat.shape[1], len(self.texels)), np.float32)
+        for channel, mean in zip(np.ascontiguousarray(flat.T), means, strict=True):
+            for corner, weight in zip(self.corners, self.weights, strict=True):
+                np.add(mean, channel[corner] * weight, out=mean, where=weight > 0)
+        return self._everywhere(means.T.reshape(len(self.texels), *values.shape[2:]))
 
     def _everywhere(self, values: NDArray[T]) -> NDArray[T]:
         result = np.zeros((self.size**2, *values.shape[1:]), values.dtype)
@@ -180,8 +179,13 @@ class SparseTexels:
 
 
 def _whole(weights: F32) -> F32:
-    """(N, 4) whose sum is 1, or 0."""
-    return np.asarray(weights / np.maximum(weights.sum(1, keepdims=True), np.float32(1e-30)), np.float32)
+    """(4, N) whose sum is 1, or 0."""
+    return np.asarray(weights / np.maximum(weights.sum(0), np.float32(1e-30)), np.float32)
+
+
+def _lengths(vectors: F32) -> F32:
+    """(...) of (..., 3)."""
+    return np.asarray(np.sqrt(np.einsum("...k,...k->...", vectors, vectors)), np.float32)
 
 
 def _widths(position: F32, covered: Bool, row: I64, column: I64) -> F32:
@@ -189,14 +193,13 @@ def _widths(position: F32, covered: Bool, row: I64, column: I64) -> F32:
 
     One that is much farther than the other lies on another piece of the surface.
     """
-    padded = np.pad(position, ((1, 1), (1, 1), (0, 0)))
-    there = np.pad(covered, 1)
     nearest = []
-    for down, right in ((0, 1), (1, 0)):
-        apart = [np.where(there[row + 1 + y, column + 1 + x], np.linalg.norm(
-            padded[row + 1 + y, column + 1 + x] - position[row, column], axis=1), np.float32(np.inf))
-            for y, x in ((down, right), (-down, -right))]
-        nearest.append(np.minimum(*apart))
+    for low, high in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        apart = np.where(covered[low] & covered[high], _lengths(position[high] - position[low]), np.float32(np.inf))
+        least = np.full(covered.shape, np.inf, np.float32)
+        least[low] = apart
+        np.minimum(least[high], apart, out=least[high])
+        nearest.append(least[row, column])
     across, along = nearest
     most = STRETCHED * np.minimum(across, along)
     return np.asarray(np.where(np.isfinite(most), np.minimum(across, most) + np.minimum(along, most), 0), np.float32)

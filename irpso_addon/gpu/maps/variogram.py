@@ -9,6 +9,7 @@ Where texels of one colour differ far less, those of other colours do not count:
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.data import F32, F64, I32, Bool
 
@@ -45,11 +46,12 @@ def borrowed_variance(
         if curve is None:
             known[at] &= ~mine
             continue
-        found, kinds = _of_prior(r, own, mine, curve, max(pixel, 1.0)), colour_kinds(base[at], mine)
+        found, _ = _of_prior(r, own, mine, curve, max(pixel, 1.0))
+        kinds = colour_kinds(base[at], mine)
         alike = variogram(r, s, weight, kinds)
         if alike is not None and alike.sum() < KINDS_TELL * curve.sum():
-            found = np.minimum(found, _of_kinds(r, own, kinds, alike, max(pixel, 1.0)))
-        variance[at][mine] = ((1 - share[at]) * found)[mine]
+            found = np.minimum(found, _of_kinds(r, own, kinds, alike, max(pixel, 1.0))[mine])
+        variance[at][mine] = (1 - share[at][mine]) * found
     return variance, known
 
 
@@ -94,9 +96,10 @@ def colour_kinds(base: F32, mine: Bool) -> I32:
 
 def _nearest(colours: F32, middles: F32) -> I32:
     """(N,) index of the nearest of ``middles`` (K, 3) to each colour (N, 3)."""
+    red, green, blue = np.ascontiguousarray(colours.T)
     nearest, least = np.zeros(len(colours), np.int32), np.full(len(colours), np.inf, np.float32)
-    for kind, middle in enumerate(middles):
-        away = np.square(colours - middle).sum(1)
+    for kind, (r, g, b) in enumerate(middles):
+        away = (red - r) ** 2 + (green - g) ** 2 + (blue - b) ** 2
         nearest[away < least] = kind
         np.minimum(least, away, out=least)
     return nearest
@@ -107,38 +110,61 @@ def _of_kinds(roughness: F64, share: F64, kinds: I32, curve: F64, pixel: float) 
     found = np.full(kinds.shape, np.inf)
     for kind in range(KINDS):
         its = kinds == kind
-        own = np.where(its, share, 0)
-        near = its & (_window_sum(own, DISTANCES[-1]) >= pixel**2)
-        if near.any():
-            found[near] = _of_prior(np.where(its, roughness, 0), own, its, curve, pixel)[near]
+        if its.any():
+            variance, near = _of_prior(roughness, share, its, curve, pixel)
+            found[its] = np.where(near, variance, np.inf)
     return found
 
 
-def _of_prior(roughness: F64, share: F64, mine: Bool, curve: F64, pixel: float) -> F64:
-    """(h, w) variance of the prior, of one material's texels; ``curve``: its variogram."""
-    distance, around = np.full(mine.shape, float(DISTANCES[-1])), np.zeros(mine.shape)
-    for apart in reversed(DISTANCES):  # farthest first: nearer ones overwrite it
-        near = _window_sum(share, apart) >= pixel**2
-        distance[near] = apart
-        if apart >= pixel:
-            here = near | (apart == DISTANCES[-1])
-            around[here] = _mean_square(roughness, mine, apart)[here]
+def _of_prior(roughness: F64, share: F64, its: Bool, curve: F64, pixel: float) -> tuple[F64, Bool]:
+    """(variance of the prior, whether data are near), (N,) each, of the texels ``its``, which alone count.
+
+    ``roughness``, ``share``: (h, w).  ``curve``: their variogram.
+    """
+    around, own = _Windows(its), roughness[its]
+    values = np.where(its, roughness, 0)
+    data, texels, total, squares = (around.integral(a) for a in (
+        np.where(its, share, 0), its.astype(np.float64), values, values**2))
+    distance, differ, known = np.full(own.shape, float(DISTANCES[-1])), np.zeros(own.shape), np.ones(own.shape, bool)
+    left = np.arange(len(own))
+    for apart in DISTANCES:
+        near = around.sums(data, apart, left) >= pixel**2
+        here = left[near]
+        distance[here] = np.minimum(distance[here], apart)
+        if apart < pixel:
+            continue
+        left = left[~near]
+        if apart == DISTANCES[-1]:
+            known[left] = False
+            here = np.concatenate([here, left])
+        count = around.sums(texels, apart, here)
+        mean, square = (around.sums(a, apart, here) / count for a in (total, squares))
+        differ[here] = np.maximum(square - 2 * own[here] * mean + own[here] ** 2, 0)
     distance = np.maximum(distance, np.ceil(pixel))
-    return np.asarray(np.maximum(np.interp(distance, DISTANCES, curve), around))
+    return np.maximum(np.interp(distance, DISTANCES, curve), differ), known
 
 
-def _mean_square(roughness: F64, mine: Bool, apart: int) -> F64:
-    """Mean square difference of each texel from those in the square of so many texels to each side."""
-    count, total, squares = (_window_sum(a, apart) for a in (mine.astype(np.float64), roughness, roughness**2))
-    count = np.maximum(count, 1)
-    return np.asarray(np.maximum(squares / count - 2 * roughness * total / count + roughness**2, 0))
+class _Windows:
+    """Sums over squares around some texels, from integral images (Crow 1984, "Summed-area tables", eq. 1)."""
 
+    def __init__(self, texels: Bool) -> None:
+        """``texels``: (h, w)."""
+        self.margin = DISTANCES[-1]
+        self.width = texels.shape[1] + 2 * self.margin + 1
+        row, column = np.nonzero(texels)
+        self.at = row * self.width + column  # of each texel's upper left corner, less a margin
 
-def _window_sum(values: F64, apart: int) -> F64:
-    """Sums over squares of so many texels to each side."""
-    for axis in (0, 1):
-        length = values.shape[axis]
-        sums = np.concatenate([np.zeros_like(values.take([0], axis)), values.cumsum(axis)], axis)
-        at = np.arange(length)
-        values = sums.take(np.minimum(at + apart + 1, length), axis) - sums.take(np.maximum(at - apart, 0), axis)
-    return values
+    def integral(self, values: F64) -> F64:
+        """Of (h, w) values: the sums of all above and to the left, with a margin all around; flat."""
+        sums = np.zeros((len(values) + 2 * self.margin + 1, self.width))
+        inside = sums[self.margin + 1:, self.margin + 1:]
+        inside[:len(values), :values.shape[1]] = values
+        np.cumsum(inside, 0, out=inside)
+        np.cumsum(inside, 1, out=inside)
+        return sums.ravel()
+
+    def sums(self, integral: F64, apart: int, which: NDArray[np.int64]) -> F64:
+        """(N,) over so many texels to each side of some of the texels."""
+        low, high, at = self.margin - apart, self.margin + apart + 1, self.at[which]
+        above, below = ([integral.take(at + (y * self.width + x)) for x in (low, high)] for y in (low, high))
+        return np.asarray((below[1] - above[1]) - (below[0] - above[0]))
