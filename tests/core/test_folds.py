@@ -328,3 +328,14 @@ def test_what_pixels_add_is_in_proportion_to_the_blur(blurs: tuple[float, ...], 
     texels = replace(texels, lobes=lobes)
     found = pixel_bias(texels, lambda part: 0.4 + 0.02 * float(part.lobes[0, 0, 0, 1] > 1.05e-4) if lamps else 0.4)
     assert found == pytest.approx(wanted, rel=1e-6)
+
+
+@pytest.mark.parametrize(("count", "lamps", "cameras"), [(600, 6, 6), (600, 8, 2), (400, 12, 3)])
+def test_a_coat_is_smoother_than_what_it_covers(count: int, lamps: int, cameras: int) -> None:
+    """A rough coat above a smooth body would show nearly the same; few half vectors come near the narrow lobe."""
+    texels, _ = sampled(count, lamps, cameras, np.full(count, 0.37), 0.5, noise=0.01, coat=Coat(1.0, 0.1))
+    search, known = JointSearch(texels), np.ones(lamps * cameras, bool)
+    found = CoatSearch(search).fit(PLAIN, known, search.fit(known), 0.5)
+    assert found.roughness == pytest.approx(0.37, abs=0.01) and found.level == pytest.approx(0.5, abs=0.02)
+    assert found.coat is not None and found.coat.roughness == pytest.approx(0.1, abs=0.005)
+    assert found.coat.weight == pytest.approx(1.0, abs=0.02)

@@ -14,7 +14,7 @@ import numpy as np
 from ..data import F64, Bool, Coat
 from ..shading import brdf
 from ..vectors import dot
-from .joint_material import COSINES, LEVELS, METAL_BASE, ROUGHNESS, UNSEEN, Joint, JointSearch, OneMaterial
+from .joint_material import COSINES, LEVELS, METAL_BASE, ROUGHNESS, Joint, JointSearch, OneMaterial
 from .lobe_values import coat_values, fresnel_ratio, lobe_values, metal_values
 from .sampled_texels import LEAST, SampledTexels
 
@@ -23,7 +23,8 @@ STARTS: tuple[tuple[float, float, tuple[float, float] | None], ...] = (
     (0.3, 0.1, None), (0.3, 0.3, None), (0.1, 0.6, None), (0.5, 0.2, (0.7, 0.3)))
 SOME = 4  # one texel in so many takes part until the end is near
 RACE, KEPT, STEPS, LAST_STEPS = 5, 2, 10, 8  # steps from every start; of those kept; at most; and with all texels
-SEEN = 0.01  # share of the texels that must see a coat's highlight
+SEEN = 0.01  # share of the texels that must see a coat's highlight, or its tails
+ROUGHER = 1.03  # cost of a coat that is rougher than what it covers, relative to one that is not
 TRIALS = 5  # of a step, each shorter
 STILL = 1e-3  # relative gain of a step below which a search is at rest
 LEAST_NUMBER = 1e-4  # of level, Metallic and weight: slopes of the level have no bound at 0
@@ -39,8 +40,9 @@ class CoatSearch:
     """Of the texels of a `JointSearch`, from any part of their layers."""
 
     def __init__(self, search: JointSearch) -> None:
-        # A coat is the same everywhere: it is seen where half vectors come near the normals of some texels.
-        sharpest = max((UNSEEN * float(np.quantile(search.nearest, SEEN))) ** 0.25, brdf.ROUGHNESS_MIN)
+        # A coat is the same everywhere: it is seen where half vectors come near the normals of some texels.  At an
+        # angle whose sine is its roughness, GGX is 1 / pi: a few percent of a diffuse.
+        sharpest = max(float(np.quantile(search.nearest, SEEN)) ** 0.5, brdf.ROUGHNESS_MIN)
         low = np.array([brdf.ROUGHNESS_MIN, LEAST_NUMBER, LEAST_NUMBER, LEAST_NUMBER, sharpest])
         some = np.arange(0, len(search.weight), SOME, dtype=np.int32)
         self.some = _Descent(search.texels.part(some), search.weight[some], low)
@@ -63,8 +65,14 @@ class CoatSearch:
         best = min((self.some.run(x, STEPS) for x, _ in tried[:KEPT]), key=lambda found: found[1])[0]
         # A wide lobe below a narrow one explains nearly what the narrow one below the wide does: all texels decide.
         ends = [self.all.run(x, LAST_STEPS) for x in (best, self.some.run(_swapped(best), STEPS)[0])]
-        r, level, metallic, weight, roughness = (float(x) for x in min(ends, key=lambda found: found[1])[0])
+        r, level, metallic, weight, roughness = (float(x) for x in min(ends, key=_plausible)[0])
         return OneMaterial(r, level, metallic if metal else 0.0, coat=Coat(weight, roughness))
+
+
+def _plausible(found: tuple[F64, float]) -> float:
+    """The cost; what coats cover is rougher than they are, unless the texels clearly say otherwise."""
+    (roughness, *_, rough), cost = found
+    return cost * ROUGHER if rough > roughness else cost
 
 
 def _swapped(x: F64) -> F64:
