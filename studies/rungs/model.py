@@ -121,7 +121,8 @@ def _dielectric(g: Geometry, of: Numbers, roughness: float, shared: F64, e1: F64
     s = at_view(tables.level_fresnel(tables.energy_nodes(), of.level), roughness, at.cos_v)[:, None]
     albedo = (tinted + (1 - tinted) * s) * e1 * gain
     lobe = shared * between(fresnel(at.cos_vh, float(n))[:, None]) * gain
-    return np.asarray(lobe + (1 - albedo.max(1, keepdims=True)) * diffuse(g, of.base, of.diffuse_roughness))
+    return np.asarray(lobe + (1 - albedo.max(1, keepdims=True)) * brdf.diffuse_rough(
+        of.base, g.at.cos_l, g.at.cos_v, g.cos_lv, of.diffuse_roughness))
 
 
 def _metal(cos_vh: F64, of: Numbers, e1: F64, mean: float) -> F64:
@@ -132,32 +133,6 @@ def _metal(cos_vh: F64, of: Numbers, e1: F64, mean: float) -> F64:
     reflectance = np.clip(of.base + (1 - of.base) * away**5 - dip * cos_vh * away**6, 0, 1)
     single = of.base + (1 - of.base) / 21 - dip / 126
     return np.asarray(reflectance * (1 + single * mean / (1 - single * (1 - mean)) * (1 - e1) / e1))
-
-
-def diffuse(g: Geometry, base: F64, roughness: float) -> F64:
-    """(n, 3), 1/sr: the improved Oren-Nayar model with energy preservation.
-
-    Single scattering: Fujii, "A tiny improvement of Oren-Nayar reflectance model".  Multiple scattering: Portsmouth,
-    Kutz and Hill 2025, "EON: A Practical Energy-Preserving Rough Diffuse BRDF", but darker: Cycles multiplies it by the
-    base colour once more.
-    """
-    if roughness < 1e-5:
-        return np.broadcast_to(base / np.pi, (len(g.cos_lv), 3))
-    a = 1 / (np.pi + roughness * (np.pi / 2 - 2 / 3))
-    b = roughness * a
-    t = g.cos_lv - g.at.cos_l * g.at.cos_v
-    t = np.where(t > 0, t / np.maximum(g.at.cos_l, g.at.cos_v), t)
-    mean = a * np.pi + (2 * np.pi - 5.6) / 3 * b
-    lost = [1 - (a * np.pi + b * _fujii(c)) for c in (g.at.cos_l, g.at.cos_v)]
-    colour = base**2 * mean / (1 - mean) / (1 - base * (1 - mean)) / np.pi
-    return np.asarray(base * ((a + b * t)[:, None] + (lost[0] * lost[1])[:, None] * colour))
-
-
-def _fujii(cosine: F64) -> F64:
-    """Integral of the second term of Fujii's model over the hemisphere."""
-    c = np.clip(cosine, 1e-6, 1)
-    sine = np.sqrt(1 - c * c)
-    return np.asarray(sine * (np.arccos(c) - 2 / 3 - sine * c) + 2 / 3 * sine / c * (1 - sine**3))
 
 
 def _sheen(g: Geometry, roughness: float, table: F64) -> tuple[F64, F64]:

@@ -12,7 +12,7 @@ from irpso_addon.core.data import F64
 from irpso_addon.core.shading import brdf
 from studies.rungs.fit import LEVEL, METALLIC
 from studies.rungs.measure import Shoot, measure, samples, shoot
-from studies.rungs.model import Geometry, Numbers, diffuse, principled
+from studies.rungs.model import Geometry, Numbers, principled
 from studies.stability.measured import rig
 
 MADE = {
@@ -76,7 +76,8 @@ def test_rough_white_diffuse_keeps_all_light(roughness: float) -> None:
     L = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], -1).reshape(-1, 3)
     for degrees in (5, 40, 75):
         V = np.broadcast_to([np.sin(np.radians(degrees)), 0, np.cos(np.radians(degrees))], L.shape)
-        f = diffuse(Geometry.of(L, V, np.broadcast_to(rig.NORMAL, L.shape)), np.ones(3), roughness)
+        g = Geometry.of(L, V, np.broadcast_to(rig.NORMAL, L.shape))
+        f = brdf.diffuse_rough(np.ones(3), g.at.cos_l, g.at.cos_v, g.cos_lv, roughness)
         assert float((f[:, 0] * L[:, 2]).mean() * 2 * np.pi) == pytest.approx(1.0, abs=0.005)
 
 

@@ -77,6 +77,9 @@ def chosen(sample: RigSample, lamps: bool, exposures: bool, tilts: bool) -> Step
                 break
     if taken == GIVEN:
         return None, True
+    if (yield from _is_diffuse(contest, taken, kept)):
+        with_diffuse = yield from _beside_diffuse(contest, kept, found)
+        return (None if with_diffuse is None else Chosen(contest, str(with_diffuse[0]), *with_diffuse)), True
     kept, found = yield from with_ambient(contest, kept, found)
     bent, beside = yield from _with_diffuse(contest, kept, found)
     if bent != kept and (yield from _is_response(contest, frees[-1], everything)):
@@ -131,6 +134,35 @@ def _with_diffuse(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[
         if (sure and not contest.beats(name, str(bent))) if bent.cosine else contest.beats(str(bent), name):
             best, name = (bent, other), str(bent)
     return best
+
+
+def _is_diffuse(contest: Contest, taken: str, free: Free) -> Steps[bool]:
+    """Whether a diffuse that is not Lambert's, under the rig as given, predicts about as well as a changed rig.
+
+    Three numbers in place of the places of all lamps: a rough surface shines back to where light comes from.  The place
+    of one flash that cameras carry is as few numbers.
+    """
+    if not (free.lamps or free.exposures) or any(group.carried for group in contest.sample.rig.groups):
+        return False
+    alone = _alone(free)
+    found = yield from share_of(fit_rig(contest.sample, alone, rounds=ROUNDS), 1.0, 1.0)
+    contest.add(str(alone), (yield from share_of(contest.predictions(alone, found), 1.0, 1.0)))
+    return not contest.beats(taken, str(alone))
+
+
+def _beside_diffuse(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[Free, RigFound] | None]:
+    """What of a rig is changed beside such a diffuse, if that predicts better than the diffuse alone."""
+    both = replace(free, response=False, vignetting=False, diffuse=True)
+    if not both.scene:
+        return None
+    other = yield from share_of(fit_rig(contest.sample, both, start=found, rounds=ROUNDS), 1.0, 1.0)
+    contest.add(str(both), (yield from share_of(contest.predictions(both, other), 1.0, 1.0)))
+    return (both, other) if contest.worth(both, str(_alone(free))) else None
+
+
+def _alone(free: Free) -> Free:
+    """Of a material, all that its diffuse may be; nothing of the scene."""
+    return Free(False, False, levels=free.levels, tilts=free.tilts, diffuse=True)
 
 
 def _explains(found: RigFound, free: Free, given: RigFound, everything: RigFound) -> bool:

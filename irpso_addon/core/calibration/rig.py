@@ -48,10 +48,11 @@ class RigChange:
     vignetting: float = 0.0  # to be added to every view's
     ambient: float = 0.0  # irradiance by light from all around, over the sample's typical irradiance by lamps
     log_response: float = 0.0  # of the power to which files hold radiance
-    # What a diffuse that is not Lambert's may show instead: powers of the cosine to the lamp, and of what a dielectric
-    # lets in and out.  Nothing is put right by them.
+    # What a diffuse that is not Lambert's may show instead: powers of the cosine to the lamp, of what a dielectric lets
+    # in and out, and of what a rough surface shows.  Nothing is put right by them.
     cosine: float = 0.0
     transmission: float = 0.0
+    rough: float = 0.0
     log_tint: F64 | None = None  # (G, 3) of powers in each channel, beside log_power (tints.py); None: as given
     black_level: F64 | None = None  # (3,) to be added to every view's (black_level.py); None: as given
 

@@ -19,6 +19,7 @@ from .rig import Rig, RigChange
 LEAST_COSINE = 1e-3
 LEAST_LIGHT = 1e-20
 COLOURS = 3
+ROUGH, TYPICAL_BASE = 0.5, 0.4  # Diffuse Roughness and base colour of a rough diffuse; others are powers of it
 SHEEN = 0.5  # roughness with which light from all around is reflected: its albedo hardly depends on it
 
 
@@ -66,7 +67,7 @@ class Seen:
     slopes: dict[str, F64]  # of each lamp, (T, 3): of the logarithm of irradiance, in its group's axes and reach
     fine: dict[str, Bool]  # of each lamp, (T,): where the slopes are known
     share: dict[tuple[int, str], F64]  # of the layer's irradiance, (T,): by layer and lamp
-    diffuse: F64  # (2, T, V) slopes of the logarithm of radiance by the shape of the diffuse
+    diffuse: F64  # (3, T, V) slopes of the logarithm of radiance by the shape of the diffuse
     shown: F64  # (T, V) of radiance in the pictures, over what the given rig takes it to be
     bent: Bent | None = None  # light from all around, and the response of the files; None: there is neither
 
@@ -147,8 +148,8 @@ class RigGeometry:
                 lobes[:, v, n, 3] *= np.where(before[n] > 0, ratio, 1.0)
         exposed = shown.copy()
         diffuse = diffuse_shapes(lobes, texels.cos_v)
-        if change.cosine or change.transmission:
-            shape = change.cosine * diffuse[0] + change.transmission * diffuse[1]
+        if change.cosine or change.transmission or change.rough:
+            shape = np.tensordot([change.cosine, change.transmission, change.rough], diffuse, 1)
             shown *= np.exp(shape)
             lobes[..., 3] *= np.exp(-shape)[..., None]
         brighter, bent = lamps * shown, self._bent(change, lamps, shown) if change.bends else None
@@ -200,14 +201,19 @@ class RigGeometry:
 
 
 def diffuse_shapes(lobes: F64, cos_v: F64) -> F64:
-    """(2, T, V) logarithms of the cosine to the lamps, and of a dielectric's transmission to them and to the camera.
+    """(3, T, V) logarithms by which a diffuse differs from Lambert's.
 
-    ``lobes``, ``cos_v``: as `SampledTexels` has them.
+    Of the cosine to the lamps, of a dielectric's transmission to them and to the camera, and of what a rough surface
+    shows over what a smooth one does.  ``lobes``, ``cos_v``: as `SampledTexels` has them.
     """
     light = np.maximum(lobes[..., 3], 1e-12)
-    cos_l = np.clip((lobes[..., 2] * light).sum(-1) / light.sum(-1), LEAST_COSINE, 1.0)
+    cos_l, sin2h = (np.clip((lobes[..., k] * light).sum(-1) / light.sum(-1), low, 1.0) for k, low in (
+        (2, LEAST_COSINE), (0, 0.0)))
     cos_v = np.clip(cos_v, LEAST_COSINE, 1.0)
-    return np.log(np.stack([cos_l, (1 - brdf.F_dielectric(cos_l)) * (1 - brdf.F_dielectric(cos_v))]))
+    # To the camera from the lamp: N.H = (N.L + N.V) / |L + V|.
+    between = np.minimum((cos_l + cos_v) ** 2 / (2 * np.maximum(1 - sin2h, LEAST_COSINE)) - 1, 1)
+    rough = brdf.diffuse_rough(np.array([TYPICAL_BASE]), cos_l, cos_v, between, ROUGH)[..., 0] * np.pi / TYPICAL_BASE
+    return np.log(np.stack([cos_l, (1 - brdf.F_dielectric(cos_l)) * (1 - brdf.F_dielectric(cos_v)), rough]))
 
 
 def typical_light(texels: SampledTexels) -> float:
