@@ -15,7 +15,7 @@ from ..core.errors import BadInput
 from ..core.evaluation.metrics import map_errors, prediction_error
 from ..core.evaluation.prediction import Pixels, PlaceView, Surface, predict, shown
 from ..core.job import Progress
-from ..core.resampling import at_size
+from ..core.resampling import at_size, on_grid
 from ..gpu.device import thread
 from ..gpu.maps.fill import fill
 from .texels import Grid, observe_pixels, observe_texels
@@ -137,7 +137,7 @@ def _choose(pixels: Pixels, views: list[PlaceView], where: Bool) -> tuple[Pixels
     """The pixels that show texels that count."""
     size = len(where)
     x, y = np.clip((pixels.uv * size).astype(int), 0, size - 1).T
-    part = where[y, x]
+    part = where[y, x] & on_grid(pixels.uv)
     return Pixels(pixels.uv[part], pixels.slope[part], pixels.footprint), [
         PlaceView(view.rgb[part], view.weight[part], view.cos_v[part], view.lobes[part],
                   None if view.irradiance is None else view.irradiance[part],

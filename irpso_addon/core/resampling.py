@@ -13,9 +13,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .data import F32, F64
+from .data import F32, F64, Bool
 
 T = TypeVar("T", bound=np.generic)
+BORDER = 1e-4  # of the grid
 BAD = 1e3  # stands in for NaN and infinity: such a texel scores as the worst value in range
 
 
@@ -45,6 +46,11 @@ def linear(array: F32 | F64, at: F64, axis: int) -> F64:
     below, above = array.take(low, axis), array.take(np.minimum(low + 1, last), axis)
     mixed: F64 = (1 - t) * below + t * above
     return mixed
+
+
+def on_grid(uv: F32) -> Bool:
+    """(...) whether places (..., 2) lie on a grid from 0 to 1; rounding may put those at its border outside."""
+    return np.asarray(((uv > -BORDER) & (uv < 1 + BORDER)).all(-1))
 
 
 def bilinear(grid: F32 | F64, uv: F32 | F64) -> F64:

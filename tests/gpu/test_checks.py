@@ -83,6 +83,18 @@ def test_silent_where_all_is_well(plane) -> None:
     assert max(light.offset_share for light in checks.lights) < 0.003
 
 
+def test_faces_outside_the_square_say_nothing(plane) -> None:
+    """Half of the plane lies in the next square, which is not solved: its pixels show nothing that the maps hold."""
+    mesh = plane.scene.mesh
+    half = replace(plane, scene=replace(plane.scene, mesh=replace(mesh, uvs=mesh.uvs * np.array([2, 1], np.float32))))
+    solution = solve(half)
+    assert any("50.0 % of its faces are outside the 0-1 UV square" in line for line in solution.warnings)
+    assert causes(solution) == []
+    checks = checked(solution)
+    assert checks.structure < 0.002
+    assert max(abs(v.residual.gain - 1) for v in checks.views) < 1e-3
+
+
 @pytest.mark.parametrize("noise", [0.01, 0.05])
 def test_silent_in_noise(noise) -> None:
     """Noise is no fault of scene or pictures, and its size is found."""

@@ -15,7 +15,7 @@ class PixelWindow:
 
     corner: tuple[int, int]  # x, y of its first pixel in the camera's image
     image: tuple[int, int]  # width and height of that image
-    covered: Bool  # (h, w) the object is what the pixel's centre sees
+    covered: Bool  # (h, w) what the pixel's centre sees is the object, and a face that the maps hold
     position: F32  # (h, w, 3) world, metres; of what is covered, as are the following
     normal: F32  # (h, w, 3) world, unit, normal map included
     uv: F32  # (h, w, 2)

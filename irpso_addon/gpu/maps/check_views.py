@@ -13,6 +13,7 @@ import numpy as np
 
 from ...core.checks.view_check_data import CheckedView, PixelWindow
 from ...core.data import F32, ViewPicture
+from ...core.resampling import on_grid
 from ..device.context import Device, Inputs
 from ..device.draw_budget import Rectangle
 from ..device.programs import UNLIT_BELOW
@@ -66,13 +67,13 @@ def _window(
 ) -> PixelWindow:
     maps = camera.maps
     assert maps.uv is not None
-    position, normal = device.read(maps.position, part), device.read(maps.normal, part)
-    covered = position[..., 3] > 0.5
+    position, normal, uv = (device.read(grid, part) for grid in (maps.position, maps.normal, maps.uv))
+    covered = (position[..., 3] > 0.5) & on_grid(uv)
     share = None
     if outline is not None and is_outlined(camera):
         share = outline.shares(camera.camera, maps.position.size, part)
     return PixelWindow(corner=part[:2], image=maps.position.size, covered=covered,
-                       position=position[..., :3], normal=normal[..., :3], uv=device.read(maps.uv, part),
+                       position=position[..., :3], normal=normal[..., :3], uv=uv,
                        slot=normal[..., 3], cos_v=cos_v, share=share)
 
 
