@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import signal
 import sys
@@ -25,6 +26,8 @@ WITHOUT_BLENDER = ("tile", "merge")  # commands of a farm's workers, which have 
 
 def main(argv: list[str]) -> int:
     """Run one command; returns the exit code and never raises."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a pipe on Windows has the few letters of the system's language
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         arguments = options.parser().parse_args(argv, argparse.Namespace(given=argv))
     except SystemExit as stop:  # argparse has said why: 0 after --help, 2 after wrong usage
