@@ -61,7 +61,7 @@ def prepare(request: TiledRequest, work: WorkFolder, clock: Clock | None = None)
     memory = thread.settings().memory
     sources = [path for view in scene.views for path in view.files]
     mark = npz_archive.fingerprint(
-        scene, settings, (memory, request.block, request.halo), files=dict.fromkeys(sources))
+        _by_full_paths(scene), settings, (memory, request.block, request.halo), files=dict.fromkeys(sources))
     work.begin(mark)
     plan: Plan | None = work.read_plan()
     if plan is not None and plan.bounced is not None and plan.blend != _blend(request.bounce):
@@ -72,6 +72,16 @@ def prepare(request: TiledRequest, work: WorkFolder, clock: Clock | None = None)
         plan = yield from make_plan(request, work, clock or Clock())
         work.write_plan(plan)
     return plan
+
+
+def _by_full_paths(scene: SceneData) -> SceneData:
+    """The scene with the full paths of its files: from another folder, the same file has another relative path."""
+    def full(path: Path | None) -> Path | None:
+        return None if path is None else path.resolve()
+
+    return replace(scene, views=tuple(
+        replace(view, image=view.image.resolve(), mask=full(view.mask), ambient=full(view.ambient),
+                flat=full(view.flat)) for view in scene.views))
 
 
 def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generator[Progress, None, Plan]:

@@ -22,7 +22,7 @@ from irpso_addon.core.tiled.uv_blocks import Crop
 from irpso_addon.core.tiled.work_folder import WorkFolder
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import block_solve, pipeline, tiled_solve
-from irpso_addon.solve.plan_preparation import TiledRequest
+from irpso_addon.solve.plan_preparation import TiledRequest, prepare
 from tests.support import synthetic as syn
 from tests.support.shoots import rig
 
@@ -190,6 +190,18 @@ def test_a_stop_keeps_finished_blocks(scene: SceneData, blocks: Found, tmp_path:
     names = block_solve.layers_of(found["plan"])
     assert names == block_solve.layers_of(blocks["plan"]) and "roughness" in names
     assert [name for name in names if found[name].tobytes() != blocks[name].tobytes()] == []
+
+
+def test_pictures_by_another_path_are_the_same(scene: SceneData, tmp_path: Path) -> None:
+    """The same command goes on with the work that is there, from whatever folder its relative paths lead."""
+    begun, pictures = set(), scene.views[0].image.parent
+    for folder in (pictures, pictures / ".." / pictures.name):
+        views = tuple(replace(view, image=folder / view.image.name) for view in scene.views)
+        request = TiledRequest(replace(scene, views=views), settings(), block=BLOCK)
+        with WorkFolder(tmp_path / "work") as work:
+            thread.run(lambda request=request, work=work: prepare(request, work))
+            begun.add(work.fingerprint())
+    assert len(begun) == 1
 
 
 def test_a_part_or_the_last_result_is_refused(scene: SceneData, tmp_path: Path) -> None:
