@@ -115,7 +115,7 @@ def outcome(
             best = lit
         elif aligned is not first.given:
             best = rough if small == settings else (yield from solve_round(aligned, settings))
-        best = _not_bounced(best, why, tried(settings))
+        best = not_bounced(best, why, tried(settings))
         if aligned is not first.given and first.solution.checks is not None and settings.exposures == "solve":
             lines = mended(first.solution.checks.registration)
     except Cancelled:  # the maps so far are whole
@@ -220,7 +220,7 @@ def _take_out_indirect(
     return (yield from solve_round(best.given, settings, bounced=bounced)), ""
 
 
-def _not_bounced(best: Outcome, why: str, tried: tuple[str, ...]) -> Outcome:
+def not_bounced(best: Outcome, why: str, tried: tuple[str, ...]) -> Outcome:
     """With the reason, if there is one, for which indirect light was not taken out."""
     checks = best.solution.checks
     if not why or checks is None:

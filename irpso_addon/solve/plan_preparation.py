@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.checks.bounced_light import SEVERAL_UDIMS
 from ..core.data import MeshArrays, SceneData, Solution, View
 from ..core.errors import BadInput, Cancelled
 from ..core.images.reference_image import read_reference
@@ -25,12 +26,12 @@ from ..core.tiled.work_folder import WorkFolder
 from ..gpu.device import thread
 from ..gpu.observe.picture_memory import most_pixels
 from .gpu_path import Clock
-from .one_round import Outcome
-from .pipeline import Bounce, outcome
+from .one_round import Outcome, tried
+from .pipeline import Bounce, not_bounced, outcome
 
 PLANNED = 0.25  # of the whole, once the plan is made
 MESH_NORMALS = "a map that is solved in blocks keeps the mesh's normals"
-NO_INDIRECT = "several UDIMs: indirect light is not subtracted; darken the surroundings"
+NO_INDIRECT = "Indirect Light is On, but IRPSO does not subtract it from several UDIMs; darken the surroundings"
 
 
 @dataclass(frozen=True)
@@ -90,9 +91,11 @@ def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generato
     udims = uv_blocks.solved_udims(settings.udim, scene.mesh.uvs)
     if not udims:
         raise BadInput(f"{scene.mesh.name}: none of its faces lies in a UDIM square; unwrap the mesh")
-    if len(udims) > 1 and settings.indirect != "off" and bounce is not None:
+    unable = len(udims) > 1 and settings.indirect != "off" and bounce is not None
+    if unable:
         bounce = None  # it puts the small map on the object as it is, and that one holds the squares side by side
-        scene = replace(scene, warnings=(*scene.warnings, NO_INDIRECT))
+        if settings.indirect == "on":
+            scene = replace(scene, warnings=(*scene.warnings, f"{scene.mesh.name}: {NO_INDIRECT}"))
     small = uv_blocks.layout(settings.size, udims)
     mesh = replace(scene.mesh, grid=small.grid(scene.mesh.uvs), extent=float(small.columns))
     read = partial(read_reference, max_pixels=most_pixels(scene.views, uv_blocks.PICTURES * thread.settings().memory))
@@ -102,6 +105,8 @@ def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generato
     clock.seconds["plan"] = time.perf_counter() - began
     if made.solution.cancelled:
         raise Cancelled
+    if unable:
+        made = not_bounced(made, SEVERAL_UDIMS, tried(settings))
     solution = _with_every_material(made.solution, scene.mesh, udims, settings)
     if settings.normals == "auto":
         solution = replace(solution, normals_why=MESH_NORMALS)
@@ -150,7 +155,7 @@ def _with_every_material(
 
 def _of_plan(step: Progress) -> Progress:
     """A step of the plan's small map as one of the whole."""
-    return Progress(0.7 * PLANNED * step.fraction, step.stage, f"plan: {step.message}", step.look)
+    return Progress(0.7 * PLANNED * step.fraction, step.stage, f"plan: {step.message}".removesuffix(": "), step.look)
 
 
 def _developed(views: tuple[View, ...], work: WorkFolder) -> Generator[Progress, None, None]:

@@ -41,6 +41,7 @@ def test_each_udim_has_its_files(solved) -> None:
     out, done = solved
     assert {path.name for path in out.iterdir()} == MAPS | {"report.json", "scene_irpso.blend"}
     assert re.search(r"^irpso:   0 % about .* GPU memory, .* memory, .* of disk$", done.stderr, re.M)
+    assert "ndirect" not in done.stderr and "plan: \n" not in done.stderr  # its shadows are dark
     report = json.loads((out / "report.json").read_text())
     assert report["udim"] == "all" and {"plan", "pictures", "observe", "solve", "merge"} <= set(report["seconds"])
     texels, seen = report["texels"], 0

@@ -5,6 +5,7 @@ Kills and bytes: studies/resilience; tasks of farms: test_farm.py; several UDIMs
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -202,6 +203,36 @@ def test_pictures_by_another_path_are_the_same(scene: SceneData, tmp_path: Path)
             thread.run(lambda request=request, work=work: prepare(request, work))
             begun.add(work.fingerprint())
     assert len(begun) == 1
+
+
+def in_two_squares(folder: Path, filled: float) -> SceneData:
+    """A box throws shadows on the plane, which lies in two UDIM squares; ``filled``: light in them, as a share."""
+    shoot = syn.shoot(syn.PATCHES, rig(), (96, 96), blocks=[((-0.35, -0.35, 0.25), (0.35, 0.35, 0.6))])
+    level = np.median([np.median(image.rgb[image.coverage > 0.5]) for image in shoot.images.values()])
+    for name, image in shoot.images.items():
+        write_image(folder / name, (image.rgb + filled * level).astype(np.float32), kind="exr", color=True)
+    mesh = replace(shoot.scene.mesh, uvs=shoot.scene.mesh.uvs * np.array([2, 1], np.float32))
+    views = tuple(replace(view, image=folder / view.image.name) for view in shoot.scene.views)
+    return replace(shoot.scene, mesh=mesh, views=views)
+
+
+@pytest.mark.parametrize(("filled", "indirect", "told"), [
+    (0.0, "auto", None),
+    (0.05, "auto", "as bright as lit areas: .*because its maps are of several UDIM squares"),
+    (0.0, "on", "Indirect Light is On, but"),
+])
+def test_indirect_light_of_several_squares(filled: float, indirect: str, told: str | None, tmp_path: Path) -> None:
+    """It is not rendered; a line says so where there is some, or where it was asked for."""
+    def bounce(*_: Any) -> Any:
+        raise AssertionError("rendered")
+
+    request = TiledRequest(in_two_squares(tmp_path, filled), settings(
+        udim="all", size=64, indirect=indirect, lamps="given", exposures="given"), bounce)
+    with WorkFolder(tmp_path / "work") as work:
+        plan = thread.run(lambda: prepare(request, work))
+    lines = [line for line in plan.solution.warnings if re.search("indirect|shadows are", line, re.IGNORECASE)]
+    assert len(lines) == (told is not None)
+    assert told is None or re.search(told, lines[0])
 
 
 def test_a_part_or_the_last_result_is_refused(scene: SceneData, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from ..check_records import Checks, LightResidual, Misfit, ViewCheck
 from ..params import choice_name
 from ..phrases import NAMED, percent, some
+from .bounced_light import SEVERAL_UDIMS
 from .residuals import is_indirect, scale_of
 from .solve_checks import CONTRADICTORY
 
@@ -79,6 +80,9 @@ def _indirect(checks: Checks) -> list[str]:
         return []
     line = (f"{checks.name}: shadows are {percent(checks.unlit_share, 1)} as bright as lit areas: bounced light or a "
             "black level; ")
+    if checks.not_bounced == SEVERAL_UDIMS:
+        return [f"{line}IRPSO did not remove it, because {SEVERAL_UDIMS}; subtract the camera's black level, or darken "
+                "the surroundings"]
     if checks.not_bounced:
         return [f"{line}IRPSO did not remove it, because {checks.not_bounced}; subtract the camera's black level, "
                 "darken the surroundings, or add what stood around the object to the scene"]
