@@ -41,6 +41,16 @@ def test_udims_are_those_of_the_squares_that_hold_faces():
         uv_blocks.udims_of(many.reshape(-1, 3, 2).astype(np.float32))
 
 
+@pytest.mark.parametrize(("column", "row", "as_if"), [(10, 0, 1011), (-1, 1, 1010), (13, 2, 1034)])
+def test_what_lies_beside_the_ten_columns_is_in_no_square(column, row, as_if):
+    """Counted on, its number would be that of a square in another row."""
+    triangle = np.array([[0.2, 0.2], [0.8, 0.2], [0.5, 0.9]])
+    both = np.stack([triangle + np.array([column, row]), triangle + uv_blocks.corner(as_if)]).astype(np.float32)
+    assert uv_blocks.udims_of(both) == (as_if,)
+    grid = uv_blocks.layout(64, (as_if,)).grid(both)
+    assert (grid[0] < 0).all() and (grid[1] > 0).all()
+
+
 @pytest.mark.parametrize(("size", "udims", "large"), [
     (2048, (1001,), False), (2049, (1001,), True), (256, (1001, 1002), True), (256, (1002,), True)])
 def test_what_is_large(size, udims, large):

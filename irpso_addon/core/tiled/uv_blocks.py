@@ -71,8 +71,11 @@ def corner(udim: int) -> F64:
 
 
 def udim_of_each(uvs: F32) -> I32:
-    """(T,) the number of the square that holds a triangle's middle; uvs: (T, 3, 2)."""
-    return np.asarray(FIRST_UDIM + _squares(uvs) @ np.array([1, 10]), np.int32)
+    """(T,) the number of the square that holds a triangle's middle, 0: none has one; uvs: (T, 3, 2)."""
+    squares = _squares(uvs)
+    numbers = FIRST_UDIM + squares @ np.array([1, 10])
+    inside = (squares >= 0).all(axis=1) & (squares[:, 0] < 10) & (numbers <= LAST_UDIM)
+    return np.where(inside, numbers, 0).astype(np.int32)
 
 
 def udims_of(uvs: F32) -> tuple[int, ...]:
@@ -80,9 +83,7 @@ def udims_of(uvs: F32) -> tuple[int, ...]:
 
     Raises BadInput where there are too many for them to be meant.
     """
-    squares = _squares(uvs)
-    inside = (squares >= 0).all(axis=1) & (squares[:, 0] < 10) & (squares[:, 1] < 100)
-    found = tuple(int(u) for u in np.unique(FIRST_UDIM + squares[inside] @ np.array([1, 10])) if u <= LAST_UDIM)
+    found = tuple(int(u) for u in np.unique(udim_of_each(uvs)) if u)
     if len(found) > MOST_UDIMS:
         raise BadInput(f"UV map: its faces lie in {len(found)} UDIM squares, at most {MOST_UDIMS} can be solved; "
                        "lay the islands out in fewer, or solve the square from 0 to 1 alone")
