@@ -12,6 +12,7 @@ from ..errors import BadInput
 from ..images.colour import known_space, to_linear_rec709
 from ..images.image_file import open_image
 from ..maps.export import KINDS, safe_stem
+from ..phrases import percent
 from ..resampling import at_size
 
 
@@ -37,6 +38,10 @@ def _read(folder: Path, stem: str, *, color: bool) -> F32:
         raise BadInput(f"{folder}: has no {stem}.exr (nor .png, .tiff); give the folder of the true maps")
     file = open_image(path)
     values = file.read(0, file.height)[..., :3]
+    unusable = float(np.mean(~np.isfinite(values)))
+    if unusable > 0:
+        raise BadInput(f"{path}: {percent(unusable, 2)} of its values are not numbers; replace them, or save the map "
+                       "again")
     if color and file.integer:
         space = known_space(file.colorspace) if file.colorspace else None
         values = to_linear_rec709(values, space or "sRGB")
