@@ -11,6 +11,7 @@ depend on plan and pictures alone, so tasks may run anywhere, in any order, twic
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -77,6 +78,7 @@ def plan_job(
 
     Also where a program or a template lies in ``folder`` that no job has put there.
     """
+    made = [path for path in (folder / MAPS, folder) if not os.path.lexists(path)]
     try:
         _check_ours(folder)
         (folder / MAPS).mkdir(parents=True, exist_ok=True)
@@ -84,7 +86,15 @@ def plan_job(
     except OSError as error:
         raise _unwritable(folder, error) from None
     with WorkFolder(folder / WORK) as work:
-        return (yield from prepare(TiledRequest(scene, settings, bounce, block, halo), work))
+        try:
+            return (yield from prepare(TiledRequest(scene, settings, bounce, block, halo), work))
+        except BaseException:
+            if not WorkFolder.has_plan(work.folder):  # nothing to go on from
+                work.remove()
+                with contextlib.suppress(OSError):  # somebody has put something there
+                    for path in made:
+                        path.rmdir()
+            raise
 
 
 def write_job(plan: Plan, folder: Path, tile: int, kind: str, gpu_memory: float | None) -> Job:

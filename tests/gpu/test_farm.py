@@ -104,3 +104,15 @@ def test_a_job_that_cannot_be_written(made: Path) -> None:
     with pytest.raises(BadInput, match="cannot write there"):
         thread.run(lambda: farm.plan_job(SceneData("", None, None, ()), SETTINGS, made / "file"))
     assert (made / "file").read_text() == "not ours"
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_job_without_a_plan_leaves_nothing(there: bool, tmp_path: Path) -> None:
+    """A picture cannot be read, or somebody presses Ctrl-C: nothing is there to go on from."""
+    scene, job = write_scene(tmp_path / "scene", cameras=1), tmp_path / "job"
+    if there:
+        (job / farm.MAPS).mkdir(parents=True)
+    scene.views[1].image.write_bytes(b"no picture")
+    with pytest.raises(BadInput, match=scene.views[1].image.name):
+        thread.run(lambda: farm.plan_job(scene, SETTINGS, job, block=BLOCK, halo=HALO))
+    assert {*tmp_path.rglob("job/**")} == ({job, job / farm.MAPS} if there else set())
