@@ -127,7 +127,7 @@ def map_files(obj: bpy.types.Object) -> MapFiles | None:
         return None
     paths = {SUFFIXES.get(role, role): Path(bpy.path.abspath(image.filepath)) for role, image in images.items()}
     base = paths["basecolor"]
-    filled = base.with_name(base.name.replace("_basecolor", "_filled"))  # no image: its confidence tells a material
+    filled = base.with_name("_filled".join(base.name.rsplit("_basecolor", 1)))  # has no image
     udims = tuple(tile.number for tile in images["base_color"].tiles) or (FIRST_UDIM,)
     files = MapFiles({**paths, "filled": filled}, udims)
     files = files if all(files.of("filled", udim).exists() for udim in udims) else MapFiles(paths, udims)

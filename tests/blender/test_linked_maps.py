@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 
+from irpso_addon.blender.files import map_files
 from irpso_addon.blender.material import material
 from irpso_addon.blender.material.tags import maps_of
 from irpso_addon.core.images.colour import linear_to_srgb
@@ -115,3 +116,14 @@ def test_a_large_solve_replaces_packed_maps_and_is_replaced_by_them(empty, tmp_p
     material.write_maps(obj, solution)
     assert all(image.packed_file for image in maps_of(obj).values())
     assert (len(bpy.data.images), len(obj.material_slots[0].material.node_tree.nodes)) == (count, nodes)
+
+
+@pytest.mark.parametrize("name", ["Strip", "my_basecolor"])
+def test_the_filled_texels_are_found_by_the_objects_files(empty, tmp_path: Path, name: str) -> None:
+    """They have no image in the .blend; an object may be called like a map."""
+    obj = make_strip(UDIMS)
+    obj.name = name
+    material.link_maps(obj, make_solution({"Skin": "one-lobe"}, make_maps(4)), tmp_path, "exr", UDIMS)
+    for udim in UDIMS:
+        (tmp_path / f"{name}_filled.{udim}.exr").touch()
+    assert map_files(obj).paths["filled"] == tmp_path / f"{name}_filled.<UDIM>.exr"
