@@ -47,12 +47,18 @@ class TiledRequest:
 
 def check(scene: SceneData, settings: SolveSettings) -> None:
     """Raises BadInput for what is only done in one piece."""
+    changes = []  # that make one piece of it
+    if uv_blocks.solved_udims(settings.udim, scene.mesh.uvs) != (uv_blocks.FIRST_UDIM,):
+        changes.append("set UDIM to First")
+    if settings.size > uv_blocks.ONE_PIECE:
+        changes.append(f"lower Size to {uv_blocks.ONE_PIECE}")
+    smaller = ", or " + " and ".join(changes) if changes else ""
     if scene.region is not None or settings.start != "anew":
-        raise BadInput(f"{scene.mesh.name}: maps of more than {uv_blocks.ONE_PIECE} texels, or of several UDIMs, are "
-                       "solved whole and from scratch; solve the whole object, or lower Size")
+        raise BadInput(f"{scene.mesh.name}: maps of more than {uv_blocks.ONE_PIECE} texels, of several UDIMs, or of a "
+                       f"farm are solved whole and from scratch; solve the whole object from scratch{smaller}")
     if thread.settings().device == "numpy":
         raise BadInput(f"{scene.mesh.name}: maps of more than {uv_blocks.ONE_PIECE} texels, or of several UDIMs, need "
-                       "OpenGL; with device numpy choose a smaller size")
+                       f"OpenGL; choose device opengl{smaller}")
 
 
 def prepare(request: TiledRequest, work: WorkFolder, clock: Clock | None = None) -> Generator[Progress, None, Plan]:

@@ -107,10 +107,11 @@ def test_export_copies_the_files(solved, irpso_here, tmp_path: Path) -> None:
 
 
 def test_what_blocks_cannot_do_is_refused(scenes, irpso_here, tmp_path: Path) -> None:
-    for extra in (["--start", "last"], ["--selected-faces"]):
+    for extra in (["--start", "last"], ["--selected-faces"], ["--device", "numpy"]):
         done = irpso_here(*command(scenes, tmp_path / "out"), *extra)
         assert done.returncode == 3 and len(done.stderr.strip().splitlines()) == 1, done.stderr
         assert "Ball" in done.stderr and not (tmp_path / "out").exists()
+        assert done.stderr.endswith(", or set UDIM to First\n")  # its maps are small
 
 
 def test_a_disk_that_is_too_small_is_told_before_the_solve(tmp_path: Path) -> None:
