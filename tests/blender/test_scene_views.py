@@ -431,3 +431,16 @@ def test_colour_spaces_are_blenders(stage):
         bpy.data.images.remove(image)
         compared += 1
     assert compared >= 8
+
+
+def test_the_object_that_is_solved_is_not_its_views_light(stage):
+    """A panel may be active because its light was just set."""
+    principled = stage.subject.data.materials[0].node_tree.nodes["Principled BSDF"]
+    principled.inputs["Emission Strength"].default_value = 5
+    principled.inputs["Emission Color"].default_value = (1, 1, 1, 1)
+    view = {"image": "a.exr", "camera": "Cam"}
+    write_captures(stage, {**view, "lights": ["Key", "Subject"]})
+    assert "'Subject': is to be solved, but views name it as their light" in bad(stage)
+    assert "'Subject': is to be solved" in bad(stage, name=None)  # it is the active object
+    write_captures(stage, {**view, "lights": ["Key"]})  # a glowing part of it is no fault
+    assert [light.name for light in stage.read().views[0].lights] == ["Key"]

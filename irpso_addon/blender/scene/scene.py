@@ -153,6 +153,9 @@ class _Reader:
                 continue
             if view.faults:
                 raise BadInput(view.faults[0].error)
+            if self.subject.name in named.lights.intersection(view.emitters):
+                raise BadInput(f"object '{self.subject.name}': is to be solved, but views name it as their light; "
+                               "choose another object (make it active, or --object), or take it out of Lights")
             found.append(View(
                 image=Path(view.image), camera=self._camera(view.camera), lights=tuple(map(self._light, view.lights)),
                 exposure=view.exposure, mask=_path(view.mask), colorspace=view.colorspace, gain=self.gain,

@@ -59,6 +59,7 @@ class NamedViews:
 
     views: tuple[NamedView, ...]
     fault: Fault | None = None  # why there is no view to use
+    lights: frozenset[str] = frozenset()  # that some view names, lamps and meshes that glow
 
 
 def alike_line(name: str) -> str:
@@ -86,7 +87,8 @@ class SceneViews:
         """Those of a capture file."""
         found = tuple(entries)
         self._named = {name for entry in found for name in entry.lights}
-        return NamedViews(tuple(self._captured(entry, f"{path}: view {index}") for index, entry in enumerate(found)))
+        return NamedViews(tuple(self._captured(entry, f"{path}: view {index}") for index, entry in enumerate(found)),
+                          lights=frozenset(self._named))
 
     def from_scene(self) -> NamedViews:
         """Those of the scene's own list, else the cameras' background images under every light that renders."""
@@ -97,7 +99,8 @@ class SceneViews:
             self._named = {item.light.name for entry in entries for item in entry.lights if item.light is not None}
             views = tuple(self._entry(entry, f"view {i} of scene '{name}'") for i, entry in enumerate(entries))
             used = any(view.enabled for view in views)
-            return NamedViews(views, None if used else Fault("Every view is switched off", f"scene '{name}': {cure}"))
+            return NamedViews(views, None if used else Fault("Every view is switched off", f"scene '{name}': {cure}"),
+                              frozenset(self._named))
         views = tuple(self._backgrounds())
         if not self._of_type("CAMERA"):
             cure = "has no camera; add one for each reference image"
