@@ -20,6 +20,7 @@ from ..core.phrases import percent
 from ..core.reporting.report import write_report
 from ..core.storage.output_transaction import OutputTransaction
 from ..gpu.device import thread
+from ..solve.one_round import share_outside
 from . import chart, console, options
 
 TRUTH_COLUMNS = ("albedo_rmse", "rough_mae", "rough_mae_informed")
@@ -34,8 +35,13 @@ def run(arguments: argparse.Namespace) -> None:
         files.open_blend(scene)
     settings = options.settings(arguments)
     data = with_raw_size(read_scene(None, arguments.object, arguments.captures), settings)
+    outside = share_outside(data.mesh)
+    lines = [f"{data.mesh.name}: {percent(outside, 1)} of its faces are outside the 0-1 UV square and are not "
+             "compared; lay its UVs out in one square"] if outside > 0 else []
     fit, held = hold_out(data, arguments.hold_out, arguments.truth is not None)
     truth = read_truth(arguments.truth, data.mesh.name) if arguments.truth else None
+    for line in (*data.warnings, *lines):
+        console.warn(f"warning: {line}")
     with OutputTransaction(out) as staging:
         job = partial(measure, fit, held, truth, settings, arguments.passes)
         report = thread.run(job, _method_lines())

@@ -17,12 +17,13 @@ from ..core.checks.calibration_lines import calibrated
 from ..core.checks.normals_line import refined
 from ..core.checks.solve_checks import TexelFit, measure
 from ..core.checks.warnings import grouped, warnings
-from ..core.data import F32, Bool, Bounced, Maps, MaterialPrediction, SceneData, Solution, ViewPicture
+from ..core.data import F32, Bool, Bounced, Maps, MaterialPrediction, MeshArrays, SceneData, Solution, ViewPicture
 from ..core.errors import BadInput
 from ..core.job import Progress
 from ..core.normals.tangent_map import encoded
 from ..core.params import SolveSettings
 from ..core.phrases import percent
+from ..core.resampling import on_grid
 from ..core.tiled.tiled_plan import Noise
 from ..gpu.device import thread
 from ..gpu.device.context import Device
@@ -223,8 +224,7 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, observed: Bool, ud
     if overlap > 0.001:
         lines.append(f"{name}: {100 * overlap:.1f} % of its texels are claimed by more than one face "
                      "(overlapping UVs); they show one face's result")
-    grid = scene.mesh.uvs if scene.mesh.grid is None else scene.mesh.grid
-    outside = np.mean(np.any((grid < -1e-4) | (grid > 1 + 1e-4), axis=(1, 2)))
+    outside = share_outside(scene.mesh)
     if outside > 0:
         where = "outside the 0-1 UV square" if udim == "first" else "in no UDIM square"
         lines.append(f"{name}: {100 * outside:.1f} % of its faces are {where} and are not solved"
@@ -243,6 +243,11 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, observed: Bool, ud
         lines.append(f"{name}: base colour is {shown:.2g} in the median, darker than any common material; check the "
                      "lamps' power and the views' exposure")
     return lines
+
+
+def share_outside(mesh: MeshArrays) -> float:
+    """Of the faces, those that do not lie on the texel grid as a whole."""
+    return float(np.mean(~on_grid(mesh.uvs if mesh.grid is None else mesh.grid).all(1)))
 
 
 def tried(settings: SolveSettings) -> tuple[str, ...]:

@@ -173,6 +173,14 @@ def test_what_cannot_be(scenes, irpso_here, tmp_path, more, code, words):
     assert not (tmp_path / "out").exists()
 
 
+def test_what_the_scene_lacks_is_told(scenes, irpso_here, tmp_path):
+    """As `irpso solve` does: of half of the faces no method makes a map."""
+    done = irpso_here("compare", scenes / "udims" / "scene.blend", "--captures", scenes / "good" / "captures.json",
+                      "--out", tmp_path / "out", "--size", 32, *GIVEN, "--passes")
+    assert done.returncode == 0, done.stderr
+    assert "warning: Ball: 50.0 % of its faces are outside the 0-1 UV square and are not compared" in done.stderr
+
+
 def test_too_few_views(scenes, irpso_here, tmp_path):
     shutil.copytree(scenes / "good", tmp_path / "few")
     captures = tmp_path / "few" / "captures.json"
