@@ -22,7 +22,7 @@ MAPS = {  # as export.layers has them
     "basecolor": "base colour", "roughness": "roughness", "confidence": "confidence", "error": "error",
     "filled": "filled texels", "roughness_sigma": "standard error of roughness",
     "basecolor_sigma": "standard error of base colour", "specular": "Specular IOR Level if solved for",
-    "normal": "tangent-space normal map if normals were refined",
+    "metallic": "Metallic of a metal beside paint", "normal": "tangent-space normal map if normals were refined",
 }
 (TARGET,) = fields(ExportSettings)
 

@@ -116,6 +116,7 @@ def read_maps(obj: bpy.types.Object) -> Maps:
         error=error[..., 0].copy(), filled=filled, coverage=~filled, roughness_sigma=roughness_sigma[..., 0].copy(),
         base_sigma=base_sigma[..., 0].copy(), lobes=None if grey else roughness,
         specular=_pixels(obj, "specular")[..., 0].copy() if "specular" in maps_of(obj) else None,
+        metallic=_pixels(obj, "metallic")[..., 0].copy() if "metallic" in maps_of(obj) else None,
         normal=_pixels(obj, "normal")[..., :3].copy() if "normal" in maps_of(obj) else None)
 
 

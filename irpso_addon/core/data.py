@@ -228,6 +228,7 @@ class Maps:
     # Only where the model of some material has them, else None:
     lobes: F32 | None = None  # (n, n, 3) roughness1 <= roughness2 and the weight of lobe 1; (r, r, 1) for one lobe
     specular: F32 | None = None  # (n, n) Specular IOR Level, 0..1; 0.5 where it was not solved for
+    metallic: F32 | None = None  # (n, n) where some material is in part metal and in part paint; 0 on the paint
     normal: F32 | None = None  # (n, n, 3) tangent-space normal map, 0..1, green up; where normals were refined
 
 
@@ -312,6 +313,8 @@ class Solution:
     # material slot name -> its one Specular IOR Level, where a single value was solved for the material
     levels: dict[str, float] = field(default_factory=dict)
     metallic: dict[str, float] = field(default_factory=dict)  # material slot name -> Metallic, where its model has it
+    # material slot name -> share of its texels that are paint beside its metal; where there are any, Metallic is a map
+    paint: dict[str, float] = field(default_factory=dict)
     coats: dict[str, Coat] = field(default_factory=dict)  # material slot name -> its coat, where it has one
     ndf: str = "ggx"  # distribution of the two-lobe model, as in core/params.py
     checks: Checks | None = None  # what the views say of the maps
@@ -339,6 +342,7 @@ class Solution:
     def of_maps(
         cls, maps: Maps, model: dict[str, str], levels: dict[str, float] | None = None, ndf: str = "ggx", why: str = "",
         metallic: dict[str, float] | None = None, coats: dict[str, Coat] | None = None,
+        paint: dict[str, float] | None = None,
     ) -> Solution:
         """Of maps that no solve here has found: what materials show, and a search may start from; no figures.
 
@@ -346,4 +350,4 @@ class Solution:
         """
         return cls(maps=maps, model=model, why=dict.fromkeys(model, why), texels={}, seconds={}, residual=0.0,
                    views_used=(), views_skipped=(), warnings=(), device={}, levels=levels or {},
-                   metallic=metallic or {}, coats=coats or {}, ndf=ndf)
+                   metallic=metallic or {}, coats=coats or {}, paint=paint or {}, ndf=ndf)

@@ -90,7 +90,8 @@ def _last(plan: Plan, window: UvBlock, slots: I32) -> EarlierResult:
     solution = plan.solution
     chosen = solution.model if plan.settings.model == "auto" else {}
     return EarlierResult(chosen, solution.levels, frozenset(solution.model), plan.level_map(window, slots),
-                         priors=solution.priors, metallic=solution.metallic, coats=solution.coats)
+                         priors=solution.priors, metallic=solution.metallic, coats=solution.coats,
+                         painted=frozenset(solution.paint), paint=plan.paint(window))
 
 
 def _views(
@@ -164,8 +165,10 @@ def _complete(plan: Plan, maps: Maps) -> Maps:
     if specular is None:
         specular = np.full_like(rough, 0.5)
     known = plan.solution.maps
+    metallic = np.zeros_like(rough) if maps.metallic is None else maps.metallic
     return replace(maps, lobes=None if known.lobes is None else lobes,
-                   specular=None if known.specular is None else specular)
+                   specular=None if known.specular is None else specular,
+                   metallic=None if known.metallic is None else metallic)
 
 
 def _core(maps: Mapping[str, F32], window: UvBlock) -> dict[str, F32]:

@@ -168,7 +168,7 @@ def _solution(
     lit = made.solved if cancelled else observed  # a solve that was stopped did not reach the others
     return Solution(
         maps=maps, model=ladder.model, why=ladder.why, seconds={}, device={}, levels=ladder.levels,
-        metallic=ladder.metallic, coats=ladder.coats,
+        metallic=ladder.metallic, coats=ladder.coats, paint=made.paint,
         predictions=ladder.predictions, priors=ladder.priors, stride=solved.stride,
         residual=float(np.sqrt(np.mean(relative**2))) if len(relative) else 0.0,
         cancelled=cancelled, ndf=settings.ndf,
@@ -202,8 +202,9 @@ def _checks(
 
 def no_metal(name: str, share: float) -> str:
     """What to say of a metal, part of whose texels is none."""
-    return (f"material '{name}': {percent(share)} of its texels look like no metal, which the rest is; one material "
-            "has one Metallic, so their confidence is 0; give them a material slot of their own, and solve again")
+    return (f"material '{name}': {percent(share)} of its texels look like no metal, which the rest is, and were not "
+            "solved apart from it, so their confidence is 0; give them a material slot of their own, and solve the "
+            "whole object")
 
 
 def unfit(name: str, prediction: MaterialPrediction) -> str:

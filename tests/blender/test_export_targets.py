@@ -123,6 +123,18 @@ def test_gltf_renders_alike_with_a_normal_map_and_a_map_of_the_level(tmp_path: P
     assert difference(before, cycles_rig.render()["rgb"]) < TOLERANCE[8]
 
 
+def test_gltf_renders_metal_beside_paint_alike(tmp_path: Path) -> None:
+    obj, maps = ball(), smooth_maps()
+    wide = np.kron(np.arange(64).reshape(8, 8) % 3 > 0, np.ones((TEXELS // 8, TEXELS // 8), bool))
+    material.write_maps(obj, solution(
+        "one-lobe-metallic", replace(maps, metallic=wide.astype("f4")), metallic={"Skin": 1.0}, paint={"Skin": 0.3}))
+    before = cycles_rig.render()["rgb"]
+    assert export(obj, "gltf", tmp_path / "out") == []
+    bpy.data.objects.remove(obj)
+    bpy.ops.import_scene.gltf(filepath=str(tmp_path / "out" / "Ball.glb"))
+    assert difference(before, cycles_rig.render()["rgb"]) < TOLERANCE[8]
+
+
 # ---- the other targets, by what their programs' manuals say of the files
 
 
@@ -262,7 +274,9 @@ def test_node_wrangler_knows_the_names(tmp_path: Path) -> None:
 
 def test_surfaces_are_the_same_by_nodes_and_by_solution(empty) -> None:
     maps = replace(smooth_maps(specular=True), lobes=np.full((TEXELS, TEXELS, 3), 0.5, "f4"))
+    maps = replace(maps, metallic=np.zeros((TEXELS, TEXELS), "f4"))
     for number, (model, values, expected) in enumerate([
+        ("one-lobe-metallic", {"metallic": {"Skin": 0.75}, "paint": {"Skin": 0.5}}, Surface("Skin", None, 0.5)),
         ("lambert", {}, Surface("Skin", 0.0, 0.0)), ("one-lobe", {}, Surface("Skin", 0.0, 0.5)),
         ("one-lobe-specular", {}, Surface("Skin", 0.0, None)),
         ("one-lobe-specular", {"levels": {"Skin": 0.25}}, Surface("Skin", 0.0, 0.25)),

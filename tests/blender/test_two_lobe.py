@@ -17,6 +17,7 @@ from irpso_addon.core.data import Coat, JointPrior, Maps, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.maps.export import layers
 from tests.blender.materials import (
+    bake,
     make_maps,
     make_material,
     make_plane,
@@ -241,6 +242,44 @@ def test_metallic_comes_goes_and_is_read_back(empty) -> None:
     assert solve_region.last_result(obj).levels == {}
     material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
     assert tree_state(tree) == before  # the user's own link is back
+
+
+def test_a_map_of_metallic_comes_goes_and_is_read_back(empty) -> None:
+    """Of metal and paint: the user's own link comes back, and nothing of ours is left."""
+    obj, shader = rich_plane()
+    tree, socket = shader.node_tree, principled_of(shader).inputs["Metallic"]
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    before = tree_state(tree)
+    beside = np.where(make_maps(seed=3).roughness > 0.5, np.float32(0.75), np.float32(0))
+    painted = replace(make_solution({"Skin": "one-lobe-metallic"}, replace(make_maps(), metallic=beside)),
+                      metallic={"Skin": 0.75}, paint={"Skin": float(np.mean(beside == 0))})
+    (message,) = material.write_maps(obj, painted)
+    assert message == "material 'Skin': Metallic was linked; linked to the solved map instead"
+    once = tree_state(tree)
+    assert material.write_maps(obj, painted) == ()
+    assert tree_state(tree) == once
+    image = source(shader, "Metallic").image
+    assert image == bpy.data.images["Plane_metallic"] and image.colorspace_settings.is_data
+    read = solve_region.last_result(obj)
+    assert (read.model, read.metallic) == ({"Skin": "one-lobe-metallic"}, {"Skin": 0.75})
+    assert read.paint == painted.paint
+    np.testing.assert_array_equal(files.read_maps(obj).metallic, beside)
+    material.write_maps(obj, replace(painted, maps=make_maps(), paint={}))
+    assert not socket.is_linked and socket.default_value == 0.75
+    assert "Plane_metallic" not in bpy.data.images and "metallic" not in obj["irpso"]
+    material.write_maps(obj, painted)
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert tree_state(tree) == before
+    assert solve_region.last_result(obj).paint == {}
+
+
+def test_cycles_shows_the_map_of_metallic(empty) -> None:
+    obj = make_plane()
+    beside = np.where(make_maps(seed=3).roughness > 0.5, np.float32(0.75), np.float32(0))
+    material.write_maps(obj, replace(
+        make_solution({"Skin": "one-lobe-metallic"}, replace(make_maps(), metallic=beside)), metallic={"Skin": 0.75},
+        paint={"Skin": 0.5}))
+    np.testing.assert_allclose(bake(obj, obj.data.materials[0], "Metallic")[..., 0], beside, atol=1e-6)
 
 
 def test_a_coat_comes_goes_and_is_read_back(empty) -> None:

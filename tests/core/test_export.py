@@ -158,7 +158,8 @@ def test_an_unknown_format() -> None:
 
 def test_maps_of_an_earlier_solve_are_named(tmp_path):
     """Of the same object alone; what is not a map stays unnamed."""
-    whole = replace(make_maps(), specular=np.zeros((8, 8), np.float32), normal=np.zeros((8, 8, 3), np.float32))
+    whole = replace(make_maps(), specular=np.zeros((8, 8), np.float32), metallic=np.zeros((8, 8), np.float32),
+                    normal=np.zeros((8, 8, 3), np.float32))
     assert tuple(layers(whole)) == LAYERS
     write_maps(whole, "A.B", tmp_path, "exr")
     write_maps(whole, "A.B 2", tmp_path, "exr")
@@ -166,5 +167,5 @@ def test_maps_of_an_earlier_solve_are_named(tmp_path):
     (tmp_path / "A.B_basecolor.1002.exr").touch()
     written = write_maps(make_maps(), "A.B", tmp_path, "exr")
     assert earlier_maps(tmp_path, "A.B", written) == [
-        "A.B_basecolor.1002.exr", "A.B_normal.exr", "A.B_specular.exr"]
-    assert len(earlier_maps(tmp_path, "A.B", write_maps(make_maps(), "A.B", tmp_path, "png"))) == 10
+        "A.B_basecolor.1002.exr", "A.B_metallic.exr", "A.B_normal.exr", "A.B_specular.exr"]
+    assert len(earlier_maps(tmp_path, "A.B", write_maps(make_maps(), "A.B", tmp_path, "png"))) == 11

@@ -131,6 +131,10 @@ def test_a_solutions_metallic_is_its_materials():
     uv = np.array([[0.1, 0.5], [0.9, 0.5]], np.float32)
     pixels = Pixels(uv, np.zeros((2, 4), np.float32), 1.0)
     assert list(shown(whole, pixels).metallic) == [0.75, 0.0]
+    flakes = np.where(np.arange(4)[:, None] > 1, np.float32(0.75), np.float32(0)) + np.zeros((4, 4), np.float32)
+    beside = replace(found, maps=replace(found.maps, metallic=flakes), paint={"Brass": 0.5})
+    whole = prediction.surface(beside, "ggx", slots, ("Paint", "Brass"))
+    assert np.array_equal(whole.metallic.reshape(4, 4), np.where(slots == 1, flakes, 0.0))
 
 
 def test_coats_are_those_of_the_principled_model():

@@ -41,16 +41,18 @@ def test_figures_follow_from_the_solution():
 
 def test_each_model_says_what_only_it_has():
     model = {"Cup": "one-lobe-specular", "Jug": "one-lobe-specular", "Skin": "two-lobe", "Chalk": "lambert",
-             "Tin": "one-lobe-metallic"}
+             "Tin": "one-lobe-metallic", "Toy": "one-lobe-metallic"}
     solution = replace(SOLUTION, model=model, why={}, levels={"Cup": np.float32(0.25)}, ndf="beckmann",
-                       metallic={"Tin": np.float32(0.75)}, coats={"Tin": Coat(0.5, 0.25)})
+                       metallic={"Tin": np.float32(0.75), "Toy": 1.0}, coats={"Tin": Coat(0.5, 0.25)},
+                       paint={"Toy": 0.25})
     models = build_report(solution, SolveSettings(), [])["models"]
     assert models == {
         "Cup": {"model": "one-lobe-specular", "why": "", "level": 0.25},
         "Jug": {"model": "one-lobe-specular", "why": "", "level": None},  # a map
         "Skin": {"model": "two-lobe", "why": "", "ndf": "beckmann"}, "Chalk": {"model": "lambert", "why": ""},
         "Tin": {"model": "one-lobe-metallic", "why": "", "metallic": 0.75, "level": 0.5,
-                "coat": {"weight": 0.5, "roughness": 0.25}}}
+                "coat": {"weight": 0.5, "roughness": 0.25}},
+        "Toy": {"model": "one-lobe-metallic", "why": "", "metallic": 1.0, "level": 0.5, "paint": 0.25}}
     json.dumps(models, allow_nan=False)
 
 

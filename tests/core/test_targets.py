@@ -192,6 +192,35 @@ def test_values_of_materials_go_to_their_texels(tmp_path: Path) -> None:
     np.testing.assert_allclose(level[:, right], 0.25, atol=STEP8)
 
 
+def test_metal_and_paint_of_one_material_go_to_their_texels(tmp_path: Path) -> None:
+    """In every file that holds Metallic; the other material keeps its one value."""
+    maps = make_maps()
+    maps = replace(maps, metallic=np.where(maps.confidence > 0.5, np.float32(1), np.float32(0)))
+    obj = cow(Surface("Part 0", None, 0.5), Surface("Part 1", 0.75, 0.5))
+    right = np.arange(SIZE) >= 20
+    expected = np.where(right, np.float32(0.75), maps.metallic)
+    for target, file, channel in (("unreal", "T_Cow_ORM.png", 2), ("gltf", "Cow_occlusionRoughnessMetallic.png", 2),
+                                  ("unity", "Cow_MaskMap.png", 0)):
+        files = write(obj, maps, target, tmp_path / target)
+        np.testing.assert_allclose(pillow(files[file])[..., channel], expected, atol=STEP8)
+        assert losses(obj, target) == []
+    for target, file in (("blender", "Cow_Metallic.png"), ("substance", "Cow_Metallic.png"),
+                         ("materialx", "Cow_base_metalness.png")):
+        files = write(obj, maps, target, tmp_path / target)
+        np.testing.assert_allclose(openimageio(files[file])[..., 0], expected, atol=STEP16 + 1e-7)
+    document = (tmp_path / "materialx" / "Cow.mtlx").read_text()
+    assert 'name="base_metalness" type="float" nodename="base_metalness_image"' in document
+
+
+def test_metallic_of_blocks_is_read_from_their_files(tmp_path: Path) -> None:
+    maps = make_maps(TWO)
+    maps = replace(maps, metallic=np.where(maps.confidence > 0.5, np.float32(0.5), np.float32(0)))
+    reader = MapReader.of_files(files_of(tmp_path / "maps", maps, (1001,)), ("basecolor", "roughness", "metallic"))
+    paths = write_target(cow(Surface("Part 0", None)), reader, "unreal", tmp_path / "out")
+    (orm,) = (path for path in paths if path.name.endswith("ORM.png"))
+    np.testing.assert_allclose(pillow(orm)[..., 2], maps.metallic, atol=STEP8)
+
+
 def test_a_material_without_faces_changes_nothing(tmp_path: Path) -> None:
     obj = ExportObject("Cow", make_mesh(slots=(1, 1)), (Surface("Unused", 1.0, 0.1), Surface("Part 1", 0.5)))
     assert (obj.metallic, obj.level) == (0.5, 0.5)

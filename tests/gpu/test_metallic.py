@@ -147,24 +147,74 @@ def test_metallic_is_found(shoot, model):
     assert np.median(off.rough) < 0.01 and np.median(off.base) < 0.02
 
 
-def test_paint_beside_metal_in_one_slot_is_not_believed() -> None:
-    """Two quarters of a plane are metal and two are paint: one Metallic for all makes the paint's roughness wrong."""
+def beside_paint(base: np.ndarray, rough: np.ndarray, *vectors: np.ndarray) -> np.ndarray:
+    """Two quarters of a plane are metal and two are paint."""
+    return brdf.principled(base, rough, *vectors, metallic=np.where(rough < 0.42, 1.0, 0.0))
 
-    def reflect(base: np.ndarray, rough: np.ndarray, *vectors: np.ndarray) -> np.ndarray:
-        return brdf.principled(base, rough, *vectors, metallic=np.where(rough < 0.42, 1.0, 0.0))
 
-    mixed = syn.shoot(replace(syn.PATCHES, reflect=reflect), shoots.rig(2, 8), (72, 72))
-    metal = replace(mixed, truth=replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=1.0)))
-    for shoot, lines in ((mixed, 1), (syn.shoot(metal.truth, shoots.rig(2, 8), (72, 72)), 0)):
-        solution = shoots.run(shoot, model="auto", size=64)
-        assert solution.model == {"Paint": "one-lobe-metallic"} and solution.metallic["Paint"] > 0.95
-        assert sum("look like no metal" in line for line in solution.warnings) == lines
-        assert not [line for line in solution.warnings if line.startswith("light")]
-        sure = solution.maps.confidence > 0.5
-        at = np.meshgrid(*2 * [(np.arange(64) + 0.5) / 64])
-        wrong = np.abs(solution.maps.roughness - shoot.truth.roughness(*at)) > 0.1
-        assert sure.mean() > (0.7 if lines == 0 else 0.3)  # 0.77 and 0.36
-        assert wrong[sure].mean() < 0.003  # of all that is mixed, 0.4
+AT = np.meshgrid(*2 * [(np.arange(64) + 0.5) / 64])
+IS_METAL = syn.PATCHES.roughness(*AT) < 0.42
+
+
+@pytest.fixture(scope="module")
+def mixed() -> syn.Shoot:
+    return syn.shoot(replace(syn.PATCHES, reflect=beside_paint), shoots.rig(2, 8), (72, 72), noise=0.005)
+
+
+@pytest.fixture(scope="module")
+def apart(mixed: syn.Shoot) -> Solution:
+    return shoots.run(mixed, model="auto")
+
+
+def test_paint_beside_metal_in_one_slot_has_its_own_metallic(mixed, apart) -> None:
+    """One Metallic for all would bend the paint's roughness."""
+    maps = apart.maps
+    assert apart.model == {"Paint": "one-lobe-metallic"} and apart.metallic["Paint"] > 0.95
+    assert apart.paint["Paint"] == pytest.approx(0.5, abs=0.02) and apart.levels == {}
+    assert apart.warnings == ()
+    assert set(np.unique(maps.metallic)) == {0.0, np.float32(apart.metallic["Paint"])}
+    assert np.mean((maps.metallic > 0) == IS_METAL) > 0.99
+    sure, off = maps.confidence > 0.5, np.abs(maps.roughness - syn.PATCHES.roughness(*AT))
+    base = np.abs(maps.base_color - syn.PATCHES.base(*AT)).max(-1)
+    for part in (IS_METAL, ~IS_METAL):
+        assert sure[part].mean() > 0.6
+        assert np.median(off[part]) < 0.005 and np.mean(off[part & sure] > 0.05) < 0.002
+        assert np.median(base[part]) < 0.01
+
+
+@pytest.mark.parametrize("metallic", [0.0, 1.0])
+def test_a_material_that_is_no_mixture_has_no_map_of_metallic(metallic) -> None:
+    truth = replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=metallic))
+    solution = shoots.run(syn.shoot(truth, shoots.rig(2, 8), (72, 72), noise=0.005), model="auto")
+    assert (solution.maps.metallic, solution.paint) == (None, {})
+    assert not [line for line in solution.warnings if "no metal" in line]
+    assert (solution.model == {"Paint": "one-lobe-metallic"}) == (metallic > 0)
+
+
+def test_a_part_keeps_what_is_metal_and_what_is_paint(mixed, apart) -> None:
+    corners = (mixed.scene.mesh.uvs[..., 0] > 0.3).astype(np.float32)
+    given = replace(mixed, scene=replace(mixed.scene, start=apart, region=Region(corners=corners)))
+    part = shoots.run(given, model="auto")
+    assert (part.model, part.metallic) == (apart.model, apart.metallic)
+    assert part.paint["Paint"] == pytest.approx(apart.paint["Paint"], abs=0.01)
+    assert np.mean(part.maps.metallic == apart.maps.metallic) > 0.995
+    sure = (part.maps.confidence > 0.5) & (apart.maps.confidence > 0.5)
+    assert np.quantile(np.abs(part.maps.roughness - apart.maps.roughness)[sure], 0.99) < 0.01
+    with pytest.raises(BadInput, match="its other region is metal and paint, for which only model Auto"):
+        shoots.run(given, model="one-lobe-metallic")
+
+
+def test_a_part_of_one_metallic_does_not_believe_paint(mixed, apart) -> None:
+    """The material keeps the one value that its other part has."""
+    one = replace(apart, maps=replace(apart.maps, metallic=None), paint={})
+    corners = (mixed.scene.mesh.uvs[..., 0] > 0.3).astype(np.float32)
+    part = shoots.run(replace(mixed, scene=replace(mixed.scene, start=one, region=Region(corners=corners))))
+    assert part.maps.metallic is None
+    assert sum("look like no metal" in line for line in part.warnings) == 1
+    inside = np.broadcast_to(AT[0] > 0.35, IS_METAL.shape)
+    sure, off = part.maps.confidence > 0.5, np.abs(part.maps.roughness - syn.PATCHES.roughness(*AT))
+    assert np.mean(off[inside & ~IS_METAL] > 0.1) > 0.5
+    assert np.mean(off[inside & sure] > 0.1) < 0.01
 
 
 def test_views_beyond_what_a_software_renderer_finishes(on_gl, shoot, monkeypatch):

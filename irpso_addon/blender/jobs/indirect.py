@@ -133,10 +133,13 @@ class IndirectRenderer:
         maps = solution.maps
         rough = maps.roughness if maps.lobes is None else maps.lobes
         arrays = {"base_color": maps.base_color, "roughness": rough}
-        np.savez(folder / "maps.npz", **arrays, **({} if maps.specular is None else {"specular": maps.specular}))
+        more = {"specular": maps.specular, "metallic": maps.metallic}
+        arrays |= {name: array for name, array in more.items() if array is not None}
+        np.savez(folder / "maps.npz", **arrays)
         (folder / "job.json").write_text(json.dumps({
             "blend": str(self.blend), "scene": self.scene, "view_layer": self.view_layer, "object": scene.mesh.name,
             "model": solution.model, "levels": solution.levels, "metallic": solution.metallic, "ndf": solution.ndf,
+            "paint": solution.paint,
             "coats": {name: (coat.weight, coat.roughness) for name, coat in solution.coats.items()},
             "side": side, "samples": SAMPLES, "pictures": pictures,
             "known_world": any(view.environment is not None and view.environment.name for view in scene.views),

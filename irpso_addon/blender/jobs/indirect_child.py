@@ -87,9 +87,11 @@ def _solution(job: dict[str, Any], arrays: dict[str, Any]) -> Solution:
     maps = Maps(
         base_color=arrays["base_color"], roughness=rough if rough.ndim == 2 else rough[..., 0], confidence=none,
         error=none, filled=none > 0, coverage=none > 0, roughness_sigma=none, base_sigma=none,
-        lobes=None if rough.ndim == 2 else rough, specular=arrays.get("specular"))
+        lobes=None if rough.ndim == 2 else rough, specular=arrays.get("specular"),
+        metallic=arrays.get("metallic"))
     coats = {name: Coat(*values) for name, values in job["coats"].items()}
-    return Solution.of_maps(maps, job["model"], job["levels"], job["ndf"], metallic=job["metallic"], coats=coats)
+    return Solution.of_maps(maps, job["model"], job["levels"], job["ndf"], metallic=job["metallic"], coats=coats,
+                             paint=job["paint"])
 
 
 def _small(width: float, height: float, side: int) -> tuple[int, int]:

@@ -77,7 +77,9 @@ class LiveMaps:
 
     def _outline(self) -> Solution | None:
         """What wiring needs to know before there are maps; None: looks tell less than what is on the material."""
-        if self.start is not None and (self.start.maps.lobes is not None or self.start.maps.specular is not None):
+        if self.start is not None and any(
+                extra is not None for extra in (self.start.maps.lobes, self.start.maps.specular,
+                                                self.start.maps.metallic)):
             return None
         none = np.zeros((1, 1), np.float32)
         maps = Maps(np.zeros((1, 1, 3), np.float32), none, none, none, none > 0, none > 0, none, none)
@@ -230,10 +232,12 @@ class LiveMaps:
                 why = COARSE
             return Solution(
                 maps=Maps(**maps, filled=~known, coverage=self.canvas.coverage.copy(),
+                          metallic=self.start.maps.metallic if self.start is not None else None,
                           roughness_sigma=np.where(known, sigma, 0).astype(np.float32),
                           base_sigma=np.where(known, UNKNOWN_SIGMA, 0).astype(np.float32)),
                 model=self.model, why=dict.fromkeys(self.model, "stopped early"), seconds={}, device={},
                 metallic=self.start.metallic if self.start is not None else {},
+                paint=self.start.paint if self.start is not None else {},
                 coats=self.start.coats if self.start is not None else {},
                 texels={"covered": covered, "observed": solved, "solved": solved, **kept,
                         "filled": covered - int(known.sum())},

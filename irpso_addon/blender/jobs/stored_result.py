@@ -18,7 +18,7 @@ from bpy.app.handlers import persistent
 
 from ...core.data import F32, Bool, Maps, Solution, ViewPicture
 from ...core.errors import BadInput
-from ...core.resampling import block_means
+from ...core.resampling import block_means, nearest
 from ...core.tiled import npz_archive
 from ..files import map_files, read_maps
 from ..material.shown_model import shown_solution
@@ -137,7 +137,8 @@ def _reduced(maps: Maps) -> Maps:
     step = max(maps.coverage.shape[0] // size, 1)
     masks = {name: getattr(maps, name)[::step, ::step][:size, :size].copy() for name in ("filled", "coverage")}
     names = ("base_color", "roughness", "confidence", "error", "roughness_sigma", "base_sigma", "lobes", "specular")
-    return replace(maps, **{name: small(getattr(maps, name)) for name in names}, **masks)
+    metallic = None if maps.metallic is None else nearest(maps.metallic, size)  # nothing in between
+    return replace(maps, **{name: small(getattr(maps, name)) for name in names}, metallic=metallic, **masks)
 
 
 def _fewer_pixels(pictures: tuple[ViewPicture, ...]) -> tuple[ViewPicture, ...]:

@@ -28,7 +28,7 @@ from .tags import TAG, maps_of, tag_prior
 
 SUFFIXES = {"base_color": "basecolor"}  # role -> end of the name, where they differ
 UNKEPT = "filled"  # the layer without an image: the confidence tells which texels were filled
-OPTIONAL = ("specular", "normal")  # roles that only some models have
+OPTIONAL = ("specular", "metallic", "normal")  # roles that only some models have
 NAME_BYTES = 63  # of a datablock in Blender 4.5; 5.x allows more
 
 
@@ -92,8 +92,8 @@ def wire_maps(
     messages += own.messages
     for material, name in solved.items():
         found = wire(material, images, model=solution.model[name], lobes=solution.maps.lobes is not None,
-                     level=solution.levels.get(name), metallic=solution.metallic.get(name, 0.0),
-                     coat=solution.coats.get(name), ndf=solution.ndf)
+                     level=solution.levels.get(name), coat=solution.coats.get(name), ndf=solution.ndf,
+                     metallic=None if name in solution.paint else solution.metallic.get(name, 0.0))
         messages += [f"material '{material.name}': {text}" for text in found]
         tag_prior(material, solution.priors.get(name))
     _drop_others(obj, images)

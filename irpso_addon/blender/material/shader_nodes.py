@@ -17,12 +17,13 @@ from .tags import NORMAL_ROLE, TAG
 
 def wire(
     material: bpy.types.Material, images: Mapping[str, bpy.types.Image], *,
-    model: str, lobes: bool, level: float | None, metallic: float, coat: Coat | None, ndf: str,
+    model: str, lobes: bool, level: float | None, metallic: float | None, coat: Coat | None, ndf: str,
 ) -> list[str]:
     """Image Texture nodes into the Principled BSDF, or the group in its place; the rest of the tree stays.
 
     ``lobes``: the roughness image holds (roughness1, roughness2, weight).  ``level``: the material's one Specular
-    IOR Level; None: the image's, where there is one.  ``metallic``: of model one-lobe-metallic.  ``coat``: of one lobe.
+    IOR Level; None: the image's, where there is one.  ``metallic``: of model one-lobe-metallic; None: the image's.
+    ``coat``: of one lobe.
     Returns what the user should know.
 
     The textures need no UV Map node: by itself an Image Texture takes the UV map that `scene.read_scene` reads,
@@ -39,10 +40,13 @@ def wire(
     elif model == "one-lobe-specular":
         solved = level is None and "specular" in images
         level_source = textures.add("specular", LEVEL.name, 2).outputs["Color"] if solved else level
-    elif model == "one-lobe-metallic":
-        level_source = level
+    metallic_source: bpy.types.NodeSocket | float | None = None
+    if model == "one-lobe-metallic":
+        solved = metallic is None and "metallic" in images
+        level_source, metallic_source = level, (
+            textures.add("metallic", METALLIC.name, 4).outputs["Color"] if solved else metallic)
     messages = LEVEL.set(tree, principled, level_source)
-    messages += METALLIC.set(tree, principled, metallic if model == "one-lobe-metallic" else None)
+    messages += METALLIC.set(tree, principled, metallic_source)
     NORMAL.set(tree, principled, textures.normal() if "normal" in images else None)  # it holds what was linked there
     if "normal" not in images:
         _remove(tree, NORMAL_ROLE)
@@ -50,6 +54,8 @@ def wire(
     messages += set_coat(tree, principled, coat)
     if not isinstance(level_source, bpy.types.NodeSocket):
         _remove(tree, "specular")
+    if not isinstance(metallic_source, bpy.types.NodeSocket):
+        _remove(tree, "metallic")
     shader, more = _wire_roughness(tree, principled, textures, model, lobes, ndf)
     base = textures.add("base_color", "Base Color", 0)
     tree.links.new(base.outputs["Color"], shader.inputs["Base Color"])

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import bpy
+import numpy as np
 
 from ...core.data import Coat, Maps, Solution
 from .shader_nodes import find_shader
@@ -19,13 +20,22 @@ def shown_solution(obj: bpy.types.Object, maps: Maps) -> Solution:
     shown = {slot.material.name: _model(slot.material) for slot in obj.material_slots if slot.material is not None}
     priors = {slot.material.name: prior for slot in obj.material_slots
               if slot.material is not None and (prior := prior_of(slot.material)) is not None}
+    painted = [name for name, found in shown.items() if found.painted and maps.metallic is not None]
     solution = Solution.of_maps(
         maps, {name: found.model for name, found in shown.items()},
         {name: found.level for name, found in shown.items() if found.level is not None},
         next((found.ndf for found in shown.values() if found.ndf == "beckmann"), "ggx"), why="as its material has it",
-        metallic={name: found.metallic for name, found in shown.items() if found.metallic is not None},
+        metallic={name: _metal(maps) if name in painted else found.metallic for name, found in shown.items()
+                  if found.metallic is not None},
+        paint={name: float(np.mean(maps.metallic == 0)) for name in painted},
         coats={name: found.coat for name, found in shown.items() if found.coat is not None})
     return replace(solution, priors=priors)
+
+
+def _metal(maps: Maps) -> float:
+    """Metallic of a metal beside paint."""
+    assert maps.metallic is not None
+    return float(np.median(maps.metallic[maps.metallic > 0])) if np.any(maps.metallic > 0) else 0.0
 
 
 class _Wired(NamedTuple):
@@ -34,6 +44,7 @@ class _Wired(NamedTuple):
     model: str
     level: float | None = None  # its one Specular IOR Level, where there is one
     metallic: float | None = None  # where it was solved for
+    painted: bool = False  # whether that is a map
     ndf: str = "ggx"
     coat: Coat | None = None
 
@@ -49,7 +60,9 @@ def _model(material: bpy.types.Material) -> _Wired:
     socket = principled.inputs[LEVEL.name]
     level, coat = float(socket.default_value) if LEVEL.tag in principled else None, coat_of(principled)
     if METALLIC.tag in principled:
-        return _Wired("one-lobe-metallic", level, float(principled.inputs[METALLIC.name].default_value), coat=coat)
+        own = principled.inputs[METALLIC.name]
+        painted = any(link.from_node.get(TAG) == METALLIC.role for link in own.links)
+        return _Wired("one-lobe-metallic", level, float(own.default_value), painted, coat=coat)
     if coat is not None:
         return _Wired("one-lobe-specular", level, coat=coat)
     if level is None:

@@ -38,7 +38,7 @@ def _shown(material: bpy.types.Material | None, warn: Warn) -> Surface:
         lobes = "beckmann" if str(node.node_tree.get(TAG)).startswith("beckmann") else "ggx"
     metallic, level = _value(material, node, METALLIC, 0.0, warn), _value(material, node, LEVEL, DIELECTRIC, warn)
     coat = _value(material, node, COAT_WEIGHT, 0.0, warn)
-    return Surface(material.name, metallic or 0.0, level, lobes, coat or 0.0)  # Metallic and coat have no map
+    return Surface(material.name, metallic, level, lobes, coat or 0.0)  # a coat has no map
 
 
 def _value(
@@ -68,6 +68,8 @@ def _solved(name: str | None, solution: Solution) -> Surface:
         level = solution.levels.get(name, None if solution.maps.specular is not None else DIELECTRIC)
     elif model == "one-lobe-metallic":
         level = solution.levels.get(name, DIELECTRIC)
-    metallic = solution.metallic.get(name, 0.0) if model == "one-lobe-metallic" else 0.0
+    metallic: float | None = 0.0
+    if model == "one-lobe-metallic":
+        metallic = None if name in solution.paint else solution.metallic.get(name, 0.0)
     coat = solution.coats[name].weight if name in solution.coats else 0.0
     return Surface(name, metallic, level, solution.ndf if model == "two-lobe" else "", coat)

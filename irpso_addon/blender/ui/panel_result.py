@@ -75,6 +75,8 @@ class IRPSO_PT_result(Tab, Panel):
         for slot, model in solution.model.items():
             level = f" {solution.levels[slot]:.3f}" if slot in solution.levels else ""
             metallic = f", Metallic {solution.metallic[slot]:.3f}" if slot in solution.metallic else ""
+            if slot in solution.paint:
+                metallic += f", 0 on {percent(solution.paint[slot])}"
             coat = solution.coats.get(slot)
             above = f", coat {coat.weight:.2f} of roughness {coat.roughness:.2f}" if coat else ""
             box.label(text=f"{slot or name}: {choice_name(model)}{level}{metallic}{above}", icon="MATERIAL")

@@ -66,6 +66,8 @@ def surface(solution: Solution, ndf: str, slots: I32, names: tuple[str, ...]) ->
     material = np.maximum(slots, 0)
     model = np.array([solution.model.get(name, "one-lobe") for name in names])[material]
     metallic = np.array([solution.metallic.get(name, 0.0) for name in names], np.float64)[material]
+    if maps.metallic is not None:  # some of it is paint
+        metallic = np.where(np.array([name in solution.paint for name in names])[material], maps.metallic, metallic)
     level = np.where(model == "lambert", 0.0, level)
     coated = [name for name in names if name in solution.coats]
     coat = np.array([coated.index(name) if name in coated else -1 for name in names], np.int32)[material]

@@ -3,8 +3,9 @@
 ``<object>_basecolor``, ``_roughness``, ``_confidence``, ``_error``, ``_filled``, ``_roughness_sigma``,
 ``_basecolor_sigma``, ``_specular`` where it was solved for, and ``_normal`` where normals were refined; row 0 of the
 file is the top (``core/images/image_writer.py`` flips).  EXR holds linear 32-bit floats; PNG and TIFF hold 16 bits,
-cut off at 1, and the base colour (that map alone) is sRGB-encoded there.  Metallic has no file: it is a value of the
-material, in the report.  Either every file of a set appears, or none.
+cut off at 1, and the base colour (that map alone) is sRGB-encoded there.  ``_metallic`` is there where a material is
+part metal and part paint; else Metallic is a value of the material, in the report.  Either every file of a set
+appears, or none.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from ..storage.output_transaction import OutputTransaction
 
 KINDS = ("exr", "png", "tiff")
 LAYERS = ("basecolor", "roughness", "confidence", "error", "filled", "roughness_sigma", "basecolor_sigma", "specular",
-          "normal")
+          "metallic", "normal")
 STEM_BYTES = 200  # file systems allow 255 bytes a name; the longest suffix is "_basecolor_sigma.tiff"
 FORBIDDEN = frozenset('/\\:*?"<>|')  # in a file name on some system that artists share files with
 DEVICES = re.compile(r"(CON|PRN|AUX|NUL|(COM|LPT)[0-9¹²³])\s*(\.|$)", re.IGNORECASE)  # of Windows
@@ -69,7 +70,7 @@ def layers(maps: Maps) -> dict[str, F32]:
         "confidence": maps.confidence, "error": maps.error, "filled": maps.filled.astype(np.float32),
         "roughness_sigma": maps.roughness_sigma, "basecolor_sigma": maps.base_sigma,
     }
-    more = {"specular": maps.specular, "normal": maps.normal}
+    more = {"specular": maps.specular, "metallic": maps.metallic, "normal": maps.normal}
     return found | {layer: array for layer, array in more.items() if array is not None}
 
 

@@ -10,7 +10,8 @@ from ..images.image_file import open_image
 from .export import KINDS
 from .targets import TARGETS
 
-LAYERS = ("basecolor", "roughness", "confidence", "error", "filled", "roughness_sigma", "basecolor_sigma", "specular")
+LAYERS = ("basecolor", "roughness", "confidence", "error", "filled", "roughness_sigma", "basecolor_sigma", "specular",
+          "metallic")
 _NAMES = [f"{{}}_{layer}" for layer in LAYERS] + [file.name for target in TARGETS.values() for file in target.files]
 _NAME = re.compile("(?:" + "|".join(sorted({re.escape(name).replace(r"\{\}", ".+") for name in _NAMES}))
                    + r")(?:\.\d{4})?", re.DOTALL)

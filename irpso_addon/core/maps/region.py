@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..data import F32, F64, Bool, Maps
-from ..resampling import at_size
+from ..resampling import at_size, nearest
 
 SEAM, SEAM_SHARE = 8.0, 1 / 32  # how far around the region the new result fades: texels, at most this of the map
 VOXELS = 160  # at most, along the longest side of the surface
@@ -85,4 +85,6 @@ def resized(maps: Maps, size: int) -> Maps:
     made: dict[str, Any] = {
         name: None if array is None else resampled(array.astype(np.float32), size) for name, array in values.items()}
     made["filled"], made["coverage"] = made["filled"] > 0, made["coverage"] > 0.5
+    if maps.metallic is not None:  # metal and paint, with nothing in between
+        made["metallic"] = nearest(maps.metallic, size)
     return Maps(**made)

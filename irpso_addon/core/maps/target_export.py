@@ -23,7 +23,7 @@ from .map_set import MapReader
 from .materialx_document import materialx
 from .targets import DIELECTRIC, TARGETS, WEIGHT, Target, TargetFile, pack, pack_normals
 
-LAYERS = ("basecolor", "roughness", "specular")  # that targets take; the last where it is there
+LAYERS = ("basecolor", "roughness", "specular", "metallic")  # that targets take; the last two where they are there
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Surface:
     """What a material says beside the maps."""
 
     name: str = ""
-    metallic: float = 0.0
+    metallic: float | None = 0.0  # None: the map's
     level: float | None = DIELECTRIC  # Specular IOR Level; None: the map's
     lobes: str = ""  # "ggx" or "beckmann" where it has two
     coat: float = 0.0  # weight
@@ -57,7 +57,7 @@ class ExportObject:
 
     @property
     def metallic(self) -> float | None:
-        """Of all materials; None: they differ."""
+        """Of all materials; None: it differs from material to material or from texel to texel."""
         return _same([surface.metallic for surface in self.shown])
 
     @property
@@ -161,15 +161,15 @@ class _Values:
 
 def _values(obj: ExportObject, maps: MapReader) -> Iterator[_Values]:
     """Blocks as files are written: the top first."""
-    constant = obj.metallic is not None and (obj.level is not None or all(s.level is None for s in obj.shown))
-    metallic = np.array([surface.metallic for surface in obj.surfaces], np.float32)
-    level = np.array([np.nan if surface.level is None else surface.level for surface in obj.surfaces], np.float32)
+    constant = all(len({getattr(surface, name) for surface in obj.shown}) == 1 for name in ("metallic", "level"))
+    metallic, level = (np.array([np.nan if value is None else value for value in values], np.float32) for values in (
+        [surface.metallic for surface in obj.surfaces], [surface.level for surface in obj.surfaces]))
     for window in sorted(maps.windows, key=lambda w: (w.udim, -w.y, w.x)):
         layers = maps.read(window.key)
         slots = np.full(window.shape, obj.used[0]) if constant else slots_of_texels(obj.mesh, window)
-        solved = layers.get("specular", np.full(window.shape, DIELECTRIC, np.float32))
-        known = level[slots]
-        yield _Values(window, layers, metallic[slots], np.where(np.isnan(known), solved, known))
+        found = [np.where(np.isnan(of[slots]), layers.get(layer, np.full(window.shape, other, np.float32)), of[slots])
+                 for of, layer, other in ((metallic, "metallic", 0.0), (level, "specular", DIELECTRIC))]
+        yield _Values(window, layers, *found)
 
 
 def _write_images(

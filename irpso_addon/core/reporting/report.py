@@ -73,6 +73,8 @@ def _model(solution: Solution, slot: str) -> dict[str, Any]:
         found["level"] = solution.levels.get(slot)
     elif found["model"] == "one-lobe-metallic":
         found |= {"metallic": solution.metallic.get(slot, 0.0), "level": solution.levels.get(slot, 0.5)}
+        if slot in solution.paint:  # share of its texels, whose Metallic is 0
+            found["paint"] = solution.paint[slot]
     elif found["model"] == "two-lobe":
         found["ndf"] = solution.ndf
     if slot in solution.coats:

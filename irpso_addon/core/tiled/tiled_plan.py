@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..data import F32, Bounced, Maps, SceneData, Solution
+from ..data import F32, Bool, Bounced, Maps, SceneData, Solution
 from ..params import SolveSettings
 from . import uv_blocks
 
@@ -77,6 +77,13 @@ class Plan:
         return Maps(at(maps.base_color), at(maps.roughness), maps.confidence, maps.error, maps.filled, maps.coverage,
                     maps.roughness_sigma, maps.base_sigma, None if maps.lobes is None else at(maps.lobes),
                     None if maps.specular is None else at(maps.specular))
+
+    def paint(self, window: uv_blocks.UvBlock) -> Bool | None:
+        """(side, side): which of a block's texels the small map has as paint beside metal; None: there is none."""
+        metallic = self.solution.maps.metallic
+        if metallic is None:
+            return None
+        return self.layout.sampled((metallic == 0).astype(np.float32), window, window.side) > 0.5
 
     def before(self, window: uv_blocks.UvBlock) -> PriorKnowledge:
         """What the search of a block knows of it."""

@@ -72,9 +72,11 @@ class AlbedoSolver:
         self.cancelled = False
         self.pixels_per_texel = 1.0  # area; known after a solve
 
-    def take(self, lobes: moderngl.Texture, level: moderngl.Texture | None) -> None:
+    def take(
+        self, lobes: moderngl.Texture, level: moderngl.Texture | None, metallic: moderngl.Texture | None,
+    ) -> None:
         """From here on views are predicted from these, instead of what the solver was made with, which it frees."""
-        for name, texture in (("u_lobes", lobes), ("u_level", level)):
+        for name, texture in (("u_lobes", lobes), ("u_level", level), ("u_metallic", metallic)):
             if texture is not None:
                 self.known[name].release()
                 self.known[name] = texture

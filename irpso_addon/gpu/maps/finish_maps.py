@@ -82,7 +82,8 @@ class FinishedMaps:
     shown: Bool  # texels whose base colour some camera shows
     relative: F32  # RMS relative residual
     contradicted: float  # share of the good texels of whose views the model leaves far more than of its material's
-    plain: dict[str, float]  # of metals: share of the good texels that look like no metal
+    plain: dict[str, float]  # of metals: share of the good texels that look like no metal, and are solved as one
+    paint: dict[str, float]  # of metals that are in part paint: its share of the covered texels
     albedo: AlbedoSolver
     base: moderngl.Texture  # holes filled
 
@@ -98,8 +99,8 @@ def make_maps(
     joined = part.join_ladder(texels.ladder, scene.start)
     lobes, level = _filled_lobes(device, joined, lambert, around)
     beckmann = texels.ndf == "beckmann" and "two-lobe" in joined.model.values()
-    gloss = Gloss(lobes, level, _filled_metallic(device, scene, texels, joined),
-                  _filled_coat(device, scene, texels, joined), beckmann)
+    metallic = _filled_metallic(device, scene, texels, joined)
+    gloss = Gloss(lobes, level, metallic, _filled_coat(device, scene, texels, joined), beckmann)
     albedo = AlbedoSolver(device, texels.grid, texels.observations, gloss, around.base if around else None)
     if joined.base is None:
         base = device.read((yield from albedo.solve(iterations=0 if joined.cancelled else ITERATIONS)))
@@ -108,13 +109,15 @@ def make_maps(
     if texels.sparse is not None:  # base colour tells where one material ends
         joined = part.join_ladder(texels.sparse.everywhere(base[..., :3]), scene.start)
         lobes, level = _filled_lobes(device, joined, lambert, around)
-        albedo.take(lobes, level)
+        metallic = _filled_metallic(device, scene, texels, joined)
+        albedo.take(lobes, level, metallic)
     shown = base[..., 3] > 0.25
     base_texture = filled(device, part.join_base(base), around.base if around else None)
     good = own.solved & shown
     # Of a part, what the last result left elsewhere says what is typical of a material.
     left = relative if part.last is None else np.where(good, relative, part.last.error)
-    excess = unexplained(left, own.observations, np.where(good | part.known, texels.slots, -1))
+    parts = _parts(scene, texels, joined)
+    excess = unexplained(left, own.observations, np.where(good | part.known, parts, -1))
     torn = (left > CONTRADICTORY) & (excess > EXCESS)
     pairs = device.read(lobes)[..., :3].copy()
     try:
@@ -130,13 +133,16 @@ def make_maps(
         coverage=texels.slots >= 0,
         lobes=pairs if joined.lobes is not None else None,
         specular=device.read(level)[..., 0].copy() if level is not None and joined.level is not None else None,
-        **_certainty(_believed(scene, texels, joined.texels, lambert).without(torn), own.observations, lambert, good,
+        metallic=device.read(metallic)[..., 0].copy() if metallic is not None and joined.painted else None,
+        **_certainty(_believed(scene, texels, joined, lambert, parts).without(torn), own.observations, lambert, good,
                      max(albedo.pixels_per_texel, MIXED**-2) ** -0.5, excess, painted),
     )
     maps = part.join_maps(maps, part.share(good))
     contradicted = float(np.mean(torn[good])) if good.any() else 0.0
+    paint = {name: float(np.mean(maps.metallic[_of(scene, texels, [name])] == 0))
+             for name in joined.painted} if maps.metallic is not None else {}
     return FinishedMaps(maps, joined, good, own.solved, shown, relative, contradicted, _plain(scene, texels, good),
-                        albedo, base_texture)
+                        paint, albedo, base_texture)
 
 
 def _plain(scene: SceneData, texels: SolvedTexelGrid, good: Bool) -> dict[str, float]:
@@ -144,22 +150,33 @@ def _plain(scene: SceneData, texels: SolvedTexelGrid, good: Bool) -> dict[str, f
     plain = texels.ladder.plain
     if plain is None:
         return {}
-    own = {name: _of(scene, texels, [name]) & good for name in texels.ladder.metallic}
+    own = {name: _of(scene, texels, [name]) & good for name in texels.ladder.metallic
+           if name not in texels.ladder.painted}
     return {name: float(np.mean(plain[mine])) for name, mine in own.items() if mine.any()}
 
 
-def _believed(scene: SceneData, texels: SolvedTexelGrid, joined: SolvedTexels, lambert: Bool) -> _Believed:
-    """``joined``: the solved texels, among those that a partial solve leaves as they were."""
-    ladder = texels.ladder
+def _parts(scene: SceneData, texels: SolvedTexelGrid, joined: LadderResult) -> I32:
+    """(h, w) material of each texel, -1 where there is none; of paint beside metal a number of its own."""
+    return texels.slots if joined.paint is None else np.where(
+        joined.paint & (texels.slots >= 0), texels.slots + len(scene.mesh.slot_names), texels.slots)
+
+
+def _believed(
+    scene: SceneData, texels: SolvedTexelGrid, joined: LadderResult, lambert: Bool, parts: I32,
+) -> _Believed:
+    """``joined``: what was solved, among what a partial solve leaves as it was.  ``parts``: as of `_parts`."""
+    ladder, found = texels.ladder, joined.texels
     two = _of(scene, texels, [name for name, model in ladder.model.items() if model == "two-lobe"])
     unfit = _of(scene, texels, [name for name, found in ladder.predictions.items() if not found.fits])
     if ladder.plain is not None:
         unfit |= ladder.plain
     bound = _of(scene, texels, [name for name, prior in ladder.priors.items() if prior.strength >= BOUND]
                 + [name for name, value in ladder.metallic.items() if NO_METAL < value < METAL])
-    share = np.clip(joined.determined / np.where(two, np.float32(NUMBERS_OF_TWO), np.float32(1)), 0, 1)
-    slots = np.where(joined.solved & ~lambert, texels.slots, -1)
-    return _Believed(joined, slots, share.astype(np.float32), unfit, bound)
+    if joined.paint is not None:
+        bound &= ~joined.paint  # it has neither
+    share = np.clip(found.determined / np.where(two, np.float32(NUMBERS_OF_TWO), np.float32(1)), 0, 1)
+    slots = np.where(found.solved & ~lambert, parts, -1)
+    return _Believed(found, slots, share.astype(np.float32), unfit, bound)
 
 
 def _certainty(
@@ -231,14 +248,21 @@ def _filled_lobes(
 def _filled_metallic(
     device: Device, scene: SceneData, texels: SolvedTexelGrid, ladder: LadderResult,
 ) -> moderngl.Texture | None:
-    """Metallic, where some material has any: one value for each, also where nothing was solved."""
+    """Metallic, where some material has any: one value for each, also where nothing was solved; 0 on its paint."""
     if not any(ladder.metallic.values()):
         return None
     values = np.zeros(texels.slots.shape, np.float32)
     for name, value in ladder.metallic.items():
         values[_of(scene, texels, [name])] = value
-    known = (texels.slots >= 0).astype(np.float32)
-    return filled(device, np.stack([values, values, values, known], -1))
+    covered = texels.slots >= 0
+    whole = filled(device, np.stack([values, values, values, covered.astype(np.float32)], -1))
+    if ladder.paint is None:
+        return whole
+    with device.scope():  # where it was not solved, and in seams, as near by: never in between
+        near = filled(device, np.stack([*3 * [ladder.paint], ladder.texels.solved], -1).astype(np.float32))
+        paint = (device.read(near)[..., 0] > 0.5) & (_of(scene, texels, list(ladder.painted)) | ~covered)
+        whole.write(np.where(paint[..., None], np.float32(0), device.read(whole)).tobytes())
+    return whole
 
 
 def _filled_coat(

@@ -11,6 +11,7 @@ from ...core.data import F32, I32, Bool, Maps, Region, SceneData, Solution
 from ...core.errors import BadInput
 from ...core.maps import region
 from ...core.params import SolveSettings, choice_name
+from ...core.resampling import nearest
 from ..device.context import Device
 from ..gbuffer.solve_mask import SolveMask
 from ..gbuffer.triangles import Triangles
@@ -51,6 +52,11 @@ class PartialSolve(SolveMask):
                                    **new.metallic},
                          coats={**{name: coat for name, coat in start.coats.items() if name not in new.model},
                                 **new.coats})
+        if new.painted or start.paint:
+            none = np.zeros(share.shape, bool)
+            joined.paint = np.where(share > 0.5, none if new.paint is None else new.paint,
+                                    none if self.last.metallic is None else self.last.metallic == 0)
+            joined.painted = new.painted | {name for name in start.paint if name in joined.metallic}
         if new.lobes is not None or self.last.lobes is not None:
             weight = share[..., None]
             joined.lobes = weight * _lobes(new.texels.roughness, new.lobes) + (1 - weight) * _lobes(
@@ -139,7 +145,9 @@ def earlier_result_of(
         lobes=_seeds(region.resized(start.maps, settings.size)) if again else None,
         priors={name: prior for name, prior in start.priors.items() if name in taken},
         metallic={name: value for name, value in start.metallic.items() if name in taken},
-        coats={name: coat for name, coat in start.coats.items() if name in taken and settings.model == "auto"})
+        coats={name: coat for name, coat in start.coats.items() if name in taken and settings.model == "auto"},
+        painted=frozenset(start.paint).intersection(taken),
+        paint=None if start.maps.metallic is None else nearest(start.maps.metallic, settings.size) == 0)
 
 
 def _check_model(name: str, start: Solution, settings: SolveSettings) -> None:
@@ -153,6 +161,9 @@ def _check_model(name: str, start: Solution, settings: SolveSettings) -> None:
     if name in start.coats and settings.model != "auto":
         raise BadInput(f"material '{name}': its other region has a coat, for which only model Auto solves; choose "
                        "that model, or solve the whole object")
+    if name in start.paint and settings.model != "auto":
+        raise BadInput(f"material '{name}': its other region is metal and paint, for which only model Auto solves; "
+                       "choose that model, or solve the whole object")
     if model == "two-lobe" and start.ndf != settings.ndf:
         raise BadInput(f"material '{name}': its other region was solved with Highlight Shape "
                        f"{choice_name(start.ndf)}; choose that, or solve the whole object")

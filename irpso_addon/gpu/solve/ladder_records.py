@@ -36,6 +36,8 @@ class EarlierResult:
     lobes: F32 | None = None  # (h, w, 4) where the search begins: roughness1, roughness2, weight; whether known
     priors: Mapping[str, JointPrior] = field(default_factory=dict)  # of materials whose ``model`` is given
     metallic: Mapping[str, float] = field(default_factory=dict)  # of materials whose Metallic was solved for
+    painted: frozenset[str] = frozenset()  # materials that are in part paint beside metal ...
+    paint: Bool | None = None  # ... (h, w) which texels were
     coats: Mapping[str, Coat] = field(default_factory=dict)  # of materials that have one
 
 
@@ -56,5 +58,7 @@ class LadderResult:
     predictions: dict[str, MaterialPrediction] = field(default_factory=dict)  # by material
     priors: dict[str, JointPrior] = field(default_factory=dict)  # by material, where there is one
     robust: bool = False  # whether outliers were disbelieved
-    plain: Bool | None = None  # (h, w) texels of metals that look like no metal; None: there is no metal
+    painted: frozenset[str] = frozenset()  # materials that are in part paint beside metal ...
+    paint: Bool | None = None  # ... (h, w) these texels, whose Metallic is 0; None: there are none
+    plain: Bool | None = None  # (h, w) texels of metals that look like paint, or cannot be told from it; None: no metal
     cancelled: bool = False

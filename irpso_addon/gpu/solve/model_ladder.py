@@ -20,15 +20,15 @@ from ..observe.observation_atlas import Source, Tile, tiles
 from .ladder_records import EarlierResult, LadderResult, Materials
 from .material_sample import Squares, packed
 from .model_prediction import METAL_LAYERS, Fitted, ModelPrediction, solves_metals
+from .paint_beside_metal import explains_better, parts_of, take_parts
 from .paper_swarm import PaperSwarm
 from .solver import Solver
-from .specular_level import LevelSearch, box
+from .specular_level import LevelSearch
 from .texel_records import RoughnessMaps, SolvedTexels, read_support
 
 SAMPLE = 64  # texels: width of the square on which larger models are tried
 SAMPLES = 2  # squares of each material
-BETTER = 0.5  # of the error: a texel that another model explains so much better is of another material ...
-SHOWN = 0.01  # ... where the error is as large: relative, of all its observations
+SAME_METALLIC = 0.05  # Metallic of the metal alone that is so near to that of all its texels shows the same paint
 
 
 class Ladder:
@@ -74,7 +74,9 @@ class Ladder:
         else:
             result = self._read((yield from self.solver.solve()))
         present = [name for name, mask in self.masks.items() if mask.any()]
-        if model != "auto":
+        if model == "auto":
+            result.painted |= self.last.painted  # also where none of the paint is here
+        else:
             result.model, result.why = dict.fromkeys(present, model), dict.fromkeys(present, "chosen")
         result.cancelled, result.priors = self.solver.cancelled, self.priors
         result.noise, result.robust = self.solver.noise_of | self.noise, (
@@ -153,11 +155,13 @@ class Ladder:
             solved = self._one_lobe(name) if decided else self._specular([name])
             self._put(result, (yield from solved), [name])
         if "one-lobe-metallic" in larger:
-            names = larger["one-lobe-metallic"]
+            names, without = larger["one-lobe-metallic"], result.texels
             part = yield from self._metallic(names)
             metals = np.logical_or.reduce([self.masks[name] for name in names]) & part.texels.solved
-            result.plain = _explains_better(result.texels, part.texels, metals)
+            result.plain = explains_better(without, part.texels, metals)
             self._put(result, part, names)
+            for name in names:
+                yield from self._beside_paint(name, without, part.texels, result)
         if "two-lobe" in larger:
             names = larger["two-lobe"]
             maps = yield from self.solver.solve_two(self._tiles(self.solver, names))
@@ -240,6 +244,54 @@ class Ladder:
                 break
         assert result is not None
         return result
+
+    def _beside_paint(
+        self, name: str, without: SolvedTexels, metal: SolvedTexels, result: LadderResult,
+    ) -> Generator[Progress, None, None]:
+        """Metal and paint in one material, each solved by itself, where there are both; changes ``result``.
+
+        ``without``: its texels solved without Metallic.  ``metal``: with one Metallic for all.
+        """
+        again = name in self.last.painted
+        if self.solver.cancelled or name in self.decided_coats or (name in self.last.model and not again):
+            return
+        mask, before = self.masks[name], self.last.paint if again else None
+        parts = parts_of(without, metal, mask, before)
+        if parts is not None and not again:
+            whole = self.decided_metallic[name]
+            if not (yield from self._decide_metal(name, parts.metal, result)):
+                return
+            if abs(self.decided_metallic[name] - whole) > SAME_METALLIC:
+                metal = (yield from self._one_lobe(name)).texels
+                parts = parts_of(without, metal, mask, parts.paint)
+        if parts is None:
+            return
+        self.solver.use_texels(parts.metal)
+        of_metal = yield from self._one_lobe(name)
+        self.solver.use_texels(parts.paint)
+        of_paint = self._read((yield from self.solver.solve(self._tiles(self.solver, [name]))))
+        self.solver.use_texels(None)
+        self._put(result, of_metal, [name])
+        self._put(result, of_paint, [name])
+        done = of_metal.texels.solved | of_paint.texels.solved  # fewer when stopped
+        result.texels = replace(result.texels, solved=result.texels.solved & (done | ~mask))
+        take_parts(result, name, mask, parts)
+
+    def _decide_metal(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, bool]:
+        """Metallic and prior of a material's metal alone, (h, w) ``texels``; whether it is one."""
+        found = yield from ModelPrediction(self.device, self.source, self.settings).decide(texels, Fitted("one-lobe"))
+        self.solver.cancelled |= found.cancelled
+        if found.cancelled or found.model != "one-lobe-metallic" or found.coat is not None:
+            return False
+        self.decided_metallic[name] = found.metallic
+        self.decided_levels.pop(name, None)  # its paint has 0.5, and a metal hardly any
+        self.priors.pop(name, None)
+        if found.prior is not None:
+            self.priors[name] = found.prior
+        if found.prediction is not None:
+            result.predictions[name] = found.prediction
+        result.why[name] = f"paint beside metal: of the metal alone, {found.why}; of all, {result.why[name]}"
+        return True
 
     def _under_prior(self, name: str) -> Generator[Progress, None, RoughnessMaps]:
         self.solver.joint = self.priors.get(name)
@@ -349,17 +401,6 @@ class Ladder:
         self.solver.release()
         if self.start is not None:
             self.start.release()
-
-
-def _explains_better(one: SolvedTexels, other: SolvedTexels, texels: Bool) -> Bool:
-    """(h, w) where one model leaves less than half of an error that another one shows, of 3 x 3 of some ``texels``.
-
-    Both have as many numbers a texel.
-    """
-    counted = texels & one.solved & other.solved
-    left, more, seen = (box(np.where(counted, values, 0.0).astype(np.float64), 3)
-                        for values in (one.residual, other.residual, other.observations))
-    return np.asarray(counted & (left < BETTER**2 * more) & (more > SHOWN**2 * seen))
 
 
 def _best_seen(texels: Bool, observations: F32) -> list[Tile]:

@@ -42,10 +42,11 @@ class SparseLadder:
         if base is not None:
             around = around.guided(base)
         values = {name: around.spread(values) for name, values in vars(found).items() if name != "solved"}
-        return replace(ladder, texels=SolvedTexels(solved=around.known, **values),
+        plain, paint = (None if array is None else around.spread(array.astype(np.float32)) > 0.5
+                        for array in (ladder.plain, ladder.paint))
+        return replace(ladder, plain=plain, paint=paint, texels=SolvedTexels(solved=around.known, **values),
                        lobes=None if ladder.lobes is None else around.spread(ladder.lobes),
-                       level=None if ladder.level is None else around.spread(ladder.level),
-                       plain=None if ladder.plain is None else around.spread(ladder.plain.astype(np.float32)) > 0.5)
+                       level=None if ladder.level is None else around.spread(ladder.level))
 
 
 def surface_of(device: Device, whole: TexelSurface, texels: SparseTexels) -> Surface:
@@ -59,7 +60,8 @@ def surface_of(device: Device, whole: TexelSurface, texels: SparseTexels) -> Sur
 def picked(last: EarlierResult, texels: SparseTexels) -> EarlierResult:
     """What is taken over from an earlier result, for the solved texels alone."""
     return replace(last, level=None if last.level is None else texels.picked(last.level),
-                   lobes=None if last.lobes is None else texels.picked(last.lobes))
+                   lobes=None if last.lobes is None else texels.picked(last.lobes),
+                   paint=None if last.paint is None else texels.picked(last.paint))
 
 
 def looked(

@@ -8,7 +8,7 @@ from functools import partial
 
 import moderngl
 
-from ...core.data import F32, Coat
+from ...core.data import F32, Bool, Coat
 from ...core.errors import Cancelled
 from ...core.job import Progress
 from ...core.params import SolveSettings
@@ -45,6 +45,7 @@ class TilePasses:
         self.atlas = ObservationAtlas(device, source, tile)
         self.slack = 0.0  # between-camera variance of albedo in units of the noise's
         self.level: moderngl.Texture | None = None  # Specular IOR Level of each texel; None: 0.5
+        self.position: moderngl.Texture | None = None  # as the source's, of some texels; None: of all
         self.metallic = 0.0
         self.coat: Coat | None = None
         self.cancelled = False
@@ -56,6 +57,16 @@ class TilePasses:
         if self.level is not None:
             self.level.release()
         self.level = None if level is None else self.device.texture(level.shape[1], level.shape[0], 1, level)
+
+    def use_texels(self, texels: Bool | None) -> None:
+        """Which texels are solved from now on, (h, w); None: all that are covered."""
+        if self.position is not None:
+            self.position.release()
+        self.position = None
+        if texels is not None:
+            values = self.device.read(self.source.position).copy()
+            values[~texels, 3] = 0.0
+            self.position = self.device.texture(*self.source.size, data=values)
 
     def use_metallic(self, metallic: float) -> None:
         """Metallic of all texels from now on, where they are solved for one lobe."""
@@ -115,7 +126,7 @@ class TilePasses:
             self._work[tile] = self.atlas.work()
         region = x, y, min(self.atlas.tile[0], width - x), min(self.atlas.tile[1], height - y)
         yield from self.device.steps(work.kernel, target, Inputs({
-            "u_texel_position": self.source.position, "u_observations": self.atlas.texture,
+            "u_texel_position": self.position or self.source.position, "u_observations": self.atlas.texture,
             "u_principled_table": self.source.principled_table,
             **(self.source.tilts.textures() if self.source.tilts else {}),
             **({"u_level": self.level} if self.level and "LEVEL_SEARCHED" not in defines else {}),

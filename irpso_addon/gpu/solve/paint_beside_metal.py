@@ -1,0 +1,85 @@
+"""Which texels of a metal's material are paint: those that are explained far better without Metallic."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.data import F64, Bool
+from .ladder_records import LadderResult
+from .specular_level import box
+from .texel_records import SolvedTexels
+
+BETTER = 0.5  # of the error: a texel that another model explains so much better is of another material ...
+SHOWN = 0.01  # ... where the error is as large: relative, of all its observations
+LEAST_SHARE, LEAST_TEXELS = 0.02, 50  # of a material that are paint, from which on they are a part of it
+FINEST = 0.003  # relative: what a model leaves below this is the forward model's own error
+WINDOWS = (3, 9, 27)  # texels: widths over which evidence is summed, up to the first in which it is clear
+CLEAR = 5.0  # nats
+
+
+@dataclass(frozen=True)
+class Parts:
+    """A material whose texels are metal or paint, (h, w) each."""
+
+    metal: Bool
+    paint: Bool
+    unclear: Bool  # of either: its own observations do not show which
+
+
+def explains_better(one: SolvedTexels, other: SolvedTexels, texels: Bool) -> Bool:
+    """(h, w) where one model leaves less than half of an error that another one shows, of 3 x 3 of some ``texels``.
+
+    Both have as many numbers a texel.
+    """
+    counted = texels & one.solved & other.solved
+    left, more, seen = (box(np.where(counted, values, 0.0).astype(np.float64), 3)
+                        for values in (one.residual, other.residual, other.observations))
+    return np.asarray(counted & (left < BETTER**2 * more) & (more > SHOWN**2 * seen))
+
+
+def parts_of(without: SolvedTexels, metal: SolvedTexels, texels: Bool, before: Bool | None = None) -> Parts | None:
+    """Metal and paint among some ``texels``, (h, w), of a material; None: there is hardly any paint.
+
+    ``without``: solved without Metallic.  ``metal``: with that of the material.  ``before``: (h, w) paint of an earlier
+    result, which may be all or nothing here.
+    """
+    texels = texels & without.solved & metal.solved
+    certain = explains_better(without, metal, texels)
+    if before is None and certain.sum() < max(LEAST_TEXELS, LEAST_SHARE * texels.sum()):
+        return None
+    evidence = _evidence(without, metal, texels)
+    summed = box(evidence, WINDOWS[0])
+    unclear = np.abs(summed) < CLEAR
+    if before is not None:
+        summed = np.where(unclear, np.where(before, -CLEAR, CLEAR), summed)
+    for width in WINDOWS[1:]:
+        summed = np.where(np.abs(summed) < CLEAR, box(evidence, width), summed)
+    paint = texels & (summed < 0)
+    # No texel departs from most of those around it.
+    paint = texels & (2 * box(paint.astype(np.float64), 3) > box(texels.astype(np.float64), 3))
+    return Parts(texels & ~paint, paint, texels & (unclear | (paint != (summed < 0))))
+
+
+def take_parts(result: LadderResult, name: str, texels: Bool, parts: Parts) -> None:
+    """Note that the (h, w) ``texels`` of a material were solved as metal and paint, all at Specular IOR Level 0.5."""
+    none = np.zeros_like(texels)
+    result.painted |= {name}
+    result.paint = parts.paint | (none if result.paint is None else result.paint)
+    result.plain = np.where(texels, parts.unclear, none if result.plain is None else result.plain)
+    result.levels.pop(name, None)
+    if result.level is not None:
+        result.level = np.where(texels, np.float32(0.5), result.level)
+        if np.all(result.level == 0.5):
+            result.level = None
+
+
+def _evidence(without: SolvedTexels, metal: SolvedTexels, texels: Bool) -> F64:
+    """(h, w) nats by which Metallic explains a texel's observations better; 0 elsewhere.
+
+    Both models find base colour and roughness.  Errors are taken to be normal, of a size that is not known.
+    """
+    count = np.maximum(without.observations.astype(np.float64), 1.0)
+    left, more = (solved.residual / count + FINEST**2 for solved in (metal, without))
+    return np.where(texels, 0.5 * count * np.log(more / left), 0.0)
