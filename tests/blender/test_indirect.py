@@ -92,14 +92,16 @@ def references(folder: Path) -> None:
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
 
 
-def solution_of(base, rough, model, metallic=0.0, coat=None) -> Solution:
-    """Constant maps."""
+def solution_of(base, rough, model, metallic=0.0, coat=None, mapped=False) -> Solution:
+    """Constant maps; ``mapped``: Metallic is one of them, as beside paint."""
     shape, none = (8, 8), np.zeros((8, 8), np.float32)
     maps = Maps(base_color=np.broadcast_to(np.array(base, np.float32), (*shape, 3)), roughness=none + np.float32(rough),
-                confidence=none, error=none, filled=none > 0, coverage=none > 0, roughness_sigma=none, base_sigma=none)
+                confidence=none, error=none, filled=none > 0, coverage=none > 0, roughness_sigma=none, base_sigma=none,
+                metallic=none + np.float32(metallic) if mapped else None)
+    value = 0.1 if mapped else metallic
     return Solution(maps=maps, model={"Paint": model}, why={}, texels={}, seconds={}, residual=0.0, views_used=(),
-                    views_skipped=(), warnings=(), device={}, metallic={"Paint": metallic} if metallic else {},
-                    coats={"Paint": coat} if coat else {})
+                    views_skipped=(), warnings=(), device={}, metallic={"Paint": value} if value else {},
+                    coats={"Paint": coat} if coat else {}, paint={"Paint": 0.0} if mapped else {})
 
 
 def digest(path: Path) -> str:
@@ -123,10 +125,11 @@ def scene(bounced: Path, monkeypatch) -> SceneData:
     return read_scene(None, "Ball", bounced / "captures.json")
 
 
-@pytest.mark.parametrize(("base", "model", "level", "metallic", "coat"), [
-    (0.5, "lambert", 0.0, 0.0, None), (0.0, "one-lobe", 0.5, 0.0, None), (0.5, "one-lobe-metallic", 0.5, 1.0, None),
-    (0.5, "one-lobe-metallic", 0.5, 1.0, Coat(1.0, 0.3))])
-def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level, metallic, coat) -> None:
+@pytest.mark.parametrize(("base", "model", "level", "metallic", "coat", "mapped"), [
+    (0.5, "lambert", 0.0, 0.0, None, False), (0.0, "one-lobe", 0.5, 0.0, None, False),
+    (0.5, "one-lobe-metallic", 0.5, 1.0, None, False), (0.5, "one-lobe-metallic", 0.5, 1.0, None, True),
+    (0.5, "one-lobe-metallic", 0.5, 1.0, Coat(1.0, 0.3), False)])
+def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level, metallic, coat, mapped) -> None:
     """White paint without highlight: rho / pi times the irradiance; black paint with one, and metal: the glossy light.
 
     Beside them the same paint by Cycles with 4 bounces minus without any.  Means over the ball: noise is averaged.
@@ -147,7 +150,7 @@ def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level
     file = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     found = finish(indirect.IndirectRenderer.of_open_file(file)(
-        read_scene(None, "Ball", captures), solution_of((base,) * 3, ROUGH, model, metallic, coat)))
+        read_scene(None, "Ball", captures), solution_of((base,) * 3, ROUGH, model, metallic, coat, mapped)))
     assert list(found) == [0]
     matt = model == "lambert"
     drawn = base / math.pi * found[0].irradiance if matt else found[0].glossy

@@ -321,7 +321,7 @@ def test_the_maps_come_back_from_the_file(empty, tmp_path: Path, packed: bool) -
     """What `irpso export` writes from a solved .blend is what was solved."""
     maps = wide_maps(specular=True)
     confidence = np.where(maps.filled, 0, np.maximum(maps.confidence, 0.01)).astype("f4")
-    maps = replace(maps, confidence=confidence, coverage=~maps.filled)
+    maps = replace(maps, confidence=confidence, coverage=~maps.filled, metallic=(confidence > 0.5).astype("f4"))
     obj = make_plane()
     material.write_maps(obj, make_solution({"Skin": "two-lobe"}, maps), packed=packed, directory=tmp_path)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "solved.blend"))
@@ -332,7 +332,7 @@ def test_the_maps_come_back_from_the_file(empty, tmp_path: Path, packed: bool) -
     obj = bpy.data.objects["Plane"]
     material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
     back = files.read_maps(obj)
-    assert back.lobes is None and back.specular is None
+    assert back.lobes is None and back.specular is None and back.metallic is None
 
 
 def test_a_file_of_an_older_solve_is_named(empty) -> None:

@@ -18,6 +18,7 @@ from irpso_addon.core.errors import BadInput, StoppedWithWork
 from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.maps.export import layers
 from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.shading import brdf
 from irpso_addon.core.tiled import uv_blocks
 from irpso_addon.core.tiled.uv_blocks import Crop
 from irpso_addon.core.tiled.work_folder import WorkFolder
@@ -151,6 +152,32 @@ def test_blocks_find_the_levels_of_their_texels(tmp_path: Path) -> None:
     whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto"))).maps
     apart = np.abs(found["specular"] - whole.specular)[solved]
     assert np.quantile(apart, 0.999) < 1e-3 and apart.max() < 0.05
+
+
+def test_blocks_have_the_plans_metallic_on_their_metal_alone(tmp_path: Path) -> None:
+    """Metal and paint in one material, whose border crosses the blocks'."""
+
+    def is_metal(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return np.asarray(np.sin(7 * u + 2) + np.sin(6 * v) > 0.3)
+
+    def reflect(base: np.ndarray, rough: np.ndarray, *vectors: np.ndarray) -> np.ndarray:
+        return brdf.principled(base, rough, *vectors, metallic=np.where(rough < 0.4, 1.0, 0.0))
+
+    truth = syn.Truth(lambda u, v: np.where(is_metal(u, v)[..., None], (0.9, 0.7, 0.4), (0.2, 0.4, 0.5)),
+                      lambda u, v: np.where(is_metal(u, v), 0.3, 0.5), reflect=reflect)
+    scene = in_files(truth, rig(2, 10), tmp_path)
+    found = solve(scene, tmp_path / "out", model="auto")
+    plan, solved = found["plan"].solution, found["filled"] < 0.5
+    assert plan.paint["Paint"] == pytest.approx(0.5, abs=0.2) and plan.maps.metallic is not None
+    assert set(np.unique(found["metallic"])) == {0.0, np.float32(plan.metallic["Paint"])}
+    metal = is_metal(*np.meshgrid(*2 * [(np.arange(SIZE) + 0.5) / SIZE]))
+    assert np.mean(((found["metallic"] > 0) == metal)[solved]) > 0.98
+    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto"))).maps
+    assert np.mean((found["metallic"] == whole.metallic)[solved]) > 0.995
+    rough = np.abs(found["roughness"] - np.where(metal, 0.3, 0.5))
+    sure = found["confidence"] > 0.5
+    assert sure.mean() > 0.5 and np.mean(rough[sure] > 0.1) < 0.005
+    assert np.median(rough[metal & solved]) < 0.01 and np.median(rough[~metal & solved]) < 0.02
 
 
 def test_little_memory_shrinks_the_pictures(

@@ -182,6 +182,17 @@ def test_paint_beside_metal_in_one_slot_has_its_own_metallic(mixed, apart) -> No
         assert np.median(base[part]) < 0.01
 
 
+def test_paint_beside_metal_finds_its_level_where_the_scale_is_unknown(mixed) -> None:
+    """Pictures of half the light: the paint's highlight is half as strong, its roughness the same."""
+    images = {name: replace(image, rgb=image.rgb / 2) for name, image in mixed.images.items()}
+    half = replace(mixed, images=images, scene=replace(mixed.scene, scale_known=False))
+    found = shoots.run(half, model="auto")
+    assert found.paint["Paint"] == pytest.approx(0.5, abs=0.04)
+    assert found.levels["Paint"] == pytest.approx(0.25, abs=0.02)
+    off = np.abs(found.maps.roughness - syn.PATCHES.roughness(*AT))
+    assert np.median(off[~IS_METAL]) < 0.005 and np.median(off[IS_METAL]) < 0.005
+
+
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
 def test_a_material_that_is_no_mixture_has_no_map_of_metallic(metallic) -> None:
     truth = replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=metallic))

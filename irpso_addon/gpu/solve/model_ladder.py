@@ -192,8 +192,11 @@ class Ladder:
         if decision.coat is not None:
             self.decided_coats[name] = decision.coat
 
-    def _one_lobe(self, name: str) -> Generator[Progress, None, LadderResult]:
-        """One lobe of a material under its prior, at what is decided: level (else 0.5), Metallic (else 0), coat."""
+    def _one_lobe(self, name: str, paint: bool = False) -> Generator[Progress, None, LadderResult]:
+        """One lobe of a material under its prior, at what is decided: level (else 0.5), Metallic (else 0), coat.
+
+        ``paint``: of the part that is no metal, for which neither prior nor Metallic holds.
+        """
         level = unsure = None
         if name in self.decided_levels:
             level = np.full(self.masks[name].shape, self.decided_levels[name], np.float32)
@@ -201,9 +204,11 @@ class Ladder:
             ((level, unsure),) = yield from self.solver.levels_under(
                 [self.priors[name]], self._tiles(self.solver, [name]))
         self.solver.use_level(level)
-        self.solver.use_metallic(self.decided_metallic.get(name, 0.0))
+        self.solver.use_metallic(0.0 if paint else self.decided_metallic.get(name, 0.0))
         self.solver.use_coat(self.decided_coats.get(name))
-        part = self._read((yield from self._under_prior(name)))
+        self.solver.joint = None if paint else self.priors.get(name)
+        part = self._read((yield from self.solver.solve(self._tiles(self.solver, [name]))))
+        self.solver.joint = None
         self.solver.use_level(None)
         self.solver.use_metallic(0.0)
         self.solver.use_coat(None)
@@ -266,16 +271,19 @@ class Ladder:
                 parts = parts_of(without, metal, mask, parts.paint)
         if parts is None:
             return
-        self.solver.use_texels(parts.metal)
-        of_metal = yield from self._one_lobe(name)
-        self.solver.use_texels(parts.paint)
-        of_paint = self._read((yield from self.solver.solve(self._tiles(self.solver, [name]))))
-        self.solver.use_texels(None)
-        self._put(result, of_metal, [name])
-        self._put(result, of_paint, [name])
-        done = of_metal.texels.solved | of_paint.texels.solved  # fewer when stopped
-        result.texels = replace(result.texels, solved=result.texels.solved & (done | ~mask))
+        if not (self.scale_known or again):
+            level = yield from self._level({name: parts.paint}, by_texel=False)
+            self.decided_levels[name] = float(level[parts.paint][0])
         take_parts(result, name, mask, parts)
+        done = ~mask
+        for texels, paint in ((parts.metal, False), (parts.paint, True)):
+            if texels.any():
+                self.solver.use_texels(texels)
+                part = yield from self._one_lobe(name, paint)
+                self._put(result, part, [name])
+                done |= part.texels.solved
+        self.solver.use_texels(None)
+        result.texels = replace(result.texels, solved=result.texels.solved & done)  # fewer when stopped
 
     def _decide_metal(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, bool]:
         """Metallic and prior of a material's metal alone, (h, w) ``texels``; whether it is one."""
@@ -284,7 +292,7 @@ class Ladder:
         if found.cancelled or found.model != "one-lobe-metallic" or found.coat is not None:
             return False
         self.decided_metallic[name] = found.metallic
-        self.decided_levels.pop(name, None)  # its paint has 0.5, and a metal hardly any
+        self.decided_levels.pop(name, None)  # it is the paint's: a metal's hardly shows
         self.priors.pop(name, None)
         if found.prior is not None:
             self.priors[name] = found.prior
@@ -292,12 +300,6 @@ class Ladder:
             result.predictions[name] = found.prediction
         result.why[name] = f"paint beside metal: of the metal alone, {found.why}; of all, {result.why[name]}"
         return True
-
-    def _under_prior(self, name: str) -> Generator[Progress, None, RoughnessMaps]:
-        self.solver.joint = self.priors.get(name)
-        maps = yield from self.solver.solve(self._tiles(self.solver, [name]))
-        self.solver.joint = None
-        return maps
 
     def _choose(self, texels: Bool, observations: F32, **fits: Fit) -> tuple[str, str]:
         h, w = texels.shape
@@ -371,9 +373,9 @@ class Ladder:
         self.solver.use_level(level)
         self.solver.shown = True
         if len(names) == 1 and names[0] in self.priors:  # of an earlier result
-            result = self._read((yield from self._under_prior(names[0])))
-        else:
-            result = self._read((yield from self.solver.solve(self._tiles(self.solver, names))))
+            self.solver.joint = self.priors[names[0]]
+        result = self._read((yield from self.solver.solve(self._tiles(self.solver, names))))
+        self.solver.joint = None
         self.solver.use_level(None)
         result.level = level
         if not by_texel:

@@ -40,14 +40,14 @@ def explains_better(one: SolvedTexels, other: SolvedTexels, texels: Bool) -> Boo
 
 
 def parts_of(without: SolvedTexels, metal: SolvedTexels, texels: Bool, before: Bool | None = None) -> Parts | None:
-    """Metal and paint among some ``texels``, (h, w), of a material; None: there is hardly any paint.
+    """Metal and paint among some ``texels``, (h, w), of a material; None: there is hardly any of one.
 
     ``without``: solved without Metallic.  ``metal``: with that of the material.  ``before``: (h, w) paint of an earlier
     result, which may be all or nothing here.
     """
     texels = texels & without.solved & metal.solved
-    certain = explains_better(without, metal, texels)
-    if before is None and certain.sum() < max(LEAST_TEXELS, LEAST_SHARE * texels.sum()):
+    least = max(LEAST_TEXELS, LEAST_SHARE * texels.sum())
+    if before is None and explains_better(without, metal, texels).sum() < least:
         return None
     evidence = _evidence(without, metal, texels)
     summed = box(evidence, WINDOWS[0])
@@ -59,11 +59,13 @@ def parts_of(without: SolvedTexels, metal: SolvedTexels, texels: Bool, before: B
     paint = texels & (summed < 0)
     # No texel departs from most of those around it.
     paint = texels & (2 * box(paint.astype(np.float64), 3) > box(texels.astype(np.float64), 3))
+    if before is None and (texels & ~paint).sum() < least:
+        return None
     return Parts(texels & ~paint, paint, texels & (unclear | (paint != (summed < 0))))
 
 
 def take_parts(result: LadderResult, name: str, texels: Bool, parts: Parts) -> None:
-    """Note that the (h, w) ``texels`` of a material were solved as metal and paint, all at Specular IOR Level 0.5."""
+    """Note that the (h, w) ``texels`` of a material are metal and paint, and forget the level of the metal."""
     none = np.zeros_like(texels)
     result.painted |= {name}
     result.paint = parts.paint | (none if result.paint is None else result.paint)
