@@ -264,7 +264,7 @@ class Ladder:
         parts = parts_of(without, metal, mask, before)
         if parts is not None and not again:
             whole = self.decided_metallic[name]
-            if not (yield from self._decide_metal(name, parts.metal, result)):
+            if not (yield from self._decide_metal(name, parts.inner_metal, result)):
                 return
             if abs(self.decided_metallic[name] - whole) > SAME_METALLIC:
                 metal = (yield from self._one_lobe(name)).texels

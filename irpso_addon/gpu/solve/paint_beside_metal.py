@@ -27,6 +27,12 @@ class Parts:
     paint: Bool
     unclear: Bool  # of either: its own observations do not show which
 
+    @property
+    def inner_metal(self) -> Bool:
+        """(h, w): metal by which a model can be judged: at the border pixels show paint too."""
+        inside = self.metal & (box(self.metal.astype(np.float64), 3) > 8.5)
+        return inside if inside.sum() >= LEAST_TEXELS else self.metal
+
 
 def explains_better(one: SolvedTexels, other: SolvedTexels, texels: Bool) -> Bool:
     """(h, w) where one model leaves less than half of an error that another one shows, of 3 x 3 of some ``texels``.
