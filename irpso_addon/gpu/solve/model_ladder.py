@@ -264,7 +264,8 @@ class Ladder:
         parts = parts_of(without, metal, mask, before)
         if parts is not None and not again:
             whole = self.decided_metallic[name]
-            if not (yield from self._decide_metal(name, parts.inner_metal, result)):
+            yield from self._decide_metal(name, parts.inner_metal, result)
+            if self.solver.cancelled:
                 return
             if abs(self.decided_metallic[name] - whole) > SAME_METALLIC:
                 metal = (yield from self._one_lobe(name)).texels
@@ -285,21 +286,24 @@ class Ladder:
         self.solver.use_texels(None)
         result.texels = replace(result.texels, solved=result.texels.solved & done)  # fewer when stopped
 
-    def _decide_metal(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, bool]:
-        """Metallic and prior of a material's metal alone, (h, w) ``texels``; whether it is one."""
+    def _decide_metal(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, None]:
+        """Metallic and prior of a material's metal alone, (h, w) ``texels``; of the material where it is no mere metal.
+
+        The prior of metal and paint together holds for neither, and the level is the paint's: a metal's hardly shows.
+        """
         found = yield from ModelPrediction(self.device, self.source, self.settings).decide(texels, Fitted("one-lobe"))
         self.solver.cancelled |= found.cancelled
-        if found.cancelled or found.model != "one-lobe-metallic" or found.coat is not None:
-            return False
-        self.decided_metallic[name] = found.metallic
-        self.decided_levels.pop(name, None)  # it is the paint's: a metal's hardly shows
+        if found.cancelled:
+            return
+        self.decided_levels.pop(name, None)
         self.priors.pop(name, None)
-        if found.prior is not None:
-            self.priors[name] = found.prior
-        if found.prediction is not None:
-            result.predictions[name] = found.prediction
         result.why[name] = f"paint beside metal: of the metal alone, {found.why}; of all, {result.why[name]}"
-        return True
+        if found.model == "one-lobe-metallic" and found.coat is None:
+            self.decided_metallic[name] = found.metallic
+            if found.prior is not None:
+                self.priors[name] = found.prior
+            if found.prediction is not None:
+                result.predictions[name] = found.prediction
 
     def _choose(self, texels: Bool, observations: F32, **fits: Fit) -> tuple[str, str]:
         h, w = texels.shape
