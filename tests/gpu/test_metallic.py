@@ -174,7 +174,8 @@ def test_paint_beside_metal_in_one_slot_has_its_own_metallic(mixed, apart) -> No
     assert apart.warnings == ()
     assert set(np.unique(maps.metallic)) == {0.0, np.float32(apart.metallic["Paint"])}
     assert np.mean((maps.metallic > 0) == IS_METAL) > 0.99
-    sure, off = maps.confidence > 0.5, np.abs(maps.roughness - syn.PATCHES.roughness(*AT))
+    # A half at most, where the metal's texels are held together by a prior.
+    sure, off = maps.confidence > 0.4, np.abs(maps.roughness - syn.PATCHES.roughness(*AT))
     base = np.abs(maps.base_color - syn.PATCHES.base(*AT)).max(-1)
     for part in (IS_METAL, ~IS_METAL):
         assert sure[part].mean() > 0.6
@@ -209,7 +210,8 @@ def test_a_part_keeps_what_is_metal_and_what_is_paint(mixed, apart) -> None:
     assert (part.model, part.metallic) == (apart.model, apart.metallic)
     assert part.paint["Paint"] == pytest.approx(apart.paint["Paint"], abs=0.01)
     assert np.mean(part.maps.metallic == apart.maps.metallic) > 0.995
-    sure = (part.maps.confidence > 0.5) & (apart.maps.confidence > 0.5)
+    sure = (part.maps.confidence > 0.4) & (apart.maps.confidence > 0.4)
+    assert sure[IS_METAL].mean() > 0.6 and sure[~IS_METAL].mean() > 0.6
     assert np.quantile(np.abs(part.maps.roughness - apart.maps.roughness)[sure], 0.99) < 0.01
     with pytest.raises(BadInput, match="its other region is metal and paint, for which only model Auto"):
         shoots.run(given, model="one-lobe-metallic")
@@ -223,8 +225,8 @@ def test_a_part_of_one_metallic_does_not_believe_paint(mixed, apart) -> None:
     assert part.maps.metallic is None
     assert sum("look like no metal" in line for line in part.warnings) == 1
     inside = np.broadcast_to(AT[0] > 0.35, IS_METAL.shape)
-    sure, off = part.maps.confidence > 0.5, np.abs(part.maps.roughness - syn.PATCHES.roughness(*AT))
-    assert np.mean(off[inside & ~IS_METAL] > 0.1) > 0.5
+    sure, off = part.maps.confidence > 0.4, np.abs(part.maps.roughness - syn.PATCHES.roughness(*AT))
+    assert np.mean(off[inside & ~IS_METAL] > 0.1) > 0.5 and sure[inside & IS_METAL].mean() > 0.6
     assert np.mean(off[inside & sure] > 0.1) < 0.01
 
 
