@@ -96,7 +96,7 @@ def test_the_tooltip_names_every_map_that_is_exported(module) -> None:
     flat, colour = np.zeros((2, 2), np.float32), np.zeros((2, 2, 3), np.float32)
     everything = module("core.data").Maps(
         base_color=colour, roughness=flat, confidence=flat, error=flat, filled=flat > 0, coverage=flat < 1,
-        roughness_sigma=flat, base_sigma=flat, specular=flat, normal=colour)
+        roughness_sigma=flat, base_sigma=flat, specular=flat, metallic=flat, normal=colour)
     named = sys.modules["irpso_ext.operators.export_maps"].MAPS
     assert list(named) == list(module("core.maps.export").layers(everything))
     tooltip = bpy.ops.irpso.export_maps.get_rna_type().description

@@ -11,6 +11,7 @@ import pytest
 
 from irpso_addon.core.data import JointPrior, Region, Solution
 from irpso_addon.core.errors import BadInput
+from irpso_addon.core.maps import stride
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
@@ -192,6 +193,20 @@ def test_paint_beside_metal_finds_its_level_where_the_scale_is_unknown(mixed) ->
     assert found.levels["Paint"] == pytest.approx(0.25, abs=0.02)
     off = np.abs(found.maps.roughness - syn.PATCHES.roughness(*AT))
     assert np.median(off[~IS_METAL]) < 0.005 and np.median(off[IS_METAL]) < 0.005
+
+
+def test_texels_finer_than_the_pictures_are_metal_or_paint(monkeypatch) -> None:
+    """Where every second texel alone is searched."""
+    monkeypatch.setattr(stride, "LEAST", 32)
+    coarse = syn.shoot(replace(syn.PATCHES, reflect=beside_paint), shoots.rig(2, 8), (56, 56))
+    found = shoots.run(coarse, model="auto", size=128)
+    assert found.stride > 1 and found.paint["Paint"] == pytest.approx(0.5, abs=0.02)
+    assert set(np.unique(found.maps.metallic)) == {0.0, np.float32(found.metallic["Paint"])}
+    fine = np.meshgrid(*2 * [(np.arange(128) + 0.5) / 128])
+    rough, metal = syn.PATCHES.roughness(*fine), syn.PATCHES.roughness(*fine) < 0.42
+    assert np.mean((found.maps.metallic > 0) == metal) > 0.98
+    for part in (metal, ~metal):
+        assert np.median(np.abs(found.maps.roughness - rough)[part]) < 0.005
 
 
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
