@@ -23,6 +23,9 @@ find_python() {
 
 if [ "$venv" = --find ]; then find_python "$python"; exit; fi
 
+[ ! -L "$venv" ] || fail "'$venv' is a link, and what it leads to would be emptied; remove the link, or say" \
+    "'make VENV=another folder'"
+
 if [ -z "$python" ]; then
     python=$(find_python 3.13 || find_python 3.11) || fail "no Python 3.13 or 3.11 here (the two that Blender's" \
         "long-term releases come for); install one, or say 'make PYTHON=/path/to/python3.13'"
