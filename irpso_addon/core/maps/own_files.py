@@ -7,11 +7,9 @@ from pathlib import Path
 
 from ..errors import BadInput
 from ..images.image_file import open_image
-from .export import KINDS
+from .export import KINDS, LAYERS
 from .targets import TARGETS
 
-LAYERS = ("basecolor", "roughness", "confidence", "error", "filled", "roughness_sigma", "basecolor_sigma", "specular",
-          "metallic")
 _NAMES = [f"{{}}_{layer}" for layer in LAYERS] + [file.name for target in TARGETS.values() for file in target.files]
 _NAME = re.compile("(?:" + "|".join(sorted({re.escape(name).replace(r"\{\}", ".+") for name in _NAMES}))
                    + r")(?:\.\d{4})?", re.DOTALL)
