@@ -17,7 +17,7 @@ AMBIENT, RESPONSE = 0.2, 0.3  # of the lamps' typical irradiance; of the logarit
 COSINE, TRANSMISSION, ROUGH = 0.3, 1.0, 1.0  # powers
 LEVEL = 0.3  # of Specular IOR Level
 CAUCHY = 2.4  # standard deviations at which an observation has lost half its weight
-SHARED = 6  # numbers of all views: vignetting, ambient light, response, three of the diffuse
+SHARED, DIFFUSE = 6, 3  # numbers of all views: vignetting, ambient light, response; the last are of the diffuse
 MEAN = 1e-4  # of powers, and of gains: brightness as a whole belongs to the base colours
 LEAST_USUAL = 1e-3  # of a lamp's distance, relative power
 # Lamps whose powers are as far off as exposures are, which are believed in beside the shoot's.  A power is hardly told
@@ -69,7 +69,7 @@ class RigNumbers:
         self.powers = slice(self.places.stop, 4 * self.groups)
         self.gains = slice(self.powers.stop, self.powers.stop + self.views)
         self.shared = slice(self.gains.stop, self.gains.stop + SHARED)
-        self.ambient = self.shared.start + 1
+        self.ambient, self.diffuse = self.shared.start + 1, slice(self.shared.stop - DIFFUSE, self.shared.stop)
         self.levels = slice(self.shared.stop, self.shared.stop + len(self.slots))
         self.count = self.levels.stop
         lamps = np.concatenate([np.repeat(~self.kept, 3), ~self.kept]) & free.lamps

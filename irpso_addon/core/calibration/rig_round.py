@@ -168,9 +168,11 @@ class RigRound:
             columns += [*(share * slope for slope in self.seen.slopes[light.name].T), share]
         at.append(numbers.gains.start + place)
         columns.append(np.ones(len(self.left)))
-        at += range(numbers.shared.start, numbers.shared.stop)
-        columns += [sample.geometry.cosine[:, v], self.around[:, v], self.logarithm[:, v],
-                    *(self.share[:, v] * shape[:, v] for shape in self.seen.diffuse)]
+        at += range(numbers.shared.start, numbers.diffuse.start)
+        columns += [sample.geometry.cosine[:, v], self.around[:, v], self.logarithm[:, v]]
+        if numbers.place[numbers.diffuse.start] >= 0:
+            at += range(numbers.diffuse.start, numbers.diffuse.stop)
+            columns += [self.share[:, v] * shape[:, v] for shape in self.seen.diffuse]
         return at, columns
 
     def _sums(self, numbers: RigNumbers, elimination: Elimination) -> tuple[F64, F64, F64]:

@@ -67,9 +67,13 @@ class Seen:
     slopes: dict[str, F64]  # of each lamp, (T, 3): of the logarithm of irradiance, in its group's axes and reach
     fine: dict[str, Bool]  # of each lamp, (T,): where the slopes are known
     share: dict[tuple[int, str], F64]  # of the layer's irradiance, (T,): by layer and lamp
-    diffuse: F64  # (3, T, V) slopes of the logarithm of radiance by the shape of the diffuse
     shown: F64  # (T, V) of radiance in the pictures, over what the given rig takes it to be
     bent: Bent | None = None  # light from all around, and the response of the files; None: there is neither
+
+    @cached_property
+    def diffuse(self) -> F64:
+        """(3, T, V) slopes of the logarithm of radiance by the shape of the diffuse."""
+        return diffuse_shapes(self.texels.lobes, self.texels.cos_v)
 
     def as_given(self, reflected: F64) -> F64:
         """(T, V, C) what the given rig makes of pictures in which texels reflect so under the changed one."""
@@ -147,9 +151,9 @@ class RigGeometry:
                                              self._given_angles(light, int(place)))
                 lobes[:, v, n, 3] *= np.where(before[n] > 0, ratio, 1.0)
         exposed = shown.copy()
-        diffuse = diffuse_shapes(lobes, texels.cos_v)
         if change.cosine or change.transmission or change.rough:
-            shape = np.tensordot([change.cosine, change.transmission, change.rough], diffuse, 1)
+            shape = np.tensordot([change.cosine, change.transmission, change.rough],
+                                 diffuse_shapes(lobes, texels.cos_v), 1)
             shown *= np.exp(shape)
             lobes[..., 3] *= np.exp(-shape)[..., None]
         brighter, bent = lamps * shown, self._bent(change, lamps, shown) if change.bends else None
@@ -160,7 +164,7 @@ class RigGeometry:
             share = {(v, name): part * lit[:, v] for (v, name), part in share.items()}
         return Seen(replace(texels, reflected=reflected, lobes=lobes), brighter,
                     {name: slopes for name, (_, slopes, _) in now.items()},
-                    {name: fine for name, (*_, fine) in now.items()}, share, diffuse, exposed, bent)
+                    {name: fine for name, (*_, fine) in now.items()}, share, exposed, bent)
 
     def _bent(self, change: RigChange, lamps: F64, shown: F64) -> Bent:
         """``lamps``, ``shown``: (T, V) factors of the lamps' irradiance and of what a picture shows of radiance."""
