@@ -209,6 +209,19 @@ def test_texels_finer_than_the_pictures_are_metal_or_paint(monkeypatch) -> None:
         assert np.median(np.abs(found.maps.roughness - rough)[part]) < 0.005
 
 
+@pytest.mark.parametrize(("reflect", "least"), [
+    (beside_paint, 0.3), (partial(brdf.principled, metallic=1.0), 0.7)], ids=["beside paint", "alone"])
+def test_what_is_sure_of_a_metal_is_right(reflect, least) -> None:
+    """Without noise; no line blames paint or lamps."""
+    shoot = syn.shoot(replace(syn.PATCHES, reflect=reflect), shoots.rig(2, 8), (72, 72))
+    solution = shoots.run(shoot, model="auto", size=64)
+    assert solution.model == {"Paint": "one-lobe-metallic"} and solution.metallic["Paint"] > 0.95
+    assert not [line for line in solution.warnings if "look like no metal" in line or line.startswith("light")]
+    sure = solution.maps.confidence > 0.5
+    wrong = np.abs(solution.maps.roughness - shoot.truth.roughness(*AT)) > 0.1
+    assert sure.mean() > least and wrong[sure].mean() < 0.003  # of one Metallic for both, 0.4
+
+
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
 def test_a_material_that_is_no_mixture_has_no_map_of_metallic(metallic) -> None:
     truth = replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=metallic))
