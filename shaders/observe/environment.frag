@@ -1,8 +1,8 @@
 // Light from all around, or from meshes that glow, on every pixel, of one batch of directions: irradiance, and what the specular lobe returns at
 // nodes of roughness (twin: node_values in irpso_addon/core/shading/environment.py).  Batches add up.
 //
-// Defines: FIRST_NODE, NODE_COUNT (the nodes of this draw), NODE_ALPHA2 (of all), IRRADIANCE where that is wanted too,
-// EMITTERS for patches of meshes.
+// Defines: FIRST_NODE, NODE_COUNT (the nodes of this draw), EACH_NODE (one of NODES_1 to NODES_6, by their count),
+// NODE_ALPHA2 (of all), IRRADIANCE where that is wanted too, EMITTERS for patches of meshes.
 #include "include/brdf.glsl"
 #include "include/pixel.glsl"
 #include "observe/environment.glsl"
@@ -10,6 +10,14 @@ uniform usampler2D u_lit;        // as observe/environment_lit.frag leaves them:
 uniform int u_width;             // of the picture
 
 const float alpha2_of[] = float[](NODE_ALPHA2);
+
+// Unrolled: compilers leave a loop around a loop, and there look up each node's sums by its number.
+#define NODES_1 NODE(0)
+#define NODES_2 NODES_1 NODE(1)
+#define NODES_3 NODES_2 NODE(2)
+#define NODES_4 NODES_3 NODE(3)
+#define NODES_5 NODES_4 NODE(4)
+#define NODES_6 NODES_5 NODE(5)
 
 #ifdef IRRADIANCE
 layout(location = 0) out vec4 o_irradiance;  // RGB, W/m^2; of their mean what soft shadows leave in doubt
@@ -36,6 +44,12 @@ bool wide(Direction d) {
         (close_by(d) || d.spread * d.spread > SHARP * (dot(off, off) + alpha2_of[FIRST_NODE] * square));
 }
 
+// D / (1 + Lambda_l + Lambda_v), over two: of half vectors whose sin^2 to the normal is as often low as high.
+float lobe(float alpha2, float low, float high, float tan2, float root) {
+    float q_low = low * (1.0 - alpha2) + alpha2, q_high = high * (1.0 - alpha2) + alpha2, both = q_low * q_high;
+    return alpha2 * (0.5 / PI) * (q_low * q_low + q_high * q_high) / (both * both * (lambda_root(alpha2, tan2) + root));
+}
+
 void add(Direction d, float share) {
     float middle = dot(N, d.toward);
     // Of what lies across the horizon only a part is above.
@@ -56,15 +70,12 @@ void add(Direction d, float share) {
     float mean = sin2h + 2.0 * variance + pixel * (dot(a, a) + dot(b, b));
     float spread = 2.0 * sqrt(variance * (sin2h + variance) + pixel * (along_a * along_a + along_b * along_b));
     float fresnel = F_dielectric(dot(V, H)), grey = dot(arrives, vec3(1.0 / 3.0));
-    float tan2 = 1.0 / (cos_l * cos_l) - 1.0, factor = 1.0 / (2.0 * cos_l * cos_v);
+    vec4 sent = vec4(arrives * fresnel, grey) / (2.0 * cos_l * cos_v);
+    float tan2 = 1.0 / (cos_l * cos_l) - 1.0;
     float half_width = min(spread, mean), low = mean - half_width, high = mean + half_width;
-    for (int k = 0; k < NODE_COUNT; k++) {
-        float alpha2 = alpha2_of[FIRST_NODE + k];
-        float q_low = low * (1.0 - alpha2) + alpha2, q_high = high * (1.0 - alpha2) + alpha2;
-        float D = alpha2 * (0.5 / PI) * (1.0 / (q_low * q_low) + 1.0 / (q_high * q_high));
-        float shape = D * factor / (lambda_root(alpha2, tan2) + root_v[k]);
-        o_node[k] += shape * vec4(arrives * fresnel, grey);
-    }
+#define NODE(k) o_node[k] += lobe(alpha2_of[FIRST_NODE + k], low, high, tan2, root_v[k]) * sent;
+    EACH_NODE
+#undef NODE
 #ifdef IRRADIANCE
     o_irradiance += vec4(arrives, 4.0 * (1.0 - share) * grey);  // doubt: all of it, where half arrives
 #endif

@@ -112,7 +112,8 @@ class LitByEnvironment:
                 self._see(camera, seen, inputs, shadows, places)
                 for (node, outputs), target in zip(groups, targets, strict=True):
                     irradiance = outputs[0] is sums[0]
-                    defines = {"FIRST_NODE": str(node), "NODE_COUNT": str(len(outputs) - irradiance),
+                    count = len(outputs) - irradiance
+                    defines = {"FIRST_NODE": str(node), "NODE_COUNT": str(count), "EACH_NODE": f"NODES_{count}",
                                "SHARP": str(model.SHARP),
                                "NODE_ALPHA2": ", ".join(repr(r**4) for r in model.NODE_ROUGHNESS),
                                **({"IRRADIANCE": "1"} if irradiance else {})}
