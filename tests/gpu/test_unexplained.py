@@ -76,3 +76,13 @@ def test_shadows_that_the_mesh_does_not_cast_are_said_and_spoil_no_interval() ->
     assert errors(found, syn.PATCHES).share > 0.99
     assert any(CONTRADICT in line for line in found.warnings)
     assert 0.04 <= found.checks.contradicted < 0.06  # a square of 0.2, and pixels at its edge
+
+
+def test_smoother_than_is_searched() -> None:
+    """Roughness 0.03: the search ends at 0.05, and the standard errors of the surest do not contain 0.03."""
+    smooth = replace(syn.PATCHES, roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), 0.03))
+    maps = run(syn.shoot(smooth, rig(12, 4), (64, 64), samples=4, noise=0.003), model="one-lobe", size=64).maps
+    ended = maps.coverage & ~maps.filled & (maps.roughness < 0.0501)
+    assert ended.mean() > 0.2  # else this shows nothing
+    assert (np.abs(maps.roughness - 0.03) <= Z90 * maps.roughness_sigma)[ended].mean() > 0.95
+    assert 0.028 < maps.roughness_sigma[ended].min() < 0.035

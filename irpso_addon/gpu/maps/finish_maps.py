@@ -13,6 +13,7 @@ from ...core.data import F32, I32, Bool, Maps, SceneData
 from ...core.errors import Cancelled
 from ...core.job import Progress
 from ...core.models import NUMBERS_OF_TWO
+from ...core.shading.brdf import ROUGHNESS_MIN
 from ..device.context import Device
 from ..gbuffer.gbuffer import GBufferMaps
 from ..observe.observations import Observations
@@ -32,6 +33,7 @@ MATERIAL_ALONE = np.float32(0.5)  # times confidence, where nothing tells how mu
 CHANCE, NUMBERS = 2.5, 2.0  # standard errors by which a texel's residual may be off; numbers that its fit takes up
 EXCESS = 8.0  # times the square of a residual beyond chance: no edge, but another shape
 NO_METAL, METAL = 0.05, 0.95  # Metallic between them is no material's, but a mean of its texels', or of what it lacks
+SMOOTHEST = np.float32(1.001 * ROUGHNESS_MIN)  # the search ends here: the truth may be anywhere below
 BOUND = 100.0  # strength of a material's prior from which on it holds texels within 7 % of its value: it alone speaks
 
 
@@ -190,6 +192,8 @@ def _certainty(
     """
     texels = believed.texels
     own = texels.sigma**2 + mixture(texels.roughness, texels.sigma, texels.solved, pixel)
+    smoothest = texels.roughness - texels.sigma <= SMOOTHEST
+    own += np.where(smoothest, np.float32(ROUGHNESS_MIN**2 / 3), np.float32(0))
     borrowed, told = borrowed_variance(texels.roughness, texels.sigma, believed.share, believed.slots, pixel, base)
     # The less its own data determine it, the more it matters how far it may be off because it is its neighbours'.
     error = np.sqrt(own + (1 - believed.share) * np.maximum(borrowed - own, 0))
