@@ -93,19 +93,16 @@ class Elimination:
         normal = self.weighted.transpose(0, 2, 1) @ self.columns
         m = len(priors)
         normal[:, range(m), range(m)] += np.array(priors)
-        self.inverse = np.linalg.inv(normal)
+        self.root = np.linalg.inv(np.linalg.cholesky(normal)).transpose(0, 2, 1)  # its square is the inverse
 
     def remains(self, values: F64) -> F64:
         """(T, V) without what the texels' own numbers explain."""
-        own = self.inverse @ (self.weighted.transpose(0, 2, 1) @ values[..., None])
+        own = self.root @ (self.root.transpose(0, 2, 1) @ (self.weighted.transpose(0, 2, 1) @ values[..., None]))
         return np.asarray(values - (self.columns @ own)[..., 0])
 
     def taken(self, across: F64) -> F64:
         """(K, K) to be subtracted from a normal matrix; across: (m, K, T) sums of ``weighted`` times slopes."""
-        taken = np.zeros((across.shape[1],) * 2)
-        for own, row in zip(across, self.inverse.transpose(1, 2, 0), strict=True):
-            left = np.zeros_like(own)
-            for other, factor in zip(across, row, strict=True):
-                left += other * factor
-            taken += own @ left.T
-        return taken
+        m, count, texels = across.shape
+        part = np.ascontiguousarray(across.transpose(2, 1, 0)) @ self.root  # (T, K, m)
+        part = part.transpose(1, 0, 2).reshape(count, texels * m)
+        return np.asarray(part @ part.T)
