@@ -339,3 +339,14 @@ def test_a_coat_is_smoother_than_what_it_covers(count: int, lamps: int, cameras:
     assert found.roughness == pytest.approx(0.37, abs=0.01) and found.level == pytest.approx(0.5, abs=0.02)
     assert found.coat is not None and found.coat.roughness == pytest.approx(0.1, abs=0.005)
     assert found.coat.weight == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("lamps", "cameras"), [(16, 2), (24, 12)])
+@pytest.mark.parametrize("grazing", [0.0, 0.05, 0.2])
+def test_a_coat_does_not_take_the_place_of_the_only_lobe(grazing: float, lamps: int, cameras: int) -> None:
+    """A coat above nothing shines alike; what it takes from a body at grazing angles is what an error may look like."""
+    texels, _ = sampled(200, lamps, cameras, np.full(200, 0.4), 0.5, noise=0.01)
+    texels = replace(texels, reflected=texels.reflected * texels.cos_v[..., None] ** grazing)
+    search, known = JointSearch(texels), np.ones(lamps * cameras, bool)
+    found = CoatSearch(search).fit(PLAIN, known, search.fit(known), 0.5)
+    assert found.roughness == pytest.approx(0.4, abs=0.08)

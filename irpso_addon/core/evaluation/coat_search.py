@@ -24,6 +24,7 @@ STARTS: tuple[tuple[float, float, tuple[float, float] | None], ...] = (
 SOME = 4  # one texel in so many takes part until the end is near
 RACE, KEPT, STEPS, LAST_STEPS = 5, 2, 10, 8  # steps from every start; of those kept; at most; and with all texels
 SEEN = 0.01  # share of the texels that must see a coat's highlight, or its tails
+SAME_LOBE, HALF = 1.25, 0.5  # ratio of roughnesses up to which two lobes are one; of a body's highlight without a coat
 ROUGHER = 1.03  # cost of a coat that is rougher than what it covers, relative to one that is not
 TRIALS = 5  # of a step, each shorter
 STILL = 1e-3  # relative gain of a step below which a search is at rest
@@ -50,7 +51,10 @@ class CoatSearch:
         self.apart = _Apart(search, sharpest)
 
     def fit(self, kind: str, known: Bool, joint: Joint, level: float) -> OneMaterial:
-        """From the layers that are ``known``, (V,), and the material without a coat; ``level``: of APART."""
+        """From the layers that are ``known``, (V,), and the material without a coat; ``level``: of APART.
+
+        That material itself where a coat would only be its lobe under another name.
+        """
         if kind == APART:
             return OneMaterial(joint.apart.roughness, level, coat=self.apart.coat(known, level))
         metal = kind == METAL
@@ -65,8 +69,21 @@ class CoatSearch:
         best = min((self.some.run(x, STEPS) for x, _ in tried[:KEPT]), key=lambda found: found[1])[0]
         # A wide lobe below a narrow one explains nearly what the narrow one below the wide does: all texels decide.
         ends = [self.all.run(x, LAST_STEPS) for x in (best, self.some.run(_swapped(best), STEPS)[0])]
+        ends = [found for found in ends if not _takes_place(found[0], plain)]
+        if not ends:
+            return plain
         r, level, metallic, weight, roughness = (float(x) for x in min(ends, key=_plausible)[0])
         return OneMaterial(r, level, metallic if metal else 0.0, coat=Coat(weight, roughness))
+
+
+def _takes_place(x: F64, plain: OneMaterial) -> bool:
+    """Whether a coat is the lobe of the material without one, and little is left of the highlight below it.
+
+    That explains the texels as well, but nothing shows the roughness of what would lie below.
+    """
+    _, level, metallic, _, rough = x
+    same = 1 / SAME_LOBE < rough / plain.roughness < SAME_LOBE
+    return bool(same and level < HALF * plain.level and metallic <= max(HALF * plain.metallic, LEAST_NUMBER))
 
 
 def _plausible(found: tuple[F64, float]) -> float:
