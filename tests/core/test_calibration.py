@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from irpso_addon.core.calibration.finish import Judged
+from irpso_addon.core.calibration.finish import Judged, as_bright
 from irpso_addon.core.calibration.put_right import applied, put_right, told
 from irpso_addon.core.calibration.rig import Rig, RigChange
 from irpso_addon.core.calibration.rig_fit import RigFound, ViewBrightness
@@ -93,6 +94,24 @@ def test_a_carried_flash_moves_in_its_cameras_axes() -> None:
     for view, light in zip(scene.views, rig.lights(change).values(), strict=True):
         place = view.camera.world_to_camera @ light.matrix[:, 3]
         np.testing.assert_allclose(place[:3], (0.09, 0.08, 0.02), atol=1e-9)
+
+
+@pytest.mark.parametrize(("nearer", "least", "most"), [(0.0, -1e-9, 1e-9), (0.015, -1e-9, 1e-9), (-0.015, -1e-9, 1e-9),
+                                                       (0.1, 0.08, 0.1)])
+def test_a_flash_that_seems_a_little_nearer_lights_as_it_did(nearer: float, least: float, most: float) -> None:
+    """The distance is believed where it is clearly more than what ambient light and errors of a mesh make of it."""
+    rig = Rig.of(flash_shoot().views, MIDDLE)
+    group = rig.groups[0]
+    place = {name: light.matrix[:3, 3] for name, light in rig.lights(RigChange.none(1, 5)).items()}
+    toward = group.axes[0].T @ (MIDDLE - place[group.lights[0]]) / group.reach
+    error = replace(RigChange.none(1, 5), offset=np.full((1, 3), 0.003))
+    change, error = as_bright(rig, MIDDLE, replace(RigChange.none(1, 5), offset=nearer * toward[None]), error)
+    now = rig.lights(change)
+    for name, light in now.items():
+        far = np.linalg.norm(MIDDLE - light.matrix[:3, 3]) / np.linalg.norm(MIDDLE - place[name])
+        brighter = np.log(float(light.power.mean() / syn.lamps(1)[0].power.mean())) - 2 * np.log(far)
+        assert -2 * np.log(1 - least) - 1e-3 < brighter < -2 * np.log(1 - most) + 1e-3
+    assert float(error.log_power[0]) == pytest.approx(0.006, rel=0.1)
 
 
 def test_a_flash_is_one_lamp_whose_cameras_were_turned() -> None:

@@ -98,6 +98,11 @@ class Rig:
                    for name, light in lights.items() if name not in taken]
         return cls(tuple(views), tuple(groups))
 
+    @property
+    def one_flash(self) -> bool:
+        """Whether all light is that of a flash which cameras carry, and nobody measured it."""
+        return len(self.groups) == 1 and self.groups[0].carried and not self.groups[0].kept
+
     def number(self) -> dict[str, int]:
         """Of each lamp's group."""
         return {name: n for n, group in enumerate(self.groups) for name in group.lights}

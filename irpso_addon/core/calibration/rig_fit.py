@@ -124,6 +124,8 @@ class _RigFit:
         materials: dict[int, OneMaterial] = {} if start is None else start.materials
         if start is not None:
             self.change = numbers.unpacked(numbers.packed(start.change)[numbers.free])  # what is not free is as given
+            if self.sample.rig.one_flash:
+                self.change = replace(self.change, log_power=np.zeros(1))  # it follows from the place: see finish.py
             numbers.start = numbers.packed(self.change)
         for n in range(rounds):
             yield Progress(n / rounds, "calibrate")
