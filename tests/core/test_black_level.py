@@ -71,6 +71,17 @@ def test_one_paint_does_not_tell() -> None:
     assert found(raised(ball(AROUND))) is None
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_one_paint_does_not_tell_where_lamps_are_off(seed: int) -> None:
+    """Base colours that seem to differ by a tenth, on which the light from all around does not depend."""
+    made, rng = ball(AROUND), np.random.default_rng(seed)
+    patch = np.unique(made.cluster, return_inverse=True)[1]
+    off = (1 + 0.1 * rng.standard_normal(patch.max() + 1))[patch, None] * (
+        1 + 0.03 * rng.standard_normal(len(made.view)))
+    texels = replace(made.texels, reflected=made.texels.reflected * off[..., None])
+    assert found(replace(made, texels=texels)) is None
+
+
 def test_where_it_is_not_looked_for() -> None:
     made = raised(ball(0.0, base=tones(np.random.default_rng(3))))
     assert found(made) is not None

@@ -3,7 +3,8 @@
 Light from all around, and light that bounces, is dark on dark paint.  A black level is the same on all paint.  So what
 the files hold in the shade is fitted twice: by a black level and light from all around, and by light from all around
 and light that has bounced to and fro, without a black level.  Cauchy weights; standard errors from clusters of
-neighbouring texels.
+neighbouring texels.  Where all paint is alike, nothing tells the two apart: base colours that differ by errors of lamps
+alone leave the light from all around to the black level.
 """
 
 from __future__ import annotations
@@ -29,6 +30,11 @@ from .standard_errors import COMMON
 from .texel_materials import lobes_of
 
 LEAST_LEVEL = 1e-3  # of the files' typical value
+# Standard deviation of the logarithm of base colours: less is no paint of another colour, but errors of the scene.
+# Lamps, cameras and a mesh that are off as those of a shoot are make 0.04 to 0.07 of one paint.
+LEAST_PAINT = 0.15
+VARIES = 3.0  # the same, times what neighbours leave over in common: of scenes that are off by more
+WITHIN_90 = 3.29  # standard deviations, of a normal distribution
 PAYS = 0.8  # of what neighbours in the shade have in common
 ROUNDS = 12
 LEAST = 1e-12
@@ -93,6 +99,8 @@ def _in_shade(sample: RigSample, first: RigFound) -> tuple[F64, F64] | None:
     fits = [_Shade(sample.channel(n), first) for n in range(COLOURS)]
     if not min(fit.known.sum() for fit in fits):
         return None
+    if _rms([fit.paint for fit in fits]) < max(LEAST_PAINT, VARIES * first.common[0]):
+        return None
     level, error = (np.array(values) for values in zip(*(fit.level for fit in fits), strict=True))
     if _rms([fit.left for fit in fits]) > PAYS * _rms([fit.left_without for fit in fits]):
         return None
@@ -118,6 +126,8 @@ class _Shade:
         sheen = brdf.principled_energy(SHEEN, np.clip(sample.texels.cos_v[known], FACING, 1.0))[..., 1]
         around = (base[known] * (1 - sheen) + sheen) * np.maximum(openness[known], LEAST_OPEN) * file[known]
         value = shade[known] * file[known]
+        some = np.log(np.maximum(base[known], LEAST))
+        self.paint = float(np.diff(np.quantile(some, (0.05, 0.95)))[0]) / WITHIN_90 if len(some) else 0.0
         cluster = np.unique(sample.cluster[np.nonzero(known)[0]], return_inverse=True)[1]
         black = _fitted(np.stack([np.ones_like(around), around], -1), value, cluster)
         other = _fitted(np.stack([around, around * base[known]], -1), value, cluster)
