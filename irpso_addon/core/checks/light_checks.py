@@ -20,6 +20,7 @@ LEAST_SPREAD = 0.1  # of log irradiance, by which an exponent is told
 MIN_COS_L = 0.2  # below it the derivative of irradiance is mostly the facets' error
 STEP = 1e-4  # of the light's distance, for derivatives
 DISC_SIDE = 0.75**0.5  # of its diameter: side of the square with the second moments of a disc
+ACROSS = 6  # cells over the object: what neighbours have in common is no pattern of a light
 CORRELATED = 3.0  # standard errors of regressions, times what independent pixels would have
 
 
@@ -99,7 +100,7 @@ class Places:
         return [found for light in lights.values() if (found := self._light(light, gains)) is not None]
 
     def _light(self, light: Light, gains: Sequence[float]) -> LightResidual | None:
-        parts, own, center = [], [], []
+        parts, own, center, cells = [], [], [], []
         for group in self._groups:
             for row in group.rows:
                 if light.name not in [other.name for other in row.lights]:
@@ -116,10 +117,11 @@ class Places:
                 own.append(gains[row.view])
                 parts.append((row.y[ok][fine], slopes[fine] - np.median(slopes[fine], 0)))
                 center.append(P.mean(0))
+                cells.append(_cells(P[fine]))
         if not parts or sum(len(y) for y, _ in parts) < FEWEST:
             return None
         y, A = (np.concatenate(values) for values in zip(*parts, strict=True))
-        move, explained = _fit(y, A)
+        move, explained = place_fit(y, A, np.concatenate(cells))
         effect = float(np.sqrt(np.mean((A @ move) ** 2)))
         distance = float(np.linalg.norm(light.matrix[:3, 3] - np.mean(center, 0))) if light.kind != "SUN" else 1.0
         gain = float(np.median(own))
@@ -127,6 +129,28 @@ class Places:
         dx, dy, dz = (float(v) * distance for v in move)
         return LightResidual(light.name, len(own), gain, gain_error, (dx, dy, dz), float(np.linalg.norm(move)), effect,
                              explained, light.kind == "SUN")
+
+
+def _cells(P: F64) -> Bool:
+    """(n,) whether a place lies in an odd cell of a grid over all of them."""
+    across = max(float(np.ptp(P, axis=0).max()), 1e-9)
+    return np.asarray(((P - P.min(0)) / across * ACROSS).astype(np.int64).sum(-1) % 2 == 1)
+
+
+def place_fit(y: F64, slopes: F64, odd: Bool) -> tuple[F64, float]:
+    """(3,) the move that explains (n,) relative errors of brightness best, and the share of their variance it explains.
+
+    ``slopes``: (n, 3) of brightness by the move.  ``odd``: (n,) half of the places.  The share is that of each half by
+    what the other half says: three numbers always explain something of a few places.
+    """
+    move, explained = _fit(y, slopes)
+    if min(odd.sum(), (~odd).sum()) < FEWEST:
+        return move, 0.0
+    left, before = y - np.median(y), scale_of(y)
+    for half in (odd, ~odd):
+        rest = y[half] - slopes[half] @ _fit(y[~half], slopes[~half])[0]
+        left[half] = rest - np.median(rest)
+    return move, min(explained, 1.0 - (scale_of(left) / before) ** 2) if before > 0 else 0.0
 
 
 def light_slopes(light: Light, P: F64, N: F64) -> tuple[F64, Bool]:
