@@ -16,7 +16,9 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve import model_prediction
+from irpso_addon.gpu.solve.paint_beside_metal import parts_of
 from irpso_addon.gpu.solve.solver import Solver
+from irpso_addon.gpu.solve.texel_records import SolvedTexels
 from tests.support import shoots
 from tests.support import synthetic as syn
 from tests.support.texels import Texels, as_metal, by_channel, exact, finish
@@ -265,3 +267,20 @@ def test_views_beyond_what_a_software_renderer_finishes(on_gl, shoot, monkeypatc
     with pytest.raises(BadInput, match="model one-lobe-metallic: without a GPU it takes at most"):
         shoots.run(shoot, model="one-lobe-metallic", loss="squares")
     assert shoots.run(shoot, model="auto", loss="squares").metallic == {}
+
+
+@pytest.mark.parametrize(("better", "found"), [(2.0, False), (7.0, True)])
+def test_a_metal_whose_detail_is_finer_than_its_texels_has_no_paint(better: float, found: bool) -> None:
+    """On a metal sphere half of the texels were explained twice as well as paint, and confidently wrong by 0.1."""
+    paint = np.zeros((40, 40), bool)
+    paint[:, :20] = True
+
+    def solved(error: np.ndarray) -> SolvedTexels:
+        count = np.full(paint.shape, 9.0, np.float32)
+        return SolvedTexels(*[np.full(paint.shape, 0.4, np.float32)] * 3, np.ones(paint.shape, bool), count,
+                            (count * error**2).astype(np.float32), count, count)
+
+    parts = parts_of(solved(np.where(paint, 0.02, 0.01 * better)), solved(np.where(paint, 0.02 * better, 0.01)),
+                     np.ones(paint.shape, bool))
+    assert (parts is not None) == found
+    assert parts is None or (parts.paint == paint).mean() > 0.95

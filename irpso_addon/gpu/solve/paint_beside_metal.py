@@ -14,6 +14,9 @@ from .texel_records import SolvedTexels
 BETTER = 0.5  # of the error: a texel that another model explains so much better is of another material ...
 SHOWN = 0.01  # ... where the error is as large: relative, of all its observations
 LEAST_SHARE, LEAST_TEXELS = 0.02, 50  # of a material that are paint, from which on they are a part of it
+# Ratio of a metal's error to that of paint, in the median of the texels that seem paint, from which on they are: real
+# paint has 7 and more, a metal whose detail is finer than its texels 2.
+TWO_KINDS = 3.0
 FINEST = 0.003  # relative: what a model leaves below this is the forward model's own error
 WINDOWS = (3, 9, 27)  # texels: widths over which evidence is summed, up to the first in which it is clear
 CLEAR = 5.0  # nats
@@ -65,7 +68,7 @@ def parts_of(without: SolvedTexels, metal: SolvedTexels, texels: Bool, before: B
     paint = texels & (summed < 0)
     # No texel departs from most of those around it.
     paint = texels & (2 * box(paint.astype(np.float64), 3) > box(texels.astype(np.float64), 3))
-    if before is None and (texels & ~paint).sum() < least:
+    if before is None and ((texels & ~paint).sum() < least or _ratio(without, metal, paint) < TWO_KINDS):
         return None
     return Parts(texels & ~paint, paint, texels & (unclear | (paint != (summed < 0))))
 
@@ -83,11 +86,22 @@ def take_parts(result: LadderResult, name: str, texels: Bool, parts: Parts) -> N
             result.level = None
 
 
+def _ratio(without: SolvedTexels, metal: SolvedTexels, paint: Bool) -> float:
+    """Of the error that a metal's model leaves to that of paint, in the median of the texels that seem ``paint``."""
+    left, more = (_variance(solved)[paint] for solved in (without, metal))
+    return float(np.median(np.sqrt(more / left))) if paint.any() else 0.0
+
+
+def _variance(solved: SolvedTexels) -> F64:
+    """(h, w) mean squared relative error of a texel's observations, and what the forward model itself is off by."""
+    return np.asarray(solved.residual / np.maximum(solved.observations.astype(np.float64), 1.0) + FINEST**2)
+
+
 def _evidence(without: SolvedTexels, metal: SolvedTexels, texels: Bool) -> F64:
     """(h, w) nats by which Metallic explains a texel's observations better; 0 elsewhere.
 
     Both models find base colour and roughness.  Errors are taken to be normal, of a size that is not known.
     """
     count = np.maximum(without.observations.astype(np.float64), 1.0)
-    left, more = (solved.residual / count + FINEST**2 for solved in (metal, without))
+    left, more = _variance(metal), _variance(without)
     return np.where(texels, 0.5 * count * np.log(more / left), 0.0)
