@@ -27,6 +27,13 @@ float D_ggx_spread(float alpha2, float sin2h, float spread) {
     return 0.5 * (D_ggx(alpha2, sin2h - half_width) + D_ggx(alpha2, sin2h + half_width));
 }
 
+// Mean of D over a disc of half vectors, in closed form: sin^2 of its middle to the normal, square of its radius.
+float D_ggx_disc(float alpha2, float middle2, float radius2) {
+    float inner = radius2 * (1.0 - alpha2), outside = alpha2 + middle2 * (1.0 - alpha2) - inner;
+    float root = sqrt(outside * outside + 4.0 * alpha2 * inner);
+    return outside > 0.0 ? 2.0 * alpha2 / (PI * root * (root + outside)) : (root - outside) / (2.0 * PI * inner * root);
+}
+
 // D_ggx_spread with its derivative by alpha2: dD/dalpha2 = (s (1 + alpha2) - alpha2) / (pi q^3).
 void D_ggx_spread_d(float alpha2, float sin2h, float spread, out float value, out float d_alpha2) {
     float half_width = min(spread, sin2h);

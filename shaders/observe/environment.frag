@@ -44,10 +44,9 @@ bool wide(Direction d) {
         (close_by(d) || d.spread * d.spread > SHARP * (dot(off, off) + alpha2_of[FIRST_NODE] * square));
 }
 
-// D / (1 + Lambda_l + Lambda_v), over two: of half vectors whose sin^2 to the normal is as often low as high.
-float lobe(float alpha2, float low, float high, float tan2, float root) {
-    float q_low = low * (1.0 - alpha2) + alpha2, q_high = high * (1.0 - alpha2) + alpha2, both = q_low * q_high;
-    return alpha2 * (0.5 / PI) * (q_low * q_low + q_high * q_high) / (both * both * (lambda_root(alpha2, tan2) + root));
+// D / (1 + Lambda_l + Lambda_v), over two: of a disc of half vectors, as D_ggx_disc.
+float lobe(float alpha2, float sin2h, float radius2, float tan2, float root) {
+    return D_ggx_disc(alpha2, sin2h, radius2) / (lambda_root(alpha2, tan2) + root);
 }
 
 void add(Direction d, float share) {
@@ -67,13 +66,15 @@ void add(Direction d, float share) {
     vec3 a = (d_v_dx - H * dot(H, d_v_dx)) * inv - dx, b = (d_v_dy - H * dot(H, d_v_dy)) * inv - dy;
     float pixel = u_footprint * u_footprint / 12.0;
     float along_a = dot(off, a), along_b = dot(off, b);
-    float mean = sin2h + 2.0 * variance + pixel * (dot(a, a) + dot(b, b));
-    float spread = 2.0 * sqrt(variance * (sin2h + variance) + pixel * (along_a * along_a + along_b * along_b));
+    // As a disc of the same second moments: along the way to the normal, or at the normal itself in all directions.
+    float half_trace = variance + 0.5 * pixel * (dot(a, a) + dot(b, b));
+    float along = variance * sin2h + pixel * (along_a * along_a + along_b * along_b) + half_trace * half_trace;
+    float radius2 = 4.0 * along / (sin2h + half_trace);
+    float middle2 = max(sin2h + 2.0 * half_trace - 0.5 * radius2, 0.0);
     float fresnel = F_dielectric(dot(V, H)), grey = dot(arrives, vec3(1.0 / 3.0));
     vec4 sent = vec4(arrives * fresnel, grey) / (2.0 * cos_l * cos_v);
     float tan2 = 1.0 / (cos_l * cos_l) - 1.0;
-    float half_width = min(spread, mean), low = mean - half_width, high = mean + half_width;
-#define NODE(k) o_node[k] += lobe(alpha2_of[FIRST_NODE + k], low, high, tan2, root_v[k]) * sent;
+#define NODE(k) o_node[k] += lobe(alpha2_of[FIRST_NODE + k], middle2, radius2, tan2, root_v[k]) * sent;
     EACH_NODE
 #undef NODE
 #ifdef IRRADIANCE

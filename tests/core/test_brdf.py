@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,23 @@ def test_spread_approaches_the_mean_over_a_narrow_distribution():
     mean = (brdf.D_ggx(alpha2, s) * w).sum() / (2 * half)
     got = brdf.D_ggx_spread(alpha2, middle, half / np.sqrt(3))
     assert abs(got / mean - 1) < 0.1 * abs(brdf.D_ggx(alpha2, middle) / mean - 1)
+
+
+@pytest.mark.parametrize("roughness", [0.05, 0.1, 0.3, 0.8])
+@pytest.mark.parametrize(("middle", "radius"), [
+    (0.0, 0.02), (0.01, 0.02), (0.03, 0.02), (0.3, 0.05), (0.2, 0.2), (0.5, 1e-4)])
+def test_the_mean_over_a_disc_is_that_of_quadrature(roughness, middle, radius):
+    """In rings about the normal: the arc that lies in the disc has a closed form, the ring's width is integrated."""
+    low, high = max(middle - radius, 0.0), middle + radius
+    within = np.unique(np.clip([0.0, low, abs(radius - middle), *np.geomspace(1e-5, 1, 40), high], 0, high))
+    total = 0.0
+    for a, b in itertools.pairwise(within):
+        t, w = gauss(0, np.pi, 60)  # dense at both ends, where the arc has roots
+        rho, w = (a + b) / 2 - (b - a) / 2 * np.cos(t), w * (b - a) / 2 * np.sin(t)
+        cosine = (rho**2 + middle**2 - radius**2) / np.maximum(2 * rho * middle, 1e-30)
+        arc = 2 * np.arccos(np.clip(cosine, -1, 1)) if middle else np.where(rho < radius, 2 * np.pi, 0.0)
+        total += (brdf.D_ggx(roughness**4, rho**2) * arc * rho * w).sum()
+    assert brdf.D_ggx_disc(roughness**4, middle**2, radius**2) == pytest.approx(total / (np.pi * radius**2), rel=1e-4)
 
 
 def test_a_metals_derivatives_equal_central_differences():

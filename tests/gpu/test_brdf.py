@@ -42,6 +42,7 @@ def columns(arguments: dict[str, np.ndarray], *names: str) -> tuple[np.ndarray, 
 @pytest.mark.parametrize(("name", "names"), [
     ("D_ggx", ("alpha2", "sin2h")),
     ("D_ggx_spread", ("alpha2", "sin2h", "spread")),
+    ("D_ggx_disc", ("alpha2", "sin2h", "spread")),
     ("lambda_root", ("alpha2", "tan2")),
     ("lambda_root_beckmann", ("alpha2", "tan2")),
     ("F_dielectric", ("cos_vh",)),

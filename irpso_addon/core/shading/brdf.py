@@ -44,6 +44,22 @@ def D_ggx_spread(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> F64:
     return a2 / np.pi * (q * q + d * d) / ((q - d) * (q + d)) ** 2
 
 
+def D_ggx_disc(alpha2: ArrayLike, middle2: ArrayLike, radius2: ArrayLike) -> F64:
+    """Mean of D over a disc of half vectors: sin^2 of its middle to the normal, square of its radius (0: a point).
+
+    The mean conserves energy however small the lobe is beside the disc.  D is the area that a stereographic projection
+    makes of the plane's (sin theta_h to the left and ahead), so that a disc's share is that of a cap: a closed form.
+    """
+    a2 = np.asarray(alpha2, np.float64)
+    inner = np.asarray(radius2 * (1 - a2))
+    outside = a2 + middle2 * (1 - a2) - inner
+    root = np.sqrt(outside**2 + 4 * a2 * inner)
+    # Of two forms of one value the one that does not cancel.
+    far = 2 * a2 / (root * np.where(outside > 0, root + outside, 1.0))
+    near = (root - outside) / (2 * np.where(outside > 0, 1.0, inner) * root)
+    return np.asarray(np.where(outside > 0, far, near) / np.pi)
+
+
 def D_ggx_spread_d(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> tuple[F64, F64]:
     """(D_ggx_spread, its derivative by alpha2)."""
     a2, s = np.asarray(alpha2, np.float64), np.asarray(sin2h, np.float64)
@@ -255,6 +271,13 @@ def lobe_ggx(roughness: ArrayLike, sin2h: ArrayLike, spread: ArrayLike, cos_l: A
     cl, cv = np.asarray(cos_l, np.float64), np.asarray(cos_v, np.float64)
     roots = lambda_root(a2, 1 / (cl * cl) - 1) + lambda_root(a2, 1 / (cv * cv) - 1)
     return np.asarray(D_ggx_spread(a2, sin2h, spread) / (2 * cl * cv * roots))
+
+
+def disc_ggx(roughness: ArrayLike, middle2: ArrayLike, radius2: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike) -> F64:
+    """``lobe_ggx`` of the mean of D over a disc."""
+    point = lobe_ggx(roughness, middle2, 0.0, cos_l, cos_v)
+    a2 = np.asarray(roughness, np.float64) ** 4
+    return np.asarray(point * D_ggx_disc(a2, middle2, radius2) / D_ggx(a2, middle2))
 
 
 def specular_principled(
