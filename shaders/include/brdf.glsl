@@ -21,28 +21,43 @@ float D_ggx(float alpha2, float sin2h) {
     return alpha2 / (PI * q * q);
 }
 
-// Mean of D over sin2h +- spread (a standard deviation): two-point Gauss-Hermite rule over pixel and emitter.
-float D_ggx_spread(float alpha2, float sin2h, float spread) {
-    float half_width = min(spread, sin2h); // keeps the mean where the lower point would fall below 0
-    return 0.5 * (D_ggx(alpha2, sin2h - half_width) + D_ggx(alpha2, sin2h + half_width));
-}
-
-// Mean of D over a disc of half vectors, in closed form: sin^2 of its middle to the normal, square of its radius.
-float D_ggx_disc(float alpha2, float middle2, float radius2) {
-    float inner = radius2 * (1.0 - alpha2), outside = alpha2 + middle2 * (1.0 - alpha2) - inner;
+// Mean of D over a disc of half vectors, what a pixel and an emitter make of one, in closed form; sin2h: of its middle,
+// radius2: square of its radius.
+vec2 D_ggx_disc_ratio(float alpha2, float sin2h, float radius2) {
+    float inner = radius2 * (1.0 - alpha2), outside = alpha2 + (sin2h - radius2) * (1.0 - alpha2);
     float root = sqrt(outside * outside + 4.0 * alpha2 * inner);
-    return outside > 0.0 ? 2.0 * alpha2 / (PI * root * (root + outside)) : (root - outside) / (2.0 * PI * inner * root);
+    // Of two forms of one value the one that does not cancel; above and below the line.
+    return outside > 0.0 ? vec2(2.0 * alpha2, PI * root * (root + outside)) : vec2(root - outside, 2.0 * PI * inner * root);
 }
 
-// D_ggx_spread with its derivative by alpha2: dD/dalpha2 = (s (1 + alpha2) - alpha2) / (pi q^3).
-void D_ggx_spread_d(float alpha2, float sin2h, float spread, out float value, out float d_alpha2) {
-    float half_width = min(spread, sin2h);
-    float low = sin2h - half_width, high = sin2h + half_width;
-    float inv_low = 1.0 / (low * (1.0 - alpha2) + alpha2), inv_high = 1.0 / (high * (1.0 - alpha2) + alpha2);
-    vec2 inv2 = vec2(inv_low * inv_low, inv_high * inv_high);
-    value = alpha2 * (inv2.x + inv2.y) * (0.5 / PI);
-    d_alpha2 = ((low * (1.0 + alpha2) - alpha2) * inv2.x * inv_low
-              + (high * (1.0 + alpha2) - alpha2) * inv2.y * inv_high) * (0.5 / PI);
+float D_ggx_disc(float alpha2, float sin2h, float radius2) {
+    vec2 ratio = D_ggx_disc_ratio(alpha2, sin2h, radius2);
+    return ratio.x / ratio.y;
+}
+
+// D_ggx_disc with its derivative by alpha2.
+void D_ggx_disc_d(float alpha2, float sin2h, float radius2, out float value, out float d_alpha2) {
+    float inner = radius2 * (1.0 - alpha2), outside = alpha2 + (sin2h - radius2) * (1.0 - alpha2);
+    float root = sqrt(outside * outside + 4.0 * alpha2 * inner), inv = 1.0 / root;
+    float d_outside = 1.0 - sin2h + radius2;
+    float d_root = (outside * d_outside + 2.0 * radius2 * (1.0 - 2.0 * alpha2)) * inv;
+    if (outside > 0.0) {
+        float both = 1.0 / (root + outside);
+        value = 2.0 * alpha2 / PI * inv * both;
+        d_alpha2 = 2.0 / PI * inv * both * (1.0 - alpha2 * (d_root * inv + (d_root + d_outside) * both));
+    } else {
+        float scale = 0.5 / (PI * inner);
+        value = (root - outside) * scale * inv;
+        d_alpha2 = value / (1.0 - alpha2) + (outside * d_root * inv - d_outside) * scale * inv;
+    }
+}
+
+// The disc (sin^2 of its middle, square of its radius) that stands for half vectors about a middle: off the normal, where D
+// falls one way, their variance in that way is the disc's; near it, the mean of both ways.  half_trace: half of the sum of
+// both variances; along: sin2h times the variance in the way to the normal.
+vec2 disc_of(float sin2h, float half_trace, float along) {
+    float radius2 = 4.0 * (along + half_trace * half_trace) / max(sin2h + half_trace, 1e-30);
+    return vec2(max(sin2h + 2.0 * half_trace - 0.5 * radius2, 0.0), radius2);
 }
 
 // sqrt(1 + alpha2 tan2). 1 + Lambda_l + Lambda_v is the mean of the two roots. Heitz 2014, eq. 72 and 99.
@@ -50,11 +65,11 @@ float lambda_root(float alpha2, float tan2) {
     return sqrt(1.0 + alpha2 * tan2);
 }
 
-// Beckmann's distribution exp(-tan^2 / alpha2) / (pi alpha2 cos^4) over sin2h +- spread, as D_ggx_spread, with its
-// derivative by alpha2. Walter et al. 2007, eq. 25.
-void D_beckmann_spread_d(float alpha2, float sin2h, float spread, out float value, out float d_alpha2) {
-    float half_width = min(spread, sin2h);
-    vec2 point = vec2(sin2h - half_width, sin2h + half_width);
+// Beckmann's distribution exp(-tan^2 / alpha2) / (pi alpha2 cos^4) over such a disc, by the two points of sin^2 that have
+// its mean and variance, with its derivative by alpha2. Walter et al. 2007, eq. 25.
+void D_beckmann_disc_d(float alpha2, float sin2h, float radius2, out float value, out float d_alpha2) {
+    float mean = sin2h + 0.5 * radius2, half_width = sqrt(radius2 * (sin2h + radius2 / 12.0));
+    vec2 point = vec2((sin2h * sin2h + radius2 * radius2 / 6.0) / max(mean + half_width, 1e-30), mean + half_width);
     float inv = 1.0 / max(alpha2, ALPHA2_MIN);
     vec2 inv_cos2 = 1.0 / max(1.0 - point, COS2H_MIN);
     vec2 x = point * inv_cos2 * inv;
@@ -63,9 +78,9 @@ void D_beckmann_spread_d(float alpha2, float sin2h, float spread, out float valu
     d_alpha2 = dot(D, x - 1.0) * inv;
 }
 
-float D_beckmann_spread(float alpha2, float sin2h, float spread) {
+float D_beckmann_disc(float alpha2, float sin2h, float radius2) {
     float value, unused;
-    D_beckmann_spread_d(alpha2, sin2h, spread, value, unused);
+    D_beckmann_disc_d(alpha2, sin2h, radius2, value, unused);
     return value;
 }
 
@@ -225,19 +240,19 @@ float F_schlick(float cos_vh) {
 }
 
 // D F comp / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)). Heitz 2014, "Understanding the Masking-Shadowing Function".
-float specular_principled(float roughness, float sin2h, float spread, float cos_l, float cos_v, float cos_vh) {
+float specular_principled(float roughness, float sin2h, float radius2, float cos_l, float cos_v, float cos_vh) {
     float alpha2 = roughness * roughness * roughness * roughness;
     float roots = lambda_root(alpha2, 1.0 / (cos_l * cos_l) - 1.0) + lambda_root(alpha2, 1.0 / (cos_v * cos_v) - 1.0);
-    return D_ggx_spread(alpha2, sin2h, spread) * F_dielectric(cos_vh) * principled_energy(roughness, cos_v).x
+    return D_ggx_disc(alpha2, sin2h, radius2) * F_dielectric(cos_vh) * principled_energy(roughness, cos_v).x
          / (2.0 * cos_l * cos_v * roots);
 }
 
 // The same with Beckmann's distribution, at IOR 1.5 and without comp. Walter et al. 2007, eq. 20.
-float specular_beckmann(float roughness, float sin2h, float spread, float cos_l, float cos_v, float cos_vh) {
+float specular_beckmann(float roughness, float sin2h, float radius2, float cos_l, float cos_v, float cos_vh) {
     float alpha2 = roughness * roughness * roughness * roughness;
     float roots = lambda_root_beckmann(alpha2, 1.0 / (cos_l * cos_l) - 1.0)
                 + lambda_root_beckmann(alpha2, 1.0 / (cos_v * cos_v) - 1.0);
-    return D_beckmann_spread(alpha2, sin2h, spread) * F_dielectric(cos_vh) / (2.0 * cos_l * cos_v * roots);
+    return D_beckmann_disc(alpha2, sin2h, radius2) * F_dielectric(cos_vh) / (2.0 * cos_l * cos_v * roots);
 }
 
 // (1 - A) / pi: what the specular layer leaves to a white diffuse; depends on the view only, as in Cycles.

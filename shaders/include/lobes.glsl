@@ -60,13 +60,13 @@ float lobe_shape(Found f, float r, float cos_v, vec4 lobe) {
 #ifdef NDF_BECKMANN
     if (is_beckmann(f)) {
         float d, root_l, root_v, unused;
-        D_beckmann_spread_d(alpha2, lobe.x, lobe.y, d, unused);
+        D_beckmann_disc_d(alpha2, lobe.x, lobe.y, d, unused);
         lambda_root_beckmann_d(alpha2, tan2_l, root_l, unused);
         lambda_root_beckmann_d(alpha2, tan2_v, root_v, unused);
         return d / (root_l + root_v);
     }
 #endif
-    return energy_of(r, cos_v, f.level).x * D_ggx_spread(alpha2, lobe.x, lobe.y)
+    return energy_of(r, cos_v, f.level).x * D_ggx_disc(alpha2, lobe.x, lobe.y)
          / (lambda_root(alpha2, tan2_l) + lambda_root(alpha2, tan2_v));
 }
 
@@ -89,7 +89,7 @@ vec2 metal_of(Found f, float cos_v, vec4 lobe) {
     float alpha2 = f.r.x * f.r.x * f.r.x * f.r.x;
     float tan2_l = 1.0 / (lobe.z * lobe.z + 1e-12) - 1.0, tan2_v = 1.0 / (cos_v * cos_v) - 1.0;
     float cos_vh = min((lobe.z + cos_v) / (2.0 * sqrt(max(1.0 - lobe.x, 1e-6))), 1.0), black = F_schlick(cos_vh);
-    float s = lobe.w / F_dielectric(cos_vh) * D_ggx_spread(alpha2, lobe.x, lobe.y)
+    float s = lobe.w / F_dielectric(cos_vh) * D_ggx_disc(alpha2, lobe.x, lobe.y)
             / (lambda_root(alpha2, tan2_l) + lambda_root(alpha2, tan2_v));
     return s * vec2(black, 1.0 - black);
 }
@@ -107,7 +107,7 @@ void metal_gain_of(Found f, float cos_v, vec3 base, out vec3 gain, out vec3 d_ba
 float coat_of(vec2 coat, float cos_v, vec4 lobe) {
     float alpha2 = coat.y * coat.y * coat.y * coat.y;
     float tan2_l = 1.0 / (lobe.z * lobe.z + 1e-12) - 1.0, tan2_v = 1.0 / (cos_v * cos_v) - 1.0;
-    return coat.x * principled_energy(coat.y, cos_v).x * lobe.w * D_ggx_spread(alpha2, lobe.x, lobe.y)
+    return coat.x * principled_energy(coat.y, cos_v).x * lobe.w * D_ggx_disc(alpha2, lobe.x, lobe.y)
          / (lambda_root(alpha2, tan2_l) + lambda_root(alpha2, tan2_v));
 }
 #endif

@@ -29,10 +29,13 @@ float irradiance_of(Pixel pixel) {
     return e;
 }
 
-// Mean and spread of sin^2(theta_h) over the pixel's footprint and the emitter, the cosine to the light, and
-// F / (2 cos_l cos_v); zero where the light is below the horizon.  e: as irradiance_of.
+// A disc with the second moments of the half vectors over the pixel's footprint and the emitter (sin^2(theta_h) of its
+// middle, square of its radius), the cosine to the light, and F / (2 cos_l cos_v); zero where the light is below the
+// horizon.  e: as irradiance_of.
 vec4 lobe_geometry(Pixel pixel, out float e) {
-    float sum = 0.0, mean = 0.0, square = 0.0, cos_l = 0.0, fresnel = 0.0, cos_v = 0.0;
+    float sum = 0.0, cos_l = 0.0, fresnel = 0.0, cos_v = 0.0;
+    vec3 middle = vec3(0.0);
+    mat3 moments = mat3(0.0);
     e = 0.0;
     for (int j = 0; j < 4; j++) {
         vec3 P, N;
@@ -47,19 +50,21 @@ vec4 lobe_geometry(Pixel pixel, out float e) {
             weight *= max(nl, 0.0);
             vec3 H = normalize(L + V);
             vec3 off = cross(N, H);
-            float s = dot(off, off);
             sum += weight;
-            mean += weight * s;
-            square += weight * s * s;
+            middle += weight * off;
+            moments += weight * outerProduct(off, off);
             cos_l += weight * nl;
             fresnel += weight * F_dielectric(dot(V, H));
         }
     }
     if (sum <= 0.0 || cos_v <= 0.0) return vec4(0.0);
-    mean /= sum;
+    middle /= sum;
+    moments /= sum;
     cos_l = clamp(cos_l / sum, 1e-3, 1.0);
     cos_v = clamp(cos_v, 1e-3, 1.0);
-    return vec4(mean, sqrt(max(square / sum - mean * mean, 0.0)), cos_l, fresnel / sum / (2.0 * cos_l * cos_v));
+    float sin2h = dot(middle, middle), half_trace = 0.5 * max(moments[0][0] + moments[1][1] + moments[2][2] - sin2h, 0.0);
+    vec2 disc = disc_of(sin2h, half_trace, max(dot(middle, moments * middle) - sin2h * sin2h, 0.0));
+    return vec4(disc, cos_l, fresnel / sum / (2.0 * cos_l * cos_v));
 }
 
 // Does a shadow or the terminator pass here?

@@ -44,9 +44,10 @@ bool wide(Direction d) {
         (close_by(d) || d.spread * d.spread > SHARP * (dot(off, off) + alpha2_of[FIRST_NODE] * square));
 }
 
-// D / (1 + Lambda_l + Lambda_v), over two: of a disc of half vectors, as D_ggx_disc.
-float lobe(float alpha2, float sin2h, float radius2, float tan2, float root) {
-    return D_ggx_disc(alpha2, sin2h, radius2) / (lambda_root(alpha2, tan2) + root);
+// D / (1 + Lambda_l + Lambda_v), over two, of a disc of half vectors.
+float lobe(float alpha2, vec2 disc, float tan2, float root) {
+    vec2 D = D_ggx_disc_ratio(alpha2, disc.x, disc.y);
+    return D.x / (D.y * (lambda_root(alpha2, tan2) + root));  // one division
 }
 
 void add(Direction d, float share) {
@@ -66,15 +67,12 @@ void add(Direction d, float share) {
     vec3 a = (d_v_dx - H * dot(H, d_v_dx)) * inv - dx, b = (d_v_dy - H * dot(H, d_v_dy)) * inv - dy;
     float pixel = u_footprint * u_footprint / 12.0;
     float along_a = dot(off, a), along_b = dot(off, b);
-    // As a disc of the same second moments: along the way to the normal, or at the normal itself in all directions.
     float half_trace = variance + 0.5 * pixel * (dot(a, a) + dot(b, b));
-    float along = variance * sin2h + pixel * (along_a * along_a + along_b * along_b) + half_trace * half_trace;
-    float radius2 = 4.0 * along / (sin2h + half_trace);
-    float middle2 = max(sin2h + 2.0 * half_trace - 0.5 * radius2, 0.0);
+    vec2 disc = disc_of(sin2h, half_trace, variance * sin2h + pixel * (along_a * along_a + along_b * along_b));
     float fresnel = F_dielectric(dot(V, H)), grey = dot(arrives, vec3(1.0 / 3.0));
     vec4 sent = vec4(arrives * fresnel, grey) / (2.0 * cos_l * cos_v);
     float tan2 = 1.0 / (cos_l * cos_l) - 1.0;
-#define NODE(k) o_node[k] += lobe(alpha2_of[FIRST_NODE + k], middle2, radius2, tan2, root_v[k]) * sent;
+#define NODE(k) o_node[k] += lobe(alpha2_of[FIRST_NODE + k], disc, tan2, root_v[k]) * sent;
     EACH_NODE
 #undef NODE
 #ifdef IRRADIANCE

@@ -7,7 +7,7 @@ uniform sampler2D u_bounced;     // indirect irradiance
 #endif
 uniform vec3 u_channel;          // which channels' shares of the light count
 
-layout(location = 0) out vec4 o_lobe;  // sin2h, spread, cos_l, F / (2 cos_l cos_v) * E_light / E_view
+layout(location = 0) out vec4 o_lobe;  // sin2h, radius2, cos_l, F / (2 cos_l cos_v) * E_light / E_view
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);

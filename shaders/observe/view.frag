@@ -4,7 +4,7 @@ uniform sampler2D u_image;  // radiance, quality (0: unusable, 1: good, between:
 uniform vec3 u_power;
 
 layout(location = 0) out vec4 o_colour;  // radiance / irradiance (1/sr), quality (about 1: good)
-layout(location = 1) out vec4 o_lobe;    // sin2h, spread, cos_l, F / (2 cos_l cos_v)
+layout(location = 1) out vec4 o_lobe;    // sin2h, radius2, cos_l, F / (2 cos_l cos_v)
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);

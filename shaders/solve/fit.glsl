@@ -32,7 +32,7 @@ struct Group {
 #endif
 #endif
 };
-struct Total { CHANNEL w, r, rr, t, tt, rt, first; };  // r too is the difference to the first group's
+struct Total { CHANNEL w, r, rr, t, tt, rt, first; };  // r too is the difference to one group's: join() chooses it
 
 #ifdef TILTS
 float fit_tilts;  // what tilts explain, of the last evaluation: no part of the residual
@@ -50,7 +50,12 @@ const Total NOTHING = Total(CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.0), CHANNEL(0.
 
 // Adds a group's albedo, with its derivative by roughness, to `total`.
 void join(float rho, float d_rho, float w, CHANNEL channel, inout Total total) {
-    total.first += (rho - total.first) * channel * (1.0 - step(CHANNEL(1e-20), total.w));
+    // Sums are about the heaviest group's so far: about a light one's, float32 would lose what the heavy ones leave.
+    CHANNEL shift = (rho - total.first) * channel * step(total.w, CHANNEL(w));
+    total.first += shift;
+    total.rr += shift * (shift * total.w - 2.0 * total.r);
+    total.r -= shift * total.w;
+    total.rt -= shift * total.t;
     CHANNEL off = rho - total.first;
     total.w += w * channel;
     total.r += w * off * channel;

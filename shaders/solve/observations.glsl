@@ -87,7 +87,7 @@ float lobe_sin2h[LOBES_HELD], lobe_tan2[LOBES_HELD], lobe_factor[LOBES_HELD];
 float lobe_given[LOBES_HELD], lobe_cos_vh[LOBES_HELD];  // the factor at level 0.5
 #endif
 #ifdef SPREAD
-float lobe_spread[LOBES_HELD];
+float lobe_radius2[LOBES_HELD];
 #endif
 #ifdef METALLIC
 vec2 lobe_metal[LOBES_HELD];  // u_metallic times the factor of a black metal, and what a white one's has beyond
@@ -235,7 +235,7 @@ bool load_observations() {
                 int i = n * LIGHTS + l;
                 lobe_sin2h[i] = v.x;
 #ifdef SPREAD
-                lobe_spread[i] = v.y;
+                lobe_radius2[i] = v.y;
 #endif
                 lobe_tan2[i] = 1.0 / (v.z * v.z + 1e-12) - 1.0;
                 lobe_factor[i] = v.w;
@@ -243,7 +243,7 @@ bool load_observations() {
                 if (v.w > 0.0) obs_tilt[n] += tilt_slope(n, l, P, A, B, v, o.z);  // else a layer with fewer lights
 #endif
 #ifdef COAT
-                coat_lobe += v.w * D_ggx_spread(coat_alpha2, v.x, v.y)
+                coat_lobe += v.w * D_ggx_disc(coat_alpha2, v.x, v.y)
                            / (coat_root + lambda_root(coat_alpha2, lobe_tan2[i]));
 #endif
 #if defined(SPECULAR) || defined(METALLIC)
@@ -334,9 +334,9 @@ Toward toward(float r, float cos_v) {
     return t;
 }
 
-float spread_of(int i) {
+float radius2_of(int i) {
 #ifdef SPREAD
-    return lobe_spread[i];
+    return lobe_radius2[i];
 #else
     return 0.0;  // points, seen and lit: the compiler folds the two-point rule to one
 #endif
@@ -351,11 +351,11 @@ void specular_d(int n, float r, Toward t, out float s, out float ds) {
         float value, slope;
 #ifdef NDF_BECKMANN
         float root_l, d_root_l;
-        D_beckmann_spread_d(alpha2, lobe_sin2h[i], spread_of(i), value, slope);
+        D_beckmann_disc_d(alpha2, lobe_sin2h[i], radius2_of(i), value, slope);
         lambda_root_beckmann_d(alpha2, lobe_tan2[i], root_l, d_root_l);
         d_root_l *= d_alpha2;
 #else
-        D_ggx_spread_d(alpha2, lobe_sin2h[i], spread_of(i), value, slope);
+        D_ggx_disc_d(alpha2, lobe_sin2h[i], radius2_of(i), value, slope);
         float root_l = lambda_root(alpha2, lobe_tan2[i]);
         float d_root_l = 0.5 * lobe_tan2[i] / root_l * d_alpha2;
 #endif
@@ -387,7 +387,7 @@ void metal_parts_d(int n, float r, Toward t, out vec3 parts, out vec3 slopes) {
     for (int l = 0; l < LIGHTS; l++) {
         int i = n * LIGHTS + l;
         float value, slope;
-        D_ggx_spread_d(alpha2, lobe_sin2h[i], spread_of(i), value, slope);
+        D_ggx_disc_d(alpha2, lobe_sin2h[i], radius2_of(i), value, slope);
         float root_l = lambda_root(alpha2, lobe_tan2[i]);
         float down = 1.0 / (root_l + t.root), d_root_l = 0.5 * lobe_tan2[i] / root_l * d_alpha2;
         vec3 term = down * vec3(lobe_factor[i], lobe_metal[i]);

@@ -55,26 +55,17 @@ def test_beckmann_masks_so_that_the_visible_area_is_the_projected_one(roughness,
 def test_beckmann_is_finite_and_vanishes_where_it_should():
     alpha2 = np.array([0, 1e-12, 6.25e-6, 0.1, 1])[:, None]
     sin2h = np.array([0, 1e-9, 0.5, 1 - 1e-7, 1])
-    for spread in (0.0, 0.3, 2.0):
-        assert np.isfinite(brdf.D_beckmann_spread_d(alpha2, sin2h, spread)).all()
+    for radius2 in (0.0, 0.3, 2.0):
+        assert np.isfinite(brdf.D_beckmann_disc_d(alpha2, sin2h, radius2)).all()
     assert (brdf.D_beckmann(alpha2, 1.0) == 0).all() and (brdf.D_beckmann(alpha2[:3], 0.5) == 0).all()
     assert np.isfinite(brdf.lambda_beckmann_d(alpha2, np.array([0, 1, 1e12]))).all()
 
 
-def test_spread_is_the_mean_of_two_points_and_keeps_the_mean_of_sin2h():
-    sin2h, spread = np.array([0.01, 0.01, 0.02]), np.array([0.0, 0.004, 0.5])
-    two = [(0.01, 0.01), (0.006, 0.014), (0.0, 0.04)]
-    expected = [(brdf.D_ggx(0.01, a) + brdf.D_ggx(0.01, b)) / 2 for a, b in two]
-    np.testing.assert_allclose(brdf.D_ggx_spread(0.01, sin2h, spread), expected, rtol=1e-13)
-
-
-def test_spread_approaches_the_mean_over_a_narrow_distribution():
-    """Against quadrature over sin2h uniform in an interval whose width is small beside the peak's."""
-    alpha2, middle, half = 0.01, 0.008, 0.004
-    s, w = gauss(middle - half, middle + half, 20)
-    mean = (brdf.D_ggx(alpha2, s) * w).sum() / (2 * half)
-    got = brdf.D_ggx_spread(alpha2, middle, half / np.sqrt(3))
-    assert abs(got / mean - 1) < 0.1 * abs(brdf.D_ggx(alpha2, middle) / mean - 1)
+def test_beckmann_over_a_disc_has_the_mean_and_variance_of_its_sin2h():
+    sin2h, radius2 = np.array([0.01, 0.0, 0.02]), np.array([0.0, 0.004, 0.01])
+    mean, half = sin2h + radius2 / 2, np.sqrt(sin2h * radius2 + radius2**2 / 12)
+    expected = (brdf.D_beckmann(0.01, mean - half) + brdf.D_beckmann(0.01, mean + half)) / 2
+    np.testing.assert_allclose(brdf.D_beckmann_disc(0.01, sin2h, radius2), expected, rtol=1e-13)
 
 
 @pytest.mark.parametrize("roughness", [0.05, 0.1, 0.3, 0.8])
@@ -125,9 +116,9 @@ def test_a_white_metal_reflects_all_light(roughness):
 def test_derivatives_equal_central_differences():
     rng = np.random.default_rng(1)
     a2, s = rng.uniform(0.01, 0.9, 500), rng.uniform(0, 1, 500)
-    spread, step = s * rng.uniform(0, 1.5, 500), 1e-6
-    value, slope = brdf.D_ggx_spread_d(a2, s, spread)
-    numeric = (brdf.D_ggx_spread(a2 + step, s, spread) - brdf.D_ggx_spread(a2 - step, s, spread)) / (2 * step)
+    radius2, step = s * rng.uniform(0, 1.5, 500), 1e-6
+    value, slope = brdf.D_ggx_disc_d(a2, s, radius2)
+    numeric = (brdf.D_ggx_disc(a2 + step, s, radius2) - brdf.D_ggx_disc(a2 - step, s, radius2)) / (2 * step)
     np.testing.assert_allclose(slope, numeric, rtol=1e-6, atol=1e-6 * value.max())
     cos_v = rng.uniform(0.05, 1, 500)
     roughness = (rng.integers(30, tables.SIZE - 2, 500) + rng.uniform(0.1, 0.9, 500)) / (tables.SIZE - 1)
@@ -147,8 +138,8 @@ def assert_slope(slope, function, x, step):
 def test_derivatives_of_beckmann_equal_central_differences():
     rng = np.random.default_rng(2)
     a2, s, tan2 = rng.uniform(0.05, 0.9, 500), rng.uniform(0, 1, 500), 10 ** rng.uniform(-2, 3, 500)
-    spread = s * rng.uniform(0, 1.5, 500)
-    assert_slope(brdf.D_beckmann_spread_d(a2, s, spread)[1], lambda x: brdf.D_beckmann_spread(x, s, spread), a2, 1e-6)
+    radius2 = s * rng.uniform(0, 1.5, 500)
+    assert_slope(brdf.D_beckmann_disc_d(a2, s, radius2)[1], lambda x: brdf.D_beckmann_disc(x, s, radius2), a2, 1e-6)
     smooth = np.abs(a2 * tan2 - 0.39) > 1e-2  # the fit jumps by 1e-4 where Cycles cuts it
     root, slope = brdf.lambda_root_beckmann_d(a2, tan2)
     assert_slope(slope[smooth], lambda x: brdf.lambda_root_beckmann(x, tan2[smooth]), a2[smooth], 1e-6)

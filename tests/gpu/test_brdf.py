@@ -26,7 +26,7 @@ def arguments() -> dict[str, np.ndarray]:
     near_peak = roughness**4 * 10 ** rng.uniform(-3, 1.5, COUNT)
     sin2h = np.where(rng.random(COUNT) < 0.5, np.minimum(near_peak, 1), rng.random(COUNT))
     columns = {
-        "roughness": roughness, "alpha2": roughness**4, "sin2h": sin2h, "spread": sin2h * rng.uniform(0, 1.5, COUNT),
+        "roughness": roughness, "alpha2": roughness**4, "sin2h": sin2h, "radius2": sin2h * rng.uniform(0, 1.5, COUNT),
         "cos_l": rng.uniform(0.03, 1, COUNT), "cos_v": rng.uniform(0.03, 1, COUNT),
         "cos_vh": rng.uniform(0.01, 1, COUNT), "tan2": 10 ** rng.uniform(-3, 3, COUNT),
         "level": rng.uniform(0.005, 1, COUNT), "base": rng.uniform(0, 1, COUNT),
@@ -41,15 +41,14 @@ def columns(arguments: dict[str, np.ndarray], *names: str) -> tuple[np.ndarray, 
 
 @pytest.mark.parametrize(("name", "names"), [
     ("D_ggx", ("alpha2", "sin2h")),
-    ("D_ggx_spread", ("alpha2", "sin2h", "spread")),
-    ("D_ggx_disc", ("alpha2", "sin2h", "spread")),
+    ("D_ggx_disc", ("alpha2", "sin2h", "radius2")),
     ("lambda_root", ("alpha2", "tan2")),
     ("lambda_root_beckmann", ("alpha2", "tan2")),
     ("F_dielectric", ("cos_vh",)),
     ("F_level_ratio", ("cos_vh", "level")),
     ("F_schlick", ("cos_vh",)),
     ("diffuse_principled", ("roughness", "cos_v")),
-    ("specular_principled", ("roughness", "sin2h", "spread", "cos_l", "cos_v", "cos_vh")),
+    ("specular_principled", ("roughness", "sin2h", "radius2", "cos_l", "cos_v", "cos_vh")),
 ])
 def test_function_equals_its_twin(evaluate, arguments, name, names):
     packed, exact = columns(arguments, *names)
@@ -65,10 +64,10 @@ def test_what_a_coat_leaves_equals_its_twin(evaluate, arguments):
     np.testing.assert_allclose(got, want, rtol=RTOL)
 
 
-def test_spread_derivative_equals_its_twin(evaluate, arguments):
-    packed, exact = columns(arguments, "alpha2", "sin2h", "spread")
-    got = evaluate(BRDF, "D_ggx_spread_d(a.x, a.y, a.z, o.x, o.y);", packed)
-    value, derivative = brdf.D_ggx_spread_d(*exact)
+def test_disc_derivative_equals_its_twin(evaluate, arguments):
+    packed, exact = columns(arguments, "alpha2", "sin2h", "radius2")
+    got = evaluate(BRDF, "D_ggx_disc_d(a.x, a.y, a.z, o.x, o.y);", packed)
+    value, derivative = brdf.D_ggx_disc_d(*exact)
     np.testing.assert_allclose(got[:, 0], value, rtol=RTOL)
     # The derivative changes sign within the range: relative to value / alpha2, the scale of its two terms.
     np.testing.assert_array_less(np.abs(got[:, 1] - derivative) / (value / exact[0]), RTOL)
@@ -87,17 +86,17 @@ def test_energy_and_its_derivative_equal_their_twin(evaluate, arguments):
     np.testing.assert_allclose(got[inside, 2:], slope[inside], rtol=RTOL, atol=1e-4)
 
 
-@pytest.mark.parametrize("name", ["D_beckmann_spread", "specular_beckmann"])
+@pytest.mark.parametrize("name", ["D_beckmann_disc", "specular_beckmann"])
 def test_beckmann_equals_its_twin(evaluate, arguments, name):
     """exp(-x) magnifies the rounding of x by x, so the tolerance grows with it; beyond x = 40 it is 1e-17 or less."""
-    geometry = ("roughness", "sin2h", "spread", "cos_l", "cos_v", "cos_vh")
-    names = geometry if name == "specular_beckmann" else ("alpha2", "sin2h", "spread")
+    geometry = ("roughness", "sin2h", "radius2", "cos_l", "cos_v", "cos_vh")
+    names = geometry if name == "specular_beckmann" else ("alpha2", "sin2h", "radius2")
     packed, exact = columns(arguments, *names)
     places = ["a.x", "a.y", "a.z", "a.w", "b.x", "b.y"][: len(names)]
     got = evaluate(BRDF, f"o = vec4({name}({', '.join(places)}));", packed)[:, 0]
     expected = getattr(brdf, name)(*exact)
-    alpha2, sin2h, spread = (arguments[k].astype(np.float64) for k in ("alpha2", "sin2h", "spread"))
-    low = sin2h - np.minimum(spread, sin2h)
+    alpha2, sin2h, radius2 = (arguments[k].astype(np.float64) for k in ("alpha2", "sin2h", "radius2"))
+    low = sin2h + radius2 / 2 - np.sqrt(sin2h * radius2 + radius2**2 / 12)
     x = low / np.maximum(1 - low, 1e-9) / alpha2
     near = x < 40
     assert near.mean() > 0.4
@@ -108,9 +107,9 @@ def test_beckmann_equals_its_twin(evaluate, arguments, name):
 
 
 def test_beckmann_derivatives_equal_their_twins(evaluate, arguments):
-    packed, exact = columns(arguments, "alpha2", "sin2h", "spread")
-    got = evaluate(BRDF, "D_beckmann_spread_d(a.x, a.y, a.z, o.x, o.y);", packed)
-    value, derivative = brdf.D_beckmann_spread_d(*exact)
+    packed, exact = columns(arguments, "alpha2", "sin2h", "radius2")
+    got = evaluate(BRDF, "D_beckmann_disc_d(a.x, a.y, a.z, o.x, o.y);", packed)
+    value, derivative = brdf.D_beckmann_disc_d(*exact)
     # Its two terms (x - 1) D / alpha2 have opposite signs: relative to the peak's slope.
     scale = brdf.D_beckmann(exact[0], 0.0)
     np.testing.assert_array_less(np.abs(got[:, 0] - value) / scale, RTOL)
@@ -127,10 +126,10 @@ def test_beckmann_derivatives_equal_their_twins(evaluate, arguments):
 
 
 def test_beckmann_is_finite_in_float32(evaluate):
-    alpha2, sin2h, spread = (x.ravel() for x in np.meshgrid(
+    alpha2, sin2h, radius2 = (x.ravel() for x in np.meshgrid(
         [0, 1e-12, 6.25e-6, 0.1, 1], [0, 1e-12, 0.5, 1 - 6e-8, 1], [0, 1e-3, 3.0]))
-    packed = np.stack([alpha2, sin2h, spread], 1).astype(np.float32)
-    got = evaluate(BRDF, "D_beckmann_spread_d(a.x, a.y, a.z, o.x, o.y); "
+    packed = np.stack([alpha2, sin2h, radius2], 1).astype(np.float32)
+    got = evaluate(BRDF, "D_beckmann_disc_d(a.x, a.y, a.z, o.x, o.y); "
                          "lambda_beckmann_d(a.x, a.y < 0.1 ? 0.0 : a.y * 1e12, o.z, o.w);", packed)
     assert np.isfinite(got).all()
 

@@ -72,8 +72,8 @@ def parts(arrays: dict[str, Any], r: np.ndarray, ndf: str) -> tuple[np.ndarray, 
     r = np.maximum(r.astype(np.float64), 0.05)[..., None]  # 0 where there is no swarm
     alpha2, cos_l = r[..., None] ** 4, lobes[..., 2]
     tan2_l, tan2_v = 1 / cos_l**2 - 1, 1 / cos_v[..., None] ** 2 - 1
-    slopes = {"ggx": (brdf.D_ggx_spread, brdf.lambda_root),
-              "beckmann": (brdf.D_beckmann_spread, brdf.lambda_root_beckmann)}
+    slopes = {"ggx": (brdf.D_ggx_disc, brdf.lambda_root),
+              "beckmann": (brdf.D_beckmann_disc, brdf.lambda_root_beckmann)}
     distribution, root = slopes[ndf]
     value = distribution(alpha2, lobes[..., 0], lobes[..., 1]) / (root(alpha2, tan2_l) + root(alpha2, tan2_v))
     s = (lobes[..., 3] * value).sum(-1)

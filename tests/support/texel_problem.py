@@ -78,7 +78,7 @@ class Problem:
     rgb: F32  # (h, w, K, 3) radiance / irradiance, 1/sr
     quality: F32  # (h, w, K) 1 observed, 0 not
     cos_v: F32  # (h, w, K)
-    lobes: F32  # (h, w, K, 1, 4): sin2h, its spread (0), cos_l, F / (2 cos_l cos_v)
+    lobes: F32  # (h, w, K, 1, 4): sin2h, radius2 (0), cos_l, F / (2 cos_l cos_v)
     groups: tuple[int, ...]  # camera of each view; those of one camera follow one another
     truth: Estimate
     lamps: F64  # (K, 3) positions

@@ -260,7 +260,7 @@ class Twin:
         alpha2, cos_v = r[:, None, None] ** 4, self.cos_v[..., None]
         roots = brdf.lambda_root(alpha2, 1 / cos_l**2 - 1) + brdf.lambda_root(alpha2, 1 / cos_v**2 - 1)
         cos_vh = np.minimum((cos_l + cos_v) / (2 * np.sqrt(1 - sin2h)), 1)
-        lobe = factor / brdf.F_dielectric(cos_vh) * brdf.D_ggx_spread(alpha2, sin2h, spread) / roots
+        lobe = factor / brdf.F_dielectric(cos_vh) * brdf.D_ggx_disc(alpha2, sin2h, spread) / roots
         return (lobe * brdf.F_schlick(cos_vh)).sum(-1), lobe.sum(-1), brdf.metal_energy(r[:, None], self.cos_v)
 
     def dielectric(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -268,8 +268,8 @@ class Twin:
         r, cos_v = r[:, None], self.cos_v
         sin2h, spread, cos_l, factor = np.moveaxis(self.lobes, -1, 0)
         alpha2 = r[..., None] ** 4
-        slopes, root = {"ggx": (brdf.D_ggx_spread, brdf.lambda_root),
-                        "beckmann": (brdf.D_beckmann_spread, brdf.lambda_root_beckmann)}[self.ndf]
+        slopes, root = {"ggx": (brdf.D_ggx_disc, brdf.lambda_root),
+                        "beckmann": (brdf.D_beckmann_disc, brdf.lambda_root_beckmann)}[self.ndf]
         roots = root(alpha2, 1 / cos_l**2 - 1) + root(alpha2, 1 / cos_v[..., None] ** 2 - 1)
         s = factor * slopes(alpha2, sin2h, spread) / roots
         if self.ndf == "beckmann":

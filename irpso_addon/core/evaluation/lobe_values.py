@@ -1,4 +1,4 @@
-"""What lobes reflect at places whose geometry is given as the observations have it: sin2h, spread, cos_l, factor.
+"""What lobes reflect at places whose geometry is given as the observations have it: sin2h, radius2, cos_l, factor.
 
 ``nodes``, where an environment shines: (T, V, 2, NODES) logarithms of what its lobe returns at roughnesses
 (core/shading/environment.py), and V.H there.  It is the last of the lights then.
@@ -24,13 +24,13 @@ def lobe_values(
 
     lobes: (T, V, L, 4).  cos_v: (T, V) or (T, 1), not 0.  roughness: (T,).
     """
-    D: Callable[[F64, F64, F64], F64] = brdf.D_beckmann_spread if beckmann else brdf.D_ggx_spread
+    D: Callable[[F64, F64, F64], F64] = brdf.D_beckmann_disc if beckmann else brdf.D_ggx_disc
     root: Callable[[F64, F64], F64] = brdf.lambda_root_beckmann if beckmann else brdf.lambda_root
-    sin2h, spread, cos_l, factor = np.moveaxis(lobes, -1, 0)
+    sin2h, radius2, cos_l, factor = np.moveaxis(lobes, -1, 0)
     cos_l = np.clip(cos_l, 1e-3, 1)
     alpha2 = (roughness**4)[:, None, None]
     roots = root(alpha2, 1 / cos_l**2 - 1) + root(alpha2, 1 / cos_v[..., None] ** 2 - 1)
-    value: F64 = D(alpha2, sin2h, spread) * factor / roots
+    value: F64 = D(alpha2, sin2h, radius2) * factor / roots
     if nodes is None:
         return value
     around = environment.at_roughness(np.exp(nodes[..., 0, :]), roughness[:, None])

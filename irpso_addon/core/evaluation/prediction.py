@@ -24,7 +24,7 @@ class PlaceView:
     rgb: F32  # (T, 3) radiance / irradiance, 1/sr
     weight: F32  # (T, 3) how good an observation of the channel is; 0: none, or at an edge of shadow or silhouette
     cos_v: F32  # (T,)
-    lobes: F32  # (T, 3, L, 4) for each channel and light: sin2h, its spread, cos_l, F / (2 cos_l cos_v) * share of E
+    lobes: F32  # (T, 3, L, 4) for each channel and light: sin2h, radius2, cos_l, F / (2 cos_l cos_v) * share of E
     irradiance: F32 | None = None  # (T, 3) W/m^2 without shadows, where that was asked for; NaN at places passed over
     nodes: F32 | None = None  # (T, 3, 2, NODES) of an environment, see lobe_values.py
 

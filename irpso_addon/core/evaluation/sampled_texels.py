@@ -29,7 +29,7 @@ class SampledTexels:
     reflected: F64  # (T, V, C) radiance / irradiance, 1/sr
     quality: F64  # (T, V) 0 (not observed, or at an edge of shadow or silhouette) to 1
     cos_v: F64  # (T, V)
-    lobes: F64  # (T, V, L, 4) per light: sin2h, its spread, cos_l, F / (2 cos_l cos_v) * share of the irradiance
+    lobes: F64  # (T, V, L, 4) per light: sin2h, radius2, cos_l, F / (2 cos_l cos_v) * share of the irradiance
     irradiance: F64  # (T, V, C) W/m^2 without shadows
     camera: I32  # (V,)
     channel: I32  # (V,) 0 to 2 where the channels are kept apart, else 0

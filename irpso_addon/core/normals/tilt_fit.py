@@ -103,7 +103,7 @@ class TiltModel:
         lit = np.clip(cos_l, LEAST_COSINE, 1.0)
         tan2_v = (1 / cos_v**2 - 1)[..., None]
         roots = brdf.lambda_root(self.alpha2, 1 / lit**2 - 1) + brdf.lambda_root(self.alpha2, tan2_v)
-        shape = brdf.D_ggx_spread(self.alpha2, sin2h, sample.texels.lobes[..., 1]) / roots
+        shape = brdf.D_ggx_disc(self.alpha2, sin2h, sample.texels.lobes[..., 1]) / roots
         specular = summed(np.where(cos_l > 0, self.factor * shape, 0.0)) / cos_v
         return self.white * np.maximum(sample.brighter(cos_l), 0.0), specular
 

@@ -32,19 +32,10 @@ COS2H_MIN = 1e-6  # Beckmann: D is 0 there at any roughness
 
 def D_ggx(alpha2: ArrayLike, sin2h: ArrayLike) -> F64:
     """Normal distribution, 1/sr.  Walter et al. 2007, "Microfacet Models for Refraction", eq. 33."""
-    return D_ggx_spread(alpha2, sin2h, 0.0)
+    return D_ggx_disc(alpha2, sin2h, 0.0)
 
 
-def D_ggx_spread(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> F64:
-    """Mean of D over two points sin2h +- spread: two-point Gauss-Hermite rule for its mean over a pixel or lamp."""
-    a2, s = np.asarray(alpha2, np.float64), np.asarray(sin2h, np.float64)
-    # D is alpha2 / (pi q^2) with q = alpha2 cos^2 + sin^2, cos^2 = 1 - sin^2.  1 / (q - d)^2 + 1 / (q + d)^2 on one
-    # denominator:
-    q, d = s * (1 - a2) + a2, np.minimum(spread, s) * (1 - a2)
-    return a2 / np.pi * (q * q + d * d) / ((q - d) * (q + d)) ** 2
-
-
-def D_ggx_disc(alpha2: ArrayLike, middle2: ArrayLike, radius2: ArrayLike) -> F64:
+def D_ggx_disc(alpha2: ArrayLike, sin2h: ArrayLike, radius2: ArrayLike) -> F64:
     """Mean of D over a disc of half vectors: sin^2 of its middle to the normal, square of its radius (0: a point).
 
     The mean conserves energy however small the lobe is beside the disc.  D is the area that a stereographic projection
@@ -52,7 +43,7 @@ def D_ggx_disc(alpha2: ArrayLike, middle2: ArrayLike, radius2: ArrayLike) -> F64
     """
     a2 = np.asarray(alpha2, np.float64)
     inner = np.asarray(radius2 * (1 - a2))
-    outside = a2 + middle2 * (1 - a2) - inner
+    outside = a2 + (np.asarray(sin2h, np.float64) - radius2) * (1 - a2)
     root = np.sqrt(outside**2 + 4 * a2 * inner)
     # Of two forms of one value the one that does not cancel.
     far = 2 * a2 / (root * np.where(outside > 0, root + outside, 1.0))
@@ -60,14 +51,21 @@ def D_ggx_disc(alpha2: ArrayLike, middle2: ArrayLike, radius2: ArrayLike) -> F64
     return np.asarray(np.where(outside > 0, far, near) / np.pi)
 
 
-def D_ggx_spread_d(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> tuple[F64, F64]:
-    """(D_ggx_spread, its derivative by alpha2)."""
-    a2, s = np.asarray(alpha2, np.float64), np.asarray(sin2h, np.float64)
-    half = np.minimum(spread, s)
-    low, high = s - half, s + half
-    q_low, q_high = low * (1 - a2) + a2, high * (1 - a2) + a2
-    derivative = (low * (1 + a2) - a2) / q_low**3 + (high * (1 + a2) - a2) / q_high**3
-    return D_ggx_spread(a2, s, half), derivative / (2 * np.pi)
+def D_ggx_disc_d(alpha2: ArrayLike, sin2h: ArrayLike, radius2: ArrayLike) -> tuple[F64, F64]:
+    """(D_ggx_disc, its derivative by alpha2)."""
+    a2 = np.asarray(alpha2, np.float64)
+    inner = np.asarray(radius2 * (1 - a2))
+    outside = a2 + (np.asarray(sin2h, np.float64) - radius2) * (1 - a2)
+    root = np.sqrt(outside**2 + 4 * a2 * inner)
+    d_outside = 1 - sin2h + np.asarray(radius2, np.float64)
+    d_root = (outside * d_outside + 2 * radius2 * (1 - 2 * a2)) / root
+    value = D_ggx_disc(a2, sin2h, radius2)
+    far = outside > 0
+    sums = np.where(far, root + outside, 1.0)
+    by_far = 2 / (np.pi * root * sums) * (1 - a2 * (d_root / root + (d_root + d_outside) / sums))
+    by_near = (value / np.where(far, 1.0, 1 - a2)
+               + (outside * d_root / root - d_outside) / (2 * np.pi * np.where(far, 1.0, inner) * root))
+    return value, np.where(far, by_far, by_near)
 
 
 def lambda_root(alpha2: ArrayLike, tan2: ArrayLike) -> F64:
@@ -77,20 +75,22 @@ def lambda_root(alpha2: ArrayLike, tan2: ArrayLike) -> F64:
 
 def D_beckmann(alpha2: ArrayLike, sin2h: ArrayLike) -> F64:
     """Normal distribution exp(-tan^2 / alpha2) / (pi alpha2 cos^4), 1/sr.  Walter et al. 2007, eq. 25."""
-    return D_beckmann_spread(alpha2, sin2h, 0.0)
+    return D_beckmann_disc(alpha2, sin2h, 0.0)
 
 
-def D_beckmann_spread(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> F64:
-    """Mean of D over sin2h +- spread, as ``D_ggx_spread``."""
-    return D_beckmann_spread_d(alpha2, sin2h, spread)[0]
+def D_beckmann_disc(alpha2: ArrayLike, sin2h: ArrayLike, radius2: ArrayLike) -> F64:
+    """Mean of D over a disc, as ``D_ggx_disc``, by the two points of sin^2 that have its mean and variance."""
+    return D_beckmann_disc_d(alpha2, sin2h, radius2)[0]
 
 
-def D_beckmann_spread_d(alpha2: ArrayLike, sin2h: ArrayLike, spread: ArrayLike) -> tuple[F64, F64]:
-    """(D_beckmann_spread, its derivative by alpha2)."""
+def D_beckmann_disc_d(alpha2: ArrayLike, sin2h: ArrayLike, radius2: ArrayLike) -> tuple[F64, F64]:
+    """(D_beckmann_disc, its derivative by alpha2)."""
     a2, s = np.maximum(np.asarray(alpha2, np.float64), ALPHA2_MIN), np.asarray(sin2h, np.float64)
-    half = np.minimum(spread, s)
-    value, derivative = np.zeros(np.broadcast_shapes(a2.shape, half.shape)), 0.0
-    for point in (s - half, s + half):
+    u = np.asarray(radius2, np.float64)
+    high = s + u / 2 + np.sqrt(u * (s + u / 12))
+    low = (s * s + u * u / 6) / np.maximum(high, 1e-30)
+    value, derivative = np.zeros(np.broadcast_shapes(a2.shape, high.shape)), 0.0
+    for point in (low, high):
         cos2 = np.maximum(1 - point, COS2H_MIN)
         x = point / (a2 * cos2)
         D = np.exp(-x) / (2 * np.pi * a2 * cos2 * cos2)
@@ -265,37 +265,30 @@ def F_schlick(cos_vh: ArrayLike) -> F64:
     return np.asarray((1 - np.asarray(cos_vh, np.float64)) ** 5)
 
 
-def lobe_ggx(roughness: ArrayLike, sin2h: ArrayLike, spread: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike) -> F64:
+def lobe_ggx(roughness: ArrayLike, sin2h: ArrayLike, radius2: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike) -> F64:
     """D / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)): the lobe without Fresnel reflectance.  Heitz 2014, eq. 99."""
     a2 = np.asarray(roughness, np.float64) ** 4
     cl, cv = np.asarray(cos_l, np.float64), np.asarray(cos_v, np.float64)
     roots = lambda_root(a2, 1 / (cl * cl) - 1) + lambda_root(a2, 1 / (cv * cv) - 1)
-    return np.asarray(D_ggx_spread(a2, sin2h, spread) / (2 * cl * cv * roots))
-
-
-def disc_ggx(roughness: ArrayLike, middle2: ArrayLike, radius2: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike) -> F64:
-    """``lobe_ggx`` of the mean of D over a disc."""
-    point = lobe_ggx(roughness, middle2, 0.0, cos_l, cos_v)
-    a2 = np.asarray(roughness, np.float64) ** 4
-    return np.asarray(point * D_ggx_disc(a2, middle2, radius2) / D_ggx(a2, middle2))
+    return np.asarray(D_ggx_disc(a2, sin2h, radius2) / (2 * cl * cv * roots))
 
 
 def specular_principled(
-    roughness: ArrayLike, sin2h: ArrayLike, spread: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike, cos_vh: ArrayLike,
+    roughness: ArrayLike, sin2h: ArrayLike, radius2: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike, cos_vh: ArrayLike,
 ) -> F64:
     """D F comp / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)).  Heitz 2014, eq. 99."""
     gain = principled_energy(roughness, cos_v)[..., 0]
-    return np.asarray(lobe_ggx(roughness, sin2h, spread, cos_l, cos_v) * F_dielectric(cos_vh) * gain)
+    return np.asarray(lobe_ggx(roughness, sin2h, radius2, cos_l, cos_v) * F_dielectric(cos_vh) * gain)
 
 
 def specular_beckmann(
-    roughness: ArrayLike, sin2h: ArrayLike, spread: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike, cos_vh: ArrayLike,
+    roughness: ArrayLike, sin2h: ArrayLike, radius2: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike, cos_vh: ArrayLike,
 ) -> F64:
     """D F / (4 cos_l cos_v (1 + Lambda_l + Lambda_v)) at IOR 1.5.  Walter et al. 2007, eq. 20; Heitz 2014, eq. 99."""
     a2 = np.asarray(roughness, np.float64) ** 4
     cl, cv = np.asarray(cos_l, np.float64), np.asarray(cos_v, np.float64)
     roots = lambda_root_beckmann(a2, 1 / (cl * cl) - 1) + lambda_root_beckmann(a2, 1 / (cv * cv) - 1)
-    value: F64 = D_beckmann_spread(a2, sin2h, spread) * F_dielectric(cos_vh) / (2 * cl * cv * roots)
+    value: F64 = D_beckmann_disc(a2, sin2h, radius2) * F_dielectric(cos_vh) / (2 * cl * cv * roots)
     return value
 
 
@@ -388,13 +381,13 @@ def left_by_coat(coat: Coat, cos_v: ArrayLike) -> F64:
 
 
 def metal(
-    base: ArrayLike, roughness: ArrayLike, sin2h: ArrayLike, spread: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike,
+    base: ArrayLike, roughness: ArrayLike, sin2h: ArrayLike, radius2: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike,
     cos_vh: ArrayLike,
 ) -> F64:
     """The Principled BSDF of Metallic 1, (..., 3 or 1) as ``base``: Cycles' F82 tint, white, is Schlick's Fresnel."""
     b, w5 = np.asarray(base, np.float64), F_schlick(cos_vh)[..., None]
     gain = metal_gain(b, metal_energy(roughness, cos_v)[..., None, :])
-    return np.asarray(lobe_ggx(roughness, sin2h, spread, cos_l, cos_v)[..., None] * (b + (1 - b) * w5) * gain)
+    return np.asarray(lobe_ggx(roughness, sin2h, radius2, cos_l, cos_v)[..., None] * (b + (1 - b) * w5) * gain)
 
 
 def two_lobe(base: ArrayLike, lobes: Iterable[ArrayLike], L: ArrayLike, V: ArrayLike, N: ArrayLike, ndf: str) -> F64:

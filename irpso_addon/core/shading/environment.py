@@ -257,7 +257,7 @@ def _summed_lobes(
     H = H / length[:, None]
     sin2h = (np.cross(N, H) ** 2).sum(-1)
     variance = (sigma / length) ** 2  # of the half vector, along each of two axes: a quarter of a disc's radius^2
-    shape = np.stack([brdf.disc_ggx(r, sin2h, 4 * variance, cos_l, cos_v) for r in nodes])
+    shape = np.stack([brdf.lobe_ggx(r, sin2h, 4 * variance, cos_l, cos_v) for r in nodes])
     sent = (shape * brdf.F_dielectric((H * V).sum(-1))) @ arrives
     return arrives.sum(0), sent, shape @ arrives.mean(-1)
 

@@ -51,7 +51,7 @@ class ObservedView:
 
     view: View
     colour: moderngl.Texture  # RGBA32F: radiance / irradiance (1/sr), quality
-    lobes: list[moderngl.Texture]  # per light, per channel: sin2h, spread, cos_l, factor
+    lobes: list[moderngl.Texture]  # per light, per channel: sin2h, radius2, cos_l, factor
     tint: tuple[float, float, float]  # power of the view's lights per channel, mean 1
     reference: F16  # (h, w, 4) the picture in the camera's window: radiance / scale (NaN: not usable), coverage
     scale: float
