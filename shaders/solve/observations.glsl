@@ -338,7 +338,7 @@ float radius2_of(int i) {
 #ifdef SPREAD
     return lobe_radius2[i];
 #else
-    return 0.0;  // points, seen and lit: the compiler folds the two-point rule to one
+    return 0.0;  // points, seen and lit
 #endif
 }
 
