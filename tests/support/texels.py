@@ -96,15 +96,15 @@ def by_channel(texels: Texels) -> Texels:
 
 def as_metal(problem: bench.Problem, metallic: float, level: float = 0.5) -> Texels:
     """What one lobe of the problem's roughness and base colour reflects where it is in part a metal."""
-    sin2h, spread, cos_l, _ = np.moveaxis(problem.lobes[..., 0, :].astype(np.float64), -1, 0)
+    sin2h, radius2, cos_l, _ = np.moveaxis(problem.lobes[..., 0, :].astype(np.float64), -1, 0)
     cos_v, r = problem.cos_v.astype(np.float64), problem.truth.roughness[..., None]
     cos_vh = np.minimum((cos_l + cos_v) / (2 * np.sqrt(1 - sin2h)), 1)
     base = problem.truth.base[:, :, None]
     energy = brdf.principled_energy_level(r, cos_v, level)
-    lobe = brdf.lobe_ggx(r, sin2h, spread, cos_l, cos_v)
+    lobe = brdf.lobe_ggx(r, sin2h, radius2, cos_l, cos_v)
     dielectric = base * ((1 - energy[..., 1]) / np.pi)[..., None] + (
         lobe * brdf.F_level(cos_vh, level) * energy[..., 0])[..., None]
-    rgb = (1 - metallic) * dielectric + metallic * brdf.metal(base, r, sin2h, spread, cos_l, cos_v, cos_vh)
+    rgb = (1 - metallic) * dielectric + metallic * brdf.metal(base, r, sin2h, radius2, cos_l, cos_v, cos_vh)
     rgb = np.where(problem.quality[..., None] > 0, rgb, 0).astype(np.float32)
     return Texels(rgb, problem.quality, problem.cos_v, problem.lobes, problem.groups)
 
@@ -256,22 +256,22 @@ class Twin:
 
     def metal(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(black, white, energy): the lobe of a black and of a white metal without gain; (E1, Eavg)."""
-        sin2h, spread, cos_l, factor = np.moveaxis(self.lobes, -1, 0)
+        sin2h, radius2, cos_l, factor = np.moveaxis(self.lobes, -1, 0)
         alpha2, cos_v = r[:, None, None] ** 4, self.cos_v[..., None]
         roots = brdf.lambda_root(alpha2, 1 / cos_l**2 - 1) + brdf.lambda_root(alpha2, 1 / cos_v**2 - 1)
         cos_vh = np.minimum((cos_l + cos_v) / (2 * np.sqrt(1 - sin2h)), 1)
-        lobe = factor / brdf.F_dielectric(cos_vh) * brdf.D_ggx_disc(alpha2, sin2h, spread) / roots
+        lobe = factor / brdf.F_dielectric(cos_vh) * brdf.D_ggx_disc(alpha2, sin2h, radius2) / roots
         return (lobe * brdf.F_schlick(cos_vh)).sum(-1), lobe.sum(-1), brdf.metal_energy(r[:, None], self.cos_v)
 
     def dielectric(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(a, s) without metal."""
         r, cos_v = r[:, None], self.cos_v
-        sin2h, spread, cos_l, factor = np.moveaxis(self.lobes, -1, 0)
+        sin2h, radius2, cos_l, factor = np.moveaxis(self.lobes, -1, 0)
         alpha2 = r[..., None] ** 4
         slopes, root = {"ggx": (brdf.D_ggx_disc, brdf.lambda_root),
                         "beckmann": (brdf.D_beckmann_disc, brdf.lambda_root_beckmann)}[self.ndf]
         roots = root(alpha2, 1 / cos_l**2 - 1) + root(alpha2, 1 / cos_v[..., None] ** 2 - 1)
-        s = factor * slopes(alpha2, sin2h, spread) / roots
+        s = factor * slopes(alpha2, sin2h, radius2) / roots
         if self.ndf == "beckmann":
             return np.full(cos_v.shape, 1 / np.pi), s.sum(-1)
         if self.level is None:

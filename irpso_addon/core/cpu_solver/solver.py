@@ -1,7 +1,7 @@
 """A solve of a small map in numpy: where there is no OpenGL, and the judge of the pipeline that has it.
 
 One lobe at every texel, or none (model lambert).  float64 throughout; rays in place of shadow maps (rays.py), sums
-over the lamps in place of means and spreads (observe.py), each texel four points (texel_fit.py).
+over the lamps in place of discs (observe.py), each texel four points (texel_fit.py).
 Shares with the pipeline the twins of BRDF and lamps, and core/{observation_quality,resampling}.py.  Not here: pixels'
 footprints, disbelief of outliers, tilts of normals, other models, indirect light, parts, the views' checks.
 """
