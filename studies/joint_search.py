@@ -17,7 +17,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from irpso_addon.core.data import F64
-from irpso_addon.core.evaluation.joint_material import LEVELS, METAL_BASE, METALLIC, ROUGHNESS
+from irpso_addon.core.evaluation.descent import METAL_BASE
+from irpso_addon.core.evaluation.joint_material import LEVELS, METALLIC, ROUGHNESS
 from irpso_addon.core.evaluation.lobe_values import fresnel_ratio, lobe_values, metal_values
 from irpso_addon.core.evaluation.sampled_texels import SampledTexels, metal_gain
 from irpso_addon.core.shading import brdf
@@ -28,6 +29,7 @@ OUT = Path(__file__).resolve().parents[1] / "docs"
 TEXELS, MATERIALS = 30, 6
 BUDGET = {3: 400, 6: 1200}  # evaluations, by numbers that are searched
 CHI, PULL = 0.7298, 2.05  # Clerc and Kennedy 2002
+PRODUCT = "nodes, then Levenberg-Marquardt (the product)"
 Search = Callable[["Problem", np.random.Generator], None]
 
 
@@ -195,7 +197,16 @@ def cma_es(task: Problem, rng: np.random.Generator) -> None:
 
 
 def nodes(task: Problem, rng: np.random.Generator) -> None:
-    """The product's: all nodes, each an evaluation here (there they share their sums), then parabolas."""
+    """All nodes, each an evaluation here (there they share their sums), then parabolas."""
+    task.cost(_between_nodes(task))
+
+
+def product(task: Problem, rng: np.random.Generator) -> None:
+    """The product's: nodes, and a descent from the best."""
+    descend(task, _between_nodes(task), 10)
+
+
+def _between_nodes(task: Problem) -> F64:
     grid = np.stack(np.meshgrid(
         np.linspace(0, 1, len(ROUGHNESS)), (LEVELS - LEVELS[0]) / (1 - LEVELS[0]), METALLIC, indexing="ij"), -1)
     costs = np.array([task.cost(x) for x in grid.reshape(-1, 3)]).reshape(grid.shape[:3])
@@ -208,12 +219,12 @@ def nodes(task: Problem, rng: np.random.Generator) -> None:
         if 0 < k < len(line) - 1:
             bend, slope, _ = np.polyfit(places[k - 1:k + 2] - places[k], line[k - 1:k + 2], 2)
             x[axis] = np.clip(places[k] - slope / (2 * bend), places[k - 1], places[k + 1])
-    task.cost(x)
+    return x
 
 
 SEARCHES: dict[str, Search] = {
     "swarm": swarm, "swarm, refined": refined, "Levenberg-Marquardt, restarted": levenberg_marquardt, "CMA-ES": cma_es,
-    "nodes and parabolas (the product)": nodes,
+    "nodes and parabolas": nodes, PRODUCT: product,
 }
 
 
@@ -226,7 +237,7 @@ def measure(numbers: int, count: int) -> dict[str, F64]:
     for seed in range(count):
         traces = {}
         for name, search in SEARCHES.items():
-            if numbers == 3 or name != "nodes and parabolas (the product)":
+            if numbers == 3 or name not in ("nodes and parabolas", PRODUCT):
                 task = problem(numbers, seed)
                 search(task, np.random.default_rng(1000 + seed))
                 traces[name] = task.best

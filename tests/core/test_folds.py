@@ -350,3 +350,17 @@ def test_a_coat_does_not_take_the_place_of_the_only_lobe(grazing: float, lamps: 
     search, known = JointSearch(texels), np.ones(lamps * cameras, bool)
     found = CoatSearch(search).fit(PLAIN, known, search.fit(known), 0.5)
     assert found.roughness == pytest.approx(0.4, abs=0.08)
+
+
+@pytest.mark.parametrize(("rough", "level", "metallic"), [
+    (0.21, 0.5, 0.0), (0.37, 0.37, 0.0), (0.47, 0.65, 0.0), (0.64, 0.5, 0.0), (0.47, 0.5, 0.43), (0.62, 0.5, 1.0)])
+def test_one_value_is_found_between_the_nodes(rough: float, level: float, metallic: float) -> None:
+    """Observations are exact."""
+    texels, _ = sampled(200, 10, 2, np.full(200, rough), level, metallic=metallic)
+    joint = JointSearch(texels).fit(np.ones(20, bool))
+    found = joint.metal if metallic else joint.specular
+    allowed = 0.0005
+    assert found.roughness == pytest.approx(rough, abs=allowed)
+    assert found.metallic == pytest.approx(metallic, abs=3 * allowed)
+    if metallic < 1:
+        assert found.level == pytest.approx(level, abs=3 * allowed)

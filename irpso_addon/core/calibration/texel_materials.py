@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..data import F64, I32, Bool
-from ..evaluation.joint_material import COSINES, HELD_TOGETHER, JointSearch, OneMaterial
+from ..evaluation.descent import COSINES
+from ..evaluation.joint_material import HELD_TOGETHER, JointSearch, OneMaterial
 from ..evaluation.lobe_values import fresnel_ratio, lobe_values
 from ..evaluation.sampled_texels import Lobes, SampledTexels, one_lobe
 from ..shading import brdf

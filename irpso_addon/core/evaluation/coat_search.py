@@ -1,7 +1,6 @@
 """The coat that explains all texels of a sample, with the one roughness, Specular IOR Level and Metallic below it.
 
-By Levenberg-Marquardt from the material without a coat and a few coats (decision 0015): nodes of five numbers would be
-too many.  Base colour, which is linear, is eliminated at each step.
+By descent from the material without a coat and a few coats (decision 0015): nodes of five numbers would be too many.
 """
 
 from __future__ import annotations
@@ -13,10 +12,10 @@ import numpy as np
 
 from ..data import F64, Bool, Coat
 from ..shading import brdf
-from ..vectors import dot
-from .joint_material import COSINES, LEVELS, METAL_BASE, ROUGHNESS, Joint, JointSearch, OneMaterial
-from .lobe_values import coat_values, fresnel_ratio, lobe_values, metal_values
-from .sampled_texels import LEAST, SampledTexels
+from .descent import ALL_NUMBERS, LEAST_NUMBER, Descent
+from .joint_material import LEVELS, ROUGHNESS, Joint, JointSearch, OneMaterial
+from .lobe_values import coat_values
+from .sampled_texels import LEAST
 
 # (weight, roughness) of coats, and (roughness, level) of what lies below where that is not the material without one.
 STARTS: tuple[tuple[float, float, tuple[float, float] | None], ...] = (
@@ -26,15 +25,10 @@ RACE, KEPT, STEPS, LAST_STEPS = 5, 2, 10, 8  # steps from every start; of those 
 SEEN = 0.01  # share of the texels that must see a coat's highlight, or its tails
 SAME_LOBE, HALF = 1.25, 0.5  # ratio of roughnesses up to which two lobes are one; of a body's highlight without a coat
 ROUGHER = 1.03  # cost of a coat that is rougher than what it covers, relative to one that is not
-TRIALS = 5  # of a step, each shorter
-STILL = 1e-3  # relative gain of a step below which a search is at rest
-LEAST_NUMBER = 1e-4  # of level, Metallic and weight: slopes of the level have no bound at 0
-PLAIN_NUMBERS = (0, 1, 3, 4)  # of (roughness, level, Metallic, weight, roughness of the coat): without Metallic
-ALL_NUMBERS = (0, 1, 2, 3, 4)
+PLAIN_NUMBERS = (0, 1, 3, 4)  # of those of a descent: without Metallic
 PLAIN, METAL, APART = "plain", "metal", "apart"  # below the coat: one value; and Metallic; a roughness a texel
 WEIGHTS, COATS = np.array([0.1, 0.3, 0.6, 1.0]), 8  # of APART: weights, number of roughnesses, first of all
 WIDEST, ROUNDS = 0.7, 3  # the largest of these; how often each of the two is found again between its neighbours
-KEPT_VALUES = 24  # lobes that are kept for the next evaluations
 
 
 class CoatSearch:
@@ -46,8 +40,8 @@ class CoatSearch:
         sharpest = max(float(np.quantile(search.nearest, SEEN)) ** 0.5, brdf.ROUGHNESS_MIN)
         low = np.array([brdf.ROUGHNESS_MIN, LEAST_NUMBER, LEAST_NUMBER, LEAST_NUMBER, sharpest])
         some = np.arange(0, len(search.weight), SOME, dtype=np.int32)
-        self.some = _Descent(search.texels.part(some), search.weight[some], low)
-        self.all = _Descent(search.texels, search.weight, low)
+        self.some = Descent(search.texels.part(some), search.weight[some], low)
+        self.all = Descent(search.texels, search.weight, low)
         self.apart = _Apart(search, sharpest)
 
     def fit(self, kind: str, known: Bool, joint: Joint, level: float) -> OneMaterial:
@@ -96,116 +90,6 @@ def _swapped(x: F64) -> F64:
     """Both lobes in each other's place; a coat of weight 1 reflects what level 0.5 does."""
     roughness, level, metallic, weight, rough = x
     return np.array([rough, weight / 2, metallic, 2 * level, roughness])
-
-
-class _Descent:
-    """Levenberg-Marquardt in (roughness, level, Metallic, weight of the coat, its roughness) between bounds."""
-
-    def __init__(self, texels: SampledTexels, weight: F64, low: F64) -> None:
-        self.texels, self.root, self.low = texels, np.sqrt(weight), low
-        self.cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
-        # Known layers; free numbers:
-        self.layers: tuple[Bool, tuple[int, ...]] = np.ones(len(texels.camera), bool), ALL_NUMBERS
-        self._kept: dict[tuple[str, float], tuple[F64, ...]] = {}
-
-    def run(self, start: F64, steps: int) -> tuple[F64, float]:
-        """(numbers, cost) after so many steps, or at rest."""
-        x, damping = np.clip(start, self.low, 1.0), 1e-2
-        here = self._residual(x)
-        cost = float(here @ here)
-        for _ in range(steps):
-            found = self._step(x, here, damping)
-            if found is None:
-                break
-            x, here, damping = found
-            before, cost = cost, float(here @ here)
-            if cost > (1 - STILL) * before:
-                break
-        return x, cost
-
-    def _step(self, x: F64, here: F64, damping: float) -> tuple[F64, F64, float] | None:
-        """(numbers, residual, next damping) of a shorter and shorter step that gains; None: none does."""
-        at = np.array(self.layers[1])
-        slopes = self._slopes(x, here)
-        gradient = slopes @ here
-        moves = ~(((x[at] <= self.low[at]) & (gradient > 0)) | ((x[at] >= 1) & (gradient < 0)))
-        if not moves.any():
-            return None
-        normal = slopes[moves] @ slopes[moves].T
-        for _ in range(TRIALS):
-            trial = x.copy()
-            trial[at[moves]] -= np.linalg.solve(normal + np.diag(damping * np.diag(normal) + 1e-12), gradient[moves])
-            trial = np.clip(trial, self.low, 1.0)
-            there = self._residual(trial)
-            if there @ there < here @ here:
-                return trial, there, damping / 4
-            damping *= 6
-        return None
-
-    def _slopes(self, x: F64, here: F64) -> F64:
-        """(free numbers, n) by differences."""
-        rows = []
-        for k in self.layers[1]:
-            h = -1e-5 if x[k] > 0.5 else 1e-5
-            moved = x.copy()
-            moved[k] += h
-            rows.append((self._residual(moved) - here) / h)
-        return np.stack(rows)
-
-    def _residual(self, x: F64) -> F64:
-        """(n,) weighted, of the known layers, with the base colour that explains them best."""
-        known, free = self.layers
-        roughness, level, metallic, weight, rough = (float(value) for value in x)
-        white, rest = self._body(roughness, level, metallic if 2 in free else 0.0)
-        shape, gain, taken = self._coat(rough)
-        left, root = 1 - weight * taken, self.root[:, known]
-        white = root * (left * white)[:, known, None]
-        off = root * (self.texels.reflected - (left * rest + weight * shape * gain)[..., None])[:, known]
-        channel, result = self.texels.channel[known], np.empty_like(off)
-        for one in np.unique(channel):
-            same = channel == one
-            base = (white[:, same] * off[:, same]).sum(1) / np.maximum((white[:, same] ** 2).sum(1), LEAST)
-            result[:, same] = off[:, same] - np.clip(base, 0, 1)[:, None] * white[:, same]
-        return np.asarray(result.ravel())
-
-    def _body(self, roughness: float, level: float, metallic: float) -> tuple[F64, F64]:
-        """(T, V) each: for each unit of base colour, and whatever that is."""
-        lobes, nodes = self.texels.lobes, self.texels.nodes
-        (shape,) = self._keep("lobe", roughness, lambda: (
-            lobe_values(lobes, self.cos_v, self._all(roughness), nodes=nodes),))
-        (ratio,) = self._keep("level", level, lambda: (fresnel_ratio(lobes, self.cos_v, np.asarray(level), nodes),))
-        energy = brdf.principled_energy_level(roughness, COSINES, level)
-        gain, taken = (np.interp(self.cos_v, COSINES, energy[:, k]) for k in (0, 1))
-        white, rest = (1 - taken) / np.pi, dot(shape, ratio) * gain
-        if metallic > 0:
-            own, edge = self._keep("metal", roughness, lambda: self._metal(roughness))
-            white, rest = (1 - metallic) * white + metallic * own, (1 - metallic) * rest + metallic * edge
-        return white, rest
-
-    def _metal(self, roughness: float) -> tuple[F64, F64]:
-        own, edge = metal_values(self.texels.lobes, self.cos_v, self._all(roughness), self.texels.nodes)
-        gain = np.interp(self.cos_v, COSINES, brdf.metal_gain(METAL_BASE, brdf.metal_energy(roughness, COSINES)))
-        return own * gain, edge * gain
-
-    def _coat(self, roughness: float) -> tuple[F64, ...]:
-        """(T, V) each of a coat of weight 1: its lobe, the gain of that, and what is taken from below."""
-        def values() -> tuple[F64, ...]:
-            energy = brdf.principled_energy(roughness, COSINES)
-            return (lobe_values(self.texels.lobes, self.cos_v, self._all(roughness), nodes=self.texels.nodes).sum(-1),
-                    *(np.interp(self.cos_v, COSINES, energy[:, k]) for k in (0, 1)))
-
-        return self._keep("coat", roughness, values)
-
-    def _all(self, roughness: float) -> F64:
-        return np.full(len(self.cos_v), roughness)
-
-    def _keep(self, kind: str, value: float, make: Callable[[], tuple[F64, ...]]) -> tuple[F64, ...]:
-        """Steps change one number at a time: what the others give is the same."""
-        if (kind, value) not in self._kept:
-            if len(self._kept) >= KEPT_VALUES:
-                del self._kept[next(iter(self._kept))]
-            self._kept[kind, value] = make()
-        return self._kept[kind, value]
 
 
 class _Apart:

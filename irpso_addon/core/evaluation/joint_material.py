@@ -5,13 +5,14 @@ only bend to what the diffuse does not explain.
 
 What a texel reflects is b A + S with base colour b.  Under Metallic m, A and S are (1 - m) and m times those of a
 dielectric and of a metal.  So the squared residual is a polynomial in b and m, whose coefficients are sums over layers.
-They are taken once for all nodes of roughness and level, as products of matrices.
+They are taken once for all nodes of roughness and level, as products of matrices.  One value for all texels is then
+found between the nodes by descent: where pictures are exact, a parabola through nodes is not (decision 0015).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import combinations_with_replacement
 
@@ -20,6 +21,7 @@ import numpy as np
 from ..data import F64, Bool, Coat
 from ..shading import brdf
 from ..vectors import dot, summed
+from .descent import COSINES, LEAST_NUMBER, METAL_BASE, Descent
 from .lobe_values import fresnel_ratio, lobe_values, metal_values
 from .sampled_texels import LEAST, SampledTexels, metal_gain
 
@@ -27,10 +29,9 @@ ROUGHNESS = np.geomspace(0.05, 1.0, 18)  # nodes of the search
 LEVELS = np.array([0.02, 0.06, 0.12, 0.25, 0.5, 0.75, 1.0])
 METALLIC = np.linspace(0.0, 1.0, 11)
 PLAIN = 4  # of LEVELS: Blender's default
-METAL_BASE = 0.6  # base colour for which a metal's multiple scattering is taken: it changes the gain by a few per cent
-COSINES = np.linspace(0.0, 1.0, 65)
 MOST = 10_000  # observations of the sample
 UNSEEN = 0.25  # alpha squared over the least squared sine of the half vector: sharper lobes pass by a texel
+STEPS = 10  # of a descent from the nodes
 HELD_TOGETHER = 1.0  # nats per squared log ratio: how far texels may depart while their level is sought
 
 
@@ -76,6 +77,7 @@ class JointSearch:
         # Errors of the cube root of radiance, which lightness is made of.
         self.weight = np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance ** (2 / 3)
                                / unit ** (4 / 3), 0.0)
+        self.descent = Descent(texels, self.weight, np.array([ROUGHNESS[0], LEAST_NUMBER, 0.0, 0.0, ROUGHNESS[0]]))
 
     def fit(self, known: Bool) -> Joint:
         """From the layers that are ``known``, (V,)."""
@@ -87,9 +89,17 @@ class JointSearch:
         tried = [_Tried.of(plain if metallic == 0 else _costs(sums, metallic), noise) for metallic in self.metallic]
         whole, apart = np.stack([t.whole for t in tried]), np.stack([t.apart for t in tried])
         together = whole.min(2)
-        return Joint(plain=OneMaterial(tried[0].roughness(PLAIN)), specular=_best(together[:1], tried),
-                     metal=_best(together, tried), apart=_best(apart[:1], tried), apart_metal=_best(apart, tried),
-                     parts=_parts(plain, self.seen))
+        specular = self._settled(_best(together[:1], tried), known, (0, 1))
+        return Joint(plain=self._settled(OneMaterial(tried[0].roughness(PLAIN)), known, (0,)), specular=specular,
+                     metal=self._settled(_best(together, tried), known, (0, 1, 2)) if len(tried) > 1 else specular,
+                     apart=_best(apart[:1], tried), apart_metal=_best(apart, tried), parts=_parts(plain, self.seen))
+
+    def _settled(self, one: OneMaterial, known: Bool, free: tuple[int, ...]) -> OneMaterial:
+        """Where a descent from ``one`` comes to rest in its ``free`` numbers: roughness, level, Metallic."""
+        self.descent.layers = known, free
+        found, _ = self.descent.run(np.array([one.roughness, one.level, one.metallic, 0.0, 1.0]), STEPS)
+        roughness, level, metallic = (float(number) for number in found[:3])
+        return replace(one, roughness=roughness, level=level, metallic=metallic)
 
     def _sums(self, layers: Bool) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.

@@ -1,0 +1,158 @@
+"""Levenberg-Marquardt in the numbers that texels of a sample share; base colour, which is linear, is eliminated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..data import F64, Bool
+from ..shading import brdf
+from ..vectors import dot
+from .lobe_values import fresnel_ratio, lobe_values, metal_values
+from .sampled_texels import LEAST, SampledTexels
+
+METAL_BASE = 0.6  # base colour for which a metal's multiple scattering is taken at first
+SOME_METALLIC = 0.03  # less changes nothing
+COSINES = np.linspace(0.0, 1.0, 65)
+ALL_NUMBERS = (0, 1, 2, 3, 4)  # roughness, Specular IOR Level, Metallic, weight of a coat, its roughness
+TRIALS = 5  # of a step, each shorter
+STILL = 1e-3  # relative gain of a step below which a search is at rest
+LEAST_NUMBER = 1e-4  # of level, Metallic and weight: slopes of the level have no bound at 0
+KEPT_VALUES = 24  # lobes that are kept for the next evaluations
+
+
+class Descent:
+    """Levenberg-Marquardt in (roughness, level, Metallic, weight of a coat, its roughness) between bounds."""
+
+    def __init__(self, texels: SampledTexels, weight: F64, low: F64) -> None:
+        self.texels, self.root, self.low = texels, np.sqrt(weight), low
+        self.cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
+        # Known layers; free numbers:
+        self.layers: tuple[Bool, tuple[int, ...]] = np.ones(len(texels.camera), bool), ALL_NUMBERS
+        # Base colour for which a metal's multiple scattering is taken, (T, V, C) or (1, 1, 1): it changes the gain by
+        # some per cent.
+        self.base = np.full((1, 1, 1), METAL_BASE)
+        self._kept: dict[tuple[str, float], tuple[F64, ...]] = {}
+
+    def run(self, start: F64, steps: int) -> tuple[F64, float]:
+        """(numbers, cost) after so many steps, or at rest; of a metal once more with the base colour that it has."""
+        self._use_base(np.full((1, 1, 1), METAL_BASE))
+        x, cost = self._descended(np.clip(start, self.low, 1.0), steps)
+        if 2 in self.layers[1] and x[2] > SOME_METALLIC:
+            self._use_base(self._explained(x)[2])
+            x, cost = self._descended(x, steps)
+        return x, cost
+
+    def _use_base(self, base: F64) -> None:
+        if base is not self.base and not np.array_equal(base, self.base):
+            self.base = base
+            self._kept = {key: values for key, values in self._kept.items() if key[0] != "metal"}
+
+    def _descended(self, x: F64, steps: int) -> tuple[F64, float]:
+        here, damping = self._residual(x), 1e-2
+        cost = float(here @ here)
+        for _ in range(steps):
+            found = self._step(x, here, damping)
+            if found is None:
+                break
+            x, here, damping = found
+            before, cost = cost, float(here @ here)
+            if cost > (1 - STILL) * before:
+                break
+        return x, cost
+
+    def _step(self, x: F64, here: F64, damping: float) -> tuple[F64, F64, float] | None:
+        """(numbers, residual, next damping) of a shorter and shorter step that gains; None: none does."""
+        at = np.array(self.layers[1])
+        slopes = self._slopes(x, here)
+        gradient = slopes @ here
+        moves = ~(((x[at] <= self.low[at]) & (gradient > 0)) | ((x[at] >= 1) & (gradient < 0)))
+        if not moves.any():
+            return None
+        normal = slopes[moves] @ slopes[moves].T
+        for _ in range(TRIALS):
+            trial = x.copy()
+            trial[at[moves]] -= np.linalg.solve(normal + np.diag(damping * np.diag(normal) + 1e-12), gradient[moves])
+            trial = np.clip(trial, self.low, 1.0)
+            there = self._residual(trial)
+            if there @ there < here @ here:
+                return trial, there, damping / 4
+            damping *= 6
+        return None
+
+    def _slopes(self, x: F64, here: F64) -> F64:
+        """(free numbers, n) by differences."""
+        rows = []
+        for k in self.layers[1]:
+            h = -1e-5 if x[k] > 0.5 else 1e-5
+            moved = x.copy()
+            moved[k] += h
+            rows.append((self._residual(moved) - here) / h)
+        return np.stack(rows)
+
+    def _residual(self, x: F64) -> F64:
+        """(n,) weighted, of the known layers, with the base colour that explains them best."""
+        known = self.layers[0]
+        white, off, base = self._explained(x)
+        return np.asarray((self.root * (off - base * white))[:, known].ravel())
+
+    def _explained(self, x: F64) -> tuple[F64, F64, F64]:
+        """(T, V, C) each: for each unit of base colour; what base colour has to explain; base colour."""
+        known, free = self.layers
+        roughness, level, metallic, weight, rough = (float(value) for value in x)
+        white, rest = self._body(roughness, level, metallic if 2 in free else 0.0)
+        if 3 in free:
+            shape, gain, taken = self._coat(rough)
+            left = 1 - weight * taken
+            white, rest = left * white, left * rest + weight * shape * gain
+        off = self.texels.reflected - rest
+        base = np.empty_like(off)
+        for one in np.unique(self.texels.channel):
+            same = self.texels.channel == one
+            seen = same & known
+            weighted = self.root[:, seen] ** 2 * white[:, seen]
+            total = (weighted * off[:, seen]).sum(1) / np.maximum((weighted * white[:, seen]).sum(1), LEAST)
+            base[:, same] = np.clip(total, 0, 1)[:, None]
+        return white, off, base
+
+    def _body(self, roughness: float, level: float, metallic: float) -> tuple[F64, F64]:
+        """(T, V, 1) each, of a metal (T, V, C): for each unit of base colour, and whatever that is."""
+        lobes, nodes = self.texels.lobes, self.texels.nodes
+        (shape,) = self._keep("lobe", roughness, lambda: (
+            lobe_values(lobes, self.cos_v, self._all(roughness), nodes=nodes),))
+        (ratio,) = self._keep("level", level, lambda: (fresnel_ratio(lobes, self.cos_v, np.asarray(level), nodes),))
+        energy = brdf.principled_energy_level(roughness, COSINES, level)
+        gain, taken = (np.interp(self.cos_v, COSINES, energy[:, k]) for k in (0, 1))
+        white, rest = ((1 - taken) / np.pi)[..., None], (dot(shape, ratio) * gain)[..., None]
+        if metallic > 0:
+            own, edge = self._keep("metal", roughness, lambda: self._metal(roughness))
+            white, rest = (1 - metallic) * white + metallic * own, (1 - metallic) * rest + metallic * edge
+        return white, rest
+
+    def _metal(self, roughness: float) -> tuple[F64, F64]:
+        own, edge = metal_values(self.texels.lobes, self.cos_v, self._all(roughness), self.texels.nodes)
+        along = brdf.metal_energy(roughness, COSINES)
+        energy = np.stack([np.interp(self.cos_v, COSINES, along[:, k]) for k in (0, 1)], -1)
+        gain = brdf.metal_gain(self.base, energy[:, :, None])
+        return own[..., None] * gain, edge[..., None] * gain
+
+    def _coat(self, roughness: float) -> tuple[F64, ...]:
+        """(T, V, 1) each of a coat of weight 1: its lobe, the gain of that, and what is taken from below."""
+        def values() -> tuple[F64, ...]:
+            energy = brdf.principled_energy(roughness, COSINES)
+            shape = lobe_values(self.texels.lobes, self.cos_v, self._all(roughness), nodes=self.texels.nodes).sum(-1)
+            return shape[..., None], *(np.interp(self.cos_v, COSINES, energy[:, k])[..., None] for k in (0, 1))
+
+        return self._keep("coat", roughness, values)
+
+    def _all(self, roughness: float) -> F64:
+        return np.full(len(self.cos_v), roughness)
+
+    def _keep(self, kind: str, value: float, make: Callable[[], tuple[F64, ...]]) -> tuple[F64, ...]:
+        """Steps change one number at a time: what the others give is the same."""
+        if (kind, value) not in self._kept:
+            if len(self._kept) >= KEPT_VALUES:
+                del self._kept[next(iter(self._kept))]
+            self._kept[kind, value] = make()
+        return self._kept[kind, value]
