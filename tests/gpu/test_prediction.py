@@ -73,7 +73,7 @@ def test_one_value_is_taken_where_texels_would_find_false_lobes(real, at_half):
 
 
 @pytest.mark.parametrize(("rough", "lamps", "pixels", "right"), [
-    (0.15, 4, 12, False), (0.35, 6, 24, False), (0.2, 4, 24, True)])
+    (0.15, 4, 12, False), (0.25, 6, 12, False), (0.35, 6, 24, True), (0.2, 4, 24, True)])
 def test_one_value_may_be_as_wrong_as_pixels_make_it(rough: float, lamps: int, pixels: int, right: bool) -> None:
     """Pixels are wider than texels and blur the highlights under all lamps alike: folds over lamps do not show it."""
     alike = replace(syn.PATCHES, roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), rough))
@@ -82,10 +82,10 @@ def test_one_value_may_be_as_wrong_as_pixels_make_it(rough: float, lamps: int, p
     solved = found.maps.coverage & ~found.maps.filled
     off, sigma = (float(np.median(values[solved])) for values in (
         np.abs(found.maps.roughness - rough), found.maps.roughness_sigma))
-    if right:  # the mean of the lobe over a pixel is known: 0.010 before it was
+    if right:  # 0.010 before the mean of the lobe over a pixel was known; 0.005 by a parabola through nodes
         assert off < 0.001 and sigma < 0.005
     else:
-        assert off > 0.004 and 0.3 * sigma < off < 1.645 * sigma  # 0.015 and 0.005, stated as 0.029 and 0.006
+        assert off > 0.004 and 0.3 * sigma < off < 1.645 * sigma  # 0.016 and 0.011, stated as 0.030 and 0.017
 
 
 def test_the_spread_of_texels_is_that_of_those_whose_own_data_show_their_roughness() -> None:

@@ -205,7 +205,7 @@ class _Contest:
     def _under_coats(self, taken: str, metal: bool) -> Generator[Progress, None, str | None]:
         """The trial with a coat that is to be taken instead, if there is one."""
         error = self.judge.error(taken)
-        if error.relative_rms < WORTH_RMS and error.lightness < WORTH_LIGHTNESS:
+        if not _worth(error):
             return None
         yield PREDICTING
         # Texels differ, as it seems, or what lies below the coat's highlights says that they do:
@@ -215,6 +215,7 @@ class _Contest:
         if metal and self._find_coats(METAL):
             pairs.append((UNIFORM_COAT_METAL, DRAWN_COAT_METAL))
         yield from self._folds(self._uniform, [uniform for uniform, _ in pairs])
+        differ = differ or any(_worth(self.judge.error(uniform.name)) for uniform, _ in pairs)
         for uniform, drawn in pairs:
             if differ and not self.solver.cancelled and uniform.name in self.judge.near([uniform.name, taken], HOPEFUL):
                 yield from self._folds(self._drawn, drawn, race=True)
@@ -389,3 +390,8 @@ class _Contest:
         differ = (trial.strength == ONE_VALUE and self.fitted.model in ("one-lobe", "one-lobe-specular")
                   and errors[FITTED[self.fitted.model]].lightness < best.lightness)
         return Decision(trial.model, why, level, one.metallic, one.coat, trial.prior(joint, sigma), prediction, differ)
+
+
+def _worth(error: PredictionError) -> bool:
+    """Whether so much is left that a larger model is worth its time."""
+    return error.relative_rms >= WORTH_RMS or error.lightness >= WORTH_LIGHTNESS
