@@ -28,7 +28,6 @@ from .texel_records import RoughnessMaps, SolvedTexels, read_support
 
 SAMPLE = 64  # texels: width of the square on which larger models are tried
 SAMPLES = 2  # squares of each material
-SAME_METALLIC = 0.05  # Metallic of the metal alone that is so near to that of all its texels shows the same paint
 
 
 class Ladder:
@@ -263,13 +262,11 @@ class Ladder:
         mask, before = self.masks[name], self.last.paint if again else None
         parts = parts_of(without, metal, mask, before)
         if parts is not None and not again:
-            whole = self.decided_metallic[name]
             yield from self._decide_metal(name, parts.inner_metal, result)
             if self.solver.cancelled:
                 return
-            if abs(self.decided_metallic[name] - whole) > SAME_METALLIC:
-                metal = (yield from self._one_lobe(name)).texels
-                parts = parts_of(without, metal, mask, parts.paint)
+            metal = (yield from self._one_lobe(name)).texels
+            parts = parts_of(without, metal, mask, parts.paint)
         if parts is None:
             return
         if not (self.scale_known or again):
