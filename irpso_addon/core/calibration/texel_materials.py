@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..data import F64, I32, Bool
+from ..evaluation.apart_descent import HELD_TOGETHER
 from ..evaluation.descent import COSINES
-from ..evaluation.joint_material import HELD_TOGETHER, JointSearch, OneMaterial
+from ..evaluation.joint_material import JointSearch, OneMaterial
 from ..evaluation.lobe_values import fresnel_ratio, lobe_values
 from ..evaluation.sampled_texels import Lobes, SampledTexels, one_lobe
 from ..shading import brdf

@@ -98,14 +98,19 @@ class Descent:
         return np.asarray((self.root * (off - base * white))[:, known].ravel())
 
     def _explained(self, x: F64) -> tuple[F64, F64, F64]:
-        """(T, V, C) each: for each unit of base colour; what base colour has to explain; base colour."""
-        known, free = self.layers
+        """As of `with_base`."""
+        free = self.layers[1]
         roughness, level, metallic, weight, rough = (float(value) for value in x)
         white, rest = self._body(roughness, level, metallic if 2 in free else 0.0)
         if 3 in free:
             shape, gain, taken = self._coat(rough)
             left = 1 - weight * taken
             white, rest = left * white, left * rest + weight * shape * gain
+        return self.with_base(white, rest)
+
+    def with_base(self, white: F64, rest: F64) -> tuple[F64, F64, F64]:
+        """(for each unit of base colour; what base colour has to explain; base colour as known layers have it)."""
+        known = self.layers[0]
         off = self.texels.reflected - rest
         base = np.empty_like(off)
         for one in np.unique(self.texels.channel):

@@ -21,6 +21,7 @@ import numpy as np
 from ..data import F64, Bool, Coat
 from ..shading import brdf
 from ..vectors import dot, summed
+from .apart_descent import HELD_TOGETHER, ApartDescent
 from .descent import COSINES, LEAST_NUMBER, METAL_BASE, Descent
 from .lobe_values import fresnel_ratio, lobe_values, metal_values
 from .sampled_texels import LEAST, SampledTexels, metal_gain
@@ -32,7 +33,6 @@ PLAIN = 4  # of LEVELS: Blender's default
 MOST = 10_000  # observations of the sample
 UNSEEN = 0.25  # alpha squared over the least squared sine of the half vector: sharper lobes pass by a texel
 STEPS = 10  # of a descent from the nodes
-HELD_TOGETHER = 1.0  # nats per squared log ratio: how far texels may depart while their level is sought
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,7 @@ class JointSearch:
         self.weight = np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance ** (2 / 3)
                                / unit ** (4 / 3), 0.0)
         self.descent = Descent(texels, self.weight, np.array([ROUGHNESS[0], LEAST_NUMBER, 0.0, 0.0, ROUGHNESS[0]]))
+        self.apart = ApartDescent(texels, self.weight)
 
     def fit(self, known: Bool) -> Joint:
         """From the layers that are ``known``, (V,)."""
@@ -90,9 +91,11 @@ class JointSearch:
         whole, apart = np.stack([t.whole for t in tried]), np.stack([t.apart for t in tried])
         together = whole.min(2)
         specular = self._settled(_best(together[:1], tried), known, (0, 1))
+        level, metal = self._settled_apart(_best(apart[:1], tried), sums, known), _best(apart, tried)
         return Joint(plain=self._settled(OneMaterial(tried[0].roughness(PLAIN)), known, (0,)), specular=specular,
                      metal=self._settled(_best(together, tried), known, (0, 1, 2)) if len(tried) > 1 else specular,
-                     apart=_best(apart[:1], tried), apart_metal=_best(apart, tried), parts=_parts(plain, self.seen))
+                     apart=level, parts=_parts(plain, self.seen),
+                     apart_metal=self._settled_apart(metal, sums, known) if metal.metallic > 0 else level)
 
     def _settled(self, one: OneMaterial, known: Bool, free: tuple[int, ...]) -> OneMaterial:
         """Where a descent from ``one`` comes to rest in its ``free`` numbers: roughness, level, Metallic."""
@@ -100,6 +103,14 @@ class JointSearch:
         found, _ = self.descent.run(np.array([one.roughness, one.level, one.metallic, 0.0, 1.0]), STEPS)
         roughness, level, metallic = (float(number) for number in found[:3])
         return replace(one, roughness=roughness, level=level, metallic=metallic)
+
+    def _settled_apart(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
+        """Where level and Metallic come to rest if each texel begins at its best node and goes its own way."""
+        nearest = int(np.abs(LEVELS - one.level).argmin())
+        cost = _costs(sums, float(METALLIC[np.abs(METALLIC - one.metallic).argmin()]))
+        cost = cost[min(nearest, len(cost) - 1)]
+        found = self.apart.run(np.array([one.level, one.metallic]), ROUGHNESS[cost.argmin(0)], one.roughness, known)
+        return replace(one, level=float(found[0]), metallic=float(found[1]))
 
     def _sums(self, layers: Bool) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.

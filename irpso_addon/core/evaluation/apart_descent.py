@@ -1,0 +1,111 @@
+"""The level and Metallic that texels share, of which each has a roughness of its own, by Levenberg-Marquardt.
+
+Each texel's roughness acts on its own residuals alone.  So the normal equations are solved for what is shared, with the
+roughnesses eliminated (Schur complement; Triggs et al. 2000, "Bundle Adjustment - A Modern Synthesis", section 6.1).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..data import F64, Bool
+from ..shading import brdf
+from .descent import LEAST_NUMBER, METAL_BASE, SOME_METALLIC, TRIALS, Descent
+from .lobe_values import fresnel_ratio, lobe_values, metal_values
+from .sampled_texels import LEAST, SampledTexels
+
+HELD_TOGETHER = 1.0  # nats per squared log ratio: how far texels may depart while their level is sought
+STEPS = 10
+STILL = 1e-4  # relative gain of a step below which a search is at rest
+SLOPE = 1e-5  # step of the differences that slopes are taken by
+
+
+class ApartDescent:
+    """Of the texels of a sample and the weights of their squared residuals."""
+
+    def __init__(self, texels: SampledTexels, weight: F64) -> None:
+        self.descent = Descent(texels, weight, np.zeros(0))
+        self.low = np.array([LEAST_NUMBER, 0.0])
+
+    def run(self, start: F64, roughness: F64, centre: float, known: Bool) -> F64:
+        """(level, Metallic) that the ``known`` layers show, from a ``start``; a Metallic of 0 is kept.
+
+        ``roughness``: (T,) to begin with.  ``centre``: roughness about which they lie.
+        """
+        self.descent.layers = known, ()
+        self.descent.base = np.full((1, 1, 1), METAL_BASE)
+        free = [0, 1] if start[1] > SOME_METALLIC else [0]
+        x, log = start.copy(), np.log(roughness)
+        here = self._residual(log, x)
+        if len(free) > 1:
+            self.descent.base = self._explained(log, x)[2]
+            here = self._residual(log, x)
+        degrees, damping = np.maximum((self.descent.root[:, known] > 0).sum((1, 2)) - 2, 1), 1e-2
+        for _ in range(STEPS):
+            noise = max(float(np.median((here**2).sum(1) / degrees)), LEAST)
+            found = self._step(log, x, here, (noise, np.log(centre), damping), free)
+            if found is None:
+                break
+            log, x, here, damping, gain = found
+            if gain < STILL:
+                break
+        return x
+
+    def _step(
+        self, log: F64, x: F64, here: F64, given: tuple[float, float, float], free: list[int],
+    ) -> tuple[F64, F64, F64, float, float] | None:
+        """(log roughness, numbers, residual, next damping, relative gain) of a step that gains; None: none does."""
+        noise, centre, damping = given
+        pull = 2 * HELD_TOGETHER
+        cost = _cost(here, log, given)
+        own = (self._residual(log + SLOPE, x) - here) / SLOPE  # (T, n)
+        shared = np.stack([self._slope(log, x, here, k) for k in free])  # (k, T, n)
+        bend, slope = (own**2).sum(1) / noise + pull, (here * own).sum(1) / noise + pull * (log - centre)
+        both = (shared * own).sum(2) / noise  # (k, T)
+        normal, gradient = np.einsum("ktn,jtn->kj", shared, shared) / noise, (shared * here).sum((1, 2)) / noise
+        for _ in range(TRIALS):
+            damped = bend * (1 + damping)
+            system = normal + np.diag(damping * np.diag(normal) + 1e-9) - (both / damped) @ both.T
+            moved = x.copy()
+            moved[free] -= np.linalg.solve(system, gradient - (both / damped) @ slope)
+            moved = np.clip(moved, self.low, 1.0)
+            apart = np.clip(log - (slope + both.T @ (moved - x)[free]) / damped, np.log(brdf.ROUGHNESS_MIN), 0.0)
+            there = self._residual(apart, moved)
+            if (less := _cost(there, apart, given)) < cost:
+                return apart, moved, there, damping / 4, 1 - less / cost
+            damping *= 6
+        return None
+
+    def _slope(self, log: F64, x: F64, here: F64, k: int) -> F64:
+        moved, h = x.copy(), -SLOPE if x[k] > 0.5 else SLOPE
+        moved[k] += h
+        return (self._residual(log, moved) - here) / h
+
+    def _residual(self, log: F64, x: F64) -> F64:
+        """(T, n) weighted, of the known layers."""
+        white, off, base = self._explained(log, x)
+        known = self.descent.layers[0]
+        return (self.descent.root * (off - base * white))[:, known].reshape(len(log), -1)
+
+    def _explained(self, log: F64, x: F64) -> tuple[F64, F64, F64]:
+        return self.descent.with_base(*self._body(np.exp(log), float(x[0]), float(x[1])))
+
+    def _body(self, roughness: F64, level: float, metallic: float) -> tuple[F64, F64]:
+        """As of `Descent`; ``roughness``: (T,)."""
+        texels, cos_v = self.descent.texels, self.descent.cos_v
+        lobes, nodes = texels.lobes, texels.nodes
+        energy = brdf.principled_energy_level(roughness[:, None], cos_v, level)
+        shape = lobe_values(lobes, cos_v, roughness, nodes=nodes) * fresnel_ratio(
+            lobes, cos_v, np.asarray(level), nodes, roughness)
+        white, rest = ((1 - energy[..., 1]) / np.pi)[..., None], (shape.sum(-1) * energy[..., 0])[..., None]
+        if metallic > 0:
+            own, edge = (part[..., None] for part in metal_values(lobes, cos_v, roughness, nodes))
+            gain = brdf.metal_gain(self.descent.base, brdf.metal_energy(roughness[:, None], cos_v)[:, :, None])
+            white, rest = (1 - metallic) * white + metallic * own * gain, (1 - metallic) * rest + metallic * edge * gain
+        return white, rest
+
+
+def _cost(residual: F64, log: F64, given: tuple[float, float, float]) -> float:
+    """Of weighted residuals and of roughnesses that depart from their centre."""
+    noise, centre, _ = given
+    return float((residual**2).sum() / noise + 2 * HELD_TOGETHER * ((log - centre) ** 2).sum())
