@@ -28,8 +28,9 @@ def materials_of(sample: RigSample, texels: SampledTexels, levels: bool) -> dict
     for slot in np.unique(sample.slot):
         own = texels.part(sample.slot == slot)
         if own.usable().any():
-            joint = JointSearch(own, metals=False).fit(known)
-            found[int(slot)] = joint.apart if levels else joint.plain
+            search = JointSearch(own, metals=False)
+            joint = search.fit(known)
+            found[int(slot)] = search.settled(joint, known).apart if levels else joint.plain
     return found
 
 

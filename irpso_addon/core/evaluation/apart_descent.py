@@ -16,7 +16,7 @@ from .sampled_texels import LEAST, SampledTexels
 
 HELD_TOGETHER = 1.0  # nats per squared log ratio: how far texels may depart while their level is sought
 STEPS = 10
-STILL = 1e-4  # relative gain of a step below which a search is at rest
+STILL = 1e-3  # relative gain of a step below which a search is at rest
 SLOPE = 1e-5  # step of the differences that slopes are taken by
 
 

@@ -53,6 +53,7 @@ class Joint:
     plain: OneMaterial  # roughness
     specular: OneMaterial  # and Specular IOR Level
     metal: OneMaterial  # and Metallic
+    # By nodes alone until they are `settled`:
     apart: OneMaterial  # the level where each texel has its own roughness, and what those lie about
     apart_metal: OneMaterial  # and Metallic
     parts: tuple[OneMaterial, ...]  # two and three parts, each of one roughness: a texel belongs to the one that suits
@@ -82,7 +83,7 @@ class JointSearch:
 
     def fit(self, known: Bool) -> Joint:
         """From the layers that are ``known``, (V,)."""
-        sums = [self._sums(known & (self.texels.channel == channel)) for channel in np.unique(self.texels.channel)]
+        sums = self._sums_of(known)
         plain = _costs(sums, 0.0)
         degrees = np.maximum((self.weight[:, known] > 0).sum((1, 2)) - 2, 1)
         least = plain[plain.sum(2).min(1).argmin()].min(0)  # (T,) at the best level
@@ -91,11 +92,15 @@ class JointSearch:
         whole, apart = np.stack([t.whole for t in tried]), np.stack([t.apart for t in tried])
         together = whole.min(2)
         specular = self._settled(_best(together[:1], tried), known, (0, 1))
-        level, metal = self._settled_apart(_best(apart[:1], tried), sums, known), _best(apart, tried)
         return Joint(plain=self._settled(OneMaterial(tried[0].roughness(PLAIN)), known, (0,)), specular=specular,
                      metal=self._settled(_best(together, tried), known, (0, 1, 2)) if len(tried) > 1 else specular,
-                     apart=level, parts=_parts(plain, self.seen),
-                     apart_metal=self._settled_apart(metal, sums, known) if metal.metallic > 0 else level)
+                     apart=_best(apart[:1], tried), apart_metal=_best(apart, tried), parts=_parts(plain, self.seen))
+
+    def settled(self, joint: Joint, known: Bool) -> Joint:
+        """Of `fit`, with what is found where each texel has its own roughness settled between the nodes, too."""
+        sums = self._sums_of(known)
+        apart, metal = (self._settled_apart(one, sums, known) for one in (joint.apart, joint.apart_metal))
+        return replace(joint, apart=apart, apart_metal=metal if metal.metallic > 0 else apart)
 
     def _settled(self, one: OneMaterial, known: Bool, free: tuple[int, ...]) -> OneMaterial:
         """Where a descent from ``one`` comes to rest in its ``free`` numbers: roughness, level, Metallic."""
@@ -107,10 +112,13 @@ class JointSearch:
     def _settled_apart(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
         """Where level and Metallic come to rest if each texel begins at its best node and goes its own way."""
         nearest = int(np.abs(LEVELS - one.level).argmin())
-        cost = _costs(sums, float(METALLIC[np.abs(METALLIC - one.metallic).argmin()]))
-        cost = cost[min(nearest, len(cost) - 1)]
+        cost = _costs(sums, float(METALLIC[np.abs(METALLIC - one.metallic).argmin()]))[nearest]
         found = self.apart.run(np.array([one.level, one.metallic]), ROUGHNESS[cost.argmin(0)], one.roughness, known)
         return replace(one, level=float(found[0]), metallic=float(found[1]))
+
+    def _sums_of(self, known: Bool) -> list[dict[str, F64]]:
+        """By channel."""
+        return [self._sums(known & (self.texels.channel == channel)) for channel in np.unique(self.texels.channel)]
 
     def _sums(self, layers: Bool) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.

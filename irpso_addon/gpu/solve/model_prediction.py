@@ -125,7 +125,8 @@ class ModelPrediction:
             if sample is None:
                 return OneMaterial(0.5)
             observed, _ = read_sample(self.device, sample, JUDGED)
-            return JointSearch(observed).fit(np.ones(len(observed.camera), bool)).apart_metal
+            search, known = JointSearch(observed), np.ones(len(observed.camera), bool)
+            return search.settled(search.fit(known), known).apart_metal
 
 
 class _Contest:
@@ -142,6 +143,7 @@ class _Contest:
         self.solver.shown = False
         self.search = JointSearch(observed)
         self.joints: list[Joint] = []  # of each fold
+        self.settled = False  # whether they are, see `JointSearch.settled`
         self.judge = Judge(observed, folds, clusters(sample, places))
         self.predictions: dict[str, list[F64]] = {}
         self.trials: dict[str, Trial] = {}
@@ -165,10 +167,13 @@ class _Contest:
             yield from self._folds(self._drawn, PARTS, race=True)
             near = self.judge.near([trial.name for trial in UNIFORM], HOPEFUL)
             yield from self._folds(self._drawn, DRAWN if UNIFORM[0].name in near else [], race=True)
-            free = max(abs(joint.apart.level - 0.5) for joint in self.joints) > SAME_LEVEL
-            yield from self._folds(self._drawn, DRAWN_LEVEL if free and UNIFORM[1].name in near else [], race=True)
+            if UNIFORM[1].name in near:
+                yield from self._settle()
+                free = max(abs(joint.apart.level - 0.5) for joint in self.joints) > SAME_LEVEL
+                yield from self._folds(self._drawn, DRAWN_LEVEL if free else [], race=True)
             yield from self._folds(self._drawn_levels, DRAWN_LEVELS, race=True)
         elif few and self.fitted.model in OWN_DRAWN:
+            yield from self._settle()
             yield from self._folds(self._drawn, OWN_DRAWN[self.fitted.model], race=True)
         if not self.solver.cancelled and not self._leads(incumbent, 0.0 if led else clear) and self._flashes():
             yield from self._folds(self._drawn, DRAWN_WEAKLY, race=True)
@@ -176,6 +181,7 @@ class _Contest:
         apart = self.metals and min(joint.apart_metal.metallic for joint in self.joints) > SOME_METALLIC
         if not self.solver.cancelled and (
                 apart or self.judge.leads(UNIFORM_METAL.name, ALIKE[0], self.predictions)):
+            yield from self._settle()
             yield from self._folds(self._drawn, DRAWN_METAL, race=True)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
@@ -191,6 +197,13 @@ class _Contest:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors |= {name: self.judge.error(name) for name in self.predictions}
         return self._decision(MaterialPrediction(self.folds.of, coated or taken, errors, leads and not coated))
+
+    def _settle(self) -> Generator[Progress, None, None]:
+        """Level and Metallic of texels that differ, between the nodes: once, where they are needed."""
+        for n, left_out in enumerate(() if self.settled else self.folds.left_out):
+            yield PREDICTING
+            self.joints[n] = self.search.settled(self.joints[n], ~left_out)
+        self.settled = True
 
     def _leads(self, incumbent: str, clear: float) -> bool:
         """Over all but two lobes that were given up."""
@@ -376,6 +389,8 @@ class _Contest:
         trial = self.trials[taken]
         known = np.ones(len(self.observed.camera), bool)
         joint = self.search.fit(known)
+        if self.settled:
+            joint = self.search.settled(joint, known)
         if trial.coat:
             joint = self._coated(trial.coat, known, joint)
         one = trial.material(joint)
