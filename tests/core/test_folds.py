@@ -378,3 +378,15 @@ def test_a_level_is_found_where_roughness_differs(
     found = search.settled(search.fit(known), known).apart_metal
     assert found.level == pytest.approx(level, abs=(0.08 if metallic else 0.02) if noise else 0.003)
     assert found.metallic == pytest.approx(metallic, abs=0.01)
+
+
+@pytest.mark.parametrize("level", [0.25, 0.5])
+def test_parts_are_found_between_the_nodes(level: float) -> None:
+    """Two of one roughness each, and three."""
+    for rough in ((0.32, 0.75), (0.22, 0.43, 0.8)):
+        truth = np.array(rough)[np.arange(240) % len(rough)]
+        texels, _ = sampled(240, 16, 2, truth, level, noise=0.01)
+        search, known = JointSearch(texels), np.ones(32, bool)
+        found = search.settled(search.fit(known), known).parts[len(rough) - 2]
+        assert sorted((found.roughness, *found.others)) == pytest.approx(rough, rel=0.02)
+        assert found.level == pytest.approx(level, abs=0.02)

@@ -1,14 +1,17 @@
-"""The level and Metallic that texels share, of which each has a roughness of its own, by Levenberg-Marquardt.
+"""The level and Metallic that texels share, which differ in roughness, by Levenberg-Marquardt.
 
-Each texel's roughness acts on its own residuals alone.  So the normal equations are solved for what is shared, with the
-roughnesses eliminated (Schur complement; Triggs et al. 2000, "Bundle Adjustment - A Modern Synthesis", section 6.1).
+A roughness acts on the residuals of its own texels alone, one or those of a part.  So the normal equations are solved
+for what is shared, with the roughnesses eliminated (Schur complement; Triggs et al. 2000, "Bundle Adjustment - A Modern
+Synthesis", section 6.1).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from ..data import F64, Bool
+from ..data import F64, I32, Bool
 from ..shading import brdf
 from .descent import LEAST_NUMBER, METAL_BASE, SOME_METALLIC, TRIALS, Descent
 from .lobe_values import fresnel_ratio, lobe_values, metal_values
@@ -20,20 +23,41 @@ STILL = 1e-3  # relative gain of a step below which a search is at rest
 SLOPE = 1e-5  # step of the differences that slopes are taken by
 
 
+@dataclass(frozen=True)
+class _Held:
+    """What residuals and roughnesses cost."""
+
+    noise: float  # variance of a weighted residual
+    pull: float  # towards the centre of the logarithms of roughness
+    centre: float
+
+    def cost(self, residual: F64, log: F64) -> float:
+        """In nats, times 2."""
+        return float((residual**2).sum() / self.noise + self.pull * ((log - self.centre) ** 2).sum())
+
+
 class ApartDescent:
     """Of the texels of a sample and the weights of their squared residuals."""
 
     def __init__(self, texels: SampledTexels, weight: F64) -> None:
         self.descent = Descent(texels, weight, np.zeros(0))
         self.low = np.array([LEAST_NUMBER, 0.0])
+        # (T,) whose roughness a texel has; how many there are:
+        self.group: I32 = np.zeros(0, np.int32)
+        self.count = 0
 
-    def run(self, start: F64, roughness: F64, centre: float, known: Bool) -> F64:
-        """(level, Metallic) that the ``known`` layers show, from a ``start``; a Metallic of 0 is kept.
+    def run(
+        self, start: F64, roughness: F64, known: Bool, centre: float | None = None, group: I32 | None = None,
+    ) -> tuple[F64, F64]:
+        """((level, Metallic), roughness) that the ``known`` layers show, from a ``start``; a Metallic of 0 is kept.
 
-        ``roughness``: (T,) to begin with.  ``centre``: roughness about which they lie.
+        ``roughness``: (G,) to begin with.  ``centre``: about which they lie; None: anywhere.  ``group``: (T,) whose
+        roughness a texel has; None: its own.
         """
         self.descent.layers = known, ()
         self.descent.base = np.full((1, 1, 1), METAL_BASE)
+        self.count = len(roughness)
+        self.group = np.arange(self.count, dtype=np.int32) if group is None else group
         free = [0, 1] if start[1] > SOME_METALLIC else [0]
         x, log = start.copy(), np.log(roughness)
         here = self._residual(log, x)
@@ -41,40 +65,46 @@ class ApartDescent:
             self.descent.base = self._explained(log, x)[2]
             here = self._residual(log, x)
         degrees, damping = np.maximum((self.descent.root[:, known] > 0).sum((1, 2)) - 2, 1), 1e-2
+        pull = 0.0 if centre is None else 2 * HELD_TOGETHER
         for _ in range(STEPS):
             noise = max(float(np.median((here**2).sum(1) / degrees)), LEAST)
-            found = self._step(log, x, here, (noise, np.log(centre), damping), free)
+            held = _Held(noise, pull, np.log(centre or 1.0))
+            found = self._step(log, x, here, held, damping, free)
             if found is None:
                 break
             log, x, here, damping, gain = found
             if gain < STILL:
                 break
-        return x
+        return x, np.exp(log)
 
     def _step(
-        self, log: F64, x: F64, here: F64, given: tuple[float, float, float], free: list[int],
+        self, log: F64, x: F64, here: F64, held: _Held, damping: float, free: list[int],
     ) -> tuple[F64, F64, F64, float, float] | None:
         """(log roughness, numbers, residual, next damping, relative gain) of a step that gains; None: none does."""
-        noise, centre, damping = given
-        pull = 2 * HELD_TOGETHER
-        cost = _cost(here, log, given)
+        cost = held.cost(here, log)
         own = (self._residual(log + SLOPE, x) - here) / SLOPE  # (T, n)
         shared = np.stack([self._slope(log, x, here, k) for k in free])  # (k, T, n)
-        bend, slope = (own**2).sum(1) / noise + pull, (here * own).sum(1) / noise + pull * (log - centre)
-        both = (shared * own).sum(2) / noise  # (k, T)
-        normal, gradient = np.einsum("ktn,jtn->kj", shared, shared) / noise, (shared * here).sum((1, 2)) / noise
+        bend = self._summed(own**2) / held.noise + held.pull
+        slope = self._summed(here * own) / held.noise + held.pull * (log - held.centre)
+        both = np.stack([self._summed(each * own) for each in shared]) / held.noise  # (k, G)
+        normal = np.einsum("ktn,jtn->kj", shared, shared) / held.noise
+        gradient = (shared * here).sum((1, 2)) / held.noise
         for _ in range(TRIALS):
-            damped = bend * (1 + damping)
+            damped = np.maximum(bend * (1 + damping), LEAST)
             system = normal + np.diag(damping * np.diag(normal) + 1e-9) - (both / damped) @ both.T
             moved = x.copy()
             moved[free] -= np.linalg.solve(system, gradient - (both / damped) @ slope)
             moved = np.clip(moved, self.low, 1.0)
             apart = np.clip(log - (slope + both.T @ (moved - x)[free]) / damped, np.log(brdf.ROUGHNESS_MIN), 0.0)
             there = self._residual(apart, moved)
-            if (less := _cost(there, apart, given)) < cost:
+            if (less := held.cost(there, apart)) < cost:
                 return apart, moved, there, damping / 4, 1 - less / cost
             damping *= 6
         return None
+
+    def _summed(self, values: F64) -> F64:
+        """(G,) of (T, n)."""
+        return np.bincount(self.group, values.sum(1), self.count)
 
     def _slope(self, log: F64, x: F64, here: F64, k: int) -> F64:
         moved, h = x.copy(), -SLOPE if x[k] > 0.5 else SLOPE
@@ -85,10 +115,10 @@ class ApartDescent:
         """(T, n) weighted, of the known layers."""
         white, off, base = self._explained(log, x)
         known = self.descent.layers[0]
-        return (self.descent.root * (off - base * white))[:, known].reshape(len(log), -1)
+        return (self.descent.root * (off - base * white))[:, known].reshape(len(self.group), -1)
 
     def _explained(self, log: F64, x: F64) -> tuple[F64, F64, F64]:
-        return self.descent.with_base(*self._body(np.exp(log), float(x[0]), float(x[1])))
+        return self.descent.with_base(*self._body(np.exp(log)[self.group], float(x[0]), float(x[1])))
 
     def _body(self, roughness: F64, level: float, metallic: float) -> tuple[F64, F64]:
         """As of `Descent`; ``roughness``: (T,)."""
@@ -103,9 +133,3 @@ class ApartDescent:
             gain = brdf.metal_gain(self.descent.base, brdf.metal_energy(roughness[:, None], cos_v)[:, :, None])
             white, rest = (1 - metallic) * white + metallic * own * gain, (1 - metallic) * rest + metallic * edge * gain
         return white, rest
-
-
-def _cost(residual: F64, log: F64, given: tuple[float, float, float]) -> float:
-    """Of weighted residuals and of roughnesses that depart from their centre."""
-    noise, centre, _ = given
-    return float((residual**2).sum() / noise + 2 * HELD_TOGETHER * ((log - centre) ** 2).sum())

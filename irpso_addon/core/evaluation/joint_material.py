@@ -97,10 +97,11 @@ class JointSearch:
                      apart=_best(apart[:1], tried), apart_metal=_best(apart, tried), parts=_parts(plain, self.seen))
 
     def settled(self, joint: Joint, known: Bool) -> Joint:
-        """Of `fit`, with what is found where each texel has its own roughness settled between the nodes, too."""
+        """Of `fit`, with what is found where texels differ in roughness settled between the nodes, too."""
         sums = self._sums_of(known)
         apart, metal = (self._settled_apart(one, sums, known) for one in (joint.apart, joint.apart_metal))
-        return replace(joint, apart=apart, apart_metal=metal if metal.metallic > 0 else apart)
+        return replace(joint, apart=apart, apart_metal=metal if metal.metallic > 0 else apart,
+                       parts=tuple(self._settled_parts(one, sums, known) for one in joint.parts))
 
     def _settled(self, one: OneMaterial, known: Bool, free: tuple[int, ...]) -> OneMaterial:
         """Where a descent from ``one`` comes to rest in its ``free`` numbers: roughness, level, Metallic."""
@@ -111,10 +112,19 @@ class JointSearch:
 
     def _settled_apart(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
         """Where level and Metallic come to rest if each texel begins at its best node and goes its own way."""
-        nearest = int(np.abs(LEVELS - one.level).argmin())
-        cost = _costs(sums, float(METALLIC[np.abs(METALLIC - one.metallic).argmin()]))[nearest]
-        found = self.apart.run(np.array([one.level, one.metallic]), ROUGHNESS[cost.argmin(0)], one.roughness, known)
-        return replace(one, level=float(found[0]), metallic=float(found[1]))
+        cost = _costs(sums, float(METALLIC[np.abs(METALLIC - one.metallic).argmin()]))[_nearest(LEVELS, one.level)]
+        (level, metallic), _ = self.apart.run(
+            np.array([one.level, one.metallic]), ROUGHNESS[cost.argmin(0)], known, one.roughness)
+        return replace(one, level=float(level), metallic=float(metallic))
+
+    def _settled_parts(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
+        """Where level and the roughness of each part come to rest; a texel belongs to the part of the best node."""
+        nodes = np.array([one.roughness, *one.others])
+        cost = _costs(sums, 0.0)[_nearest(LEVELS, one.level)]
+        group = cost[[_nearest(ROUGHNESS, node) for node in nodes]].argmin(0).astype(np.int32)
+        (level, _), roughness = self.apart.run(np.array([one.level, 0.0]), nodes, known, group=group)
+        first, *others = (float(value) for value in roughness)
+        return replace(one, roughness=first, level=float(level), others=tuple(others))
 
     def _sums_of(self, known: Bool) -> list[dict[str, F64]]:
         """By channel."""
@@ -249,6 +259,10 @@ def _best(costs: F64, tried: list[_Tried]) -> OneMaterial:
     m, level = np.unravel_index(costs.argmin(), costs.shape)
     metallic = float(np.clip(_lowest(METALLIC, costs[:, level]), 0, 1)) if len(costs) > 1 else 0.0
     return OneMaterial(tried[m].roughness(int(level)), _level(_lowest(LEVELS, costs[m])), metallic)
+
+
+def _nearest(nodes: F64, value: float) -> int:
+    return int(np.abs(nodes - value).argmin())
 
 
 def _level(level: float) -> float:

@@ -164,13 +164,12 @@ class _Contest:
                 self.fitted, incumbent, clear = Fitted("one-lobe"), FITTED["one-lobe"], CLEAR
         led = not self.solver.cancelled and self._leads(incumbent, clear)
         if not self.solver.cancelled and not led:
+            yield from self._settle()
             yield from self._folds(self._drawn, PARTS, race=True)
             near = self.judge.near([trial.name for trial in UNIFORM], HOPEFUL)
             yield from self._folds(self._drawn, DRAWN if UNIFORM[0].name in near else [], race=True)
-            if UNIFORM[1].name in near:
-                yield from self._settle()
-                free = max(abs(joint.apart.level - 0.5) for joint in self.joints) > SAME_LEVEL
-                yield from self._folds(self._drawn, DRAWN_LEVEL if free else [], race=True)
+            free = max(abs(joint.apart.level - 0.5) for joint in self.joints) > SAME_LEVEL
+            yield from self._folds(self._drawn, DRAWN_LEVEL if free and UNIFORM[1].name in near else [], race=True)
             yield from self._folds(self._drawn_levels, DRAWN_LEVELS, race=True)
         elif few and self.fitted.model in OWN_DRAWN:
             yield from self._settle()
@@ -178,7 +177,10 @@ class _Contest:
         if not self.solver.cancelled and not self._leads(incumbent, 0.0 if led else clear) and self._flashes():
             yield from self._folds(self._drawn, DRAWN_WEAKLY, race=True)
         # A metal's roughness may differ from texel to texel: then one value says little of it.
-        apart = self.metals and min(joint.apart_metal.metallic for joint in self.joints) > SOME_METALLIC
+        apart = self.metals and self._apart_metallic() > SOME_METALLIC
+        if apart and not self.solver.cancelled:
+            yield from self._settle()
+            apart = self._apart_metallic() > SOME_METALLIC
         if not self.solver.cancelled and (
                 apart or self.judge.leads(UNIFORM_METAL.name, ALIKE[0], self.predictions)):
             yield from self._settle()
@@ -197,6 +199,10 @@ class _Contest:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors |= {name: self.judge.error(name) for name in self.predictions}
         return self._decision(MaterialPrediction(self.folds.of, coated or taken, errors, leads and not coated))
+
+    def _apart_metallic(self) -> float:
+        """The least Metallic that a fold finds where texels differ."""
+        return min(joint.apart_metal.metallic for joint in self.joints)
 
     def _settle(self) -> Generator[Progress, None, None]:
         """Level and Metallic of texels that differ, between the nodes: once, where they are needed."""
