@@ -92,9 +92,21 @@ def _fitted(sample: RigSample, found: RigFound) -> tuple[float, float, float]:
         weight = known / (1 + (rest / (CAUCHY * spread)) ** 2)
     score = (weight * rest * own.reshape(left.shape)).sum(1)
     of = np.unique(sample.cluster, return_inverse=True)[1]
+    told = np.bincount(of, (weight * own.reshape(left.shape) ** 2).sum(1))
+    few = _few(told, len(columns) - 1)
     after, before = (in_common(each, known, sample.cluster, 2 * OUTLYING * spread) for each in (rest, without))
-    return (power, COMMON * float(np.sqrt((np.bincount(of, score) ** 2).sum())) / information,
+    return (power, few * COMMON * float(np.sqrt((np.bincount(of, score) ** 2).sum())) / information,
             after / max(before, LEAST))
+
+
+def _few(told: F64, numbers: int) -> float:
+    """Factor of standard errors where few clusters tell anything: a fit of as many numbers leaves none of them over.
+
+    ``told``: information that each cluster has of the power.  A few may have nearly all of it, so that they are counted
+    as by Kish, *Survey Sampling*, 1965.
+    """
+    count = float(told.sum()) ** 2 / max(float((told**2).sum()), LEAST**2)
+    return float(np.sqrt(count / (count - numbers))) if count > numbers else np.inf
 
 
 def _apart(columns: F64, weight: F64, view: np.ndarray) -> F64:
