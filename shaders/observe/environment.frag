@@ -26,7 +26,7 @@ layout(location = 1) out vec4 o_node[NODE_COUNT];  // RGB, W/(m^2 sr), at IOR 1.
 layout(location = 0) out vec4 o_node[NODE_COUNT];
 #endif
 
-vec3 V, dx, dy, d_v_dx, d_v_dy;  // the last: per pixel step, of the normal and of the direction to the camera
+vec3 V, d_v_dx, d_v_dy;  // the last: per pixel step, of the direction to the camera
 float cos_v, root_v[NODE_COUNT];
 
 // Of the batch's n-th direction.
@@ -52,8 +52,10 @@ float lobe(float alpha2, vec2 disc, float tan2, float root) {
 
 void add(Direction d, float share) {
     float middle = dot(N, d.toward);
-    // Of what lies across the horizon only a part is above.
-    float cos_l = clamped_mean(middle, d.spread * sqrt(3.0 * max(1.0 - middle * middle, 0.0)));
+    // Of what lies across the horizon only a part is above; nor does the horizon lie alike all over the pixel.
+    float turned = turn(d.toward);
+    float cos_l = clamped_mean(middle, sqrt(3.0 * (d.spread * d.spread * max(1.0 - middle * middle, 0.0) +
+                                                   turned * turned)));
     if (cos_l <= 0.0) return;
     cos_l = max(cos_l, 1e-3);
     vec3 arrives = d.power * (cos_l * share);

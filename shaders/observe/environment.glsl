@@ -4,6 +4,13 @@ uniform int u_count;             // directions in it
 uniform int u_all;               // directions in all
 
 vec3 P, N;
+vec3 dx, dy;                     // of the normal, per pixel step
+
+// Standard deviation, over the pixel, of the cosine to a direction.
+float turn(vec3 toward) {
+    float a = dot(dx, toward), b = dot(dy, toward);
+    return u_footprint * sqrt((a * a + b * b) / 12.0);
+}
 
 struct Direction { vec3 toward; float spread; vec3 power; };
 

@@ -32,6 +32,8 @@ void main() {
     if (!load_pixel(here, pixel)) discard;
     P = pixel.P;
     N = pixel.N;
+    dx = pixel.dNdx;
+    dy = pixel.dNdy;
     vec4 facet = texelFetch(u_facet, here, 0);
     uvec4 bytes = uvec4(0u);
     for (int k = 0; k < 16; k++) {

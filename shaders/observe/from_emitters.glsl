@@ -17,7 +17,8 @@ Direction direction(int n) {
 
 bool above(int n) {
     vec4 place = texelFetch(u_directions, texel_of(3 * n), 0);
-    return dot(N, place.xyz - P) > -2.0 * place.w;
+    vec3 offset = place.xyz - P;
+    return dot(N, offset) > -2.0 * (place.w + turn(offset));
 }
 
 bool close_by(Direction d) { return d.spread * d.spread > NEAR; }

@@ -9,7 +9,7 @@ Direction direction(int n) {
 // Whether any of a direction's light comes from above the surface.
 bool above(int n) {
     vec4 a = texelFetch(u_directions, texel_of(2 * n), 0);
-    return dot(N, a.xyz) > -2.0 * a.w;
+    return dot(N, a.xyz) > -2.0 * (a.w + turn(a.xyz));
 }
 
 // Whether a direction's parts replace it whatever the lobe.

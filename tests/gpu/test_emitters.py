@@ -10,6 +10,7 @@ import pytest
 from irpso_addon.core.data import Emitter, Environment, RadianceImage, SceneData, View
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.projection import rays_of
 from irpso_addon.core.shading import brdf, emitters, environment
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, facets
@@ -33,10 +34,11 @@ def _white(_: View) -> RadianceImage:
                          np.ones((SIZE, SIZE), bool))
 
 
-def _observed(mesh, light: Environment, occluders=NOBODY, eye=(0, -4.0, 1.0)):
+def _observed(mesh, light: Environment, occluders=NOBODY, eye=(0, -4.0, 1.0), pixel_filter=0.01):
     """(irradiance, nodes (NODES, h, w, 4), position, normal, quality) of the pixels of a camera."""
     cam = syn.camera(eye, degrees=32)
-    scene = SceneData("shape", mesh, occluders, (View(Path("a.exr"), cam, (), environment=light),), pixel_filter=0.01)
+    scene = SceneData("shape", mesh, occluders, (View(Path("a.exr"), cam, (), environment=light),),
+                      pixel_filter=pixel_filter)
 
     def job():
         device = thread.device()
@@ -83,6 +85,29 @@ def test_nodes_and_irradiance_are_those_of_the_twin(light):
     assert len(worst) > 20
     assert np.quantile(worst, 0.9) < 0.01
     assert np.median(worst) < 0.004
+
+
+def test_a_pixel_across_the_horizon_has_the_mean_light_of_its_places():
+    """A panel sets behind a sphere: against 12 x 12 rays a pixel.  At its middle: 0.93 to 0.99 of their mean."""
+    panel = glowing.rectangle((6.0, -2.0, 3.0), (0.5, -1.0, 0), (-0.4, -0.2, 0.9), (3.0, 2.0, 1.0))
+    mesh = syn.mesh_arrays(*syn.sphere(256, 128))
+    irradiance, _, position, *_, cam = _observed(mesh, _light(panel), pixel_filter=1.0)
+    radius = np.linalg.norm(mesh.positions.reshape(-1, 3), axis=1).max()
+    sub = (np.arange(12) + 0.5) / 12
+    x, y, dx, dy = np.meshgrid(np.arange(SIZE), np.arange(SIZE), sub, sub, indexing="xy")
+    origin, ray = rays_of(cam, np.stack([(x + dx).ravel(), (y + dy).ravel()], -1), (SIZE, SIZE))
+    ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+    along = (origin * ray).sum(-1)
+    below = along**2 - (origin * origin).sum(-1) + radius**2
+    N = np.where(below[:, None] > 0, origin + (-along - np.sqrt(np.maximum(below, 0)))[:, None] * ray, 0.0) / radius
+    wanted = emitters.emitter_irradiance(emitters.patches([panel], np.zeros(3), radius), radius * N, N)
+    wanted = wanted.reshape(SIZE, SIZE, 144, 3).mean(2)
+    whole = (below.reshape(SIZE, SIZE, 144) > 0).all(-1) & (position[..., 3] > 0.5)
+    share = wanted.mean(-1) / wanted.max()
+    for low, high in ((0.001, 0.003), (0.003, 0.01), (0.01, 0.03)):
+        at = whole & (share > low) & (share < high)
+        assert at.sum() > 20
+        assert irradiance[at].sum() == pytest.approx(wanted[at].sum(), rel=0.02)
 
 
 def test_an_occluder_shadows_and_the_emitter_itself_does_not():
