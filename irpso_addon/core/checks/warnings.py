@@ -287,8 +287,8 @@ def _doubtful(checks: Checks) -> list[str]:
         return []
     line = f"{checks.name}: roughness may be off by more than 0.15 on {percent(checks.doubtful)} of its solved texels"
     if checks.nearest == 0:  # light from all around
-        return [f"{line}: the world's light shows too little of it at {percent(checks.noise, 1)} noise; add a lamp, a "
-                "turn of the object or a world with small lights"]
+        return [f"{line}: light from worlds or glowing meshes shows too little of it at {percent(checks.noise, 1)} "
+                "noise; add a lamp, a turn of the object or a world with small lights"]
     near = "no view shows a highlight on them" if math.isinf(checks.nearest) else (
         f"no highlight came near {percent(checks.no_highlight)} of the object (median distance of the nearest: "
         f"{checks.nearest:.1f} highlight widths) at {percent(checks.noise, 1)} noise")
