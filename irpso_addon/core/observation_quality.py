@@ -6,7 +6,8 @@ from .data import F32, OPAQUE
 
 EDGE_WEIGHT = 0.03  # of what lies at an edge of shadow or silhouette
 DARK_SHARE = 0.02  # radiance below this share of the typical one is as good as noise
-# Below them nothing is observed: the long footprint of a grazing pixel, the terminator.  So too in observed.glsl.
+# Below them nothing is observed: the long footprint of a grazing pixel, the terminator.  So too in observed.glsl and
+# pixel.glsl.
 MIN_COS_V, MIN_COS_L = 0.15, 0.08
 # Standard error of roughness at which confidence is one half: three are 0.1, which 0.3 % of normal errors exceed.
 HALF_SURE = 0.1 / 3

@@ -13,7 +13,6 @@ const int u_light_points = LIGHT_POINTS;
 uniform int u_light_points;    // sample points on the emitter
 #endif
 
-const float MIN_COS_L = 0.08;  // the terminator: there the irradiance is wrong by the facets' own error
 const float MIN_COS_V = 0.15;  // beyond 81 degrees a pixel's footprint is too long to stand for a point
 const float EDGE = 1e30;       // marks irradiance where the edge of a lamp's shadow passes
 const float NO_LIGHT = -1e3;   // marks a channel without light: it says nothing; below UNLIT_BELOW

@@ -9,6 +9,7 @@ uniform float u_pixel_width;        // metres (orthographic) or metres per metre
 uniform float u_footprint;          // width, in pixels, of the box over which a pixel averages
 
 const int SILHOUETTE = 512;         // in what observe/rim.frag leaves
+const float MIN_COS_L = 0.08;       // the terminator: there the irradiance is wrong by the facets' own error
 
 struct Pixel {
     vec3 P, N;

@@ -78,7 +78,8 @@ void add(Direction d, float share) {
     EACH_NODE
 #undef NODE
 #ifdef IRRADIANCE
-    o_irradiance += vec4(arrives, 4.0 * (1.0 - share) * grey);  // doubt: all of it, where half arrives
+    // Doubt: all of it, where half arrives; of light at the terminator as much as of what hardly arrives.
+    o_irradiance += vec4(arrives, 4.0 * (cos_l < MIN_COS_L ? 1.0 : 1.0 - share) * grey);
 #endif
 }
 

@@ -238,3 +238,21 @@ def test_what_knows_lamps_alone_says_so():
         with pytest.raises(BadInput, match="works with lamps only, but object 'Panel' shines on the views") as caught:
             thread.run(lambda settings=settings: pipeline.solve(scene, SolveSettings(**settings), _white))
         assert "\n" not in str(caught.value)
+
+
+def test_light_that_grazes_is_known_roughly():
+    """A panel sets behind a coarse sphere: at the terminator its facets decide how much light arrives."""
+    panel = glowing.rectangle((6.0, -2.0, 3.0), (0.1, -0.2, 0), (-0.08, -0.04, 0.18))
+    irradiance, _, position, normal, quality, cam = _observed(syn.mesh_arrays(*syn.sphere(48, 24)), _light(panel))
+    seen = (position[..., 3] > 0.5) & (irradiance[..., 0] > 0)
+    toward = np.array((6.0, -2.0, 3.0)) - position[..., :3]
+    cos_l = (normal[..., :3] * toward).sum(-1) / np.linalg.norm(toward, axis=-1)
+    away = cam.position - position[..., :3]
+    cos_v = (normal[..., :3] * away).sum(-1) / np.linalg.norm(away, axis=-1)
+    # Of the quality what darkness (a fiftieth of the pictures' white) and the angle to the camera do not explain.
+    light = irradiance.mean(-1)
+    trust = quality / np.maximum(cos_v * light / (light + 0.02), 1e-9) ** 2
+    grazed, lit = (trust[seen & (cos_v > 0.3) & (cos_l > low) & (cos_l < high)] for low, high in ((0, 0.07), (0.1, 1)))
+    assert min(len(grazed), len(lit)) > 20
+    assert np.quantile(grazed, 0.9) < 0.1  # 0.01, as of a lamp; it was 1
+    assert np.median(lit) > 0.99
