@@ -316,6 +316,7 @@ class Solution:
     # material slot name -> share of its texels that are paint beside its metal; where there are any, Metallic is a map
     paint: dict[str, float] = field(default_factory=dict)
     coats: dict[str, Coat] = field(default_factory=dict)  # material slot name -> its coat, where it has one
+    diffuse_roughness: dict[str, float] = field(default_factory=dict)  # material slot name -> that, where it is not 0
     ndf: str = "ggx"  # distribution of the two-lobe model, as in core/params.py
     checks: Checks | None = None  # what the views say of the maps
     pictures: tuple[ViewPicture, ...] = ()  # of each view, reduced: reference beside prediction
@@ -342,7 +343,7 @@ class Solution:
     def of_maps(
         cls, maps: Maps, model: dict[str, str], levels: dict[str, float] | None = None, ndf: str = "ggx", why: str = "",
         metallic: dict[str, float] | None = None, coats: dict[str, Coat] | None = None,
-        paint: dict[str, float] | None = None,
+        paint: dict[str, float] | None = None, diffuse_roughness: dict[str, float] | None = None,
     ) -> Solution:
         """Of maps that no solve here has found: what materials show, and a search may start from; no figures.
 
@@ -350,4 +351,5 @@ class Solution:
         """
         return cls(maps=maps, model=model, why=dict.fromkeys(model, why), texels={}, seconds={}, residual=0.0,
                    views_used=(), views_skipped=(), warnings=(), device={}, levels=levels or {},
-                   metallic=metallic or {}, coats=coats or {}, paint=paint or {}, ndf=ndf)
+                   metallic=metallic or {}, coats=coats or {},
+                   diffuse_roughness=diffuse_roughness or {}, paint=paint or {}, ndf=ndf)

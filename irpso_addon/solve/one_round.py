@@ -168,7 +168,7 @@ def _solution(
     lit = made.solved if cancelled else observed  # a solve that was stopped did not reach the others
     return Solution(
         maps=maps, model=ladder.model, why=ladder.why, seconds={}, device={}, levels=ladder.levels,
-        metallic=ladder.metallic, coats=ladder.coats, paint=made.paint,
+        metallic=ladder.metallic, coats=ladder.coats, diffuse_roughness=ladder.diffuse_roughness, paint=made.paint,
         predictions=ladder.predictions, priors=ladder.priors, stride=solved.stride,
         residual=float(np.sqrt(np.mean(relative**2))) if len(relative) else 0.0,
         cancelled=cancelled, ndf=settings.ndf,

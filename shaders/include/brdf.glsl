@@ -264,3 +264,34 @@ float diffuse_principled(float roughness, float cos_v) {
 float left_by_coat(vec2 coat, float cos_v) {
     return 1.0 - coat.x * principled_energy(coat.y, cos_v).y;
 }
+
+// The diffuse of a Diffuse Roughness: over what a smooth one reflects, first + second * rough_bounce.  The improved
+// Oren-Nayar model with energy preservation; brdf.py has the references.
+float fujii_scale(float roughness) {
+    return 1.0 / (PI + roughness * (0.5 * PI - 2.0 / 3.0));
+}
+
+float fujii(float cosine) {
+    float c = clamp(cosine, 1e-6, 1.0), s = sqrt(1.0 - c * c);
+    return s * (atan(s, c) - 2.0 / 3.0 - s * c) + 2.0 / 3.0 * s / c * (1.0 - s * s * s);
+}
+
+vec2 rough_parts(float cos_l, float cos_v, float cos_lv, float roughness) {
+    float a = fujii_scale(roughness), t = cos_lv - cos_l * cos_v;
+    if (t > 0.0) t /= max(cos_l, cos_v);
+    float lost_l = 1.0 - a * (PI + roughness * fujii(cos_l)), lost_v = 1.0 - a * (PI + roughness * fujii(cos_v));
+    return vec2(PI * a * (1.0 + roughness * t), lost_l * lost_v);
+}
+
+vec3 rough_bounce(vec3 base, float roughness) {
+    float mean = fujii_scale(roughness) * (PI + roughness * (2.0 * PI - 5.6) / 3.0);
+    return base * base * mean / (max(1.0 - mean, ROUGH_LOST) * (1.0 - base * (1.0 - mean)));
+}
+
+// What one lamp adds to rough_parts of all light, less 1.  lobe: sin2h, radius2, cos_l, F / (2 cos_l cos_v) * its share.
+vec2 rough_share(vec4 lobe, float cos_v, float roughness) {
+    float cos_l = clamp(lobe.z, 1e-3, 1.0), both = cos_l + cos_v;
+    float far = both * both / max(1.0 - lobe.x, 1e-6);  // |L + V|^2
+    float share = lobe.w * 2.0 * cos_l * cos_v / F_dielectric(min(0.5 * sqrt(far), 1.0));
+    return share * (rough_parts(cos_l, cos_v, clamp(0.5 * far - 1.0, -1.0, 1.0), roughness) - vec2(1.0, 0.0));
+}

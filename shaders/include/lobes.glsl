@@ -1,6 +1,7 @@
 // The material that the search found, looked up at a pixel: two lobes (a single one: equal roughnesses), which may
 // be Principled or Beckmann's (NDF_BECKMANN), at a Specular IOR Level that is a map with SPECULAR, else 0.5, and a
-// Metallic that is one with METALLIC, else 0, under a coat that is one with COAT.  With ONE_LOBE no texel has two.
+// Metallic that is one with METALLIC, else 0, under a coat that is one with COAT, above a diffuse whose Diffuse Roughness is
+// one with ROUGH_DIFFUSE, else 0.  With ONE_LOBE no texel has two.
 #include "include/brdf.glsl"
 uniform sampler2D u_lobes;  // texel grid, holes filled: roughness1, roughness2, weight of lobe 1
 #ifdef SPECULAR
@@ -15,6 +16,11 @@ float metallic_at(vec2 uv) { return texture(u_metallic, uv).r; }
 #ifdef COAT
 uniform sampler2D u_coat;  // weight, roughness
 vec2 coat_at(vec2 uv) { return texture(u_coat, uv).rg; }
+#endif
+
+#ifdef ROUGH_DIFFUSE
+uniform sampler2D u_rough;
+float rough_at(vec2 uv) { return texture(u_rough, uv).r; }
 #endif
 
 struct Found { vec2 r; float weight, level; };

@@ -18,6 +18,13 @@ layout(location = 0) out vec4 o_specular;  // 1/sr; with METALLIC alone, alpha: 
 #if defined(METALLIC) && !defined(SHOWN)
 layout(location = 1) out vec4 o_metal;     // what a white metal returns beyond a black one, without gain; alpha: mean
 #endif
+#ifdef ROUGH_DIFFUSE
+#if defined(METALLIC) && !defined(SHOWN)
+layout(location = 2) out vec4 o_rough;
+#else
+layout(location = 1) out vec4 o_rough;
+#endif
+#endif
 
 vec4 node(ivec2 at, int k) {
     return texelFetch(u_nodes, at + textureSize(u_position, 0) * ivec2(k % ENVIRONMENT_COLUMNS, k / ENVIRONMENT_COLUMNS), 0);
@@ -76,5 +83,8 @@ void main() {
 #if defined(METALLIC) && !defined(SHOWN)
     o_metal *= left;
 #endif
+#endif
+#ifdef ROUGH_DIFFUSE
+    o_rough = vec4(0.0);  // as of a smooth one
 #endif
 }

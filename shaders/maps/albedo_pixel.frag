@@ -2,7 +2,8 @@
 // least-squares albedo of VIEWS views, added over all the camera's views.  Errors count relative to what
 // the albedo of the pass before predicts, and views far from it (missed shadows) lose their weight
 // (Cauchy, by iteratively reweighted least squares; Holland and Welsch 1977).
-// Of a metal, whose multiple scattering depends on the albedo too, each pass is a step of Gauss and Newton.
+// Of a metal, whose multiple scattering depends on the albedo too, each pass is a step of Gauss and Newton.  A rough
+// diffuse, which depends on it less, is that of the albedo of the pass before.
 #include "include/lobes.glsl"
 uniform sampler2D u_position;   // pixel grid
 uniform sampler2D u_normal;
@@ -11,6 +12,9 @@ uniform sampler2D u_colour[VIEWS];    // f (1/sr), quality
 uniform sampler2D u_specular[VIEWS];  // of the view's lights, 1/sr
 #ifdef METALLIC
 uniform sampler2D u_metal[VIEWS];     // see maps/albedo_specular.frag
+#endif
+#ifdef ROUGH_DIFFUSE
+uniform sampler2D u_more[VIEWS];      // see o_rough there
 #endif
 uniform sampler2D u_before;     // albedo sum of the pass before
 uniform sampler2D u_before_weight;
@@ -24,12 +28,14 @@ uniform vec3 u_tint[VIEWS];     // light per channel, mean 1
 layout(location = 0) out vec4 o_albedo;  // weighted albedo sum
 layout(location = 1) out vec4 o_weight;
 
-#ifdef METALLIC
+#if defined(METALLIC) || defined(ROUGH_DIFFUSE)
 #define WHITE vec3  // what a channel of white returns, as each of them has it
-const float DARK = 0.25;  // beside its highlight a metal is dark: of Lambert's, below which errors are not relative
-vec3 gain, d_gain;  // of a metal, and its derivative by base colour
 #else
 #define WHITE float
+#endif
+#ifdef METALLIC
+const float DARK = 0.25;  // beside its highlight a metal is dark: of Lambert's, below which errors are not relative
+vec3 gain, d_gain;  // of a metal, and its derivative by base colour
 #endif
 
 void add_view(vec4 colour, vec3 s, vec3 tint, WHITE diffuse, vec3 before) {
@@ -53,7 +59,7 @@ void add_view(vec4 colour, vec3 s, vec3 tint, WHITE diffuse, vec3 before) {
 
 #ifdef METALLIC
 // The same of a view with a metal's lobe, linear about the base colour of the pass before.
-void add_metal(vec4 colour, vec4 specular, vec4 metal, vec3 tint, float diffuse, vec3 before) {
+void add_metal(vec4 colour, vec4 specular, vec4 metal, vec3 tint, vec3 diffuse, vec3 before) {
     vec3 black = metal.rgb * (specular.a / max(metal.a, 1e-20));  // of several lamps' colours: the mean share
     vec3 bend = d_gain * (before * metal.rgb + black);
     add_view(colour, specular.rgb + gain * black - before * bend, tint, diffuse + gain * metal.rgb + bend, before);
@@ -78,12 +84,18 @@ void main() {
     before = clamp(before, 0.0, 1.0);
     o_albedo = o_weight = vec4(0.0);
 #define AT(image) texelFetch(image, at, 0)
+#ifdef ROUGH_DIFFUSE
+    vec3 bounce = rough_bounce(before, rough_at(texelFetch(u_uv, at, 0).xy));
+#define DIFFUSE(k) (diffuse * (1.0 + AT(u_more[k]).rgb + AT(u_more[k]).a * bounce))
+#else
+#define DIFFUSE(k) WHITE(diffuse)
+#endif
 #ifdef METALLIC
     diffuse *= 1.0 - metallic_at(texelFetch(u_uv, at, 0).xy);
     metal_gain_of(found, cos_v, before, gain, d_gain);
-#define ADD_VIEW(k) add_metal(AT(u_colour[k]), AT(u_specular[k]), AT(u_metal[k]), u_tint[k], diffuse, before)
+#define ADD_VIEW(k) add_metal(AT(u_colour[k]), AT(u_specular[k]), AT(u_metal[k]), u_tint[k], DIFFUSE(k), before)
 #else
-#define ADD_VIEW(k) add_view(AT(u_colour[k]), AT(u_specular[k]).rgb, u_tint[k], diffuse, before)
+#define ADD_VIEW(k) add_view(AT(u_colour[k]), AT(u_specular[k]).rgb, u_tint[k], DIFFUSE(k), before)
 #endif
     // An array of samplers takes constant indices alone.
     ADD_VIEW(0);

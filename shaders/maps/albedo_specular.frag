@@ -1,4 +1,6 @@
 // Specular radiance per irradiance of one light at every pixel, at the roughness found; lights add up.
+// ROUGH_DIFFUSE: and in o_rough what a rough diffuse adds to a smooth one's: 1/sr with SHOWN; else for each channel over the smooth
+// one's, to which in alpha belongs rough_bounce.
 #include "include/lobes.glsl"
 uniform sampler2D u_position;   // pixel grid
 uniform sampler2D u_normal;
@@ -16,6 +18,13 @@ uniform sampler2D u_shown;  // pixel grid: base colour
 layout(location = 0) out vec4 o_specular;  // 1/sr; with METALLIC alone, alpha: what a black metal adds to o_metal's
 #if defined(METALLIC) && !defined(SHOWN)
 layout(location = 1) out vec4 o_metal;     // what a white metal returns beyond a black one, without gain; alpha: mean
+#endif
+#ifdef ROUGH_DIFFUSE
+#if defined(METALLIC) && !defined(SHOWN)
+layout(location = 2) out vec4 o_rough;
+#else
+layout(location = 1) out vec4 o_rough;
+#endif
 #endif
 
 void main() {
@@ -48,6 +57,16 @@ void main() {
     o_specular.rgb += u_channel * coat_of(coat, cos_v, texelFetch(u_lobe, at, 0));
 #if defined(METALLIC) && !defined(SHOWN)
     o_metal *= left;
+#endif
+#endif
+#ifdef ROUGH_DIFFUSE
+    float rough = rough_at(texelFetch(u_uv, at, 0).xy);
+    vec2 more = rough_share(texelFetch(u_lobe, at, 0), cos_v, rough);
+#ifdef SHOWN
+    vec3 colour = texelFetch(u_shown, at, 0).rgb;
+    o_rough = vec4(u_channel * colour * diffuse_of(found, cos_v) * (more.x + more.y * rough_bounce(colour, rough)), 0.0);
+#else
+    o_rough = vec4(u_channel * more.x, dot(u_channel, vec3(1.0 / 3.0)) * more.y);
 #endif
 #endif
 }

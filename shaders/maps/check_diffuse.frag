@@ -12,8 +12,8 @@ uniform vec3 u_camera_forward;
 uniform bool u_orthographic;
 
 layout(location = 0) out vec4 o_diffuse;  // RGB, cos_v
-#ifdef METALLIC
-layout(location = 1) out vec4 o_base;     // its metal's lobe is another for each view
+#if defined(METALLIC) || defined(ROUGH_DIFFUSE)
+layout(location = 1) out vec4 o_base;     // a metal's lobe and a rough diffuse are others for each view
 #endif
 
 void main() {
@@ -35,6 +35,8 @@ void main() {
 #endif
 #ifdef METALLIC
     o_diffuse.rgb *= 1.0 - metallic_at(uv);
+#endif
+#if defined(METALLIC) || defined(ROUGH_DIFFUSE)
     o_base = vec4(mean, 1.0);
 #endif
 }

@@ -52,7 +52,7 @@ RACE = {"u_particles": 24, "u_moves": 0, "u_race_steps": 2, "u_final_steps": 0} 
 DOCTOR_SECONDS = 300
 SLOWEST = 8  # kernels whose compilation is told by itself
 KERNELS = {"search": 3, "table": 8, "polish": 2, "polish_two": 3, "finish": 2, "albedo": 1}  # and their outputs
-SWITCHES = ("", "ROBUST", "JOINT", "SPECULAR", "METALLIC", "COAT", "SWARM")
+SWITCHES = ("", "ROBUST", "JOINT", "SPECULAR", "METALLIC", "COAT", "ROUGH_DIFFUSE", "SWARM")
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ def variants() -> Iterator[tuple[str, str, dict[str, str]]]:
                         continue
                     options = {switch: "16" if switch == "SWARM" else "1"} if switch else {}
                     title = ", ".join(filter(None, (kernel, words, f"lobes {lobes}", switch)))
-                    colour = {"COLOUR": "1"} if kernel == "albedo" else {}
+                    colour = {"COLOUR": "1"} if kernel == "albedo" or switch == "ROUGH_DIFFUSE" else {}
                     yield title, f"solve/{kernel}.kernel", {
                         **layers.defines(), "LOBES": str(lobes), "OUTPUTS": str(outputs), **options, **colour}
 

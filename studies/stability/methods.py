@@ -49,6 +49,7 @@ class Answer:
     model: str = "one-lobe"
     metallic: float = 0.0
     coat: Coat | None = None
+    diffuse_roughness: float = 0.0
     prediction: MaterialPrediction | None = None  # of left-out lamps, where the method judges by that
 
 
@@ -121,7 +122,8 @@ class Table:
         sure = np.where(trusted, confidence(rough.astype(np.float32), sigma, at.observations, at.solved), 0.0)
         answer = Answer(np.zeros((*shape, 3)), rough, at.solved, sigma, sure.astype(np.float32), at.observations,
                         None if found.lobes is None else found.lobes.astype(np.float64), level, model,
-                        found.metallic.get("Paint", 0.0), found.coats.get("Paint"), prediction)
+                        found.metallic.get("Paint", 0.0), found.coats.get("Paint"),
+                        found.diffuse_roughness.get("Paint", 0.0), prediction)
         return replace(answer, base=base_of(self.problem, answer))
 
     def rival(self, shader: str, uniforms: dict[str, float]) -> Answer:
@@ -162,20 +164,22 @@ def predicted(problem: Problem, answer: Answer, k: int) -> tuple[F64, F64]:
     geometry = np.repeat(problem.lobes[:, :, k].reshape(-1, 1, 1, 4), 3, 1)
     view = PlaceView(rgb, np.ones_like(rgb), problem.cos_v[..., k].ravel(), geometry)
     metallic = np.full(r.size, answer.metallic)
-    coats = () if answer.coat is None else (np.zeros(r.size, np.int32), (answer.coat,))
-    base = np.maximum(answer.base, 0.01) if answer.metallic > 0 else np.ones((*shape, 3))
+    coats = (None, ()) if answer.coat is None else (np.zeros(r.size, np.int32), (answer.coat,))
+    rough = np.full(r.size, answer.diffuse_roughness) if answer.diffuse_roughness > 0 else None
+    by_base = answer.metallic > 0 or rough is not None
+    base = np.maximum(answer.base, 0.01) if by_base else np.ones((*shape, 3))
     black, shown = (predict(Surface(values.reshape(-1, 3), lobes.reshape(-1, 3), level.ravel(),
-                                    np.zeros(r.size, bool), metallic, *coats), view).reshape(*shape, 3)
+                                    np.zeros(r.size, bool), metallic, *coats, rough), view).reshape(*shape, 3)
                     for values in (np.zeros_like(base), base))
     each = (shown - black) / base
-    return black, each if answer.metallic > 0 else each[..., :1]
+    return black, each if by_base else each[..., :1]
 
 
 def base_of(problem: Problem, answer: Answer) -> F64:
     """Base colour (h, w, 3) by least squares at the lobes found."""
     shape = (*answer.roughness.shape, 3)
     answer = replace(answer, base=np.full(shape, 0.5))
-    for _ in range(BASE_PASSES if answer.metallic > 0 else 1):
+    for _ in range(BASE_PASSES if answer.metallic > 0 or answer.diffuse_roughness > 0 else 1):
         total, weight = np.zeros(shape), np.full(shape, 1e-12)
         for k in range(problem.trial.views):
             specular, white = predicted(problem, answer, k)
@@ -258,8 +262,8 @@ METHODS = (
     Method("auto", "model auto", lambda t: t.whole(),
            (*_SOLVE, *_CHECKS, *(_LIBRARY + file for file in (
                "gpu/solve/model_ladder.py", "gpu/solve/model_prediction.py", "gpu/solve/prediction_trials.py",
-               "gpu/solve/material_sample.py", "gpu/solve/specular_level.py", "core/evaluation",
-               "core/models.py"))), rounds=True, needs="other"),
+               "gpu/solve/trial_runs.py", "gpu/solve/material_sample.py", "gpu/solve/specular_level.py",
+               "core/evaluation", "core/models.py"))), rounds=True, needs="other"),
     Method("single", "LM, one start", lambda t: t.rival("single.kernel", {"u_steps": 16}),
            (*_FIT, "studies/bench/shaders")),
     Method("adam", "Adam", lambda t: t.rival("adam.kernel", ADAM),

@@ -21,7 +21,7 @@ RNG = np.random.default_rng(5)
 
 
 def sampled(count: int, lamps: int, cameras: int, rough: np.ndarray, level: float = 0.5, noise: float = 0.0,
-            metallic: float = 0.0, coat: Coat | None = None) -> tuple[SampledTexels, np.ndarray]:
+            metallic: float = 0.0, coat: Coat | None = None, diffuse: float = 0.0) -> tuple[SampledTexels, np.ndarray]:
     """Texels of random normals under lamps and cameras, and their base colours, by brdf.principled of three vectors."""
     def directions(n: int, low: float) -> np.ndarray:
         z = RNG.uniform(low, 1, n)
@@ -39,7 +39,7 @@ def sampled(count: int, lamps: int, cameras: int, rough: np.ndarray, level: floa
     cos_l, cos_v, cos_vh = ((a * b).sum(-1) for a, b in ((light, normal), (view, normal), (view, half)))
     grey = np.repeat(base[:, None], 3, 1)
     f = brdf.principled(grey[:, None], rough[:, None], light, view, normal, level=level, metallic=metallic,
-                       coat=coat)[..., 0]
+                       coat=coat, diffuse_roughness=diffuse)[..., 0]
     f = f * (1 + noise * RNG.standard_normal(f.shape))
     sin2h = (np.cross(normal, half) ** 2).sum(-1)
     lobes = np.stack([sin2h, np.zeros_like(sin2h), cos_l, brdf.F_dielectric(cos_vh) / (2 * cos_l * cos_v)], -1)
@@ -390,3 +390,33 @@ def test_parts_are_found_between_the_nodes(level: float) -> None:
         found = search.settled(search.fit(known), known).parts[len(rough) - 2]
         assert sorted((found.roughness, *found.others)) == pytest.approx(rough, rel=0.02)
         assert found.level == pytest.approx(level, abs=0.02)
+
+
+def test_predictions_of_a_true_rough_diffuse_are_exact() -> None:
+    rough = RNG.uniform(0.15, 0.8, 40)
+    texels, _ = sampled(40, 8, 2, rough, 0.3, diffuse=0.7)
+    known = texels.lamps % 4 != 0
+    got = predicted(texels, one_lobe(rough, 0.3, diffuse=0.7), known)
+    np.testing.assert_allclose(got, texels.reflected, rtol=3e-3)
+    smooth = predicted(texels, one_lobe(rough, 0.3), known)
+    assert np.quantile(np.abs(smooth / texels.reflected - 1), 0.9) > 0.02
+
+
+@pytest.mark.parametrize("different", [False, True])
+@pytest.mark.parametrize("diffuse", [0.0, 0.23, 0.77])
+def test_a_diffuse_roughness_is_found(diffuse: float, different: bool) -> None:
+    """About, by texels that may each have their own roughness; exactly, with one roughness and level."""
+    rough = RNG.uniform(0.2, 0.6, 60) if different else np.full(60, 0.42)
+    texels, _ = sampled(60, 12, 2, rough, 0.4, diffuse=diffuse)
+    search, known = JointSearch(texels), np.ones(24, bool)
+    found = search.diffuse_roughness(known)
+    assert found == pytest.approx(diffuse, abs=0.1)
+    if diffuse and not different:
+        one = search.fit(known, found).specular
+        assert (one.diffuse, one.roughness, one.level) == (
+            pytest.approx(diffuse, abs=0.01), pytest.approx(0.42, abs=2e-3), pytest.approx(0.4, abs=0.02))
+
+
+def test_a_metal_has_no_diffuse_roughness() -> None:
+    texels, _ = sampled(60, 12, 2, np.full(60, 0.42), metallic=1.0)
+    assert JointSearch(texels).diffuse_roughness(np.ones(24, bool)) < 0.05

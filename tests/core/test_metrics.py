@@ -159,6 +159,28 @@ def test_a_solutions_coats_are_its_materials():
     assert list(shown(whole, pixels).coat) == [0, -1]
 
 
+def test_rough_diffuses_are_those_of_the_principled_model():
+    """Two of them, and places without."""
+    view, (L, V, N) = one_light()
+    rough = np.array([0.0, 0.3, 1.0])[np.arange(200) % 3]
+    at = replace(surface(level=0.7), diffuse_roughness=rough)
+    want = np.stack([brdf.principled(at.base[i], at.lobes[i, 0], L[i], V[i], N[i], 0.7, diffuse_roughness=of)
+                     for i, of in enumerate(rough)])
+    assert np.abs(predict(at, view) / want - 1).max() < 2e-4
+
+
+def test_a_solutions_diffuse_roughness_is_its_materials():
+    grid, none = np.full((4, 4), 0.5, np.float32), np.zeros((4, 4), bool)
+    found = Solution.of_maps(
+        Maps(np.full((4, 4, 3), 0.5, np.float32), grid, grid, grid, none, none, grid, grid),
+        {"Chalk": "one-lobe", "Paint": "one-lobe"}, diffuse_roughness={"Chalk": 0.75})
+    slots = np.array([[1, 1, 0, 0]] * 4, np.int32)
+    whole = prediction.surface(found, "ggx", slots, ("Paint", "Chalk"))
+    assert np.array_equal(whole.diffuse_roughness.reshape(4, 4), np.where(slots == 1, 0.75, 0.0))
+    pixels = Pixels(np.array([[0.1, 0.5], [0.9, 0.5]], np.float32), np.zeros((2, 4), np.float32), 1.0)
+    assert list(shown(whole, pixels).diffuse_roughness) == [0.75, 0.0]
+
+
 def test_level_zero_is_lambert():
     view, _ = one_light()
     at = surface(level=0.0)

@@ -44,10 +44,10 @@ def test_each_model_says_what_only_it_has():
              "Tin": "one-lobe-metallic", "Toy": "one-lobe-metallic"}
     solution = replace(SOLUTION, model=model, why={}, levels={"Cup": np.float32(0.25)}, ndf="beckmann",
                        metallic={"Tin": np.float32(0.75), "Toy": 1.0}, coats={"Tin": Coat(0.5, 0.25)},
-                       paint={"Toy": 0.25})
+                       paint={"Toy": 0.25}, diffuse_roughness={"Cup": 0.75})
     models = build_report(solution, SolveSettings(), [])["models"]
     assert models == {
-        "Cup": {"model": "one-lobe-specular", "why": "", "level": 0.25},
+        "Cup": {"model": "one-lobe-specular", "why": "", "level": 0.25, "diffuse_roughness": 0.75},
         "Jug": {"model": "one-lobe-specular", "why": "", "level": None},  # a map
         "Skin": {"model": "two-lobe", "why": "", "ndf": "beckmann"}, "Chalk": {"model": "lambert", "why": ""},
         "Tin": {"model": "one-lobe-metallic", "why": "", "metallic": 0.75, "level": 0.5,

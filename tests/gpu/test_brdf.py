@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.data import Coat
+from irpso_addon.core.evaluation.lobe_values import diffuse_parts
 from irpso_addon.core.shading import brdf
 from irpso_addon.core.shading.tables import F0, SIZE
 
@@ -207,3 +208,34 @@ def test_one_lobe_beside_beckmann_materials_is_principled(evaluate):
     np.testing.assert_allclose(one[:, 1], energy[:, 0] * brdf.D_ggx(r**4, sin2h) / roots, rtol=2e-5)
     two = evaluate("include/lobes.glsl", body.format("0.5"), a, defines={"NDF_BECKMANN": "1"})
     np.testing.assert_allclose(two[:, 0], 1 / np.pi, rtol=1e-6)
+
+
+@pytest.mark.parametrize("roughness", [1e-3, 0.3, 1.0])
+def test_a_rough_diffuse_equals_its_twin(evaluate, arguments, roughness):
+    packed, (cos_l, cos_v, cos_lv, base) = columns(arguments, "cos_l", "cos_v", "cos_vh", "base")
+    single, lost = brdf.rough_parts(cos_l, cos_v, cos_lv, roughness)
+    got = evaluate(BRDF, f"o.xy = rough_parts(a.x, a.y, a.z, {roughness}); "
+                         f"o.z = rough_bounce(vec3(a.w), {roughness}).y;", packed)
+    np.testing.assert_allclose(got[:, 0], single, rtol=RTOL)
+    # Each factor of what is lost is a difference of numbers near 1.
+    np.testing.assert_allclose(got[:, 1], lost, rtol=RTOL, atol=1e-6 * roughness)
+    np.testing.assert_allclose(got[:, 2], brdf.rough_bounce(base, roughness), rtol=2e-3 if roughness < 0.1 else RTOL)
+    whole = (base / np.pi * (got[:, 0] + got[:, 1] * got[:, 2]))
+    want = brdf.diffuse_rough(base[:, None], cos_l, cos_v, cos_lv, roughness)[:, 0]
+    np.testing.assert_allclose(whole, want, rtol=RTOL)
+
+
+def test_a_lamps_part_of_a_rough_diffuse_equals_its_twin(evaluate, arguments):
+    """From a lobe's record, of a lamp that has a third of the irradiance."""
+    _, (sin2h, cos_l, cos_v) = columns(arguments, "sin2h", "cos_l", "cos_v")
+    sin2h = np.minimum(sin2h, 0.9)
+    cos_vh = np.minimum((cos_l + cos_v) / (2 * np.sqrt(1 - sin2h)), 1)
+    possible = (cos_l + cos_v) ** 2 / (1 - sin2h) < 4
+    factor = brdf.F_dielectric(cos_vh) / (2 * cos_l * cos_v) / 3
+    packed = np.stack([sin2h, cos_l, factor, cos_v], 1)[possible].astype(np.float32)
+    got = evaluate(BRDF, "o.xy = rough_share(vec4(a.x, 0.0, a.y, a.z), a.w, 0.7);", packed)
+    single, lost = diffuse_parts(np.stack([sin2h, 0 * sin2h, cos_l, factor], -1)[:, None, None], cos_v[:, None], 0.7)
+    np.testing.assert_allclose(1 + got[:, 0], single[possible, 0, 0], rtol=RTOL)
+    np.testing.assert_allclose(got[:, 1], lost[possible, 0, 0], rtol=RTOL, atol=1e-6)
+    both = brdf.rough_parts(cos_l, cos_v, 2 * cos_vh**2 - 1, 0.7)
+    np.testing.assert_allclose(3 * got[:, 0] + 1, both[0][possible], rtol=10 * RTOL)

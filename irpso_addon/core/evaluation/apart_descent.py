@@ -45,15 +45,18 @@ class ApartDescent:
         # (T,) whose roughness a texel has; how many there are:
         self.group: I32 = np.zeros(0, np.int32)
         self.count = 0
+        self.diffuse = np.ones((1, 1, 1))
 
     def run(
         self, start: F64, roughness: F64, known: Bool, centre: float | None = None, group: I32 | None = None,
+        diffuse: F64 | None = None,
     ) -> tuple[F64, F64]:
         """((level, Metallic), roughness) that the ``known`` layers show, from a ``start``; a Metallic of 0 is kept.
 
         ``roughness``: (G,) to begin with.  ``centre``: about which they lie; None: anywhere.  ``group``: (T,) whose
-        roughness a texel has; None: its own.
+        roughness a texel has; None: its own.  ``diffuse``: (T, V, C) gain of a rough one.
         """
+        self.diffuse = np.ones((1, 1, 1)) if diffuse is None else diffuse
         self.descent.layers = known, ()
         self.descent.base = np.full((1, 1, 1), METAL_BASE)
         self.count = len(roughness)
@@ -127,7 +130,7 @@ class ApartDescent:
         energy = brdf.principled_energy_level(roughness[:, None], cos_v, level)
         shape = lobe_values(lobes, cos_v, roughness, nodes=nodes) * fresnel_ratio(
             lobes, cos_v, np.asarray(level), nodes, roughness)
-        white, rest = ((1 - energy[..., 1]) / np.pi)[..., None], (shape.sum(-1) * energy[..., 0])[..., None]
+        white, rest = ((1 - energy[..., 1]) / np.pi)[..., None] * self.diffuse, (shape.sum(-1) * energy[..., 0])[..., None]
         if metallic > 0:
             own, edge = (part[..., None] for part in metal_values(lobes, cos_v, roughness, nodes))
             gain = brdf.metal_gain(self.descent.base, brdf.metal_energy(roughness[:, None], cos_v)[:, :, None])

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..data import F64, Bool, Coat
 from ..shading import brdf
-from .descent import ALL_NUMBERS, LEAST_NUMBER, Descent
+from .descent import LEAST_NUMBER, Descent
 from .joint_material import LEVELS, ROUGHNESS, Joint, JointSearch, OneMaterial
 from .lobe_values import coat_values
 from .sampled_texels import LEAST
@@ -25,7 +25,7 @@ RACE, KEPT, STEPS, LAST_STEPS = 5, 2, 10, 8  # steps from every start; of those 
 SEEN = 0.01  # share of the texels that must see a coat's highlight, or its tails
 SAME_LOBE, HALF = 1.25, 0.5  # ratio of roughnesses up to which two lobes are one; of a body's highlight without a coat
 ROUGHER = 1.03  # cost of a coat that is rougher than what it covers, relative to one that is not
-PLAIN_NUMBERS = (0, 1, 3, 4)  # of those of a descent: without Metallic
+METAL_NUMBERS, PLAIN_NUMBERS = (0, 1, 2, 3, 4), (0, 1, 3, 4)  # of those of a descent: with and without Metallic
 PLAIN, METAL, APART = "plain", "metal", "apart"  # below the coat: one value; and Metallic; a roughness a texel
 WEIGHTS, COATS = np.array([0.1, 0.3, 0.6, 1.0]), 8  # of APART: weights, number of roughnesses, first of all
 WIDEST, ROUNDS = 0.7, 3  # the largest of these; how often each of the two is found again between its neighbours
@@ -38,7 +38,7 @@ class CoatSearch:
         # A coat is the same everywhere: it is seen where half vectors come near the normals of some texels.  At an
         # angle whose sine is its roughness, GGX is 1 / pi: a few percent of a diffuse.
         sharpest = max(float(np.quantile(search.nearest, SEEN)) ** 0.5, brdf.ROUGHNESS_MIN)
-        low = np.array([brdf.ROUGHNESS_MIN, LEAST_NUMBER, LEAST_NUMBER, LEAST_NUMBER, sharpest])
+        low = np.array([brdf.ROUGHNESS_MIN, LEAST_NUMBER, LEAST_NUMBER, LEAST_NUMBER, sharpest, 0.0])
         some = np.arange(0, len(search.weight), SOME, dtype=np.int32)
         self.some = Descent(search.texels.part(some), search.weight[some], low)
         self.all = Descent(search.texels, search.weight, low)
@@ -52,12 +52,12 @@ class CoatSearch:
         if kind == APART:
             return OneMaterial(joint.apart.roughness, level, coat=self.apart.coat(known, level))
         metal = kind == METAL
-        free, plain = (ALL_NUMBERS, joint.metal) if metal else (PLAIN_NUMBERS, joint.specular)
+        free, plain = (METAL_NUMBERS, joint.metal) if metal else (PLAIN_NUMBERS, joint.specular)
         self.some.layers, self.all.layers = (known, free), (known, free)
         tried = []
         for weight, roughness, below in STARTS:
             of = replace(plain, roughness=below[0], level=below[1]) if below else plain
-            x = np.array([of.roughness, of.level, of.metallic, weight, roughness])
+            x = np.array([of.roughness, of.level, of.metallic, weight, roughness, 0.0])
             tried.append(self.some.run(x, RACE))
         tried.sort(key=lambda found: found[1])
         best = min((self.some.run(x, STEPS) for x, _ in tried[:KEPT]), key=lambda found: found[1])[0]
@@ -66,7 +66,7 @@ class CoatSearch:
         ends = [found for found in ends if not _takes_place(found[0], plain)]
         if not ends:
             return plain
-        r, level, metallic, weight, roughness = (float(x) for x in min(ends, key=_plausible)[0])
+        r, level, metallic, weight, roughness = (float(x) for x in min(ends, key=_plausible)[0][:5])
         return OneMaterial(r, level, metallic if metal else 0.0, coat=Coat(weight, roughness))
 
 
@@ -75,21 +75,21 @@ def _takes_place(x: F64, plain: OneMaterial) -> bool:
 
     That explains the texels as well, but nothing shows the roughness of what would lie below.
     """
-    _, level, metallic, _, rough = x
+    _, level, metallic, _, rough, _ = x
     same = 1 / SAME_LOBE < rough / plain.roughness < SAME_LOBE
     return bool(same and level < HALF * plain.level and metallic <= max(HALF * plain.metallic, LEAST_NUMBER))
 
 
 def _plausible(found: tuple[F64, float]) -> float:
     """The cost; what coats cover is rougher than they are, unless the texels clearly say otherwise."""
-    (roughness, *_, rough), cost = found
+    (roughness, *_, rough, _), cost = found
     return cost * ROUGHER if rough > roughness else cost
 
 
 def _swapped(x: F64) -> F64:
     """Both lobes in each other's place; a coat of weight 1 reflects what level 0.5 does."""
-    roughness, level, metallic, weight, rough = x
-    return np.array([rough, weight / 2, metallic, 2 * level, roughness])
+    roughness, level, metallic, weight, rough, diffuse = x
+    return np.array([rough, weight / 2, metallic, 2 * level, roughness, diffuse])
 
 
 class _Apart:

@@ -15,7 +15,8 @@ from .sampled_texels import LEAST, SampledTexels
 METAL_BASE = 0.6  # base colour for which a metal's multiple scattering is taken at first
 SOME_METALLIC = 0.03  # less changes nothing
 COSINES = np.linspace(0.0, 1.0, 65)
-ALL_NUMBERS = (0, 1, 2, 3, 4)  # roughness, Specular IOR Level, Metallic, weight of a coat, its roughness
+# Roughness, Specular IOR Level, Metallic, weight of a coat, its roughness, Diffuse Roughness:
+ALL_NUMBERS = (0, 1, 2, 3, 4, 5)
 TRIALS = 5  # of a step, each shorter
 STILL = 1e-3  # relative gain of a step below which a search is at rest
 LEAST_NUMBER = 1e-4  # of level, Metallic and weight: slopes of the level have no bound at 0
@@ -23,7 +24,7 @@ KEPT_VALUES = 24  # lobes that are kept for the next evaluations
 
 
 class Descent:
-    """Levenberg-Marquardt in (roughness, level, Metallic, weight of a coat, its roughness) between bounds."""
+    """Levenberg-Marquardt between bounds, in a material's numbers (6,)."""
 
     def __init__(self, texels: SampledTexels, weight: F64, low: F64) -> None:
         self.texels, self.root, self.low = texels, np.sqrt(weight), low
@@ -100,8 +101,10 @@ class Descent:
     def _explained(self, x: F64) -> tuple[F64, F64, F64]:
         """As of `with_base`."""
         free = self.layers[1]
-        roughness, level, metallic, weight, rough = (float(value) for value in x)
+        roughness, level, metallic, weight, rough, diffuse = (float(value) for value in x)
         white, rest = self._body(roughness, level, metallic if 2 in free else 0.0)
+        if diffuse > 0:
+            white = white * self._keep("diffuse", diffuse, lambda: (self.texels.diffuse_gain(diffuse),))[0]
         if 3 in free:
             shape, gain, taken = self._coat(rough)
             left = 1 - weight * taken

@@ -27,6 +27,7 @@ from .lobe_values import fresnel_ratio, lobe_values, metal_values
 from .sampled_texels import LEAST, SampledTexels, metal_gain
 
 ROUGHNESS = np.geomspace(0.05, 1.0, 18)  # nodes of the search
+DIFFUSE = np.linspace(0.0, 1.0, 11)  # Diffuse Roughness
 LEVELS = np.array([0.02, 0.06, 0.12, 0.25, 0.5, 0.75, 1.0])
 METALLIC = np.linspace(0.0, 1.0, 11)
 PLAIN = 4  # of LEVELS: Blender's default
@@ -44,6 +45,7 @@ class OneMaterial:
     metallic: float = 0.0
     others: tuple[float, ...] = ()  # roughness of further parts
     coat: Coat | None = None
+    diffuse: float = 0.0  # Diffuse Roughness
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class Joint:
     apart_metal: OneMaterial  # and Metallic
     parts: tuple[OneMaterial, ...]  # two and three parts, each of one roughness: a texel belongs to the one that suits
     coated: Mapping[str, OneMaterial] = field(default_factory=dict)  # by a word for what is free, see coat_search.py
+    rough: Joint | None = None  # the same with a rough diffuse, without Metallic
 
 
 class JointSearch:
@@ -78,43 +81,56 @@ class JointSearch:
         # Errors of the cube root of radiance, which lightness is made of.
         self.weight = np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance ** (2 / 3)
                                / unit ** (4 / 3), 0.0)
-        self.descent = Descent(texels, self.weight, np.array([ROUGHNESS[0], LEAST_NUMBER, 0.0, 0.0, ROUGHNESS[0]]))
+        self.descent = Descent(texels, self.weight, np.array([ROUGHNESS[0], LEAST_NUMBER, 0.0, 0.0, ROUGHNESS[0], 0.0]))
         self.apart = ApartDescent(texels, self.weight)
+        self._gains: dict[float, F64] = {}  # by Diffuse Roughness
 
-    def fit(self, known: Bool) -> Joint:
-        """From the layers that are ``known``, (V,)."""
-        sums = self._sums_of(known)
+    def fit(self, known: Bool, diffuse: float = 0.0) -> Joint:
+        """From the layers that are ``known``, (V,); ``diffuse``: Diffuse Roughness, with which there is no Metallic."""
+        sums = self._sums(known, diffuse)
         plain = _costs(sums, 0.0)
         degrees = np.maximum((self.weight[:, known] > 0).sum((1, 2)) - 2, 1)
         least = plain[plain.sum(2).min(1).argmin()].min(0)  # (T,) at the best level
         noise = max(float(np.median(least / degrees)), LEAST)
-        tried = [_Tried.of(plain if metallic == 0 else _costs(sums, metallic), noise) for metallic in self.metallic]
+        tried = [_Tried.of(plain if metallic == 0 else _costs(sums, metallic), noise)
+                 for metallic in (METALLIC[:1] if diffuse else self.metallic)]
         whole, apart = np.stack([t.whole for t in tried]), np.stack([t.apart for t in tried])
         together = whole.min(2)
-        specular = self._settled(_best(together[:1], tried), known, (0, 1))
-        return Joint(plain=self._settled(OneMaterial(tried[0].roughness(PLAIN)), known, (0,)), specular=specular,
-                     metal=self._settled(_best(together, tried), known, (0, 1, 2)) if len(tried) > 1 else specular,
-                     apart=_best(apart[:1], tried), apart_metal=_best(apart, tried), parts=_parts(plain, self.seen))
+        free = (5,) if diffuse else ()
+        specular = self._settled(_best(together[:1], tried), known, (0, 1, *free), diffuse)
+        found = Joint(plain=self._settled(OneMaterial(tried[0].roughness(PLAIN)), known, (0, *free), diffuse),
+                      specular=specular,
+                      metal=self._settled(_best(together, tried), known, (0, 1, 2)) if len(tried) > 1 else specular,
+                      apart=_best(apart[:1], tried), apart_metal=_best(apart, tried), parts=_parts(plain, self.seen))
+        if not diffuse:
+            return found
+        return replace(found, apart=replace(found.apart, diffuse=diffuse),
+                       parts=tuple(replace(one, diffuse=diffuse) for one in found.parts))
 
-    def settled(self, joint: Joint, known: Bool) -> Joint:
+    def settled(self, joint: Joint, known: Bool, diffuse: float = 0.0) -> Joint:
         """Of `fit`, with what is found where texels differ in roughness settled between the nodes, too."""
-        sums = self._sums_of(known)
+        sums = self._sums(known, diffuse)
         apart, metal = (self._settled_apart(one, sums, known) for one in (joint.apart, joint.apart_metal))
         return replace(joint, apart=apart, apart_metal=metal if metal.metallic > 0 else apart,
                        parts=tuple(self._settled_parts(one, sums, known) for one in joint.parts))
 
-    def _settled(self, one: OneMaterial, known: Bool, free: tuple[int, ...]) -> OneMaterial:
-        """Where a descent from ``one`` comes to rest in its ``free`` numbers: roughness, level, Metallic."""
+    def diffuse_roughness(self, known: Bool) -> float:
+        """The one that explains the texels best, each at its own roughness, without Metallic."""
+        costs = np.array([_costs(self._sums(known, diffuse), 0.0).min(1).sum(-1).min() for diffuse in DIFFUSE])
+        return float(np.clip(_lowest(DIFFUSE, costs), 0, 1))
+
+    def _settled(self, one: OneMaterial, known: Bool, free: tuple[int, ...], diffuse: float = 0.0) -> OneMaterial:
+        """Where a descent from ``one`` comes to rest in its ``free`` numbers, of those of a descent."""
         self.descent.layers = known, free
-        found, _ = self.descent.run(np.array([one.roughness, one.level, one.metallic, 0.0, 1.0]), STEPS)
-        roughness, level, metallic = (float(number) for number in found[:3])
-        return replace(one, roughness=roughness, level=level, metallic=metallic)
+        found, _ = self.descent.run(np.array([one.roughness, one.level, one.metallic, 0.0, 1.0, diffuse]), STEPS)
+        roughness, level, metallic, _, _, diffuse = (float(number) for number in found)
+        return replace(one, roughness=roughness, level=level, metallic=metallic, diffuse=diffuse)
 
     def _settled_apart(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
         """Where level and Metallic come to rest if each texel begins at its best node and goes its own way."""
         cost = _costs(sums, float(METALLIC[np.abs(METALLIC - one.metallic).argmin()]))[_nearest(LEVELS, one.level)]
-        (level, metallic), _ = self.apart.run(
-            np.array([one.level, one.metallic]), ROUGHNESS[cost.argmin(0)], known, one.roughness)
+        (level, metallic), _ = self.apart.run(np.array([one.level, one.metallic]), ROUGHNESS[cost.argmin(0)], known,
+                                              one.roughness, diffuse=self._gain(one.diffuse))
         return replace(one, level=float(level), metallic=float(metallic))
 
     def _settled_parts(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
@@ -122,27 +138,41 @@ class JointSearch:
         nodes = np.array([one.roughness, *one.others])
         cost = _costs(sums, 0.0)[_nearest(LEVELS, one.level)]
         group = cost[[_nearest(ROUGHNESS, node) for node in nodes]].argmin(0).astype(np.int32)
-        (level, _), roughness = self.apart.run(np.array([one.level, 0.0]), nodes, known, group=group)
+        (level, _), roughness = self.apart.run(np.array([one.level, 0.0]), nodes, known, group=group,
+                                                diffuse=self._gain(one.diffuse))
         first, *others = (float(value) for value in roughness)
         return replace(one, roughness=first, level=float(level), others=tuple(others))
 
-    def _sums_of(self, known: Bool) -> list[dict[str, F64]]:
-        """By channel."""
-        return [self._sums(known & (self.texels.channel == channel)) for channel in np.unique(self.texels.channel)]
+    def _sums(self, known: Bool, diffuse: float) -> list[dict[str, F64]]:
+        """As of `_sums_over` the known layers of each channel."""
+        return [self._sums_over(known & (self.texels.channel == channel), diffuse)
+                for channel in np.unique(self.texels.channel)]
 
-    def _sums(self, layers: Bool) -> dict[str, F64]:
+    def _sums_over(self, layers: Bool, diffuse: float) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.
 
-        (levels, roughnesses, T, C) each, or (1, ...) where no level is in it.
+        (levels, roughnesses, T, C) each, or (1, ...) where no level is in it; of a rough diffuse those of a, s and f.
         """
         every = slice(None) if layers.all() else layers  # nothing is copied
         weight, f = self.weight[:, every], self.texels.reflected[:, every]
         result = {"ff": (weight * f * f).sum(1)[None, None]}
         for name, values in self.nodes.products.items():
             factor = weight * f if len(name) == 1 else weight
+            if diffuse and name.lower() != name:
+                continue
+            if diffuse and "a" in name:
+                factor = factor * self._gain(diffuse)[:, every] ** name.count("a")
             total = np.moveaxis(values[:, :, every] @ factor, 0, 1)  # (nodes, T, C)
             result[name if len(name) == 2 else name + "f"] = total.reshape(-1, len(ROUGHNESS), *total.shape[1:])
         return result
+
+    def _gain(self, diffuse: float) -> F64:
+        """(T, V, C) as of `SampledTexels.diffuse_gain`; (1, 1, 1) of a smooth one."""
+        if not diffuse:
+            return np.ones((1, 1, 1))
+        if diffuse not in self._gains:
+            self._gains[diffuse] = self.texels.diffuse_gain(diffuse)
+        return self._gains[diffuse]
 
 
 @dataclass(frozen=True)

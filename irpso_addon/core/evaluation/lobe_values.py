@@ -74,3 +74,18 @@ def coat_values(lobes: F64, cos_v: F64, coat: Coat, nodes: F64 | None = None) ->
     shape = lobe_values(lobes, cos_v, np.full(len(lobes), coat.roughness), nodes=nodes).sum(-1)
     gain = brdf.principled_energy(coat.roughness, cos_v)[..., 0]
     return coat.weight * shape * gain, brdf.left_by_coat(coat, cos_v)
+
+
+def diffuse_parts(lobes: F64, cos_v: F64, roughness: float) -> tuple[F64, F64]:
+    """(T, V, 1) each: what a rough diffuse reflects over what a smooth one does, as of `brdf.rough_parts`.
+
+    Each lamp counts by its share of the irradiance; what shines from all around counts as on a smooth one.
+    ``roughness``: Diffuse Roughness.
+    """
+    sin2h, cos_l = lobes[..., 0], np.clip(lobes[..., 2], 1e-3, 1)
+    both = cos_l + cos_v[..., None]
+    far = both**2 / np.maximum(1 - sin2h, 1e-6)  # |L + V|^2
+    share = lobes[..., 3] * 2 * cos_l * cos_v[..., None] / brdf.F_dielectric(np.clip(0.5 * np.sqrt(far), 0, 1))
+    single, lost = brdf.rough_parts(cos_l, cos_v[..., None], np.clip(far / 2 - 1, -1, 1), roughness)
+    return 1 + dot(share, single - 1)[..., None], dot(share, lost)[..., None]
+

@@ -12,7 +12,7 @@ import numpy as np
 from ..data import F32, F64, I32, Bool, Coat, Maps, Solution
 from ..resampling import bilinear
 from ..shading import brdf
-from .lobe_values import coat_values, fresnel_ratio, lobe_values, metal_values
+from .lobe_values import coat_values, diffuse_parts, fresnel_ratio, lobe_values, metal_values
 
 TAPS = 4  # by TAPS, over a pixel's footprint
 
@@ -46,6 +46,7 @@ class Surface:
     metallic: F64 | None = None  # (T,) of one lobe; None: 0 everywhere
     coat: I32 | None = None  # (T,) which of the ``coats``, -1: none; None: none anywhere
     coats: tuple[Coat, ...] = ()
+    diffuse_roughness: F64 | None = None  # (T,) of one lobe; None: 0 everywhere
 
 
 @dataclass(frozen=True)
@@ -60,22 +61,23 @@ class Pixels:
 def surface(solution: Solution, ndf: str, slots: I32, names: tuple[str, ...]) -> Surface:
     """A solution's maps, T = n n; slots: (n, n) material of each texel, names: of the materials."""
     maps: Maps = solution.maps
-    rough = maps.roughness
-    lobes = np.stack([rough, rough, np.ones_like(rough)], -1) if maps.lobes is None else maps.lobes
-    level = np.full_like(rough, 0.5) if maps.specular is None else maps.specular
+    r = maps.roughness
+    lobes = np.stack([r, r, np.ones_like(r)], -1) if maps.lobes is None else maps.lobes
+    level = np.full_like(r, 0.5) if maps.specular is None else maps.specular
     material = np.maximum(slots, 0)
     model = np.array([solution.model.get(name, "one-lobe") for name in names])[material]
     metallic = np.array([solution.metallic.get(name, 0.0) for name in names], np.float64)[material]
     if maps.metallic is not None:  # some of it is paint
         metallic = np.where(np.array([name in solution.paint for name in names])[material], maps.metallic, metallic)
     level = np.where(model == "lambert", 0.0, level)
+    rough = np.array([solution.diffuse_roughness.get(name, 0.0) for name in names], np.float64)[material]
     coated = [name for name in names if name in solution.coats]
     coat = np.array([coated.index(name) if name in coated else -1 for name in names], np.int32)[material]
     return Surface(
         base=maps.base_color.reshape(-1, 3).astype(np.float64), lobes=lobes.reshape(-1, 3).astype(np.float64),
         level=level.ravel().astype(np.float64), beckmann=((model == "two-lobe") & (ndf == "beckmann")).ravel(),
         metallic=metallic.ravel(), coat=coat.ravel() if coated else None,
-        coats=tuple(solution.coats[name] for name in coated))
+        coats=tuple(solution.coats[name] for name in coated), diffuse_roughness=rough.ravel() if rough.any() else None)
 
 
 def shown(maps: Surface, pixels: Pixels) -> Surface:
@@ -95,7 +97,8 @@ def shown(maps: Surface, pixels: Pixels) -> Surface:
     lobes = bilinear(maps.lobes.reshape(size, size, 3), pixels.uv)
     metallic = None if maps.metallic is None else maps.metallic[texel]
     coat = None if maps.coat is None else maps.coat[texel]
-    return Surface(mean, lobes, maps.level[texel], maps.beckmann[texel], metallic, coat, maps.coats)
+    rough = None if maps.diffuse_roughness is None else maps.diffuse_roughness[texel]
+    return Surface(mean, lobes, maps.level[texel], maps.beckmann[texel], metallic, coat, maps.coats, rough)
 
 
 def predict(at: Surface, view: PlaceView) -> F64:
@@ -106,11 +109,24 @@ def predict(at: Surface, view: PlaceView) -> F64:
         other = _lobe(at, r2, view)
         diffuse = weight * diffuse + (1 - weight) * other[0]
         specular = weight[:, None] * specular + (1 - weight)[:, None] * other[1]
-    value: F64 = at.base * diffuse[:, None] + specular
+    value: F64 = at.base * diffuse[:, None] * _rough(at, view) + specular
     if at.metallic is not None and np.any(at.metallic > 0):
         share = at.metallic[:, None]
         value = (1 - share) * value + share * _metal(at, r1, view)
     return value if at.coat is None else _under_coats(value, at.coat, at.coats, view)
+
+
+def _rough(at: Surface, view: PlaceView) -> F64:
+    """(T, 3) what the diffuse reflects over what a smooth one does; (1, 1) where all are smooth."""
+    if at.diffuse_roughness is None:
+        return np.ones((1, 1))
+    result = np.ones_like(at.base)
+    for roughness in np.unique(at.diffuse_roughness[at.diffuse_roughness > 0]):
+        here = at.diffuse_roughness == roughness
+        cos_v = np.clip(view.cos_v[here].astype(np.float64), 1e-3, 1)
+        single, lost = diffuse_parts(view.lobes[here].astype(np.float64), cos_v[:, None], float(roughness))
+        result[here] = single[..., 0] + lost[..., 0] * brdf.rough_bounce(at.base[here], float(roughness))
+    return result
 
 
 def _under_coats(value: F64, which: I32, coats: tuple[Coat, ...], view: PlaceView) -> F64:

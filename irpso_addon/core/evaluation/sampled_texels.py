@@ -14,11 +14,11 @@ import numpy as np
 from ..data import F64, I32, Bool, Coat
 from ..shading import brdf
 from ..vectors import mean, summed
-from .lobe_values import coat_values, fresnel_ratio, lobe_values, metal_values
+from .lobe_values import coat_values, diffuse_parts, fresnel_ratio, lobe_values, metal_values
 
 MISSED_SHADOW = 0.3  # of a texel's typical reflection: darker is taken for a shadow that the shadow map missed
 OTHER_CAMERA = 0.02  # weight of another camera's pixels, which show another part of the texture, beside the own one's
-METAL_PASSES = 3  # in which a metal's multiple scattering, which depends on base colour, is found
+PASSES = 3  # in which multiple scattering that depends on base colour is found: a metal's, and of a rough diffuse
 LEAST = 1e-12
 
 
@@ -66,6 +66,23 @@ class SampledTexels:
         count = self.usable().sum(1)
         return float(np.median(count[count > 0])) if count.any() else 0.0
 
+    def diffuse_gain(self, roughness: float, base: F64 | None = None) -> F64:
+        """(T, V, C) what a diffuse of that Diffuse Roughness reflects over what a smooth one does.
+
+        base: (T, C); None: about what the texels reflect.
+        """
+        single, lost = diffuse_parts(self.lobes, np.clip(self.cos_v, 1e-3, 1.0), roughness)
+        if base is not None:
+            return np.asarray(single + lost * brdf.rough_bounce(base[:, None], roughness))
+        usable = self.usable()[..., None]
+        count = np.maximum(usable.sum(1, keepdims=True), 1)
+        one, two = (np.where(usable, part, 0).sum(1, keepdims=True) / count for part in (single, lost))
+        shown = np.pi * self.typical()
+        bounce = brdf.rough_bounce(np.clip(shown, 0, 1), roughness)
+        for _ in range(PASSES):
+            bounce = brdf.rough_bounce(np.clip(shown / np.maximum(one + two * bounce, LEAST), 0, 1), roughness)
+        return np.asarray(single + lost * bounce)
+
     def part(self, texels: Bool | I32) -> SampledTexels:
         """Some of the texels."""
         return SampledTexels(self.reflected[texels], self.quality[texels], self.cos_v[texels], self.lobes[texels],
@@ -89,18 +106,21 @@ class Lobes:
     beckmann: bool = False  # two lobes of Beckmann's distribution over a Lambert diffuse
     metallic: float = 0.0  # of one lobe
     coat: Coat | None = None
+    diffuse: float = 0.0  # Diffuse Roughness of one lobe
 
 
-def one_lobe(roughness: F64, level: float | F64, metallic: float = 0.0, coat: Coat | None = None) -> Lobes:
+def one_lobe(
+    roughness: F64, level: float | F64, metallic: float = 0.0, coat: Coat | None = None, diffuse: float = 0.0,
+) -> Lobes:
     """(T,) roughness under one Specular IOR Level, or one for each."""
     return Lobes(np.stack([roughness, roughness], -1), np.ones(len(roughness)), np.full(len(roughness), level),
-                 metallic=metallic, coat=coat)
+                 metallic=metallic, coat=coat, diffuse=diffuse)
 
 
 def parts(texels: SampledTexels, lobes: Lobes | None, base: F64 | None = None) -> tuple[F64, F64]:
     """What is reflected for each unit of base colour, and whatever that is; None: Lambert.
 
-    (T, V, 1) each, but (T, V, C) of a metal, whose multiple scattering is that of ``base``, (T, C).
+    (T, V, 1) each, but (T, V, C) of a metal or a rough diffuse, whose multiple scattering is that of ``base``, (T, C).
     """
     if lobes is None:
         shape = (*texels.cos_v.shape, 1)
@@ -111,6 +131,8 @@ def parts(texels: SampledTexels, lobes: Lobes | None, base: F64 | None = None) -
         w = lobes.weight[:, None]
         diffuse, specular = w * diffuse + (1 - w) * other[0], w * specular + (1 - w) * other[1]
     diffuse, specular = diffuse[..., None], specular[..., None]
+    if lobes.diffuse > 0:
+        diffuse = diffuse * texels.diffuse_gain(lobes.diffuse, base)
     if lobes.metallic > 0:
         assert base is not None
         gain = metal_gain(lobes.roughness[:, 0], texels.cos_v, base)
@@ -154,7 +176,7 @@ def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool) -> F64:
     unit = np.maximum(texels.reflected, texels.typical())
     weight = np.where((texels.usable() & known)[..., None], texels.quality[..., None] / unit**2, 0.0)
     base = np.full_like(texels.reflected[:, 0], 0.5)
-    passes = METAL_PASSES if lobes is not None and lobes.metallic > 0 else 1
+    passes = PASSES if lobes is not None and (lobes.metallic > 0 or lobes.diffuse > 0) else 1
     for _ in range(passes):
         white, rest = parts(texels, lobes, base)
         off, information = weight * white * (texels.reflected - rest), weight * white * white

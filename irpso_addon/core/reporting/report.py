@@ -79,6 +79,8 @@ def _model(solution: Solution, slot: str) -> dict[str, Any]:
         found["ndf"] = solution.ndf
     if slot in solution.coats:
         found["coat"] = asdict(solution.coats[slot])
+    if slot in solution.diffuse_roughness:
+        found["diffuse_roughness"] = solution.diffuse_roughness[slot]
     prediction = solution.predictions.get(slot)
     if prediction is not None:
         found["prediction"] = {

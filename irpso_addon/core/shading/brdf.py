@@ -1,6 +1,7 @@
 """The reflectance models, as Cycles renders them: float64 twin of ``shaders/include/brdf.glsl``.
 
-Principled BSDF (IOR 1.5, multiscatter GGX) at any Specular IOR Level and Metallic, under a coat, two of them mixed, and
+Principled BSDF (IOR 1.5, multiscatter GGX) at any Specular IOR Level, Metallic and Diffuse Roughness, under a coat, two
+of them mixed, and
 the classic two-lobe Cook-Torrance with Beckmann's distribution.
 
 Same names and arguments as there, vectorised over arrays that broadcast.  alpha = roughness^2, alpha2 = alpha^2;
@@ -28,6 +29,7 @@ ROUGHNESS_MIN = 0.05  # the least that solvers look for
 LEVEL_MIN = 1e-4  # Specular IOR Level below which slopes by level are those of this one
 ALPHA2_MIN = 1e-8  # Beckmann: keeps float32 from overflow
 COS2H_MIN = 1e-6  # Beckmann: D is 0 there at any roughness
+ROUGH_LOST = 1e-6  # of white, that single scattering loses of a diffuse that is hardly rough
 
 
 def D_ggx(alpha2: ArrayLike, sin2h: ArrayLike) -> F64:
@@ -302,21 +304,40 @@ def diffuse_rough(base: ArrayLike, cos_l: ArrayLike, cos_v: ArrayLike, cos_lv: A
     """1/sr, of base colour, (..., C), and cosines (...): the improved Oren-Nayar model with energy preservation.
 
     ``cos_lv``: between the directions to lamp and camera.  ``roughness``: Diffuse Roughness of the Principled BSDF.
+    """
+    single, lost = rough_parts(cos_l, cos_v, cos_lv, roughness)
+    colour = np.asarray(base, np.float64)
+    return np.asarray(colour / np.pi * (single[..., None] + lost[..., None] * rough_bounce(colour, roughness)))
+
+
+def rough_parts(cos_l: ArrayLike, cos_v: ArrayLike, cos_lv: ArrayLike, roughness: float) -> tuple[F64, F64]:
+    """What a rough diffuse reflects over what a smooth one does, (...): first + second * ``rough_bounce``.
+
     Single scattering: Fujii, "A tiny improvement of Oren-Nayar reflectance model".  Multiple scattering: Portsmouth,
     Kutz and Hill 2025, "EON: A Practical Energy-Preserving Rough Diffuse BRDF", but darker: Cycles multiplies it by the
     base colour once more.
     """
-    base, cos_l, cos_v, cos_lv = (np.asarray(a, np.float64) for a in (base, cos_l, cos_v, cos_lv))
-    if roughness < 1e-5:
-        return np.broadcast_to(base / np.pi, (*np.broadcast_shapes(base.shape[:-1], cos_lv.shape), base.shape[-1]))
-    a = 1 / (np.pi + roughness * (np.pi / 2 - 2 / 3))
-    b = roughness * a
+    cos_l, cos_v, cos_lv = (np.asarray(a, np.float64) for a in (cos_l, cos_v, cos_lv))
+    a = _fujii_scale(roughness)
     t = cos_lv - cos_l * cos_v
     t = np.where(t > 0, t / np.maximum(cos_l, cos_v), t)
-    mean = a * np.pi + (2 * np.pi - 5.6) / 3 * b
-    lost = [1 - (a * np.pi + b * _fujii(c)) for c in (cos_l, cos_v)]
-    colour = base**2 * mean / (1 - mean) / (1 - base * (1 - mean)) / np.pi
-    return np.asarray(base * ((a + b * t)[..., None] + (lost[0] * lost[1])[..., None] * colour))
+    lost = [1 - a * (np.pi + roughness * _fujii(c)) for c in (cos_l, cos_v)]
+    return np.asarray(np.pi * a * (1 + roughness * t)), np.asarray(lost[0] * lost[1])
+
+
+def rough_bounce(base: ArrayLike, roughness: float) -> F64:
+    """What multiple scattering adds, for each unit of what single scattering loses toward lamp and camera."""
+    base, mean = np.asarray(base, np.float64), rough_albedo(roughness)
+    return np.asarray(base**2 * mean / (max(1 - mean, ROUGH_LOST) * (1 - base * (1 - mean))))
+
+
+def rough_albedo(roughness: float) -> float:
+    """Mean over the hemisphere of what single scattering reflects of white."""
+    return float(_fujii_scale(roughness) * (np.pi + roughness * (2 * np.pi - 5.6) / 3))
+
+
+def _fujii_scale(roughness: float) -> float:
+    return float(1 / (np.pi + roughness * (np.pi / 2 - 2 / 3)))
 
 
 def _fujii(cosine: F64) -> F64:
@@ -350,7 +371,7 @@ def angles(L: ArrayLike, V: ArrayLike, N: ArrayLike) -> Angles:
 
 def principled(
     base: ArrayLike, roughness: ArrayLike, L: ArrayLike, V: ArrayLike, N: ArrayLike, level: ArrayLike = 0.5,
-    metallic: ArrayLike = 0.0, coat: Coat | None = None,
+    metallic: ArrayLike = 0.0, coat: Coat | None = None, diffuse_roughness: float = 0.0,
 ) -> F64:
     """The whole BRDF, 1/sr: base (..., 3 or 1) linear, unit vectors (..., 3), 0 below the horizon.
 
@@ -364,8 +385,13 @@ def principled(
     else:
         energy = principled_energy_level(roughness, at.cos_v, level)
         lobe = lobe * F_level_ratio(at.cos_vh, level)
-    diffuse, specular = (1 - energy[..., 1]) / np.pi, lobe * energy[..., 0]
-    value = np.asarray(base) * diffuse[..., None] + specular[..., None]
+    below, specular = 1 - energy[..., 1], lobe * energy[..., 0]
+    if diffuse_roughness:
+        between = dot(np.asarray(L, np.float64), np.asarray(V, np.float64))
+        diffuse = diffuse_rough(base, at.cos_l, at.cos_v, between, diffuse_roughness)
+    else:
+        diffuse = np.asarray(base) / np.pi
+    value = diffuse * below[..., None] + specular[..., None]
     if np.any(np.asarray(metallic) != 0):
         share = np.asarray(metallic, np.float64)[..., None]
         value = (1 - share) * value + share * metal(base, *geometry)

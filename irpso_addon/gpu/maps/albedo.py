@@ -32,6 +32,7 @@ ROBUST_PASSES = 4
 VIEWS_AT_ONCE = 4  # in one draw: their two textures each and eight more are what every GL 3.3 driver offers
 METALS_AT_ONCE = 2  # of metals three each, and nine more
 COATED_AT_ONCE = 3  # a coat is one more texture
+ROUGH_AT_ONCE = 2  # of a rough diffuse three each, and nine more; of one beside a metal four each
 OUTLIER = 0.05  # relative error at which a view loses half its weight in a pixel's albedo
 
 Textures = Mapping[str, moderngl.Texture | None]
@@ -47,6 +48,7 @@ class Gloss:
     level: moderngl.Texture | None = None  # Specular IOR Level; None: 0.5
     metallic: moderngl.Texture | None = None  # None: 0
     coat: moderngl.Texture | None = None  # weight, roughness; None: no coat
+    rough: moderngl.Texture | None = None  # Diffuse Roughness; None: 0
     beckmann: bool = False
 
 
@@ -60,13 +62,17 @@ class AlbedoSolver:
         self.device, self.grid, self.observations = device, grid, observations
         self.known = {"u_lobes": gloss.lobes, **({"u_level": gloss.level} if gloss.level else {}),
                       **({"u_metallic": gloss.metallic} if gloss.metallic else {}),
-                      **({"u_coat": gloss.coat} if gloss.coat else {})}
-        self.metal = gloss.metallic is not None
-        self.at_once = METALS_AT_ONCE if self.metal else COATED_AT_ONCE if gloss.coat else VIEWS_AT_ONCE
+                      **({"u_coat": gloss.coat} if gloss.coat else {}),
+                      **({"u_rough": gloss.rough} if gloss.rough else {})}
+        self.metal, self.rough = gloss.metallic is not None, gloss.rough is not None
+        self.at_once = 1 if self.metal and self.rough else min(
+            METALS_AT_ONCE if self.metal else VIEWS_AT_ONCE, COATED_AT_ONCE if gloss.coat else VIEWS_AT_ONCE,
+            ROUGH_AT_ONCE if self.rough else VIEWS_AT_ONCE)
         pairs = device.read(gloss.lobes)
         one = bool((pairs[..., 0] == pairs[..., 1]).all())
         self.defines = {name: "1" for name, true in (
             ("SPECULAR", gloss.level is not None), ("METALLIC", self.metal), ("COAT", gloss.coat is not None),
+            ("ROUGH_DIFFUSE", self.rough),
             ("NDF_BECKMANN", gloss.beckmann), ("ONE_LOBE", one)) if true}
         self.around = around
         self.cancelled = False
@@ -157,6 +163,7 @@ class AlbedoSolver:
             "u_before_weight": before[1] if before else None,
             "u_colour": tuple(view.colour for view in views), "u_specular": tuple(parts[0] for parts in specular),
             **({"u_metal": tuple(parts[1] for parts in specular)} if self.metal else {}),
+            **({"u_more": tuple(parts[-1] for parts in specular)} if self.rough else {}),
         }, {**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
             "u_tint": tints if len(tints) > 1 else tints[0]}, {**self.defines, "VIEWS": str(len(views))})
 
@@ -164,6 +171,11 @@ class AlbedoSolver:
         """What every draw over the camera's pixels looks up."""
         return {"u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_uv": camera.maps.uv,
                 **self.known, "u_principled_table": self.observations.principled_table}
+
+    @property
+    def by_base(self) -> bool:
+        """Whether more than the diffuse of all views alike depends on base colour."""
+        return self.metal or self.rough
 
     def _pair(self, camera: ObservedCamera) -> Shown:
         """Two textures of the camera's size."""
@@ -175,12 +187,14 @@ class AlbedoSolver:
         """Specular radiance per irradiance of the view's lights at each pixel, 1/sr.
 
         Of metals in two textures, which the base colour is to go into, or in one, where ``base`` gives that at pixels.
+        One more, the last, is what a rough diffuse adds to a smooth one: see maps/albedo_specular.frag.
         """
         device, grid = self.device, self.looked_up(camera)
         masks = channel_masks(self.observations.channels)
-        shown = {"u_shown": base} if self.metal and base is not None else {}
+        shown = {"u_shown": base} if self.by_base and base is not None else {}
         defines = {**self.defines, **({"SHOWN": "1"} if shown else {})}
-        parts = [device.texture(*camera.maps.position.size) for _ in range(2 if self.metal and not shown else 1)]
+        count = 1 + (self.metal and not shown) + self.rough
+        parts = [device.texture(*camera.maps.position.size) for _ in range(count)]
         with device.target(parts, clear=True) as target, device.adding():
             for n, lobe in enumerate(view.lobes):
                 device.draw("maps/albedo_specular.frag", target, Inputs(

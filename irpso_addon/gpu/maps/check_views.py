@@ -78,11 +78,14 @@ def _window(
 
 
 def _diffuse(albedo: AlbedoSolver, camera: ObservedCamera, base: moderngl.Texture) -> list[moderngl.Texture]:
-    """What the base colour shows, and cos_v; the same in all the camera's views.  Of metals also the base colour."""
+    """What the base colour shows, and cos_v; the same in all the camera's views.
+
+    Of metals, and below a rough diffuse, also the base colour.
+    """
     device, maps = albedo.device, camera.maps
     inputs = Inputs({**albedo.looked_up(camera), "u_uv_slope": maps.uv_slope, "u_base": base},
                     {**camera.viewpoint, "u_footprint": camera.uniforms["u_footprint"]}, albedo.defines)
-    textures = [device.texture(*maps.position.size) for _ in range(2 if albedo.metal else 1)]
+    textures = [device.texture(*maps.position.size) for _ in range(2 if albedo.by_base else 1)]
     with device.target(textures, clear=True) as target:
         device.draw("maps/check_diffuse.frag", target, inputs, cells=maps.cells)
     return textures
@@ -97,10 +100,13 @@ def _check(
     albedo: AlbedoSolver, camera: ObservedCamera, view: ObservedView, window: PixelWindow, part: Rectangle,
     diffuse: F32, base: moderngl.Texture,
 ) -> CheckedView:
-    """``base``: colour at the camera's pixels, where there are metals."""
+    """``base``: colour at the camera's pixels, where more than ``diffuse`` depends on it."""
     device = albedo.device
     with device.scope():
-        specular = _rgb(device.read(albedo.specular(camera, view, base)[0], part))
+        drawn = albedo.specular(camera, view, base)
+        specular = _rgb(device.read(drawn[0], part))
+        if albedo.rough:
+            diffuse = diffuse[..., :3] + _rgb(device.read(drawn[-1], part))
     colour = device.read(view.colour, part)
     observed, quality = _rgb(colour), colour[..., 3]
     x, y = part[0] - camera.window[0], part[1] - camera.window[1]

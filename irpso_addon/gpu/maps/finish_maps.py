@@ -102,7 +102,8 @@ def make_maps(
     lobes, level = _filled_lobes(device, joined, lambert, around)
     beckmann = texels.ndf == "beckmann" and "two-lobe" in joined.model.values()
     metallic = _filled_metallic(device, scene, texels, joined)
-    gloss = Gloss(lobes, level, metallic, _filled_coat(device, scene, texels, joined), beckmann)
+    gloss = Gloss(lobes, level, metallic, _filled_coat(device, scene, texels, joined),
+                  _filled_rough(device, scene, texels, joined), beckmann)
     albedo = AlbedoSolver(device, texels.grid, texels.observations, gloss, around.base if around else None)
     if joined.base is None:
         base = device.read((yield from albedo.solve(iterations=0 if joined.cancelled else ITERATIONS)))
@@ -281,6 +282,19 @@ def _filled_coat(
         values[_of(scene, texels, [name]), :2] = coat.weight, coat.roughness
     values[..., 3] = texels.slots >= 0
     return filled(device, values)
+
+
+def _filled_rough(
+    device: Device, scene: SceneData, texels: SolvedTexelGrid, ladder: LadderResult,
+) -> moderngl.Texture | None:
+    """Diffuse Roughness, where some material has any: as Metallic."""
+    if not ladder.diffuse_roughness:
+        return None
+    values = np.zeros(texels.slots.shape, np.float32)
+    for name, value in ladder.diffuse_roughness.items():
+        values[_of(scene, texels, [name])] = value
+    covered = (texels.slots >= 0).astype(np.float32)
+    return filled(device, np.stack([values, values, values, covered], -1))
 
 
 def filled(device: Device, values: F32, around: F32 | None = None) -> moderngl.Texture:

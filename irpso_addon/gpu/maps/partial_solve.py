@@ -51,7 +51,9 @@ class PartialSolve(SolveMask):
                          metallic={**{name: value for name, value in start.metallic.items() if name not in new.model},
                                    **new.metallic},
                          coats={**{name: coat for name, coat in start.coats.items() if name not in new.model},
-                                **new.coats})
+                                **new.coats},
+                         diffuse_roughness={**{name: value for name, value in start.diffuse_roughness.items()
+                                               if name not in new.model}, **new.diffuse_roughness})
         if new.painted or start.paint:
             none = np.zeros(share.shape, bool)
             joined.paint = np.where(share > 0.5, none if new.paint is None else new.paint,
@@ -146,6 +148,8 @@ def earlier_result_of(
         priors={name: prior for name, prior in start.priors.items() if name in taken},
         metallic={name: value for name, value in start.metallic.items() if name in taken},
         coats={name: coat for name, coat in start.coats.items() if name in taken and settings.model == "auto"},
+        diffuse_roughness={name: value for name, value in start.diffuse_roughness.items()
+                           if name in taken and settings.model == "auto"},
         painted=frozenset(start.paint).intersection(taken),
         paint=None if start.maps.metallic is None else nearest(start.maps.metallic, settings.size) == 0)
 
@@ -161,6 +165,9 @@ def _check_model(name: str, start: Solution, settings: SolveSettings) -> None:
     if name in start.coats and settings.model != "auto":
         raise BadInput(f"material '{name}': its other region has a coat, for which only model Auto solves; choose "
                        "that model, or solve the whole object")
+    if name in start.diffuse_roughness and settings.model != "auto":
+        raise BadInput(f"material '{name}': its other region has a Diffuse Roughness, for which only model Auto "
+                       "solves; choose that model, or solve the whole object")
     if name in start.paint and settings.model != "auto":
         raise BadInput(f"material '{name}': its other region is metal and paint, for which only model Auto solves; "
                        "choose that model, or solve the whole object")

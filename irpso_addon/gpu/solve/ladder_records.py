@@ -39,6 +39,7 @@ class EarlierResult:
     painted: frozenset[str] = frozenset()  # materials that are in part paint beside metal ...
     paint: Bool | None = None  # ... (h, w) which texels were
     coats: Mapping[str, Coat] = field(default_factory=dict)  # of materials that have one
+    diffuse_roughness: Mapping[str, float] = field(default_factory=dict)  # of materials where it is not 0
 
 
 @dataclass
@@ -51,6 +52,7 @@ class LadderResult:
     levels: dict[str, float] = field(default_factory=dict)
     metallic: dict[str, float] = field(default_factory=dict)  # of materials whose model has it
     coats: dict[str, Coat] = field(default_factory=dict)  # of materials that have one
+    diffuse_roughness: dict[str, float] = field(default_factory=dict)  # of materials where it is not 0
     lobes: F32 | None = None  # (h, w, 3) roughness1, roughness2, weight
     level: F32 | None = None  # (h, w) Specular IOR Level
     base: F32 | None = None  # (h, w, 3) where the method searches it itself

@@ -50,8 +50,9 @@ class Ladder:
         self.decided_metallic: dict[str, float] = dict(self.last.metallic)
         self.decided_levels: dict[str, float] = {
             name: level for name, level in self.last.levels.items()
-            if name in self.last.metallic or name in self.last.coats}
+            if name in self.last.metallic or name in self.last.coats or name in self.last.diffuse_roughness}
         self.decided_coats: dict[str, Coat] = dict(self.last.coats)
+        self.decided_rough: dict[str, float] = dict(self.last.diffuse_roughness)
         # Of texels without a prior, where there are such: blocks of a map go by them.  A material's prior makes others.
         self.noise: dict[int, Noise] = {}
         self.robust: bool | None = None
@@ -147,10 +148,11 @@ class Ladder:
 
     def _solve_larger(self, result: LadderResult, larger: dict[str, list[str]]) -> Generator[Progress, None, None]:
         """What a search for one lobe at level 0.5 does not answer; changes ``result``."""
-        for name in (name for name in larger.get("one-lobe", []) if name in self.priors):
+        for name in (name for name in larger.get("one-lobe", []) if name in self.priors or name in self.decided_rough):
             self._put(result, (yield from self._one_lobe(name)), [name])
         for name in larger.get("one-lobe-specular", []):
-            decided = name in self.decided_levels or name in self.decided_coats or self._levels_differ(name)
+            decided = (name in self.decided_levels or name in self.decided_coats or name in self.decided_rough
+                       or self._levels_differ(name))
             solved = self._one_lobe(name) if decided else self._specular([name])
             self._put(result, (yield from solved), [name])
         if "one-lobe-metallic" in larger:
@@ -190,9 +192,12 @@ class Ladder:
             self.decided_metallic[name] = decision.metallic
         if decision.coat is not None:
             self.decided_coats[name] = decision.coat
+        if decision.diffuse_roughness > 0:
+            self.decided_rough[name] = decision.diffuse_roughness
 
     def _one_lobe(self, name: str, paint: bool = False) -> Generator[Progress, None, LadderResult]:
-        """One lobe of a material under its prior, at what is decided: level (else 0.5), Metallic (else 0), coat.
+        """One lobe of a material under its prior, at what is decided: level (else 0.5), Metallic (else 0), coat, and
+        Diffuse Roughness.
 
         ``paint``: of the part that is no metal, for which neither prior nor Metallic holds.
         """
@@ -205,12 +210,14 @@ class Ladder:
         self.solver.use_level(level)
         self.solver.use_metallic(0.0 if paint else self.decided_metallic.get(name, 0.0))
         self.solver.use_coat(self.decided_coats.get(name))
+        self.solver.use_diffuse_roughness(self.decided_rough.get(name, 0.0))
         self.solver.joint = None if paint else self.priors.get(name)
         part = self._read((yield from self.solver.solve(self._tiles(self.solver, [name]))))
         self.solver.joint = None
         self.solver.use_level(None)
         self.solver.use_metallic(0.0)
         self.solver.use_coat(None)
+        self.solver.use_diffuse_roughness(0.0)
         if unsure is not None:
             sigma = np.minimum(np.hypot(part.texels.sigma, np.sqrt(unsure)), np.float32(0.5))
             part.texels = replace(part.texels, sigma=sigma)
@@ -222,6 +229,8 @@ class Ladder:
             part.metallic = {name: self.decided_metallic[name]}
         if name in self.decided_coats:
             part.coats = {name: self.decided_coats[name]}
+        if name in self.decided_rough:
+            part.diffuse_roughness = {name: self.decided_rough[name]}
         return part
 
     def _levels_differ(self, name: str) -> bool:
@@ -362,6 +371,7 @@ class Ladder:
         result.levels |= part.levels
         result.metallic |= part.metallic
         result.coats |= part.coats
+        result.diffuse_roughness |= part.diffuse_roughness
 
     # ---- Specular IOR Level
 

@@ -2,64 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...core.change_records import PredictionError
-from ...core.data import F32, F64, I32, ONE_VALUE, Bool, Coat, JointPrior, MaterialPrediction
+from ...core.data import I32, ONE_VALUE, Bool, Coat, JointPrior, MaterialPrediction
 from ...core.errors import Cancelled
 from ...core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
-from ...core.evaluation.folds import ALIKE, Folds, Judge, split
+from ...core.evaluation.folds import ALIKE, Folds, split
 from ...core.evaluation.joint_material import Joint, JointSearch, OneMaterial
 from ...core.evaluation.pixel_bias import pixel_bias
-from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted
+from ...core.evaluation.sampled_texels import SampledTexels, one_lobe
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ..device.context import Device
 from ..observe.observation_atlas import Source
-from .material_sample import MaterialSample, clusters, read_sample, sampled
+from .material_sample import MaterialSample, read_sample, sampled
 from .prediction_trials import (
     DRAWN,
     DRAWN_COAT,
     DRAWN_COAT_METAL,
     DRAWN_LEVEL,
+    DRAWN_LEVEL_ROUGH,
     DRAWN_LEVELS,
     DRAWN_METAL,
+    DRAWN_ROUGH,
     DRAWN_WEAKLY,
     FITTED,
     FREE_COAT,
+    FREE_ROUGH,
     PARTS,
     UNIFORM,
     UNIFORM_COAT,
     UNIFORM_COAT_METAL,
     UNIFORM_METAL,
+    UNIFORM_ROUGH,
     Trial,
     by_size,
 )
-from .solver import Solver
+from .trial_runs import PREDICTING, TrialRuns
 
 NUMBERS = 2  # that a fit of one lobe finds in each texel: base colour and roughness
 FEW = 8  # good observations of a texel: with fewer, it may need a prior though texels differ clearly
 JUDGED = 2000  # texels, of a sample
-RACE = 0.5  # of its loss: what is so much worse than the best in the first fold is not tried in the others
 CLEAR = 0.15  # of its loss: a fit that leads by so much over one value for the material needs no prior
 CLEAR_TWO = 0.5  # the same of two lobes, which have no prior: false ones flash so seldom that samples miss it
 HOPEFUL = 0.25  # the same: one value that is not worse than the best one value by more is tried a texel, too
 SAME_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 in all folds is 0.5: nothing else is to be tried
-LEAST = 0.01  # roughness: of texels that are not observed it is 0
 PLAIN_METALLIC = 0.03  # a Metallic so near to 0 is 0 ...
 SOME_METALLIC = 0.08  # ... and one above this worth the time to try it where texels differ
-WORTH_RMS, WORTH_LIGHTNESS = 0.05, 0.7  # errors of what would be taken from which on a coat is tried
-CLEAR_COAT = 1 / 6  # of its loss, by which a coat must lead: a second lobe mends a little of every material
-WORSE = 1.05  # ratio of errors up to which a coat may be worse in one of the two
+WORTH_RMS, WORTH_LIGHTNESS = 0.05, 0.7  # errors of what would be taken from which on more is tried
+CLEAR_MORE = 1 / 6  # of its loss, by which a coat or a rough diffuse must lead: they mend a little of every material
+WORSE = 1.05  # ratio of errors up to which they may be worse in one of the two
+LEAST_ROUGH = 0.05  # Diffuse Roughness that every fold must find
 METAL_LAYERS = 300  # their tables take some 200 rounds a layer
 LEAST_COAT = 0.02  # weight that every fold must find
 AGREED = 2.0  # ratio of the folds' largest roughness of the coat to the least
 OWN_DRAWN = {"one-lobe": DRAWN, "one-lobe-specular": DRAWN_LEVEL}
 STOPPED = "stopped before left-out views were predicted"
-PREDICTING = Progress(0.5, "solve", "predicting left-out views")
 
 
 def solves_metals(device: Device, source: Source) -> bool:
@@ -76,6 +78,7 @@ class Decision:
     level: float | None = None  # Specular IOR Level, where the fit is not to find it
     metallic: float = 0.0
     coat: Coat | None = None
+    diffuse_roughness: float = 0.0
     prior: JointPrior | None = None  # that the texels are to be drawn with
     prediction: MaterialPrediction | None = None  # None: nothing could be left out
     differ: bool = False  # texels seem to differ, though one value for all of them was taken
@@ -129,24 +132,16 @@ class ModelPrediction:
             return search.settled(search.fit(known), known).apart_metal
 
 
-class _Contest:
-    """One material's trials, fold by fold."""
+class _Contest(TrialRuns):
+    """Which of one material's trials is to be taken."""
 
     def __init__(
         self, owner: ModelPrediction, sample: MaterialSample, observed: SampledTexels, places: I32, folds: Folds,
         fitted: Fitted,
     ) -> None:
-        self.sample, self.observed, self.places, self.folds, self.fitted = sample, observed, places, folds, fitted
-        self.settings = owner.settings
-        self.metals = solves_metals(owner.device, sample)
-        self.solver = Solver(owner.device, sample, self.settings)
-        self.solver.shown = False
-        self.search = JointSearch(observed)
-        self.joints: list[Joint] = []  # of each fold
-        self.settled = False  # whether they are, see `JointSearch.settled`
-        self.judge = Judge(observed, folds, clusters(sample, places))
-        self.predictions: dict[str, list[F64]] = {}
-        self.trials: dict[str, Trial] = {}
+        super().__init__(owner.device, sample, owner.settings, observed, places, folds)
+        self.fitted, self.metals = fitted, solves_metals(owner.device, sample)
+        self.settled = False  # whether the joints are, see `JointSearch.settled`
         self.coats: CoatSearch | None = None  # where one is sought
 
     def decide(self) -> Generator[Progress, None, Decision]:
@@ -193,12 +188,15 @@ class _Contest:
             spared = self.judge.spared(NUMBERS)
             leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
         leads = leads and self.judge.no_worse_than_plain(incumbent)
-        taken = incumbent if leads else self._chosen()
-        coated = yield from self._under_coats(taken, metal or apart)
+        taken = before = incumbent if leads else self._chosen()
+        if not self.solver.cancelled and _worth(self.judge.error(taken)):
+            taken = yield from self._above_rough(taken)
+        if not self.solver.cancelled and _worth(self.judge.error(taken)):
+            taken = yield from self._under_coats(taken, metal or apart)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors |= {name: self.judge.error(name) for name in self.predictions}
-        return self._decision(MaterialPrediction(self.folds.of, coated or taken, errors, leads and not coated))
+        return self._decision(MaterialPrediction(self.folds.of, taken, errors, leads and taken == before))
 
     def _apart_metallic(self) -> float:
         """The least Metallic that a fold finds where texels differ."""
@@ -221,14 +219,46 @@ class _Contest:
         least = min(self.predictions, key=lambda name: self.judge.error(name).lightness)
         return least == FITTED["one-lobe"]
 
-    def _under_coats(self, taken: str, metal: bool) -> Generator[Progress, None, str | None]:
-        """The trial with a coat that is to be taken instead, if there is one."""
+    def _above_rough(self, taken: str) -> Generator[Progress, None, str]:
+        """The trial with a rough diffuse that is to be taken instead, if there is one, else ``taken``."""
+        if self.observed.nodes is not None:  # what shines from all around has no direction
+            return taken
+        values: list[float] = []
+        for left_out in self.folds.left_out:
+            yield PREDICTING
+            values.append(self.search.diffuse_roughness(~left_out))
+            if min(values) < LEAST_ROUGH or max(values) > AGREED * min(values):
+                return taken
+        self.joints = [_with_rough(self.search, joint, ~left_out, value) for left_out, joint, value in zip(
+            self.folds.left_out, self.joints, values, strict=True)]
+        yield from self._folds(self._uniform, UNIFORM_ROUGH)
+        for trial in FREE_ROUGH:
+            yield from self._folds(self._drawn, [trial], race=True)
+        if not self.solver.cancelled and self._best_rough(taken) is not None:
+            yield from self._folds(self._drawn, DRAWN_ROUGH, race=True)
+            yield from self._folds(self._drawn, DRAWN_LEVEL_ROUGH, race=True)
+        return taken if self.solver.cancelled else self._best_rough(taken) or taken
+
+    def _best_rough(self, taken: str) -> str | None:
+        """The trial with a rough diffuse that leads; it has no Metallic, so that it need not lead a metal."""
         error = self.judge.error(taken)
-        if not _worth(error):
-            return None
+        trials = [trial for trial in self.trials.values() if trial.rough and self._no_worse(trial.name, error)]
+        drawn = [trial for trial in trials if trial not in FREE_ROUGH]
+        found = self.judge.choose(
+            [["lambert"], *by_size(drawn), *([trial.name] for trial in FREE_ROUGH if trial in trials)])
+        metal = taken in self.trials and self.trials[taken].model == "one-lobe-metallic"
+        rival = self.judge.choose(self._families([trial for trial in self.trials.values() if not (
+            trial.rough or trial.coat or trial.model == "one-lobe-metallic")])) if metal else taken
+        leads = self.judge.leads(found, CLEAR_MORE, [rival]) and (
+            not metal or found in self.judge.near([found, taken], ALIKE[0]))
+        return found if found != "lambert" and leads else None
+
+    def _under_coats(self, taken: str, metal: bool) -> Generator[Progress, None, str]:
+        """The trial with a coat that is to be taken instead, if there is one, else ``taken``."""
+        error = self.judge.error(taken)
         yield PREDICTING
         # Texels differ, as it seems, or what lies below the coat's highlights says that they do:
-        differ = taken not in (UNIFORM[0].name, UNIFORM[1].name, UNIFORM_METAL.name) or (
+        differ = taken not in self.trials or self.trials[taken].strength < ONE_VALUE or (
             self.judge.error(FITTED[self.fitted.model]).lightness < error.lightness)
         pairs = [(UNIFORM_COAT, DRAWN_COAT)] if self._find_coats(PLAIN) else []
         if metal and self._find_coats(METAL):
@@ -241,15 +271,15 @@ class _Contest:
         if differ and not self.solver.cancelled and self._find_coats(APART):
             yield from self._folds(self._drawn, [FREE_COAT])
         if self.solver.cancelled:
-            return None
+            return taken
         trials = [trial for trial in self.trials.values() if trial.coat and self._no_worse(trial.name, error)]
         if FREE_COAT in trials and not self.judge.leads(FREE_COAT.name, CLEAR_TWO, [trial.name for trial in trials]):
             trials.remove(FREE_COAT)  # what no prior holds together must be clear, as of two lobes
         found = self.judge.choose([[taken], *by_size(trials)])
-        return found if found != taken and self.judge.leads(found, CLEAR_COAT, [taken]) else None
+        return found if self.judge.leads(found, CLEAR_MORE, [taken]) else taken
 
     def _no_worse(self, name: str, than: PredictionError) -> bool:
-        """In neither error: a coat that explains highlights may not spoil what lies below it."""
+        """In neither error: what explains highlights may not spoil the body."""
         error = self.judge.error(name)
         return error.relative_rms <= WORSE * than.relative_rms and error.lightness <= WORSE * than.lightness
 
@@ -270,38 +300,6 @@ class _Contest:
         if self.coats is None:
             self.coats = CoatSearch(self.search)
         return replace(joint, coated={**joint.coated, kind: self.coats.fit(kind, known, joint, self.fitted.level)})
-
-    def _folds(
-        self, attempt: Callable[[Bool, Joint, list[Trial]], Generator[Progress, None, None]],
-        trials: list[Trial] | None = None, race: bool = False,
-    ) -> Generator[Progress, None, None]:
-        """Some trials in every fold, with what they predict; with ``race``, those alone that do well in the first."""
-        if trials == [] or self.solver.cancelled:
-            return
-        before = set(self.predictions)
-        for left_out, joint in zip(self.folds.left_out, self.joints, strict=True):
-            self.sample.left_out = left_out
-            yield from attempt(~left_out, joint, trials or [])
-            if self.solver.cancelled:
-                return
-            if race and trials and left_out is self.folds.left_out[0]:
-                trials = self._hopeful(trials)
-                if not trials:
-                    break
-        self.sample.left_out = np.zeros_like(self.folds.left_out[0])
-        self.trials |= {trial.name: trial for trial in trials or []}
-        for name, predictions in self.predictions.items():  # in order: Lambert is the first
-            if name not in before:
-                self.judge.add(name, predictions)
-
-    def _hopeful(self, trials: list[Trial]) -> list[Trial]:
-        """Those whose first fold leaves them a chance; the predictions of the others are forgotten."""
-        new = [trial.name for trial in trials]
-        hopeful = self.judge.hopeful({name: of[0] for name, of in self.predictions.items()}, new, RACE)
-        for name in new:
-            if name not in hopeful:
-                del self.predictions[name]
-        return [trial for trial in trials if trial.name in hopeful]
 
     def _chosen(self) -> str:
         """The best of the smallest models that predict about as well; a metal whose texels differ must lead clearly."""
@@ -334,55 +332,6 @@ class _Contest:
             (values,) = yield from self.solver.under_priors([None])
             self._add(name, one_lobe(self._at(values), level), known)
 
-    def _uniform(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
-        """One value for the material."""
-        yield PREDICTING
-        for trial in trials:
-            one = trial.material(joint)
-            values = np.full(len(self.places), one.roughness)
-            self._add(trial.name, one_lobe(values, one.level, one.metallic, one.coat), known)
-
-    def _drawn(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
-        """A value a texel, drawn to the material's, under several priors at one level and Metallic."""
-        one = trials[0].material(joint)
-        self.solver.use_level(self._grid(one.level) if one.level != 0.5 else None)
-        self.solver.use_metallic(one.metallic)
-        self.solver.use_coat(one.coat)
-        maps = yield from self.solver.under_priors([trial.prior(joint) for trial in trials])
-        self.solver.use_metallic(0.0)
-        self.solver.use_coat(None)
-        for trial, values in zip(trials, maps, strict=True):
-            self._add(trial.name, one_lobe(self._at(values), one.level, one.metallic, one.coat), known)
-
-    def _drawn_levels(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
-        """The same with a level a texel, which is drawn too."""
-        priors = {trial.name: prior for trial in trials if (prior := trial.prior(joint)) is not None}
-        levels = yield from self.solver.levels_under(list(priors.values()))
-        for (name, prior), (level, _) in zip(priors.items(), levels, strict=True):
-            self.solver.use_level(level)
-            (values,) = yield from self.solver.under_priors([prior])
-            self._add(name, one_lobe(self._at(values), level.ravel()[self.places].astype(np.float64)), known)
-
-    def _two_lobes(self) -> Generator[Progress, None, Lobes]:
-        self.solver.use_level(None)
-        maps = yield from self.solver.solve_two()
-        pairs = maps.read_pairs(self.solver.device)
-        assert pairs is not None
-        maps.release()
-        lobes = pairs.reshape(-1, 3)[self.places].astype(np.float64)
-        lobes[:, :2] = np.clip(lobes[:, :2], LEAST, 1.0)
-        return Lobes(lobes[:, :2], lobes[:, 2], np.full(len(lobes), 0.5), self.settings.ndf == "beckmann")
-
-    def _grid(self, level: float) -> F32:
-        return np.full(self.sample.size[::-1], level, np.float32)
-
-    def _at(self, values: F32) -> F64:
-        return np.clip(values.ravel()[self.places].astype(np.float64), LEAST, 1.0)
-
-    def _add(self, name: str, lobes: Lobes | None, known: Bool) -> None:
-        """What a trial predicts of a fold; ``known``: layers that are not left out."""
-        self.predictions.setdefault(name, []).append(predicted(self.observed, lobes, known))
-
     def _decision(self, prediction: MaterialPrediction) -> Decision:
         taken, errors, best = prediction.taken, prediction.tried, prediction.error
         why = (f"left-out {self.folds.of} are predicted to {best.relative_rms:.3g} of their radiance, L* "
@@ -399,18 +348,32 @@ class _Contest:
             joint = self.search.settled(joint, known)
         if trial.coat:
             joint = self._coated(trial.coat, known, joint)
+        if trial.rough:
+            joint = _with_rough(self.search, joint, known, self.search.diffuse_roughness(known))
         one = trial.material(joint)
         values = np.array([trial.material(joint).roughness for joint in self.joints])
         # Jackknife (Quenouille 1956) over the folds.
         sigma = float(np.sqrt((len(values) - 1) * values.var())) if trial.strength == ONE_VALUE else 0.0
         if trial.strength == ONE_VALUE and not trial.coat:
             sigma = float(np.hypot(sigma, pixel_bias(self.observed, lambda texels: trial.material(
-                JointSearch(texels, self.metals).fit(known)).roughness)))
+                self._joint(texels, known, trial)).roughness)))
         level = None if trial.model == "one-lobe" or trial in DRAWN_LEVELS else one.level
         # The lightness of most pixels says that texels differ, though the few brightest would flash.
         differ = (trial.strength == ONE_VALUE and self.fitted.model in ("one-lobe", "one-lobe-specular")
                   and errors[FITTED[self.fitted.model]].lightness < best.lightness)
-        return Decision(trial.model, why, level, one.metallic, one.coat, trial.prior(joint, sigma), prediction, differ)
+        return Decision(trial.model, why, level, one.metallic, one.coat, one.diffuse, trial.prior(joint, sigma),
+                        prediction, differ)
+
+    def _joint(self, texels: SampledTexels, known: Bool, trial: Trial) -> Joint:
+        """Of some texels, as far as a trial without a coat goes by it."""
+        search = JointSearch(texels, self.metals and not trial.rough)
+        joint = search.fit(known)
+        return _with_rough(search, joint, known, search.diffuse_roughness(known)) if trial.rough else joint
+
+
+def _with_rough(search: JointSearch, joint: Joint, known: Bool, diffuse: float) -> Joint:
+    """And what explains the texels together with a rough diffuse."""
+    return replace(joint, rough=search.settled(search.fit(known, diffuse), known, diffuse))
 
 
 def _worth(error: PredictionError) -> bool:

@@ -23,6 +23,7 @@ class Trial:
     strength: float  # of the prior about the joint roughness
     material: Callable[[Joint], OneMaterial]
     coat: str = ""  # what is free below a coat, a word of core/evaluation/coat_search.py; "": there is none
+    rough: bool = False  # whether its diffuse is rough
     level_strength: float = 0.0  # of the prior about the joint level; 0: all texels have that level
 
     def prior(self, joint: Joint, sigma: float = 0.0) -> JointPrior | None:
@@ -61,8 +62,26 @@ DRAWN_COAT = _trials("a value a texel, one level and coat", "one-lobe-specular",
 DRAWN_COAT_METAL = _trials("a value a texel, one metallic and coat", "one-lobe-metallic",
                            lambda joint: joint.coated[METAL], METAL)
 FREE_COAT = Trial("a value a texel and coat", "one-lobe-specular", 0.0, lambda joint: joint.coated[APART], APART)
+
 PARTS = [Trial("two parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[0]),
          Trial("three parts", "one-lobe-specular", STRENGTHS[0], lambda joint: joint.parts[1])]
+
+
+def _above_rough(trial: Trial, strength: float, name: str = "") -> Trial:
+    """The same above a rough diffuse.  The Diffuse Roughness of texels that differ is what they say together."""
+    def material(joint: Joint) -> OneMaterial:
+        assert joint.rough is not None
+        one = trial.material(joint.rough)
+        return one if strength == ONE_VALUE else replace(one, diffuse=joint.rough.apart.diffuse)
+
+    return replace(trial, name=f"{name or trial.name}, rough diffuse", strength=strength, material=material, rough=True)
+
+
+UNIFORM_ROUGH = [_above_rough(trial, ONE_VALUE) for trial in UNIFORM]
+DRAWN_ROUGH = [_above_rough(trial, trial.strength) for trial in DRAWN]
+DRAWN_LEVEL_ROUGH = [_above_rough(trial, trial.strength) for trial in DRAWN_LEVEL]
+FREE_ROUGH = [_above_rough(DRAWN[0], 0.0, "a value a texel"),
+              _above_rough(DRAWN_LEVEL[0], 0.0, "a value a texel, one level")]
 MODELS = "one-lobe", "one-lobe-specular", "one-lobe-metallic"  # from the smallest on
 # The fit's own, without a prior of the material:
 FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specular": "a value a texel, one level",

@@ -48,6 +48,7 @@ class TilePasses:
         self.position: moderngl.Texture | None = None  # as the source's, of some texels; None: of all
         self.metallic = 0.0
         self.coat: Coat | None = None
+        self.diffuse_roughness = 0.0
         self.cancelled = False
         self.shown = True  # whether what kernels find may be looked at; not where something is only tried
         self._work: dict[Tile, F32] = {}  # of each row of a tile, see ObservationAtlas.work
@@ -75,6 +76,10 @@ class TilePasses:
     def use_coat(self, coat: Coat | None) -> None:
         """Coat above all texels from now on, where they are solved for one lobe."""
         self.coat = coat
+
+    def use_diffuse_roughness(self, roughness: float) -> None:
+        """Diffuse Roughness of all texels from now on, where they are solved for one lobe without Metallic."""
+        self.diffuse_roughness = roughness
 
     def run(
         self, chosen: list[Tile], span: tuple[float, float], work: KernelPass,
@@ -106,11 +111,12 @@ class TilePasses:
         defines = {**self.source.layers.defines(), "LOBES": str(work.lobes)}
         metal = work.lobes == 1 and self.metallic > 0.0
         level_searched = work.kernel in LEVEL_KERNELS
-        tinted = metal and self.source.layers.channels == 1
-        switches = {"COLOUR": work.colour or tinted, "STARTED": "u_started" in work.uniforms,
+        rough = work.lobes == 1 and self.diffuse_roughness > 0.0
+        tinted = self.source.layers.channels == 1
+        switches = {"COLOUR": work.colour or ((metal or rough) and tinted), "STARTED": "u_started" in work.uniforms,
                     "SPECULAR": self.level is not None or level_searched, "LEVEL_SEARCHED": level_searched,
-                    "METALLIC": metal, "TINTED": tinted, "TILTS": self.source.tilts is not None,
-                    "COAT": work.lobes == 1 and self.coat is not None,
+                    "METALLIC": metal, "TINTED": metal and tinted, "TILTS": self.source.tilts is not None,
+                    "COAT": work.lobes == 1 and self.coat is not None, "ROUGH_DIFFUSE": rough,
                     "ROBUST": work.robust, "JOINT": "u_joint_strength" in work.uniforms,
                     "NDF_BECKMANN": work.lobes == 2 and self.settings.ndf == "beckmann"}
         if work.uniforms.get("u_moves"):
@@ -134,6 +140,7 @@ class TilePasses:
         }, {**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile,
             **({"u_metallic": self.metallic} if "METALLIC" in defines else {}),
             **({"u_coat": (self.coat.weight, self.coat.roughness)} if self.coat and "COAT" in defines else {}),
+            **({"u_diffuse_roughness": self.diffuse_roughness} if "ROUGH_DIFFUSE" in defines else {}),
             **work.uniforms}, defines),
             region, self._work[tile][:region[3]])
 

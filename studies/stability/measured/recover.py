@@ -35,17 +35,19 @@ class Principled:
     level: F64  # (...) Specular IOR Level
     metallic: float = 0.0  # one number for the material
     coat: Coat | None = None
+    diffuse_roughness: float = 0.0
 
     def __call__(self, L: F64, V: F64) -> F64:
         """The BRDF, 1/sr, (..., 3), of directions (..., 3)."""
         if self.model == "two-lobe":
             return brdf.two_lobe(self.base, (self.roughness, self.roughness2, self.weight), L, V, NORMAL, "ggx")
-        return brdf.principled(self.base, self.roughness, L, V, NORMAL, self.level, self.metallic, self.coat)
+        return brdf.principled(self.base, self.roughness, L, V, NORMAL, self.level, self.metallic, self.coat,
+                               self.diffuse_roughness)
 
     def at(self, places: Any) -> Principled:
         """Those of some texels."""
         return Principled(self.model, self.base[places], self.roughness[places], self.roughness2[places],
-                          self.weight[places], self.level[places], self.metallic, self.coat)
+                          self.weight[places], self.level[places], self.metallic, self.coat, self.diffuse_roughness)
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class Recovered:
         roughness, roughness2, weight, level = (
             np.asarray(np.median(v)) for v in (of.roughness, of.roughness2, of.weight, of.level))
         return Principled(of.model, np.median(of.base, axis=0), roughness, roughness2, weight, level, of.metallic,
-                          of.coat)
+                          of.coat, of.diffuse_roughness)
 
 
 def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: Any) -> Recovered:
@@ -94,7 +96,7 @@ def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: An
     lobes = fitted.lobes if fitted.lobes is not None else np.stack([rough, rough, np.ones_like(rough)], -1)
     first, second, weight = np.moveaxis(lobes.astype(np.float64), -1, 0)
     maps = Principled(chosen, base, first, second, weight, level.astype(np.float64), metallic,
-                      ladder.decided_coats.get(NAME))
+                      ladder.decided_coats.get(NAME), ladder.decided_rough.get(NAME, 0.0))
     nearest = np.where(seen.quality > 0, seen.lobes[..., 0, 0], 1.0).min(-1).astype(np.float64)
     return Recovered(maps, fitted.texels.solved, nearest, fitted.predictions.get(NAME))
 
@@ -106,6 +108,7 @@ def _base(device: Device, ladder: Ladder, fitted: LadderResult, level: F32) -> F
     solver.level = device.texture(w, h, 1, level) if np.any(level != 0.5) else None
     solver.use_metallic(ladder.decided_metallic.get(NAME, 0.0))
     solver.use_coat(ladder.decided_coats.get(NAME))
+    solver.use_diffuse_roughness(ladder.decided_rough.get(NAME, 0.0))
     lobes = 1 if fitted.lobes is None else 2
     at = fitted.texels
     values = (np.stack([at.roughness, at.sigma, at.determined, at.solved], -1) if fitted.lobes is None
