@@ -12,12 +12,12 @@ from ..core.data import F32, Maps
 from ..core.maps import target_export
 from ..core.maps.map_set import MapFiles, MapReader
 from ..core.maps.target_export import ExportObject, Surface
-from .material.solved_socket import COAT_WEIGHT, LEVEL, METALLIC
+from .material.solved_socket import COAT_WEIGHT, DIFFUSE_ROUGHNESS, LEVEL, METALLIC
 from .scene.scene_material import SlotNormalMap, differences, find_principled, normal_map_of
 from .scene.scene_mesh import read_mesh
 
 Warn = Callable[[str], None]
-EXPORTED = (METALLIC.name, LEVEL.name, COAT_WEIGHT.name)  # or named by `target_export.losses`
+EXPORTED = (METALLIC.name, LEVEL.name, COAT_WEIGHT.name, DIFFUSE_ROUGHNESS.name)  # or named by `target_export.losses`
 
 
 def export_object(

@@ -180,6 +180,22 @@ def test_coat(metallic: float) -> None:
     assert error.max() < 0.001 and error.mean() < 0.00002, (error.max(), error.mean())
 
 
+@pytest.mark.parametrize("diffuse", [0.25, 1.0])
+def test_diffuse_roughness(diffuse: float) -> None:
+    """Below the maps of one lobe at a level; the one that the user had is not this one's."""
+    rng = np.random.default_rng(8)
+    values = {"base": rng.uniform(0.05, 0.9, (TEXELS, TEXELS, 3)),
+              "roughness": rng.uniform(0.3, 0.9, (TEXELS, TEXELS))}
+    obj = stage("square", (0.4, 0.8, 1.1), eye=(0, -2, 1.2), degrees=50)
+    principled = next(n for n in obj.data.materials[0].node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    principled.inputs["Diffuse Roughness"].default_value = 0.6
+    material.write_maps(obj, replace(solution("one-lobe-specular", values, level=0.4),
+                                     diffuse_roughness={"material": diffuse}))
+    error = errors(values, lambda L, V, N, maps: brdf.principled(
+        maps["base"], maps["roughness"], L, V, N, level=0.4, diffuse_roughness=diffuse))
+    assert error.max() < 0.001 and error.mean() < 0.00002, (error.max(), error.mean())
+
+
 @pytest.mark.parametrize("linked", [True, False])
 def test_all_other_settings_carry_over(linked: bool) -> None:
     """Two equal lobes render as the one Principled did, whatever else is set or linked on it.

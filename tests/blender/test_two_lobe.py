@@ -316,6 +316,31 @@ def test_a_coat_comes_goes_and_is_read_back(empty) -> None:
     assert solve_region.last_result(obj).coats == {}
 
 
+@pytest.mark.parametrize("level", [None, 0.25])
+def test_a_diffuse_roughness_comes_goes_and_is_read_back(empty, level: float | None) -> None:
+    """The user's own, with its link, comes back."""
+    obj, shader = rich_plane()
+    tree, principled = shader.node_tree, principled_of(shader)
+    socket, noise = principled.inputs["Diffuse Roughness"], tree.nodes.new("ShaderNodeTexNoise")
+    socket.default_value = 0.5
+    tree.links.new(noise.outputs[0], socket)
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    before = tree_state(tree)
+    model, levels = ("one-lobe", {}) if level is None else ("one-lobe-specular", {"Skin": level})
+    rough = replace(make_solution({"Skin": model}), levels=levels, diffuse_roughness={"Skin": 0.75})
+    (message,) = material.write_maps(obj, rough)
+    assert "Diffuse Roughness was linked; unlinked and set to 0.75" in message
+    once = tree_state(tree)
+    assert material.write_maps(obj, rough) == ()
+    assert tree_state(tree) == once and socket.default_value == 0.75
+    read = solve_region.last_result(obj)
+    assert (read.model, read.diffuse_roughness, read.levels) == ({"Skin": model}, {"Skin": 0.75}, levels)
+    material.write_maps(obj, make_solution({"Skin": "two-lobe"}, wide_maps()))
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert tree_state(tree) == before
+    assert solve_region.last_result(obj).diffuse_roughness == {}
+
+
 @pytest.mark.parametrize("packed", [True, False])
 def test_the_maps_come_back_from_the_file(empty, tmp_path: Path, packed: bool) -> None:
     """What `irpso export` writes from a solved .blend is what was solved."""

@@ -180,6 +180,24 @@ def test_unity_says_that_the_level_is_lost() -> None:
     assert losses(cow(Surface("Part 0", level=0.31)), "unreal") == []
 
 
+def test_materialx_has_a_diffuse_roughness_that_other_targets_lose(tmp_path: Path) -> None:
+    rough = Surface("Part 0", diffuse_roughness=0.625)
+    files = write(cow(rough), make_maps(), "materialx", tmp_path)
+    document = opened(files["Cow.mtlx"])
+    shader = surface_of(document)
+    assert shader.getInputValue("base_diffuse_roughness") == pytest.approx(0.625)
+    assert document.validate()[0]
+    assert losses(cow(rough), "materialx") == [] and losses(cow(), "unity") == []
+    for target in ("unreal", "unity", "gltf", "substance", "blender"):
+        (line,) = losses(cow(rough), target)
+        assert "'Part 0'" in line and "no Diffuse Roughness; 0.625 is lost" in line
+    both = cow(rough, Surface("Part 1"))  # one document has one value
+    files = write(both, make_maps(), "materialx", tmp_path / "both")
+    assert "base_diffuse_roughness" not in files["Cow.mtlx"].read_text()
+    (line,) = losses(both, "materialx")
+    assert "'Part 0'" in line and "0.625 is lost" in line
+
+
 # ---- materials that differ
 
 

@@ -141,6 +141,7 @@ class IndirectRenderer:
             "model": solution.model, "levels": solution.levels, "metallic": solution.metallic, "ndf": solution.ndf,
             "paint": solution.paint,
             "coats": {name: (coat.weight, coat.roughness) for name, coat in solution.coats.items()},
+            "diffuse_roughness": solution.diffuse_roughness,
             "side": side, "samples": SAMPLES, "pictures": pictures,
             "known_world": any(view.environment is not None and view.environment.name for view in scene.views),
         }), encoding="utf-8")

@@ -91,7 +91,7 @@ def _solution(job: dict[str, Any], arrays: dict[str, Any]) -> Solution:
         metallic=arrays.get("metallic"))
     coats = {name: Coat(*values) for name, values in job["coats"].items()}
     return Solution.of_maps(maps, job["model"], job["levels"], job["ndf"], metallic=job["metallic"], coats=coats,
-                             paint=job["paint"])
+                             paint=job["paint"], diffuse_roughness=job["diffuse_roughness"])
 
 
 def _small(width: float, height: float, side: int) -> tuple[int, int]:

@@ -86,7 +86,7 @@ class LiveMaps:
         if self.start is None:
             return Solution.of_maps(maps, self.model)
         return Solution.of_maps(maps, self.model, self.start.levels, metallic=self.start.metallic,
-                                 coats=self.start.coats)
+                                 coats=self.start.coats, diffuse_roughness=self.start.diffuse_roughness)
 
     @property
     def seconds(self) -> float:
@@ -239,6 +239,7 @@ class LiveMaps:
                 metallic=self.start.metallic if self.start is not None else {},
                 paint=self.start.paint if self.start is not None else {},
                 coats=self.start.coats if self.start is not None else {},
+                diffuse_roughness=self.start.diffuse_roughness if self.start is not None else {},
                 texels={"covered": covered, "observed": solved, "solved": solved, **kept,
                         "filled": covered - int(known.sum())},
                 residual=float(np.sqrt(np.mean(maps["error"][known] ** 2))) if known.any() else 0.0,

@@ -93,6 +93,7 @@ def wire_maps(
     for material, name in solved.items():
         found = wire(material, images, model=solution.model[name], lobes=solution.maps.lobes is not None,
                      level=solution.levels.get(name), coat=solution.coats.get(name), ndf=solution.ndf,
+                     diffuse_roughness=solution.diffuse_roughness.get(name),
                      metallic=None if name in solution.paint else solution.metallic.get(name, 0.0))
         messages += [f"material '{material.name}': {text}" for text in found]
         tag_prior(material, solution.priors.get(name))

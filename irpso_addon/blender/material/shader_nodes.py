@@ -11,19 +11,20 @@ import bpy
 
 from ...core.data import Coat
 from . import two_lobe
-from .solved_socket import LEVEL, METALLIC, NORMAL, set_coat
+from .solved_socket import DIFFUSE_ROUGHNESS, LEVEL, METALLIC, NORMAL, set_coat
 from .tags import NORMAL_ROLE, TAG
 
 
 def wire(
     material: bpy.types.Material, images: Mapping[str, bpy.types.Image], *,
     model: str, lobes: bool, level: float | None, metallic: float | None, coat: Coat | None, ndf: str,
+    diffuse_roughness: float | None,
 ) -> list[str]:
     """Image Texture nodes into the Principled BSDF, or the group in its place; the rest of the tree stays.
 
     ``lobes``: the roughness image holds (roughness1, roughness2, weight).  ``level``: the material's one Specular
     IOR Level; None: the image's, where there is one.  ``metallic``: of model one-lobe-metallic; None: the image's.
-    ``coat``: of one lobe.
+    ``coat``, ``diffuse_roughness``: of one lobe; None: there is none.
     Returns what the user should know.
 
     The textures need no UV Map node: by itself an Image Texture takes the UV map that `scene.read_scene` reads,
@@ -52,6 +53,7 @@ def wire(
         _remove(tree, NORMAL_ROLE)
         _remove(tree, "normal")
     messages += set_coat(tree, principled, coat)
+    messages += DIFFUSE_ROUGHNESS.set(tree, principled, diffuse_roughness)
     if not isinstance(level_source, bpy.types.NodeSocket):
         _remove(tree, "specular")
     if not isinstance(metallic_source, bpy.types.NodeSocket):

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.data import Coat, Maps, Solution
 from .shader_nodes import find_shader
-from .solved_socket import LEVEL, METALLIC, coat_of
+from .solved_socket import DIFFUSE_ROUGHNESS, LEVEL, METALLIC, coat_of
 from .tags import TAG, prior_of
 from .two_lobe import is_two_lobe, parked
 
@@ -28,7 +28,8 @@ def shown_solution(obj: bpy.types.Object, maps: Maps) -> Solution:
         metallic={name: _metal(maps) if name in painted else found.metallic for name, found in shown.items()
                   if found.metallic is not None},
         paint={name: float(np.mean(maps.metallic == 0)) for name in painted},
-        coats={name: found.coat for name, found in shown.items() if found.coat is not None})
+        coats={name: found.coat for name, found in shown.items() if found.coat is not None},
+        diffuse_roughness={name: found.diffuse for name, found in shown.items() if found.diffuse > 0})
     return replace(solution, priors=priors)
 
 
@@ -47,6 +48,7 @@ class _Wired(NamedTuple):
     painted: bool = False  # whether that is a map
     ndf: str = "ggx"
     coat: Coat | None = None
+    diffuse: float = 0.0  # Diffuse Roughness, where it was solved for
 
 
 def _model(material: bpy.types.Material) -> _Wired:
@@ -65,8 +67,11 @@ def _model(material: bpy.types.Material) -> _Wired:
         return _Wired("one-lobe-metallic", level, float(own.default_value), painted, coat=coat)
     if coat is not None:
         return _Wired("one-lobe-specular", level, coat=coat)
+    diffuse = 0.0
+    if DIFFUSE_ROUGHNESS.tag in principled:
+        diffuse = min(max(float(principled.inputs[DIFFUSE_ROUGHNESS.name].default_value), 0.0), 1.0)
     if level is None:
-        return _Wired("one-lobe")
+        return _Wired("one-lobe", diffuse=diffuse)
     if any(link.from_node.get(TAG) == LEVEL.role for link in socket.links):
-        return _Wired("one-lobe-specular")
-    return _Wired("lambert") if level == 0.0 else _Wired("one-lobe-specular", level)
+        return _Wired("one-lobe-specular", diffuse=diffuse)
+    return _Wired("lambert") if level == 0.0 else _Wired("one-lobe-specular", level, diffuse=diffuse)

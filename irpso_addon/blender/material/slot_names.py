@@ -59,4 +59,4 @@ def renamed(solution: Solution, now: Mapping[str, str]) -> Solution:
 
     return replace(solution, model=of(solution.model), why=of(solution.why), levels=of(solution.levels),
                    predictions=of(solution.predictions), priors=of(solution.priors), metallic=of(solution.metallic),
-                   coats=of(solution.coats), paint=of(solution.paint))
+                   coats=of(solution.coats), diffuse_roughness=of(solution.diffuse_roughness), paint=of(solution.paint))

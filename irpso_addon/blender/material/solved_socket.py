@@ -10,6 +10,8 @@ from ...core.data import Coat
 from ...core.shading.tables import IOR
 from .tags import (
     COAT_TAG,
+    DIFFUSE_ROUGHNESS_LINK_TAG,
+    DIFFUSE_ROUGHNESS_TAG,
     METALLIC_LINK_TAG,
     METALLIC_TAG,
     NORMAL_LINK_TAG,
@@ -94,6 +96,8 @@ def _link_as_before(tree: bpy.types.ShaderNodeTree, socket: bpy.types.NodeSocket
 
 LEVEL = SolvedSocket("Specular IOR Level", SPECULAR_TAG, SPECULAR_LINK_TAG, "specular")
 METALLIC = SolvedSocket("Metallic", METALLIC_TAG, METALLIC_LINK_TAG, "metallic")
+DIFFUSE_ROUGHNESS = SolvedSocket("Diffuse Roughness", DIFFUSE_ROUGHNESS_TAG, DIFFUSE_ROUGHNESS_LINK_TAG,
+                                  "diffuse_roughness")
 NORMAL = SolvedSocket("Normal", NORMAL_TAG, NORMAL_LINK_TAG, NORMAL_ROLE)
 COAT_WEIGHT = SolvedSocket("Coat Weight", COAT_TAG, f"{COAT_TAG}_link", "coat")
 COAT_ROUGHNESS = SolvedSocket("Coat Roughness", f"{COAT_TAG}_roughness", f"{COAT_TAG}_roughness_link", "coat")

@@ -12,7 +12,7 @@ from ...core.maps.targets import DIELECTRIC
 from . import two_lobe
 from .shader_nodes import find_shader, has_nodes
 from .slot_names import solved_name
-from .solved_socket import COAT_WEIGHT, LEVEL, METALLIC, SolvedSocket
+from .solved_socket import COAT_WEIGHT, DIFFUSE_ROUGHNESS, LEVEL, METALLIC, SolvedSocket
 from .tags import TAG
 
 Warn = Callable[[str], None]
@@ -38,7 +38,8 @@ def _shown(material: bpy.types.Material | None, warn: Warn) -> Surface:
         lobes = "beckmann" if str(node.node_tree.get(TAG)).startswith("beckmann") else "ggx"
     metallic, level = _value(material, node, METALLIC, 0.0, warn), _value(material, node, LEVEL, DIELECTRIC, warn)
     coat = _value(material, node, COAT_WEIGHT, 0.0, warn)
-    return Surface(material.name, metallic, level, lobes, coat or 0.0)  # a coat has no map
+    diffuse = _value(material, node, DIFFUSE_ROUGHNESS, 0.0, warn)
+    return Surface(material.name, metallic, level, lobes, coat or 0.0, diffuse or 0.0)  # these two have no map
 
 
 def _value(
@@ -72,4 +73,5 @@ def _solved(name: str | None, solution: Solution) -> Surface:
     if model == "one-lobe-metallic":
         metallic = None if name in solution.paint else solution.metallic.get(name, 0.0)
     coat = solution.coats[name].weight if name in solution.coats else 0.0
-    return Surface(name, metallic, level, solution.ndf if model == "two-lobe" else "", coat)
+    return Surface(name, metallic, level, solution.ndf if model == "two-lobe" else "", coat,
+                   solution.diffuse_roughness.get(name, 0.0))

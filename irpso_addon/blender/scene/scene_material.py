@@ -12,7 +12,7 @@ import numpy as np
 from ...core.data import F32
 from ...core.errors import BadInput
 from ...core.images.colour import known_space, to_linear_rec709
-from ..material.solved_socket import COAT_WEIGHT, LEVEL, METALLIC, NORMAL
+from ..material.solved_socket import COAT_WEIGHT, DIFFUSE_ROUGHNESS, LEVEL, METALLIC, NORMAL
 from ..material.tags import TAG
 from ..material.two_lobe import is_two_lobe, lobe_of
 
@@ -83,7 +83,8 @@ def _source(socket: Any) -> tuple[Any | None, Any | None]:
 
 def _name_differences(material: Any, principled: Any, warn: Warn) -> None:
     for name, value in differences(principled):
-        if any(name == solved.name and solved.tag in principled for solved in (LEVEL, METALLIC, COAT_WEIGHT)):
+        if any(name == solved.name and solved.tag in principled for solved in (
+                LEVEL, METALLIC, COAT_WEIGHT, DIFFUSE_ROUGHNESS)):
             continue  # a solve has set it, and the next one will decide anew
         if name == TINT:
             warn(f"material '{material.name}': {TINT} is not modelled; white is assumed")

@@ -79,6 +79,8 @@ class IRPSO_PT_result(Tab, Panel):
                 metallic += f", 0 on {percent(solution.paint[slot])}"
             coat = solution.coats.get(slot)
             above = f", coat {coat.weight:.2f} of roughness {coat.roughness:.2f}" if coat else ""
+            if slot in solution.diffuse_roughness:
+                above = f", Diffuse Roughness {solution.diffuse_roughness[slot]:.2f}"
             box.label(text=f"{slot or name}: {choice_name(model)}{level}{metallic}{above}", icon="MATERIAL")
             if slot in solution.predictions:
                 box.label(text=predicted(solution.predictions[slot]), icon="BLANK1")

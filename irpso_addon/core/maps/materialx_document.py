@@ -1,9 +1,9 @@
 """The MaterialX document of an export: OpenPBR Surface with the maps as images.
 
-OpenPBR Surface 1.1 is nearest to what is solved.  Its base is Lambert's (base_diffuse_roughness 0) below a GGX
-dielectric whose albedo dims it, alpha is roughness^2, its metal has the F82 reflectance, Schlick's where the edge
-is white, and its index of refraction may be a map.  Standard Surface has an artistic metal, glTF PBR Schlick's
-dielectric.
+OpenPBR Surface 1.1 is nearest to what is solved.  Its base is Lambert's or rough (base_diffuse_roughness: the model of
+Cycles' Diffuse Roughness, with more multiple scattering) below a GGX dielectric whose albedo dims it, alpha is
+roughness^2, its metal has the F82 reflectance, Schlick's where the edge is white, and its index of refraction may be a
+map.  Standard Surface has an artistic metal, glTF PBR Schlick's dielectric.
 
 https://academysoftwarefoundation.github.io/OpenPBR; MaterialX Specification 1.39.
 """
@@ -21,16 +21,20 @@ COLOUR, DATA = "srgb_texture", "lin_rec709"
 GREY, RGB, VECTOR = "float", "color3", "vector3"  # MaterialX' types
 
 
-def materialx(name: str, images: Mapping[str, str], metallic: float | None, level: float | None) -> bytes:
+def materialx(
+    name: str, images: Mapping[str, str], metallic: float | None, level: float | None, diffuse_roughness: float = 0.0,
+) -> bytes:
     """The document of the object ``name``, UTF-8.
 
     ``images``: file names relative to the document, by `TargetFile.name`; <UDIM> may stand in them.  Row 0 of a file is
     its top and v = 0 is its bottom, in MaterialX as in Blender: nothing is turned.  ``metallic``, ``level``: one value
-    for the object (Specular IOR Level), None: the image's.
+    for the object (Specular IOR Level), None: the image's.  ``diffuse_roughness``: one value for the object.
     """
     document = _Document(name)
     surface = document.node("open_pbr_surface", "surface", "surfaceshader")
     document.link(surface, "base_color", RGB, document.image(images, "base_color", RGB))
+    if diffuse_roughness:
+        document.value(surface, "base_diffuse_roughness", GREY, diffuse_roughness)
     document.link(surface, "specular_roughness", GREY, document.image(images, "specular_roughness", GREY))
     if metallic is None:
         document.link(surface, "base_metalness", GREY, document.image(images, "base_metalness", GREY))

@@ -35,6 +35,7 @@ class Surface:
     level: float | None = DIELECTRIC  # Specular IOR Level; None: the map's
     lobes: str = ""  # "ggx" or "beckmann" where it has two
     coat: float = 0.0  # weight
+    diffuse_roughness: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,11 @@ class ExportObject:
     def level(self) -> float | None:
         """Specular IOR Level of all materials; None: it differs from material to material or from texel to texel."""
         return _same([surface.level for surface in self.shown])
+
+    @property
+    def diffuse_roughness(self) -> float | None:
+        """Of all materials; None: it differs from material to material."""
+        return _same([surface.diffuse_roughness for surface in self.shown])
 
 
 def write_target(obj: ExportObject, maps: MapReader, target: str, out: Path) -> list[Path]:
@@ -104,6 +110,9 @@ def losses(obj: ExportObject, target: str) -> list[str]:
         if surface.coat:
             lines.append(f"material '{surface.name}': its files for {chosen.program} have no coat; the coat of weight "
                          f"{surface.coat:.3g} is lost")
+        if surface.diffuse_roughness and (chosen.document != "mtlx" or obj.diffuse_roughness is None):
+            lines.append(f"material '{surface.name}': its files for {chosen.program} have no Diffuse Roughness; "
+                         f"{surface.diffuse_roughness:.3g} is lost")
         if not chosen.level and surface.level != DIELECTRIC:
             level = "its map" if surface.level is None else f"{surface.level:.3g}"
             lines.append(f"material '{surface.name}': {chosen.program} has no Specular IOR Level; {level} is lost, and "
@@ -134,7 +143,7 @@ def _write_all(obj: ExportObject, maps: MapReader, target: Target, folder: Path)
         names.append(f"{safe_stem(obj.name)}.{target.document}")
         path = folder / names[-1]
         if target.document == "mtlx":
-            path.write_bytes(materialx(obj.name, images, obj.metallic, obj.level))
+            path.write_bytes(materialx(obj.name, images, obj.metallic, obj.level, obj.diffuse_roughness or 0.0))
         else:
             path.write_bytes(glb(obj.mesh, {key: folder / name for key, name in images.items()}, obj.level, scale))
     return names
