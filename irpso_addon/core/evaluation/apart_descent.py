@@ -46,16 +46,18 @@ class ApartDescent:
         self.group: I32 = np.zeros(0, np.int32)
         self.count = 0
         self.diffuse = np.ones((1, 1, 1))
+        self.least = 0.0
 
     def run(
         self, start: F64, roughness: F64, known: Bool, centre: float | None = None, group: I32 | None = None,
-        diffuse: F64 | None = None,
+        diffuse: F64 | None = None, least: float = brdf.ROUGHNESS_MIN,
     ) -> tuple[F64, F64]:
         """((level, Metallic), roughness) that the ``known`` layers show, from a ``start``; a Metallic of 0 is kept.
 
         ``roughness``: (G,) to begin with.  ``centre``: about which they lie; None: anywhere.  ``group``: (T,) whose
-        roughness a texel has; None: its own.  ``diffuse``: (T, V, C) gain of a rough one.
+        roughness a texel has; None: its own.  ``diffuse``: (T, V, C) gain of a rough one.  ``least``: roughness.
         """
+        self.least = np.log(least)
         self.diffuse = np.ones((1, 1, 1)) if diffuse is None else diffuse
         self.descent.layers = known, ()
         self.descent.base = np.full((1, 1, 1), METAL_BASE)
@@ -98,7 +100,7 @@ class ApartDescent:
             moved = x.copy()
             moved[free] -= np.linalg.solve(system, gradient - (both / damped) @ slope)
             moved = np.clip(moved, self.low, 1.0)
-            apart = np.clip(log - (slope + both.T @ (moved - x)[free]) / damped, np.log(brdf.ROUGHNESS_MIN), 0.0)
+            apart = np.clip(log - (slope + both.T @ (moved - x)[free]) / damped, self.least, 0.0)
             there = self._residual(apart, moved)
             if (less := held.cost(there, apart)) < cost:
                 return apart, moved, there, damping / 4, 1 - less / cost
@@ -130,7 +132,8 @@ class ApartDescent:
         energy = brdf.principled_energy_level(roughness[:, None], cos_v, level)
         shape = lobe_values(lobes, cos_v, roughness, nodes=nodes) * fresnel_ratio(
             lobes, cos_v, np.asarray(level), nodes, roughness)
-        white, rest = ((1 - energy[..., 1]) / np.pi)[..., None] * self.diffuse, (shape.sum(-1) * energy[..., 0])[..., None]
+        white = ((1 - energy[..., 1]) / np.pi)[..., None] * self.diffuse
+        rest = (shape.sum(-1) * energy[..., 0])[..., None]
         if metallic > 0:
             own, edge = (part[..., None] for part in metal_values(lobes, cos_v, roughness, nodes))
             gain = brdf.metal_gain(self.descent.base, brdf.metal_energy(roughness[:, None], cos_v)[:, :, None])

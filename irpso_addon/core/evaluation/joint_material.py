@@ -134,12 +134,15 @@ class JointSearch:
         return replace(one, level=float(level), metallic=float(metallic))
 
     def _settled_parts(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
-        """Where level and the roughness of each part come to rest; a texel belongs to the part of the best node."""
+        """Where level and the roughness of each part come to rest; a texel belongs to the part of the best node.
+
+        None becomes sharper than what a texel can tell from no lobe.
+        """
         nodes = np.array([one.roughness, *one.others])
         cost = _costs(sums, 0.0)[_nearest(LEVELS, one.level)]
         group = cost[[_nearest(ROUGHNESS, node) for node in nodes]].argmin(0).astype(np.int32)
         (level, _), roughness = self.apart.run(np.array([one.level, 0.0]), nodes, known, group=group,
-                                                diffuse=self._gain(one.diffuse))
+                                                diffuse=self._gain(one.diffuse), least=float(ROUGHNESS[self.seen][0]))
         first, *others = (float(value) for value in roughness)
         return replace(one, roughness=first, level=float(level), others=tuple(others))
 

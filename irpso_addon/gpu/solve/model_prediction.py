@@ -183,7 +183,7 @@ class _Contest(TrialRuns):
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
-        leads = self._leads(incumbent, 0.0 if few and led else clear)  # one that led but for a prior is no larger
+        leads = self._leads(incumbent, ALIKE[0] if few and led else clear)  # one that led is larger by a prior alone
         if not few and self.fitted.model in OWN_DRAWN:
             spared = self.judge.spared(NUMBERS)
             leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
