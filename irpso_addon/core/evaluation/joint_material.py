@@ -30,6 +30,7 @@ ROUGHNESS = np.geomspace(0.05, 1.0, 18)  # nodes of the search
 DIFFUSE = np.linspace(0.0, 1.0, 11)  # Diffuse Roughness
 LEVELS = np.array([0.02, 0.06, 0.12, 0.25, 0.5, 0.75, 1.0])
 METALLIC = np.linspace(0.0, 1.0, 11)
+PURE = 0.999  # a Metallic above it is 1
 PLAIN = 4  # of LEVELS: Blender's default
 MOST = 10_000  # observations of the sample
 UNSEEN = 0.25  # alpha squared over the least squared sine of the half vector: sharper lobes pass by a texel
@@ -124,14 +125,14 @@ class JointSearch:
         self.descent.layers = known, free
         found, _ = self.descent.run(np.array([one.roughness, one.level, one.metallic, 0.0, 1.0, diffuse]), STEPS)
         roughness, level, metallic, _, _, diffuse = (float(number) for number in found)
-        return replace(one, roughness=roughness, level=level, metallic=metallic, diffuse=diffuse)
+        return replace(one, roughness=roughness, level=level, metallic=_pure(metallic), diffuse=diffuse)
 
     def _settled_apart(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
         """Where level and Metallic come to rest if each texel begins at its best node and goes its own way."""
         cost = _costs(sums, float(METALLIC[np.abs(METALLIC - one.metallic).argmin()]))[_nearest(LEVELS, one.level)]
         (level, metallic), _ = self.apart.run(np.array([one.level, one.metallic]), ROUGHNESS[cost.argmin(0)], known,
                                               one.roughness, diffuse=self._gain(one.diffuse))
-        return replace(one, level=float(level), metallic=float(metallic))
+        return replace(one, level=float(level), metallic=_pure(metallic))
 
     def _settled_parts(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
         """Where level and the roughness of each part come to rest; a texel belongs to the part of the best node.
@@ -292,6 +293,11 @@ def _best(costs: F64, tried: list[_Tried]) -> OneMaterial:
     m, level = np.unravel_index(costs.argmin(), costs.shape)
     metallic = float(np.clip(_lowest(METALLIC, costs[:, level]), 0, 1)) if len(costs) > 1 else 0.0
     return OneMaterial(tried[m].roughness(int(level)), _level(_lowest(LEVELS, costs[m])), metallic)
+
+
+def _pure(value: float) -> float:
+    """A metal that is one to rounding has no diffuse at all."""
+    return 1.0 if value > PURE else float(value)
 
 
 def _nearest(nodes: F64, value: float) -> int:
