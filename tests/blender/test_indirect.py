@@ -37,7 +37,7 @@ RIGHT = {"lamps": "given", "exposures": "given", "registration": "given"}
 PLAIN = {**RIGHT, "model": "one-lobe"}
 
 
-def build(base, rough, level, metallic=0.0, coat=None) -> bpy.types.Scene:
+def build(base, rough, level, metallic=0.0, coat=None, diffuse=0.0) -> bpy.types.Scene:
     """Ball, floor, two cameras, three lamps; the ball has the given material."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
@@ -49,8 +49,9 @@ def build(base, rough, level, metallic=0.0, coat=None) -> bpy.types.Scene:
     floor = bpy.context.object
     floor.name = "Floor"
     paint(ball, "Paint", base, rough, level, metallic)
+    inputs = ball.data.materials[0].node_tree.nodes["Principled BSDF"].inputs
+    inputs["Diffuse Roughness"].default_value = diffuse
     if coat is not None:
-        inputs = ball.data.materials[0].node_tree.nodes["Principled BSDF"].inputs
         inputs["Coat Weight"].default_value, inputs["Coat Roughness"].default_value = coat.weight, coat.roughness
     paint(floor, "Floor", (0.6, 0.6, 0.5), 1.0, 0.0)
     for i, x in enumerate((-1.2, 1.2)):
@@ -92,7 +93,7 @@ def references(folder: Path) -> None:
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
 
 
-def solution_of(base, rough, model, metallic=0.0, coat=None, mapped=False) -> Solution:
+def solution_of(base, rough, model, metallic=0.0, coat=None, mapped=False, diffuse=0.0) -> Solution:
     """Constant maps; ``mapped``: Metallic is one of them, as beside paint."""
     shape, none = (8, 8), np.zeros((8, 8), np.float32)
     maps = Maps(base_color=np.broadcast_to(np.array(base, np.float32), (*shape, 3)), roughness=none + np.float32(rough),
@@ -101,7 +102,8 @@ def solution_of(base, rough, model, metallic=0.0, coat=None, mapped=False) -> So
     value = 0.1 if mapped else metallic
     return Solution(maps=maps, model={"Paint": model}, why={}, texels={}, seconds={}, residual=0.0, views_used=(),
                     views_skipped=(), warnings=(), device={}, metallic={"Paint": value} if value else {},
-                    coats={"Paint": coat} if coat else {}, paint={"Paint": 0.0} if mapped else {})
+                    coats={"Paint": coat} if coat else {}, paint={"Paint": 0.0} if mapped else {},
+                    diffuse_roughness={"Paint": diffuse} if diffuse else {})
 
 
 def digest(path: Path) -> str:
@@ -125,18 +127,22 @@ def scene(bounced: Path, monkeypatch) -> SceneData:
     return read_scene(None, "Ball", bounced / "captures.json")
 
 
-@pytest.mark.parametrize(("base", "model", "level", "metallic", "coat", "mapped"), [
-    (0.5, "lambert", 0.0, 0.0, None, False), (0.0, "one-lobe", 0.5, 0.0, None, False),
-    (0.5, "one-lobe-metallic", 0.5, 1.0, None, False), (0.5, "one-lobe-metallic", 0.5, 1.0, None, True),
-    (0.5, "one-lobe-metallic", 0.5, 1.0, Coat(1.0, 0.3), False)])
-def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level, metallic, coat, mapped) -> None:
+@pytest.mark.parametrize(("base", "model", "level", "metallic", "coat", "mapped", "diffuse"), [
+    (0.5, "lambert", 0.0, 0.0, None, False, 0.0), (0.0, "one-lobe", 0.5, 0.0, None, False, 0.0),
+    (0.5, "one-lobe-metallic", 0.5, 1.0, None, False, 0.0), (0.5, "one-lobe-metallic", 0.5, 1.0, None, True, 0.0),
+    (0.5, "one-lobe-metallic", 0.5, 1.0, Coat(1.0, 0.3), False, 0.0), (0.5, "lambert", 0.0, 0.0, None, False, 1.0)])
+def test_passes_are_total_minus_direct(
+    tmp_path, monkeypatch, base, model, level, metallic, coat, mapped, diffuse,
+) -> None:
     """White paint without highlight: rho / pi times the irradiance; black paint with one, and metal: the glossy light.
+
+    The irradiance has what a rough diffuse makes of it.
 
     Beside them the same paint by Cycles with 4 bounces minus without any.  Means over the ball: noise is averaged.
     """
     monkeypatch.setattr(indirect, "SIDE", PIXELS)
     monkeypatch.setattr(indirect, "SAMPLES", 64)
-    scene = build((base,) * 3, ROUGH, level, metallic, coat)
+    scene = build((base,) * 3, ROUGH, level, metallic, coat, diffuse)
     scene.render.resolution_x = scene.render.resolution_y = 48
     scene.cycles.samples = 64
     light = {}
@@ -150,7 +156,7 @@ def test_passes_are_total_minus_direct(tmp_path, monkeypatch, base, model, level
     file = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     found = finish(indirect.IndirectRenderer.of_open_file(file)(
-        read_scene(None, "Ball", captures), solution_of((base,) * 3, ROUGH, model, metallic, coat, mapped)))
+        read_scene(None, "Ball", captures), solution_of((base,) * 3, ROUGH, model, metallic, coat, mapped, diffuse)))
     assert list(found) == [0]
     matt = model == "lambert"
     drawn = base / math.pi * found[0].irradiance if matt else found[0].glossy

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -178,6 +179,19 @@ def test_blocks_have_the_plans_metallic_on_their_metal_alone(tmp_path: Path) -> 
     sure = found["confidence"] > 0.5
     assert sure.mean() > 0.35 and np.mean(rough[sure] > 0.1) < 0.005  # from 12 views, 0.41
     assert np.median(rough[metal & solved]) < 0.01 and np.median(rough[~metal & solved]) < 0.02
+
+
+def test_blocks_have_the_plans_diffuse_roughness(tmp_path: Path) -> None:
+    truth = replace(WAVES, reflect=partial(brdf.principled, diffuse_roughness=0.7))
+    scene = in_files(truth, rig(1, 16), tmp_path)
+    found = solve(scene, tmp_path / "out", model="auto")
+    solved = found["filled"] < 0.5
+    assert found["plan"].solution.diffuse_roughness == {"Paint": pytest.approx(0.7, abs=0.03)}
+    base, rough = off(found, solved)
+    assert base < 0.01 and rough < 0.05  # from pictures of 72 pixels
+    whole = thread.run(lambda: pipeline.solve(scene, settings(model="auto"))).maps
+    assert np.quantile(np.abs(found["basecolor"] - whole.base_color)[solved], 0.99) < 0.01
+    assert np.quantile(np.abs(found["roughness"] - whole.roughness)[solved], 0.99) < 0.01
 
 
 def test_little_memory_shrinks_the_pictures(
