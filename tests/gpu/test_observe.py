@@ -190,21 +190,3 @@ def test_negative_radiance_is_observed_as_it_is(on_gl, test, lamps):
         assert lit.sum() > 100
         np.testing.assert_allclose(below[::2, :, :3][lit], -0.03 * colour[::2, :, :3][lit], rtol=1e-5, atol=2e-5)
         np.testing.assert_array_equal(below[1::2, :, :3], colour[1::2, :, :3])
-
-
-def test_a_mirrored_sun_makes_nothing_brighter_that_is_dark(on_gl, test):
-    """A pixel of 10,000 times the rest, and rows that show a thousandth: these are observed as they are."""
-    def sunny(view):
-        image = test.read_image(view)
-        rgb = image.rgb.copy()
-        rgb[::2] *= np.float32(1e-3)
-        rgb[len(rgb) // 2, len(rgb) // 2] = 1e4 * image.rgb.max()
-        return replace(image, rgb=rgb)
-
-    whole = observed(on_gl, test.scene, test.read_image)
-    for (colour, _), (dark, _) in zip(whole, observed(on_gl, test.scene, sunny), strict=True):
-        middle = len(colour) // 2
-        lit = colour[::2, :, 3] > 0
-        lit[middle // 2, middle] = False
-        assert lit.sum() > 100
-        np.testing.assert_allclose(dark[::2, :, :3][lit], 1e-3 * colour[::2, :, :3][lit], rtol=1e-5)

@@ -36,9 +36,8 @@ from .visibility import SHADOW_SIZE, LightVisibility
 
 EDGE_QUALITY = 0.25  # of a good pixel's: below it lies an edge of shadow or silhouette
 MARGIN = 6  # pixels around the object in which its outline may be looked for
+BLACK = np.float32(1e-6)  # of the brightest: no lit pixel is nearer to 0, so that its irradiance is radiance / f
 HALF_MOST = 60_000.0  # half floats end at 65504
-# Half floats below it lose digits: no lit pixel is nearer to 0, so that its irradiance is radiance / f.
-HALF_LEAST = 2.0**-14
 READERS = 2  # images read ahead of the one that is looked at
 ReadImage = Callable[[View], RadianceImage]
 F16 = NDArray[np.float16]
@@ -216,14 +215,13 @@ class _Observer:
         shown = np.where(image.coverage < OPAQUE, image.coverage, np.float32(1))
         quality = np.where(image.valid & (image.coverage > SOLID), shown, 0.0)
         # Read noise may leave less than 0: that is data, because the fit is linear in it.
-        scale = _scale(image.rgb, self.cameras[c].window)
-        floor = np.float32(HALF_LEAST * scale)
+        floor = BLACK * max(image.rgb.max(), np.float32(0))
         rgb = np.where(np.abs(image.rgb) < floor, floor, image.rgb)
         packed = np.concatenate([rgb, quality[..., None]], axis=2)
         height, width = quality.shape
         self.images[n] = self.device.texture(width, height, 4, packed)
         clipped = float(np.mean(~image.valid[opaque])) if opaque.any() else 0.0
-        self.references[n] = _reference(packed, image.coverage, self.cameras[c].window, scale, clipped)
+        self.references[n] = _reference(packed, image.coverage, self.cameras[c].window, clipped)
         self.members[c].append(n)
         return True
 
@@ -385,19 +383,11 @@ def _window(covered: Bool) -> tuple[int, int, int, int]:
     return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
 
 
-def _scale(rgb: F32, window: tuple[int, int, int, int]) -> float:
-    """Radiance of 1 in half floats that hold a picture's part in a window."""
-    x, y, w, h = window
-    part = rgb[y:y + h, x:x + w]
-    return max(max(float(part[..., k].max()) for k in range(3)) / HALF_MOST, 1e-20)
-
-
-def _reference(
-    packed: F32, coverage: F32, window: tuple[int, int, int, int], scale: float, clipped: float,
-) -> Reference:
+def _reference(packed: F32, coverage: F32, window: tuple[int, int, int, int], clipped: float) -> Reference:
     """The picture's part in a window; packed: (H, W, 4) radiance, quality."""
     x, y, w, h = window
     part = packed[y:y + h, x:x + w]
+    scale = max(max(float(part[..., k].max()) for k in range(3)) / HALF_MOST, 1e-20)
     kept = part / np.float32(scale)
     kept[part[..., 3] <= 0] = np.nan
     kept[..., 3] = coverage[y:y + h, x:x + w]
