@@ -13,7 +13,7 @@ import pytest
 
 from irpso_addon.core.checks.mended_cameras import bent, moved, rolled
 from irpso_addon.core.checks.solve_checks import left_over
-from irpso_addon.core.data import Camera
+from irpso_addon.core.data import Camera, Light
 from irpso_addon.gpu.gbuffer.drawn_outline import DrawnOutline
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
 from irpso_addon.solve import one_round
@@ -87,6 +87,30 @@ def test_a_turn_about_the_axis_and_a_lens_that_bends_are_put_right(monkeypatch: 
                                         if word in line and line.endswith("; corrected")}
     assert not any(misfit.rolled or misfit.bend for misfit in mended.checks.registration)
     assert left_over(mended.checks) < left_over(as_given) - np.log(4)
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_outlines_are_believed_under_lamps_that_are_off(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    """Lamps 3 % of their distance and 5 % of their power off leave more over than cameras that look aside."""
+    made = syn.shoot(syn.PATCHES, shoots.rig(), (96, 96), noise=0.005)
+    rng = np.random.default_rng(seed)
+    off = {light.name: (0.054 * rng.standard_normal(3), np.exp(0.05 * rng.standard_normal()))
+           for view in made.scene.views for light in view.lights}
+
+    def wrong(light: Light) -> Light:
+        matrix = light.matrix.copy()
+        matrix[:3, 3] += off[light.name][0]
+        return replace(light, matrix=matrix, power=light.power * off[light.name][1])
+
+    views = tuple(replace(view, camera=moved(view.camera, (0.4, -0.3), (96, 96)),
+                          lights=tuple(map(wrong, view.lights))) for view in made.scene.views)
+    rounds: list[object] = []
+    monkeypatch.setattr(one_round, "solve_grid", lambda *given: rounds.append(given) or solve_grid(*given))
+    mended = shoots.run(replace(made, scene=replace(made.scene, views=views)), model="one-lobe", indirect="off",
+                        registration="auto", lamps="auto", exposures="auto")
+    assert any("pixels off" in line and "corrected" in line for line in mended.warnings)
+    assert len(rounds) == 1  # before the first solve
+
 
 
 @pytest.mark.parametrize("width", [2 * PIXELS / WIDE, 2 * PIXELS / (WIDE + 1), 3.0])
