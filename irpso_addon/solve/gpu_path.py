@@ -16,6 +16,7 @@ import numpy as np
 
 from ..core.calibration.calibrate import calibrate, found_again
 from ..core.calibration.finish import Judged
+from ..core.calibration.free_numbers import NOTHING
 from ..core.calibration.put_right import put_right, told, told_of_worlds, under_worlds
 from ..core.calibration.rig import Rig
 from ..core.calibration.rig_sample import RigSample
@@ -316,7 +317,7 @@ def _calibrated(
             return large
         return replace(large, openness=openness(source.device, source, grid.mesh, given.scene, large, surface))
 
-    if given.settled is not None:
+    if given.settled is not None and given.settled.free != NOTHING:  # cameras that are off may have hidden all else
         return sample.rig, (yield from found_again(given.settled, sample, more))
     return sample.rig, (yield from calibrate(
         sample, settings.lamps == "auto", settings.exposures == "auto", more,

@@ -287,3 +287,18 @@ def test_lamps_far_off_come_back_with_cameras_that_are_off(plane) -> None:
     now, then = found(solution), found(lamps_alone)
     assert now.given.relative_rms == pytest.approx(then.given.relative_rms, rel=0.3)
     assert now.changed.relative_rms == pytest.approx(then.changed.relative_rms, rel=0.3)
+
+
+def test_lamps_are_looked_for_again_where_cameras_that_were_off_hid_them(plane) -> None:
+    """Under cameras that look aside, colours alone are off beyond doubt.  No mask shows outlines."""
+    rng = np.random.default_rng(1)
+    off = {light.name: (0.018 * rng.standard_normal(3),
+                        np.exp(0.02 * rng.standard_normal(1) + 0.03 * rng.standard_normal(3)))
+           for view in plane.scene.views for light in view.lights}
+    wrong = relit(plane, lambda x: moved(replace(x, power=x.power * off[x.name][1]), off[x.name][0]))
+    views = tuple(replace(view, camera=aside(view.camera, (1.2, -0.9), PIXELS)) for view in wrong.scene.views)
+    images = {name: replace(image, coverage=np.ones_like(image.coverage)) for name, image in wrong.images.items()}
+    both = replace(wrong, scene=replace(wrong.scene, views=views), images=images)
+    lamps = {lamp.lights[0]: lamp for lamp in found(shoots.run(both, **AUTO | {"registration": "auto"})).lamps}
+    left = [np.linalg.norm(lamps[name].offset + by[0]) for name, by in off.items()]
+    assert np.mean(left) < 0.4 * np.mean([np.linalg.norm(by[0]) for by in off.values()])  # 0.22 here

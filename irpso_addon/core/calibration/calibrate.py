@@ -150,7 +150,8 @@ def found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged
     """The same change where cameras have been put right since: no other numbers but ambient light, their values anew.
 
     Cameras that are off hide ambient light, which makes little of the radiance.  None where nothing is off any more, or
-    left-out views are not predicted better.  ``sample``, ``more``: as of `calibrate`.
+    left-out views are not predicted better.  ``before``: more than colours, a black level or vignetting.  ``sample``,
+    ``more``: as of `calibrate`.
     """
     if len(sample.rig.groups) != len(before.found.change.offset):  # cameras have left a flash that they shared
         return None
@@ -174,11 +175,9 @@ def _again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged | No
     tinted = before.found.change.log_tint is not None
     tints = (yield from lamp_tints(sample, folds, first, more)) if tinted else None
     seen = sample if tints is None else tints.corrected(sample)
-    again = None
-    if before.free != NOTHING:
-        white = replace(before, found=replace(before.found, change=replace(before.found.change, log_tint=None)))
-        again = yield from _found_again(
-            white, seen, more if tints is None else lambda ambient: tints.corrected(more(ambient)))
+    white = replace(before, found=replace(before.found, change=replace(before.found.change, log_tint=None)))
+    again = yield from _found_again(
+        white, seen, more if tints is None else lambda ambient: tints.corrected(more(ambient)))
     if before.found.change.vignetting and not before.free.vignetting:
         again = _with_falloff(seen, again, first)
     return again if tints is None else _beside(tints, again, first)
