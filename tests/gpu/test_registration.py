@@ -112,7 +112,6 @@ def test_outlines_are_believed_under_lamps_that_are_off(monkeypatch: pytest.Monk
     assert len(rounds) == 1  # before the first solve
 
 
-
 @pytest.mark.parametrize("width", [2 * PIXELS / WIDE, 2 * PIXELS / (WIDE + 1), 3.0])
 def test_shares_are_areas(on_gl, width: float) -> None:
     """Of the plane: its sides lie at pixels' centres, between pixels, and anywhere; by four points."""
