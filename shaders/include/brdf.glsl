@@ -288,7 +288,7 @@ vec3 rough_bounce(vec3 base, float roughness) {
     return base * base * mean / (max(1.0 - mean, ROUGH_LOST) * (1.0 - base * (1.0 - mean)));
 }
 
-// What one lamp adds to rough_parts of all light, less 1.  lobe: sin2h, radius2, cos_l, F / (2 cos_l cos_v) * its share.
+// What one lamp adds to rough_parts of all light, less 1.  lobe: sin2h, radius2, cos_l, F / (2 cos_l cos_v) * share.
 vec2 rough_share(vec4 lobe, float cos_v, float roughness) {
     float cos_l = clamp(lobe.z, 1e-3, 1.0), both = cos_l + cos_v;
     float far = both * both / max(1.0 - lobe.x, 1e-6);  // |L + V|^2

@@ -1,7 +1,7 @@
 // The material that the search found, looked up at a pixel: two lobes (a single one: equal roughnesses), which may
 // be Principled or Beckmann's (NDF_BECKMANN), at a Specular IOR Level that is a map with SPECULAR, else 0.5, and a
-// Metallic that is one with METALLIC, else 0, under a coat that is one with COAT, above a diffuse whose Diffuse Roughness is
-// one with ROUGH_DIFFUSE, else 0.  With ONE_LOBE no texel has two.
+// Metallic that is one with METALLIC, else 0, under a coat that is one with COAT, above a diffuse whose Diffuse
+// Roughness is one with ROUGH_DIFFUSE, else 0.  With ONE_LOBE no texel has two.
 #include "include/brdf.glsl"
 uniform sampler2D u_lobes;  // texel grid, holes filled: roughness1, roughness2, weight of lobe 1
 #ifdef SPECULAR

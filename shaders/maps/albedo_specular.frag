@@ -1,6 +1,6 @@
 // Specular radiance per irradiance of one light at every pixel, at the roughness found; lights add up.
-// ROUGH_DIFFUSE: and in o_rough what a rough diffuse adds to a smooth one's: 1/sr with SHOWN; else for each channel over the smooth
-// one's, to which in alpha belongs rough_bounce.
+// ROUGH_DIFFUSE: and in o_rough what a rough diffuse adds to a smooth one's: 1/sr with SHOWN; else for each channel over
+// the smooth one's, and in alpha the factor of rough_bounce.
 #include "include/lobes.glsl"
 uniform sampler2D u_position;   // pixel grid
 uniform sampler2D u_normal;
@@ -64,7 +64,8 @@ void main() {
     vec2 more = rough_share(texelFetch(u_lobe, at, 0), cos_v, rough);
 #ifdef SHOWN
     vec3 colour = texelFetch(u_shown, at, 0).rgb;
-    o_rough = vec4(u_channel * colour * diffuse_of(found, cos_v) * (more.x + more.y * rough_bounce(colour, rough)), 0.0);
+    vec3 added = more.x + more.y * rough_bounce(colour, rough);
+    o_rough = vec4(u_channel * colour * diffuse_of(found, cos_v) * added, 0.0);
 #else
     o_rough = vec4(u_channel * more.x, dot(u_channel, vec3(1.0 / 3.0)) * more.y);
 #endif

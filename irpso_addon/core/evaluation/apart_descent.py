@@ -13,7 +13,7 @@ import numpy as np
 
 from ..data import F64, I32, Bool
 from ..shading import brdf
-from .descent import LEAST_NUMBER, METAL_BASE, SOME_METALLIC, TRIALS, Descent
+from .descent import LEAST_NUMBER, SOME_METALLIC, TRIALS, Descent
 from .lobe_values import fresnel_ratio, lobe_values, metal_values
 from .sampled_texels import LEAST, SampledTexels
 
@@ -37,38 +37,34 @@ class _Held:
 
 
 class ApartDescent:
-    """Of the texels of a sample and the weights of their squared residuals."""
+    """Of the texels of a sample and the weights of their squared residuals, from its ``known`` layers, (V,).
 
-    def __init__(self, texels: SampledTexels, weight: F64) -> None:
+    ``group``: (T,) whose roughness a texel has; None: its own.  ``diffuse``: (T, V, C) gain of a diffuse, 1 of a smooth
+    one, or what broadcasts to that.  ``least``: roughness.
+    """
+
+    def __init__(
+        self, texels: SampledTexels, weight: F64, known: Bool, diffuse: F64, group: I32 | None = None,
+        least: float = brdf.ROUGHNESS_MIN,
+    ) -> None:
         self.descent = Descent(texels, weight, np.zeros(0))
-        self.low = np.array([LEAST_NUMBER, 0.0])
-        # (T,) whose roughness a texel has; how many there are:
-        self.group: I32 = np.zeros(0, np.int32)
-        self.count = 0
-        self.diffuse = np.ones((1, 1, 1))
-        self.least = 0.0
-
-    def run(
-        self, start: F64, roughness: F64, known: Bool, centre: float | None = None, group: I32 | None = None,
-        diffuse: F64 | None = None, least: float = brdf.ROUGHNESS_MIN,
-    ) -> tuple[F64, F64]:
-        """((level, Metallic), roughness) that the ``known`` layers show, from a ``start``; a Metallic of 0 is kept.
-
-        ``roughness``: (G,) to begin with.  ``centre``: about which they lie; None: anywhere.  ``group``: (T,) whose
-        roughness a texel has; None: its own.  ``diffuse``: (T, V, C) gain of a rough one.  ``least``: roughness.
-        """
-        self.least = np.log(least)
-        self.diffuse = np.ones((1, 1, 1)) if diffuse is None else diffuse
         self.descent.layers = known, ()
-        self.descent.base = np.full((1, 1, 1), METAL_BASE)
-        self.count = len(roughness)
-        self.group = np.arange(self.count, dtype=np.int32) if group is None else group
+        self.group = np.arange(len(texels.cos_v), dtype=np.int32) if group is None else group
+        self.diffuse, self.least = diffuse, np.log(least)
+        self.low = np.array([LEAST_NUMBER, 0.0])
+
+    def run(self, start: F64, roughness: F64, centre: float | None = None) -> tuple[F64, F64]:
+        """((level, Metallic), roughness), from a ``start``; a Metallic of 0 is kept.
+
+        ``roughness``: (G,) to begin with.  ``centre``: about which they lie; None: anywhere.
+        """
         free = [0, 1] if start[1] > SOME_METALLIC else [0]
         x, log = start.copy(), np.log(roughness)
         here = self._residual(log, x)
         if len(free) > 1:
             self.descent.base = self._explained(log, x)[2]
             here = self._residual(log, x)
+        known = self.descent.layers[0]
         degrees, damping = np.maximum((self.descent.root[:, known] > 0).sum((1, 2)) - 2, 1), 1e-2
         pull = 0.0 if centre is None else 2 * HELD_TOGETHER
         for _ in range(STEPS):
@@ -89,9 +85,9 @@ class ApartDescent:
         cost = held.cost(here, log)
         own = (self._residual(log + SLOPE, x) - here) / SLOPE  # (T, n)
         shared = np.stack([self._slope(log, x, here, k) for k in free])  # (k, T, n)
-        bend = self._summed(own**2) / held.noise + held.pull
-        slope = self._summed(here * own) / held.noise + held.pull * (log - held.centre)
-        both = np.stack([self._summed(each * own) for each in shared]) / held.noise  # (k, G)
+        bend = self._summed(own**2, len(log)) / held.noise + held.pull
+        slope = self._summed(here * own, len(log)) / held.noise + held.pull * (log - held.centre)
+        both = np.stack([self._summed(each * own, len(log)) for each in shared]) / held.noise  # (k, G)
         normal = np.einsum("ktn,jtn->kj", shared, shared) / held.noise
         gradient = (shared * here).sum((1, 2)) / held.noise
         for _ in range(TRIALS):
@@ -107,9 +103,9 @@ class ApartDescent:
             damping *= 6
         return None
 
-    def _summed(self, values: F64) -> F64:
+    def _summed(self, values: F64, groups: int) -> F64:
         """(G,) of (T, n)."""
-        return np.bincount(self.group, values.sum(1), self.count)
+        return np.bincount(self.group, values.sum(1), groups)
 
     def _slope(self, log: F64, x: F64, here: F64, k: int) -> F64:
         moved, h = x.copy(), -SLOPE if x[k] > 0.5 else SLOPE

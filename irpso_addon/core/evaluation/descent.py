@@ -46,7 +46,7 @@ class Descent:
         return x, cost
 
     def _use_base(self, base: F64) -> None:
-        if base is not self.base and not np.array_equal(base, self.base):
+        if not np.array_equal(base, self.base):
             self.base = base
             self._kept = {key: values for key, values in self._kept.items() if key[0] != "metal"}
 

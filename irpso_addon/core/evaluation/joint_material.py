@@ -83,7 +83,6 @@ class JointSearch:
         self.weight = np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance ** (2 / 3)
                                / unit ** (4 / 3), 0.0)
         self.descent = Descent(texels, self.weight, np.array([ROUGHNESS[0], LEAST_NUMBER, 0.0, 0.0, ROUGHNESS[0], 0.0]))
-        self.apart = ApartDescent(texels, self.weight)
         self._gains: dict[float, F64] = {}  # by Diffuse Roughness
 
     def fit(self, known: Bool, diffuse: float = 0.0) -> Joint:
@@ -108,10 +107,12 @@ class JointSearch:
         return replace(found, apart=replace(found.apart, diffuse=diffuse),
                        parts=tuple(replace(one, diffuse=diffuse) for one in found.parts))
 
-    def settled(self, joint: Joint, known: Bool, diffuse: float = 0.0) -> Joint:
+    def settled(self, joint: Joint, known: Bool) -> Joint:
         """Of `fit`, with what is found where texels differ in roughness settled between the nodes, too."""
-        sums = self._sums(known, diffuse)
-        apart, metal = (self._settled_apart(one, sums, known) for one in (joint.apart, joint.apart_metal))
+        sums = self._sums(known, joint.apart.diffuse)
+        apart = metal = self._settled_apart(joint.apart, sums, known)
+        if joint.apart_metal.metallic > 0:
+            metal = self._settled_apart(joint.apart_metal, sums, known)
         return replace(joint, apart=apart, apart_metal=metal if metal.metallic > 0 else apart,
                        parts=tuple(self._settled_parts(one, sums, known) for one in joint.parts))
 
@@ -130,8 +131,9 @@ class JointSearch:
     def _settled_apart(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
         """Where level and Metallic come to rest if each texel begins at its best node and goes its own way."""
         cost = _costs(sums, float(METALLIC[np.abs(METALLIC - one.metallic).argmin()]))[_nearest(LEVELS, one.level)]
-        (level, metallic), _ = self.apart.run(np.array([one.level, one.metallic]), ROUGHNESS[cost.argmin(0)], known,
-                                              one.roughness, diffuse=self._gain(one.diffuse))
+        descent = ApartDescent(self.texels, self.weight, known, self._gain(one.diffuse))
+        (level, metallic), _ = descent.run(
+            np.array([one.level, one.metallic]), ROUGHNESS[cost.argmin(0)], one.roughness)
         return replace(one, level=float(level), metallic=_pure(metallic))
 
     def _settled_parts(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
@@ -142,8 +144,9 @@ class JointSearch:
         nodes = np.array([one.roughness, *one.others])
         cost = _costs(sums, 0.0)[_nearest(LEVELS, one.level)]
         group = cost[[_nearest(ROUGHNESS, node) for node in nodes]].argmin(0).astype(np.int32)
-        (level, _), roughness = self.apart.run(np.array([one.level, 0.0]), nodes, known, group=group,
-                                                diffuse=self._gain(one.diffuse), least=float(ROUGHNESS[self.seen][0]))
+        descent = ApartDescent(self.texels, self.weight, known, self._gain(one.diffuse), group,
+                               float(ROUGHNESS[self.seen][0]))
+        (level, _), roughness = descent.run(np.array([one.level, 0.0]), nodes)
         first, *others = (float(value) for value in roughness)
         return replace(one, roughness=first, level=float(level), others=tuple(others))
 

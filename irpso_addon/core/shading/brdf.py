@@ -1,8 +1,7 @@
 """The reflectance models, as Cycles renders them: float64 twin of ``shaders/include/brdf.glsl``.
 
 Principled BSDF (IOR 1.5, multiscatter GGX) at any Specular IOR Level, Metallic and Diffuse Roughness, under a coat, two
-of them mixed, and
-the classic two-lobe Cook-Torrance with Beckmann's distribution.
+of them mixed, and the classic two-lobe Cook-Torrance with Beckmann's distribution.
 
 Same names and arguments as there, vectorised over arrays that broadcast.  alpha = roughness^2, alpha2 = alpha^2;
 cos_l, cos_v: N.L and N.V; cos_vh: V.H with H the half vector; sin2h: 1 - (N.H)^2, kept as such because

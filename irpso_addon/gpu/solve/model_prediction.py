@@ -373,7 +373,7 @@ class _Contest(TrialRuns):
 
 def _with_rough(search: JointSearch, joint: Joint, known: Bool, diffuse: float) -> Joint:
     """And what explains the texels together with a rough diffuse."""
-    return replace(joint, rough=search.settled(search.fit(known, diffuse), known, diffuse))
+    return replace(joint, rough=search.settled(search.fit(known, diffuse), known))
 
 
 def _worth(error: PredictionError) -> bool:
