@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import Coat, Region, Solution
+from irpso_addon.core.data import Coat, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
@@ -92,14 +92,11 @@ def test_maps_above_a_rough_diffuse_come_out(shoot, found):
 
 def test_views_show_what_maps_with_a_rough_diffuse_predict(found):
     """Gain of each view, and what is left: the prediction that checks go by has the rough diffuse of each view."""
-    assert found.warnings == ()
-    for view in found.checks.views:
-        assert view.residual.gain == pytest.approx(1, abs=1e-3) and view.residual.structure < 2e-3
+    shoots.check_views(found)
 
 
 def test_a_part_keeps_the_diffuse_roughness(shoot, found):
-    corners = (shoot.scene.mesh.uvs[..., 0] > 0.5).astype(np.float32)
-    again = replace(shoot, scene=replace(shoot.scene, start=found, region=Region(corners=corners)))
+    again = shoots.half_again(shoot, found)
     part = shoots.run(again)
     assert (part.model, part.diffuse_roughness, part.levels) == (found.model, found.diffuse_roughness, found.levels)
     off = np.abs(part.maps.roughness - found.maps.roughness)[part.maps.coverage & ~part.maps.filled]

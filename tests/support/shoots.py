@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pytest
 
-from irpso_addon.core.data import Light, Solution
+from irpso_addon.core.data import Light, Region, Solution
 from irpso_addon.core.errors import Cancelled
 from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
@@ -61,6 +62,20 @@ def check(shoot: syn.Shoot, rough: float = 1e-5, base: float = 1e-4, tail: float
     assert np.quantile(off.rough, 0.9) < tail
     assert np.median(off.base) < base
     return found
+
+
+def check_views(solution: Solution) -> None:
+    """That each view shows what the prediction by which it is checked says: its gain, and what is left."""
+    assert solution.warnings == ()
+    for view in solution.checks.views:
+        assert view.residual is not None
+        assert view.residual.gain == pytest.approx(1, abs=1e-3) and view.residual.structure < 2e-3
+
+
+def half_again(shoot: syn.Shoot, start: Solution) -> syn.Shoot:
+    """The half of u > 0.5 is to be solved again, from a solution of the whole."""
+    corners = (shoot.scene.mesh.uvs[..., 0] > 0.5).astype(np.float32)
+    return replace(shoot, scene=replace(shoot.scene, start=start, region=Region(corners=corners)))
 
 
 def turned_away(shoot: syn.Shoot, count: int) -> syn.Shoot:
