@@ -83,6 +83,8 @@ def of_code(source: str, name: str) -> Iterator[str]:
         text = _text(node)
         if text is not None and re.search(r"[a-z]{2,} \S", text):  # a phrase
             yield from _breaches(f"{name}:{node.lineno}", text, (*CONSTRUCTIONS, PERCENT, *ACTOR))
+            if any(spec.endswith("%") for spec in _formats(node)):
+                yield f"{name}:{node.lineno}: '{' '.join(text[:35].split())}': write 17 %, with a space (percent)"
 
 
 def _of_names(node: ast.AST, name: str) -> Iterator[str]:
@@ -149,6 +151,13 @@ def _text(node: ast.AST) -> str | None:
     if isinstance(node, ast.JoinedStr):
         return "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
     return None
+
+
+def _formats(node: ast.AST) -> Iterator[str]:
+    """How an f-string writes the numbers that are put in: ".1%"."""
+    for part in getattr(node, "values", ()):
+        if isinstance(part, ast.FormattedValue) and part.format_spec is not None:
+            yield _text(part.format_spec) or ""
 
 
 def _docstrings(tree: ast.AST) -> Iterator[ast.AST]:

@@ -102,8 +102,8 @@ def total(plan: Plan, work: WorkFolder) -> Solution:
     every = np.concatenate([work.read_block(window.key)[STATS] for window in plan.blocks])
     stats = every.sum(axis=0, dtype=np.float64)
     texels = dict(zip(("covered", "observed", "solved", "filled"), (int(n) for n in stats[:4]), strict=True))
-    reduced = (f"{int(stats[6])} of {len(every)} blocks see their pictures reduced, to fit into {plan.memory:g} GB; "
-               "more Memory shows more of them",) if stats[6] else ()
+    reduced = (f"{int(stats[6])} of {len(every)} blocks: their pictures are reduced to fit into {plan.memory:g} GB; "
+               "increase Memory to use more of their pixels",) if stats[6] else ()
     return replace(plan.solution, stride=plan.stride, texels={**texels, "kept": 0},
                    warnings=(*plan.solution.warnings, *reduced), device=thread.device().describe(),
                    residual=float(np.sqrt(stats[4] / max(stats[5], 1.0))))

@@ -35,6 +35,7 @@ def test_pages(style: Any) -> None:
     ('raise BadInput("a.txt: is no mesh file; choose another")', "is not a"),
     ('line = f"light: the report tells of {n} lamps"', "names"),
     ('line = f"{n} is off by 17.4% of it"', "17 %"),
+    ('line = f"light: it is off by {share:.1%} of it"', "17 %"),
     ('x = BoolProperty(name="Known power", description="Real power")', "capital"),
     ('x = BoolProperty(name="Known Power", description="Real power.")', "full stop"),
     ('x = BoolProperty(name="Known Power", description="real power")', "begin with a capital"),
@@ -91,3 +92,32 @@ def test_every_warning_is_in_the_table() -> None:
     section = page[page.index("## Warnings"):]
     rows = re.findall(r"^\| \*(.+?)\* \|", section[:section.index("\n## ", 3)], re.M)
     assert len(made) > 20 and sorted(made - {*rows}) == [] and sorted({*rows} - made) == []
+
+
+# ---- the table of an import's lines in docs/shoots.md
+
+IMPORTED = ("irpso_addon/core/shoot", "irpso_addon/blender/shoot/import_shoot.py",
+            "irpso_addon/blender/shoot/mesh_place.py", "irpso_addon/blender/shoot/shoot_pictures.py",
+            "irpso_addon/core/images/shot_settings.py")
+
+
+def appended(source: str) -> set[str]:
+    """The texts that go into a list `lines` or `warnings`, with "..." for what is put in."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "append" and (
+                getattr(node.func.value, "attr", getattr(node.func.value, "id", "")) in ("lines", "warnings")):
+            parts = node.args[0].values if isinstance(node.args[0], ast.JoinedStr) else node.args
+            found.add("".join(str(part.value) if isinstance(part, ast.Constant) else "..." for part in parts))
+    return {text for text in found if re.search(r"[a-z]{3,} [a-z]", text)}
+
+
+def test_every_line_of_an_import_is_in_the_table() -> None:
+    files = [file for path in IMPORTED for file in ([*(ROOT / path).glob("*.py")] or [ROOT / path])]
+    made = set().union(*(appended(file.read_text(encoding="utf-8")) for file in files))
+    page = (ROOT / "docs" / "shoots.md").read_text(encoding="utf-8")
+    section = page[page.index("## What the lines mean"):page.index("These lines end an import")]
+    rows = [quote for row in re.findall(r"^\| (\*.+?) \|", section, re.M) for quote in re.findall(r"\*(.+?)\*", row)]
+    assert len(made) > 15
+    assert [text for text in sorted(made) if not any(
+        all(part.strip(" ;") in text for part in quote.split("...")) for quote in rows)] == []

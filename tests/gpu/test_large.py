@@ -204,7 +204,7 @@ def test_little_memory_shrinks_the_pictures(
     monkeypatch.setattr(uv_blocks, "PICTURES", 6e-4)
     found = solve(scene, tmp_path / "out")
     assert {crop.shrink for crop in crops} == {2}
-    told = "4 of 4 blocks see their pictures reduced"
+    told = "4 of 4 blocks: their pictures are reduced"
     assert any(told in warning for warning in found["warnings"])
     assert not any(told[4:] in warning for warning in blocks["warnings"])
     solved = (found["filled"] < 0.5) & (blocks["filled"] < 0.5)

@@ -19,7 +19,8 @@ SPREAD = math.radians(60)  # of a turntable's lamps to either side of the camera
 KINDS = {
     "FLASH": ("Flash Photo Set", "Photographs from all around, each lit by the flash beside its camera alone"),
     "DOME": ("Light Dome", "Cameras and lamps that stand still; one lamp shines in each picture"),
-    "TURNTABLE": ("Turntable", "Camera and lamps stand still and the object turns: here it is they that go around it"),
+    "TURNTABLE": ("Turntable", "The camera and the lamps stand still and the object turns; in the scene they go around "
+                               "the object"),
 }
 
 

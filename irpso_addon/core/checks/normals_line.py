@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from ..change_records import RefinedNormals
+from ..phrases import percent
 
 
 def refined(normals: RefinedNormals | None) -> tuple[str, ...]:
     """The warning line; none where normals are as given."""
     if normals is None:
         return ()
-    return (f"IRPSO tilted the shading normals by {normals.tilt:.2g}° in the median. It now predicts left-out views to "
-            f"{normals.refined:.1%} of their radiance instead of {normals.given:.1%}. The result has a normal map; the "
-            "mesh itself stays as it is.",)
+    given, refined = (percent(error, 1) for error in (normals.given, normals.refined))
+    return (f"IRPSO tilted the shading normals by {normals.tilt:.2g}° in the median. The error on left-out views fell "
+            f"from {given} to {refined} of their radiance. The result has a normal map; the mesh stays as it is.",)

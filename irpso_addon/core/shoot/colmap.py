@@ -87,7 +87,7 @@ def read_colmap(folder: Path, chosen: bool = True) -> Project:
     draft = Draft(folder, "COLMAP", folders=(workspace,) if "sparse" in (folder.name, folder.parent.name) else ())
     others = [] if chosen else _other_models(folder)
     if others:
-        draft.warnings.append(f"COLMAP has made several models that do not hang together; '{folder.name}' is used: "
+        draft.warnings.append(f"COLMAP has made several models that are not connected; '{folder.name}' is used: "
                               f"if another ({some(others)}) has more of the pictures, choose its folder")
     if _has_files(folder, ".bin"):
         cameras, images = _binary_cameras(folder / "cameras.bin"), _binary_images(folder / "images.bin")

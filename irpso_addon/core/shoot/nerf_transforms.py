@@ -58,8 +58,8 @@ def read_transforms(path: Path, content: dict[str, Any], size_of: SizeOf) -> Pro
         draft.add(name, lens, matrix[:, :3] @ OPENCV_FROM_OPENGL, matrix[:, 3],
                   path.parent / text(mask, who, "mask_path") if mask else None)
     if _moved(content, path):
-        draft.warnings.append("applied_transform or applied_scale has moved its cameras; move a mesh from the program "
-                              "that placed them first in the same way")
+        draft.warnings.append("applied_transform or applied_scale has moved the cameras; if the program that aligned "
+                              "the pictures made the mesh, move the mesh in the same way")
     return draft.finished()
 
 
