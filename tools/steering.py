@@ -2,7 +2,8 @@
 
     python tools/steering.py [--size 512]
 
-Fills a table of docs/guide.md; the size and the number of views stand in the text above it.
+Fills a table of docs/guide.md and the line that says where it was measured; the size and the number of views stand in
+the text above it.  Seconds are those of a processor, which other programs on the machine hardly change.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import bpy
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,6 +34,7 @@ from irpso_addon.core.params import SolveSettings  # noqa: E402
 from irpso_addon.core.samples import vase  # noqa: E402
 from irpso_addon.gpu.device import thread  # noqa: E402
 from irpso_addon.solve import pipeline  # noqa: E402  # the checkout is no installed package
+from studies import pages  # noqa: E402
 
 PAGE = ROOT / "docs" / "guide.md"
 
@@ -50,6 +53,8 @@ def main() -> None:
     page, count = table.subn(lambda found: found[1] + "\n".join(rows) + "\n", PAGE.read_text(encoding="utf-8"))
     assert count == 1, f"{PAGE}: no table 'steering'"
     PAGE.write_text(page, encoding="utf-8")
+    renderer = thread.run(lambda: thread.device().describe()["renderer"])
+    pages.fill(PAGE, {"steering made": pages.measured(renderer, f"Blender {bpy.app.version_string}")})
 
 
 def measure(scene: SceneData, settings: SolveSettings) -> list[str]:
@@ -73,17 +78,17 @@ def measure(scene: SceneData, settings: SolveSettings) -> list[str]:
         solution, seconds = timed(data, how)
         found = solution.maps.base_color, solution.maps.roughness
         errors = map_errors(*(array.astype(np.float64) for array in (*found, *truth)), where)
-        rows.append(f"| {name} | {solution.texels['solved']:,} | {seconds:.1f} | {solution.seconds['solve']:.1f} | "
+        rows.append(f"| {name} | {solution.texels['solved']:,} | {seconds:.1f} | "
                     f"{errors.rough_mae:.4f} | {errors.albedo_psnr:.1f} dB |")
         print(rows[-1], flush=True)
     return rows
 
 
 def timed(scene: SceneData, settings: SolveSettings) -> tuple[Solution, float]:
-    """The solution and how long it took, seconds."""
-    start = time.perf_counter()
+    """The solution and how long it took, processor seconds of this process."""
+    start = time.process_time()
     job: Callable[[], Any] = lambda: pipeline.solve(scene, settings)  # noqa: E731
-    return thread.run(job), time.perf_counter() - start
+    return thread.run(job), time.process_time() - start
 
 
 def bare(solution: Solution) -> Solution:

@@ -19,6 +19,7 @@ import robot
 from robot import Steps
 
 SLOW = 400.0  # seconds that a solve may take beside others
+EEVEE = 60.0  # until the viewport's engine has compiled its shaders, beside others; until then it shows no material
 EDIT, PREFERENCES = (77, 14), (130, 283)  # pixels from the window's left and top edges: the menu and its last entry
 EXTENSIONS, ADDONS, BACK = (56, 220), (56, 254), (330, 14)
 DOWN, DISK = (1423, 44), (1311, 166)  # the menu beside the search, and its last entry
@@ -123,7 +124,7 @@ def own(data: str) -> Steps:
     yield from path.step("Wait", jobs.ended(SLOW), lambda: jobs.linked(jobs.subject()), settle=2)
     yield from room(path, "Capture", "Solve")
     spot = yield from robot.find("irpso.show_in_viewport(")
-    yield from path.step("*Show in Viewport*", robot.click(*spot), None, settle=15)
+    yield from path.step("*Show in Viewport*", robot.click(*spot), None, settle=EEVEE)
     yield from exported(path)
 
 
