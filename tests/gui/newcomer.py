@@ -43,7 +43,8 @@ one button is highlighted and names the next step.
 
 Made by `python -m tests.gui.newcomer` (IRPSO {version}, Blender {blender}, Python {python}, {machine}, {cores}
 cores without a GPU, {date}, on top of commit {commit}). The mouse and the keyboard are simulated: Blender gets
-the same events as from a person. Other programs used the two cores at the same time.
+the same events as from a person. Other programs used the two cores at the same time, so the seconds
+are upper limits.
 
 The seconds of a step begin with its first click and end when the window shows its result. They contain the
 pauses of the simulated hand (0.05 to 0.7 s for a click, 0.01 s for a letter) but no time for reading. *The
