@@ -48,17 +48,16 @@ def main() -> None:
         made = make(Path(folder), demo.Plan(texels=size))
         open_blend(made.scene)
         scene = read_scene(None, demo.NAME, made.captures)
-        rows = measure(scene, SolveSettings(size=size, indirect="off", registration="given"))
+        rows, renderer = measure(scene, SolveSettings(size=size, indirect="off", registration="given"))
     table = re.compile(r"(<!-- steering -->\n\n\|.*\n\|.*\n)(\|.*\n)*")
     page, count = table.subn(lambda found: found[1] + "\n".join(rows) + "\n", PAGE.read_text(encoding="utf-8"))
     assert count == 1, f"{PAGE}: no table 'steering'"
     PAGE.write_text(page, encoding="utf-8")
-    renderer = thread.run(lambda: thread.device().describe()["renderer"])
     pages.fill(PAGE, {"steering made": pages.measured(renderer, f"Blender {bpy.app.version_string}")})
 
 
-def measure(scene: SceneData, settings: SolveSettings) -> list[str]:
-    """A row for each way; each is solved twice, the second time counts."""
+def measure(scene: SceneData, settings: SolveSettings) -> tuple[list[str], str]:
+    """A row for each way, each solved twice, of which the second time counts; the renderer."""
     anew, _ = timed(scene, settings)
     draft, _ = timed(scene, replace(settings, method="draft"))
     where = anew.maps.coverage & ~anew.maps.filled
@@ -81,7 +80,7 @@ def measure(scene: SceneData, settings: SolveSettings) -> list[str]:
         rows.append(f"| {name} | {solution.texels['solved']:,} | {seconds:.1f} | "
                     f"{errors.rough_mae:.4f} | {errors.albedo_psnr:.1f} dB |")
         print(rows[-1], flush=True)
-    return rows
+    return rows, anew.device["renderer"]
 
 
 def timed(scene: SceneData, settings: SolveSettings) -> tuple[Solution, float]:
