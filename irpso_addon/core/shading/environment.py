@@ -81,7 +81,7 @@ def directions(environment: Environment, count: int = COUNT) -> Directions:
     light = radiance * solid[..., None]
     weight = light.mean(-1, keepdims=True)
     table = _summed(np.concatenate([light, weight, weight * unit], -1))
-    cells = cells[_sums(table, *cells.T)[:, 3] > 0]
+    cells = _neighbours_together(cells[_sums(table, *cells.T)[:, 3] > 0])
     levels = [cells]
     for _ in range(LEVELS):
         levels.append(_halved(levels[-1], PARTS))
@@ -182,6 +182,16 @@ def _cells(table: F64, count: int) -> Cells:
             found, across, place = _best_cut(table, half)
             heapq.heappush(heap, (-found, half, across, place))
     return np.array([*whole, *(cell for _, cell, _, _ in heap)])
+
+
+def _neighbours_together(cells: Cells) -> Cells:
+    """Sorted by the interleaved digits of their middles (Morton 1966).
+
+    Pixels that a device computes together divide neighbouring cells, and so do it in one batch of directions.
+    """
+    y, x = cells[:, :2].sum(1), cells[:, 2:].sum(1)
+    order = sum((y >> k & 1) << 2 * k + 1 | (x >> k & 1) << 2 * k for k in range((2 * WIDTH).bit_length()))
+    return cells[np.argsort(order, kind="stable")]
 
 
 def environment_irradiance(light: Directions, normal: F64) -> F64:
