@@ -18,17 +18,25 @@ float nearest_in(sampler2D sheet, ivec2 corner, int side, vec2 at) {
     return texelFetch(sheet, corner + clamp(ivec2(floor(at + 0.5)), ivec2(0), ivec2(side - 1)), 0).r;
 }
 
-// Share of four texels that is lit, at `at` in texels from the corner of a map that lies at `corner` in the sheet.
-float lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2 slope) {
+// Share of four texels that is lit, at `at` in texels from the corner of a map that lies at `corner` in the sheet; `middle`:
+// the depth of the nearest of them.
+float lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2 slope, out float middle) {
     ivec2 low = ivec2(floor(at));
     vec2 f = at - vec2(low);
     ivec2 a = corner + clamp(low, ivec2(0), ivec2(side - 1)), b = corner + clamp(low + 1, ivec2(0), ivec2(side - 1));
     vec4 nearest = vec4(texelFetch(sheet, a, 0).r, texelFetch(sheet, ivec2(b.x, a.y), 0).r,
                         texelFetch(sheet, ivec2(a.x, b.y), 0).r, texelFetch(sheet, b, 0).r);
+    vec2 row = f.y < 0.5 ? nearest.xy : nearest.zw;
+    middle = f.x < 0.5 ? row.x : row.y;
     float first = depth - dot(slope, f);
     vec4 lit = step(first + vec4(0.0, slope.x, slope.y, slope.x + slope.y), nearest);
     vec2 rows = mix(lit.xz, lit.yw, f.x);
     return mix(rows.x, rows.y, f.y);
+}
+
+float lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2 slope) {
+    float unused;
+    return lit_in(sheet, corner, side, at, depth, slope, unused);
 }
 
 // The same of light that comes from several directions about one.  `spread`: their standard deviation along each of two
@@ -37,8 +45,8 @@ float lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2
 // Shadows"; here the four of a Gauss rule for the cell, and the middle one).
 float softly_lit_in(sampler2D sheet, ivec2 corner, int side, vec2 at, float depth, vec2 slope, float spread, float reach) {
     const float MIDDLE = 0.4;  // weight of what arrives from the middle (decision 0050)
-    float lit = lit_in(sheet, corner, side, at, depth, slope);
-    float height = max(depth - nearest_in(sheet, corner, side, at), 0.0);  // not minus infinity: maps hold halves
+    float middle, lit = lit_in(sheet, corner, side, at, depth, slope, middle);
+    float height = max(depth - middle, 0.0);  // not minus infinity: maps hold halves
     for (int k = 0; k < 4; k++) {
         vec2 off = spread * reach * DIAGONALS[k];
         // The receiver's own facet, which may rise towards the light there, is not in the way.

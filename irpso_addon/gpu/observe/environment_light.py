@@ -24,7 +24,7 @@ from .shadow_sheet import COLUMNS, draw_sheet
 from .visibility import Frustum, LightVisibility, parallel_frustum
 
 BATCH = COLUMNS * COLUMNS
-TOGETHER = 16  # directions of a texel of observe/environment_lit.frag
+TOGETHER = 16  # directions of an output of observe/environment_lit.frag
 DATA_WIDTH = 2048  # texels
 
 
@@ -102,14 +102,13 @@ class LitByEnvironment:
         """Of all batches: irradiance, and nodes from ``first`` on, a few at once."""
         device, maps, each = self.device, camera.maps, model.NODES_AT_ONCE
         width, height = maps.position.size
-        places = [(n * width, 0, width, height) for n in range(BATCH // TOGETHER)]
-        lit = device.texture(width * len(places), height, dtype="u4")
+        lit = tuple(device.texture(width, height, dtype="u4") for _ in range(BATCH // TOGETHER))
         groups = [(first, sums[:1 + each]), *((n, sums[1 + n:1 + n + each]) for n in range(each, len(sums) - 1, each))]
         with ExitStack() as open_targets:
-            seen = open_targets.enter_context(device.target([lit]))
+            seen = open_targets.enter_context(device.target(lit))
             targets = [open_targets.enter_context(device.target(outputs, clear=True)) for _, outputs in groups]
             for inputs, shadows in (*self._batches(), *(self.emitters.batches() if self.emitters is not None else ())):
-                self._see(camera, seen, inputs, shadows, places)
+                self._see(camera, seen, inputs, shadows)
                 for (node, outputs), target in zip(groups, targets, strict=True):
                     irradiance = outputs[0] is sums[0]
                     count = len(outputs) - irradiance
@@ -120,22 +119,18 @@ class LitByEnvironment:
                     with device.adding():
                         device.draw("observe/environment.frag", target, Inputs(
                             {"u_position": maps.position, "u_normal": maps.normal, "u_lit": lit, **inputs.textures},
-                            {**camera.uniforms, **inputs.uniforms, "u_width": width},
+                            {**camera.uniforms, **inputs.uniforms},
                             {**camera.defines, **inputs.defines, **defines}), cells=maps.cells)
                     yield None
 
-    def _see(
-        self, camera: Pixels, seen: moderngl.Framebuffer, inputs: Inputs, shadows: Inputs,
-        places: Sequence[tuple[int, int, int, int]],
-    ) -> None:
+    def _see(self, camera: Pixels, seen: moderngl.Framebuffer, inputs: Inputs, shadows: Inputs) -> None:
         """Which of a batch's directions light the pixels, for all nodes."""
         maps = camera.maps
-        for number, place in enumerate(places):
-            self.device.draw("observe/environment_lit.frag", seen, Inputs(
-                {"u_position": maps.position, "u_normal": maps.normal, "u_facet": maps.facet, **inputs.textures,
-                 **shadows.textures},
-                {**camera.uniforms, **inputs.uniforms, **shadows.uniforms, "u_place": number, "u_corner": place[:2]},
-                {**camera.defines, **inputs.defines, **shadows.defines}), viewport=place, cells=maps.cells)
+        self.device.draw("observe/environment_lit.frag", seen, Inputs(
+            {"u_position": maps.position, "u_normal": maps.normal, "u_facet": maps.facet, **inputs.textures,
+             **shadows.textures},
+            {**camera.uniforms, **inputs.uniforms, **shadows.uniforms},
+            {**camera.defines, **inputs.defines, **shadows.defines}), cells=maps.cells)
 
     def _batches(self) -> Iterator[tuple[Inputs, Inputs]]:
         """What the shaders need of each sheet's directions, beside what they need of pixels; and of their shadows."""
