@@ -8,12 +8,12 @@ from ...core.calibration.rig_sample import RigSample
 from ...core.data import F32, F64, SceneData
 from ...core.shading import environment as model
 from ..device.context import Device
-from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders
+from ..gbuffer.gbuffer import MeshBuffer, Occluders
 from ..observe.ambient_light import uniform_environment
 from ..observe.environment_light import LitByEnvironment
 from ..observe.observation_atlas import CameraSource
 from ..observe.visibility import LightVisibility
-from .world_light import SampleTexels, sample_grid
+from .world_light import SampleTexels, sample_grids
 
 
 def openness(
@@ -32,13 +32,12 @@ def openness(
         lit = LitByEnvironment(device, visibility, model.directions(uniform_environment()))
         for _ in lit.draw_shadows():
             pass
-        normal, facet = (sample_grid(device, values) for values in surface[1:])
         for n in np.unique(seen[seen >= 0]):
             own = seen == n
             of = source.observations.cameras[n]
-            maps = GBufferMaps(sample_grid(device, np.where(own[:, None], surface[0], np.float32(0))), normal, facet)
-            texels = SampleTexels(maps, {**of.uniforms, "u_footprint": 0.0}, of.defines)
+            texels = SampleTexels(
+                sample_grids(device, surface, own), {**of.uniforms, "u_footprint": 0.0}, of.defines)
             *_, made = lit.irradiance(texels)
             assert made is not None
-            result[own] = device.read(made).reshape(-1, 4)[:len(seen)][own, 1] / np.pi
+            result[own] = device.read(made).reshape(-1, 4)[:own.sum(), 1] / np.pi
     return result

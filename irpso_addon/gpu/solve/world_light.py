@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import moderngl
 import numpy as np
 
 from ...core.calibration.world_sample import Around, WorldSample
@@ -33,12 +32,16 @@ class SampleTexels:
     defines: dict[str, str]
 
 
-def sample_grid(device: Device, values: F32) -> moderngl.Texture:
-    """(T, 4) of a sample's texels, as a texture."""
-    height = -(-len(values) // WIDTH)
-    grid = np.zeros((height * WIDTH, 4), np.float32)
-    grid[:len(values)] = values
-    return device.texture(WIDTH, height, 4, grid.reshape(height, WIDTH, 4))
+def sample_grids(device: Device, surface: tuple[F32, F32, F32], some: Bool) -> GBufferMaps:
+    """Some of (T, 4) texels each, as of GBufferMaps, side by side in grids that have room for all.
+
+    Pixels that run together are then all to be lit, and grids of all cameras have one size, so one program.
+    """
+    height = -(-len(some) // WIDTH)
+    grids = np.zeros((3, height * WIDTH, 4), np.float32)
+    grids[:, :some.sum()] = [values[some] for values in surface]
+    position, normal, facet = (device.texture(WIDTH, height, 4, of.reshape(height, WIDTH, 4)) for of in grids)
+    return GBufferMaps(position, normal, facet)
 
 
 class WorldLight:
@@ -49,14 +52,10 @@ class WorldLight:
         seen: Bool,
     ) -> None:
         """``surface``: (T, 4) each, as of GBufferMaps; ``seen``: (T, cameras) by which camera."""
-        self.device, self.count = device, len(seen)
-        position, normal, facet = surface
-        shared = sample_grid(device, normal), sample_grid(device, facet)
-        cameras = source.observations.cameras
+        self.device, self.seen = device, seen
         self.cameras = [SampleTexels(
-            GBufferMaps(sample_grid(device, np.where(own[:, None], position, np.float32(0))), *shared),
-            {**camera.uniforms, "u_footprint": 0.0}, camera.defines)
-            for camera, own in zip(cameras, seen.T, strict=True)]
+            sample_grids(device, surface, own), {**camera.uniforms, "u_footprint": 0.0}, camera.defines)
+            for camera, own in zip(source.observations.cameras, seen.T, strict=True)]
         self.visibility = LightVisibility(device, mesh, Occluders(device, scene.occluders), 1)
         views, of_layer = views_of(source)
         self.layers = [views[place].environment for place in of_layer]  # of each layer
@@ -74,7 +73,7 @@ class WorldLight:
             if (key, float(turn)) not in self._kept:
                 for _ in self._draw(key, float(turn)):
                     yield Progress(0.0, "calibrate", f"light of {key[0]}")
-        shape = self.count, len(self.layers), 3 if self.grey else 1
+        shape = len(self.seen), len(self.layers), 3 if self.grey else 1
         around = Around(np.zeros(shape), np.zeros((*shape[:2], 2, model.NODES)))
         for v, (environment, (camera, channel)) in enumerate(zip(self.layers, self.groups, strict=True)):
             if environment is None:
@@ -100,9 +99,13 @@ class WorldLight:
                 for made in lit.light(self.cameras[camera]):
                     if made is None:
                         continue
-                    nodes = np.stack([device.read(made.nodes, place).reshape(-1, 4)[:self.count]
-                                      for place in node_places(*made.irradiance.size)], 1)
-                    kept[camera] = device.read(made.irradiance).reshape(-1, 4)[:self.count, :3], nodes
+                    own = self.seen[:, camera]
+                    irradiance = np.zeros((len(own), 3), np.float32)
+                    nodes = np.zeros((len(own), model.NODES, 4), np.float32)
+                    irradiance[own] = device.read(made.irradiance).reshape(-1, 4)[:own.sum(), :3]
+                    nodes[own] = np.stack([device.read(made.nodes, place).reshape(-1, 4)[:own.sum()]
+                                           for place in node_places(*made.irradiance.size)], 1)
+                    kept[camera] = irradiance, nodes
                 yield
         self._kept[key, turn] = kept
 
