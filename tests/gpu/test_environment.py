@@ -71,6 +71,19 @@ def test_nodes_and_irradiance_are_those_of_the_twin():
     assert np.median(worst) < 0.004
 
 
+def test_directions_in_a_row_lie_together():
+    """Of 64 that are drawn from all over a sky the mean vector is short: 0.3 or less in most batches."""
+    for sky in (skies.sky(128), skies.sky(128, sun=300.0, window=8.0)):
+        light = environment.directions(sky)
+        assert len(light.toward) == environment.COUNT
+        batches = np.linalg.norm(light.toward.reshape(-1, 64, 3).mean(1), axis=1)
+        assert np.median(batches) > 0.7 and batches.min() > 0.4
+        parts = light.parts.toward.reshape(len(light.toward), -1, 3)  # still of their own direction
+        some = light.parts.power.reshape(len(light.toward), -1, 3).any(-1)
+        angle = np.degrees(np.arccos(np.clip((parts * light.toward[:, None]).sum(-1), -1, 1)))
+        assert angle[some].max() < 25
+
+
 def test_a_smooth_surface_that_bends_within_a_pixel_mirrors_all_light():
     """A pixel that averages over normals sees a uniform sky by Fresnel's reflectance, however sharp the lobe is."""
     sky = Environment("even", np.ones((256, 512, 3), np.float32), np.eye(3))
