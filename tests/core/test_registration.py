@@ -179,10 +179,10 @@ def test_a_focal_length_that_is_off() -> None:
     assert not replace(misfit, growth_error=0.001).grown
 
 
-def blob(displacement: np.ndarray, optics: Optics) -> np.ndarray:
+def blob(displacement: np.ndarray, optics: Optics, depth: float = 0.25) -> np.ndarray:
     """(h, w) share of each pixel that a leaf of three lobes covers, by 8 x 8 points.
 
-    ``displacement``: as `Outline.values`, about (70, 66), where it has its middle.
+    ``displacement``: as `Outline.values`, about (70, 66), where it has its middle.  ``depth``: of the lobes, 0: a disk.
     """
     steps = (np.arange(8) + 0.5) / 8
     across, up = np.meshgrid((np.arange(WIDTH)[:, None] + steps).ravel(), (np.arange(HEIGHT)[:, None] + steps).ravel())
@@ -200,7 +200,7 @@ def blob(displacement: np.ndarray, optics: Optics) -> np.ndarray:
     for _ in range(5):
         place = seen - by(place)
     right, high = place - middle
-    inside = np.hypot(right, high) < 40 * (1 + 0.25 * np.cos(3 * np.arctan2(high, right)))
+    inside = np.hypot(right, high) < 40 * (1 + depth * np.cos(3 * np.arctan2(high, right)))
     return inside.reshape(HEIGHT, 8, WIDTH, 8).mean((1, 3)).astype(np.float32)
 
 
@@ -235,6 +235,23 @@ def test_a_mask_drawn_too_small_bends_no_lens() -> None:
     np.testing.assert_allclose(settled.shift, 0, atol=0.1)
     assert abs(settled.values[GROWTH]) < GROWN * settled.covariance[GROWTH, GROWTH] ** 0.5
     assert abs(settled.values[ROLL]) < CERTAIN * settled.covariance[ROLL, ROLL] ** 0.5
+
+
+@pytest.mark.parametrize("lens", [True, False])
+@pytest.mark.parametrize("depth", [0.0, 0.05, 0.1, 0.25])
+def test_a_mask_of_whole_pixels_changes_no_focal_length(depth: float, lens: bool) -> None:
+    """It lies half a pixel within the outline, which looks much as a growth does; a growth of 1 % is still one."""
+    optics = Optics((WIDTH / 2, HEIGHT / 2), 100.0)
+    whole = blob(np.zeros(5), optics, depth)
+    larger = blob(np.array([0, 0, 0.01, 0, 0]), optics, depth)
+    for mask, growth in ((whole > 0.999, 0.0), (larger, 0.01)):
+        found = silhouette(whole, mask.astype(np.float32), optics if lens else None)
+        assert found is not None
+        settled = found.bent(0.0)
+        error = settled.covariance[GROWTH, GROWTH] ** 0.5
+        assert (abs(settled.values[GROWTH]) > GROWN * error) == (growth > 0)
+        if growth:
+            assert settled.values[GROWTH] == pytest.approx(growth, rel=0.05)
 
 
 def test_a_lens_that_was_measured_is_left_as_it_is() -> None:

@@ -45,14 +45,24 @@ class Outline:
     optics: Optics | None  # None: the bend is not looked for
 
     def bent(self, bend: float) -> Outline:
-        """The same, where the bend is known; without an inset, unless that is beyond doubt."""
+        """The same, where the bend is known; without an inset, unless that is beyond doubt.
+
+        A growth that an inset explains nearly as well is as unsure as if the inset were not known.
+        """
         inset, error = self.values[INSET], self.covariance[INSET, INSET] ** 0.5
         alike = self.inverse[GROWTH, INSET] ** 2 / (self.inverse[GROWTH, GROWTH] * self.inverse[INSET, INSET])
-        beyond = alike < ROUND and abs(inset) > max(LEAST_INSET, CERTAIN * error)
-        known = [BEND] if beyond else [BEND, INSET]
-        ratio = self.inverse[:, known] @ np.linalg.inv(self.inverse[np.ix_(known, known)])
-        step = np.eye(6) - ratio @ np.eye(6)[known]
-        return Outline(self.values - ratio @ (self.values[known] - (bend, 0.0)[:len(known)]), self.inverse,
+        free = self._known([BEND], [bend])
+        if alike < ROUND and abs(inset) > max(LEAST_INSET, CERTAIN * error):
+            return free
+        result = self._known([BEND, INSET], [bend, 0.0])
+        result.covariance[GROWTH, GROWTH] = max(each.covariance[GROWTH, GROWTH] for each in (result, free))
+        return result
+
+    def _known(self, which: list[int], values: list[float]) -> Outline:
+        """The same, where some values are known."""
+        ratio = self.inverse[:, which] @ np.linalg.inv(self.inverse[np.ix_(which, which)])
+        step = np.eye(6) - ratio @ np.eye(6)[which]
+        return Outline(self.values - ratio @ (self.values[which] - values), self.inverse,
                        step @ self.covariance @ step.T, self.centre, self.optics)
 
     @property
