@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
+from irpso_addon.core.check_records import Checks
 from irpso_addon.core.checks.bounced_light import BouncedSample, LightPicture, sampled, why_not
+from irpso_addon.core.checks.warnings import warnings
 
 SHOWN = np.arange(40)[:, None].repeat(20, 1) < 30  # three quarters of the picture
 
@@ -38,3 +41,17 @@ def test_little_light_and_light_of_another_kind_are_left() -> None:
     assert "only 0.6 % as bright" in why_not(BouncedSample(0.02, 0.006), 0.05)
     assert why_not(BouncedSample(0.02, math.nan), 0.05) == ""
     assert why_not(BouncedSample(0.2, 0.006), 0.05) == ""  # too much to be left, whatever else is there
+
+
+@pytest.mark.parametrize(("share", "why", "told"), [
+    (0.09, "no surface in the scene sends much light to another", True),  # a block of wax: nothing else is in the scene
+    (0.09, "", False),  # it may have bounced: that is tried first
+    (0.005, "no surface in the scene sends much light to another", False),  # as little as a black level
+])
+def test_shadows_that_no_surface_lights_may_be_a_translucent_objects(share: float, why: str, told: bool) -> None:
+    checks = Checks(
+        name="Wax", views=(), lights=(), materials=(), noise=0.01, structure=0.002, highlight=0.0, slope=None,
+        unlit_share=share, clipped=0.0, no_highlight=0.0, nearest=1.0, doubtful=0.0, sure=True, pixels_per_texel=1.0,
+        not_bounced=why)
+    (line,) = warnings(checks)
+    assert ("translucent" in line) == told

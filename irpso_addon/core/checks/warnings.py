@@ -32,6 +32,7 @@ STRUCTURE, NOISE_SHARE = 0.004, 0.3  # relative errors that neighbouring pixels 
 HIGHLIGHT = 0.06  # such errors of highlights, relative to the lobes
 COARSE = 2.0  # pixels a texel from which on maps cannot show what the pictures do
 FEW = 0.15  # of a material's texels
+LET_THROUGH = 0.02  # brightness of shadows, of lit areas, from which on light may have come through the object
 CONTRADICTED = 0.01  # of the solved texels
 DOUBTFUL = 0.05  # of the texels are off by more than 0.15, by their own standard errors
 
@@ -84,8 +85,10 @@ def _indirect(checks: Checks) -> list[str]:
         return [f"{line}IRPSO did not remove it, because {SEVERAL_UDIMS}; subtract the camera's black level, or darken "
                 "the surroundings"]
     if checks.not_bounced:
-        return [f"{line}IRPSO did not remove it, because {checks.not_bounced}; subtract the camera's black level, "
-                "darken the surroundings, or add what stood around the object to the scene"]
+        line = (f"{line}IRPSO did not remove it, because {checks.not_bounced}; subtract the camera's black level, "
+                "darken the surroundings, or add what stood around the object to the scene")
+        through = "; a translucent object looks like that too, and IRPSO cannot solve for its material"
+        return [line + (through if checks.unlit_share > LET_THROUGH else "")]
     return [f"{line}set Indirect Light to On, or darken the surroundings"]
 
 
