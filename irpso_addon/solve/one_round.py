@@ -194,7 +194,7 @@ def _checks(
     texels = TexelFit(scene.mesh.name, made.ladder.model, grid.slots, scene.mesh.slot_names, made.good,
                       made.ladder.texels.observations, made.maps.roughness, made.maps.roughness_sigma,
                       sure=settings.method != "paper", chosen=settings.model == "auto",
-                      misfit=any(not found.clear for found in made.ladder.predictions.values()),
+                      misfit=any(not (found.clear and found.fits) for found in made.ladder.predictions.values()),
                       contradicted=made.contradicted)
     yield Progress(1.0, "maps", "checks")
     return measure(views, texels), tuple(pictures)

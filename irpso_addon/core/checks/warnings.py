@@ -23,6 +23,7 @@ LEAST_GAIN, LEAST_MOVE = 0.015, 0.01  # relative errors of brightness, of shadin
 EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move must explain; of a misfit, or to be sure
 LEAST_POWER, LEAST_POWER_ALONE = 0.02, 0.1  # how far from 1 an exponent must be: of all views, of one
 LEAST_POWER_MISFIT = 0.3  # the same where a material is not what its model says: real diffuse reflection bends, too
+LEAST_GAIN_MISFIT, SHARED = 0.03, 2.0  # of LEAST_GAIN there: what it lacks makes whole views brighter; times structure
 MISFIT_STRUCTURE = 0.03  # relative errors that neighbours share in most views: then a single one proves little
 SIGMAS, SIGMAS_POWER = 6.0, 3.0
 LEAST_SHIFT = 0.1  # pixels
@@ -213,7 +214,8 @@ def _lights(checks: Checks) -> list[str]:
 
 def drifting(checks: Checks) -> dict[str, float]:
     """Views that are brighter or darker than the others explain: how much, as the logarithm of their gain."""
-    least = max([LEAST_GAIN, _floor(checks), *(2 * light.effect for light in moved_lights(checks))])
+    bent = max(LEAST_GAIN_MISFIT, SHARED * checks.structure) if checks.misfit else LEAST_GAIN
+    least = max([bent, _floor(checks), *(2 * light.effect for light in moved_lights(checks))])
     gains = {v.view: (float(np.log(v.residual.gain)), v.residual.gain_error) for v in _without_cause(checks)}
     return {view: gain for view, (gain, error) in gains.items() if abs(gain) > max(least, SIGMAS * error)}
 
