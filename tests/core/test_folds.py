@@ -420,3 +420,20 @@ def test_a_diffuse_roughness_is_found(diffuse: float, different: bool) -> None:
 def test_a_metal_has_no_diffuse_roughness() -> None:
     texels, _ = sampled(60, 12, 2, np.full(60, 0.42), metallic=1.0)
     assert JointSearch(texels).diffuse_roughness(np.ones(24, bool)) < 0.05
+
+
+@pytest.mark.parametrize(("bright", "dark", "excused"), [(0.0, 0.2, False), (0.105, 0.05, True)])
+def test_a_fit_that_predicts_lightness_worse_than_one_value_is_not_spared(
+    bright: float, dark: float, excused: bool,
+) -> None:
+    """Errors of a fit where radiance is above the median, and where it is below; of one value 0.1 everywhere."""
+    texels, _ = sampled(60, 12, 1, np.full(60, 0.4))
+    judge = Judge(texels, split(texels))
+    radiance = texels.reflected * texels.irradiance
+    fit = texels.reflected * (1 + np.where(radiance > np.median(radiance), bright, dark))
+    for name, values in (("lambert", 1.3 * texels.reflected), ("one value", 1.1 * texels.reflected), ("a texel", fit)):
+        judge.add(name, [values] * 3)
+    one, own = judge.error("one value"), judge.error("a texel")
+    assert (own.lightness < one.lightness) == excused
+    assert judge.excuses("a texel", 2, "one value") == excused
+    assert judge.excuses("a texel", 2, None)

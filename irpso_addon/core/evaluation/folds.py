@@ -162,6 +162,17 @@ class Judge:
         total = {other: float(values.sum()) for other, values in self._losses().items()}
         return total[name] <= min(next(iter(total.values())), (1 + margin) * min(total.values()))
 
+    def excuses(self, name: str, numbers: int, one_value: str | None) -> bool:
+        """Whether a fit of so many numbers a texel may stay for what it is `spared`.
+
+        ``one_value``: the candidate that is to be taken else, where it has one value for all texels.  If that also
+        predicts lightness no worse, texels do not differ, and what the fit finds in them are false lobes.
+        """
+        if one_value is not None and self.error(one_value).lightness <= self.error(name).lightness:
+            return False
+        spared = self.spared(numbers)
+        return spared > 0 and self.stays(name, spared)
+
     def near(self, names: Sequence[str], margin: float) -> list[str]:
         """Candidates among them whose loss is larger than the least of theirs by no more than so much of it."""
         total = {name: float(values.sum()) for name, values in self._losses().items() if name in names}

@@ -184,11 +184,12 @@ class _Contest(TrialRuns):
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
         leads = self._leads(incumbent, ALIKE[0] if few and led else clear)  # one that led is larger by a prior alone
+        chosen = self._chosen()
         if not few and self.fitted.model in OWN_DRAWN:
-            spared = self.judge.spared(NUMBERS)
-            leads = leads or (spared > 0 and self.judge.stays(incumbent, spared))
+            one_value = chosen in self.trials and self.trials[chosen].strength == ONE_VALUE
+            leads = leads or self.judge.excuses(incumbent, NUMBERS, chosen if one_value else None)
         leads = leads and self.judge.no_worse_than_plain(incumbent)
-        taken = before = incumbent if leads else self._chosen()
+        taken = before = incumbent if leads else chosen
         if not self.solver.cancelled and _worth(self.judge.error(taken)):
             taken = yield from self._above_rough(taken)
         if not self.solver.cancelled and _worth(self.judge.error(taken)):
