@@ -10,6 +10,7 @@ uniform sampler2D u_parent[2];
 uniform sampler2D u_parent_colour[2];  // as u_colour there
 uniform bool u_top;
 uniform float u_step;        // how much roughness may differ from the parents' (standard deviation)
+uniform vec2 u_typical;      // roughness of all texels and its variance: a normal prior of each cell
 uniform float u_prior_cut;
 uniform float u_evidence;    // how much of its tables counts where it is judged whether a cell's kinds are apart
 
@@ -19,6 +20,9 @@ const float OTHER = 0.3;    // standard deviation of a kind's colour, in units o
 const float SHADE = 0.2;    // in the same units: kinds that are nearer are shades of one
 
 // "differ" is 1 / squared distance of the colours that are apart here, 0 where none are.
+
+// Where nothing else is known.
+vec2 typical() { return vec2(u_typical.x, min(u_typical.y, 0.1)); }
 
 // The four parents of a kind of this colour, interpolated: mean, variance, differ.
 vec3 parents(vec3 colour) {
@@ -44,14 +48,17 @@ vec3 parents(vec3 colour) {
         sum += like * weight[j] * min(parent[j].w, 1.0) / parent[j].y
              * vec4(parent[j].x, parent[j].y, max(parent[j].w - 1.0, 0.0), 1.0);
     }
-    vec3 found = sum.w > 0.0 ? sum.xyz / sum.w : vec3(0.5, 0.1, 0.0);
+    vec3 found = sum.w > 0.0 ? sum.xyz / sum.w : vec3(typical(), 0.0);
+    // Two priors, the parents' and what is typical: their product.
+    float parents = u_typical.y / (u_typical.y + u_step * u_step);
     // A parent that may be in another valley does not hold its children where it is.  How much it counts beside the other
     // parents is up to the valley's own width: else those would hold them where *they* are.
-    return vec3(found.x, found.y + max(u_step * u_step, found.z), differ);
+    float step = max(parents * u_step * u_step, parents * parents * found.z);
+    return vec3(mix(u_typical.x, found.x, parents), parents * parents * found.y + step, differ);
 }
 
 vec3 prior_of(int kind) {
-    return u_top ? vec3(0.5, 0.1, 0.0) : parents(cell_colour(ivec2(gl_FragCoord.xy), kind).rgb);
+    return u_top ? vec3(typical(), 0.0) : parents(cell_colour(ivec2(gl_FragCoord.xy), kind).rgb);
 }
 
 vec4 prior_cost(int i, vec3 prior) {

@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.data import F32, F64, I32, Bool
+from ..solve.colour_kinds import KINDS, colour_kinds
 
 DISTANCES = (1, 2, 4, 8, 16, 32)  # texels; the last is what a block solves around itself
 INFORMED = 0.5  # share that a texel's own data determine, from which on it tells of the material
 LEAST_PAIRS = 50.0
-KINDS = 8  # of base colour, in a material
 KINDS_TELL = 0.5  # of the whole material's variogram: if that of texels of one kind is less, base colour tells
-KIND_TEXELS, KIND_ROUNDS = 4096, 12  # from which kinds are found, and in how many rounds
 
 
 def borrowed_variance(
@@ -73,36 +72,6 @@ def variogram(roughness: F64, sigma: F64, weight: F64, kinds: I32 | None = None)
     if not measured.any():
         return None
     return np.maximum.accumulate(np.interp(DISTANCES, np.array(DISTANCES)[measured], values[measured]))
-
-
-def colour_kinds(base: F32, mine: Bool) -> I32:
-    """(h, w) kind of base colour of each of a material's texels, 0..KINDS - 1, and -1 elsewhere.
-
-    ``base``: (h, w, 3).  Lloyd's algorithm (1982) on some texels' square roots, which are about as far apart as they
-    look; it starts at quantiles of brightness.
-    """
-    colours = np.sqrt(np.maximum(base[mine], 0))
-    some = colours[::max(1, len(colours) // KIND_TEXELS)]
-    order = np.argsort(some.sum(1), kind="stable")
-    middles = some[order[((np.arange(KINDS) + 0.5) / KINDS * len(some)).astype(int)]]
-    for _ in range(KIND_ROUNDS):
-        nearest = _nearest(some, middles)
-        members = [some[nearest == kind] for kind in range(KINDS)]
-        middles = np.stack([m.mean(0) if len(m) else old for m, old in zip(members, middles, strict=True)])
-    kinds = np.full(mine.shape, -1, np.int32)
-    kinds[mine] = _nearest(colours, middles)
-    return kinds
-
-
-def _nearest(colours: F32, middles: F32) -> I32:
-    """(N,) index of the nearest of ``middles`` (K, 3) to each colour (N, 3)."""
-    red, green, blue = np.ascontiguousarray(colours.T)
-    nearest, least = np.zeros(len(colours), np.int32), np.full(len(colours), np.inf, np.float32)
-    for kind, (r, g, b) in enumerate(middles):
-        away = (red - r) ** 2 + (green - g) ** 2 + (blue - b) ** 2
-        nearest[away < least] = kind
-        np.minimum(least, away, out=least)
-    return nearest
 
 
 def _of_kinds(roughness: F64, share: F64, kinds: I32, curve: F64, pixel: float) -> F64:

@@ -209,6 +209,7 @@ class Solver(TilePasses):
                 self.noise_of[1] = replace(self.noise_of[1], alike=neighbours.alike(
                     self.device.read(texture), self.source.stride))
                 texture.release()
+            typical = self._typical(Searched(chosen, searched, variance), colour)
             # A metal's errors were not compared.
             noise = replace(self.noise_of[1], alike=0.0) if self.metallic else self.noise_of[1]
             tables = self.textures(8)
@@ -217,11 +218,22 @@ class Solver(TilePasses):
             estimate, prior = neighbours.pyramid(
                 self.device, tuple(tables), colour,
                 neighbours.shared_by(noise, self.source.shared_error, self.source.misfit > 0),
-                self.source.extent, self.before.roughness)
+                self.source.extent, self.before.roughness, typical)
             colour.release()
             yield from self.run(chosen, (0.8, 1.0), KernelPass(
                 "solve/polish.kernel", outputs, {**valleys, "u_estimate": estimate, "u_prior": prior},
                 {**floor, "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": POLISH_STEPS}, robust=self.robust))
+
+    def _typical(self, searched: Searched, colour: moderngl.Texture) -> neighbours.Typical:
+        """What all texels say of roughness; blocks of a map have the map around them instead, which is alike in all."""
+        if 1 in self.before.noise:
+            return neighbours.UNKNOWN
+        with self.device.scope():
+            outputs = self.textures(2)
+            self._last_word(searched, outputs, -1.0)
+            roughness, sigma, _, solved = np.moveaxis(self.device.read(outputs[0]), -1, 0)
+        known = solved > 0.5
+        return neighbours.typical(roughness[known], sigma[known], self.device.read(colour)[known, :3])
 
     def _joint(self) -> Uniforms:
         if self.joint is None:
