@@ -15,6 +15,7 @@ from irpso_addon.core.tiled.tiled_plan import Noise
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve import neighbours
 from irpso_addon.gpu.solve.solver import Solver
+from irpso_addon.gpu.solve.texel_records import WELL_KNOWN
 from tests.support.texels import as_metal, exact, finish
 
 SIZE, SHARED = 256, 1.0  # nothing but the model's error
@@ -367,7 +368,7 @@ def test_what_is_typical_is_that_of_the_texels_that_know_their_roughness() -> No
     assert neighbours.typical(roughness, sigma + 1, base) == neighbours.UNKNOWN
     even = neighbours.typical(np.full(100, 0.3, np.float32), np.zeros(100, np.float32), base[:100])
     assert even.roughness == pytest.approx(0.3)
-    assert np.sqrt(even.variance) == pytest.approx(neighbours.WELL_KNOWN, rel=0.02)
+    assert np.sqrt(even.variance) == pytest.approx(WELL_KNOWN, rel=0.02)
 
 
 def test_a_colour_that_knows_little_may_be_of_another_roughness() -> None:

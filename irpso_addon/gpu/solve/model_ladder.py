@@ -19,12 +19,12 @@ from ..device.context import Device
 from ..observe.observation_atlas import Source, Tile, tiles
 from .ladder_records import EarlierResult, LadderResult, Materials
 from .material_sample import Squares, packed
-from .model_prediction import METAL_LAYERS, Fitted, ModelPrediction, solves_metals
+from .model_prediction import METAL_LAYERS, Decision, Fitted, ModelPrediction, solves_metals
 from .paint_beside_metal import explains_better, parts_of, take_parts
 from .paper_swarm import PaperSwarm
 from .solver import Solver
 from .specular_level import LevelSearch
-from .texel_records import RoughnessMaps, SolvedTexels, read_support
+from .texel_records import WELL_KNOWN, RoughnessMaps, SolvedTexels, read_support
 
 SAMPLE = 64  # texels: width of the square on which larger models are tried
 SAMPLES = 2  # squares of each material
@@ -183,9 +183,9 @@ class Ladder:
             result.predictions[name] = decision.prediction
         if decision.prior is not None:
             self.priors[name] = decision.prior
-            if decision.differ:
-                off = math.hypot(decision.prior.sigma, result.texels.spread(texels))
-                self.priors[name] = replace(decision.prior, sigma=off)
+            if decision.prior.one_value:
+                sigma = _one_value_error(result.texels, texels, decision, decision.prior.sigma)
+                self.priors[name] = replace(decision.prior, sigma=sigma)
         if decision.level is not None:
             self.decided_levels[name] = decision.level
         if decision.metallic > 0:
@@ -414,6 +414,19 @@ class Ladder:
         self.solver.release()
         if self.start is not None:
             self.start.release()
+
+
+def _one_value_error(found: SolvedTexels, texels: Bool, decision: Decision, sigma: float) -> float:
+    """Standard error of one value, which is wrong as far as texels differ; ``sigma``: that of what is right for all.
+
+    ``found``: their own searches, which know neither level nor Diffuse Roughness, so that they say little beside these.
+    """
+    if decision.differ:
+        sigma = math.hypot(sigma, found.spread(texels))
+    if decision.model == "one-lobe" and decision.diffuse_roughness == 0:
+        # The larger one: that the lobes of some texels are blurred more by pixels makes both.
+        sigma = max(sigma, found.spread(texels, WELL_KNOWN))
+    return sigma
 
 
 def _best_seen(texels: Bool, observations: F32) -> list[Tile]:

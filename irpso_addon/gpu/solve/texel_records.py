@@ -14,6 +14,8 @@ from ..device.context import Device
 
 INFORMED = 0.05  # standard error of a texel's roughness up to which it shows how texels differ ...
 FEW = 50  # ... if so many do
+WELL_KNOWN = 0.01  # the same where it can hardly be a false lobe
+DOUBT = 2.0  # factor of the texels' own variances, which hold their noise alone
 
 
 @dataclass(frozen=True)
@@ -55,14 +57,17 @@ class SolvedTexels:
         mixed = {name: np.where(inside, getattr(other, name), values) for name, values in vars(self).items()}
         return SolvedTexels(**mixed | {"lambert_residual": self.lambert_residual})
 
-    def spread(self, texels: Bool) -> float:
-        """Standard deviation of the roughness of some texels, (h, w), beyond its noise; 0 where few are informed."""
-        informed = texels & self.solved & (self.sigma < INFORMED)
+    def spread(self, texels: Bool, sure: float = INFORMED) -> float:
+        """Standard deviation of the roughness of some texels, (h, w), beyond its noise; 0 where few are informed.
+
+        Of those whose standard error is below ``sure``.
+        """
+        informed = texels & self.solved & (self.sigma < sure)
         if int(informed.sum()) < FEW:
             return 0.0
         own, noise = (of[informed].astype(np.float64) for of in (self.roughness, self.sigma))
         variance = (MAD * float(np.median(np.abs(own - np.median(own))))) ** 2
-        return math.sqrt(max(variance - float(np.median(noise**2)), 0.0))
+        return math.sqrt(max(variance - DOUBT * float(np.median(noise**2)), 0.0))
 
 
 @dataclass(frozen=True)
