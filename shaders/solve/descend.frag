@@ -50,11 +50,11 @@ vec3 parents(vec3 colour) {
     }
     vec3 found = sum.w > 0.0 ? sum.xyz / sum.w : vec3(typical(), 0.0);
     // Two priors, the parents' and what is typical: their product.
-    float parents = u_typical.y / (u_typical.y + u_step * u_step);
+    float share = u_typical.y / (u_typical.y + u_step * u_step);  // of the parents'
     // A parent that may be in another valley does not hold its children where it is.  How much it counts beside the other
     // parents is up to the valley's own width: else those would hold them where *they* are.
-    float step = max(parents * u_step * u_step, parents * parents * found.z);
-    return vec3(mix(u_typical.x, found.x, parents), parents * parents * found.y + step, differ);
+    float change = max(share * u_step * u_step, share * share * found.z);
+    return vec3(mix(u_typical.x, found.x, share), share * share * found.y + change, differ);
 }
 
 vec3 prior_of(int kind) {
