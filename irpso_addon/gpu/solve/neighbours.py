@@ -14,7 +14,7 @@ from ...core.data import F32, Bool
 from ...core.tiled.tiled_plan import Noise
 from ..device.context import Device, Inputs
 from .colour_kinds import KINDS, colour_kinds
-from .texel_records import WELL_KNOWN
+from .texel_records import FEW, WELL_KNOWN
 
 NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
 NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
@@ -33,8 +33,7 @@ EVIDENCE = 0.8  # how much of tables counts where kinds are told apart: a texel 
 APART = 4  # texels of the map between those whose errors are compared: pixels are mostly smaller
 OUTLYING = 4.5  # times the median size: three standard deviations
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
-LEAST_KNOWING = 50  # texels whose roughness is well known: so many tell of the others' ...
-LEAST_SHARE = 0.1  # ... if of each colour so much of their share of all texels are such
+LEAST_SHARE = 0.1  # texels that are well known tell of the others if of each colour so much of their share are such
 ASKED = 65536  # texels at least, if there are so many
 EDGE, EDGE_Z = 0.02, 2.0537  # share of them beyond either end of their range, and that end under a normal distribution
 WIDER = 3.0  # a texel is drawn to what is typical by a prior so much wider than they are: others may differ more
@@ -188,7 +187,7 @@ def typical(roughness: F32, sigma: F32, base: F32) -> Typical:
     roughness, sigma, base = (a[::max(1, len(a) // ASKED)] for a in (roughness, sigma, base))
     well = sigma < WELL_KNOWN
     known = roughness[well]
-    if len(known) < LEAST_KNOWING or not _represented(well, base):
+    if len(known) < FEW or not _represented(well, base):
         return UNKNOWN
     edge = int(EDGE * len(known))
     ordered = np.sort(known).astype(np.float64)
