@@ -9,10 +9,10 @@ SUITES = blender gpu core studies-stability studies-measured studies-intervals \
 
 .PHONY: setup demo test suites $(SUITES:%=test-%) test-gui screenshots lint lint-systems docs site bench stability zip release clean
 
-setup: $(VENV)/.ready
-
-$(VENV)/.ready: requirements-dev.txt requirements-docs.txt tools/setup.sh
-	@bash tools/setup.sh "$(VENV)" "$(PYTHON)"
+# .ready is what the environment was made from, not a date: clones with the same pins can share one.
+setup:
+	@cat requirements-dev.txt requirements-docs.txt tools/setup.sh | cmp -s - "$(VENV)/.ready" || \
+	bash tools/setup.sh "$(VENV)" "$(PYTHON)"
 
 demo: setup
 	$(RUN) -m irpso_addon demo --out build/demo

@@ -58,4 +58,4 @@ echo "setup: $venv from $python ($(version_of "$python"))"
     -r requirements-dev.txt -r requirements-docs.txt
 "$venv/bin/python" -c 'import bpy, moderngl, OpenImageIO' ||
     fail "the environment does not load; the message above names what is missing"
-touch "$venv/.ready"
+cat requirements-dev.txt requirements-docs.txt tools/setup.sh >"$venv/.ready"
