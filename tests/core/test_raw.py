@@ -97,6 +97,34 @@ def test_saturated_samples_are_clipped_whatever_is_beside_them(tmp_path):
     assert found.clipped_share == pytest.approx(2 / 600)
 
 
+@pytest.mark.parametrize(("stated", "found"), [(0.8, 0.8), (1.0, 0.99), (0.2, 0.99)])
+def test_samples_above_the_files_own_limit_are_clipped(tmp_path, stated, found):
+    """DNG 1.4, LinearResponseLimit.  A limit in the lower half is none."""
+    shot = Shot(linear=stated)
+    raw = samples(1000, 8000)
+    limit = shot.black + found * (shot.white - shot.black)
+    raw[10, 21], raw[4, 6], raw[20, 20] = limit + 2, limit - 2, shot.white  # a green, a red, a red
+    path = save_dng(tmp_path / "a.dng", raw, shot)
+    half, full = read_reference(view(path)), read_reference(replace(view(path), full_raw=True))
+    assert sorted(map(tuple, np.argwhere(~half.valid[::-1]).tolist())) == [(5, 10), (10, 10)]
+    valid = half.valid[::-1]
+    np.testing.assert_allclose(half.rgb[::-1][valid], developed(raw, shot)[valid], atol=1e-4)
+    invalid = ~full.valid[::-1]
+    assert invalid[10, 21] and invalid[20, 20] and not invalid[4, 6]
+
+
+def test_a_dead_sample_does_not_spoil_a_picture(tmp_path):
+    """Canon's black level is an eighth of white: a sample of 0 is far below what noise reaches."""
+    shot = Shot(black=2048, white=15300)
+    raw = samples(3000)
+    raw[10, 21], raw[4, 6] = 0, 2048 - 600  # a green; a red with much noise, 4.5 % of white below black
+    path = save_dng(tmp_path / "a.dng", raw, shot)
+    half, full = read_reference(view(path)), read_reference(replace(view(path), full_raw=True))
+    assert np.argwhere(~half.valid[::-1]).tolist() == [[5, 10]] and not full.valid[::-1][10, 21]
+    valid = half.valid[::-1]
+    np.testing.assert_allclose(half.rgb[::-1][valid], developed(raw, shot)[valid], atol=1e-4)
+
+
 def test_xtrans_pixels_are_of_three_by_three_samples(tmp_path):
     shot = Shot(pattern=XTRANS)
     raw = samples(size=(42, 60))

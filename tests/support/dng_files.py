@@ -30,6 +30,7 @@ class Shot:
     orientation: int = 1
     exposure: tuple[float, float, int] | None = (1 / 125, 8.0, 200)  # seconds, f-number, ISO
     pattern: np.ndarray | None = None  # None: BAYER
+    linear: float | None = None  # LinearResponseLimit: up to there, of the range from black to white
 
 
 Entry = tuple[int, str, list]
@@ -52,6 +53,8 @@ def save_dng(path: Path, raw: np.ndarray, shot: Shot | None = None) -> Path:
     ]
     if matrix.size:
         entries.append((50721, "r", list(matrix.ravel())))
+    if shot.linear is not None:
+        entries.append((50734, "R", [shot.linear]))
     exif: list[Entry] = []
     if shot.exposure is not None:
         time, f_number, iso = shot.exposure

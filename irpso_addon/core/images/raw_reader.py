@@ -30,6 +30,11 @@ SUFFIXES = {
 # Of the range from black to white: from there on a sample counts as saturated.  Sensors do not all end at one number,
 # and bend shortly before it.
 SATURATED = 0.99
+# A file's own limit counts from here on: LibRaw has one white level for a camera, but many end earlier at some ISOs
+# (full wells at the lowest one, scaled numbers at those between).  Lower limits are numbers of something else.
+_LEAST_LIMIT = 0.5
+# Of white, below black: no noise reaches that far, so the sample is dead.  It is left out as saturated ones are.
+DEAD = 0.05
 _EMBEDDED = 0.125  # least first element of a colour matrix that LibRaw has found in the file
 # EXIF's orientation for each of LibRaw's "flip", whose bits are: 1 mirrors x, 2 mirrors y, 4 swaps them
 _ORIENTATIONS = (1, 2, 4, 3, 5, 8, 6, 7)
@@ -60,7 +65,7 @@ def header(path: Path, full: bool = False) -> dict[str, Any]:
 
 
 def bands(path: Path, picture: StoredPicture, first: int, last: int, at_once: int = BAND) -> Iterator[Stored]:
-    """As oiio_reader.bands: (rows, width, 3) floats, black 0 and white 1; 1 where any sample is saturated."""
+    """As oiio_reader.bands: (rows, width, 3) floats, black 0 and white 1; 1 where any sample is saturated or dead."""
     with _Raw(path) as raw:
         sensor = _sensor(path, raw)
         full = picture.part == 1
@@ -123,6 +128,7 @@ class _Sensor:
     colours: NDArray[np.int64]  # (n, n) 0, 1, 2 of each sample of the pattern
     black: F64  # (n, n)
     white: float  # above black
+    saturated: float  # of white: from there on a sample counts as saturated
 
     @property
     def samples(self) -> tuple[int, int]:
@@ -154,7 +160,14 @@ def _sensor(path: Path, raw: Any) -> _Sensor:
     height, width = (n // block for n in raw.raw_image_visible.shape)
     if white <= 0 or min(width, height) < 1:
         raise BadInput(f"{path}: is damaged (its white level is not above black); copy it again from the camera")
-    return _Sensor((width, height), block, colours, levels[pattern], white)
+    return _Sensor((width, height), block, colours, levels[pattern], white, _saturated(raw, white))
+
+
+def _saturated(raw: Any, white: float) -> float:
+    """Of ``white``, above black: SATURATED, or where the file states that samples end or bend earlier."""
+    stated = raw.camera_white_level_per_channel
+    limit = (min(stated) - float(raw.white_level)) / white + 1 if stated else 1.0
+    return min(SATURATED, limit) if limit >= _LEAST_LIMIT else SATURATED
 
 
 def _no_pattern(path: Path) -> BadInput:
@@ -175,7 +188,8 @@ def _binned(samples: NDArray[np.uint16], sensor: _Sensor) -> F32:
         part, black = samples[y::n, x::n], sensor.black[y, x]
         out[top::step, left::step, colour] += (part - np.float32(black)) * np.float32(
             1 / (sensor.white * np.count_nonzero(together == colour)))
-        full[top::step, left::step, colour] |= part >= black + SATURATED * sensor.white
+        full[top::step, left::step, colour] |= (part >= black + sensor.saturated * sensor.white) | (
+            part < black - DEAD * sensor.white)
     out[full] = 1.0
     return out
 
@@ -193,7 +207,7 @@ def _interpolated(pixels: NDArray[np.uint16], top: int, bottom: int, sensor: _Se
     for y, x in np.ndindex(n, n):
         part = samples[y::n, x::n] - np.float32(sensor.black[(top - reach + y) % n, (x - reach) % n])
         values[y::n, x::n] = part * np.float32(1 / sensor.white)
-    saturated = values >= np.float32(SATURATED)
+    lost = (values >= np.float32(sensor.saturated)) | (values < np.float32(-DEAD))
     out = np.zeros((bottom - top, width, 3), np.float32)
     full = np.zeros((bottom - top, width), np.bool_)
     for y, x in np.ndindex(n, n):
@@ -201,7 +215,7 @@ def _interpolated(pixels: NDArray[np.uint16], top: int, bottom: int, sensor: _Se
             for dy, dx, weight in _taps(sensor, (top + y) % n, x, colour):
                 at = slice(reach + y + dy, reach + dy + bottom - top, n), slice(reach + x + dx, reach + dx + width, n)
                 out[y::n, x::n, colour] += values[at] * np.float32(weight)
-                full[y::n, x::n] |= saturated[at]
+                full[y::n, x::n] |= lost[at]
     out[full] = 1.0
     return out
 
