@@ -322,5 +322,32 @@ def test_exif_of_a_tiff(tmp_path):
     assert shot.exposure_value == pytest.approx(np.log2(0.25 * 100 / 100 / 5.6**2))
 
 
+TIFF = [(256, "I", [6]), (257, "I", [4]), (258, "H", [16, 16, 16]), (259, "H", [1]), (262, "H", [2]), (273, "I", [0]),
+        (277, "H", [3]), (278, "I", [4]), (279, "I", [144]), (284, "H", [1]), (34665, "I", [0])]
+
+
+@pytest.mark.parametrize(("exif", "found"), [
+    # ShutterSpeedValue and ApertureValue, which old cameras and some programs write alone: 1/64 s and f/4
+    ([(34855, "H", [100]), (37377, "r", [6.0]), (37378, "R", [4.0])], (1 / 64, 4, 100)),
+    ([(34855, "H", [100]), (37377, "r", [-2.0]), (37378, "R", [0.0])], (4, None, 100)),  # 4 s; a lens without contacts
+    # the rounded values count less
+    ([(33434, "R", [0.016]), (33437, "R", [4.1]), (34855, "H", [100]), (37377, "r", [6.0]), (37378, "R", [4.0])],
+     (0.016, 4.1, 100)),
+    # ISO 102400: 16 bits do not hold it, so EXIF 2.3 has a longer field
+    ([(33434, "R", [0.01]), (33437, "R", [4.0]), (34855, "H", [65535]), (34864, "H", [2]), (34866, "I", [102400])],
+     (0.01, 4, 102400)),
+    ([(33434, "R", [0.01]), (33437, "R", [4.0]), (34855, "H", [65535])], (0.01, 4, None)),
+])
+def test_other_fields_of_exif(tmp_path, exif, found):
+    path = tmp_path / "a.tif"
+    path.write_bytes(tiff(TIFF, exif, RNG.integers(0, 60000, 72).astype("<u2").tobytes()))
+    shot = open_image(path).shot
+    assert [shot.time, shot.f_number, shot.iso] == [None if n is None else pytest.approx(n, rel=1e-6) for n in found]
+
+
+def test_an_iso_that_a_raw_file_cannot_hold_is_none(tmp_path):
+    assert open_image(save_dng(tmp_path / "a.dng", samples(), Shot(exposure=(0.01, 4.0, 65535)))).shot.iso is None
+
+
 def test_suffixes_are_told_whatever_their_case():
     assert raw_reader.is_raw(Path("A.NEF")) and not raw_reader.is_raw(Path("a.tiff"))

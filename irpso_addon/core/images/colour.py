@@ -116,13 +116,19 @@ def linear_to_srgb(values: Floats) -> Floats:
     return np.copysign(out, values).astype(values.dtype)
 
 
+def curve_to_linear(values: Floats, transfer: str | float) -> Floats:
+    """Undoes a transfer function of SPACES; mirrored about 0."""
+    if transfer == "srgb":
+        return srgb_to_linear(values)
+    if isinstance(transfer, float):
+        return np.copysign(np.abs(values) ** transfer, values).astype(values.dtype)
+    return values
+
+
 def to_linear_rec709(rgb: F32, space: str) -> F32:
     """``rgb`` (..., 3) of colour space ``space`` (a key of SPACES) as linear Rec.709."""
     primaries, white, transfer = SPACES[space]
-    if transfer == "srgb":
-        rgb = srgb_to_linear(rgb)
-    elif isinstance(transfer, float):
-        rgb = np.copysign(np.abs(rgb) ** transfer, rgb).astype(np.float32)
+    rgb = curve_to_linear(rgb, transfer)
     if primaries == "rec709":
         return rgb  # bit for bit where the file is linear Rec.709 already
     return rgb @ matrix_to_rec709(primaries, white).T.astype(np.float32)

@@ -16,13 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput
-from .shot_settings import positive
+from .icc_profile import space_of_profile
+from .shot_settings import apex, iso_number, positive
 
 MAX_SIDE = 20_000  # pixels: at most 400 megapixels
 MAX_TILE = 1 << 24  # pixels of a row of tiles: what a file may make a reader hold
 BAND = 1 << 19  # pixels read at a time: 8 MB as RGBA float
 CHUNK, LONG_CHUNK = 32, 256  # rows that an EXR file compresses together, at most: DWAB, else
 MAX_PARTS = 1000
+UNCALIBRATED = 65535  # EXIF's ColorSpace
 MARK = "IRPSO map"  # description of the files that image_writer.py writes
 KINDS = {"bmp", "cineon", "dpx", "hdr", "jpeg", "jpeg2000", "openexr", "png", "pnm", "sgi", "targa", "tiff", "webp"}
 SUFFIXES = {".exr", ".hdr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".webp", ".tga", ".bmp", ".dpx", ".cin", ".jp2"}
@@ -147,21 +149,40 @@ def _fields(path: Path, spec: Any, part: int, channels: tuple[int, ...], warning
         "bits": spec.get_int_attribute("oiio:BitsPerSample", form.size() * 8),
         "integer": str(form) not in {"half", "float", "double"},
         "premultiplied": not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
-        "colorspace": spec.get_string_attribute("colorInteropID") or _words(
-            spec, "ICCProfile:profile_description") or None,
+        "colorspace": spec.get_string_attribute("colorInteropID") or _profile(spec) or None,
         "warnings": warnings, "shot": _shot(spec), "own": _words(spec, "ImageDescription") == MARK, "camera": None,
     }
 
 
 def _shot(spec: Any) -> dict[str, Any]:
     """The fields of ShotSettings, of EXIF."""
-    def number(*names: str) -> float | None:
-        values = [spec.getattribute(name) for name in names]
-        values = [value[0] if isinstance(value, tuple) and value else value for value in values]  # ISO may be a list
-        return next((found for value in values if (found := positive(value)) is not None), None)
+    def values(*names: str) -> list[Any]:
+        found = [spec.getattribute(name) for name in names]
+        return [value[0] if isinstance(value, tuple) and value else value for value in found]  # ISO may be a list
 
-    return {"time": number("ExposureTime", "Exif:ExposureTime"), "f_number": number("FNumber", "Exif:FNumber"),
-            "iso": number("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings")}
+    def first(found: list[float | None]) -> float | None:
+        return next((value for value in found if value is not None), None)
+
+    shutter, aperture = values("Exif:ShutterSpeedValue", "Exif:ApertureValue")
+    return {
+        "time": first([positive(value) for value in values("ExposureTime", "Exif:ExposureTime")]) or apex(shutter, -1),
+        "f_number": first([positive(value) for value in values("FNumber", "Exif:FNumber")]) or apex(aperture, 0.5),
+        "iso": first([iso_number(value) for value in values(
+            "Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings", "Exif:StandardOutputSensitivity",
+            "Exif:RecommendedExposureIndex", "Exif:ISOSpeed")])}
+
+
+def _profile(spec: Any) -> str:
+    """The colour space of the ICC profile, else the profile's own name, else what EXIF says without one; or nothing.
+
+    Cameras that are set to Adobe RGB write no profile, but "uncalibrated" and a gamma of 2.2 (DCF 2.0, JEITA CP-3461B).
+    """
+    profile = spec.getattribute("ICCProfile")
+    if profile is None:
+        gamma = spec.get_float_attribute("Exif:Gamma", 0.0)
+        adobe = spec.get_int_attribute("Exif:ColorSpace", 1) == UNCALIBRATED and abs(gamma - 2.2) < 0.05
+        return "Gamma 2.2 Encoded AdobeRGB" if adobe else ""
+    return space_of_profile(np.asarray(profile, np.uint8).tobytes()) or _words(spec, "ICCProfile:profile_description")
 
 
 def _words(spec: Any, name: str) -> str:

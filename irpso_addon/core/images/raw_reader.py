@@ -21,7 +21,7 @@ from ..data import F32, F64
 from ..errors import BadInput
 from .colour import D65, matrix_to_rec709
 from .oiio_reader import BAND, MAX_SIDE, Stored, StoredPicture, check_file
-from .shot_settings import positive
+from .shot_settings import iso_number, positive
 
 SUFFIXES = {
     ".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".fff", ".iiq", ".kdc", ".mef", ".mos", ".mrw",
@@ -278,4 +278,4 @@ def _shot(raw: Any) -> dict[str, Any]:
     except (ValueError, OverflowError, OSError):  # a date that is none
         return {}
     return {"time": positive(other.shutter_speed), "f_number": positive(other.aperture),
-            "iso": positive(other.iso_speed)}
+            "iso": iso_number(other.iso_speed)}

@@ -193,7 +193,7 @@ def _space(view: View, file: ImageFile) -> tuple[str, tuple[str, ...]]:
     default = "sRGB" if file.integer else "Linear Rec.709"
     if file.colorspace is not None:
         return default, (f"{view.image.name}: states the colour space '{file.colorspace}', which is unknown; it is "
-                         f"read as {default}",)
+                         f"read as {default}: set the colour space of the views if it is another",)
     if file.integer and file.bits > 8 and view.image.suffix.lower() in _TIFF:
         return default, (f"{view.image.name}: TIFF of {file.bits} bits without a colour space, which is read as sRGB: "
                          "set the colour space of the views ('Linear Rec.709' where RAW files were developed to "

@@ -9,6 +9,8 @@ from statistics import median_low
 
 from ..phrases import some
 
+MOST_ISO = 65535
+MOST_APEX = 32  # of a time or an aperture
 LEAST_DIFFERENCE = 1 / 6  # EV: half a step of a camera's wheels
 
 
@@ -76,6 +78,19 @@ def brighter_by(shot: ShotSettings, other: ShotSettings) -> float | None:
         shot, other = replace(shot, f_number=1.0), replace(other, f_number=1.0)
     value, reference = shot.exposure_value, other.exposure_value
     return None if value is None or reference is None else value - reference
+
+
+def iso_number(value: object) -> float | None:
+    """As `positive`; None also for 65535, which EXIF has for each ISO from there on, and which is none."""
+    number = positive(value)
+    return None if number == MOST_ISO else number
+
+
+def apex(value: object, power: float) -> float | None:
+    """2^(power * value) of EXIF's APEX values; None where there is none, which cameras also write as 0."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < abs(value) < MOST_APEX:
+        return float(2.0 ** (power * value))
+    return None
 
 
 def positive(value: object) -> float | None:
