@@ -93,6 +93,40 @@ def test_exposure_and_no_light_of_its_own(studio):
     assert lamp.data.energy == pytest.approx(2 * WATTS, rel=0.02)
 
 
+def test_what_a_solve_undoes_is_undone(studio):
+    """Light of the room, a lens that falls off, a black level: the power is that of the lamp alone."""
+    scene, floor, lamp, folder = studio
+    rgb = look(scene, folder)
+    room, black = np.float32(0.3) * rgb + np.float32(0.2), (0.11, 0.07, 0.05)
+    fall = np.linspace(0.5, 1.0, PIXELS, dtype=np.float32)[:, None, None]
+    for name, values in (("shot", (rgb + room) * fall + black), ("room", room * fall + black),
+                         ("flat", np.ones_like(rgb) * fall + black)):
+        write_image(folder / f"{name}.exr", values[::-1].astype(np.float32), kind="exr", color=True)
+    view = add_view(scene, folder, lamp)
+    view.image, view.ambient, view.flat = (str(folder / f"{name}.exr") for name in ("shot", "room", "flat"))
+    view.black_level = black
+    lamp.data.energy = 37.0
+    set_power_by_grey_card(bpy.context, floor, GreyCard("shot.exr", *pixel_of((0, 0, 0)), 8, GREY))
+    assert lamp.data.energy == pytest.approx(WATTS, rel=0.03)  # the flat field's white is its 99 % point
+
+
+@pytest.mark.parametrize(("states", "shade", "warned"), [(0.18, 1.0, False), (0.9, 1.0, True), (0.18, 0.1, True)])
+def test_a_card_that_makes_the_mesh_whiter_than_white(studio, states, shade, warned):
+    """In shadow, or with another reflectance than stated; the floor's base colour is 0.4."""
+    scene, floor, lamp, folder = studio
+    rgb = look(scene, folder) * np.float32(0.4 / GREY)
+    x, y = map(int, pixel_of((0, 0, 0)))
+    rgb[y - 6:y + 6, x - 6:x + 6] *= shade * GREY / 0.4
+    write_image(folder / "card.exr", rgb[::-1].astype(np.float32), kind="exr", color=True)
+    add_view(scene, folder, lamp)
+    lines = set_power_by_grey_card(bpy.context, floor, GreyCard("card.exr", x, y, 8, states))
+    found = [line for line in lines if "times as bright as a white surface" in line]
+    assert bool(found) == warned
+    if warned:
+        times = float(found[0].split(" is ")[1].split(" times")[0])
+        assert times == pytest.approx(0.4 * states / GREY / shade, rel=0.1)
+
+
 def test_a_card_beside_the_mesh(studio):
     """It is taken to stand as far away as the mesh, and to face the camera: so it does here."""
     scene, floor, lamp, folder = studio

@@ -65,6 +65,31 @@ def test_patches_that_are_refused(values, message):
         measure_patch(values, name="card")
 
 
+@pytest.mark.parametrize("beside", [0.05, 0.09, 0.3, 0.9])
+@pytest.mark.parametrize("part", [0.1, 0.2, 0.5])
+@pytest.mark.parametrize("turn", [0.0, 0.6])
+def test_a_square_over_an_edge_is_refused(beside, part, turn):
+    """A tenth of it, or more, is not the grey of 0.18: the mean would be off by up to 5 times."""
+    y, x = np.mgrid[:20, :20]
+    along = x * np.cos(turn) + y * np.sin(turn)
+    values = np.where(along < np.quantile(along, part), beside, 0.18)[..., None]
+    values = values * (1 + np.random.default_rng(0).normal(0, 0.03, (20, 20, 3)))
+    with pytest.raises(BadInput, match="shows more than one patch, or a shine"):
+        measure_patch(values)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02, 0.2])
+@pytest.mark.parametrize("side", [4, 9, 20, 61])
+@pytest.mark.parametrize("beside", [0.0, 1.0])
+def test_light_that_falls_off_is_no_edge(noise, side, beside):
+    """A bare lamp six times the square's side away, straight above or beside: E goes with cos / d^2.  For any noise."""
+    y, x = (np.mgrid[:side, :side] + 0.5) / side - 0.5
+    fall = 6.0 / ((x + 6.0 * beside) ** 2 + y ** 2 + 36.0) ** 1.5
+    for seed in range(20):
+        values = 0.2 * fall[..., None] * (1 + np.random.default_rng(seed).normal(0, noise, (side, side, 3)))
+        measure_patch(values)
+
+
 def test_scale_needs_light_and_a_reflectance():
     patch = measure_patch(square(0.4))
     for reflectance, value in ((0.0, 1.0), (1.5, 1.0), (0.2, 0.0), (0.2, np.nan)):

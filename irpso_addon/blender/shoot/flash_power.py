@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...core.data import F64, SOLID, RadianceImage, View
+from ...core.data import F32, F64, SOLID, Camera, Light, RadianceImage, View
 from ...core.errors import BadInput
 from ...core.images import decoder_pool
 from ...core.images.reference_image import read_reference, with_one_white_balance
@@ -50,24 +50,35 @@ def _view(context: bpy.types.Context, entry: bpy.types.PropertyGroup, depsgraph:
 
 
 def _albedo(view: View, image: RadianceImage, rays: MeshRays) -> F64:
-    """(N,) of the brightest channel, of pixels of a view, under its lights' present power."""
+    """Of the pixels of a view, under its lights' present power."""
     height, width = image.valid.shape
     rows, columns = np.nonzero(image.valid & (image.coverage > SOLID))
-    origins, directions = rays_of(view.camera, np.stack([columns, rows], -1) + 0.5, (width, height))
+    return surface_albedo(view.camera, view.lights, np.stack([columns, rows], -1) + 0.5, (width, height),
+                          image.rgb[rows, columns], rays)
+
+
+def surface_albedo(
+    camera: Camera, lights: Sequence[Light], pixels: F64, size: tuple[int, int], radiance: F32, rays: MeshRays,
+) -> F64:
+    """(N,) of the brightest channel where ``pixels`` (n, 2), from the **lower** left, show the mesh.
+
+    Nothing shades it, and it is matt.  ``radiance`` (n, 3); ``size``: the picture's width and height.
+    """
+    origins, directions = rays_of(camera, pixels, size)
     found = []
-    for origin, direction, row, column in zip(origins, directions, rows, columns, strict=True):
+    for origin, direction, value in zip(origins, directions, radiance, strict=True):
         hit = rays.hit(origin, direction) if np.isfinite(direction).all() else None
         if hit is not None:
-            found.append((*hit[0], *hit[1], *image.rgb[row, column]))
+            found.append((*hit[0], *hit[1], *value))
     if not found:
         return np.zeros(0)
     values = np.array(found, np.float64)
-    position, normal, radiance = values[:, :3], values[:, 3:6], values[:, 6:]
-    irradiance = sum(light_irradiance(light, position, normal)[:, None] * light.power for light in view.lights)
-    towards = view.lights[0].matrix[:3, 3] - position
+    position, normal, radiances = values[:, :3], values[:, 3:6], values[:, 6:]
+    irradiance = sum(light_irradiance(light, position, normal)[:, None] * light.power for light in lights)
+    towards = lights[0].matrix[:3, 3] - position
     cosine = (towards * normal).sum(-1) / np.linalg.norm(towards, axis=-1)
     used = (cosine > STEEP[0]) & (cosine < STEEP[1]) & (np.asarray(irradiance).min(-1) > 0)
     if not used.any():
         used = np.asarray(irradiance).min(-1) > 0
-    values = np.pi * radiance[used] / np.asarray(irradiance)[used]
+    values = np.pi * radiances[used] / np.asarray(irradiance)[used]
     return np.asarray(values.max(-1))

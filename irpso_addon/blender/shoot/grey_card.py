@@ -38,8 +38,10 @@ def set_power_by_grey_card(context: bpy.types.Context, mesh: bpy.types.Object, c
     picture = LitPicture(context, mesh, named_view(views, card.picture))
     patch, middle = picture.patch((card.x, card.y, card.side))
     factors = patch_scale(patch, card.reflectance, picture.irradiance(middle), picture.name)
-    lines = scale_power(context, views, float(LUMINANCE @ factors), f"the grey card in {picture.name}")
-    return picture.messages + lines + colour_line(factors, picture.name)
+    factor = float(LUMINANCE @ factors)
+    whiter = picture.whiter_line(factor)
+    lines = scale_power(context, views, factor, f"the grey card in {picture.name}")
+    return picture.messages + lines + colour_line(factors, picture.name) + whiter
 
 
 def colour_line(factors: F64, name: str) -> list[str]:

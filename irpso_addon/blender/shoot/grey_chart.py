@@ -62,8 +62,10 @@ def set_power_by_chart(context: bpy.types.Context, mesh: bpy.types.Object, chart
         lines = [f"{picture.name}: {why}; the lamps keep their power"]
     else:
         factors = chart_scale(means, reflectances[:, None] * lit / np.pi)
-        scaled = scale_power(context, views, float(LUMINANCE @ factors), f"the six greys in {picture.name}")
-        lines = [*picture.messages, *scaled, *colour_line(factors, picture.name)]
+        factor = float(LUMINANCE @ factors)
+        whiter = picture.whiter_line(factor)
+        scaled = scale_power(context, views, factor, f"the six greys in {picture.name}")
+        lines = [*picture.messages, *scaled, *colour_line(factors, picture.name), *whiter]
     linear = response.verdict in (Verdict.LINEAR, Verdict.NEARLY)
     return ChartFindings(response.summary(picture.name, read_by_curve(shown.view)), (*left_out, *lines), linear)
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import bpy
 import numpy as np
 from mathutils import Vector
 
-from ...core.data import F64, Camera
+from ...core.data import F64, Camera, Light, View
 from ...core.errors import BadInput
 from ...core.projection import rays_of
 from ...core.shading.lights import light_irradiance
@@ -16,8 +18,11 @@ from ...core.shoot.grey_patch import Patch, measure_patch
 from ...core.shoot.picture_marks import Square
 from ..scene.move_light import check_power, multiply_power
 from ..scene.scene_objects import read_light, rendered_objects
+from .flash_power import surface_albedo
 from .mesh_rays import MeshRays
 from .view_pictures import ListedView, read_picture
+
+LOOKED_AT, FEWEST = 4096, 50  # pixels of a picture, and of the mesh in it
 
 
 class LitPicture:
@@ -28,7 +33,7 @@ class LitPicture:
         self.shown, self.name = shown, shown.name
         self.messages: list[str] = []  # for the user, of squares that do not show the mesh
         self._context, self._mesh = context, mesh
-        self._rgb, self._valid = read_picture(shown.view)
+        self._rgb, self._valid = read_picture(_as_solved(shown))
         # `read_picture` gives clipped pixels the brightest value
         self._clip = np.inf if self._valid.all() else float(self._rgb[~self._valid].max()) / 0.999
 
@@ -57,9 +62,28 @@ class LitPicture:
         Raises BadInput.
         """
         place, normal = self._place(middle)
+        return np.asarray(sum((light.power * light_irradiance(light, place, normal) for light in self._lights()),
+                              np.zeros(3)))
+
+    def whiter_line(self, factor: float) -> list[str]:
+        """A line where the mesh in this picture would be whiter than white if the lights' power were ``factor`` times
+        what it is: something is wrong with the card then.
+        """
+        height, width = self._valid.shape
+        step = max(1, round((height * width / LOOKED_AT) ** 0.5))
+        valid = self._valid[::-1][step // 2::step, step // 2::step]
+        rows, columns = np.nonzero(valid)
+        rgb = self._rgb[::-1][step // 2::step, step // 2::step][rows, columns]
+        pixels = np.stack([columns, rows], -1) * step + step // 2 + 0.5
+        albedo = surface_albedo(self.shown.view.camera, self._lights(), pixels, (width, height), rgb,
+                                MeshRays(self._context, self._mesh))
+        white = float(np.median(albedo)) / factor if len(albedo) >= FEWEST else 0.0
+        return [f"{self.name}: with this power '{self._mesh.name}' is {white:.1f} times as bright as a white surface; "
+                "check the card's reflectance, and that no shadow lies on it"] if white > 1 else []
+
+    def _lights(self) -> list[Light]:
         depsgraph = self._context.evaluated_depsgraph_get()
-        lights = [read_light(obj, depsgraph, lambda _: None) for obj in lights_of(self._context, self.shown)]
-        return np.asarray(sum((light.power * light_irradiance(light, place, normal) for light in lights), np.zeros(3)))
+        return [read_light(obj, depsgraph, lambda _: None) for obj in lights_of(self._context, self.shown)]
 
     def _place(self, middle: F64) -> tuple[F64, F64]:
         """World place and normal (3,) towards the camera; of no part of the mesh, as far away as its middle."""
@@ -78,6 +102,14 @@ class LitPicture:
             self.messages.append(f"{self.name}: the grey card is not on '{self._mesh.name}'; it is taken to stand "
                                  f"{far:.3g} m away, as the mesh's middle does, and to face the camera")
         return origin + far * direction, -direction
+
+
+def _as_solved(shown: ListedView) -> View:
+    """The view with everything that a solve undoes of its picture, but for the mask."""
+    entry = shown.entry
+    ambient, flat = (Path(bpy.path.abspath(path)) if path else None for path in (entry.ambient, entry.flat))
+    return replace(shown.view, ambient=ambient, flat=flat, vignetting=entry.vignetting, response=entry.response,
+                   black_level=tuple(entry.black_level))
 
 
 def lights_of(context: bpy.types.Context, view: ListedView) -> list[bpy.types.Object]:

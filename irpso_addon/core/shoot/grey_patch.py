@@ -21,6 +21,10 @@ GREY_NAMES = ("white", "lightest grey", "light grey", "grey", "dark grey", "blac
 CLIPPED_VALUE = 0.995  # of the clip level
 MOST_CLIPPED = 0.002  # share of a patch's pixels
 MOST_SPREAD = 0.25  # of the mean: a square with more holds more than one patch
+# So does one whose blocks differ by more from a plane.  Light that falls off leaves less, but for a lamp nearer than
+# five times the square's side; an edge that leaves less shifts the mean by 15 % at most.
+MOST_UNEVEN = 0.03
+BLOCKS, LEAST_BLOCK = 5, 3  # blocks along a side, and pixels of one
 LEAST_PIXELS = 16
 LEAST_GREYS = 3  # of a chart that tell its response
 LINEAR = 0.02  # how far the exponent of a linear picture may be from 1
@@ -110,8 +114,9 @@ def measure_patch(values: F64, clip: float = 1.0, name: str = "patch") -> Patch:
     if not (mean > 0).all():
         raise UnusablePatch(f"{name}: the patch is black; use a brighter exposure or choose the patch again")
     spread, unevenness = _about_plane(values.mean(-1))
-    if spread > MOST_SPREAD:
-        raise BadInput(f"{name}: the square shows more than one patch; choose a smaller square inside the patch")
+    if spread > MOST_SPREAD or _uneven(values.mean(-1)):
+        raise BadInput(f"{name}: the square shows more than one patch, or a shine; choose a smaller square inside the "
+                       "patch")
     return Patch(mean, spread, unevenness, clipped)
 
 
@@ -162,6 +167,18 @@ def _verdict(off: float, error: float) -> Verdict:
     if error > LINEAR and off < 2 * error + LINEAR:
         return Verdict.UNCLEAR
     return Verdict.LINEAR if off <= LINEAR else Verdict.NEARLY if off <= NEARLY else Verdict.CURVED
+
+
+def _uneven(values: F64) -> bool:
+    """Whether blocks of (h, w) differ from a plane by more than MOST_UNEVEN and more than their pixels' noise makes."""
+    count = min(BLOCKS, min(values.shape) // LEAST_BLOCK)
+    if count < LEAST_BLOCK:
+        return False
+    blocks = [part for rows in np.array_split(values, count) for part in np.array_split(rows, count, axis=1)]
+    means = np.array([block.mean() for block in blocks]).reshape(count, count)
+    noise = np.median([block.var() / block.size for block in blocks])  # of a mean; blocks with an edge are few
+    off = (_about_plane(means)[0] * means.mean()) ** 2 * means.size / (means.size - 3)
+    return bool(off > (MOST_UNEVEN * means.mean()) ** 2 + 4 * noise)
 
 
 def _about_plane(values: F64) -> tuple[float, float]:
