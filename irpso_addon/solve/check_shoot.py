@@ -93,7 +93,7 @@ class ViewDrawing:
         return DrawnView(
             view, image, position[..., :3], np.where(covered[..., None], normal[..., :3], np.float32(0)), covered,
             self.outline.shares(view.camera, (width, height), whole), tuple(lit), file.width / width,
-            file.integer or file.camera is not None)
+            file.integer or file.camera is not None, file.shot)
 
     def shift(self, drawn: DrawnView) -> tuple[EdgeShift | None, float | None]:
         """By how much a view lies beside its drawing, and how far the outlines are apart then: in its pixels."""

@@ -18,6 +18,7 @@ from irpso_addon.core.errors import BadInput  # noqa: E402
 from irpso_addon.core.images.image_writer import write_image  # noqa: E402
 from irpso_addon.core.lens import Lens  # noqa: E402
 from tests.blender import cycles_rig as rig  # noqa: E402
+from tests.support.picture_files import save  # noqa: E402
 
 PIXELS, GREY, WATTS = 96, 0.18, 100.0
 EYE, LAMP = (0.8, -2.0, 1.5), (-0.7, -0.9, 1.1)
@@ -125,6 +126,23 @@ def test_a_card_that_makes_the_mesh_whiter_than_white(studio, states, shade, war
     if warned:
         times = float(found[0].split(" is ")[1].split(" times")[0])
         assert times == pytest.approx(0.4 * states / GREY / shade, rel=0.1)
+
+
+@pytest.mark.parametrize(("exposure", "warned"), [(0.0, True), (2.0, False)])
+def test_a_card_that_was_exposed_otherwise(studio, exposure, warned):
+    """Pictures that were added by hand have no Exposure; EXIF states two steps more for that of the card."""
+    scene, floor, lamp, folder = studio
+    rgb = look(scene, folder)[..., :3].astype(np.float32)
+    for name, time, values in (("a.exr", 1 / 60, rgb), ("b.exr", 1 / 60, rgb), ("card.exr", 1 / 15, 4 * rgb)):
+        save(folder / name, values / 100, "float", ExposureTime=time, FNumber=8.0, Exif__PhotographicSensitivity=100)
+        view = add_view(scene, folder, lamp)
+        view.image, view.exposure = str(folder / name), exposure if name == "card.exr" else 0.0
+    lines = set_power_by_grey_card(bpy.context, floor, GreyCard("card.exr", *pixel_of((0, 0, 0)), 8, GREY))
+    found = [line for line in lines if "EXIF" in line]
+    line = ("card.exr: EXIF states an exposure of +2.00 EV beside the other views and their Exposure; set its Exposure "
+            "to 2 and click again, unless a flash shorter than the exposure time lit all of them")
+    assert found == ([line] if warned else [])
+    assert lamp.data.energy == pytest.approx(WATTS / 100 * (4 if warned else 1), rel=0.02)
 
 
 def test_a_card_beside_the_mesh(studio):

@@ -30,6 +30,7 @@ from irpso_addon.core.checks.shoot_check import (
 )
 from irpso_addon.core.checks.shoot_measure import ShootMeasure, clipped_share, goes_with_camera
 from irpso_addon.core.data import RadianceImage, View
+from irpso_addon.core.images.shot_settings import ShotSettings
 from tests.support import synthetic as syn
 
 FINE = 8  # points along a pixel's side
@@ -229,6 +230,26 @@ def test_pairs() -> None:
 def test_a_view_that_is_unlike_the_others() -> None:
     assert said(one=True, albedo=0.2 * 0.9 * UNLIKE) == []
     assert said(one=True, albedo=0.2 * 1.1 * UNLIKE) == ["'0.exr': differs in brightness from the other views"]
+
+
+def test_an_exposure_that_exif_contradicts() -> None:
+    """A view of half a step more, which EXIF states and Exposure does not: it is brighter by that too."""
+    shot, more = ShotSettings(1 / 60, 8.0, 100.0), ShotSettings(1 / 60, 8.0, 140.0)
+    views = tuple(replace(view, shot=shot, exposure=0.5) for view in CHECK.views)
+
+    def of(**change: object) -> list[str]:
+        return [str(each) for each in findings(replace(CHECK, views=(replace(views[0], **change), *views[1:])))]
+
+    (line,) = of(shot=more, albedo=0.2 * 1.4)
+    assert line == ("'0.exr': EXIF states another exposure than for the other views (+0.49 EV beside the Exposure of "
+                    "'0.exr', whose brightness differs too); set its Exposure to 0.985")
+    assert of(shot=more, albedo=0.2 * 1.4, exposure=0.985) == of(shot=ShotSettings(), albedo=0.2 * 1.4) == of() == []
+    assert of(shot=more, albedo=0.19) == []  # a flash shorter than the exposure time
+    (line,) = of(shot=ShotSettings(1 / 15, 8.0, 100.0), albedo=0.8)  # in place of the line about its brightness alone
+    assert "+2.00 EV" in line
+    two = (*(replace(view, shot=more, albedo=0.28) for view in views[:2]), *views[2:])
+    (finding,) = findings(replace(CHECK, views=two))
+    assert finding.problem.startswith("'0.exr', '1.exr': EXIF") and finding.remedy.endswith("the others likewise")
 
 
 def test_lamps() -> None:

@@ -39,9 +39,9 @@ def set_power_by_grey_card(context: bpy.types.Context, mesh: bpy.types.Object, c
     patch, middle = picture.patch((card.x, card.y, card.side))
     factors = patch_scale(patch, card.reflectance, picture.irradiance(middle), picture.name)
     factor = float(LUMINANCE @ factors)
-    whiter = picture.whiter_line(factor)
+    doubts = [*picture.whiter_line(factor), *picture.exposure_line(views)]
     lines = scale_power(context, views, factor, f"the grey card in {picture.name}")
-    return picture.messages + lines + colour_line(factors, picture.name) + whiter
+    return picture.messages + lines + colour_line(factors, picture.name) + doubts
 
 
 def colour_line(factors: F64, name: str) -> list[str]:

@@ -63,9 +63,9 @@ def set_power_by_chart(context: bpy.types.Context, mesh: bpy.types.Object, chart
     else:
         factors = chart_scale(means, reflectances[:, None] * lit / np.pi)
         factor = float(LUMINANCE @ factors)
-        whiter = picture.whiter_line(factor)
+        doubts = [*picture.whiter_line(factor), *picture.exposure_line(views)]
         scaled = scale_power(context, views, factor, f"the six greys in {picture.name}")
-        lines = [*picture.messages, *scaled, *colour_line(factors, picture.name), *whiter]
+        lines = [*picture.messages, *scaled, *colour_line(factors, picture.name), *doubts]
     linear = response.verdict in (Verdict.LINEAR, Verdict.NEARLY)
     return ChartFindings(response.summary(picture.name, read_by_curve(shown.view)), (*left_out, *lines), linear)
 

@@ -12,6 +12,8 @@ from mathutils import Vector
 
 from ...core.data import F64, Camera, Light, View
 from ...core.errors import BadInput
+from ...core.images.image_file import open_image
+from ...core.images.shot_settings import LEAST_DIFFERENCE, NOTHING_SAID, ShotSettings, exposure_off
 from ...core.projection import rays_of
 from ...core.shading.lights import light_irradiance
 from ...core.shoot.grey_patch import Patch, measure_patch
@@ -23,6 +25,7 @@ from .mesh_rays import MeshRays
 from .view_pictures import ListedView, read_picture
 
 LOOKED_AT, FEWEST = 4096, 50  # pixels of a picture, and of the mesh in it
+OTHERS = 3  # views whose EXIF is read: a RAW file takes a second
 
 
 class LitPicture:
@@ -81,6 +84,16 @@ class LitPicture:
         return [f"{self.name}: with this power '{self._mesh.name}' is {white:.1f} times as bright as a white surface; "
                 "check the card's reflectance, and that no shadow lies on it"] if white > 1 else []
 
+    def exposure_line(self, views: Sequence[ListedView]) -> list[str]:
+        """A line where EXIF states another exposure of this picture, beside some of the other ``views``, than they."""
+        others = [view for view in views if view.view.image != self.shown.view.image]
+        chosen = [others[i] for i in np.unique(np.linspace(0, len(others) - 1, OTHERS).astype(int))] if others else []
+        given = self.shown.view.exposure
+        off = exposure_off(_shot(self.shown), given, [(_shot(view), view.view.exposure) for view in chosen])
+        return [f"{self.name}: EXIF states an exposure of {off:+.2f} EV beside the other views and their Exposure; set "
+                f"its Exposure to {given + off:.3g} and click again, unless a flash shorter than the exposure time lit "
+                "all of them"] if abs(off) > LEAST_DIFFERENCE else []
+
     def _lights(self) -> list[Light]:
         depsgraph = self._context.evaluated_depsgraph_get()
         return [read_light(obj, depsgraph, lambda _: None) for obj in lights_of(self._context, self.shown)]
@@ -102,6 +115,14 @@ class LitPicture:
             self.messages.append(f"{self.name}: the grey card is not on '{self._mesh.name}'; it is taken to stand "
                                  f"{far:.3g} m away, as the mesh's middle does, and to face the camera")
         return origin + far * direction, -direction
+
+
+def _shot(view: ListedView) -> ShotSettings:
+    """Of another view's picture too, which may be missing here."""
+    try:
+        return open_image(view.view.image).shot
+    except BadInput:
+        return NOTHING_SAID
 
 
 def _as_solved(shown: ListedView) -> View:

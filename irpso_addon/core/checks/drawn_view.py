@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..data import F32, SOLID, Bool, RadianceImage, View
+from ..images.shot_settings import NOTHING_SAID, ShotSettings
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,7 @@ class DrawnView:
     lit: tuple[F32, ...]  # (h, w) 0..1 of each of the view's lights that arrives, for a point in its middle
     reduction: float = 1.0  # pixels of the file along a side of one of these
     white: bool = True  # whether the file's values end at a white of 1
+    shot: ShotSettings = NOTHING_SAID
 
     @property
     def size(self) -> tuple[int, int]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..images.shot_settings import LEAST_DIFFERENCE, NOTHING_SAID, ShotSettings, exposure_off
 from ..phrases import percent, some
 
 U8 = NDArray[np.uint8]
@@ -47,6 +48,8 @@ class ViewFigures:
     masked: bool  # whether coverage is a mask's, which need not follow the outline
     shown: float = 1.0  # share of what the camera sees of the object that alpha and mask leave
     outline: float | None = None  # pixels between outlines in their worst tenth, once shifted; None: none
+    shot: ShotSettings = NOTHING_SAID
+    exposure: float = 0.0  # EV, that the view states
 
     @property
     def pixels(self) -> float:
@@ -277,7 +280,10 @@ def _power(check: ShootCheck) -> list[Finding]:
         lines.append(Finding(f"lights of '{check.name}': too much power",
                              f"the surface would have to reflect {percent(middle, 2)} of the light that arrives",
                              f"divide the power by about {0.2 / middle:.3g}; check {do}"))
-    unlike = [view for view in lit if max(view.albedo / middle, middle / view.albedo) > UNLIKE]
+    exposed = _exposures(lit)
+    lines += exposed[1]
+    unlike = [view for view in lit if max(view.albedo / middle, middle / view.albedo) > UNLIKE
+              and view not in exposed[0]]
     if unlike and len(lit) > 2:
         worst = max(unlike, key=lambda view: max(view.albedo / middle, middle / view.albedo))
         lines.append(Finding(
@@ -285,6 +291,27 @@ def _power(check: ShootCheck) -> list[Finding]:
             f"'{worst.view}' is {worst.albedo / middle:.2g} times as bright as they are under the same light",
             "check the views' exposure and lights; set an automatic flash to manual"))
     return lines
+
+
+def _exposures(views: list[ViewFigures]) -> tuple[list[ViewFigures], list[Finding]]:
+    """Those whose Exposure is not what EXIF states, where what EXIF states makes them more like the rest; what to do.
+
+    A flash that is shorter than the exposure time lights all alike, whatever EXIF states.
+    """
+    off = np.array([exposure_off(view.shot, view.exposure, [
+        (other.shot, other.exposure) for other in views if other is not view]) for view in views])
+    given = np.log2([view.albedo for view in views])
+    middle = np.median(given - off)
+    wrong = (abs(off) > LEAST_DIFFERENCE) & (abs(given - off - middle) < abs(given - middle))
+    if not wrong.any() or len(views) < 3:
+        return [], []
+    found = [views[i] for i in np.flatnonzero(wrong)]
+    worst = int(np.argmax(np.where(wrong, abs(off), 0)))
+    return found, [Finding(
+        f"{some([view.view for view in found])}: EXIF states another exposure than for the other views",
+        f"{off[worst]:+.2f} EV beside the Exposure of '{views[worst].view}', whose brightness differs too",
+        f"set its Exposure to {views[worst].exposure + off[worst]:.3g}" + (
+            ", and correct the others likewise" if len(found) > 1 else ""))]
 
 
 def _lamps(check: ShootCheck) -> list[Finding]:

@@ -169,7 +169,8 @@ def _figures(
         clipped_share(drawn), median * white if drawn.white else None, float(np.mean(lit > 0.5)),
         float(np.median(colours)), float(np.quantile(colours, 0.98)),
         None if highlight is None or highlight.seen is None else (highlight.pixels * n, highlight.degrees),
-        view.mask is not None, float(np.mean(shown[drawn.covered])) if drawn.covered.any() else 0.0)
+        view.mask is not None, float(np.mean(shown[drawn.covered])) if drawn.covered.any() else 0.0, shot=drawn.shot,
+        exposure=view.exposure)
 
 
 def clipped_share(drawn: DrawnView) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import median_low
 
@@ -78,6 +78,16 @@ def brighter_by(shot: ShotSettings, other: ShotSettings) -> float | None:
         shot, other = replace(shot, f_number=1.0), replace(other, f_number=1.0)
     value, reference = shot.exposure_value, other.exposure_value
     return None if value is None or reference is None else value - reference
+
+
+def exposure_off(shot: ShotSettings, exposure: float, others: Sequence[tuple[ShotSettings, float]]) -> float:
+    """EV that EXIF states beside ``exposure``, that of the picture's view, if those of the ``others`` are right.
+
+    In the lower median of the others of which EXIF says something; 0 where there is none.
+    """
+    found = [difference - (exposure - given) for other, given in others
+             if (difference := brighter_by(shot, other)) is not None]
+    return median_low(found) if found else 0.0
 
 
 def iso_number(value: object) -> float | None:
