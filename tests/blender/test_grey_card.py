@@ -111,6 +111,22 @@ def test_what_a_solve_undoes_is_undone(studio):
     assert lamp.data.energy == pytest.approx(WATTS, rel=0.03)  # the flat field's white is its 99 % point
 
 
+def test_ambient_light_of_the_view_is_none_of_the_lamps(studio):
+    """Radiance L from everywhere adds rho L to a matt card."""
+    scene, floor, lamp, folder = studio
+    ambient = np.array((0.3, 0.2, 0.1))
+    rgb = look(scene, folder) + np.float32(GREY * ambient)
+    write_image(folder / "card.exr", rgb[::-1].astype(np.float32), kind="exr", color=True)
+    view = add_view(scene, folder, lamp)
+    card = GreyCard("card.exr", *pixel_of((0, 0, 0)), 8, GREY)
+    view.ambient_radiance = 100 * ambient
+    with pytest.raises(BadInput, match="Ambient Light alone would make the patch brighter"):
+        set_power_by_grey_card(bpy.context, floor, card)
+    view.ambient_radiance = ambient
+    set_power_by_grey_card(bpy.context, floor, card)
+    assert lamp.data.energy == pytest.approx(WATTS, rel=0.02)
+
+
 @pytest.mark.parametrize(("states", "shade", "warned"), [(0.18, 1.0, False), (0.9, 1.0, True), (0.18, 0.1, True)])
 def test_a_card_that_makes_the_mesh_whiter_than_white(studio, states, shade, warned):
     """In shadow, or with another reflectance than stated; the floor's base colour is 0.4."""

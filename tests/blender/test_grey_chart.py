@@ -133,6 +133,23 @@ def test_a_clipped_and_a_black_patch_are_left_out(studio, rendered):
     assert lamp.data.energy == pytest.approx(WATTS / level, rel=0.03) and found.linear
 
 
+def test_ambient_light_of_the_view_is_none_of_the_lamps(studio, rendered):
+    """Uneven in colour; of the room's light the chart shows its reflectance too."""
+    floor, lamp, view, written = studio
+    values = rendered.copy()
+    for number, grey in enumerate(CHART_GREYS):
+        x, y = map(round, pixel_of(middle(number)))
+        values[y - 7:y + 7, x - 7:x + 7] += np.float32(grey) * np.float32((0.6, 0.4, 0.2))
+    written("card.exr", values)
+    click(floor, "card.exr")
+    assert lamp.data.energy > 1.05 * WATTS
+    lamp.data.energy, view.ambient_radiance = 37.0, (0.6, 0.4, 0.2)
+    assert click(floor, "card.exr").linear and lamp.data.energy == pytest.approx(WATTS, rel=0.02)
+    view.ambient_radiance = (60, 40, 20)
+    with pytest.raises(BadInput, match="Ambient Light alone would make the chart brighter"):
+        click(floor, "card.exr")
+
+
 def test_without_light_the_response_is_told(studio, rendered):
     floor, lamp, _, written = studio
     even = np.full_like(rendered, 0.3)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -37,6 +37,7 @@ def set_power_by_grey_card(context: bpy.types.Context, mesh: bpy.types.Object, c
     views = listed_views(context)
     picture = LitPicture(context, mesh, named_view(views, card.picture))
     patch, middle = picture.patch((card.x, card.y, card.side))
+    patch = replace(patch, mean=patch.mean - card.reflectance * picture.ambient)
     factors = patch_scale(patch, card.reflectance, picture.irradiance(middle), picture.name)
     factor = float(LUMINANCE @ factors)
     doubts = [*picture.whiter_line(factor), *picture.exposure_line(views)]

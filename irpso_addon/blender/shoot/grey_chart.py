@@ -81,7 +81,9 @@ def _greys(picture: LitPicture, chart: GreyChart) -> tuple[list[tuple[float, F64
             lines.append(f"{error}; it is left out")
             continue
         found.append((grey, middle))
-        means.append(patch.mean)
+        means.append(patch.mean - grey * picture.ambient)
     if not found:
         raise BadInput(lines[0])
+    if not (np.array(means) > 0).all():
+        raise BadInput(f"{picture.name}: the view's Ambient Light alone would make the chart brighter; correct it")
     return found, np.array(means), lines

@@ -35,6 +35,7 @@ class LitPicture:
         """``mesh``: what the squares are a part of, where they show it.  Raises BadInput."""
         self.shown, self.name = shown, shown.name
         self.messages: list[str] = []  # for the user, of squares that do not show the mesh
+        self.ambient: F64 = np.array(shown.entry.ambient_radiance, np.float64)  # shines beside the lights
         self._context, self._mesh = context, mesh
         self._rgb, self._valid = read_picture(_as_solved(shown))
         # `read_picture` gives clipped pixels the brightest value

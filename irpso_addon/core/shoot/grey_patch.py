@@ -129,6 +129,8 @@ def patch_scale(patch: Patch, reflectance: float, irradiance: F64, name: str = "
     irradiance = np.asarray(irradiance, np.float64)
     if not 0 < reflectance <= 1:
         raise BadInput(f"{name}: its reflectance is {reflectance:g}; enter a number above 0 and up to 1")
+    if not (patch.mean > 0).all():
+        raise BadInput(f"{name}: the view's Ambient Light alone would make the patch brighter; correct it")
     if not (np.isfinite(irradiance).all() and (irradiance > 0).all()):
         raise BadInput(f"{name}: no lamp of the scene lights the patch; check its place and the lamps")
     return np.asarray(np.pi * patch.mean / (reflectance * irradiance))
