@@ -226,6 +226,18 @@ def test_clipped_pixels_of_float_files(tmp_path):
     np.testing.assert_array_equal(found.valid[::-1], (pixels < 1).all(-1))
 
 
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+def test_numbers_of_12_bits_in_files_of_16(tmp_path, suffix):
+    """As cameras for machines write them: white is 4095, of 65535."""
+    light = noise(60, 90) * np.float32([2, 1.2, 0.9]) * 4095
+    stored = np.minimum(light, 4095).astype(np.uint16)
+    found = read_reference(view(save(tmp_path / f"a.{suffix}", stored, "uint16"), colorspace="Linear Rec.709"))
+    np.testing.assert_array_equal(found.valid[::-1], (stored < 4095).all(-1))
+    assert found.clipped_share == pytest.approx((stored == 4095).any(-1).mean()) and found.clipped_share > 0.3
+    dark = (light / 4).astype(np.uint16)
+    assert read_reference(view(save(tmp_path / f"b.{suffix}", dark, "uint16"))).valid.all()
+
+
 def test_flat_surfaces_are_not_clipped(tmp_path):
     flat = np.full((40, 60, 3), 0.6, np.float32)
     assert read_reference(view(save(tmp_path / "a.exr", flat))).valid.all()

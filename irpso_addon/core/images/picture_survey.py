@@ -106,8 +106,9 @@ def survey(rows: Rows, least_level: float) -> Survey:
     if lowest < -_NEGATIVE * level:
         raise BadInput(f"{file.path}: has negative radiance (down to {lowest:.3g}, where bright pixels have "
                        f"{level:.3g}); check the black level that was subtracted, or mask it out")
-    ceiling = np.ones(3) if file.integer else _plateaus(sample, highest)
-    if file.camera is not None:
+    # Numbers of 16 bits may end earlier than their type: many cameras write 12 bits.
+    ceiling = np.ones(3) if file.integer and file.bits <= 8 else _plateaus(sample, highest)
+    if white:
         ceiling = np.minimum(ceiling, 1.0)
     return Survey(ceiling, float(np.mean((sample >= ceiling).any(-1))), level, sample)
 
@@ -125,7 +126,7 @@ def _counting(rgb: F32, coverage: F32) -> F32:
 
 
 def _plateaus(sample: F32, highest: F64) -> F64:
-    """(3,) value at which each channel of a float image was cut off, infinity where it was not.
+    """(3,) value at which each channel of an image of fine steps was cut off, infinity where it was not.
 
     A cut leaves many pixels at exactly the highest value.  A flat surface under a flat light does so
     too; there other values are as common, or it is most of the picture.
