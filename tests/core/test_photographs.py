@@ -17,7 +17,7 @@ from irpso_addon.core.images.colour import SPACES, known_space
 from irpso_addon.core.images.icc_profile import space_of_profile
 from irpso_addon.core.images.image_file import open_image
 from irpso_addon.core.images.reference_image import read_reference
-from irpso_addon.core.images.shot_settings import ShotSettings, relative_exposures
+from irpso_addon.core.images.shot_settings import ShotSettings, brighter_by, relative_exposures
 from tests.support.dng_files import Shot, save_dng
 from tests.support.picture_files import RNG, noise, save, view
 
@@ -256,6 +256,22 @@ def test_a_lens_without_contacts():
     found, lines = relative_exposures({"a": shot(1 / 60, None), "b": shot(1 / 30)})  # one aperture is known: not alike
     assert found == {"a": 0, "b": 0}
     assert len(lines) == 1 and lines[0].startswith("'a': EXIF has no time, aperture and ISO")
+
+
+def test_cameras_that_keep_their_iso_to_themselves():
+    """Old compact ones write it into notes of their own alone: one ISO for all; time and aperture count as always."""
+    found, lines = relative_exposures({"a": ShotSettings(1 / 60, 8.0), "b": ShotSettings(1 / 30, 8.0),
+                                       "c": ShotSettings(1 / 60, 16.0), "d": ShotSettings(1 / 60, 8.0), "e": None})
+    assert found == pytest.approx({"a": 0, "b": 1, "c": -2, "d": 0, "e": 0})
+    assert len(lines) == 3 and "2 of 5" in lines[0] and lines[1].startswith("EXIF has no ISO for any picture, so")
+    assert lines[2].startswith("'e': EXIF has no time and aperture, so")
+    found, lines = relative_exposures({"a": ShotSettings(1 / 60), "b": ShotSettings(1 / 30), "c": None})
+    assert found == pytest.approx({"a": 0, "b": 1, "c": 0}) and len(lines) == 4
+    assert lines[3].startswith("'c': EXIF has no time, so")
+    found, lines = relative_exposures({"a": ShotSettings(None, 8.0), "b": ShotSettings(iso=100.0)})
+    assert found == {"a": 0, "b": 0} and len(lines) == 1 and "for any picture, so equal" in lines[0]
+    assert brighter_by(ShotSettings(1 / 30, 8.0), ShotSettings(1 / 60, 8.0)) == pytest.approx(1)
+    assert brighter_by(ShotSettings(1 / 30, 8.0), ShotSettings(1 / 60, 8.0, 100.0)) is None
 
 
 def test_equal_light_whatever_the_exposure(tmp_path):

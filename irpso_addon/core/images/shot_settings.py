@@ -13,6 +13,9 @@ MOST_ISO = 65535
 MOST_APEX = 32  # of a time or an aperture
 LEAST_DIFFERENCE = 1 / 6  # EV: half a step of a camera's wheels
 
+WORDS = {"time": "time", "f_number": "aperture", "iso": "ISO"}
+ASSUMED = {"f_number": 1.0, "iso": 100.0}
+
 
 @dataclass(frozen=True)
 class ShotSettings:
@@ -40,11 +43,12 @@ def relative_exposures(shots: Mapping[str, ShotSettings | None]) -> tuple[dict[s
     """For each picture its exposure relative to the lower median, EV, as `View.exposure` counts; lines for the user.
 
     A picture whose settings are not known gets 0 and is named.  One line says that exposures differ, where they do by
-    more than LEAST_DIFFERENCE.  Where no picture has an aperture, one is assumed.  ``shots``: by the pictures' names.
+    more than LEAST_DIFFERENCE.  Where no picture has an aperture, or an ISO, one is assumed.  ``shots``: by the
+    pictures' names.
     """
     given = {name: shot for name, shot in shots.items() if shot is not None}
-    mute = not any(shot.f_number for shot in given.values()) and any(shot.time and shot.iso for shot in given.values())
-    known = {name: (replace(shot, f_number=1.0) if mute else shot).exposure_value for name, shot in given.items()}
+    assumed = _assumed(list(given.values()))
+    known = {name: replace(shot, **assumed).exposure_value for name, shot in given.items()}
     values = {name: value for name, value in known.items() if value is not None}
     middle = median_low(values.values()) if values else 0.0
     found = {name: values[name] - middle if name in values else 0.0 for name in shots}
@@ -55,12 +59,16 @@ def relative_exposures(shots: Mapping[str, ShotSettings | None]) -> tuple[dict[s
         lines.append(f"{len(off)} of {len(shots)} pictures: EXIF states another exposure than for the rest "
                      f"({found[worst]:+.2f} EV in '{worst}'); IRPSO scales their brightness by it, which is wrong for "
                      "a flash shorter than the exposure time: correct Exposure then")
-    if mute:
+    if "f_number" in assumed:
         lines.append("EXIF has no aperture for any picture, as with a lens without contacts, so one is assumed for "
                      "all; correct the exposures by hand if you changed it")
+    if "iso" in assumed:
+        lines.append("EXIF has no ISO for any picture, so one is assumed for all; correct the exposures by hand if you "
+                     "changed it")
     missing = [name for name in shots if name not in values]
     if missing and values:
-        what = "time and ISO" if mute else "time, aperture and ISO"
+        what = ", ".join(word for key, word in WORDS.items() if key not in assumed)
+        what = " and ".join(what.rsplit(", ", 1))
         lines.append(f"{some(missing)}: EXIF has no {what}, so the exposure of the rest is used; enter it by hand if "
                      "it differs")
     elif missing:
@@ -69,14 +77,20 @@ def relative_exposures(shots: Mapping[str, ShotSettings | None]) -> tuple[dict[s
     return found, tuple(lines)
 
 
+def _assumed(shots: Sequence[ShotSettings]) -> dict[str, float]:
+    """Of aperture and ISO, those that no picture has: any number will do.  None of them where no picture has a time."""
+    if not any(shot.time for shot in shots):
+        return {}
+    return {key: value for key, value in ASSUMED.items() if not any(getattr(shot, key) for shot in shots)}
+
+
 def brighter_by(shot: ShotSettings, other: ShotSettings) -> float | None:
     """EV by which a picture is brighter than the ``other`` in equal light; None where EXIF does not say.
 
-    Where neither has an aperture, as with a lens without contacts, it is the same one.
+    Where neither has an aperture, as with a lens without contacts, or an ISO, it is the same one.
     """
-    if shot.f_number is None and other.f_number is None:
-        shot, other = replace(shot, f_number=1.0), replace(other, f_number=1.0)
-    value, reference = shot.exposure_value, other.exposure_value
+    assumed = _assumed((shot, other))
+    value, reference = (replace(each, **assumed).exposure_value for each in (shot, other))
     return None if value is None or reference is None else value - reference
 
 
