@@ -177,6 +177,19 @@ def test_damaged_profiles_do_no_harm(seed):
     assert space_of_profile(bytes(profile[:rng.integers(0, len(profile))])) in (None, *SPACES)
 
 
+@pytest.mark.parametrize("value", ["no profile", 3.5, -7, (1.0, 2.0)])
+def test_what_is_only_called_a_profile_does_no_harm(tmp_path, value):
+    """EXR files hold attributes of any name and type."""
+    spec = oiio.ImageSpec(30, 20, 3, "float")
+    if isinstance(value, tuple):
+        spec.attribute("ICCProfile", oiio.TypeDesc("float[2]"), value)
+    else:
+        spec.attribute("ICCProfile", value)
+    file = oiio.ImageOutput.create(str(tmp_path / "a.exr"))
+    assert file.open(str(tmp_path / "a.exr"), spec) and file.write_image(noise()) and file.close()
+    assert open_image(tmp_path / "a.exr").colorspace is None
+
+
 @pytest.mark.parametrize(("said", "gamma", "space"), [
     (65535, 2.2, "Gamma 2.2 Encoded AdobeRGB"), (65535, None, None), (1, 2.2, None), (1, None, None)])
 def test_cameras_that_are_set_to_adobe_rgb_write_no_profile(tmp_path, said, gamma, space):

@@ -182,7 +182,11 @@ def _profile(spec: Any) -> str:
         gamma = spec.get_float_attribute("Exif:Gamma", 0.0)
         adobe = spec.get_int_attribute("Exif:ColorSpace", 1) == UNCALIBRATED and abs(gamma - 2.2) < 0.05
         return "Gamma 2.2 Encoded AdobeRGB" if adobe else ""
-    return space_of_profile(np.asarray(profile, np.uint8).tobytes()) or _words(spec, "ICCProfile:profile_description")
+    try:
+        found = space_of_profile(np.asarray(profile, np.uint8).tobytes())
+    except (ValueError, OverflowError):  # EXR files hold attributes of any name and type
+        found = None
+    return found or _words(spec, "ICCProfile:profile_description")
 
 
 def _words(spec: Any, name: str) -> str:
