@@ -196,11 +196,12 @@ def test_lamps_that_are_far_off_come_back(plane) -> None:
     assert rough_error(plane, solution) < 0.2 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
 
 
-def test_a_flash_beside_the_camera() -> None:
+@pytest.mark.parametrize("count", [5, 9])
+def test_a_flash_beside_the_camera(count) -> None:
     """Every camera carries it; the scene has it 150 mm too far to the right and 100 mm too low."""
     views = []
     off = np.array([0.15, -0.1, 0.0])
-    cameras = syn.cameras(9)
+    cameras = syn.cameras(count)
     lamp = syn.lamps(1)[0]
     for n, camera in enumerate(cameras):
         turn = camera.world_to_camera[:3, :3].T
@@ -211,8 +212,8 @@ def test_a_flash_beside_the_camera() -> None:
     turns = {f"Flash {n}": camera.world_to_camera[:3, :3].T for n, camera in enumerate(cameras)}
     solution = shoots.run(relit(shoot, lambda x: moved(x, turns[x.name] @ off)), **AUTO)
     flash, = found(solution).lamps
-    assert len(flash.cameras) == len(flash.lights) == 9
-    assert np.abs(np.array(flash.offset) + off).max() < 0.035  # 0.029 here, at a standard error of 0.011
+    assert len(flash.cameras) == len(flash.lights) == count
+    assert np.abs(np.array(flash.offset) + off).max() < 0.035  # 0.025 and 0.029 here, at a standard error of 0.011
 
 
 def test_too_little_to_judge_by() -> None:

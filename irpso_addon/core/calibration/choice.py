@@ -20,6 +20,7 @@ from .shade import shows_shade
 # Power of the cosine.  Shoots that Cycles rendered show up to 0.02, one of flat faces under few lamps 0.06; photographs
 # of a matt figurine show 0.1 to 0.2.
 LEAST_BEND = 0.08
+HOPELESS = 0.75  # of what neighbours have in common: where all numbers leave more, none of them leave HALF
 PAYS = 0.8  # of what is left over: below it, materials are not of the usual Specular IOR Level
 
 
@@ -51,20 +52,22 @@ def chosen(sample: RigSample, lamps: bool, exposures: bool, tilts: bool) -> Step
             quick, frees = other, [replace(free, levels=True) for free in frees]
     if not is_off(quick):
         return None, False
-    if not gains(quick):
-        return None, True
     everything = yield from share_of(fit_rig(sample, frees[-1]), 0.2, 0.5)
-    if frees[-1].lamps and not gains(everything):
+    if frees[-1].lamps and not gains(everything) and (gains(quick) or not tilts):
         everything = yield from _from_afar(sample, frees[-1])
     if not is_off(everything) or not gains(everything):
         return None, True
     whole, given, frees = frees[-1], everything, pruned(frees, everything)
+    hopeless = given.common[1] > HOPELESS * given.common[0]
+    judged = [free for free in frees if free.only_ambient or not hopeless]
+    if not judged:
+        return None, True
     if frees[-1] != whole:
         everything = yield from share_of(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
     contest = Contest(sample, everything, folds, tilts)
     taken, found, kept = GIVEN, everything, frees[-1]
-    for n, free in enumerate(frees):
-        begin, middle, end = (0.5 + 0.5 * (n + part) / len(frees) for part in (0.0, 0.3, 1.0))
+    for n, free in enumerate(judged):
+        begin, middle, end = (0.5 + 0.5 * (n + part) / len(judged) for part in (0.0, 0.3, 1.0))
         own = everything
         if free != frees[-1]:
             own = yield from share_of(fit_rig(sample, free, start=everything), begin, middle)
