@@ -190,7 +190,8 @@ class _Contest(TrialRuns):
             leads = leads or self.judge.excuses(incumbent, NUMBERS, chosen if one_value else None)
         leads = leads and self.judge.no_worse_than_plain(incumbent)
         taken = before = incumbent if leads else chosen
-        if not self.solver.cancelled and _worth(self.judge.error(taken)):
+        # A rough diffuse may hide behind a metal that leaves little.
+        if not self.solver.cancelled and (self._is_metal(taken) or _worth(self.judge.error(taken))):
             taken = yield from self._above_rough(taken)
         if not self.solver.cancelled and _worth(self.judge.error(taken)):
             taken = yield from self._under_coats(taken, metal or apart)
@@ -240,6 +241,9 @@ class _Contest(TrialRuns):
             yield from self._folds(self._drawn, DRAWN_LEVEL_ROUGH, race=True)
         return taken if self.solver.cancelled else self._best_rough(taken) or taken
 
+    def _is_metal(self, taken: str) -> bool:
+        return taken in self.trials and self.trials[taken].model == "one-lobe-metallic"
+
     def _best_rough(self, taken: str) -> str | None:
         """The trial with a rough diffuse that leads; it has no Metallic, so that it need not lead a metal."""
         error = self.judge.error(taken)
@@ -247,7 +251,7 @@ class _Contest(TrialRuns):
         drawn = [trial for trial in trials if trial not in FREE_ROUGH]
         found = self.judge.choose(
             [["lambert"], *by_size(drawn), *([trial.name] for trial in FREE_ROUGH if trial in trials)])
-        metal = taken in self.trials and self.trials[taken].model == "one-lobe-metallic"
+        metal = self._is_metal(taken)
         rival = self.judge.choose(self._families([trial for trial in self.trials.values() if not (
             trial.rough or trial.coat or trial.model == "one-lobe-metallic")])) if metal else taken
         leads = self.judge.leads(found, CLEAR_MORE, [rival]) and (
