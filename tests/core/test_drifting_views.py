@@ -1,11 +1,13 @@
-"""When views that are brighter than the maps say speak of exposures, and when of a material that is not its model."""
+"""When views that are not what the maps say speak of exposures or lights, and when of a material that is no model."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from irpso_addon.core.check_records import Checks, Residual, ViewCheck
+from irpso_addon.core.check_records import Checks, LightResidual, Residual, ViewCheck
 from irpso_addon.core.checks.warnings import warnings
 
 
@@ -39,3 +41,22 @@ def test_a_mirror_does_not_look_like_exposures_that_drift() -> None:
     gains = list(np.random.default_rng(0).uniform(0.35, 0.96, 18))
     assert any("drifts" in line for line in told(checks(gains, 0.05, misfit=False)))
     assert not told(checks(gains, 1.2, misfit=True))
+
+
+# Of 22 right lamps around a board with straight grain, whose highlights no model has; rendered by Cycles.
+BOARD = [0.096, 0.089, 0.078, 0.076, 0.071, 0.058, 0.053, 0.052, 0.051, 0.048, 0.045, 0.044, 0.043, 0.035, 0.029, 0.027,
+         0.018, 0.018, 0.013, 0.008, 0.005, 0.004]
+
+
+@pytest.mark.parametrize(("effects", "misfit", "named"), [
+    (BOARD, True, 0),  # all lamps seem to stand elsewhere
+    ([0.3, *BOARD[1:]], True, 1),  # one stands out
+    ([0.096, *[0.012] * 21], True, 1),
+    (BOARD, False, 3),  # the model is the material's: the lamps are to blame
+])
+def test_a_light_is_named_where_no_misfit_makes_it_so(effects: list[float], misfit: bool, named: int) -> None:
+    lights = tuple(
+        LightResidual(f"Lamp {i}", 1, 1.0, float("nan"), (0.1, 0.0, 0.0), 0.2, effect, 0.9 if i < 9 else 0.2)
+        for i, effect in enumerate(effects))
+    lines = [line for line in warnings(replace(checks([1.0] * 22, 0.0355, misfit), lights=lights)) if "appears" in line]
+    assert len(lines) == named and all(line.startswith(f"light 'Lamp {i}': ") for i, line in enumerate(lines))

@@ -24,6 +24,7 @@ EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move mu
 LEAST_POWER, LEAST_POWER_ALONE = 0.02, 0.1  # how far from 1 an exponent must be: of all views, of one
 LEAST_POWER_MISFIT = 0.3  # the same where a material is not what its model says: real diffuse reflection bends, too
 LEAST_GAIN_MISFIT, SHARED = 0.03, 2.0  # of LEAST_GAIN there: what it lacks makes whole views brighter; times structure
+STANDS_OUT = 3.0  # times the median light's: the effect of one that stands elsewhere, where a material is no model
 MISFIT_STRUCTURE = 0.03  # relative errors that neighbours share in most views: then a single one proves little
 SIGMAS, SIGMAS_POWER = 6.0, 3.0
 LEAST_SHIFT = 0.1  # pixels
@@ -167,16 +168,27 @@ def mended(gains: Sequence[Misfit]) -> tuple[str, ...]:
 
 
 def moved_lights(checks: Checks) -> list[LightResidual]:
-    """Lights that belong elsewhere, the worst first."""
+    """Lights that belong elsewhere, the worst first.
+
+    A material that is not what its model says makes many lights seem to stand elsewhere: one that does stands out.
+    """
     least, enough = max(LEAST_MOVE, _floor(checks)), SURE if checks.misfit else EXPLAINED
     found = [light for light in checks.lights
              if light.effect > least and light.offset_share > LEAST_MOVE and light.explained > enough]
+    if checks.misfit and 0 < len(found) <= _most(checks):
+        least = STANDS_OUT * float(np.median([light.effect for light in checks.lights]))
+        found = [light for light in found if light.effect > least]
     return sorted(found, key=lambda light: -light.effect)
 
 
 def object_moved(checks: Checks) -> bool:
     """Whether so many lights belong elsewhere that the object itself is likelier to."""
-    return len(moved_lights(checks)) > max(NAMED, len(checks.lights) / 2)
+    return len(moved_lights(checks)) > _most(checks)
+
+
+def _most(checks: Checks) -> float:
+    """Lights that may each be named; if more seem to stand elsewhere, the object does."""
+    return max(NAMED, len(checks.lights) / 2)
 
 
 def strong_lights(checks: Checks) -> list[LightResidual]:
