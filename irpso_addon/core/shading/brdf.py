@@ -46,10 +46,13 @@ def D_ggx_disc(alpha2: ArrayLike, sin2h: ArrayLike, radius2: ArrayLike) -> F64:
     inner = np.asarray(radius2 * (1 - a2))
     outside = a2 + (np.asarray(sin2h, np.float64) - radius2) * (1 - a2)
     root = np.sqrt(outside**2 + 4 * a2 * inner)
-    # Of two forms of one value the one that does not cancel.
-    far = 2 * a2 / (root * np.where(outside > 0, root + outside, 1.0))
-    near = (root - outside) / (2 * np.where(outside > 0, 1.0, inner) * root)
-    return np.asarray(np.where(outside > 0, far, near) / np.pi)
+    far = outside > 0
+    # Of two forms of one value the one that does not cancel: the first, but where discs hold the middle of the lobe.
+    if far.all():
+        return np.asarray(2 * a2 / (root * (root + outside)) / np.pi)
+    by_far = 2 * a2 / (root * np.where(far, root + outside, 1.0))
+    by_near = (root - outside) / (2 * np.where(far, 1.0, inner) * root)
+    return np.asarray(np.where(far, by_far, by_near) / np.pi)
 
 
 def D_ggx_disc_d(alpha2: ArrayLike, sin2h: ArrayLike, radius2: ArrayLike) -> tuple[F64, F64]:
@@ -138,28 +141,48 @@ def F_level(cos_vh: ArrayLike, level: ArrayLike) -> F64:
 
 def F_level_ratio(cos_vh: ArrayLike, level: ArrayLike) -> F64:
     """Fresnel reflectance at the IOR of ``level`` / that at IOR 1.5."""
-    return F_level_ratio_d(cos_vh, level)[0]
+    of = _LevelTerms.of(cos_vh, level)
+    return 0.5 * (of.q * of.p) ** 2 * of.share * of.scale
 
 
 def F_level_ratio_d(cos_vh: ArrayLike, level: ArrayLike) -> tuple[F64, F64]:
-    """(F_level_ratio, its derivative by level).
+    """(F_level_ratio, its derivative by level)."""
+    of = _LevelTerms.of(cos_vh, level)
+    c, q, p = of.c, of.q, of.p
+    # By g, over q p: the amplitude's 2 c / u^2 and parallel's 2 c (1 - c^2) / below^2.  dg/dlevel has 1/q.
+    by_g = 2 * c * (of.share / of.u**2 + q * p * of.parallel * (1 - c * c) / of.below**2)
+    d_level = by_g * p * 2 * F0 * (1 + q) / ((1 - q)**3 * of.g)
+    return 0.5 * (q * p) ** 2 * of.share * of.scale, d_level * of.scale
+
+
+class _LevelTerms(NamedTuple):
+    """What `F_level_ratio` and its derivative are made of.
 
     q = sqrt(F0), F0 = 2 level 0.04 (Cycles' node), IOR = (1 + q) / (1 - q), so IOR^2 - 1 = 4 q / (1 - q)^2, and the
     perpendicular amplitude (g - c) / (g + c) is q p with p = 4 / ((1 - q) (g + c))^2, which does not cancel.
     """
-    c = np.asarray(cos_vh, np.float64)
-    q = np.sqrt(2 * F0 * np.asarray(level, np.float64))
-    rest = 1 - q
-    g = np.sqrt(np.maximum(4 * q / rest**2 + c * c, 1e-12))
-    u = g + c
-    p = 4 / (rest * u) ** 2
-    below = c * q * p * u + 1
-    parallel = (c * u - 1) / below
-    share, scale = 1 + parallel**2, 1 / F_dielectric(c)
-    # By g, over q p: the amplitude's 2 c / u^2 and parallel's 2 c (1 - c^2) / below^2.  dg/dlevel has 1/q.
-    by_g = 2 * c * (share / u**2 + q * p * parallel * (1 - c * c) / below**2)
-    d_level = by_g * p * 2 * F0 * (1 + q) / (rest**3 * g)
-    return 0.5 * (q * p) ** 2 * share * scale, d_level * scale
+
+    c: F64
+    q: F64
+    g: F64
+    u: F64  # g + c
+    p: F64
+    below: F64  # of the parallel amplitude over the perpendicular one
+    parallel: F64
+    share: F64
+    scale: F64
+
+    @classmethod
+    def of(cls, cos_vh: ArrayLike, level: ArrayLike) -> _LevelTerms:
+        c = np.asarray(cos_vh, np.float64)
+        q = np.sqrt(2 * F0 * np.asarray(level, np.float64))
+        rest = 1 - q
+        g = np.sqrt(np.maximum(4 * q / rest**2 + c * c, 1e-12))
+        u = g + c
+        p = 4 / (rest * u) ** 2
+        below = c * q * p * u + 1
+        parallel = (c * u - 1) / below
+        return cls(c, q, g, u, p, below, parallel, 1 + parallel**2, 1 / F_dielectric(c))
 
 
 @cache
@@ -169,17 +192,17 @@ def _table() -> F64:
 
 def principled_energy(roughness: ArrayLike, cos_v: ArrayLike) -> F64:
     """(comp, A), shape (..., 2): gain of the specular lobe and dimming of the diffuse.  Kulla and Conty 2017."""
-    return bilinear(_table(), *np.broadcast_arrays(np.asarray(roughness, np.float64), cos_v))
+    return bilinear(_table(), np.asarray(roughness, np.float64), np.asarray(cos_v, np.float64))
 
 
 def principled_energy_d(roughness: ArrayLike, cos_v: ArrayLike) -> tuple[F64, F64]:
     """(principled_energy, its derivative by roughness): the slope of the table's cell."""
-    return bilinear_d(_table(), *np.broadcast_arrays(np.asarray(roughness, np.float64), cos_v))
+    return bilinear_d(_table(), np.asarray(roughness, np.float64), np.asarray(cos_v, np.float64))
 
 
 def principled_energy_level(roughness: ArrayLike, cos_v: ArrayLike, level: ArrayLike) -> F64:
     """(comp, A) at a Specular IOR Level 0..1; (1, 0) at level 0, ``principled_energy`` at 0.5."""
-    return principled_energy_level_d(roughness, cos_v, level)[0]
+    return _LevelEnergy.of(roughness, cos_v, level).value()
 
 
 def principled_energy_level_d(roughness: ArrayLike, cos_v: ArrayLike, level: ArrayLike) -> tuple[F64, F64, F64]:
@@ -187,24 +210,64 @@ def principled_energy_level_d(roughness: ArrayLike, cos_v: ArrayLike, level: Arr
 
     At level 0 comp and A start vertically, as its square and fourth root: below LEVEL_MIN the slope is LEVEL_MIN's.
     """
-    r, c, level = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (roughness, cos_v, level)))
+    of, level = _LevelEnergy.of(roughness, cos_v, level), np.asarray(level, np.float64)
+    e1, mean, s, fms, f0 = of.e1, of.mean, of.s, of.fms, of.f0
     floor = np.maximum(level, LEVEL_MIN)
-    f0, q, q_floor = 2 * F0 * level, np.sqrt(2 * F0 * level), np.sqrt(2 * F0 * floor)
-    e1, mean, s, d_e1, d_mean, d_s, s_by_z = _level_nodes(r, c, (FRESNEL_NODES - 1) * np.sqrt(q))
-    s_by_level = s_by_z * (FRESNEL_NODES - 1) * np.sqrt(q_floor) / (4 * floor)
-    # Kulla and Conty's (n - 1) / (4.08567 + 1.00071 n), n = (1 + q) / (1 - q), and its derivative.
-    fss = 2 * q / (5.08638 - 3.08496 * q)
+    q_floor = np.sqrt(2 * F0 * floor)
+    s_by_level = of.s_by_z * (FRESNEL_NODES - 1) * np.sqrt(q_floor) / (4 * floor)
     fss_by_level = 10.17276 / (5.08638 - 3.08496 * q_floor) ** 2 * F0 / q_floor
-    below = 1 - fss * (1 - mean)
-    fms, fms_by_mean, fms_by_level = fss * mean / below, fss * (1 - fss) / below**2, mean / below**2 * fss_by_level
-    lobe, fresnel = e1 + fms * (1 - e1), f0 + (1 - f0) * s  # lobe is E1 comp
+    below = 1 - of.fss * (1 - mean)
+    fms_by_mean, fms_by_level = of.fss * (1 - of.fss) / below**2, mean / below**2 * fss_by_level
+    (d_e1, d_mean), d_s = np.moveaxis(of.d_lobe, -1, 0), of.d_s[..., 0] * (1 - of.t) + of.d_s[..., 1] * of.t
     lobe_by_r = d_e1 * (1 - fms) + fms_by_mean * d_mean * (1 - e1)
-    value = np.stack([1 + fms * (1 / e1 - 1), fresnel * lobe], -1)
     by_r = np.stack([fms_by_mean * d_mean * (1 / e1 - 1) - fms * d_e1 / e1**2,
-                     (1 - f0) * d_s * lobe + fresnel * lobe_by_r], -1)
-    by_level = np.stack([fms_by_level * (1 / e1 - 1), (2 * F0 * (1 - s) + (1 - f0) * s_by_level) * lobe
-                         + fresnel * fms_by_level * (1 - e1)], -1)
-    return value, by_r, by_level
+                     (1 - f0) * d_s * of.lobe() + of.fresnel() * lobe_by_r], -1)
+    by_level = np.stack([fms_by_level * (1 / e1 - 1), (2 * F0 * (1 - s) + (1 - f0) * s_by_level) * of.lobe()
+                         + of.fresnel() * fms_by_level * (1 - e1)], -1)
+    return of.value(), by_r, by_level
+
+
+class _LevelEnergy(NamedTuple):
+    """What `principled_energy_level` and its derivatives are made of."""
+
+    e1: F64
+    mean: F64  # Eavg
+    d_lobe: F64  # (..., 2) slopes of the two by roughness
+    s: F64  # between Cycles' slices beside the level
+    s_by_z: F64  # z (0..8) counts the slices
+    d_s: F64  # (..., 2) slopes by roughness on the two
+    t: F64  # how far the level is from the one to the other
+    f0: F64
+    fss: F64
+    fms: F64
+
+    @classmethod
+    def of(cls, roughness: ArrayLike, cos_v: ArrayLike, level: ArrayLike) -> _LevelEnergy:
+        r, c, level = (np.asarray(x, np.float64) for x in (roughness, cos_v, level))
+        f0 = 2 * F0 * level
+        q = np.sqrt(f0)
+        z = (FRESNEL_NODES - 1) * np.sqrt(q)
+        lobe, d_lobe = bilinear_d(_lobe_nodes(), r, c)
+        k = np.minimum(z.astype(int), SLICES - 2)
+        s, d_s = bilinear_d(_fresnel_nodes(), r, c, k)
+        t = z - k
+        # Kulla and Conty's (n - 1) / (4.08567 + 1.00071 n), n = (1 + q) / (1 - q).
+        fss = 2 * q / (5.08638 - 3.08496 * q)
+        mean = lobe[..., 1]
+        return cls(lobe[..., 0], mean, d_lobe, s[..., 0] * (1 - t) + s[..., 1] * t, s[..., 1] - s[..., 0], d_s, t, f0,
+                   fss, fss * mean / (1 - fss * (1 - mean)))
+
+    def lobe(self) -> F64:
+        """E1 comp."""
+        return np.asarray(self.e1 + self.fms * (1 - self.e1))
+
+    def fresnel(self) -> F64:
+        """Mean reflectance of the lobe."""
+        return np.asarray(self.f0 + (1 - self.f0) * self.s)
+
+    def value(self) -> F64:
+        """(comp, A)."""
+        return np.stack([1 + self.fms * (1 / self.e1 - 1), self.fresnel() * self.lobe()], -1)
 
 
 @cache
@@ -221,16 +284,6 @@ def _fresnel_nodes() -> F64:
     return np.stack([fresnel[:-1], fresnel[1:]], -1)
 
 
-def _level_nodes(roughness: F64, cos_v: F64, z: F64) -> tuple[F64, ...]:
-    """(E1, Eavg, s, their derivatives by roughness, that of s by z) with s between the slices beside z (0..8)."""
-    lobe, d_lobe = bilinear_d(_lobe_nodes(), roughness, cos_v)
-    k = np.minimum(z.astype(int), SLICES - 2)
-    t = z - k
-    s, d_s = bilinear_d(_fresnel_nodes(), roughness, cos_v, k)
-    return (lobe[..., 0], lobe[..., 1], s[..., 0] * (1 - t) + s[..., 1] * t, d_lobe[..., 0], d_lobe[..., 1],
-            d_s[..., 0] * (1 - t) + d_s[..., 1] * t, s[..., 1] - s[..., 0])
-
-
 def metal_energy(roughness: ArrayLike, cos_v: ArrayLike) -> F64:
     """(E1, Eavg), shape (..., 2): albedo of the lobe without Fresnel at cos_v, and its mean over the hemisphere."""
     return metal_energy_d(roughness, cos_v)[0]
@@ -238,7 +291,7 @@ def metal_energy(roughness: ArrayLike, cos_v: ArrayLike) -> F64:
 
 def metal_energy_d(roughness: ArrayLike, cos_v: ArrayLike) -> tuple[F64, F64]:
     """(metal_energy, its derivative by roughness)."""
-    return bilinear_d(_lobe_nodes(), *np.broadcast_arrays(np.asarray(roughness, np.float64), cos_v))
+    return bilinear_d(_lobe_nodes(), np.asarray(roughness, np.float64), np.asarray(cos_v, np.float64))
 
 
 def metal_gain(base: ArrayLike, energy: F64) -> F64:

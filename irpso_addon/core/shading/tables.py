@@ -105,14 +105,22 @@ def level_fresnel(nodes: Nodes, level: float) -> F64:
 
 def bilinear(table: F64, x: F64, y: F64) -> F64:
     """``table`` (n, m, ...) at x along axis 0 and y along axis 1; 0..1 spans the nodes, clamped outside."""
-    return bilinear_d(table, x, y)[0]
+    low, high, along, _ = _cell(table, x, y, None)
+    return low + along * (high - low)
 
 
 def bilinear_d(table: F64, x: F64, y: F64, layer: NDArray[np.int64] | None = None) -> tuple[F64, F64]:
-    """(bilinear, its slope by x, which is the cell's own).  Arrays of x, y and layer have one shape.
+    """(bilinear, its slope by x, which is the cell's own).  Arrays of x, y and layer broadcast.
 
     ``layer``: which of several tables, (k, n, m, ...), is looked up.
     """
+    low, high, along, nodes = _cell(table, x, y, layer)
+    rise = high - low
+    return low + along * rise, rise * (nodes - 1)
+
+
+def _cell(table: F64, x: F64, y: F64, layer: NDArray[np.int64] | None) -> tuple[F64, F64, F64, int]:
+    """(values at y on the nodes below and above x; how far x is from the one to the other; nodes along x)."""
     if layer is None:
         table, layer = table[None], np.asarray(0)
     rows, columns = table.shape[1:3]
@@ -125,4 +133,4 @@ def bilinear_d(table: F64, x: F64, y: F64, layer: NDArray[np.int64] | None = Non
     low, high = nodes.take(at, 0), nodes.take(at + columns, 0)
     low = low + ty * (nodes.take(at + 1, 0) - low)
     high = high + ty * (nodes.take(at + columns + 1, 0) - high)
-    return low + tx * (high - low), (high - low) * (rows - 1)
+    return low, high, tx, rows
