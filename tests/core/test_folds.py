@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from irpso_addon.core.data import Coat
 from irpso_addon.core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
+from irpso_addon.core.evaluation.descent import COSINES, AmongCosines
 from irpso_addon.core.evaluation.folds import Judge, lightness, limited, split
-from irpso_addon.core.evaluation.joint_material import JointSearch
+from irpso_addon.core.evaluation.joint_material import PLAIN_ALONE, JointSearch
 from irpso_addon.core.evaluation.pixel_bias import pixel_bias
 from irpso_addon.core.evaluation.sampled_texels import SampledTexels, one_lobe, predicted
 from irpso_addon.core.shading import brdf
@@ -437,3 +438,37 @@ def test_a_fit_that_predicts_lightness_worse_than_one_value_is_not_spared(
     assert (own.lightness < one.lightness) == excused
     assert judge.excuses("a texel", 2, "one value") == excused
     assert judge.excuses("a texel", 2, None)
+
+
+def test_what_each_texel_says_of_itself_holds_in_a_part() -> None:
+    """Whether it was asked of all texels before or not; every third texel has an observation in a missed shadow."""
+    texels, _ = sampled(30, 8, 2, RNG.uniform(0.15, 0.8, 30))
+    dark = texels.reflected.copy()
+    dark[::3, 2] *= 0.1
+    some = np.arange(30) % 4 < 2
+    for every in (True, False):
+        all_of_them = replace(texels, reflected=dark)
+        if every:
+            assert not all_of_them.usable()[::3, 2].any()
+        part = all_of_them.part(some)
+        np.testing.assert_array_equal(part.typical()[:, 0, 0], np.median(dark[some, :, 0], axis=1))
+        np.testing.assert_array_equal(part.usable()[:, 2], np.flatnonzero(some) % 3 != 0)
+
+
+def test_blenders_level_alone_gives_the_roughness_at_it() -> None:
+    """What a search of all levels finds there, from a part of the layers."""
+    texels, _ = sampled(200, 8, 2, np.full(200, 0.37), noise=0.01)
+    known = texels.lamps % 4 != 0
+    alone = JointSearch(texels, metals=False, levels=PLAIN_ALONE).plain(known)
+    assert alone == JointSearch(texels).fit(known).plain
+    assert alone.roughness == pytest.approx(0.37, abs=0.01)
+
+
+def test_curves_between_cosines_are_those_of_interp() -> None:
+    cosines = np.concatenate([RNG.uniform(-0.1, 1.1, 60), [0.0, 0.5, 1.0, 1 / 64]]).reshape(4, 16)
+    curves = RNG.uniform(size=(3, len(COSINES)))
+    among = AmongCosines(cosines)
+    np.testing.assert_array_equal(among.values(curves[1]), np.interp(cosines, COSINES, curves[1]))
+    each = np.array([2, 0, 1, 2], np.int32)
+    wanted = [np.interp(row, COSINES, curves[k]) for row, k in zip(cosines, each, strict=True)]
+    np.testing.assert_array_equal(among.values(curves, each[:, None]), wanted)

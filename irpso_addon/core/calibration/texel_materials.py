@@ -6,8 +6,8 @@ import numpy as np
 
 from ..data import F64, I32, Bool
 from ..evaluation.apart_descent import HELD_TOGETHER
-from ..evaluation.descent import COSINES
-from ..evaluation.joint_material import JointSearch, OneMaterial
+from ..evaluation.descent import COSINES, AmongCosines
+from ..evaluation.joint_material import PLAIN_ALONE, JointSearch, OneMaterial
 from ..evaluation.lobe_values import fresnel_ratio, lobe_values
 from ..evaluation.sampled_texels import Lobes, SampledTexels, one_lobe
 from ..shading import brdf
@@ -25,12 +25,15 @@ def materials_of(sample: RigSample, texels: SampledTexels, levels: bool) -> dict
     ``levels``: whether the level may differ from 0.5.
     """
     known, found = np.ones(len(sample.view), bool), {}
+    texels.usable()  # once for all parts
     for slot in np.unique(sample.slot):
         own = texels.part(sample.slot == slot)
         if own.usable().any():
-            search = JointSearch(own, metals=False)
-            joint = search.fit(known)
-            found[int(slot)] = search.settled(joint, known).apart if levels else joint.plain
+            if levels:
+                search = JointSearch(own, metals=False)
+                found[int(slot)] = search.settled(search.fit(known), known).apart
+            else:
+                found[int(slot)] = JointSearch(own, metals=False, levels=PLAIN_ALONE).plain(known)
     return found
 
 
@@ -42,6 +45,7 @@ def lobes_of(
     ``near``: (T,) roughness under a rig that is nearly the same; then what is far from it is not looked at.
     """
     roughness, level = np.full(len(sample.slot), 0.5), np.full(len(sample.slot), 0.5)
+    texels.usable()  # once for all parts
     for slot, one in materials.items():
         own = sample.slot == slot
         if own.any():
@@ -60,14 +64,11 @@ def _roughness(texels: SampledTexels, one: OneMaterial, near: F64 | None) -> F64
     cos_v, paints = np.clip(texels.cos_v, 1e-3, 1.0), paints_of(texels)
     ratio = fresnel_ratio(texels.lobes, cos_v, np.asarray(one.level), texels.nodes)
     energies = brdf.principled_energy_level(NODES[:, None], COSINES, np.full((len(NODES), 1), one.level))
-    cell = texels.cos_v.clip(0, 1) * (len(COSINES) - 1)
-    column = np.minimum(cell.astype(int), len(COSINES) - 2)
-    along = cell - column
+    among = AmongCosines(texels.cos_v)
 
     def cost(node: I32) -> F64:
         """(T,) of a node each."""
-        at = node[:, None] * len(COSINES) + column
-        gain, taken = (low.take(at) + along * (low.take(at + 1) - low.take(at)) for low in tables)
+        gain, taken = (among.values(table, node[:, None]) for table in tables)
         shape = lobe_values(texels.lobes, cos_v, NODES[node], nodes=texels.nodes)
         specular = dot(shape, ratio) * gain
         diffuse = (1 - taken) / np.pi

@@ -114,9 +114,7 @@ class ApartDescent:
 
     def _residual(self, log: F64, x: F64) -> F64:
         """(T, n) weighted, of the known layers."""
-        white, off, base = self._explained(log, x)
-        known = self.descent.layers[0]
-        return (self.descent.root * (off - base * white))[:, known].reshape(len(self.group), -1)
+        return self.descent.weighted(*self._explained(log, x)).reshape(len(self.group), -1)
 
     def _explained(self, log: F64, x: F64) -> tuple[F64, F64, F64]:
         return self.descent.with_base(*self._body(np.exp(log)[self.group], float(x[0]), float(x[1])))

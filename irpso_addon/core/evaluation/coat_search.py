@@ -6,12 +6,13 @@ By descent from the material without a coat and a few coats (decision 0015): nod
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data import F64, Bool, Coat
+from ..data import F64, I32, Bool, Coat
 from ..shading import brdf
+from ..vectors import over_layers
 from .descent import LEAST_NUMBER, Descent
 from .joint_material import LEVELS, ROUGHNESS, Joint, JointSearch, OneMaterial
 from .lobe_values import coat_values
@@ -92,6 +93,16 @@ def _swapped(x: F64) -> F64:
     return np.array([rough, weight / 2, metallic, 2 * level, roughness, diffuse])
 
 
+@dataclass(frozen=True)
+class _Known:
+    """The known layers of one channel."""
+
+    layers: I32  # (n,)
+    nodes: dict[str, F64]  # (T, roughnesses, n) of `JointSearch`, at one level
+    weight: F64  # (T, n, C)
+    reflected: F64  # (T, n, C)
+
+
 class _Apart:
     """The coat above texels of which each has its own roughness: it takes its best of the nodes."""
 
@@ -101,12 +112,10 @@ class _Apart:
 
     def coat(self, known: Bool, level: float) -> Coat:
         """At a Specular IOR Level."""
-        at = int(np.abs(LEVELS - level).argmin()) * len(ROUGHNESS)
-        names = ("a", "s", "aa", "as", "ss")
-        nodes = {name: self.search.nodes.products[name][:, at:at + len(ROUGHNESS), known] for name in names}
+        channels = self._known(known, level)
 
         def cost(weight: float, log_roughness: float) -> float:
-            return self._cost(known, nodes, Coat(weight, float(np.exp(log_roughness))))
+            return self._cost(channels, Coat(weight, float(np.exp(log_roughness))))
 
         rough = np.log(np.geomspace(self.sharpest, WIDEST, COATS))
         costs = np.array([[cost(w, r) for r in rough] for w in WEIGHTS])
@@ -118,20 +127,31 @@ class _Apart:
             steps /= 2
         return Coat(float(best[0]), float(np.exp(best[1])))
 
-    def _cost(self, known: Bool, nodes: dict[str, F64], coat: Coat) -> float:
+    def _known(self, known: Bool, level: float) -> list[_Known]:
+        """Taken once: tens of coats are tried on them."""
+        at = int(np.abs(LEVELS - level).argmin()) * len(ROUGHNESS)
+        result = []
+        for of in self.search.nodes:
+            own = known[of.layers]
+            nodes = {name: of.products[name][:, at:at + len(ROUGHNESS)].compress(own, 2)
+                     for name in ("a", "s", "aa", "as", "ss")}
+            layers = of.layers[own]
+            result.append(_Known(layers, nodes, self.search.weight.take(layers, 1),
+                                 self.search.texels.reflected.take(layers, 1)))
+        return result
+
+    def _cost(self, channels: list[_Known], coat: Coat) -> float:
         texels = self.search.texels
-        above, left = (part[:, known, None] for part in coat_values(
-            texels.lobes, self.cos_v, coat, texels.nodes))
-        total, weight = np.zeros(1), self.search.weight[:, known]
-        channel = texels.channel[known]
-        for one in np.unique(channel):
-            same = channel == one
-            off, w = (texels.reflected[:, known] - above)[:, same], weight[:, same]
-            white, both = w * left[:, same] ** 2, w * left[:, same] * off
-            sums = {name: values[:, :, same] @ (white if len(name) == 2 else both) for name, values in nodes.items()}
+        above, left = coat_values(texels.lobes, self.cos_v, coat, texels.nodes)
+        total = np.zeros(1)
+        for of in channels:
+            off, w = of.reflected - above.take(of.layers, 1)[..., None], of.weight
+            covered = w * left.take(of.layers, 1)[..., None]
+            white, both = covered * left.take(of.layers, 1)[..., None], covered * off
+            sums = {name: values @ (white if len(name) == 2 else both) for name, values in of.nodes.items()}
             pull = sums["a"] - sums["as"]
             base = np.clip(pull / np.maximum(sums["aa"], LEAST), 0, 1)
-            cost = (w * off**2).sum(1)[:, None] - 2 * sums["s"] + sums["ss"] + base * (base * sums["aa"] - 2 * pull)
+            cost = over_layers(w, off**2)[:, None] - 2 * sums["s"] + sums["ss"] + base * (base * sums["aa"] - 2 * pull)
             total = total + np.maximum(cost, 0).sum(-1)
         return float(total.min(1).sum())
 

@@ -18,11 +18,11 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from ..data import F64, Bool, Coat
+from ..data import F64, I32, Bool, Coat
 from ..shading import brdf
-from ..vectors import dot, summed
+from ..vectors import dot, over_layers, summed
 from .apart_descent import HELD_TOGETHER, ApartDescent
-from .descent import COSINES, LEAST_NUMBER, METAL_BASE, Descent
+from .descent import COSINES, LEAST_NUMBER, METAL_BASE, AmongCosines, Descent
 from .lobe_values import fresnel_ratio, lobe_values, metal_values
 from .sampled_texels import LEAST, SampledTexels, metal_gain
 
@@ -32,6 +32,7 @@ LEVELS = np.array([0.02, 0.06, 0.12, 0.25, 0.5, 0.75, 1.0])
 METALLIC = np.linspace(0.0, 1.0, 11)
 PURE = 0.999  # a Metallic above it is 1
 PLAIN = 4  # of LEVELS: Blender's default
+EVERY, PLAIN_ALONE = slice(None), slice(PLAIN, PLAIN + 1)  # of LEVELS
 MOST = 10_000  # observations of the sample
 UNSEEN = 0.25  # alpha squared over the least squared sine of the half vector: sharper lobes pass by a texel
 STEPS = 10  # of a descent from the nodes
@@ -67,14 +68,18 @@ class Joint:
 class JointSearch:
     """The model at all nodes, so that any part of the layers can be fitted at once."""
 
-    def __init__(self, texels: SampledTexels, metals: bool = True) -> None:
-        """``metals``: whether Metallic may differ from 0, which takes several times as long."""
+    def __init__(self, texels: SampledTexels, metals: bool = True, levels: slice = EVERY) -> None:
+        """``metals``: whether Metallic may differ from 0, which takes several times as long.
+
+        ``levels``: of LEVELS; for `plain` alone that of PLAIN is enough.
+        """
         count, layers = texels.cos_v.shape
         most = max(MOST // max(layers, 1), 32)
         if count > most:
             texels = texels.part(np.linspace(0, count - 1, most).astype(np.int32))
         self.texels = texels
-        self.nodes, self.metallic = _Nodes.of(texels, metals), METALLIC if metals else METALLIC[:1]
+        self.nodes, self.metallic = Nodes.of(texels, metals, levels), METALLIC if metals else METALLIC[:1]
+        self.at_plain = PLAIN - (levels.start or 0)  # which of the levels is Blender's default
         unit = np.maximum(texels.reflected, texels.typical())
         # Half vectors come as near to a texel's normal as this, in the median: lobes that are half as wide stay unseen.
         self.nearest = texels.nearest()  # (T,)
@@ -98,7 +103,7 @@ class JointSearch:
         together = whole.min(2)
         free = (5,) if diffuse else ()
         specular = self._settled(_best(together[:1], tried), known, (0, 1, *free), diffuse)
-        found = Joint(plain=self._settled(OneMaterial(tried[0].roughness(PLAIN)), known, (0, *free), diffuse),
+        found = Joint(plain=self._plain(tried[0].whole, known, (0, *free), diffuse),
                       specular=specular,
                       metal=self._settled(_best(together, tried), known, (0, 1, 2)) if len(tried) > 1 else specular,
                       apart=_best(apart[:1], tried), apart_metal=_best(apart, tried), parts=_parts(plain, self.seen))
@@ -106,6 +111,14 @@ class JointSearch:
             return found
         return replace(found, apart=replace(found.apart, diffuse=diffuse),
                        parts=tuple(replace(one, diffuse=diffuse) for one in found.parts))
+
+    def plain(self, known: Bool) -> OneMaterial:
+        """Of `fit`, the roughness that explains all texels together at Blender's default level."""
+        return self._plain(_costs(self._sums(known, 0.0), 0.0).sum(2), known, (0,), 0.0)
+
+    def _plain(self, whole: F64, known: Bool, free: tuple[int, ...], diffuse: float) -> OneMaterial:
+        """``whole``: (levels, roughnesses) costs where all texels have one roughness."""
+        return self._settled(OneMaterial(_roughness(whole[self.at_plain])), known, free, diffuse)
 
     def settled(self, joint: Joint, known: Bool) -> Joint:
         """Of `fit`, with what is found where texels differ in roughness settled between the nodes, too."""
@@ -152,24 +165,24 @@ class JointSearch:
 
     def _sums(self, known: Bool, diffuse: float) -> list[dict[str, F64]]:
         """As of `_sums_over` the known layers of each channel."""
-        return [self._sums_over(known & (self.texels.channel == channel), diffuse)
-                for channel in np.unique(self.texels.channel)]
+        return [self._sums_over(nodes, known, diffuse) for nodes in self.nodes]
 
-    def _sums_over(self, layers: Bool, diffuse: float) -> dict[str, F64]:
+    def _sums_over(self, nodes: Nodes, known: Bool, diffuse: float) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.
 
         (levels, roughnesses, T, C) each, or (1, ...) where no level is in it; of a rough diffuse those of a, s and f.
         """
-        every = slice(None) if layers.all() else layers  # nothing is copied
-        weight, f = self.weight[:, every], self.texels.reflected[:, every]
-        result = {"ff": (weight * f * f).sum(1)[None, None]}
-        for name, values in self.nodes.products.items():
+        # What is not known weighs nothing: to leave it out would copy all nodes, which takes longer than the sums.
+        weight = np.where(known[nodes.layers, None], self.weight.take(nodes.layers, 1), 0.0)
+        f = self.texels.reflected.take(nodes.layers, 1)
+        result = {"ff": over_layers(weight * f, f)[None, None]}
+        for name, values in nodes.products.items():
             factor = weight * f if len(name) == 1 else weight
             if diffuse and name.lower() != name:
                 continue
             if diffuse and "a" in name:
-                factor = factor * self._gain(diffuse)[:, every] ** name.count("a")
-            total = np.moveaxis(values[:, :, every] @ factor, 0, 1)  # (nodes, T, C)
+                factor = factor * self._gain(diffuse).take(nodes.layers, 1) ** name.count("a")
+            total = np.moveaxis(values @ factor, 0, 1)  # (nodes, T, C)
             result[name if len(name) == 2 else name + "f"] = total.reshape(-1, len(ROUGHNESS), *total.shape[1:])
         return result
 
@@ -183,33 +196,40 @@ class JointSearch:
 
 
 @dataclass(frozen=True)
-class _Nodes:
-    """The model at all nodes."""
+class Nodes:
+    """The model at all nodes, of the layers of one channel."""
 
+    layers: I32  # (V,)
     products: dict[str, F64]  # (T, levels roughnesses or roughnesses, V) each: a, s, A, S and their products in pairs
 
     @classmethod
-    def of(cls, texels: SampledTexels, metals: bool) -> _Nodes:
-        """Of a sample; without A and S, unless there may be ``metals``."""
-        single = dict(zip("as", _dielectric(texels), strict=True))
+    def of(cls, texels: SampledTexels, metals: bool, levels: slice) -> list[Nodes]:
+        """Of each channel of a sample; without A and S, unless there may be ``metals``.  ``levels``: of LEVELS."""
+        single = dict(zip("as", _dielectric(texels, levels), strict=True))
         if metals:
             single |= zip("AS", _metallic(texels), strict=True)
-        pairs = {one + other: single[one] * single[other]
-                 for one, other in combinations_with_replacement(single, 2)}
-        count, layers = texels.cos_v.shape
-        return cls({name: value.reshape(count, -1, layers) for name, value in (single | pairs).items()})
+        channels = np.unique(texels.channel)
+        result = []
+        for channel in channels:
+            layers = np.flatnonzero(texels.channel == channel).astype(np.int32)
+            own = single if len(channels) == 1 else {name: value.take(layers, 3) for name, value in single.items()}
+            pairs = {one + other: own[one] * own[other] for one, other in combinations_with_replacement(own, 2)}
+            result.append(cls(layers, {name: value.reshape(len(value), -1, len(layers))
+                                       for name, value in (own | pairs).items()}))
+        return result
 
 
-def _dielectric(texels: SampledTexels) -> tuple[F64, F64]:
+def _dielectric(texels: SampledTexels, levels: slice) -> tuple[F64, F64]:
     """a and s, (T, levels, roughnesses, V) each."""
     count, layers = texels.cos_v.shape
-    a, s = (np.empty((count, len(LEVELS), len(ROUGHNESS), layers)) for _ in range(2))
-    cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
-    ratios = [fresnel_ratio(texels.lobes, cos_v, np.asarray(level), texels.nodes) for level in LEVELS]
+    a, s = (np.empty((count, len(LEVELS[levels]), len(ROUGHNESS), layers)) for _ in range(2))
+    cos_v, among = np.clip(texels.cos_v, 1e-3, 1.0), AmongCosines(texels.cos_v)
+    energies = _energies()[levels]
+    ratios = [fresnel_ratio(texels.lobes, cos_v, np.asarray(level), texels.nodes) for level in LEVELS[levels]]
     for j, roughness in enumerate(ROUGHNESS):
         lobe = lobe_values(texels.lobes, cos_v, np.full(count, roughness), nodes=texels.nodes)
         for i, ratio in enumerate(ratios):
-            gain, taken = (np.interp(texels.cos_v, COSINES, energy) for energy in _energies()[i, j])
+            gain, taken = (among.values(energy) for energy in energies[i, j])
             a[:, i, j] = (1 - taken) / np.pi
             s[:, i, j] = dot(lobe, ratio) * gain
     return a, s
@@ -288,7 +308,12 @@ class _Tried:
 
     def roughness(self, level: int) -> float:
         """Of all texels, at one of LEVELS."""
-        return float(np.exp(_lowest(np.log(ROUGHNESS), self.whole[level])))
+        return _roughness(self.whole[level])
+
+
+def _roughness(whole: F64) -> float:
+    """Of (roughnesses,) costs where all texels have one."""
+    return float(np.exp(_lowest(np.log(ROUGHNESS), whole)))
 
 
 def _best(costs: F64, tried: list[_Tried]) -> OneMaterial:

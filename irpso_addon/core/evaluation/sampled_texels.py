@@ -85,9 +85,12 @@ class SampledTexels:
 
     def part(self, texels: Bool | I32) -> SampledTexels:
         """Some of the texels."""
-        return SampledTexels(self.reflected[texels], self.quality[texels], self.cos_v[texels], self.lobes[texels],
+        part = SampledTexels(self.reflected[texels], self.quality[texels], self.cos_v[texels], self.lobes[texels],
                              self.irradiance[texels], self.camera, self.channel, self.lamps,
                              None if self.nodes is None else self.nodes[texels])
+        # Each texel says these of itself: where they are known, they are not sought again.
+        vars(part).update({name: vars(self)[name][texels] for name in ("_typical", "_usable") if name in vars(self)})
+        return part
 
     def nearest(self) -> F64:
         """(T,) least squared sine between normal and half vector of what is usable; of an environment 0."""
@@ -195,7 +198,8 @@ def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool) -> F64:
 
 def _median_of_known(values: F64) -> F64:
     """(T, ...) median along axis 1 of what is not NaN in (T, V, ...), of which there is something everywhere."""
-    known = (~np.isnan(values)).sum(1)
-    ordered = np.sort(values, axis=1)  # NaN last
-    low, high = (np.take_along_axis(ordered, at[:, None], 1)[:, 0] for at in ((known - 1) // 2, known // 2))
+    ordered = np.ascontiguousarray(np.moveaxis(values, 1, -1))
+    ordered.sort(-1)  # NaN last
+    known = np.count_nonzero(~np.isnan(ordered), axis=-1)
+    low, high = (np.take_along_axis(ordered, at[..., None], -1)[..., 0] for at in ((known - 1) // 2, known // 2))
     return np.asarray(0.5 * (low + high))
