@@ -11,6 +11,7 @@ from irpso_addon.core.calibration.finish import Final, weighed
 from irpso_addon.core.calibration.free_numbers import sure_of_ambient
 from irpso_addon.core.calibration.rig_fit import RigFound, fit_rig
 from irpso_addon.core.calibration.rig_numbers import Free
+from irpso_addon.core.calibration.rig_round import in_common
 from irpso_addon.core.calibration.rig_sample import RigSample
 from irpso_addon.core.job import Steps, run_to_end
 from tests.support import tilted_sphere as balls
@@ -82,3 +83,13 @@ def test_pictures_in_which_no_lamp_shone_show_no_ambient_light() -> None:
     of = found(fit_rig(dull, Free(lamps=False, exposures=True, ambient=True), rounds=20))
     assert of.change.ambient <= 1.0
     assert not sure_of_ambient(of)
+
+
+def test_what_neighbours_have_in_common_is_that_of_each_pair() -> None:
+    """Summed pair by pair; clusters lie scattered, and some observations are missing or beyond what is cut off."""
+    rng = np.random.default_rng(3)
+    rest, seen, cluster = rng.standard_normal((12, 5)) + 1.0, rng.uniform(size=(12, 5)) > 0.3, rng.integers(2, 6, 12)
+    products = [np.clip(rest[i, v], -2, 2) * np.clip(rest[j, v], -2, 2) for v in range(5)
+                for i in range(12) for j in range(12)
+                if i != j and cluster[i] == cluster[j] and seen[i, v] and seen[j, v]]
+    assert in_common(rest, seen, cluster.astype(np.int32), 2.0) == pytest.approx(np.sqrt(np.mean(products)))

@@ -116,6 +116,6 @@ def _apart(columns: F64, weight: F64, view: np.ndarray) -> F64:
     for _ in range(SWEEPS):
         columns -= ((weight * columns).sum(2) / of_texel)[..., None]
         for own in views:
-            total = (weight * columns)[:, :, own].sum((1, 2)) / max(float(weight[:, own].sum()), LEAST)
+            total = (weight[:, own] * columns[:, :, own]).sum((1, 2)) / max(float(weight[:, own].sum()), LEAST)
             columns[:, :, own] -= total[:, None, None]
     return columns

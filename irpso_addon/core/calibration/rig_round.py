@@ -34,10 +34,9 @@ GRAZING = 0.05  # cosine to a lamp: below it, what a tilt does is not linear
 
 def in_common(rest: F64, seen: Bool, cluster: I32, most: float) -> float:
     """Root mean product of what two texels of a cluster, (T,), have in (T, V) ``rest``, cut off at ``most``."""
-    rest, of = np.where(seen, np.clip(rest, -most, most), 0.0), np.unique(cluster, return_inverse=True)[1]
-    total, count = (np.zeros((int(of.max()) + 1, rest.shape[1])) for _ in range(2))
-    np.add.at(total, of, rest)
-    np.add.at(count, of, seen)
+    rest, order = np.where(seen, np.clip(rest, -most, most), 0.0), np.argsort(cluster, kind="stable")
+    first = np.unique(cluster[order], return_index=True)[1]
+    total, count = (np.add.reduceat(of[order], first, axis=0) for of in (rest, seen.astype(np.float64)))
     products = float((total**2).sum() - (rest**2).sum()) / max(float((count * (count - 1)).sum()), 1.0)
     return float(np.sqrt(max(products, 0.0)))
 

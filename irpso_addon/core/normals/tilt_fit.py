@@ -45,14 +45,16 @@ class TiltsFound:
 
     def deviation(self) -> float:
         """Standard deviation of tilts, radians: that under which what was found is likeliest (empirical Bayes)."""
-        deviation = 0.1
+        deviation, before, known = 0.1, 0.0, np.linalg.eigvalsh(self.information)[:, 0]
         for _ in range(60):
+            if deviation == before:  # at rest
+                break
             tilt, covariance = self.under(deviation)
-            seen = np.linalg.eigvalsh(self.information)[:, 0] > 0.1 / deviation**2  # the others say what is assumed
+            seen = known > 0.1 / deviation**2  # the others say what is assumed
             if not seen.any():
                 return 0.0
             square = ((tilt**2).sum(-1) + np.trace(covariance, axis1=1, axis2=2))[seen] / 2
-            deviation = float(np.sqrt(np.mean(np.minimum(square, np.quantile(square, 0.98)))))
+            before, deviation = deviation, float(np.sqrt(np.mean(np.minimum(square, np.quantile(square, 0.98)))))
         return deviation
 
 
