@@ -8,7 +8,7 @@ from ..data import F64, I32, Bool
 from ..evaluation.apart_descent import HELD_TOGETHER
 from ..evaluation.descent import COSINES, AmongCosines
 from ..evaluation.joint_material import PLAIN_ALONE, JointSearch, OneMaterial
-from ..evaluation.lobe_values import fresnel_ratio, lobe_values
+from ..evaluation.lobe_values import LobePlaces, fresnel_ratio
 from ..evaluation.sampled_texels import Lobes, SampledTexels, one_lobe
 from ..shading import brdf
 from ..vectors import dot, mean
@@ -64,13 +64,12 @@ def _roughness(texels: SampledTexels, one: OneMaterial, near: F64 | None) -> F64
     cos_v, paints = np.clip(texels.cos_v, 1e-3, 1.0), paints_of(texels)
     ratio = fresnel_ratio(texels.lobes, cos_v, np.asarray(one.level), texels.nodes)
     energies = brdf.principled_energy_level(NODES[:, None], COSINES, np.full((len(NODES), 1), one.level))
-    among = AmongCosines(texels.cos_v)
+    among, places = AmongCosines(texels.cos_v), LobePlaces(texels.lobes, cos_v, texels.nodes)
 
     def cost(node: I32) -> F64:
         """(T,) of a node each."""
         gain, taken = (among.values(table, node[:, None]) for table in tables)
-        shape = lobe_values(texels.lobes, cos_v, NODES[node], nodes=texels.nodes)
-        specular = dot(shape, ratio) * gain
+        specular = dot(places.values(NODES[node]), ratio) * gain
         diffuse = (1 - taken) / np.pi
         base = base_colours(paints, weight, diffuse, f - specular)
         return np.asarray((weight * (f - specular - base * diffuse) ** 2).sum(1))

@@ -14,7 +14,7 @@ import numpy as np
 from ..data import F64, I32, Bool
 from ..shading import brdf
 from .descent import LEAST_NUMBER, SOME_METALLIC, TRIALS, Descent
-from .lobe_values import fresnel_ratio, lobe_values, metal_values
+from .lobe_values import fresnel_ratio, metal_values
 from .sampled_texels import LEAST, SampledTexels
 
 HELD_TOGETHER = 1.0  # nats per squared log ratio: how far texels may depart while their level is sought
@@ -124,8 +124,7 @@ class ApartDescent:
         texels, cos_v = self.descent.texels, self.descent.cos_v
         lobes, nodes = texels.lobes, texels.nodes
         energy = brdf.principled_energy_level(roughness[:, None], cos_v, level)
-        shape = lobe_values(lobes, cos_v, roughness, nodes=nodes) * fresnel_ratio(
-            lobes, cos_v, np.asarray(level), nodes, roughness)
+        shape = self.descent.places.values(roughness) * fresnel_ratio(lobes, cos_v, np.asarray(level), nodes, roughness)
         white = ((1 - energy[..., 1]) / np.pi)[..., None] * self.diffuse
         rest = (shape.sum(-1) * energy[..., 0])[..., None]
         if metallic > 0:

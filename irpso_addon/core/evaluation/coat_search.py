@@ -15,7 +15,7 @@ from ..shading import brdf
 from ..vectors import over_layers
 from .descent import LEAST_NUMBER, Descent
 from .joint_material import LEVELS, ROUGHNESS, Joint, JointSearch, OneMaterial
-from .lobe_values import coat_values
+from .lobe_values import LobePlaces, coat_values
 from .sampled_texels import LEAST
 
 # (weight, roughness) of coats, and (roughness, level) of what lies below where that is not the material without one.
@@ -109,6 +109,7 @@ class _Apart:
     def __init__(self, search: JointSearch, sharpest: float) -> None:
         self.search, self.sharpest = search, min(sharpest, WIDEST / 2)
         self.cos_v = np.clip(search.texels.cos_v, 1e-3, 1.0)
+        self.places = LobePlaces(search.texels.lobes, self.cos_v, search.texels.nodes)
 
     def coat(self, known: Bool, level: float) -> Coat:
         """At a Specular IOR Level."""
@@ -141,8 +142,7 @@ class _Apart:
         return result
 
     def _cost(self, channels: list[_Known], coat: Coat) -> float:
-        texels = self.search.texels
-        above, left = coat_values(texels.lobes, self.cos_v, coat, texels.nodes)
+        above, left = coat_values(self.places, self.cos_v, coat)
         total = np.zeros(1)
         for of in channels:
             off, w = of.reflected - above.take(of.layers, 1)[..., None], of.weight

@@ -9,7 +9,7 @@ import numpy as np
 from ..data import F64, I32, Bool
 from ..shading import brdf
 from ..vectors import dot, over_layers
-from .lobe_values import fresnel_ratio, lobe_values, metal_values
+from .lobe_values import LobePlaces, fresnel_ratio, metal_values
 from .sampled_texels import LEAST, SampledTexels
 
 METAL_BASE = 0.6  # base colour for which a metal's multiple scattering is taken at first
@@ -47,7 +47,7 @@ class Descent:
     def __init__(self, texels: SampledTexels, weight: F64, low: F64) -> None:
         self.texels, self.root, self.low = texels, np.sqrt(weight), low
         self.cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
-        self.among = AmongCosines(self.cos_v)
+        self.among, self.places = AmongCosines(self.cos_v), LobePlaces(texels.lobes, self.cos_v, texels.nodes)
         self.layers = np.ones(len(texels.camera), bool), ALL_NUMBERS
         # Base colour for which a metal's multiple scattering is taken, (T, V, C) or (1, 1, 1): it changes the gain by
         # some per cent.
@@ -158,8 +158,7 @@ class Descent:
     def _body(self, roughness: float, level: float, metallic: float) -> tuple[F64, F64]:
         """(T, V, 1) each, of a metal (T, V, C): for each unit of base colour, and whatever that is."""
         lobes, nodes = self.texels.lobes, self.texels.nodes
-        (shape,) = self._keep("lobe", roughness, lambda: (
-            lobe_values(lobes, self.cos_v, self._all(roughness), nodes=nodes),))
+        (shape,) = self._keep("lobe", roughness, lambda: (self.places.values(self._all(roughness)),))
         (ratio,) = self._keep("level", level, lambda: (fresnel_ratio(lobes, self.cos_v, np.asarray(level), nodes),))
         energy = brdf.principled_energy_level(roughness, COSINES, level)
         gain, taken = (self.among.values(energy[:, k]) for k in (0, 1))
@@ -180,7 +179,7 @@ class Descent:
         """(T, V, 1) each of a coat of weight 1: its lobe, the gain of that, and what is taken from below."""
         def values() -> tuple[F64, ...]:
             energy = brdf.principled_energy(roughness, COSINES)
-            shape = lobe_values(self.texels.lobes, self.cos_v, self._all(roughness), nodes=self.texels.nodes).sum(-1)
+            shape = self.places.values(self._all(roughness)).sum(-1)
             return shape[..., None], *(self.among.values(energy[:, k])[..., None] for k in (0, 1))
 
         return self._keep("coat", roughness, values)

@@ -23,7 +23,7 @@ from ..shading import brdf
 from ..vectors import dot, over_layers, summed
 from .apart_descent import HELD_TOGETHER, ApartDescent
 from .descent import COSINES, LEAST_NUMBER, METAL_BASE, AmongCosines, Descent
-from .lobe_values import fresnel_ratio, lobe_values, metal_values
+from .lobe_values import LobePlaces, fresnel_ratio, metal_values
 from .sampled_texels import LEAST, SampledTexels, metal_gain
 
 ROUGHNESS = np.geomspace(0.05, 1.0, 18)  # nodes of the search
@@ -224,10 +224,10 @@ def _dielectric(texels: SampledTexels, levels: slice) -> tuple[F64, F64]:
     count, layers = texels.cos_v.shape
     a, s = (np.empty((count, len(LEVELS[levels]), len(ROUGHNESS), layers)) for _ in range(2))
     cos_v, among = np.clip(texels.cos_v, 1e-3, 1.0), AmongCosines(texels.cos_v)
-    energies = _energies()[levels]
+    energies, places = _energies()[levels], LobePlaces(texels.lobes, cos_v, texels.nodes)
     ratios = [fresnel_ratio(texels.lobes, cos_v, np.asarray(level), texels.nodes) for level in LEVELS[levels]]
     for j, roughness in enumerate(ROUGHNESS):
-        lobe = lobe_values(texels.lobes, cos_v, np.full(count, roughness), nodes=texels.nodes)
+        lobe = places.values(np.full(count, roughness))
         for i, ratio in enumerate(ratios):
             gain, taken = (among.values(energy) for energy in energies[i, j])
             a[:, i, j] = (1 - taken) / np.pi

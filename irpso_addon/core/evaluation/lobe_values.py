@@ -24,17 +24,28 @@ def lobe_values(
 
     lobes: (T, V, L, 4).  cos_v: (T, V) or (T, 1), not 0.  roughness: (T,).
     """
-    D: Callable[[F64, F64, F64], F64] = brdf.D_beckmann_disc if beckmann else brdf.D_ggx_disc
-    root: Callable[[F64, F64], F64] = brdf.lambda_root_beckmann if beckmann else brdf.lambda_root
-    sin2h, radius2, cos_l, factor = np.moveaxis(lobes, -1, 0)
-    cos_l = np.clip(cos_l, 1e-3, 1)
-    alpha2 = (roughness**4)[:, None, None]
-    roots = root(alpha2, 1 / cos_l**2 - 1) + root(alpha2, 1 / cos_v[..., None] ** 2 - 1)
-    value: F64 = D(alpha2, sin2h, radius2) * factor / roots
-    if nodes is None:
-        return value
-    around = environment.at_roughness(np.exp(nodes[..., 0, :]), roughness[:, None])
-    return np.concatenate([value, np.broadcast_to(around, value.shape[:-1])[..., None]], -1)
+    return LobePlaces(lobes, cos_v, nodes).values(roughness, beckmann)
+
+
+class LobePlaces:
+    """The places of `lobe_values`, taken once for many roughnesses."""
+
+    def __init__(self, lobes: F64, cos_v: F64, nodes: F64 | None = None) -> None:
+        self.sin2h, self.radius2, cos_l, self.factor = (np.ascontiguousarray(lobes[..., k]) for k in range(4))
+        self.tan2_l, self.tan2_v = 1 / np.clip(cos_l, 1e-3, 1)**2 - 1, 1 / cos_v[..., None] ** 2 - 1
+        self.around = None if nodes is None else np.exp(nodes[..., 0, :])
+
+    def values(self, roughness: F64, beckmann: bool = False) -> F64:
+        """As of `lobe_values`."""
+        D: Callable[[F64, F64, F64], F64] = brdf.D_beckmann_disc if beckmann else brdf.D_ggx_disc
+        root: Callable[[F64, F64], F64] = brdf.lambda_root_beckmann if beckmann else brdf.lambda_root
+        alpha2 = (roughness**4)[:, None, None]
+        roots = root(alpha2, self.tan2_l) + root(alpha2, self.tan2_v)
+        value: F64 = D(alpha2, self.sin2h, self.radius2) * self.factor / roots
+        if self.around is None:
+            return value
+        around = environment.at_roughness(self.around, roughness[:, None])
+        return np.concatenate([value, np.broadcast_to(around, value.shape[:-1])[..., None]], -1)
 
 
 def fresnel_ratio(
@@ -69,9 +80,9 @@ def metal_values(lobes: F64, cos_v: F64, roughness: F64, nodes: F64 | None = Non
     return dot(shape, 1 - edge), dot(shape, edge)
 
 
-def coat_values(lobes: F64, cos_v: F64, coat: Coat, nodes: F64 | None = None) -> tuple[F64, F64]:
+def coat_values(places: LobePlaces, cos_v: F64, coat: Coat) -> tuple[F64, F64]:
     """(T, V) each: what a coat reflects, and what it leaves of all that lies below.  cos_v: (T, V) or (T, 1), not 0."""
-    shape = lobe_values(lobes, cos_v, np.full(len(lobes), coat.roughness), nodes=nodes).sum(-1)
+    shape = places.values(np.full(len(cos_v), coat.roughness)).sum(-1)
     gain = brdf.principled_energy(coat.roughness, cos_v)[..., 0]
     return coat.weight * shape * gain, brdf.left_by_coat(coat, cos_v)
 

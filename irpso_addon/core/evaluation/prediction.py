@@ -12,7 +12,7 @@ import numpy as np
 from ..data import F32, F64, I32, Bool, Coat, Maps, Solution
 from ..resampling import bilinear
 from ..shading import brdf
-from .lobe_values import coat_values, diffuse_parts, fresnel_ratio, lobe_values, metal_values
+from .lobe_values import LobePlaces, coat_values, diffuse_parts, fresnel_ratio, lobe_values, metal_values
 
 TAPS = 4  # by TAPS, over a pixel's footprint
 
@@ -135,7 +135,8 @@ def _under_coats(value: F64, which: I32, coats: tuple[Coat, ...], view: PlaceVie
     for number, coat in enumerate(coats):
         at = which == number
         cos_v = np.clip(view.cos_v[at].astype(np.float64), 1e-3, 1)
-        above, left = coat_values(view.lobes[at].astype(np.float64), cos_v[:, None], coat, _nodes(view, at))
+        above, left = coat_values(
+            LobePlaces(view.lobes[at].astype(np.float64), cos_v[:, None], _nodes(view, at)), cos_v[:, None], coat)
         result[at] = left * value[at] + above
     return result
 

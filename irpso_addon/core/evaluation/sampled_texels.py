@@ -14,7 +14,7 @@ import numpy as np
 from ..data import F64, I32, Bool, Coat
 from ..shading import brdf
 from ..vectors import mean, summed
-from .lobe_values import coat_values, diffuse_parts, fresnel_ratio, lobe_values, metal_values
+from .lobe_values import LobePlaces, coat_values, diffuse_parts, fresnel_ratio, lobe_values, metal_values
 
 MISSED_SHADOW = 0.3  # of a texel's typical reflection: darker is taken for a shadow that the shadow map missed
 OTHER_CAMERA = 0.02  # weight of another camera's pixels, which show another part of the texture, beside the own one's
@@ -143,7 +143,8 @@ def parts(texels: SampledTexels, lobes: Lobes | None, base: F64 | None = None) -
         share = lobes.metallic
         diffuse, specular = (1 - share) * diffuse + share * own, (1 - share) * specular + share * edge
     if lobes.coat is not None:
-        above, left = coat_values(texels.lobes, np.clip(texels.cos_v, 1e-3, 1.0), lobes.coat, texels.nodes)
+        cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
+        above, left = coat_values(LobePlaces(texels.lobes, cos_v, texels.nodes), cos_v, lobes.coat)
         diffuse, specular = left[..., None] * diffuse, left[..., None] * specular + above[..., None]
     return diffuse, specular
 
