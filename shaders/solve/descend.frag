@@ -10,7 +10,7 @@ uniform sampler2D u_parent[2];
 uniform sampler2D u_parent_colour[2];  // as u_colour there
 uniform bool u_top;
 uniform float u_step;        // how much roughness may differ from the parents' (standard deviation)
-uniform vec2 u_typical;      // roughness of all texels and its variance: a normal prior of each cell
+uniform sampler2D u_typical;  // of each kind: colour, and above it roughness and its variance: a normal prior of a cell
 uniform float u_prior_cut;
 uniform float u_evidence;    // how much of its tables counts where it is judged whether a cell's kinds are apart
 
@@ -21,8 +21,19 @@ const float SHADE = 0.2;    // in the same units: kinds that are nearer are shad
 
 // "differ" is 1 / squared distance of the colours that are apart here, 0 where none are.
 
-// Where nothing else is known.
-vec2 typical() { return vec2(u_typical.x, min(u_typical.y, 0.1)); }
+// What is typical of this colour: roughness, variance.
+vec2 typical_of(vec3 colour) {
+    int nearest = 0;
+    float least = 1e30;
+    for (int i = 0; i < textureSize(u_typical, 0).x; i++) {
+        float off = squared(texelFetch(u_typical, ivec2(i, 0), 0).rgb - colour);
+        if (off < least) nearest = i;
+        least = min(least, off);
+    }
+    return texelFetch(u_typical, ivec2(nearest, 1), 0).xy;
+}
+
+const float UNKNOWN = 0.1;  // variance where nothing else is known
 
 // The four parents of a kind of this colour, interpolated: mean, variance, differ.
 vec3 parents(vec3 colour) {
@@ -48,17 +59,21 @@ vec3 parents(vec3 colour) {
         sum += like * weight[j] * min(parent[j].w, 1.0) / parent[j].y
              * vec4(parent[j].x, parent[j].y, max(parent[j].w - 1.0, 0.0), 1.0);
     }
-    vec3 found = sum.w > 0.0 ? sum.xyz / sum.w : vec3(typical(), 0.0);
+    vec2 typical = typical_of(colour);
+    vec3 found = sum.w > 0.0 ? sum.xyz / sum.w : vec3(typical.x, min(typical.y, UNKNOWN), 0.0);
     // Two priors, the parents' and what is typical: their product.
-    float share = u_typical.y / (u_typical.y + u_step * u_step);  // of the parents'
+    float share = typical.y / (typical.y + u_step * u_step);  // of the parents'
     // A parent that may be in another valley does not hold its children where it is.  How much it counts beside the other
     // parents is up to the valley's own width: else those would hold them where *they* are.
     float change = max(share * u_step * u_step, share * share * found.z);
-    return vec3(mix(u_typical.x, found.x, share), share * share * found.y + change, differ);
+    return vec3(mix(typical.x, found.x, share), share * share * found.y + change, differ);
 }
 
 vec3 prior_of(int kind) {
-    return u_top ? vec3(typical(), 0.0) : parents(cell_colour(ivec2(gl_FragCoord.xy), kind).rgb);
+    vec3 colour = cell_colour(ivec2(gl_FragCoord.xy), kind).rgb;
+    if (!u_top) return parents(colour);
+    vec2 typical = typical_of(colour);
+    return vec3(typical.x, min(typical.y, UNKNOWN), 0.0);
 }
 
 vec4 prior_cost(int i, vec3 prior) {

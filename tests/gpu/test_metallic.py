@@ -77,7 +77,7 @@ def test_a_prior_about_the_material_draws_a_metal_too(on_gl):
     problem, _ = exact()
     one = replace(problem, truth=replace(problem.truth, roughness=np.full_like(problem.truth.roughness, 0.3)))
     texels = as_metal(one, 0.4)
-    noisy = texels.rgb * (1 + 0.03 * np.random.default_rng(6).standard_normal(texels.rgb.shape))
+    noisy = texels.rgb * (1 + 0.1 * np.random.default_rng(6).standard_normal(texels.rgb.shape))
     texels = replace(texels, rgb=noisy.astype(np.float32))
     alone, drawn = (np.abs(solved(on_gl, texels, 0.4, joint=joint)[0] - 0.3).mean()
                     for joint in (None, JointPrior(0.3, 200.0, 0.01)))

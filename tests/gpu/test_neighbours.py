@@ -15,7 +15,7 @@ from irpso_addon.core.tiled.tiled_plan import Noise
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve import neighbours
 from irpso_addon.gpu.solve.solver import Solver
-from irpso_addon.gpu.solve.texel_records import WELL_KNOWN
+from irpso_addon.gpu.solve.typical import typical
 from tests.support.texels import as_metal, exact, finish
 
 SIZE, SHARED = 256, 1.0  # nothing but the model's error
@@ -347,37 +347,22 @@ def test_texels_that_know_little_are_drawn_to_what_the_others_are(
     false = 0.5 * (NODES - 0.6) ** 2  # as of texels without a highlight, whose errors are alike
     tables = np.where(informed[..., None], told(truth, informed, 0.005), false - false.min())
     base = painted(np.ones_like(informed))
-    of_all = neighbours.typical(*(a[informed].astype(np.float32) for a in (truth, np.full_like(truth, 0.005), base)))
+    of_all = typical(*(a[informed].astype(np.float32) for a in (truth, np.full_like(truth, 0.005), base)))
     plain, drawn = (np.abs(pyramid(tables, base, **more)[0][..., 0] - truth)[~informed].mean()
                     for more in ({}, {"of_all": of_all}))
     assert plain > before and drawn < after
 
 
-def test_what_is_typical_is_that_of_the_texels_that_know_their_roughness() -> None:
-    rng = np.random.default_rng(1)
-    known = 0.4 + 0.05 * rng.standard_normal(20000)
-    roughness = np.concatenate([known, rng.uniform(0.05, 1, 40000)]).astype(np.float32)
-    sigma = np.concatenate([np.full(20000, 0.005), np.full(40000, 0.05)]).astype(np.float32)
-    base = np.asarray(DARK + (LIGHT - DARK) * rng.uniform(size=(60000, 1)), np.float32)
-    found = neighbours.typical(roughness, sigma, base)
-    assert found.roughness == pytest.approx(0.4, abs=0.002)
-    assert np.sqrt(found.variance) == pytest.approx(neighbours.WIDER * 0.05, rel=0.05)
-    patch = np.where(np.arange(60000) % 20 == 0, np.float32(0.9), roughness)  # of another roughness: 5 %
-    assert np.sqrt(neighbours.typical(patch, sigma, base).variance) > 0.9 * neighbours.WIDER * 0.5 / 4.1
-    assert neighbours.typical(roughness[:40], sigma[:40], base[:40]) == neighbours.UNKNOWN
-    assert neighbours.typical(roughness, sigma + 1, base) == neighbours.UNKNOWN
-    even = neighbours.typical(np.full(100, 0.3, np.float32), np.zeros(100, np.float32), base[:100])
-    assert even.roughness == pytest.approx(0.3)
-    assert np.sqrt(even.variance) == pytest.approx(WELL_KNOWN, rel=0.02)
-
-
-def test_a_colour_that_knows_little_may_be_of_another_roughness() -> None:
-    """Glossy dark paint under highlights, and matt light paint, of which no texel knows its roughness well."""
-    rng = np.random.default_rng(2)
-    light = np.arange(4000) % 10 == 0
-    roughness = np.where(light, 0.8, 0.2).astype(np.float32)
-    base = (np.where(light[:, None], LIGHT, DARK) * rng.uniform(0.8, 1.2, (4000, 1))).astype(np.float32)
-    sure = np.full(4000, 0.005, np.float32)
-    assert neighbours.typical(roughness, np.where(light, np.float32(0.03), sure), base) == neighbours.UNKNOWN
-    both = neighbours.typical(roughness, sure, base)
-    assert 0.2 < both.roughness < 0.3 and np.sqrt(both.variance) > 0.4
+def test_texels_that_know_little_are_drawn_to_what_those_of_their_colour_are(pyramid: Pyramid) -> None:
+    """Patches of two paints, of which only those of half the map have a highlight; data elsewhere are wrong."""
+    y, x = np.mgrid[:SIZE, :SIZE]
+    dark, informed = (y // 32 + x // 32) % 2 == 0, (y < SIZE // 2) & (x % 32 < 6) & (y % 32 < 6)
+    truth, false = np.where(dark, SMOOTH, ROUGH), 0.5 * (NODES - 0.4) ** 2
+    tables = np.where(informed[..., None], told(truth, informed, 0.005), false - false.min())
+    base = painted(dark)
+    of_all = typical(*(a[informed].astype(np.float32) for a in (truth, np.full_like(truth, 0.005), base)))
+    plain, drawn = (np.abs(pyramid(tables, base, **more)[0][..., 0] - truth)[~informed]
+                    for more in ({}, {"of_all": of_all}))
+    assert plain.mean() > 0.05
+    assert plain.mean() > 0.15
+    assert drawn.mean() < 0.025

@@ -13,8 +13,7 @@ import numpy as np
 from ...core.data import F32, Bool
 from ...core.tiled.tiled_plan import Noise
 from ..device.context import Device, Inputs
-from .colour_kinds import KINDS, colour_kinds
-from .texel_records import FEW, WELL_KNOWN
+from .typical import UNKNOWN, Typical
 
 NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
 NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels
@@ -33,10 +32,6 @@ EVIDENCE = 0.8  # how much of tables counts where kinds are told apart: a texel 
 APART = 4  # texels of the map between those whose errors are compared: pixels are mostly smaller
 OUTLYING = 4.5  # times the median size: three standard deviations
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
-LEAST_SHARE = 0.1  # texels that are well known tell of the others if of each colour so much of their share are such
-ASKED = 65536  # texels at least, if there are so many
-EDGE, EDGE_Z = 0.02, 2.0537  # share of them beyond either end of their range, and that end under a normal distribution
-WIDER = 3.0  # a texel is drawn to what is typical by a prior so much wider than they are: others may differ more
 TABLE_TILES = 4  # across a texture that holds the 16 tables of both kinds
 Textures = tuple[moderngl.Texture, ...]
 
@@ -169,42 +164,6 @@ def scatter(roughness: F32, observed: Bool) -> float:
 
 
 @dataclass(frozen=True)
-class Typical:
-    """What the roughness of a cell is taken to be before its texels and its neighbours are asked: a normal prior."""
-
-    roughness: float
-    variance: float
-
-
-UNKNOWN = Typical(0.5, 1e9)
-
-
-def typical(roughness: F32, sigma: F32, base: F32) -> Typical:
-    """From what texels say of themselves: roughness and its standard error, (N,) each; ``base``: (N, 3) their colours.
-
-    Where texels of some colour know little, they may be of another roughness: then nothing is known of all.
-    """
-    roughness, sigma, base = (a[::max(1, len(a) // ASKED)] for a in (roughness, sigma, base))
-    well = sigma < WELL_KNOWN
-    known = roughness[well]
-    if len(known) < FEW or not _represented(well, base):
-        return UNKNOWN
-    edge = int(EDGE * len(known))
-    ordered = np.sort(known).astype(np.float64)
-    low, high = ordered[edge], ordered[-1 - edge]
-    spread = max((high - low) / (2 * EDGE_Z), WELL_KNOWN / WIDER)
-    mean = ordered[edge:len(known) - edge].mean()
-    return Typical(round(float(mean), 4), (WIDER * round(float(spread), 4)) ** 2)  # the same on all machines
-
-
-def _represented(well: Bool, base: F32) -> bool:
-    """Whether of each kind of colour that is no rarity some texels are known ``well``, (N,)."""
-    kinds = colour_kinds(base[None], np.ones((1, len(base)), bool))[0]
-    shares = [well[kinds == kind].mean() for kind in range(KINDS) if (kinds == kind).mean() > EDGE]
-    return all(share > LEAST_SHARE * well.mean() for share in shares)
-
-
-@dataclass(frozen=True)
 class Cells:
     """One level of the pyramid, as shaders/solve/cells.glsl reads it.
 
@@ -229,15 +188,19 @@ class Cells:
 
 def pyramid(
     device: Device, tables: Textures, colour: moderngl.Texture, shared: Shared, extent: float = 1.0,
-    around: F32 | None = None, of_all: Typical = UNKNOWN,
+    around: F32 | None = None, of_all: tuple[Typical, ...] = (UNKNOWN,),
 ) -> tuple[moderngl.Texture, moderngl.Texture]:
     """Tables summed upwards, estimates handed downwards: (estimate, prior) of every texel.
 
     ``colour``: base colour, 1 where observed.  ``shared``: between neighbours.  ``extent``: width of the grid in UV
     squares.  ``around``: as `tiled_plan.PriorKnowledge.roughness`; it stands in for all levels from its cells on, which
-    lie alike in neighbouring blocks, so that no border shows between them.  ``of_all``: what is typical of all texels.
+    lie alike in neighbouring blocks, so that no border shows between them.  ``of_all``: what is typical of texels, for
+    all or by their colour.
     """
     with device.scope() as owned:
+        typical = device.texture(len(of_all), 2, data=np.array(
+            [[(*kind.colour, 0.0) for kind in of_all], [(kind.roughness, kind.variance, 0.0, 0.0) for kind in of_all]],
+            np.float32))
         texels = Cells(colour.size, tables, (colour,))
         levels = _summed(device, texels, shared, 8 if around is None else around.shape[1])
         parents: tuple[Cells, Textures] | None = None
@@ -248,7 +211,7 @@ def pyramid(
             levels.pop()
         for n, level in reversed(list(enumerate(levels))):
             # Texels that share a pixel are off together: four texels alone do not show that two kinds are apart.
-            found = _handed_down(device, level, parents, extent, 0.0 if n == 1 else EVIDENCE, of_all)
+            found = _handed_down(device, level, parents, extent, 0.0 if n == 1 else EVIDENCE, typical)
             parents = level, found
             if n > 0:  # the largest textures of all
                 level.tables[0].release()
@@ -277,7 +240,7 @@ def _summed(device: Device, texels: Cells, shared: Shared, most: int) -> list[Ce
 
 def _handed_down(
     device: Device, level: Cells, parents: tuple[Cells, Textures] | None, extent: float, evidence: float,
-    of_all: Typical,
+    typical: moderngl.Texture,
 ) -> Textures:
     """Estimates of both kinds from a level's tables and the coarser one's estimates; of texels (estimate, prior).
 
@@ -287,7 +250,7 @@ def _handed_down(
     cells, estimates = parents or (level, level.colours)  # at the top nothing is read of them
     above = {"u_parent": estimates, "u_parent_colour": cells.colours} if len(estimates) == 2 else {}
     with device.target(found) as target:
-        device.draw("solve/descend.frag", target, Inputs({**level.inputs(), **above}, {
+        device.draw("solve/descend.frag", target, Inputs({**level.inputs(), **above, "u_typical": typical}, {
             "u_top": parents is None, "u_step": ROUGHNESS_SLOPE * extent / level.size[0], "u_prior_cut": PRIOR_CUT,
-            "u_evidence": evidence, "u_typical": (of_all.roughness, of_all.variance)}, level.defines()))
+            "u_evidence": evidence}, level.defines()))
     return found

@@ -21,6 +21,7 @@ from ..observe.observation_atlas import CAMERA_SLACK, Source, Tile, tiles
 from . import neighbours
 from .texel_records import RoughnessMaps, read_residual, read_support
 from .tile_passes import KernelPass, TilePasses, Uniforms
+from .typical import UNKNOWN, Typical, typical
 
 FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
 QUIET = 3e-4  # relative noise below which ...
@@ -224,16 +225,16 @@ class Solver(TilePasses):
                 "solve/polish.kernel", outputs, {**valleys, "u_estimate": estimate, "u_prior": prior},
                 {**floor, "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": POLISH_STEPS}, robust=self.robust))
 
-    def _typical(self, searched: Searched, colour: moderngl.Texture) -> neighbours.Typical:
+    def _typical(self, searched: Searched, colour: moderngl.Texture) -> tuple[Typical, ...]:
         """What all texels say of roughness; blocks of a map have the map around them instead, which is alike in all."""
         if 1 in self.before.noise:
-            return neighbours.UNKNOWN
+            return (UNKNOWN,)
         with self.device.scope():
             outputs = self.textures(2)
             self._last_word(searched, outputs, -1.0)
             roughness, sigma, _, solved = np.moveaxis(self.device.read(outputs[0]), -1, 0)
         known = solved > 0.5
-        return neighbours.typical(roughness[known], sigma[known], self.device.read(colour)[known, :3])
+        return typical(roughness[known], sigma[known], self.device.read(colour)[known, :3])
 
     def _joint(self) -> Uniforms:
         if self.joint is None:
