@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from irpso_addon.core.tiled.tiled_plan import Typical
 from irpso_addon.gpu.solve.texel_records import WELL_KNOWN
-from irpso_addon.gpu.solve.typical import UNKNOWN, WIDER, Typical, typical
+from irpso_addon.gpu.solve.typical import UNKNOWN, WIDER, typical
 
 DARK, LIGHT = np.array([0.1, 0.16, 0.3]), np.array([0.6, 0.5, 0.4])
 

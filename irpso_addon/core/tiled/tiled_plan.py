@@ -20,12 +20,22 @@ def cells_of(window: uv_blocks.UvBlock) -> int:
 
 
 @dataclass(frozen=True)
+class Typical:
+    """What the roughness of a cell is taken to be before its texels and its neighbours are asked: a normal prior."""
+
+    roughness: float
+    variance: float
+    colour: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of cells whose square root of base colour is nearest to it
+
+
+@dataclass(frozen=True)
 class Noise:
     """What a search has found of its data as a whole."""
 
     variance: float  # median, relative
     neighbours: bool  # whether texels need theirs
     alike: float = 0.0  # 0..1: which part of it neighbours have in common
+    typical: tuple[Typical, ...] = ()  # of all texels, or of each kind of base colour
 
 
 @dataclass(frozen=True)

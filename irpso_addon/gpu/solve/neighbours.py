@@ -11,9 +11,9 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32, Bool
-from ...core.tiled.tiled_plan import Noise
+from ...core.tiled.tiled_plan import Noise, Typical
 from ..device.context import Device, Inputs
-from .typical import UNKNOWN, Typical
+from .typical import UNKNOWN
 
 NOISE_FLOOR = 1e-4  # relative: float32 and the forward model's own error
 NOISE_LEVELS = 4  # noise is averaged over 16 x 16 texels

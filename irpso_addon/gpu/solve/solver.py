@@ -15,13 +15,13 @@ import numpy as np
 from ...core.data import F32, JointPrior
 from ...core.job import Progress
 from ...core.params import SolveSettings
-from ...core.tiled.tiled_plan import Noise, PriorKnowledge
+from ...core.tiled.tiled_plan import Noise, PriorKnowledge, Typical
 from ..device.context import Device, Inputs, Textures
 from ..observe.observation_atlas import CAMERA_SLACK, Source, Tile, tiles
 from . import neighbours
 from .texel_records import RoughnessMaps, read_residual, read_support
 from .tile_passes import KernelPass, TilePasses, Uniforms
-from .typical import UNKNOWN, Typical, typical
+from .typical import UNKNOWN, typical
 
 FIRST_SLACK = 300.0  # between-camera variance of albedo in units of the noise's, before the noise is known
 QUIET = 3e-4  # relative noise below which ...
@@ -210,7 +210,9 @@ class Solver(TilePasses):
                 self.noise_of[1] = replace(self.noise_of[1], alike=neighbours.alike(
                     self.device.read(texture), self.source.stride))
                 texture.release()
-            typical = self._typical(Searched(chosen, searched, variance), colour)
+            if 1 not in self.before.noise:
+                self.noise_of[1] = replace(
+                    self.noise_of[1], typical=self._typical(Searched(chosen, searched, variance), colour))
             # A metal's errors were not compared.
             noise = replace(self.noise_of[1], alike=0.0) if self.metallic else self.noise_of[1]
             tables = self.textures(8)
@@ -219,16 +221,14 @@ class Solver(TilePasses):
             estimate, prior = neighbours.pyramid(
                 self.device, tuple(tables), colour,
                 neighbours.shared_by(noise, self.source.shared_error, self.source.misfit > 0),
-                self.source.extent, self.before.roughness, typical)
+                self.source.extent, self.before.roughness, self.noise_of[1].typical or (UNKNOWN,))
             colour.release()
             yield from self.run(chosen, (0.8, 1.0), KernelPass(
                 "solve/polish.kernel", outputs, {**valleys, "u_estimate": estimate, "u_prior": prior},
                 {**floor, "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": POLISH_STEPS}, robust=self.robust))
 
     def _typical(self, searched: Searched, colour: moderngl.Texture) -> tuple[Typical, ...]:
-        """What all texels say of roughness; blocks of a map have the map around them instead, which is alike in all."""
-        if 1 in self.before.noise:
-            return (UNKNOWN,)
+        """What texels say of others.  Blocks of a map have what the small map says, which is alike in all."""
         with self.device.scope():
             outputs = self.textures(2)
             self._last_word(searched, outputs, -1.0)

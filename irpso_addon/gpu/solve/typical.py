@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from ...core.data import F32, F64, I32, Bool
+from ...core.tiled.tiled_plan import Typical
 from .colour_kinds import KINDS, colour_kinds
 from .texel_records import FEW, WELL_KNOWN
 
@@ -15,22 +16,6 @@ ASKED = 65536  # texels at least, if there are so many
 EDGE, EDGE_Z = 0.02, 2.0537  # share of them beyond either end of their range, and that end under a normal distribution
 WIDER = 3.0  # a texel is drawn to what is typical by a prior so much wider than they are: others may differ more
 KINDS_TELL = 0.5  # of the spread of all: if texels spread less about the means of their kinds, colour tells roughness
-
-
-@dataclass(frozen=True)
-class Typical:
-    """What the roughness of a cell is taken to be before its texels and its neighbours are asked: a normal prior."""
-
-    roughness: float
-    variance: float
-    colour: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of cells whose square root of base colour is nearest to it
-
-    def of(self, colour: F64) -> Typical:
-        """The same for another colour, (3,)."""
-        red, green, blue = (round(float(c), 4) for c in colour)
-        return Typical(self.roughness, self.variance, (red, green, blue))
-
-
 UNKNOWN = Typical(0.5, 1e9)
 
 
@@ -57,13 +42,18 @@ def typical(roughness: F32, sigma: F32, base: F32) -> tuple[Typical, ...]:
             return (_prior(mean, spread),)
         if not enough:
             return (UNKNOWN,)
-    roots = np.sqrt(np.maximum(base, 0))
-    return tuple((UNKNOWN if np.isnan(means[kind]) else _prior(means[kind], within)).of(roots[kinds == kind].mean(0))
+    return tuple(_of_colour(UNKNOWN if np.isnan(means[kind]) else _prior(means[kind], within), base[kinds == kind])
                  for kind in range(KINDS) if (kinds == kind).any())
 
 
 def _prior(mean: float, spread: float) -> Typical:
     return Typical(round(float(mean), 4), (WIDER * round(spread, 4)) ** 2)  # the same on all machines
+
+
+def _of_colour(of: Typical, base: F32) -> Typical:
+    """The same for texels about these colours, (N, 3)."""
+    red, green, blue = (round(float(c), 4) for c in np.sqrt(np.maximum(base, 0)).mean(0, dtype=np.float64))
+    return replace(of, colour=(red, green, blue))
 
 
 def _mean_and_spread(known: F32 | F64) -> tuple[float, float]:
