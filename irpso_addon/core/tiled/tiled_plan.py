@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -100,7 +100,14 @@ class Plan:
         maps = self.solution.maps
         known = (~maps.filled).astype(np.float32)
         values = np.stack([maps.roughness, np.maximum(maps.roughness_sigma**2, LEAST_SIGMA**2), 0 * known, known], -1)
-        return PriorKnowledge(self.noise, self.layout.sampled(values, window, cells_of(window)))
+        return PriorKnowledge(self._noise(), self.layout.sampled(values, window, cells_of(window)))
+
+    def _noise(self) -> Mapping[int, Noise]:
+        """Where materials are searched apart, one's roughness says nothing of another's."""
+        models, priors = self.solution.model, self.solution.priors
+        if len(models) < 2 or not (priors or len(set(models.values())) > 1):
+            return self.noise
+        return {lobes: replace(noise, typical=()) for lobes, noise in self.noise.items()}
 
     def level_map(self, window: uv_blocks.UvBlock, slots: np.ndarray) -> F32 | None:
         """(side, side) Specular IOR Level of a block's texels; None: 0.5.  slots: material of each, -1: none."""

@@ -81,8 +81,6 @@ class Ladder:
         result.cancelled, result.priors = self.solver.cancelled, self.priors
         result.noise, result.robust = self.solver.noise_of | self.noise, (
             self.solver.robust if self.robust is None else self.robust)
-        if len(present) > 1 and (self.priors or len(set(result.model.values())) > 1):  # they were searched apart
-            result.noise = {lobes: replace(noise, typical=()) for lobes, noise in result.noise.items()}
         return result
 
     def _read(self, maps: RoughnessMaps) -> LadderResult:
