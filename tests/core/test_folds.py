@@ -472,3 +472,20 @@ def test_curves_between_cosines_are_those_of_interp() -> None:
     each = np.array([2, 0, 1, 2], np.int32)
     wanted = [np.interp(row, COSINES, curves[k]) for row, k in zip(cosines, each, strict=True)]
     np.testing.assert_array_equal(among.values(curves, each[:, None]), wanted)
+
+
+def test_pixels_that_show_another_place_judge_nobody() -> None:
+    """A bump hides a tenth of the texels from a camera: its pixels show matt paint behind which a highlight lies."""
+    rough = np.where(np.arange(80) % 2 == 0, 0.15, 0.6)
+    texels, _ = sampled(80, 8, 2, rough)
+    hidden = (np.arange(80)[:, None] % 10 == 0) & (texels.camera == 1)
+    elsewhere = np.roll(texels.reflected, 1, 0)
+    texels = replace(texels, reflected=np.where(hidden[..., None], elsewhere, texels.reflected),
+                     quality=np.where(hidden, 1e-3, texels.cos_v**2))
+    folds = split(texels)
+    assert folds is not None
+    judge = Judge(texels, folds)
+    for name, lobes in (("lambert", None), ("true", one_lobe(rough, 0.5))):
+        judge.add(name, [predicted(texels, lobes, ~out) for out in folds.left_out])
+    assert judge.error("true").relative_rms < 0.02
+    assert judge.error("true").lightness < 0.5

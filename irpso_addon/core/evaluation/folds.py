@@ -37,8 +37,8 @@ class Folds:
 class Candidate:
     """What one model predicted of every layer when it was left out."""
 
-    squares: F64  # (T,) of errors of radiance
-    lightness: F64  # (T,) squared errors of L*
+    squares: F64  # (T,) of errors of radiance, as far as observations are to be trusted
+    lightness: F64  # (T,) the same of L*
 
 
 def split(texels: SampledTexels, numbers: int = 1) -> Folds | None:
@@ -81,6 +81,8 @@ class Judge:
                 here = left_out & own & enough[:, None]
                 self.judged |= usable & here
                 self.dark |= (texels.quality > 0) & ~usable & here
+        # A pixel may show a place far from the texel, behind a bump: it then says little of what the texel should show.
+        self.weight = np.where(self.judged | self.dark, texels.trust(), 0.0)  # (T, V) of squared errors
         self.plain = np.zeros_like(self.radiance)  # what the first candidate predicts
         self.candidates: dict[str, Candidate] = {}
 
@@ -109,7 +111,7 @@ class Judge:
         off = np.where(judged, value - self.radiance, 0.0)
         off += np.where((self.dark & layers)[..., None], np.maximum(value - self.plain, 0.0), 0.0)
         light = np.where(judged, lightness(value / self.white) - lightness(self.radiance / self.white), 0.0)
-        return Candidate((off**2).sum((1, 2)), (light**2).mean(2).sum(1))
+        return Candidate((self.weight[..., None] * off**2).sum((1, 2)), (self.weight * (light**2).mean(2)).sum(1))
 
     def error(self, name: str) -> PredictionError:
         """Of a candidate, over all that was left out; `limited`: of the surface, not of one place.
@@ -119,10 +121,11 @@ class Judge:
         candidate = self.candidates[name]
         squares, light = (
             float(limited(of, self.clusters).sum()) for of in (candidate.squares, candidate.lightness))
-        shown = (np.where(self.judged[..., None], self.radiance, 0.0) ** 2).sum((1, 2))
+        weight = np.where(self.judged, self.weight, 0.0)
+        shown = (weight[..., None] * self.radiance**2).sum((1, 2))
         signal = float(limited(shown, self.clusters).sum())
         return PredictionError(float(np.sqrt(squares / max(signal, 1e-30))),
-                               float(np.sqrt(light / max(int(self.judged.sum()), 1))))
+                               float(np.sqrt(light / max(float(weight.sum()), 1e-30))))
 
     def choose(self, families: Sequence[Sequence[str]]) -> str:
         """The best of the smallest family that predicts about as well as the best one.

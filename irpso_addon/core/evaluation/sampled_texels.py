@@ -61,6 +61,10 @@ class SampledTexels:
         usable.setflags(write=False)
         return usable
 
+    def trust(self) -> F64:
+        """(T, V) 0..1: how far to trust an observation beside a good one at its angle, whose quality is cos_v^2."""
+        return np.minimum(self.quality / np.clip(self.cos_v, 1e-3, 1.0) ** 2, 1.0)
+
     def typical_observations(self) -> float:
         """How many usable observations a texel that has some typically has."""
         count = self.usable().sum(1)
