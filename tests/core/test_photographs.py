@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import math
 import struct
+import time
+from statistics import median_low
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from irpso_addon.core.images.colour import SPACES, known_space
 from irpso_addon.core.images.icc_profile import space_of_profile
 from irpso_addon.core.images.image_file import open_image
 from irpso_addon.core.images.reference_image import read_reference
-from irpso_addon.core.images.shot_settings import ShotSettings, brighter_by, relative_exposures
+from irpso_addon.core.images.shot_settings import ShotSettings, brighter_by, exposures_off, relative_exposures
 from tests.support.dng_files import Shot, save_dng
 from tests.support.picture_files import RNG, noise, save, view
 
@@ -285,6 +287,29 @@ def test_cameras_that_keep_their_iso_to_themselves():
     assert found == {"a": 0, "b": 0} and len(lines) == 1 and "for any picture, so equal" in lines[0]
     assert brighter_by(ShotSettings(1 / 30, 8.0), ShotSettings(1 / 60, 8.0)) == pytest.approx(1)
     assert brighter_by(ShotSettings(1 / 30, 8.0), ShotSettings(1 / 60, 8.0, 100.0)) is None
+
+
+def test_exposures_beside_those_of_all_other_views():
+    """As the median of all pairs has them, to rounding; settings that are missing here and there, and equal views."""
+    def by_pairs(views: list[tuple[ShotSettings, float]]) -> list[float]:
+        pairs = [[by - (given - other) for n, (shot, other) in enumerate(views)
+                  if n != at and (by := brighter_by(own, shot)) is not None] for at, (own, given) in enumerate(views)]
+        return [median_low(found) if found else 0.0 for found in pairs]
+
+    for count in (0, 1, 2, 3, 4, 5, 40, 41):
+        for _ in range(20):
+            views = [(ShotSettings(*(None if RNG.random() < 0.2 else float(RNG.choice(values)) for values in (
+                (1 / 125, 1 / 60, 1 / 30), (5.6, 8.0), (100.0, 200.0)))), float(RNG.choice([0.0, 0.0, 1.0, -0.5])))
+                for _ in range(count)]
+            assert exposures_off(views) == pytest.approx(by_pairs(views), abs=1e-12)
+
+
+def test_exposures_of_thousands_of_views_take_no_time():
+    """All pairs of 3,000 views take 50 s."""
+    views = [(shot(1 / (60 + n)), 0.0) for n in range(3000)]
+    start = time.thread_time()
+    exposures_off(views)
+    assert time.thread_time() - start < 1
 
 
 def test_equal_light_whatever_the_exposure(tmp_path):

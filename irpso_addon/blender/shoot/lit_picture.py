@@ -13,7 +13,7 @@ from mathutils import Vector
 from ...core.data import F64, Camera, Light, View
 from ...core.errors import BadInput
 from ...core.images.image_file import open_image
-from ...core.images.shot_settings import LEAST_DIFFERENCE, NOTHING_SAID, ShotSettings, exposure_off
+from ...core.images.shot_settings import LEAST_DIFFERENCE, NOTHING_SAID, ShotSettings, exposures_off
 from ...core.projection import rays_of
 from ...core.shading.lights import light_irradiance
 from ...core.shoot.grey_patch import Patch, measure_patch
@@ -90,7 +90,7 @@ class LitPicture:
         others = [view for view in views if view.view.image != self.shown.view.image]
         chosen = [others[i] for i in np.unique(np.linspace(0, len(others) - 1, OTHERS).astype(int))] if others else []
         given = self.shown.view.exposure
-        off = exposure_off(_shot(self.shown), given, [(_shot(view), view.view.exposure) for view in chosen])
+        off = exposures_off([(_shot(view), view.view.exposure) for view in (self.shown, *chosen)])[0]
         return [f"{self.name}: EXIF states an exposure of {off:+.2f} EV beside the other views and their Exposure; set "
                 f"its Exposure to {given + off:.3g} and click again, unless a flash shorter than the exposure time lit "
                 "all of them"] if abs(off) > LEAST_DIFFERENCE else []

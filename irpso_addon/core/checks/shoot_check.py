@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..images.shot_settings import LEAST_DIFFERENCE, NOTHING_SAID, ShotSettings, exposure_off
+from ..images.shot_settings import LEAST_DIFFERENCE, NOTHING_SAID, ShotSettings, exposures_off
 from ..phrases import percent, some
 
 U8 = NDArray[np.uint8]
@@ -298,8 +298,7 @@ def _exposures(views: list[ViewFigures]) -> tuple[list[ViewFigures], list[Findin
 
     A flash that is shorter than the exposure time lights all alike, whatever EXIF states.
     """
-    off = np.array([exposure_off(view.shot, view.exposure, [
-        (other.shot, other.exposure) for other in views if other is not view]) for view in views])
+    off = np.array(exposures_off([(view.shot, view.exposure) for view in views]))
     given = np.log2([view.albedo for view in views])
     middle = np.median(given - off)
     wrong = (abs(off) > LEAST_DIFFERENCE) & (abs(given - off - middle) < abs(given - middle))

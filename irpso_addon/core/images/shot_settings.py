@@ -94,14 +94,25 @@ def brighter_by(shot: ShotSettings, other: ShotSettings) -> float | None:
     return None if value is None or reference is None else value - reference
 
 
-def exposure_off(shot: ShotSettings, exposure: float, others: Sequence[tuple[ShotSettings, float]]) -> float:
-    """EV that EXIF states beside ``exposure``, that of the picture's view, if those of the ``others`` are right.
+def exposures_off(views: Sequence[tuple[ShotSettings, float]]) -> list[float]:
+    """For each view, of EXIF and its ``View.exposure``: EV that EXIF states beside that, if the other views are right.
 
-    In the lower median of the others of which EXIF says something; 0 where there is none.
+    The lower median over the others that `brighter_by` can compare with it; 0 where there is none.  Views whose EXIF
+    has the same settings are sorted once, because all pairs of a thousand views take seconds.
     """
-    found = [difference - (exposure - given) for other, given in others
-             if (difference := brighter_by(shot, other)) is not None]
-    return median_low(found) if found else 0.0
+    beside: dict[tuple[bool, ...], list[tuple[float, int]]] = {}
+    for place, (shot, exposure) in enumerate(views):
+        value = replace(shot, **_assumed([shot])).exposure_value
+        if value is not None:
+            beside.setdefault((shot.f_number is None, shot.iso is None), []).append((value - exposure, place))
+    found = [0.0] * len(views)
+    for alike in beside.values():
+        ordered = sorted(alike)
+        middle = (len(ordered) - 1) // 2  # the higher median of the others lies there, or one on, past the view itself
+        for rank, (value, place) in enumerate(ordered):
+            if len(ordered) > 1:
+                found[place] = value - ordered[middle + (rank <= middle)][0]
+    return found
 
 
 def iso_number(value: object) -> float | None:
