@@ -120,7 +120,8 @@ def one_round(
             solution = replace(solution, maps=replace(
                 solution.maps, normal=encoded(scene.mesh, solved.grid.normal, grid.coverage)))
         lines = (*calibrated(solved.calibration), *refined(normals), *solution.warnings,
-                 *warnings(checks, tried(settings)), *([NO_CONFIDENCE] if settings.method == "paper" else []))
+                 *warnings(checks, tried(settings, bounced is not None)),
+                 *([NO_CONFIDENCE] if settings.method == "paper" else []))
         solution = replace(
             solution, seconds=clock.seconds, device=device.describe(), checks=checks, pictures=pictures,
             calibration=_calibration(scene, solved), warnings=lines, normals=normals,
@@ -213,7 +214,7 @@ def unfit(name: str, prediction: MaterialPrediction) -> str:
     return (f"material '{name}': no model predicts left-out {prediction.left_out} (off by "
             f"{percent(error.relative_rms)} of the radiance, {error.lightness:.0f} L*), so its confidence is 0; IRPSO "
             "cannot solve for materials that are translucent, move or mirror their surroundings, or for other light "
-            "than the lamps'")
+            "than the lamps'; if it is none of these, check lamps, cameras and mesh")
 
 
 def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, observed: Bool, udim: str) -> list[str]:
@@ -224,20 +225,22 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, observed: Bool, ud
     overlap = gbuffer.overlap.sum() / covered
     if overlap > 0.001:
         lines.append(f"{name}: {100 * overlap:.1f} % of its texels are claimed by more than one face "
-                     "(overlapping UVs); they show one face's result")
+                     "(overlapping UVs) and show one face's result; unwrap the mesh without overlaps")
     outside = share_outside(scene.mesh)
     if outside > 0:
         where = "outside the 0-1 UV square" if udim == "first" else "in no UDIM square"
         lines.append(f"{name}: {100 * outside:.1f} % of its faces are {where} and are not solved"
-                     + ("; set UDIM to All to solve every square" if udim == "first" else ""))
+                     + ("; set UDIM to All to solve every square" if udim == "first" else
+                        "; move each face's UVs into one square of the ten columns, or unwrap the mesh again"))
     holes = gbuffer.coverage & maps.filled
     unlit, dark = (int(some.sum()) / covered for some in (holes & ~observed, holes & observed))
     if unlit > MANY:
         lines.append(f"{name}: {percent(unlit)} of its texels are lit in no view, so IRPSO filled them from their "
-                     "neighbours")
+                     "neighbours; add views and lights that reach these places")
     if dark > MANY:
         lines.append(f"{name}: {percent(dark)} of its texels are seen only at edges of shadows or of the object, or "
-                     "too dark to be solved, so IRPSO filled them from their neighbours")
+                     "too dark to be solved, so IRPSO filled them from their neighbours; take larger or nearer "
+                     "pictures, or add views that show these places lit and away from edges")
     seen = gbuffer.coverage & ~maps.filled
     shown = float(np.median(maps.base_color[seen].mean(-1))) if seen.any() else 1.0
     if shown < DARKEST:
@@ -251,7 +254,8 @@ def share_outside(mesh: MeshArrays) -> float:
     return float(np.mean(~on_grid(mesh.uvs if mesh.grid is None else mesh.grid).all(1)))
 
 
-def tried(settings: SolveSettings) -> tuple[str, ...]:
-    """Settings by which the solve puts right what `warnings` are about."""
-    tried = {"registration": settings.registration == "auto", "exposures": settings.exposures == "solve"}
+def tried(settings: SolveSettings, bounced: bool = False) -> tuple[str, ...]:
+    """Settings by which the solve puts right what `warnings` are about.  ``bounced``: indirect light was subtracted."""
+    tried = {"registration": settings.registration == "auto", "exposures": settings.exposures == "solve",
+             "model": settings.model == "auto", "indirect": bounced}
     return tuple(name for name, does in tried.items() if does)

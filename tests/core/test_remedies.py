@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from irpso_addon.core.check_records import Checks, LightResidual, Misfit, Residual, Slope, ViewCheck
+from irpso_addon.core.check_records import Checks, LightResidual, MaterialCheck, Misfit, Residual, Slope, ViewCheck
 from irpso_addon.core.checks.remedies import Remedy, remedies
 from irpso_addon.core.checks.warnings import warnings
 
@@ -86,3 +86,15 @@ def test_a_sun_is_turned() -> None:
     assert "it appears turned by 2.9 degrees from where the scene has it; check its direction and angle" in line
     (remedy,) = remedies(found)
     assert remedy == Remedy("Turn 'Lamp 0' by 2.9 Degrees", "move", "Lamp 0", offset=(0.03, 0.0, -0.04))
+
+
+def test_no_line_recommends_indirect_light_or_a_model_that_the_solve_had() -> None:
+    dark = checks(unlit_share=0.2)
+    assert "; set Indirect Light to On" in warnings(dark)[0]
+    (line,) = warnings(dark, tried=("indirect",))
+    assert "set Indirect Light" not in line and "subtracted" in line and "; subtract the camera's black level" in line
+    shiny = checks(highlight=0.2)
+    assert "set Model to Roughness + Specular or Two Roughnesses" in warnings(shiny)[0]
+    had = replace(shiny, materials=(MaterialCheck("Glaze", "two-lobe", 40.0, 12.0, 0.0),))
+    assert warnings(had)[0].endswith("; check the lights' sizes, or set Model to Roughness + Specular")
+    assert warnings(had, tried=("model",))[0].endswith("; check the lights' sizes and the mesh's normals")

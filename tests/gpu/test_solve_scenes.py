@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -100,12 +101,18 @@ def test_lamps_that_are_much_too_strong_are_told_by_the_base_colour(patches):
     assert any("darker than any common material; check the lamps' power" in line for line in found.warnings)
 
 
+def ends_with_a_remedy(line: str) -> bool:
+    """docs/style.md, rule 4: after the last semicolon a line states what to do."""
+    return re.search(r"; (add|take|unwrap|move|set|check|increase|mend|expose) ", line) is not None
+
+
 def test_overlapping_uvs_are_named(patches):
     mesh = patches.scene.mesh
     uvs = mesh.uvs.copy()
     uvs[: len(uvs) // 2] = uvs[len(uvs) // 2:]
     found = run(replace(patches, scene=replace(patches.scene, mesh=replace(mesh, uvs=uvs))))
     assert any("Subject" in w and "overlapping UVs" in w for w in found.warnings)
+    assert all(ends_with_a_remedy(line) for line in found.warnings)
 
 
 def test_uvs_outside_the_square_are_named(patches):
@@ -130,6 +137,7 @@ def test_what_no_view_sees_is_filled_and_said(patches):
     moved = replace(mesh, positions=positions)
     found = run(replace(patches, scene=replace(patches.scene, mesh=moved)))
     assert any("lit in no view" in w for w in found.warnings)
+    assert all(ends_with_a_remedy(line) for line in found.warnings)
     assert found.texels["filled"] > 0.2 * found.texels["covered"]
     assert np.isfinite(found.maps.base_color).all()
 
@@ -141,6 +149,7 @@ def test_what_views_show_only_at_edges_is_not_called_unlit():
     assert found.texels["observed"] > 0.99 * covered and found.texels["filled"] > 0.05 * covered
     assert not any("lit in no view" in w for w in found.warnings)
     assert any("are seen only at edges of shadows or of the object" in w for w in found.warnings)
+    assert all(ends_with_a_remedy(line) for line in found.warnings)
 
 
 def test_pixels_per_texel_of_tiny_pictures_are_not_known():

@@ -45,11 +45,11 @@ def warnings(checks: Checks, tried: Collection[str] = ()) -> tuple[str, ...]:
     ``tried``: settings by which the solve has looked for a remedy itself, which no line recommends then.
     """
     curve = _curve(checks)
-    causes = [*_indirect(checks), *curve, *_registration(checks, "registration" in tried)]
+    causes = [*_indirect(checks, "indirect" in tried), *curve, *_registration(checks, "registration" in tried)]
     if not curve:  # else its errors are of every kind
         causes += [*_curve_of_some(checks), *_lights(checks), *_exposures(checks, "exposures" in tried)]
-    return (*causes, *_clipped(checks), *([] if causes else _unexplained(checks)), *_contradicted(checks),
-            *_few(checks), *_doubtful(checks))
+    return (*causes, *_clipped(checks), *([] if causes else _unexplained(checks, "model" in tried)),
+            *_contradicted(checks), *_few(checks), *_doubtful(checks))
 
 
 def grouped(lines: Sequence[str]) -> tuple[str, ...]:
@@ -78,7 +78,7 @@ def off_cameras(checks: Checks) -> list[Misfit]:
     return [m for m in checks.registration if m.shifted and m.pixels > LEAST_SHIFT and m.camera not in excused]
 
 
-def _indirect(checks: Checks) -> list[str]:
+def _indirect(checks: Checks, tried: bool) -> list[str]:
     if not is_indirect(checks.unlit_share):
         return []
     line = (f"{checks.name}: shadows are {percent(checks.unlit_share, 1)} as bright as lit areas: bounced light or a "
@@ -86,9 +86,11 @@ def _indirect(checks: Checks) -> list[str]:
     if checks.not_bounced == SEVERAL_UDIMS:
         return [f"{line}IRPSO did not remove it, because {SEVERAL_UDIMS}; subtract the camera's black level, or darken "
                 "the surroundings"]
-    if checks.not_bounced:
-        line = (f"{line}IRPSO did not remove it, because {checks.not_bounced}; subtract the camera's black level, "
-                "darken the surroundings, or add what stood around the object to the scene")
+    if checks.not_bounced or tried:
+        why = ("IRPSO has subtracted the light that the scene's surfaces bounce" if tried else
+               f"IRPSO did not remove it, because {checks.not_bounced}")
+        line = (f"{line}{why}; subtract the camera's black level, darken the surroundings, or add what stood around "
+                "the object to the scene")
         through = "; a translucent object looks like that too, and IRPSO cannot solve for its material"
         return [line + (through if checks.unlit_share > LET_THROUGH else "")]
     return [f"{line}set Indirect Light to On, or darken the surroundings"]
@@ -261,15 +263,18 @@ def _clipped(checks: Checks) -> list[str]:
             f"'{worst.view}' ({percent(worst.clipped)}), so highlights are lost; expose less"]
 
 
-def _unexplained(checks: Checks) -> list[str]:
+def _unexplained(checks: Checks, tried: bool) -> list[str]:
     lobes, all_of_it = checks.highlight > HIGHLIGHT, checks.structure > max(STRUCTURE, NOISE_SHARE * checks.noise)
     if (lobes or all_of_it) and checks.pixels_per_texel > COARSE:
         return [f"{checks.name}: the maps are coarser than the pictures ({checks.pixels_per_texel:.0f} pixels per "
                 f"texel), which leaves {percent(max(checks.structure, checks.highlight), 1)} of the brightness "
                 "unexplained; increase Size"]
     if lobes:
+        used = {material.model for material in checks.materials}
+        others = [] if tried else [choice_name(model) for model in LARGER if model not in used]
         return [f"{checks.name}: highlights are off by {percent(checks.highlight)} of their brightness; check the "
-                f"lights' sizes, or set Model to {SPECULAR} or {TWO}"]
+                + (f"lights' sizes, or set Model to {' or '.join(others)}" if others else
+                   "lights' sizes and the mesh's normals")]
     if all_of_it:
         worst = max(checks.views, key=lambda v: v.residual.structure)
         return [f"{checks.name}: the maps leave {percent(checks.structure, 1)} of the brightness unexplained, most in "
@@ -287,7 +292,7 @@ def _contradicted(checks: Checks) -> list[str]:
             "casts the shadows to the scene, or mask these places out of the pictures"]
 
 
-SPECULAR, TWO = choice_name("one-lobe-specular"), choice_name("two-lobe")
+LARGER = ("one-lobe-specular", "two-lobe")
 FEWER = {"lambert": "too few to detect a highlight; take more views",
          "two-lobe": f"too few for this model; take more views, or set Model to {choice_name('one-lobe')}"}
 
