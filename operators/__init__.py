@@ -18,6 +18,7 @@ from .compare import IRPSO_OT_compare
 from .draw_ball import IRPSO_OT_draw_ball
 from .edit_views import IRPSO_OT_edit_views
 from .export_maps import IRPSO_OT_export_maps
+from .exposures_by_exif import IRPSO_OT_exposures_by_exif
 from .find_balls import IRPSO_OT_find_balls
 from .grey_card import IRPSO_OT_grey_card
 from .grey_chart import IRPSO_OT_grey_chart
@@ -66,6 +67,7 @@ CLASSES = (
     IRPSO_OT_move_view,
     IRPSO_OT_sort_views,
     IRPSO_OT_edit_views,
+    IRPSO_OT_exposures_by_exif,
     IRPSO_OT_look_through_view,
     IRPSO_OT_look_back,
     IRPSO_OT_set_view_lights,

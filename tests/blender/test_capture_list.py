@@ -12,6 +12,8 @@ import bpy
 import numpy as np
 import pytest
 
+from tests.support.picture_files import save
+
 
 @pytest.fixture
 def scene(extension, scenes: Path, tmp_path: Path) -> bpy.types.Scene:
@@ -385,3 +387,34 @@ def wait(said) -> None:
     while not said() and time.monotonic() < end:
         time.sleep(0.02)
     assert said()
+
+
+def test_exposures_by_exif_of_a_folder(scene, module, tmp_path: Path) -> None:
+    """One line, and one click, after which the list is as the EXIF of the files states it.
+
+    One view has its number already, one is off, one has no EXIF, one's file is gone.
+    """
+    folder = tmp_path / "good" / "jpeg"
+    folder.mkdir()
+    for name, time_, number, iso in (("a", 1 / 60, 8.0, 100), ("b", 1 / 30, 8.0, 100), ("c", 1 / 60, 8.0, 200),
+                                     ("d", 1 / 60, 16.0, 100), ("e", 1 / 60, 8.0, 100), ("g", 1 / 15, 8.0, 100)):
+        save(folder / f"{name}.jpg", np.full((24, 32, 3), 0.5, np.float32), "uint8", ExposureTime=time_, FNumber=number,
+             Exif__PhotographicSensitivity=iso)
+    save(folder / "f.jpg", np.full((24, 32, 3), 0.5, np.float32), "uint8")
+    assert bpy.ops.irpso.add_folder(directory="//jpeg") == {"FINISHED"}
+    views = scene.irpso.views
+    views.add().image = "//jpeg/gone.jpg"
+    assert [Path(view.image).stem for view in views] == ["a", "b", "c", "d", "e", "f", "g", "gone"]
+    views[2].exposure, views[5].exposure, views[6].enabled = 1.0, 0.3, False
+    line, thumbnails = module("blender.scene.view_exposures").line, module("blender.scene.thumbnails")
+    assert line(scene) == ""  # nothing is known yet
+    end = time.monotonic() + 10
+    while thumbnails._images.busy and time.monotonic() < end:
+        time.sleep(0.01)
+    assert line(scene).startswith("2 of 8 views: EXIF states another Exposure, -2.00 EV beside that of 'd.jpg'; set it")
+    bpy.ops.ed.undo_push(message="before")
+    assert bpy.ops.irpso.exposures_by_exif("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert [view.exposure for view in views] == pytest.approx([0, 1, 1, -2, 0, 0.3, 0, 0], abs=1e-3)
+    assert line(scene) == "" and bpy.ops.irpso.exposures_by_exif() == {"CANCELLED"}
+    bpy.ops.ed.undo()
+    assert [view.exposure for view in bpy.context.scene.irpso.views] == pytest.approx([0, 0, 1, 0, 0, 0.3, 0, 0])

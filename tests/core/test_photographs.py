@@ -19,7 +19,13 @@ from irpso_addon.core.images.colour import SPACES, known_space
 from irpso_addon.core.images.icc_profile import space_of_profile
 from irpso_addon.core.images.image_file import open_image
 from irpso_addon.core.images.reference_image import read_reference
-from irpso_addon.core.images.shot_settings import ShotSettings, brighter_by, exposures_off, relative_exposures
+from irpso_addon.core.images.shot_settings import (
+    ShotSettings,
+    brighter_by,
+    exposures_by_exif,
+    exposures_off,
+    relative_exposures,
+)
 from tests.support.dng_files import Shot, save_dng
 from tests.support.picture_files import RNG, noise, save, view
 
@@ -302,6 +308,15 @@ def test_exposures_beside_those_of_all_other_views():
                 (1 / 125, 1 / 60, 1 / 30), (5.6, 8.0), (100.0, 200.0)))), float(RNG.choice([0.0, 0.0, 1.0, -0.5])))
                 for _ in range(count)]
             assert exposures_off(views) == pytest.approx(by_pairs(views), abs=1e-12)
+
+
+def test_exposures_by_exif_differ_as_exif_does():
+    """From those of one setting to another's; a view whose EXIF cannot be compared keeps its own."""
+    views = [(shot(1 / 60), 0.5), (shot(1 / 30), 0.5), (shot(1 / 60, iso=400.0), 2.5), (shot(1 / 60, None), 7.0),
+             (ShotSettings(), 3.0)]
+    assert exposures_by_exif(views) == pytest.approx([0.5, 1.5, 2.5, 7.0, 3.0])
+    assert exposures_by_exif([(shot(1.0), 0.0), (shot(2.0), 0.0)]) == pytest.approx([0, 1])
+    assert exposures_by_exif([]) == []
 
 
 def test_exposures_of_thousands_of_views_take_no_time():

@@ -10,7 +10,7 @@ from bpy.types import Menu, Panel, UIList
 
 from ..panel_common import Tab, letters, split, wrapped
 from ..sample import sample
-from ..scene import look_through, readiness, thumbnails
+from ..scene import look_through, readiness, thumbnails, view_exposures
 from ..scene.readiness import Survey, ViewState
 
 NO_PICTURE = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items["IMAGE_DATA"].value
@@ -142,6 +142,7 @@ class IRPSO_MT_views(Menu):
         """Seldom used; the buttons have the rest."""
         layout = self.layout
         layout.operator("irpso.edit_views", icon="COLOR")
+        layout.operator("irpso.exposures_by_exif", icon="CAMERA_DATA")
         layout.separator()
         layout.operator("irpso.sort_views", icon="SORTALPHA")
         layout.operator("irpso.remove_duplicate_views", icon="DUPLICATE")
@@ -193,6 +194,10 @@ class IRPSO_PT_capture(Tab, Panel):
         buttons.separator()
         buttons.operator("irpso.move_view", text="", icon="TRIA_UP").up = True
         buttons.operator("irpso.move_view", text="", icon="TRIA_DOWN").up = False
+        if differ := view_exposures.line(context.scene):
+            column = layout.column(align=True)
+            wrapped(column, differ, letters(context), "INFO")
+            column.operator("irpso.exposures_by_exif", icon="CAMERA_DATA")
 
 
 def _draw_file(layout: bpy.types.UILayout, views: list[ViewState]) -> None:

@@ -21,6 +21,7 @@ from ..data import F32
 from ..errors import BadInput
 from ..images.colour import known_space
 from ..images.image_file import ImageFile, floats, open_image
+from ..images.shot_settings import NOTHING_SAID, ShotSettings
 from .captures import CaptureView, read_captures
 
 SIDE = 64  # pixels of a thumbnail's longer side
@@ -56,6 +57,7 @@ class ImagePreview(FilePreview):
     bits: int = 0  # per channel
     integer: bool = False
     colorspace: str | None = None  # as the file itself says, in our spelling
+    shot: ShotSettings = NOTHING_SAID
     thumbnail: F32 | None = None  # (h, w, 4) stored values (of RAW: linear Rec.709), premultiplied; row 0 bottom
 
 
@@ -71,7 +73,7 @@ def preview_image(path: Path) -> ImagePreview:
     except (OSError, MemoryError) as error:
         return ImagePreview(problem=f"Cannot be read ({type(error).__name__})")
     space = known_space(file.colorspace) if file.colorspace else None
-    return ImagePreview(None, "", file.width, file.height, file.bits, file.integer, space, thumbnail)
+    return ImagePreview(None, "", file.width, file.height, file.bits, file.integer, space, file.shot, thumbnail)
 
 
 def preview_captures(path: Path) -> CapturesPreview:

@@ -97,22 +97,42 @@ def brighter_by(shot: ShotSettings, other: ShotSettings) -> float | None:
 def exposures_off(views: Sequence[tuple[ShotSettings, float]]) -> list[float]:
     """For each view, of EXIF and its ``View.exposure``: EV that EXIF states beside that, if the other views are right.
 
-    The lower median over the others that `brighter_by` can compare with it; 0 where there is none.  Views whose EXIF
-    has the same settings are sorted once, because all pairs of a thousand views take seconds.
+    The lower median over the others that `brighter_by` can compare with it; 0 where there is none.  Views are sorted
+    once, because all pairs of a thousand views take seconds.
     """
-    beside: dict[tuple[bool, ...], list[tuple[float, int]]] = {}
-    for place, (shot, exposure) in enumerate(views):
-        value = replace(shot, **_assumed([shot])).exposure_value
-        if value is not None:
-            beside.setdefault((shot.f_number is None, shot.iso is None), []).append((value - exposure, place))
     found = [0.0] * len(views)
-    for alike in beside.values():
-        ordered = sorted(alike)
+    for ordered in _comparable(views):
         middle = (len(ordered) - 1) // 2  # the higher median of the others lies there, or one on, past the view itself
         for rank, (value, place) in enumerate(ordered):
             if len(ordered) > 1:
                 found[place] = value - ordered[middle + (rank <= middle)][0]
     return found
+
+
+def exposures_by_exif(views: Sequence[tuple[ShotSettings, float]]) -> list[float]:
+    """``View.exposure`` of each view as EXIF states it beside the others; as given where EXIF cannot be compared.
+
+    Of views that can be compared, those whose given exposure is the lower median keep it.
+    """
+    found = [exposure for _, exposure in views]
+    for ordered in _comparable(views):
+        middle = median_low([value for value, _ in ordered])
+        for value, place in ordered:
+            found[place] += value - middle
+    return found
+
+
+def _comparable(views: Sequence[tuple[ShotSettings, float]]) -> list[list[tuple[float, int]]]:
+    """For each set of views that `brighter_by` compares: EV of EXIF beside the view's exposure, and its place; sorted.
+
+    All of a set have a time, and all or none of them have an aperture, and an ISO.
+    """
+    found: dict[tuple[bool, bool], list[tuple[float, int]]] = {}
+    for place, (shot, exposure) in enumerate(views):
+        value = replace(shot, **_assumed([shot])).exposure_value
+        if value is not None:
+            found.setdefault((shot.f_number is None, shot.iso is None), []).append((value - exposure, place))
+    return [sorted(alike) for alike in found.values()]
 
 
 def iso_number(value: object) -> float | None:
