@@ -59,6 +59,33 @@ def test_colmap_is_found_in_its_workspace(tmp_path):
         assert (project.path, project.meshes) == (folder, (tmp_path / "meshed-poisson.ply",))
 
 
+@pytest.mark.parametrize("write", [write_colmap_text, write_colmap_binary])
+def test_colmap_leaves_out_pictures_of_a_model_that_cannot_be_used(tmp_path, write):
+    """An action camera of model FOV beside another: its pictures are named; alone they are refused."""
+    shots = ring(4)
+    write(tmp_path / "fov", shots[2:], ("FOV", 600, 400, [500.0, 500.0, 300.0, 200.0, 0.9]))
+    assert "camera model FOV cannot be used; run the bundle" in refused(tmp_path / "fov", "IMG_0002")
+    both = write(tmp_path / "both", shots, OPENCV)
+    if write is write_colmap_text:
+        with (both / "cameras.txt").open("a") as file:
+            file.write("8 FOV 600 400 500.0 500.0 300.0 200.0 0.9\n")
+        text = (both / "images.txt").read_text()
+        (both / "images.txt").write_text(text.replace("7 IMG_0002", "8 IMG_0002").replace("7 IMG_0003", "8 IMG_0003"))
+    else:
+        cameras = (both / "cameras.bin").read_bytes()
+        (both / "cameras.bin").write_bytes(struct.pack("<Q", 2) + cameras[8:] + struct.pack(
+            "<IiQQ5d", 8, 7, 600, 400, 500.0, 500.0, 300.0, 200.0, 0.9))
+        images = (both / "images.bin").read_bytes()
+        for number in (2, 3):
+            images = images.replace(struct.pack("<I", 7) + b"IMG_%04d" % number,
+                                    struct.pack("<I", 8) + b"IMG_%04d" % number)
+        (both / "images.bin").write_bytes(images)
+    project = read_project(both)
+    assert [camera.name for camera in project.cameras] == ["IMG_0000.jpg", "IMG_0001.jpg"]
+    assert [name for name, _ in project.left_out] == ["IMG_0002.jpg", "IMG_0003.jpg"]
+    assert all(why.startswith("its camera model FOV cannot be used; ") for _, why in project.left_out)
+
+
 def test_other_models_are_told_of(tmp_path):
     """The mapper numbers them in the order of their making, not by size."""
     first = write_colmap_text(tmp_path / "sparse" / "0", ring(2), OPENCV)

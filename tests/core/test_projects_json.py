@@ -116,6 +116,26 @@ def test_transforms_with_an_angle_take_the_pictures_size(tmp_path):
     refused(path, "IMG_0000", "size")
 
 
+def test_one_lens_that_cannot_be_used_leaves_out_its_pictures_alone(tmp_path):
+    path = write_transforms(tmp_path / "t.json", ring(3), PLAIN)
+    content = json.loads(path.read_text())
+    content["frames"][1]["camera_model"] = "EQUIRECTANGULAR"
+    path.write_text(json.dumps(content))
+    project = read_project(path)
+    assert len(project.cameras) == 2
+    assert project.left_out == (("images/IMG_0001.jpg", "its camera model EQUIRECTANGULAR cannot be used; write it "
+                                 "with OPENCV or OPENCV_FISHEYE"),)
+    intrinsic, _ = INTRINSICS["1.2.8"]
+    path = write_alicevision(tmp_path / "a.sfm", ring(3), "1.2.8", {**SENSOR, **intrinsic, "distortionParams": BROWN})
+    content = json.loads(path.read_text())
+    content["intrinsics"].append(content["intrinsics"][0] | {"intrinsicId": "56", "type": "equidistant"})
+    content["views"][2]["intrinsicId"] = "56"
+    path.write_text(json.dumps(content))
+    project = read_project(path)
+    assert len(project.cameras) == 2 and [name for name, _ in project.left_out] == ["IMG_0002.jpg"]
+    assert project.left_out[0][1].startswith("its camera model 'equidistant brown none' cannot be used; ")
+
+
 def test_transforms_state_masks(tmp_path):
     path = write_transforms(tmp_path / "t.json", ring(2), PLAIN)
     content = json.loads(path.read_text())

@@ -92,6 +92,24 @@ def test_metashape_leaves_out_pictures_of_sensors_that_cannot_be_used(tmp_path):
     assert project.left_out[0][1].startswith("its sensor is of type 'spherical', and only frame")
 
 
+@pytest.mark.parametrize(("content", "why"), [
+    ('<resolution width="60" height="40"/>', "its sensor has no calibration; align these pictures too"),
+    ('<resolution width="60" height="40"/><calibration type="frame"><fx>9</fx></calibration>', "has no f"),
+    ('<calibration type="frame"><f>9</f></calibration>', "its sensor has no resolution"),
+    ('<resolution width="60" height="40"/><calibration type="frame"><f>9</f><p3>1</p3></calibration>', "p3 and p4"),
+])
+def test_metashape_leaves_out_pictures_of_sensors_without_a_lens(tmp_path, content, why):
+    """Two of another camera that have a pose, between those of the first: they are named, and the others stay."""
+    more = "".join(f'<camera id="{n}" sensor_id="7" label="phone {n}"><transform>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1'
+                   "</transform></camera>" for n in (90, 91))
+    path = write_metashape(tmp_path / "c.xml", ring(3), WIDE, more=more)
+    sensor = f'<sensor id="7" type="frame">{content}</sensor></sensors>'
+    path.write_text(path.read_text(encoding="utf-8").replace("</sensors>", sensor), encoding="utf-8")
+    project = read_project(path)
+    assert len(project.cameras) == 3 and [name for name, _ in project.left_out] == ["phone 90", "phone 91"]
+    assert all(why in each and "; " in each for _, each in project.left_out)
+
+
 @pytest.mark.parametrize(("parts", "calibration", "words"), [
     ({"kind": "spherical"}, WIDE, ["IMG_0000", "spherical"]),
     ({"kind": "equisolid_fisheye"}, WIDE, ["equisolid_fisheye"]),

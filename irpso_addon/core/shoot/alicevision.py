@@ -27,7 +27,7 @@ from ..data import F64
 from ..errors import BadInput
 from ..lens import Lens
 from .json_project import records, text
-from .project import Draft, Project, checked, number, numbers, size
+from .project import Draft, Project, Unusable, checked, number, numbers, size
 
 Version = tuple[int, int, int]
 Radial = tuple[float, float, float, float]
@@ -52,7 +52,6 @@ def read_alicevision(path: Path, content: dict[str, Any]) -> Project:
     version = _version(content, path)
     intrinsics = {str(each.get("intrinsicId")): each for each in records(content, "intrinsics", path)}
     poses = {str(each.get("poseId")): each for each in records(content, "poses", path)}
-    lenses: dict[str, Lens] = {}
     upright = False
     for view in records(content, "views", path):
         name = text(view.get("path"), str(path), "the path of a view")
@@ -64,10 +63,11 @@ def read_alicevision(path: Path, content: dict[str, Any]) -> Project:
         if pose is None or which not in intrinsics:
             draft.left_out.append((name, "it was not reconstructed"))
             continue
-        if which not in lenses:
-            lenses[which] = _lens(intrinsics[which], version, who)
-            upright |= lenses[which].height > lenses[which].width and version >= (1, 2, 10)
-        draft.add(name, lenses[which], *_placed(pose, version, who))
+        lens = draft.lens(which, name, _lens, intrinsics[which], version, who)
+        if lens is None:
+            continue
+        upright |= lens.height > lens.width and version >= (1, 2, 10)
+        draft.add(name, lens, *_placed(pose, version, who))
     if upright:
         draft.warnings.append("AliceVision of 2024 writes the focal length of upright pictures by their height and "
                               "reads it by their width; compare a camera with its picture")
@@ -125,7 +125,7 @@ def _distortion(record: dict[str, Any], version: Version, who: str) -> tuple[Rad
     backward = str(record.get("undistortionType", "none")).lower() if version >= (1, 2, 8) else "none"
     if named not in DISTORTIONS or backward != "none" or (version >= (1, 2, 8) and kind != "pinhole"):
         model = " ".join(dict.fromkeys([kind, named, backward]))[:60]
-        raise BadInput(f"{who}: its camera model '{model}' cannot be used; reconstruct with brown, radial3 or fisheye4")
+        raise Unusable(f"its camera model '{model}' cannot be used; reconstruct with brown, radial3 or fisheye4")
     values = numbers(record.get("distortionParams") or [0.0] * DISTORTIONS[named], (DISTORTIONS[named],), who,
                      "distortionParams")
     found = [float(value) for value in values] + [0.0] * 5

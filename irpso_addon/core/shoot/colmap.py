@@ -22,7 +22,7 @@ from ..errors import BadInput
 from ..lens import Lens
 from ..phrases import some
 from ..storage.text_file import opened
-from .project import LONGEST_NAME, MOST_CAMERAS, Draft, Project, checked, number, size
+from .project import LONGEST_NAME, MOST_CAMERAS, Draft, Project, Unusable, checked, number, size
 
 EXPORT = "in COLMAP, choose File, Export model"
 # Each model's parameters, in the order of their numbers in binary files.
@@ -93,16 +93,16 @@ def read_colmap(folder: Path, chosen: bool = True) -> Project:
         cameras, images = _binary_cameras(folder / "cameras.bin"), _binary_images(folder / "images.bin")
     else:
         cameras, images = _text_cameras(folder / "cameras.txt"), _text_images(folder / "images.txt")
-    lenses: dict[int, Lens] = {}
     for image in images:
         who = draft.camera(image.name)
         if image.camera not in cameras:
             raise BadInput(f"{who}: its camera {image.camera} is not in the model; {EXPORT}")
-        if image.camera not in lenses:
-            lenses[image.camera] = _lens(cameras[image.camera], who)
+        lens = draft.lens(image.camera, image.name, _lens, cameras[image.camera], who)
+        if lens is None:
+            continue
         pose = np.array([number(value, who, "its pose") for value in image.pose])
         rotation = _rotation(pose[:4], who)
-        draft.add(image.name, lenses[image.camera], rotation.T, -rotation.T @ pose[4:])
+        draft.add(image.name, lens, rotation.T, -rotation.T @ pose[4:])
     return draft.finished()
 
 
@@ -123,8 +123,8 @@ def _lens(camera: _Camera, who: str) -> Lens:
                        f"unknown; {EXPORT}")
     value = {name: number(each, who, name) for name, each in zip(names.split(), camera.values, strict=True)}
     if camera.model not in (*BROWN, *FISHEYES) or any(value.get(name) for name in ("d1", "d2", "d3")):
-        raise BadInput(f"{who}: its camera model {camera.model} cannot be used; run the bundle adjustment with OPENCV "
-                       "or OPENCV_FISHEYE")
+        raise Unusable(f"its camera model {camera.model} cannot be used; run the bundle adjustment with OPENCV or "
+                       "OPENCV_FISHEYE")
     width, height = size(camera.width, camera.height, who)
     focal = value.get("f", 0.0)
     radial = (value.get("k1", 0.0), value.get("k2", 0.0), value.get("k3", 0.0), value.get("k4", 0.0))

@@ -25,7 +25,7 @@ from ..data import F64
 from ..errors import BadInput
 from ..lens import Lens
 from ..storage.text_file import read_text
-from .project import Draft, Project, checked, number, numbers, size
+from .project import Draft, Project, Unusable, checked, number, numbers, size
 
 EXPORT = "in Metashape, choose File, Export, Export Cameras, Agisoft XML"
 FISHEYES = ("fisheye", "equidistant_fisheye")  # one model: the second is its name beside the equisolid one's
@@ -69,7 +69,6 @@ def read_metashape(path: Path) -> Project:
     draft = Draft(path, "Metashape")
     sensors = {sensor.get("id", ""): sensor for sensor in chunk.iterfind("sensors/sensor")}
     frames = _frames(chunk, draft)
-    lenses: dict[str, Lens] = {}
     for element in chunk.iterfind("cameras//camera"):
         name = element.get("label", "")
         why = _missing(element) or _unusable(sensors.get(element.get("sensor_id", "")))
@@ -80,10 +79,11 @@ def read_metashape(path: Path) -> Project:
             draft.left_out.append((name, str(why)))
             continue
         which = element.get("sensor_id", "")
-        if which not in lenses:
-            lenses[which] = _lens(sensors.get(which), draft.camera(name))
+        lens = draft.lens(which, name, _lens, sensors.get(which), draft.camera(name))
+        if lens is None:
+            continue
         matrix = numbers(element.findtext("transform"), (4, 4), draft.camera(name), "its transform")
-        draft.add(name, lenses[which], frame.rotation @ matrix[:3, :3],
+        draft.add(name, lens, frame.rotation @ matrix[:3, :3],
                   frame.scale * frame.rotation @ matrix[:3, 3] + frame.translation)
     return draft.finished()
 
@@ -172,12 +172,12 @@ def _similarity(element: ElementTree.Element | None, path: Path) -> _Similarity 
 
 
 def _lens(sensor: ElementTree.Element | None, who: str) -> Lens:
-    """The adjusted calibration of a sensor."""
+    """The adjusted calibration of a sensor.  Raises Unusable, and BadInput for numbers that are none."""
     calibration = None if sensor is None else _calibration(sensor)
     if sensor is None or calibration is None:
-        raise BadInput(f"{who}: its sensor has no calibration; align the pictures and {EXPORT}")
+        raise Unusable(f"its sensor has no calibration; align these pictures too, and {EXPORT}")
     if calibration.find("f") is None:
-        raise BadInput(f"{who}: its calibration has no f, as before PhotoScan 1.2; open the project in Metashape, then "
+        raise Unusable("its calibration has no f, as before PhotoScan 1.2; open the project in Metashape, then "
                        f"{EXPORT}")
 
     def value(tag: str) -> float:
@@ -185,11 +185,11 @@ def _lens(sensor: ElementTree.Element | None, who: str) -> Lens:
         return 0.0 if text is None else number(text, who, tag)
 
     if value("p3") or value("p4"):
-        raise BadInput(f"{who}: its lens uses p3 and p4; align the pictures without them and {EXPORT}")
+        raise Unusable(f"its lens uses p3 and p4; align the pictures without them and {EXPORT}")
     resolution = calibration.find("resolution")
     pixels = sensor.find("resolution") if resolution is None else resolution
     if pixels is None:
-        raise BadInput(f"{who}: its sensor has no resolution; {EXPORT}")
+        raise Unusable(f"its sensor has no resolution; {EXPORT}")
     width, height = size(pixels.get("width"), pixels.get("height"), who)
     return checked(Lens(
         width, height, fx=value("f") + value("b1"), fy=value("f"), cx=width / 2 + value("cx"),

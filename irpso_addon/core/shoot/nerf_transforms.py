@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 
 from ..data import F64
-from ..errors import BadInput
 from ..lens import Lens
 from .json_project import records, text
-from .project import NO_PICTURE, OPENCV_FROM_OPENGL, Draft, Project, SizeOf, checked, number, numbers, size
+from .project import NO_PICTURE, OPENCV_FROM_OPENGL, Draft, Project, SizeOf, Unusable, checked, number, numbers, size
 
 FISHEYES = ("OPENCV_FISHEYE", "FISHEYE")
 BROWN = ("OPENCV", "PERSPECTIVE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
@@ -53,7 +52,9 @@ def read_transforms(path: Path, content: dict[str, Any], size_of: SizeOf) -> Pro
         if sides is None:
             draft.left_out.append((name, NO_PICTURE))
             continue
-        lens = _lens(record, sides, who)
+        lens = draft.lens(name, name, _lens, record, sides, who)
+        if lens is None:
+            continue
         mask = frame.get("mask_path")
         draft.add(name, lens, matrix[:, :3] @ OPENCV_FROM_OPENGL, matrix[:, 3],
                   path.parent / text(mask, who, "mask_path") if mask else None)
@@ -81,7 +82,7 @@ def _lens(record: dict[str, Any], sides: tuple[object, object], who: str) -> Len
     model = str(record.get("camera_model", "OPENCV")).upper()
     fisheye = model in FISHEYES or record.get("is_fisheye") is True
     if model not in (*FISHEYES, *BROWN) or record.get("ftheta_p0") is not None or record.get("is_equirectangular"):
-        raise BadInput(f"{who}: its camera model {model[:40]} cannot be used; write it with OPENCV or OPENCV_FISHEYE")
+        raise Unusable(f"its camera model {model[:40]} cannot be used; write it with OPENCV or OPENCV_FISHEYE")
     width, height = size(sides[0], sides[1], who)
 
     def value(key: str, missing: float) -> float:

@@ -56,6 +56,10 @@ class Project:
     metres_per_unit: float | None = None  # where the project states it
 
 
+class Unusable(Exception):
+    """Why no picture through a lens can be used, and what to do: other pictures of the project may be."""
+
+
 @dataclass
 class Draft:
     """What a reader has found so far."""
@@ -67,10 +71,27 @@ class Draft:
     warnings: list[str] = field(default_factory=list)
     metres_per_unit: float | None = None
     folders: tuple[Path, ...] = ()  # where a mesh may lie, beside the project's own folder
+    _lenses: dict[object, Lens | str] = field(default_factory=dict)  # or why it cannot be used
 
     def camera(self, name: object) -> str:
         """How messages name a camera."""
         return f"{self.path}: camera '{str(name)[:80]}'"
+
+    def lens(self, which: object, name: str, read: Callable[..., Lens], *given: object) -> Lens | None:
+        """The lens ``which`` of the picture ``name``, read once of what is ``given``.
+
+        None: it is `Unusable`, and the picture is left out.
+        """
+        if which not in self._lenses:
+            try:
+                self._lenses[which] = read(*given)
+            except Unusable as why:
+                self._lenses[which] = str(why)
+        found = self._lenses[which]
+        if isinstance(found, Lens):
+            return found
+        self.left_out.append((name, found))
+        return None
 
     def add(self, name: str, lens: Lens, rotation: F64, position: F64, mask: Path | None = None) -> None:
         """One more camera; ``rotation`` (3, 3) turns its axes (y down) into the world's.  Raises BadInput."""
@@ -86,6 +107,9 @@ class Draft:
         if not self.cameras and absent:
             raise BadInput(f"{self.path}: the chosen folder has none of the project's pictures ({some(absent)}); "
                            "choose the folder of the pictures")
+        for name, why in self.left_out:
+            if not self.cameras and "; " in why:
+                raise BadInput(f"{self.camera(name)}: {why}")
         if not self.cameras:
             why = f" ('{self.left_out[0][0][:80]}': {self.left_out[0][1]})" if self.left_out else ""
             raise BadInput(f"{self.path}: has no camera with a pose{why}; align the pictures in {self.kind}")
