@@ -6,6 +6,7 @@ import io
 import math
 import struct
 import time
+import zlib
 from statistics import median_low
 
 import numpy as np
@@ -230,6 +231,40 @@ def test_a_cropped_picture_is_turned_in_its_frame(tmp_path):
     frame = np.zeros((20, 30, 3), np.float32)
     frame[5:11, 4:13] = inside
     np.testing.assert_array_equal(read_reference(view(path, aspect=2 / 3)).rgb[::-1], turned(frame, 6))
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("late", [False, True])
+def test_a_png_has_its_exif_before_or_after_its_pixels(tmp_path, order, late):
+    """A file by the PNG and EXIF standards alone, its pixels in several chunks; tools that add EXIF may append it."""
+    stored = RNG.integers(0, 255, (20, 30, 3)).astype(np.uint8)
+    pixels = zlib.compress(b"".join(b"\0" + row.tobytes() for row in stored))
+    first = struct.pack(f"{order}HHHIHHHHIIII", 2, 274, 3, 1, 6, 0, 34665, 4, 1, 38, 0, 0)[:2 + 24 + 4]
+    rational = struct.pack(f"{order}HHHII", 1, 33434, 5, 1, 56) + struct.pack(f"{order}III", 0, 1, 125)
+    exif = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}I", 8) + first + rational
+    parts = [chunk(b"IDAT", pixels[:500]), chunk(b"IDAT", pixels[500:])]
+    parts.insert(2 if late else 0, chunk(b"eXIf", exif))
+    path = tmp_path / "a.png"
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 30, 20, 8, 2, 0, 0, 0))
+                     + b"".join(parts) + chunk(b"IEND", b""))
+    file = open_image(path)
+    assert (file.width, file.height, file.orientation) == (20, 30, 6)
+    assert file.shot.time == pytest.approx(1 / 125)
+    np.testing.assert_array_equal(np.concatenate(list(file.bands())), turned(stored, 6))
+
+
+def test_a_png_with_a_damaged_exif_is_read(tmp_path):
+    huge = b"II*\0" + struct.pack("<IHHHIIHHIII", 8, 2, 274, 4, 1, 2**32 - 1, 34855, 4, 1, 2**32 - 1, 0)
+    for data in (b"", b"II*", b"MM\0*\xff\xff\xff\xff", RNG.bytes(300), b"x" * 70_000, huge):
+        path = save(tmp_path / "a.png", RNG.integers(0, 255, (20, 30, 3)).astype(np.uint8), "uint8")
+        whole = path.read_bytes()
+        path.write_bytes(whole[:-12] + chunk(b"eXIf", data) + whole[-12:])
+        file = open_image(path)
+        assert (file.width, file.height, file.orientation) == (30, 20, 1) and file.shot.time is None
 
 
 # --- exposure

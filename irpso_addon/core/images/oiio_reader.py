@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import BadInput
 from .icc_profile import space_of_profile
+from .png_exif import png_exif
 from .shot_settings import apex, iso_number, positive
 
 MAX_SIDE = 20_000  # pixels: at most 400 megapixels
@@ -53,6 +54,9 @@ def header(path: Path) -> dict[str, Any]:
             while len(parts) < MAX_PARTS and file.seek_subimage(len(parts), 0):
                 parts.append(file.spec())
             part, channels, warnings = _choose(path, parts)
+            if file.format_name() == "png" and parts[part].getattribute("Orientation") is None:
+                for name, value in png_exif(path).items():
+                    parts[part].attribute(name, min(max(int(value), 0), 9) if name == "Orientation" else float(value))
             return _fields(path, parts[part], part, channels, warnings)
     except UnicodeDecodeError:
         raise BadInput(f"{path}: is damaged (names in its header are not text); render or copy it again") from None
