@@ -138,6 +138,38 @@ def test_xtrans_pixels_are_of_three_by_three_samples(tmp_path):
     np.testing.assert_allclose(file.read(5, 12), want[5:12], atol=1e-6)
 
 
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_a_dng_whose_pixels_have_all_colours(tmp_path, monkeypatch, full, orientation):
+    """LinearRaw, as Lightroom, ProRAW and noise filters write it: black, white, balance and matrix as of a sensor's."""
+    monkeypatch.setattr(oiio_reader, "BAND", 300)  # several bands
+    shot, raw = Shot(black=1000, orientation=orientation), RNG.integers(900, 14000, (41, 62, 3)).astype(np.uint16)
+    raw[7, 9], raw[30, 1, 2], raw[20, 20, 1] = 15000, 14990, 0  # clipped, clipped in one channel, dead
+    path = save_dng(tmp_path / "a.dng", raw, shot)
+    file = open_image(path)
+    assert (file.width, file.height) == ((62, 41) if orientation == 1 else (41, 62))
+    assert file.shot == open_image(save_dng(tmp_path / "b.dng", samples(), shot)).shot
+    found = read_reference(replace(view(path, file.width / file.height), full_raw=full))
+    camera = (raw.astype(np.float64) - shot.black) / (shot.white - shot.black)
+    lost = np.zeros((41, 62), bool)
+    lost[7, 9] = lost[30, 1] = lost[20, 20] = True
+    rgb, valid = found.rgb[::-1], found.valid[::-1]
+    if orientation == 6:  # seen from the stored picture: rows from the right, columns from the top
+        rgb, valid = np.rot90(rgb), np.rot90(valid)
+    np.testing.assert_array_equal(valid, ~lost)
+    from_rec709 = COLOUR_MATRIX @ TO_XYZ
+    to_rec709 = np.linalg.inv(from_rec709 / from_rec709.sum(1, keepdims=True))
+    np.testing.assert_allclose(rgb[valid], (camera / np.array(shot.neutral) * shot.neutral[1] @ to_rec709.T)[valid],
+                               atol=2e-4)
+
+
+def test_a_dng_of_floats_is_refused_in_a_line(tmp_path):
+    """LibRaw scales a file with values above its white level by its largest value."""
+    for shape in ((40, 60, 3), (40, 60)):
+        raw = RNG.uniform(0, 7, shape).astype(np.float32)
+        assert "a DNG of floats" in error_of(save_dng(tmp_path / "a.dng", raw, Shot(black=0, white=1)))
+
+
 def spread_of(own: np.ndarray, values: np.ndarray, y: int, x: int, reach: int) -> float:
     """The weighted mean of a colour's samples about one place, sample by sample."""
     period = 2 if reach == 1 else 6

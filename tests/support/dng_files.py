@@ -37,20 +37,30 @@ Entry = tuple[int, str, list]
 
 
 def save_dng(path: Path, raw: np.ndarray, shot: Shot | None = None) -> Path:
-    """Writes raw values (h, w) of 16 bits, row 0 at the top, uncompressed."""
+    """Writes raw values of 16 bits (32 where they are floats), row 0 at the top, uncompressed.
+
+    (h, w) of a sensor's pattern, or (h, w, 3): a LinearRaw DNG, whose pixels have all colours.
+    """
     shot = shot or Shot()
     pattern = BAYER if shot.pattern is None else shot.pattern
     matrix = COLOUR_MATRIX if shot.matrix is None else shot.matrix
+    colours, floats = raw.shape[2] if raw.ndim == 3 else 1, raw.dtype.kind == "f"
+    pixels = raw.astype("<f4" if floats else "<u2").tobytes()
     entries: list[Entry] = [
-        (254, "I", [0]), (256, "I", [raw.shape[1]]), (257, "I", [raw.shape[0]]), (258, "H", [16]), (259, "H", [1]),
-        (262, "H", [32803]), (271, "s", ["Acme"]), (272, "s", ["Model One"]), (273, "I", [0]),
-        (274, "H", [shot.orientation]), (277, "H", [1]), (278, "I", [raw.shape[0]]), (279, "I", [raw.size * 2]),
+        (254, "I", [0]), (256, "I", [raw.shape[1]]), (257, "I", [raw.shape[0]]), (259, "H", [1]),
+        (271, "s", ["Acme"]), (272, "s", ["Model One"]), (273, "I", [0]),
+        (274, "H", [shot.orientation]), (278, "I", [raw.shape[0]]), (279, "I", [len(pixels)]),
         (284, "H", [1]), (306, "s", ["2026:03:04 05:06:07"]),
-        (33421, "H", list(pattern.shape)), (33422, "B", list(pattern.ravel())),
         (50706, "B", [1, 4, 0, 0]), (50707, "B", [1, 1, 0, 0]), (50708, "s", ["Acme Model One"]),
-        (50713, "H", [1, 1]), (50714, "I", [shot.black]), (50717, "I", [shot.white]),
+        (50713, "H", [1, 1]), (50714, "I", [shot.black] * colours), (50717, "I", [shot.white] * colours),
         (50728, "R", list(shot.neutral)), (50778, "H", [21]),
     ]
+    entries += [(258, "H", [32 if floats else 16] * colours), (277, "H", [colours])]
+    entries += [(339, "H", [3] * colours)] if floats else []
+    if colours == 3:
+        entries.append((262, "H", [34892]))
+    else:
+        entries += [(262, "H", [32803]), (33421, "H", list(pattern.shape)), (33422, "B", list(pattern.ravel()))]
     if matrix.size:
         entries.append((50721, "r", list(matrix.ravel())))
     if shot.linear is not None:
@@ -60,7 +70,7 @@ def save_dng(path: Path, raw: np.ndarray, shot: Shot | None = None) -> Path:
         time, f_number, iso = shot.exposure
         exif = [(33434, "R", [time]), (33437, "R", [f_number]), (34855, "H", [iso]), (37386, "R", [50.0])]
         entries.append((34665, "I", [0]))
-    path.write_bytes(tiff(entries, exif, raw.astype("<u2").tobytes()))
+    path.write_bytes(tiff(entries, exif, pixels))
     return path
 
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ..errors import BadInput
 from .icc_profile import space_of_profile
-from .png_exif import png_exif
 from .shot_settings import apex, iso_number, positive
+from .tiff_tags import png_exif
 
 MAX_SIDE = 20_000  # pixels: at most 400 megapixels
 MAX_TILE = 1 << 24  # pixels of a row of tiles: what a file may make a reader hold

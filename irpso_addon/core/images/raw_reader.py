@@ -1,6 +1,8 @@
 """RAW and DNG files by LibRaw (rawpy): the sensor's numbers, black taken off, white 1.  Row 0 is the top here.
 
 Binned, so that each pixel has samples of all colours, or as many pixels as samples, the other colours interpolated.
+A DNG whose pixels have all colours already (LinearRaw; DNG 1.7, "PhotometricInterpretation") is read as it is: these
+are the camera's own colours too, before any white balance.
 
 It has the interface of oiio_reader.py and runs in the same processes.  LibRaw decodes; what follows is ours, because
 LibRaw's own development cuts what lies below black to 0 and does not tell which of a pixel's samples were saturated.
@@ -22,6 +24,7 @@ from ..errors import BadInput
 from .colour import D65, matrix_to_rec709
 from .oiio_reader import BAND, MAX_SIDE, Stored, StoredPicture, check_file
 from .shot_settings import iso_number, positive
+from .tiff_tags import holds_floats
 
 SUFFIXES = {
     ".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".fff", ".iiq", ".kdc", ".mef", ".mos", ".mrw",
@@ -72,6 +75,11 @@ def bands(path: Path, picture: StoredPicture, first: int, last: int, at_once: in
         if (sensor.samples if full else sensor.size) != picture.size:
             raise BadInput(f"{path}: changed while it was read; try again")
         pixels = raw.raw_image_visible
+        if sensor.demosaiced:
+            rows = max(1, at_once // sensor.size[0])
+            for top in range(first, last, rows):
+                yield _finished(pixels[top:min(top + rows, last)], sensor)
+            return
         if full:
             rows = max(1, at_once // sensor.samples[0])
             for top in range(first, last, rows):
@@ -125,8 +133,8 @@ class _Sensor:
 
     size: tuple[int, int]  # width and height when binned
     block: int  # samples along a side of a pixel
-    colours: NDArray[np.int64]  # (n, n) 0, 1, 2 of each sample of the pattern
-    black: F64  # (n, n)
+    colours: NDArray[np.int64]  # (n, n) 0, 1, 2 of each sample of the pattern; (0, 0): each pixel has all three
+    black: F64  # (n, n), or (3,)
     white: float  # above black
     saturated: float  # of white: from there on a sample counts as saturated
 
@@ -136,6 +144,11 @@ class _Sensor:
         return self.size[0] * self.block, self.size[1] * self.block
 
     @property
+    def demosaiced(self) -> bool:
+        """Whether there is no pattern left."""
+        return not self.colours.size
+
+    @property
     def phases(self) -> int:
         """Pixels after which the pattern starts again."""
         return len(self.colours) // self.block
@@ -143,10 +156,18 @@ class _Sensor:
 
 def _sensor(path: Path, raw: Any) -> _Sensor:
     """Of a Bayer sensor 2 x 2 samples make a pixel, of Fujifilm's X-Trans 3 x 3: each has all colours."""
+    dng = path.suffix.lower() == ".dng"
+    if dng and holds_floats(path):
+        raise BadInput(f"{path}: is a DNG of floats, whose scale LibRaw does not keep; save it as a DNG of integers, "
+                       "or as a TIFF of linear light")
+    period = dimensions = 0
     try:
-        period = len(raw.raw_pattern) if raw.raw_image.ndim == 2 else 0
-    except (NotImplementedError, RuntimeError):  # stranger patterns, floats
-        period = 0
+        dimensions = raw.raw_image.ndim
+        period = len(raw.raw_pattern) if dimensions == 2 else 0
+    except (NotImplementedError, RuntimeError):  # stranger patterns
+        pass
+    if dng and dimensions == 3 and raw.num_colors == 3 and raw.color_desc == b"RGBG":
+        return _demosaiced(path, raw)
     block, top, left = {2: 2, 6: 3}.get(period, 0), raw.sizes.top_margin, raw.sizes.left_margin
     pattern = np.array([[raw.raw_color(top + y, left + x) for x in range(period)] for y in range(period)])
     names = raw.color_desc.decode("ascii", "replace")
@@ -156,11 +177,25 @@ def _sensor(path: Path, raw: Any) -> _Sensor:
     if not block or any(found != {0, 1, 2} for found in blocks):
         raise _no_pattern(path)
     levels = np.array(raw.black_level_per_channel, np.float64)
-    white = float(raw.white_level) - levels[np.unique(pattern)].min()
     height, width = (n // block for n in raw.raw_image_visible.shape)
-    if white <= 0 or min(width, height) < 1:
-        raise BadInput(f"{path}: is damaged (its white level is not above black); copy it again from the camera")
+    white = _white(path, raw, levels[np.unique(pattern)], min(width, height))
     return _Sensor((width, height), block, colours, levels[pattern], white, _saturated(raw, white))
+
+
+def _demosaiced(path: Path, raw: Any) -> _Sensor:
+    """Of a LinearRaw DNG.  Other files of three colours a pixel (Foveon, small RAW files) have colours of their own."""
+    levels = np.array(raw.black_level_per_channel[:3], np.float64)
+    height, width = raw.raw_image_visible.shape[:2]
+    white = _white(path, raw, levels, min(width, height))
+    return _Sensor((width, height), 1, np.zeros((0, 0), np.int64), levels, white, _saturated(raw, white))
+
+
+def _white(path: Path, raw: Any, levels: F64, side: int) -> float:
+    """Above black.  Raises BadInput."""
+    white = float(raw.white_level) - float(levels.min())
+    if white <= 0 or side < 1:
+        raise BadInput(f"{path}: is damaged (its white level is not above black); copy it again from the camera")
+    return white
 
 
 def _saturated(raw: Any, white: float) -> float:
@@ -173,6 +208,13 @@ def _saturated(raw: Any, white: float) -> float:
 def _no_pattern(path: Path) -> BadInput:
     return BadInput(f"{path}: is of a sensor without a Bayer or X-Trans pattern of red, green and blue, which is not "
                     "read; develop it to a 16-bit TIFF of linear light")
+
+
+def _finished(pixels: NDArray[np.uint16], sensor: _Sensor) -> F32:
+    """(rows, width, 3) of pixels that have all colours."""
+    values = (pixels[..., :3] - sensor.black.astype(np.float32)) * np.float32(1 / sensor.white)
+    lost = (values >= np.float32(sensor.saturated)) | (values < np.float32(-DEAD))
+    return np.where(lost.any(-1, keepdims=True), np.float32(1), values)
 
 
 def _binned(samples: NDArray[np.uint16], sensor: _Sensor) -> F32:
