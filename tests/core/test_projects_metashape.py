@@ -39,15 +39,18 @@ def test_metashape_projects_as_its_manual_says(tmp_path, kind):
     assert (project.cameras[0].lens.width, project.cameras[0].lens.height) == (8688, 5792)
 
 
-@pytest.mark.parametrize("where", ["chunk", "component", "both"])
+@pytest.mark.parametrize("where", ["chunk", "component", "group", "both"])
 def test_metashape_chunk_and_component_lead_to_the_world(tmp_path, where):
     shots, translation, scale = ring(4), np.array([3.0, -2.0, 0.5]), 0.25
     inner = similarity(AROUND, translation, scale)
     component = f'<components next_id="1" active_id="0"><component id="0"><transform>{inner}</transform></component>' \
                 "</components>"
+    if where == "group":
+        component = component.replace("<component ", '<group id="3"><component ').replace(
+            "</components>", "</group></components>")
     path = write_metashape(
         tmp_path / "c.xml", shots, WIDE, attributes='component_id="0"', reference='LOCAL_CS["x",UNIT["metre",1]]',
-        chunk=inner if where != "component" else None, components=component if where != "chunk" else "")
+        chunk=inner if where in ("chunk", "both") else None, components=component if where != "chunk" else "")
     project = read_project(path)
     world = scale * POINTS @ AROUND.T + translation
     for camera, shot in zip(project.cameras, shots, strict=True):

@@ -55,6 +55,30 @@ def test_a_name_may_begin_as_comments_do(tmp_path):
     assert [camera.name for camera in project.cameras] == ["a.jpg", "#2 left.jpg"]
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize("quote", ["", '"'])
+@pytest.mark.parametrize("decimal", [",", "."])
+def test_realityscan_saved_again_by_a_spreadsheet(tmp_path, separator, quote, decimal):
+    """As in countries whose decimals follow a comma; names keep theirs."""
+    rows = [ROW | {"name": "a, left.jpg"}, ROW | {"name": "b.jpg", "heading": -20}]
+    write_realityscan(tmp_path / "plain.csv", [row | {"name": row["name"].replace(",", "")} for row in rows], ALL)
+    plain = read_project(tmp_path / "plain.csv", lambda name: (6000, 4000))
+    cells = [[row["name"], *(str(row[key]).replace(".", decimal) for key in ALL[1:])] for row in rows]
+    lines = [separator.join(f"{quote}{cell}{quote}" for cell in line) for line in (["#name", *ALL[1:]], *cells)]
+    (tmp_path / "r.csv").write_text("\ufeff" + "\r\n".join(lines) + "\r\n", encoding="utf-8", newline="")
+    project = read_project(tmp_path / "r.csv", lambda name: (6000, 4000))
+    assert [camera.name for camera in project.cameras] == ["a, left.jpg", "b.jpg"]
+    for camera, other in zip(project.cameras, plain.cameras, strict=True):
+        assert camera.lens == other.lens and (camera.world_from_camera == other.world_from_camera).all()
+
+
+def test_realityscan_columns_of_other_exports_are_named(tmp_path):
+    for columns, words in ((["name", "x", "y", "alt", "yaw", "pitch", "roll", "f"], "'yaw' instead of 'heading'"),
+                           (["name", "x", "y", "z", "omega", "phi", "kappa"], "no column 'alt'"),
+                           (["name", "x", "y", "alt"], "no column 'heading'")):
+        refused(write_realityscan(tmp_path / "r.csv", [dict.fromkeys(columns, 1)], columns), words)
+
+
 def test_realityscan_angles_mean_compass_and_tilt(tmp_path):
     """Pitch 0 looks down with north up in the picture; pitch 90 and heading 90 look east with the sky above."""
     rows = [ROW | {"name": f"{angle}.jpg", "heading": angle, "pitch": angle, "roll": 0} for angle in (0, 90)]

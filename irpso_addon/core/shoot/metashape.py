@@ -134,7 +134,7 @@ def _calibration(sensor: ElementTree.Element) -> ElementTree.Element | None:
 def _frames(chunk: ElementTree.Element, draft: Draft) -> dict[str | None, _Similarity | None]:
     """What leads from each component to the world; None: the chunk, for cameras without component."""
     own = _similarity(chunk.find("transform"), draft.path)
-    components = chunk.findall("components/component")
+    components = chunk.findall("components//component")  # perhaps in groups
     active = next((each.get("active_id") for each in chunk.iterfind("components")), None)
     frames: dict[str | None, _Similarity | None] = {}
     for component in components:

@@ -10,6 +10,8 @@ for a camera with y up that looks along its -z: it looks down at pitch 0 and at 
 clockwise from +y.  The columns can be chosen in the program, so they are found by their names.  Lines before that
 heading are comments; below it, "#" begins a picture's name.  The file has no picture sizes, and does not say that a
 lens was fitted by the division model, which it cannot hold: export Brown's.
+
+A spreadsheet that has saved the file again may have separated the columns by semicolons or tabs, with decimal commas.
 """
 
 from __future__ import annotations
@@ -28,45 +30,53 @@ from .project import NO_PICTURE, OPENCV_FROM_OPENGL, Draft, Project, SizeOf, che
 
 EXPORT = 'in RealityScan, choose Export, Registration, "Internal/External camera parameters"'
 POSE = ("x", "y", "alt", "heading", "pitch", "roll")
+SEPARATORS = ",;\t"
 OPTIONAL = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
 FILM = 36.0  # mm, the longer side
 
 
-def header_of(line: str) -> list[str] | None:
-    """The columns' names, if ``line`` is this format's heading."""
-    names = [name.strip().lstrip("#").strip().lower() for name in line.split(",")]
-    return names if "name" in names and {"heading", "pitch", "roll"} <= set(names) else None
+def header_of(line: str) -> tuple[list[str], str] | None:
+    """The columns' names and what separates them, if ``line`` is the heading of cameras."""
+    for separator in SEPARATORS:
+        names = [name.strip(" \t#\"").lower() for name in line.strip().split(separator)]
+        if {"name", "x", "y"} <= set(names):
+            return names, separator
+    return None
 
 
 def read_realityscan(path: Path, size_of: SizeOf) -> Project:
     """The project in ``path``; ``size_of`` gives the size of a picture by its name.  Raises BadInput."""
     draft = Draft(path, "RealityScan")
-    columns: list[str] | None = None
+    file = io.StringIO(read_text(path), newline="")
+    columns, separator = next(found for line in file if (found := header_of(line)) is not None)
+    _require(columns, path)
     try:
-        for row in csv.reader(io.StringIO(read_text(path))):
-            if columns is None:
-                columns = header_of(",".join(row))
-                _require(columns, path)
-            elif any(cell.strip() for cell in row):
-                _add(draft, columns, row, size_of)
+        for row in csv.reader(file, delimiter=separator):
+            if any(cell.strip() for cell in row):
+                _add(draft, columns, row, size_of, comma=separator != ",")
     except csv.Error as error:
         raise BadInput(f"{path}: is not complete CSV ({error}); {EXPORT}") from None
     return draft.finished()
 
 
-def _require(columns: list[str] | None, path: Path) -> None:
-    missing = [name for name in (*POSE, "f") if columns is not None and name not in columns]
+def _require(columns: list[str], path: Path) -> None:
+    if "yaw" in columns and "heading" not in columns:
+        raise BadInput(f"{path}: has a column 'yaw' instead of 'heading', and what RealityScan measures it from is not "
+                       "documented; export the cameras as a COLMAP model, and choose its folder")
+    missing = [name for name in (*POSE, "f") if name not in columns]
     if missing:
         raise BadInput(f"{path}: has no column '{missing[0]}'; {EXPORT}")
 
 
-def _add(draft: Draft, columns: list[str], row: list[str], size_of: SizeOf) -> None:
+def _add(draft: Draft, columns: list[str], row: list[str], size_of: SizeOf, comma: bool) -> None:
+    """``comma``: whether decimals may follow one."""
     if len(row) != len(columns):
         raise BadInput(f"{draft.camera(row[0])}: has {len(row)} columns, not {len(columns)}; {EXPORT}")
     cells = {column: cell.strip() for column, cell in zip(columns, row, strict=True)}
     name = cells["name"]
     who = draft.camera(name)
-    value = {column: number(cells[column], who, column) for column in (*POSE, "f", *OPTIONAL) if column in cells}
+    value = {column: number(cells[column].replace(",", ".") if comma else cells[column], who, column)
+             for column in (*POSE, "f", *OPTIONAL) if column in cells}
     sides = size_of(name)
     if sides is None:
         draft.left_out.append((name, NO_PICTURE))
