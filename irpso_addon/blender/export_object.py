@@ -17,6 +17,7 @@ from .scene.scene_material import SlotNormalMap, differences, find_principled, n
 from .scene.scene_mesh import read_mesh
 
 Warn = Callable[[str], None]
+HERE, UNEVEN = "blender", 0.01  # the target of files for this object itself
 EXPORTED = (METALLIC.name, LEVEL.name, COAT_WEIGHT.name, DIFFUSE_ROUGHNESS.name)  # or named by `target_export.losses`
 
 
@@ -33,7 +34,11 @@ def export_object(
     used = [obj.material_slots[slot].material for slot in np.unique(mesh.slots) if slot < len(obj.material_slots)]
     lost += [line for material in dict.fromkeys(used) for line in _left_out(material)]
     own = maps.normal if isinstance(maps, Maps) else None
-    found = ExportObject(obj.name, mesh, surfaces, _normals(obj, used, lost.append) if own is None else own)
+    normals = _normals(obj, used, lost.append) if own is None else own
+    if normals is not None and target != HERE and _unevenly_scaled(obj):
+        lost.append(f"object '{obj.name}': is scaled unevenly, and Blender bends the normals of its normal map by "
+                    "that, as other programs do not; apply the scale (Ctrl A) and solve again")
+    found = ExportObject(obj.name, mesh, surfaces, normals)
     if isinstance(maps, MapFiles):
         layers = [layer for layer in target_export.LAYERS if layer in maps.paths]
         reader = MapReader.of_files(maps, layers)
@@ -44,6 +49,12 @@ def export_object(
     if left := target_export.earlier_files(found, target, written):
         lost.append(f"{out}: an earlier export left {', '.join(left)}; delete these files, or choose another folder")
     return written, lost
+
+
+def _unevenly_scaled(obj: bpy.types.Object) -> bool:
+    """Whether lengths in the world differ by direction; by more than UNEVEN."""
+    lengths = np.linalg.svd(np.array(obj.matrix_world)[:3, :3], compute_uv=False)
+    return bool(lengths[0] > (1 + UNEVEN) * lengths[-1])
 
 
 def _left_out(material: bpy.types.Material | None) -> list[str]:

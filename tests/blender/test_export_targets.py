@@ -346,6 +346,23 @@ def test_normal_maps_that_differ_are_left_out_and_named(empty, tmp_path: Path) -
     assert not (tmp_path / "two" / "Plane_Normal.png").exists()
 
 
+@pytest.mark.parametrize(("scale", "bumps", "named"), [
+    ((1.4, 1.0, 0.6), True, True), ((1.4, 1.0, 0.6), False, False), ((-1.0, 1.0, 1.0), True, False)])
+def test_a_normal_map_on_what_is_scaled_unevenly_is_named(tmp_path: Path, scale, bumps: bool, named: bool) -> None:
+    """The glTF then shows the object otherwise than Blender; not without a normal map, nor where it is mirrored."""
+    obj = ball(normal_map=bumps)
+    obj.scale = scale
+    bpy.context.view_layer.update()
+    material.write_maps(obj, solution("one-lobe"))
+    before = cycles_rig.render()["rgb"]
+    assert export(obj, "blender", tmp_path / "blender") == []
+    lines = export(obj, "gltf", tmp_path / "out")
+    assert [line.partition(": is scaled unevenly")[0] for line in lines] == (["object 'Ball'"] if named else [])
+    bpy.data.objects.remove(obj)
+    bpy.ops.import_scene.gltf(filepath=str(tmp_path / "out" / "Ball.glb"))
+    assert (difference(before, cycles_rig.render()["rgb"]) > 2 * TOLERANCE[8]) == named
+
+
 def test_strength_is_applied_as_cycles_does(empty) -> None:
     flat = np.full((2, 2, 3), [0.7, 0.4, 0.9], np.float32)
     np.testing.assert_array_equal(with_strength(flat, 1.0), flat)
