@@ -17,7 +17,7 @@ from irpso_addon.blender import files
 from irpso_addon.blender.export_object import export_object, with_strength
 from irpso_addon.blender.material import material
 from irpso_addon.blender.material.surfaces import shown_surfaces, solved_surfaces
-from irpso_addon.core.data import Maps, Solution
+from irpso_addon.core.data import Coat, Maps, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.maps.target_export import Surface
 from tests.blender import cycles_rig
@@ -120,6 +120,25 @@ def test_gltf_renders_alike_with_a_normal_map_and_a_map_of_the_level(tmp_path: P
     bpy.ops.import_scene.gltf(filepath=str(tmp_path / "out" / "Ball.glb"))
     shader = principled_of(bpy.context.selected_objects[0].data.materials[0])
     assert shader.inputs["Specular IOR Level"].is_linked and shader.inputs["Normal"].is_linked
+    assert difference(before, cycles_rig.render()["rgb"]) < TOLERANCE[8]
+
+
+def test_gltf_renders_a_coat_alike(tmp_path: Path) -> None:
+    """No line then says that it is lost; where only one of two materials has it, a line names it."""
+    obj = ball()
+    material.write_maps(obj, solution("one-lobe"))
+    bare = cycles_rig.render()["rgb"]
+    made = solution("one-lobe", coats={"Skin": Coat(0.75, 0.125)})
+    material.write_maps(obj, made)
+    before = cycles_rig.render()["rgb"]
+    assert difference(before, bare) > 5 * TOLERANCE[8]
+    assert export(obj, "gltf", tmp_path / "out") == [] and solved_surfaces(obj, made) == shown_surfaces(obj, print)
+    obj.data.materials.append(make_material("Matt"))
+    obj.data.polygons[0].material_index = 1
+    (line,) = export(obj, "gltf", tmp_path / "two")
+    assert line == "material 'Skin': its files for glTF have no coat; the coat of weight 0.75 is lost"
+    bpy.data.objects.remove(obj)
+    bpy.ops.import_scene.gltf(filepath=str(tmp_path / "out" / "Ball.glb"))
     assert difference(before, cycles_rig.render()["rgb"]) < TOLERANCE[8]
 
 

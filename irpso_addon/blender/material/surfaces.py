@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import bpy
 
-from ...core.data import Solution
+from ...core.data import Coat, Solution
 from ...core.maps.target_export import Surface
 from ...core.maps.targets import DIELECTRIC
 from . import two_lobe
 from .shader_nodes import find_shader, has_nodes
 from .slot_names import solved_name
-from .solved_socket import COAT_WEIGHT, DIFFUSE_ROUGHNESS, LEVEL, METALLIC, SolvedSocket
+from .solved_socket import COAT_ROUGHNESS, COAT_WEIGHT, DIFFUSE_ROUGHNESS, LEVEL, METALLIC, SolvedSocket
 from .tags import TAG
 
 Warn = Callable[[str], None]
@@ -39,7 +39,8 @@ def _shown(material: bpy.types.Material | None, warn: Warn) -> Surface:
     metallic, level = _value(material, node, METALLIC, 0.0, warn), _value(material, node, LEVEL, DIELECTRIC, warn)
     coat = _value(material, node, COAT_WEIGHT, 0.0, warn)
     diffuse = _value(material, node, DIFFUSE_ROUGHNESS, 0.0, warn)
-    return Surface(material.name, metallic, level, lobes, coat or 0.0, diffuse or 0.0)  # these two have no map
+    rough = _value(material, node, COAT_ROUGHNESS, 0.0, warn) if coat else 0.0
+    return Surface(material.name, metallic, level, lobes, coat or 0.0, diffuse or 0.0, rough or 0.0)  # without maps
 
 
 def _value(
@@ -72,6 +73,6 @@ def _solved(name: str | None, solution: Solution) -> Surface:
     metallic: float | None = 0.0
     if model == "one-lobe-metallic":
         metallic = None if name in solution.paint else solution.metallic.get(name, 0.0)
-    coat = solution.coats[name].weight if name in solution.coats else 0.0
-    return Surface(name, metallic, level, solution.ndf if model == "two-lobe" else "", coat,
-                   solution.diffuse_roughness.get(name, 0.0))
+    coat = solution.coats.get(name, Coat(0.0, 0.0))
+    return Surface(name, metallic, level, solution.ndf if model == "two-lobe" else "", coat.weight,
+                   solution.diffuse_roughness.get(name, 0.0), coat.roughness)

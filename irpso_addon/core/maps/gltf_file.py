@@ -1,6 +1,7 @@
 """A mesh with its material as one binary glTF 2.0 file (GLB), images inside.
 
-Khronos, "glTF 2.0 Specification" (2021), sections 3.7 (meshes), 3.9 (materials), 4.4 (GLB), and KHR_materials_specular.
+Khronos, "glTF 2.0 Specification" (2021), sections 3.7 (meshes), 3.9 (materials), 4.4 (GLB), KHR_materials_specular, and
+KHR_materials_clearcoat: a layer of index of refraction 1.5, as the Principled BSDF's Coat.
 """
 
 from __future__ import annotations
@@ -22,11 +23,15 @@ LINEAR, MIPMAPS, REPEAT = 9729, 9987, 10497  # of samplers
 MOST_BYTES = 2**32 - 1  # that a GLB's header can count
 
 
-def glb(mesh: MeshArrays, images: Mapping[str, Path], level: float | None, scale: float) -> bytes:
+def glb(
+    mesh: MeshArrays, images: Mapping[str, Path], level: float | None, scale: float,
+    coat: tuple[float, float] = (0.0, 0.0),
+) -> bytes:
     """The whole file: the mesh as it stands in the scene, metres, turned from Z up to Y up.
 
     ``images``: PNG files by `TargetFile.name`.  ``level``: Specular IOR Level of the object, None: the alpha of the
-    specular image times ``scale`` is twice that.  Raises BadInput where it is larger than a GLB may be.
+    specular image times ``scale`` is twice that.  ``coat``: weight and roughness of the object's.  Raises BadInput
+    where it is larger than a GLB may be.
     """
     file = _Glb()
     primitive: dict[str, Any] = {"attributes": {}, "material": 0, "mode": 4}
@@ -36,7 +41,7 @@ def glb(mesh: MeshArrays, images: Mapping[str, Path], level: float | None, scale
         primitive["attributes"][name] = file.accessor(values, f"VEC{values.shape[1]}", VERTICES, **bounds)
     primitive["indices"] = file.accessor(order, "SCALAR", INDICES)
     textures = {key: file.texture(path) for key, path in images.items()}
-    material = _material(mesh.name, textures, level, scale)
+    material = _material(mesh.name, textures, level, scale, coat)
     root: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "IRPSO"}, "scene": 0, "scenes": [{"nodes": [0]}],
         "nodes": [{"name": mesh.name, "mesh": 0}], "meshes": [{"name": mesh.name, "primitives": [primitive]}],
@@ -60,7 +65,9 @@ def _vertices(mesh: MeshArrays) -> tuple[dict[str, F32], Any]:
             np.asarray(order, "<u4").reshape(-1, 1))
 
 
-def _material(name: str, textures: Mapping[str, int], level: float | None, scale: float) -> dict[str, Any]:
+def _material(
+    name: str, textures: Mapping[str, int], level: float | None, scale: float, coat: tuple[float, float],
+) -> dict[str, Any]:
     """Metal and roughness as the packed image has them; F0 of the dielectric is 0.04 times weight times colour."""
     packed = {"index": textures["{}_occlusionRoughnessMetallic"]}
     material: dict[str, Any] = {
@@ -78,9 +85,10 @@ def _material(name: str, textures: Mapping[str, int], level: float | None, scale
         scale = max(2 * level, 1.0)
     if scale > 1:  # a weight is at most 1, a colour may be more
         specular["specularColorFactor"] = [scale] * 3
-    if specular:
-        material["extensions"] = {"KHR_materials_specular": specular}
-    return material
+    extensions = {"KHR_materials_specular": specular} if specular else {}
+    if coat[0] > 0:
+        extensions["KHR_materials_clearcoat"] = {"clearcoatFactor": coat[0], "clearcoatRoughnessFactor": coat[1]}
+    return {**material, "extensions": extensions} if extensions else material
 
 
 class _Glb:

@@ -36,6 +36,7 @@ class Surface:
     lobes: str = ""  # "ggx" or "beckmann" where it has two
     coat: float = 0.0  # weight
     diffuse_roughness: float = 0.0
+    coat_roughness: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,12 @@ class ExportObject:
     def level(self) -> float | None:
         """Specular IOR Level of all materials; None: it differs from material to material or from texel to texel."""
         return _same([surface.level for surface in self.shown])
+
+    @property
+    def coat(self) -> tuple[float, float] | None:
+        """Weight and roughness of all materials; None: they differ from material to material."""
+        found = {(surface.coat, surface.coat_roughness if surface.coat else 0.0) for surface in self.shown}
+        return found.pop() if len(found) == 1 else None
 
     @property
     def diffuse_roughness(self) -> float | None:
@@ -107,7 +114,7 @@ def losses(obj: ExportObject, target: str) -> list[str]:
         if surface.lobes:
             lines.append(f"material '{surface.name}': {chosen.program} has one roughness; the two become their mean, "
                          "weighted by energy" + (", and Beckmann becomes GGX" if surface.lobes == "beckmann" else ""))
-        if surface.coat:
+        if surface.coat and (chosen.document != "glb" or obj.coat is None):
             lines.append(f"material '{surface.name}': its files for {chosen.program} have no coat; the coat of weight "
                          f"{surface.coat:.3g} is lost")
         if surface.diffuse_roughness and (chosen.document != "mtlx" or obj.diffuse_roughness is None):
@@ -145,7 +152,8 @@ def _write_all(obj: ExportObject, maps: MapReader, target: Target, folder: Path)
         if target.document == "mtlx":
             path.write_bytes(materialx(obj.name, images, obj.metallic, obj.level, obj.diffuse_roughness or 0.0))
         else:
-            path.write_bytes(glb(obj.mesh, {key: folder / name for key, name in images.items()}, obj.level, scale))
+            path.write_bytes(glb(obj.mesh, {key: folder / name for key, name in images.items()}, obj.level, scale,
+                                 obj.coat or (0.0, 0.0)))
     return names
 
 
