@@ -71,6 +71,11 @@ def test_alicevision_refuses(tmp_path, version, change, words):
         **SENSOR, **intrinsic, "distortionParams": BROWN, **change}), words)
 
 
+def test_a_binary_sfm_is_refused_with_what_to_do(tmp_path):
+    (tmp_path / "a.sfm").write_bytes(b"\x1c\0\0\0ASFM" + bytes(40))
+    refused(tmp_path / "a.sfm", "binary", "ConvertSfMFormat")
+
+
 def at(x: float, y: float, fx: float = 5000.0, fy: float = 5010.0) -> tuple[float, float]:
     return 3010 + fx * x, 1990 + fy * y
 

@@ -33,6 +33,7 @@ Version = tuple[int, int, int]
 Radial = tuple[float, float, float, float]
 
 EXPORT = "choose the cameras.sfm or sfm.json that Meshroom's node StructureFromMotion or ConvertSfMFormat wrote"
+BINARY_SFM = b"ASFM"  # at byte 4 of its other format, FlatBuffers
 TURNED_MESHES: Version = (1, 2, 3)
 HALF_TURN = np.diag([1.0, -1.0, -1.0])
 # Names of the distortions since 1.2.8 and, as the camera's type, before; how many parameters each has.

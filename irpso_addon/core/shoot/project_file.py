@@ -7,8 +7,8 @@ from pathlib import Path
 
 from ..errors import BadInput
 from ..storage.text_file import UTF16, first_bytes
+from .alicevision import BINARY_SFM, is_alicevision, read_alicevision
 from .alicevision import EXPORT as ALICEVISION
-from .alicevision import is_alicevision, read_alicevision
 from .colmap import FILES as COLMAP_FILES
 from .colmap import model_folder, read_colmap
 from .json_project import read_object
@@ -41,6 +41,8 @@ def read_project(path: Path, size_of: SizeOf | None = None) -> Project:
     if path.suffix.lower() in (".bin", ".txt") and path.stem.lower() in COLMAP_FILES:
         return _read_folder(path.parent, sizes)
     beginning = first_bytes(path, BEGINNING)
+    if beginning[4:8] == BINARY_SFM:
+        raise BadInput(f"{path}: is a binary file of AliceVision; write it as JSON (.sfm) with ConvertSfMFormat")
     if beginning.startswith(UTF16):
         raise BadInput(f"{path}: is UTF-16 text; save it as UTF-8")
     beginning = beginning.removeprefix(b"\xef\xbb\xbf").lstrip()
