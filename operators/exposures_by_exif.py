@@ -20,7 +20,8 @@ exposure time, whose light does not depend on the time"""
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Views whose EXIF cannot be compared with others keep theirs."""
         views = context.scene.irpso.views
-        changed = {at: value for at, value in stated(context.scene, read_shot).items()
+        shots = [read_shot(bpy.path.abspath(view.image)) for view in views]
+        changed = {at: value for at, value in stated(context.scene, shots).items()
                    if abs(value - views[at].exposure) > SAME}
         for at, value in changed.items():
             views[at].exposure = value

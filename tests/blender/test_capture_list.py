@@ -406,15 +406,20 @@ def test_exposures_by_exif_of_a_folder(scene, module, tmp_path: Path) -> None:
     views.add().image = "//jpeg/gone.jpg"
     assert [Path(view.image).stem for view in views] == ["a", "b", "c", "d", "e", "f", "g", "gone"]
     views[2].exposure, views[5].exposure, views[6].enabled = 1.0, 0.3, False
-    line, thumbnails = module("blender.scene.view_exposures").line, module("blender.scene.thumbnails")
-    assert line(scene) == ""  # nothing is known yet
+    exposures, readiness, thumbnails = (module(f"blender.scene.{name}") for name in (
+        "view_exposures", "readiness", "thumbnails"))
+
+    def stated() -> str:
+        return exposures.line(scene, [view.file for view in readiness.survey(bpy.context).views])
+
+    assert stated() == ""  # nothing is known yet
     end = time.monotonic() + 10
     while thumbnails._images.busy and time.monotonic() < end:
         time.sleep(0.01)
-    assert line(scene).startswith("2 of 8 views: EXIF states another Exposure, -2.00 EV beside that of 'd.jpg'; set it")
+    assert stated().startswith("2 of 8 views: EXIF states another Exposure, -2.00 EV beside that of 'd.jpg'; set it")
     bpy.ops.ed.undo_push(message="before")
     assert bpy.ops.irpso.exposures_by_exif("EXEC_DEFAULT", True) == {"FINISHED"}
     assert [view.exposure for view in views] == pytest.approx([0, 1, 1, -2, 0, 0.3, 0, 0], abs=1e-3)
-    assert line(scene) == "" and bpy.ops.irpso.exposures_by_exif() == {"CANCELLED"}
+    assert stated() == "" and bpy.ops.irpso.exposures_by_exif() == {"CANCELLED"}
     bpy.ops.ed.undo()
     assert [view.exposure for view in bpy.context.scene.irpso.views] == pytest.approx([0, 0, 1, 0, 0, 0.3, 0, 0])

@@ -194,7 +194,7 @@ class IRPSO_PT_capture(Tab, Panel):
         buttons.separator()
         buttons.operator("irpso.move_view", text="", icon="TRIA_UP").up = True
         buttons.operator("irpso.move_view", text="", icon="TRIA_DOWN").up = False
-        if differ := view_exposures.line(context.scene):
+        if differ := view_exposures.line(context.scene, [state.file for state in readiness.recent(context).views]):
             column = layout.column(align=True)
             wrapped(column, differ, letters(context), "INFO")
             column.operator("irpso.exposures_by_exif", icon="CAMERA_DATA")
