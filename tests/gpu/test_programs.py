@@ -6,10 +6,12 @@ import re
 from pathlib import Path
 
 import moderngl
+import numpy as np
 import pytest
 
 from irpso_addon.core.errors import ShaderRefused
 from irpso_addon.gpu.device import programs
+from irpso_addon.gpu.device.context import Device, Inputs
 
 SCREEN = "void main() { gl_Position = vec4(gl_VertexID == 1 ? 3 : -1, gl_VertexID == 2 ? 3 : -1, 0, 1); }\n"
 MAIN = "out vec4 o;\nvoid main() { o = vec4(value()); }\n"
@@ -120,6 +122,32 @@ def test_a_program_is_built_once_for_the_same_defines(ctx, shaders):
     first = made.get("screen.vert", "main.frag", {"N": "1"})
     assert made.get("screen.vert", "main.frag", {"N": "1"}) is first
     assert made.get("screen.vert", "main.frag", {"N": "2"}) is not first
+
+
+def test_programs_of_earlier_jobs_are_given_back(on_gl, monkeypatch):
+    """Only the last used stay, however many jobs there are; what was given back is made again and draws the same."""
+    monkeypatch.setattr(programs, "KEPT", 3)
+    held = on_gl(lambda device: device.texture(1, 1, 4, np.array([1.0, 2, 3, 4], np.float32)))
+
+    def drawn(number: int) -> tuple[moderngl.Program, list[float]]:
+        def job(device: Device) -> tuple[moderngl.Program, list[float]]:
+            defines = {"JOB": str(number)}
+            with device.scope():
+                texture = device.texture(1, 1)
+                with device.target([texture]) as target:
+                    device.draw("device/context_check.frag", target, Inputs(
+                        {"u_kept": held}, {"u_number": float(number)}, defines))
+                return (next(reversed(device.programs._built.values())), device.read(texture).ravel().tolist())
+
+        return on_gl(job)  # type: ignore[no-any-return]
+
+    made = []
+    for number in (*range(1, 9), 1, 7, 2):
+        program, pixel = drawn(number)
+        made.append(program)
+        assert pixel == [number, 2 * number, 3 * number, 4 * number]
+    alive = [number for number, program in enumerate(made) if not isinstance(program.mglo, moderngl.InvalidObject)]
+    assert alive == [6, 7, 8, 9, 10] and made[9] is made[6]  # of 7, 8, 1, 7 and 2: the last three, and the new one
 
 
 def test_every_shader_of_the_add_on_assembles():

@@ -68,6 +68,15 @@ class Device(DeviceMemory):
         self.budget = DrawBudget(self._finish, self.settings.slice)
         self._quads: dict[int, moderngl.VertexArray] = {}
 
+    def collect(self) -> None:
+        """Between two jobs: free what an error or a stop left behind, and programs that were not used for long."""
+        super().collect()
+        gone = self.programs.give_back()
+        if gone:
+            self.budget.forget(lambda key: isinstance(key, tuple) and key[1] in gone)
+        for name in gone & self._quads.keys():
+            self._quads.pop(name).release()
+
     def configure(self, settings: DeviceSettings) -> None:
         """How the device is used from now on.  Raises BadInput where it cannot do that."""
         if settings.kernels == "compute" and self.ctx.version_code < 430:

@@ -17,9 +17,9 @@ PATTERN = np.array([3.0, 1.0, 4.0, 15.0], np.float32)
 class ContextCheck:
     """A texel that was written once, and is drawn with a new number whenever somebody asks."""
 
-    def __init__(self, ctx: moderngl.Context, programs: Programs) -> None:
-        self._ctx, self._programs = ctx, programs
-        self._program = programs.get("include/screen.vert", "device/context_check.frag")
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx, self._programs = ctx, Programs(ctx)  # of its own: never given back
+        self._program = self._programs.get("include/screen.vert", "device/context_check.frag")
         self._kept = ctx.texture((1, 1), 4, PATTERN.tobytes(), dtype="f4")
         self._drawn = ctx.texture((1, 1), 4, dtype="f4")
         self._target = ctx.framebuffer([self._drawn])

@@ -62,6 +62,12 @@ class DrawBudget:
         self.finish()
         self._learn(key, units, time.perf_counter() - start)
 
+    def forget(self, gone: Callable[[Hashable], bool]) -> None:
+        """Of these kinds of draw nothing is known any more: their programs were given back."""
+        for key in filter(gone, tuple(self._compiled)):
+            self._compiled.discard(key)
+            self._seconds.pop(key, None)
+
     def finish(self) -> None:
         """Wait for everything that has been drawn."""
         self._finish()

@@ -92,7 +92,7 @@ class DeviceMemory:
         self._context_check: ContextCheck | None = None
         self.programs = Programs(self.ctx, self.check_alive)
         self._scopes: list[Scope] = []
-        self._context_check = ContextCheck(self.ctx, self.programs)
+        self._context_check = ContextCheck(self.ctx)
 
     def describe(self) -> dict[str, Any]:
         """Renderer, vendor and version as the driver names them."""

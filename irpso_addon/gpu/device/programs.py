@@ -40,6 +40,7 @@ SHARED_CONSTANTS: Mapping[str, float | int] = {
     "LIGHT_QUADRATURE": lights.QUADRATURE, "GOLDEN_RATIO": lights.GOLDEN_RATIO,
 }
 SLOWER = "or choose device numpy (--device numpy), which is slow and makes small maps"
+KEPT = 96  # compiled programs that stay from job to job: a solve uses 35 to 65, each of about 5 MB in software OpenGL
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _FILE = 1_000_000  # line numbers from here on: file number times this, plus the line
 _UNIFORM = re.compile(r"^\s*(?:layout\([^)]*\)\s*)?(?:writeonly\s+)?uniform\s+\w+\s+(\w+)", re.MULTILINE)
@@ -93,12 +94,12 @@ def first_line(message: str) -> str:
 
 
 class Programs:
-    """The compiled programs of one context, each built once."""
+    """The compiled programs of one context, each built once, while it is not given back."""
 
     def __init__(self, ctx: moderngl.Context, check_alive: Callable[[], None] = lambda: None) -> None:
         """``check_alive`` raises where the context is lost: then no shader is to blame."""
         self._ctx, self._check_alive = ctx, check_alive
-        self._built: dict[tuple[Any, ...], moderngl.Program] = {}
+        self._built: dict[tuple[Any, ...], moderngl.Program] = {}  # here and below: the one used last comes last
         self._kernels: dict[tuple[Any, ...], moderngl.ComputeShader] = {}
         self._declared: dict[int, set[str]] = {}
 
@@ -116,6 +117,8 @@ class Programs:
                 raise self._refused(fragment, text, files) from None
             self._built[key] = program
             self._declared[program.glo] = set(_UNIFORM.findall(source_v) + _UNIFORM.findall(source_f))
+        else:
+            self._built[key] = self._built.pop(key)
         return self._built[key]
 
     def compute(self, name: str, defines: Mapping[str, str]) -> moderngl.ComputeShader:
@@ -132,7 +135,23 @@ class Programs:
                 raise self._refused(name, str(error), files) from None
             self._kernels[key] = kernel
             self._declared[kernel.glo] = set(_UNIFORM.findall(source))
+        else:
+            self._kernels[key] = self._kernels.pop(key)
         return self._kernels[key]
+
+    def give_back(self) -> set[int]:
+        """Free the programs that were not used for longest, until KEPT of each kind stay; OpenGL's names of the freed.
+
+        Each number of views or cameras makes programs of its own: captures of many kinds would fill the memory.
+        """
+        oldest: list[moderngl.Program | moderngl.ComputeShader] = [
+            *(self._built.pop(key) for key in tuple(self._built)[:max(len(self._built) - KEPT, 0)]),
+            *(self._kernels.pop(key) for key in tuple(self._kernels)[:max(len(self._kernels) - KEPT, 0)])]
+        names = {program.glo for program in oldest}
+        for program in oldest:
+            del self._declared[program.glo]
+            program.release()
+        return names
 
     def _refused(self, name: str, message: str, files: list[str]) -> ShaderRefused:
         self._check_alive()
