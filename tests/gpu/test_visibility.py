@@ -12,7 +12,8 @@ import pytest
 
 from irpso_addon.core.data import Camera, Light, MeshArrays
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid
-from irpso_addon.gpu.observe.visibility import LightVisibility, shadow_points
+from irpso_addon.gpu.observe.shadow_sheet import COLUMNS, draw_sheet
+from irpso_addon.gpu.observe.visibility import LightVisibility, parallel_frustum, shadow_points
 from tests.support import synthetic as syn
 
 PIXELS = 96
@@ -218,3 +219,57 @@ def test_penumbra_is_the_visible_share_of_the_emitter(on_gl, name, subject):
     assert abs(error[soft].mean()) < 0.03
     assert (got[..., 3][near & (got[..., 0] > 1.25 * half)] > 0.999).all()
     assert (got[..., 3][near & (got[..., 0] < -1.25 * half)] < 0.001).all()
+
+
+BOX = syn.box(LOW, HIGH)
+SIDES = np.array([(0.3, 0.5, 0.8), (-0.2, 0.4, -0.9), (0.9, -0.1, -0.2), (0.0, 0.0, -1.0), (-0.6, -0.7, 0.3)])
+
+
+def hit_depth(triangles: np.ndarray, origins: np.ndarray, forward: np.ndarray) -> np.ndarray:
+    """(N,) metres along (3,) a direction to the first of (T, 3, 3) triangles, whichever way it faces; inf: none."""
+    nearest = np.full(len(origins), np.inf)
+    for a, b, c in triangles.astype(np.float64):  # Moeller and Trumbore 1997
+        across = np.cross(forward, c - a)
+        determinant = across @ (b - a)
+        if abs(determinant) < 1e-9:
+            continue
+        u = (origins - a) @ across / determinant
+        along = np.cross(origins - a, b - a)
+        v, t = along @ forward / determinant, along @ (c - a) / determinant
+        nearest = np.where((u >= 0) & (v >= 0) & (u + v <= 1), np.minimum(nearest, t), nearest)
+    return nearest
+
+
+@pytest.mark.parametrize(("triangles", "closed"), [
+    (BOX, True), (np.concatenate([BOX, syn.box((0.0, 0.1, 0.2), (0.5, 0.5, 0.6))]), True), (BOX[:, ::-1], False),
+    (BOX[np.abs(BOX[..., 2]).max(1) > 1e-6], False), (np.concatenate([BOX, FLOOR]), False),
+], ids=["a box", "two that meet", "inside out", "without its bottom", "on a floor"])
+def test_maps_of_a_world_have_what_is_nearest(on_gl, triangles, closed):
+    """Whether or not backs of triangles can be left out of them."""
+    mesh, side = syn.mesh_arrays(triangles), 64
+
+    def draw(device):
+        with device.scope():
+            visibility = LightVisibility(device, MeshBuffer(device, mesh), Occluders(device, NOTHING), 1)
+            maps = [parallel_frustum(toward, visibility.center, visibility.radius, visibility.bounds, side)
+                    for toward in SIDES]
+            sheet = draw_sheet(device, visibility, maps, side, visibility.is_closed).read(alignment=1)
+            return visibility.is_closed, visibility.center, maps, np.frombuffer(sheet, np.float16)
+
+    found, center, maps, sheet = on_gl(draw)
+    assert found == closed
+    sheet = sheet.reshape(COLUMNS * side, COLUMNS * side).astype(float)
+    for n, frustum in enumerate(maps):
+        got = sheet[:side, n * side:(n + 1) * side]
+        plane = np.array(frustum.plane)
+        at = 2 * (np.arange(side) + 0.5) / side - 1
+        x, y = np.meshgrid(at, at)
+        rows = frustum.clip[:2, :3]  # orthogonal: a row over its square is a place's share
+        from_center = np.stack([x, y], -1).reshape(-1, 2) - (rows @ center + frustum.clip[:2, 3])
+        origins = center + from_center @ (rows / (rows**2).sum(1, keepdims=True)) - 10 * plane[:3]
+        wanted = hit_depth(triangles, origins, plane[:3]).reshape(side, side) + (
+            origins @ plane[:3] + plane[3]).reshape(side, side)
+        inner = ~near_edge(np.isfinite(wanted))
+        assert (np.isfinite(wanted) & inner).sum() > 100
+        same = np.where(np.isfinite(wanted), np.abs(got - wanted) < frustum.texel, got > 1e3)
+        assert same[inner].mean() > 0.99  # edges between faces, and roundings of half floats

@@ -251,6 +251,16 @@ class Device(DeviceMemory):
             self.ctx.disable(moderngl.BLEND)
 
     @contextmanager
+    def leaving_out(self, faces: str) -> Iterator[None]:
+        """Draws leave out the ``front`` or the ``back`` of triangles: fronts have their corners anticlockwise."""
+        self.ctx.cull_face = faces
+        self.ctx.enable(moderngl.CULL_FACE)
+        try:
+            yield
+        finally:
+            self.ctx.disable(moderngl.CULL_FACE)
+
+    @contextmanager
     def keeping_nearest(self) -> Iterator[None]:
         """Draws are hidden by what is nearer in the target's depth map."""
         self.ctx.enable(moderngl.DEPTH_TEST)

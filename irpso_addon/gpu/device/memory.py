@@ -226,7 +226,7 @@ class DeviceMemory:
             left = self.ctx.objects.popleft()
             if hasattr(left, "release"):
                 left.release()
-        self.ctx.disable(moderngl.BLEND | moderngl.DEPTH_TEST)
+        self.ctx.disable(moderngl.BLEND | moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         self.ctx.blend_equation = moderngl.FUNC_ADD  # type: ignore[assignment]  # the stub knows pairs alone
 
     def release(self) -> None:

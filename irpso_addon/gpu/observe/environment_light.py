@@ -66,7 +66,7 @@ class LitByEnvironment:
         count = len(self.directions.toward)
         for first in range(0, count, BATCH):
             frusta = map(self._frustum, self.directions.toward[first:first + BATCH])
-            self.sheets.append(draw_sheet(self.device, self.visibility, frusta, SIDE))
+            self.sheets.append(draw_sheet(self.device, self.visibility, frusta, SIDE, self.visibility.is_closed))
             yield min(first + BATCH, count) / count
         if self.emitters is not None:
             yield from self.emitters.draw_shadows()

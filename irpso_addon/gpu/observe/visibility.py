@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil, inf
 
 import moderngl
@@ -25,6 +26,8 @@ SIZE_STEP = 256  # sizes are multiples of it: lights that differ little share a 
 SOFT_POINTS = (4, 8, 16)
 SOFT_ANGLE = 0.004  # radians; a smaller emitter has penumbrae thinner than a pixel: one point is enough
 FAR_TEXEL = 1e30
+SHADOW = "gbuffer/shadow.frag"
+CLOSED_SIDE, CLOSED_TEXELS = 256, 16  # of maps by which a mesh is found closed, and those that may show a back
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,29 @@ class LightVisibility:
         self._map = device.texture(size, size, 1)
         self._target = device.framebuffer([self._map])
 
+    @cached_property
+    def is_closed(self) -> bool:
+        """Whether no back of the mesh's triangles shows from any of 26 sides: from outside, its fronts hide them all.
+
+        Costs about as much as 26 maps where that is so.
+        """
+        device, shown = self.device, 0
+        sides = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3)).reshape(3, -1).T
+        with device.scope():
+            maps = {left_out: device.texture(CLOSED_SIDE, CLOSED_SIDE, 1) for left_out in ("back", "front")}
+            for side in sides[np.abs(sides).sum(1) > 0]:
+                frustum = parallel_frustum(side, self.center, self.radius, self.bounds, CLOSED_SIDE)
+                for left_out, texture in maps.items():
+                    with device.target([texture]) as target, device.keeping_least(), device.leaving_out(left_out):
+                        target.clear(red=FAR_TEXEL)
+                        self.mesh.draw_positions(
+                            target, SHADOW, Projection(frustum.clip), {"u_depth_plane": frustum.plane})
+                fronts, backs = map(device.read, maps.values())
+                shown += int((backs < fronts - frustum.texel).sum())
+                if shown > CLOSED_TEXELS:
+                    return False
+        return True
+
     def lit_maps(
         self, light: Light, cameras: list[GBufferMaps], pixels: float = inf,
     ) -> Iterator[list[moderngl.Texture]]:
@@ -167,8 +193,8 @@ class LightVisibility:
         self._target.clear(red=FAR_TEXEL)
         projection, uniforms = Projection(frustum.clip), {"u_depth_plane": frustum.plane}
         with self.device.keeping_least():
-            self.mesh.draw_positions(self._target, "gbuffer/shadow.frag", projection, uniforms)
-            self.occluders.draw(self._target, "gbuffer/shadow.frag", projection, uniforms)
+            self.mesh.draw_positions(self._target, SHADOW, projection, uniforms)
+            self.occluders.draw(self._target, SHADOW, projection, uniforms)
 
     def _look_up(self, frustum: Frustum, camera: GBufferMaps, lit: moderngl.Texture, share: float) -> None:
         with self.device.target([lit]) as target, self.device.adding():
