@@ -163,12 +163,12 @@ def test_two_lobes_must_predict_better_than_one_lobe(monkeypatch):
 
 
 def test_a_weak_prior_keeps_roughness_where_a_few_texels_flash():
-    """Each vertex's normal is 4 degrees off by itself, and a camera sees each place under few lamps."""
+    """Each vertex's normal is 3 degrees off by itself, and a camera sees each place under few lamps."""
     varied = replace(syn.PATCHES, roughness=syn.quarters([0.15, 0.3, 0.45, 0.65]))
     exact = syn.shoot(varied, rig(1, 12), noise=0.005)
     mesh = exact.scene.mesh
     places, vertex = np.unique(mesh.positions.reshape(-1, 3).round(5), axis=0, return_inverse=True)
-    off = np.radians(4) * np.random.default_rng(1).standard_normal(places.shape)
+    off = np.radians(3) * np.random.default_rng(1).standard_normal(places.shape)
     normals = mesh.normals + off[vertex].reshape(mesh.normals.shape)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     wrong = replace(mesh, normals=normals.astype(np.float32))
@@ -177,7 +177,7 @@ def test_a_weak_prior_keeps_roughness_where_a_few_texels_flash():
     own, one = prediction.tried["a value a texel"], prediction.tried["one value"]
     assert own.relative_rms > prediction.tried["lambert"].relative_rms and own.lightness < 0.95 * one.lightness
     assert prediction.taken in ("a value a texel, prior 0.3", "a value a texel, prior 0.1")
-    assert errors(found, varied).rough.mean() < 0.13  # one value: 0.26
+    assert errors(found, varied).rough.mean() < 0.10  # one value: 0.26
 
 
 def test_levels_a_texel_are_larger_than_any_one_level():
