@@ -269,6 +269,30 @@ def test_slightly_negative_values_are_data(tmp_path):
     assert "negative" in error_of(view(save(tmp_path / "b.exr", pixels)))
 
 
+def dim(lit, sigma, black=0.0):
+    """(60, 90, 3): the right half lit by ``lit``, the left half by nothing; read noise, and a black level taken off."""
+    radiance = np.zeros((60, 90, 3), np.float32)
+    radiance[:, 45:] = lit * np.linspace(0.2, 1, 45)[:, None]
+    return (radiance - black + sigma * np.random.default_rng(5).normal(size=radiance.shape)).astype(np.float32)
+
+
+@pytest.mark.parametrize("lit", [0.0, 0.1, 1.0])
+def test_noise_about_black_is_data(tmp_path, lit):
+    pixels = dim(lit, 0.02)
+    assert pixels.min() < -0.05 * np.quantile(pixels.max(-1), 0.995)
+    found = read_reference(view(save(tmp_path / "a.exr", pixels)))
+    assert found.valid.all()
+    np.testing.assert_array_equal(found.rgb, pixels[::-1])
+
+
+@pytest.mark.parametrize(("lit", "black"), [(0.0, 0.02), (0.1, 0.02), (1.0, 0.06)])
+def test_a_black_level_beneath_the_noise_is_not(tmp_path, lit, black):
+    assert "negative" in error_of(view(save(tmp_path / "a.exr", dim(lit, 0.02, black))))
+    pixels = dim(1.0, 0.02)
+    pixels[7, 9] = -0.3  # a bad pixel among noise
+    assert "negative" in error_of(view(save(tmp_path / "b.exr", pixels)))
+
+
 def test_noise_at_an_edge_is_not_divided_by_alpha(tmp_path):
     pixels = noise(c=4)
     pixels[..., 3] = 1

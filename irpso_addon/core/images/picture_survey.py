@@ -17,8 +17,12 @@ from .oiio_reader import FORMS, Stored
 KEEP = 128_000_000  # bytes of a decoded image that are held instead of being decoded again
 # Negative values up to this share of the image's level (its 99.5 % point, or white where that is known and brighter)
 # are data: read noise about a black level that was taken off, or a sharp colour in a small gamut.  Cut to 0, only the
-# upper half of the noise would stay.
+# upper half of the noise would stay.  Lower values are data too where they are noise about 0 or more.
 _NEGATIVE = 0.05
+_BLOCK = 4  # pixels along a side: the noise of their mean is a quarter of a pixel's
+_NOISY = 10  # blocks with negative values at least, or these are no noise but bad pixels
+_NOISE_Z = 8.0  # no noise of a pixel, or of a block's mean, is so many times its deviation
+_LOW, _LOW_Z = 0.1, 4.0  # a share of the blocks, and how low that share of noise about 0 is not (it is at -1.3)
 _HALF_MAX = 65504.0
 
 
@@ -103,7 +107,7 @@ def survey(rows: Rows, least_level: float) -> Survey:
     sample = np.concatenate(samples)
     white = 1.0 if file.integer or file.camera is not None else 0.0
     level = max(float(np.quantile(sample.max(-1), 0.995)), white, least_level)
-    if lowest < -_NEGATIVE * level:
+    if lowest < -_NEGATIVE * level and not _only_noise(rows, lowest):
         raise BadInput(f"{file.path}: has negative radiance (down to {lowest:.3g}, where bright pixels have "
                        f"{level:.3g}); check the black level that was subtracted, or mask it out")
     # Numbers of 16 bits may end earlier than their type: many cameras write 12 bits.
@@ -111,6 +115,34 @@ def survey(rows: Rows, least_level: float) -> Survey:
     if white:
         ceiling = np.minimum(ceiling, 1.0)
     return Survey(ceiling, float(np.mean((sample >= ceiling).any(-1))), level, sample)
+
+
+def _only_noise(rows: Rows, lowest: float) -> bool:
+    """Whether values down to ``lowest`` are noise about radiances of 0 and more, as where a lamp lights nothing.
+
+    Noise differs from pixel to pixel, so that means of blocks show little of it.  A black level that was subtracted
+    twice, or a sharp colour in a small gamut, makes whole blocks negative.
+    """
+    means, variances = [], []
+    for rgb, coverage in rows.bands():
+        high, wide = (length // _BLOCK for length in coverage.shape)
+        if not high or not wide:
+            continue
+        shape = high, _BLOCK, wide, _BLOCK
+        rgb, coverage = (part[:high * _BLOCK, :wide * _BLOCK] for part in (rgb, coverage))
+        blocks = rgb.reshape(*shape, 3).swapaxes(1, 2).reshape(-1, _BLOCK * _BLOCK, 3)
+        whole = (coverage.reshape(shape).min((1, 3)) > SOLID).ravel()
+        blocks = blocks[whole & (blocks.min((1, 2)) < 0)].astype(np.float64)
+        means.append(blocks.mean(1))
+        variances.append(blocks.var(1, ddof=1))
+    if sum(map(len, means)) < _NOISY:
+        return False
+    deviation = np.sqrt(np.median(np.concatenate(variances), 0))
+    if not deviation.all():
+        return False
+    off = np.concatenate(means) * _BLOCK / deviation  # of each block's mean, in deviations of its own
+    deep = lowest < -_NOISE_Z * deviation.max() or off.min() < -_NOISE_Z
+    return not deep and bool((np.quantile(off, _LOW, axis=0) > -_LOW_Z).all())
 
 
 def _counting(rgb: F32, coverage: F32) -> F32:
