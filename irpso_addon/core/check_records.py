@@ -127,6 +127,7 @@ class MaterialCheck:
     observations: float  # median of good ones a texel
     needed: float
     fewer: float  # share of its solved texels with fewer than needed
+    one_value: bool = False  # whether all its texels were given one roughness
 
 
 @dataclass(frozen=True)

@@ -196,6 +196,8 @@ def _checks(
                       made.ladder.texels.observations, made.maps.roughness, made.maps.roughness_sigma,
                       sure=settings.method != "paper", chosen=settings.model == "auto",
                       misfit=any(not (found.clear and found.fits) for found in made.ladder.predictions.values()),
+                      one_value=tuple(name for name, prior in made.ladder.priors.items() if prior.one_value and not (
+                          name in made.ladder.coats or name in made.ladder.diffuse_roughness)),
                       contradicted=made.contradicted)
     yield Progress(1.0, "maps", "checks")
     return measure(views, texels), tuple(pictures)

@@ -98,3 +98,11 @@ def test_no_line_recommends_indirect_light_or_a_model_that_the_solve_had() -> No
     had = replace(shiny, materials=(MaterialCheck("Glaze", "two-lobe", 40.0, 12.0, 0.0),))
     assert warnings(had)[0].endswith("; check the lights' sizes, or set Model to Roughness + Specular")
     assert warnings(had, tried=("model",))[0].endswith("; check the lights' sizes and the mesh's normals")
+
+
+def test_where_one_roughness_was_taken_the_line_says_so() -> None:
+    alike = MaterialCheck("Glaze", "one-lobe-specular", 40.0, 3.0, 0.0, one_value=True)
+    (line,) = warnings(replace(checks(highlight=0.24), materials=(alike,)), tried=("model",))
+    assert line.endswith(
+        "highlights are off by 24 % of their brightness, and IRPSO took one roughness for 'Glaze'; if it differs from "
+        "place to place, set Model to Roughness + Specular, else check the lights' sizes and the mesh's normals")

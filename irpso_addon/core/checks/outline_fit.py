@@ -18,6 +18,8 @@ from .registration_fit import CAUCHY, ROUNDS, WIDEST, around, blurred, by_tile, 
 ALIKE = 0.9  # least cosine between what a silhouette's slope is and what it should be
 BAND = 3  # pixels around a silhouette in which the image's must lie
 LEAST_OUTLINE = 50  # pixels
+PARTS = 0.05  # of 1: alpha nearer to 0 or 1 is that of a whole pixel
+FEW_PARTS = 0.1  # of the pixels along an outline: where fewer are covered in part, its mask has whole pixels alone
 LEAST_INSET = 0.25  # pixels: less is not told from growth
 ROUND = 0.98  # squared correlation of inset and growth: that of outlines so round that they are the same
 GROWTH, ROLL, BEND, INSET = range(2, 6)  # their places in `Outline.values`; the shift is before them
@@ -43,11 +45,12 @@ class Outline:
     covariance: F64  # (6, 6) of the values, by tiles
     centre: F64  # (2,) x, y of the outline, from the lower left corner of the first pixel
     optics: Optics | None  # None: the bend is not looked for
+    whole: bool  # whether the mask has whole pixels alone: it may lie half a pixel beside the outline
 
     def bent(self, bend: float) -> Outline:
         """The same, where the bend is known; without an inset, unless that is beyond doubt.
 
-        A growth that an inset explains nearly as well is as unsure as if the inset were not known.
+        In a mask of whole pixels, a growth that an inset explains nearly as well is as unsure as without knowing it.
         """
         inset, error = self.values[INSET], self.covariance[INSET, INSET] ** 0.5
         alike = self.inverse[GROWTH, INSET] ** 2 / (self.inverse[GROWTH, GROWTH] * self.inverse[INSET, INSET])
@@ -55,7 +58,8 @@ class Outline:
         if alike < ROUND and abs(inset) > max(LEAST_INSET, CERTAIN * error):
             return free
         result = self._known([BEND, INSET], [bend, 0.0])
-        result.covariance[GROWTH, GROWTH] = max(each.covariance[GROWTH, GROWTH] for each in (result, free))
+        if self.whole:
+            result.covariance[GROWTH, GROWTH] = max(each.covariance[GROWTH, GROWTH] for each in (result, free))
         return result
 
     def _known(self, which: list[int], values: list[float]) -> Outline:
@@ -63,7 +67,7 @@ class Outline:
         ratio = self.inverse[:, which] @ np.linalg.inv(self.inverse[np.ix_(which, which)])
         step = np.eye(6) - ratio @ np.eye(6)[which]
         return Outline(self.values - ratio @ (self.values[which] - values), self.inverse,
-                       step @ self.covariance @ step.T, self.centre, self.optics)
+                       step @ self.covariance @ step.T, self.centre, self.optics, self.whole)
 
     @property
     def shift(self) -> F64:
@@ -115,7 +119,9 @@ def silhouette(share: F32, coverage: F32, optics: Optics | None = None) -> Outli
     scores = np.stack([by_tile(weight * remains * part, tiles) for part in slope])
     covariance = inverse @ (scores @ scores.T) @ inverse
     each = np.outer(widest, widest)
-    return Outline(found / widest, inverse / each, covariance / each, centre[:, 0], optics)
+    along = coverage.ravel()[at]
+    whole = bool(np.mean((along > PARTS) & (along < 1 - PARTS)) < FEW_PARTS)
+    return Outline(found / widest, inverse / each, covariance / each, centre[:, 0], optics, whole)
 
 
 def _fields(place: F64, centre: F64, optics: Optics | None) -> list[F64]:

@@ -44,6 +44,7 @@ class TexelFit:
     sure: bool = True  # False: the method knows no standard errors
     chosen: bool = False  # whether the models were chosen by the data, and not asked for
     misfit: bool = False  # whether some material is not clearly what its model says
+    one_value: tuple[str, ...] = ()  # materials whose texels were given one roughness
     contradicted: float = 0.0  # share of solved texels whose views contradict each other, see gpu/maps/finish_maps.py
 
 
@@ -185,5 +186,6 @@ def _materials(texels: TexelFit, noise: float) -> list[MaterialCheck]:
         model = texels.models.get(name, "one-lobe")
         enough = needed["one-lobe" if texels.chosen and model == "lambert" else model]  # to tell that there is no lobe
         if len(seen):
-            checks.append(MaterialCheck(name, model, float(np.median(seen)), enough, float(np.mean(seen < enough))))
+            checks.append(MaterialCheck(name, model, float(np.median(seen)), enough, float(np.mean(seen < enough)),
+                                        name in texels.one_value))
     return checks

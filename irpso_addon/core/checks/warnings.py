@@ -269,6 +269,12 @@ def _unexplained(checks: Checks, tried: bool) -> list[str]:
         return [f"{checks.name}: the maps are coarser than the pictures ({checks.pixels_per_texel:.0f} pixels per "
                 f"texel), which leaves {percent(max(checks.structure, checks.highlight), 1)} of the brightness "
                 "unexplained; increase Size"]
+    one_value = [material for material in checks.materials if material.one_value]
+    if lobes and one_value:
+        models = " or ".join(dict.fromkeys(choice_name(material.model) for material in one_value))
+        return [f"{checks.name}: highlights are off by {percent(checks.highlight)} of their brightness, and IRPSO took "
+                f"one roughness for {some([material.material for material in one_value])}; if it differs from place to "
+                f"place, set Model to {models}, else check the lights' sizes and the mesh's normals"]
     if lobes:
         used = {material.model for material in checks.materials}
         others = [] if tried else [choice_name(model) for model in LARGER if model not in used]
