@@ -44,7 +44,7 @@ class TexelFit:
     sure: bool = True  # False: the method knows no standard errors
     chosen: bool = False  # whether the models were chosen by the data, and not asked for
     misfit: bool = False  # whether some material is not clearly what its model says
-    one_value: tuple[str, ...] = ()  # materials whose texels were given one roughness
+    one_value: tuple[str, ...] = ()  # materials of one roughness, but for coats and rough diffuses, which no Model has
     contradicted: float = 0.0  # share of solved texels whose views contradict each other, see gpu/maps/finish_maps.py
 
 
