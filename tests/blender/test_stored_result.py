@@ -251,6 +251,28 @@ def test_maps_so_far_of_a_file_that_was_saved_during_a_solve_are_no_result(scene
     assert len(session.results_of(ball)) == 1 and bpy.ops.irpso.export_maps.poll()
 
 
+def test_maps_so_far_of_a_second_solve_are_not_the_first_ones_result(scene, module) -> None:
+    """Saved during a second solve, a file has maps of that one: the panel would show and export them as the first."""
+    live, display = module("core.live_maps").Live, module("blender.jobs.live_display")
+    place, properties = module("blender.jobs.solve_object"), module("blender.properties")
+    session = module("blender.jobs.session").session
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    ball, first = bpy.data.objects["Ball"], pixels("Ball_basecolor")
+    order = place.read(bpy.context, ball, Path(bpy.path.abspath("//captures.json")), properties.settings(scene.irpso))
+    maps = display.LiveMaps(order.data, order.settings)
+    maps.take_preview(live({role: np.full(shape, 0.5, "f4") for role, shape in (
+        ("base_color", (SIZE, SIZE, 3)), ("roughness", (SIZE, SIZE)), ("confidence", (SIZE, SIZE)),
+        ("error", (SIZE, SIZE)))}, np.ones((SIZE, SIZE), bool)))
+    for _ in range(5):  # one image a call, then all of them onto the object
+        maps.show(ball)
+    assert (pixels("Ball_basecolor") == 0.5).all()
+    during = saved()
+    assert not place.is_placed(ball) and bpy.ops.irpso.write_maps() == {"FINISHED"}  # the first one is remembered ...
+    np.testing.assert_array_equal(pixels("Ball_basecolor"), first)  # ... and goes back as it was
+    assert place.is_placed(ball)
+    assert session.results_of(opened(during)) == [] and not bpy.ops.irpso.export_maps.poll()
+
+
 def test_a_stopped_solve_is_placed_beside_a_material_without_faces(scene, module) -> None:
     """Which needs no Principled BSDF: no map goes there."""
     live, display = module("core.live_maps").Live, module("blender.jobs.live_display")

@@ -28,6 +28,7 @@ from ...core.params import SolveSettings
 from ...core.resampling import block_means, nearest
 from ..material import material
 from ..material.tags import maps_of
+from . import stored_result
 from .running_time import RunningTime
 
 SO_FAR = "irpso_so_far"  # custom property of an object in the undo step of `LiveMaps._link`: the solve's token
@@ -184,6 +185,7 @@ class LiveMaps:
         _display.maps = self
         with suppress(BadInput):  # is reported when the result is there; the Image Editor shows the maps until then
             material.check(obj, self.outline)
+            stored_result.detach(obj)  # whoever opens a file that is saved now must not take these maps for that result
             material.adopt(obj, images, self.share)
             material.wire_maps(obj, self.outline, images, self.share)
         obj[SO_FAR] = self.token

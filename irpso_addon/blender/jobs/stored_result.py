@@ -52,6 +52,12 @@ def attach(obj: bpy.types.Object, result: Result, record: bytes) -> None:
     obj[RECORD_TAG] = {"number": str(result.number), "record": record}
 
 
+def detach(obj: bpy.types.Object) -> None:
+    """The maps of ``obj`` are about to be no result's."""
+    if RECORD_TAG in obj:
+        del obj[RECORD_TAG]
+
+
 def packed(obj: bpy.types.Object, result: Result) -> bytes:
     """The record; some hundredths of a second."""
     solution = result.presented(obj)

@@ -28,7 +28,8 @@ from .tags import TAG, maps_of, tag_prior
 
 SUFFIXES = {"base_color": "basecolor"}  # role -> end of the name, where they differ
 UNKEPT = "filled"  # the layer without an image: the confidence tells which texels were filled
-OPTIONAL = ("specular", "metallic", "normal")  # roles that only some models have
+# Roles that only some models have, and those that the maps of a running solve lack.
+OPTIONAL = ("specular", "metallic", "normal", "roughness_sigma", "basecolor_sigma")
 NAME_BYTES = 63  # of a datablock in Blender 4.5; 5.x allows more
 
 
