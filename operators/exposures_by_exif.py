@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..irpso_addon.blender.scene.view_exposures import read_shot, stated
+from ..irpso_addon.blender.scene.view_exposures import left, read_shot, stated
 from ..irpso_addon.core.phrases import counted
 from .helpers.needs_views import NeedsViews
 
@@ -18,7 +18,7 @@ exposure time, whose light does not depend on the time"""
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Views whose EXIF cannot be compared with others keep theirs."""
+        """Views whose EXIF cannot be compared with others keep theirs, and a line names them."""
         views = context.scene.irpso.views
         shots = [read_shot(bpy.path.abspath(view.image)) for view in views]
         changed = {at: value for at, value in stated(context.scene, shots).items()
@@ -27,4 +27,6 @@ exposure time, whose light does not depend on the time"""
             views[at].exposure = value
         self.report({"INFO"}, f"Set Exposure of {counted(len(changed), 'view')} by EXIF" if changed else
                     "EXIF states no other Exposure for any view")
+        if line := left(context.scene, shots):
+            self.report({"WARNING"}, line)
         return {"FINISHED"} if changed else {"CANCELLED"}

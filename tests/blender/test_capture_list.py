@@ -389,10 +389,10 @@ def wait(said) -> None:
     assert said()
 
 
-def test_exposures_by_exif_of_a_folder(scene, module, tmp_path: Path) -> None:
+def test_exposures_by_exif_of_a_folder(scene, module, tmp_path: Path, capfd) -> None:
     """One line, and one click, after which the list is as the EXIF of the files states it.
 
-    One view has its number already, one is off, one has no EXIF, one's file is gone.
+    One view has its number already, one is off, one has no EXIF, one's file is gone; the click names the last two.
     """
     folder = tmp_path / "good" / "jpeg"
     folder.mkdir()
@@ -416,9 +416,11 @@ def test_exposures_by_exif_of_a_folder(scene, module, tmp_path: Path) -> None:
     end = time.monotonic() + 10
     while thumbnails._images.busy and time.monotonic() < end:
         time.sleep(0.01)
-    assert stated().startswith("2 of 8 views: EXIF states another Exposure, -2.00 EV beside that of 'd.jpg'; set it")
+    assert stated().startswith(
+        "2 of 7 views: EXIF states another Exposure, most for 'd.jpg' (-2.00 EV, not +0.00 EV); set it, unless a flash")
     bpy.ops.ed.undo_push(message="before")
     assert bpy.ops.irpso.exposures_by_exif("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert "Warning: 'f.jpg', 'gone.jpg': EXIF states no exposure" in capfd.readouterr().out
     assert [view.exposure for view in views] == pytest.approx([0, 1, 1, -2, 0, 0.3, 0, 0], abs=1e-3)
     assert stated() == "" and bpy.ops.irpso.exposures_by_exif() == {"CANCELLED"}
     bpy.ops.ed.undo()

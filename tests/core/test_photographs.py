@@ -25,6 +25,7 @@ from irpso_addon.core.images.shot_settings import (
     brighter_by,
     exposures_by_exif,
     exposures_off,
+    not_compared,
     relative_exposures,
 )
 from tests.support.dng_files import Shot, save_dng
@@ -352,6 +353,8 @@ def test_exposures_by_exif_differ_as_exif_does():
     assert exposures_by_exif(views) == pytest.approx([0.5, 1.5, 2.5, 7.0, 3.0])
     assert exposures_by_exif([(shot(1.0), 0.0), (shot(2.0), 0.0)]) == pytest.approx([0, 1])
     assert exposures_by_exif([]) == []
+    assert not_compared([view for view, _ in views]) == [3, 4] and not_compared([]) == []
+    assert not_compared([ShotSettings(), shot(1.0, None)]) == [0]
 
 
 def test_exposures_of_thousands_of_views_take_no_time():

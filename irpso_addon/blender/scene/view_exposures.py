@@ -10,7 +10,14 @@ import bpy
 from ...core.capture.file_preview import ImagePreview
 from ...core.errors import BadInput
 from ...core.images.image_file import open_image
-from ...core.images.shot_settings import LEAST_DIFFERENCE, NOTHING_SAID, ShotSettings, exposures_by_exif
+from ...core.images.shot_settings import (
+    LEAST_DIFFERENCE,
+    NOTHING_SAID,
+    ShotSettings,
+    exposures_by_exif,
+    not_compared,
+)
+from ...core.phrases import some
 from . import thumbnails
 
 
@@ -36,11 +43,27 @@ def line(scene: bpy.types.Scene, known: Sequence[ImagePreview | None]) -> str:
     """What the panel states where EXIF differs from the list; nothing where it does not, as far as files are known."""
     views = scene.irpso.views
     shots = [NOTHING_SAID if file is None else file.shot for file in known]
-    off = {at: value - views[at].exposure for at, value in stated(scene, shots).items()}
+    found = stated(scene, shots)
+    off = {at: value - views[at].exposure for at, value in found.items()}
     off = {at: by for at, by in off.items() if abs(by) > LEAST_DIFFERENCE}
     if not off:
         return ""
     worst = max(off, key=lambda at: abs(off[at]))
-    name = Path(views[worst].image.replace("\\", "/")).name
-    return (f"{len(off)} of {len(views)} views: EXIF states another Exposure, {off[worst]:+.2f} EV beside that of "
-            f"'{name}'; set it, unless a flash shorter than the exposure time lit them")
+    by_exif, listed = (round(value, 2) + 0.0 for value in (found[worst], views[worst].exposure))  # + 0.0: no -0
+    return (f"{len(off)} of {len(found)} views: EXIF states another Exposure, most for '{_name(views[worst])}' "
+            f"({by_exif:+.2f} EV, not {listed:+.2f} EV); set it, unless a flash shorter than the exposure time lit "
+            "them")
+
+
+def left(scene: bpy.types.Scene, shots: Sequence[ShotSettings]) -> str:
+    """A line that names the views in use whose Exposure EXIF does not state beside most others; "" where it is none."""
+    used = [(shot, view) for shot, view in zip(shots, scene.irpso.views, strict=False) if view.enabled]
+    names = [_name(used[place][1]) for place in not_compared([shot for shot, _ in used])]
+    if not names:
+        return ""
+    return (f"{some(names)}: EXIF states no exposure to compare with the other views, so Exposure was left; enter it "
+            "by hand if it differs")
+
+
+def _name(view: bpy.types.PropertyGroup) -> str:
+    return Path(view.image.replace("\\", "/")).name

@@ -122,6 +122,13 @@ def exposures_by_exif(views: Sequence[tuple[ShotSettings, float]]) -> list[float
     return found
 
 
+def not_compared(shots: Sequence[ShotSettings]) -> list[int]:
+    """Places of those that EXIF does not compare with most others: of all but the largest set of `_comparable`."""
+    sets = _comparable([(shot, 0.0) for shot in shots])
+    largest = {place for _, place in max(sets, key=len, default=[])}
+    return [place for place in range(len(shots)) if place not in largest]
+
+
 def _comparable(views: Sequence[tuple[ShotSettings, float]]) -> list[list[tuple[float, int]]]:
     """For each set of views that `brighter_by` compares: EV of EXIF beside the view's exposure, and its place; sorted.
 
