@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import bpy
@@ -17,7 +16,7 @@ from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.images.reference_image import with_raw_size
 from ..irpso_addon.core.reporting.report import write_report
 from .helpers.needs_ready_views import NeedsReadyViews
-from .helpers.paths import absolute, captures_path
+from .helpers.paths import captures_path, out_folder
 
 HOLD_OUT = 5  # every so many a view is predicted, not solved from
 PASSES = (100, 400, 1600)  # of the algorithm as published
@@ -36,7 +35,7 @@ class IRPSO_OT_compare(NeedsReadyViews, bpy.types.Operator):
         """Reads the scene; model and the like are the Solve panel's.  Proves that the report can be saved."""
         chosen = context.window_manager.irpso_views
         if chosen.compare_save:
-            absolute(context.scene.irpso.out)
+            out_folder(context.scene.irpso.out)
         settings = replace(properties.settings(context.scene.irpso), size=chosen.compare_size, start="anew")
         data = with_raw_size(scene.read_scene(context, obj.name, captures_path(context.scene)), settings)
         fit, held = hold_out(data, HOLD_OUT, False)
@@ -57,7 +56,7 @@ class IRPSO_OT_compare(NeedsReadyViews, bpy.types.Operator):
             editors.show(bpy.context)
         yield
         if bpy.context.window_manager.irpso_views.compare_save:
-            folder = Path(absolute(bpy.context.scene.irpso.out))
+            folder = out_folder(bpy.context.scene.irpso.out)
             try:
                 folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:

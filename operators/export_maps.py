@@ -8,15 +8,16 @@ import bpy
 
 from ..irpso_addon.blender import properties
 from ..irpso_addon.blender.export_object import export_object
+from ..irpso_addon.blender.jobs import solve_object
 from ..irpso_addon.blender.jobs.session import session
-from ..irpso_addon.blender.material.surfaces import solved_surfaces
+from ..irpso_addon.blender.material.surfaces import shown_surfaces, solved_surfaces
 from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.maps import map_set
 from ..irpso_addon.core.maps.export import write_maps
 from ..irpso_addon.core.maps.targets import IRPSO
 from ..irpso_addon.core.params import ExportSettings
 from .helpers.needs_solution import NeedsSolution
-from .helpers.paths import absolute
+from .helpers.paths import out_folder
 
 MAPS = {  # as export.layers has them
     "basecolor": "base colour", "roughness": "roughness", "confidence": "confidence", "error": "error",
@@ -52,7 +53,7 @@ class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
         settings = context.scene.irpso
         self.target, self.format = settings.target, settings.format
         self._made = None
-        if bpy.data.filepath or not settings.out.startswith("//"):
+        if settings.out.strip() and (bpy.data.filepath or not settings.out.startswith("//")):
             folder = Path(bpy.path.abspath(settings.out))
             if not folder.exists():  # the browser would open in the folder above
                 with suppress(OSError):  # said when the files are written
@@ -77,13 +78,13 @@ class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
         """Writes the files; folder, target and format are the panel's where the caller names none."""
         obj, settings = self.subject(context), context.scene.irpso
         try:
-            folder = Path(absolute(self.directory or settings.out))
-            paths = self._write(obj, self._chosen(settings, "target"), self._chosen(settings, "format"), folder)
+            out = out_folder(self.directory or settings.out)
+            paths = self._write(obj, self._chosen(settings, "target"), self._chosen(settings, "format"), out)
         except BadInput as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         self._remove_made()  # where another one was chosen
-        self.report({"INFO"}, f"{obj.name}: wrote {len(paths)} files to {folder}")
+        self.report({"INFO"}, f"{obj.name}: wrote {len(paths)} files to {out}")
         return {"FINISHED"}
 
     def _remove_made(self) -> None:
@@ -101,8 +102,10 @@ class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
         if target == IRPSO:
             return (write_maps(solution.maps, obj.name, folder, kind) if files is None
                     else map_set.export(files, obj.name, folder, kind))
-        paths, lost = export_object(obj, solution.maps if files is None else files, solved_surfaces(obj, solution),
-                                    target, folder)
-        for line in lost:
+        lost: list[str] = []
+        shown = session.running is None and solve_object.is_placed(obj)
+        surfaces = shown_surfaces(obj, lost.append) if shown else solved_surfaces(obj, solution)
+        paths, more = export_object(obj, solution.maps if files is None else files, surfaces, target, folder)
+        for line in (*lost, *more):
             self.report({"WARNING"}, line)
         return paths

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import bpy
@@ -21,7 +20,7 @@ from ..irpso_addon.core.errors import BadInput
 from ..irpso_addon.core.tiled import uv_blocks
 from ..irpso_addon.core.tiled.work_folder import WorkFolder
 from .helpers.modal_job import ModalJob
-from .helpers.paths import absolute, captures_path
+from .helpers.paths import captures_path, out_folder
 
 
 class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
@@ -67,7 +66,7 @@ class IRPSO_OT_solve(ModalJob, bpy.types.Operator):
         order = solve_object.read(context, obj, captures_path(context.scene), properties.settings(panel),
                                   solve_region.of_panel(context), self.write)
         if order.large:
-            order = replace(order, folder=Path(absolute(panel.out)), kind=panel.format)
+            order = replace(order, folder=out_folder(panel.out), kind=panel.format)
         solve_object.check(order)
         estimate = solve_speed.of(context)
         solve_object.check_room(order, estimate)

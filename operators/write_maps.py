@@ -1,6 +1,5 @@
 """Put the last solution's maps on the active object's materials."""
 
-from pathlib import Path
 
 import bpy
 
@@ -8,7 +7,7 @@ from ..irpso_addon.blender.jobs import solve_object
 from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.core.errors import BadInput
 from .helpers.needs_solution import NeedsSolution
-from .helpers.paths import absolute
+from .helpers.paths import out_folder
 
 
 class IRPSO_OT_write_maps(NeedsSolution, bpy.types.Operator):
@@ -28,7 +27,7 @@ class IRPSO_OT_write_maps(NeedsSolution, bpy.types.Operator):
         try:
             self.solution(obj)
             result = session.results_of(obj)[-1]
-            folder = None if self.packed or result.files else Path(absolute(context.scene.irpso.out))
+            folder = None if self.packed or result.files else out_folder(context.scene.irpso.out)
             messages = solve_object.put(obj, result, self.packed, folder)
         except BadInput as error:
             self.report({"ERROR"}, str(error))

@@ -20,6 +20,13 @@ def absolute(text: str) -> str:
     return bpy.path.abspath(text)
 
 
+def out_folder(text: str) -> Path:
+    """Where files go.  Raises BadInput as `absolute`, and where no folder is named."""
+    if not text.strip():  # Python would take it for the folder in which Blender was started
+        raise BadInput("Folder: is empty; enter one, such as //irpso")
+    return Path(absolute(text))
+
+
 def stored(path: Path | None) -> str:
     """As the .blend stores a path: relative to itself where it has a place; "" for none."""
     if path is None:

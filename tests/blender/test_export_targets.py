@@ -20,6 +20,7 @@ from irpso_addon.blender.material.surfaces import shown_surfaces, solved_surface
 from irpso_addon.core.data import Coat, Maps, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.maps.target_export import Surface
+from irpso_addon.core.maps.targets import TARGETS
 from tests.blender import cycles_rig
 from tests.blender.materials import make_material, make_plane, principled_of
 
@@ -432,6 +433,17 @@ def test_a_mesh_that_lost_its_uv_map(solved: Path, irpso_here, tmp_path: Path) -
         export(bpy.data.objects["Ball"], "unreal", tmp_path / "out")
 
 
+def test_a_mesh_of_another_scene(tmp_path: Path) -> None:
+    """Its modifiers are not known there; the line names the scene that is open."""
+    obj = ball()
+    obj.modifiers.new("Smooth", "SUBSURF")
+    material.write_maps(obj, solution("one-lobe"))
+    empty_scene = bpy.data.scenes.new("Other")
+    with bpy.context.temp_override(scene=empty_scene, view_layer=empty_scene.view_layers[0]), pytest.raises(
+            BadInput, match=r"object 'Ball': is not in scene 'Other', .*; open a scene that has it"):
+        export(obj, "gltf", tmp_path)
+
+
 def test_the_operator(extension, module, tmp_path: Path) -> None:
     """Folder and target are the panel's; what is lost is a warning; the file stays as it is."""
     obj = ball()
@@ -447,6 +459,29 @@ def test_the_operator(extension, module, tmp_path: Path) -> None:
     assert sorted(os.listdir(tmp_path / "panel")) == ["T_Ball_BC.png", "T_Ball_ORM.png", "T_Ball_S.png"]
     assert bpy.ops.irpso.export_maps(directory=str(tmp_path / "glb"), target="gltf") == {"FINISHED"}
     assert "Ball.glb" in os.listdir(tmp_path / "glb")
+    settings.out = " "
+    with pytest.raises(RuntimeError, match="Folder: is empty"):  # not into the folder where Blender was started
+        bpy.ops.irpso.export_maps()
     assert bpy.ops.irpso.export_maps(directory=str(tmp_path / "all"), target="irpso", format="png") == {"FINISHED"}
     assert "Ball_roughness_sigma.png" in os.listdir(tmp_path / "all")
     assert {name: list(getattr(bpy.data, name)) for name in before} == before
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_operator_and_the_command_write_the_same(extension, module, irpso_here, tmp_path: Path, target) -> None:
+    """What the user has set on the material counts in both; of what the material does not show, the result counts."""
+    obj = ball()
+    bpy.context.view_layer.objects.active = obj
+    maps = module("core.data").Maps(**{name: getattr(smooth_maps(), name) for name in Maps.__dataclass_fields__})
+    made = module("core.data").Solution.of_maps(maps, {"Skin": "one-lobe"})
+    module("blender.jobs.session").session.keep(obj, made)
+    inputs = principled_of(obj.data.materials[0]).inputs
+    inputs["Metallic"].default_value, inputs["Coat Weight"].default_value = 0.75, 0.5
+    assert bpy.ops.irpso.export_maps(directory=str(tmp_path / "solved"), target=target) == {"FINISHED"}
+    assert bpy.ops.irpso.write_maps() == {"FINISHED"}
+    assert bpy.ops.irpso.export_maps(directory=str(tmp_path / "panel"), target=target) == {"FINISHED"}
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "ball.blend"))
+    assert irpso_here("export", tmp_path / "ball.blend", "--target", target, "--out", tmp_path / "cli").returncode == 0
+    panel, command, solved = ({path.name: path.read_bytes() for path in (tmp_path / folder).iterdir()}
+                              for folder in ("panel", "cli", "solved"))
+    assert panel == command != solved

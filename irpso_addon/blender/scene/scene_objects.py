@@ -48,20 +48,22 @@ def ignored(obj: Any, depsgraph: Any) -> str:
     if _is_placed(obj, depsgraph):
         return ""
     if len(obj.modifiers) or getattr(obj.data, "shape_keys", None) is not None:
-        return _ignored_line(obj, "its modifiers and shape keys")
+        return _ignored_line(obj, depsgraph, "its modifiers and shape keys")
     while obj is not None and not _is_placed(obj, depsgraph):
         if any(constraint.enabled and constraint.influence for constraint in obj.constraints):
-            return _ignored_line(obj, "its constraints")
+            return _ignored_line(obj, depsgraph, "its constraints")
         if animated(obj, PLACE):
-            return _ignored_line(obj, "its keyframes and drivers")
+            return _ignored_line(obj, depsgraph, "its keyframes and drivers")
         if obj.parent is not None and obj.parent_type != "OBJECT":
-            return _ignored_line(obj, "the bones or vertices that it is parented to")
+            return _ignored_line(obj, depsgraph, "the bones or vertices that it is parented to")
         obj = obj.parent
     return ""
 
 
-def _ignored_line(obj: Any, what: str) -> str:
-    kind = obj.type.lower() if obj.type in {"LIGHT", "CAMERA"} else "object"
+def _ignored_line(obj: Any, depsgraph: Any, what: str) -> str:
+    kind, scene = obj.type.lower() if obj.type in {"LIGHT", "CAMERA"} else "object", depsgraph.scene.original
+    if obj not in scene.objects.values():
+        return f"{kind} '{obj.name}': is not in scene '{scene.name}', so {what} are ignored; open a scene that has it"
     return f"{kind} '{obj.name}': is disabled in viewports or excluded, so {what} are ignored; enable it"
 
 
