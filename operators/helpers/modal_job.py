@@ -176,9 +176,10 @@ class ModalJob:
                     running.reached(running.job.poll() or running.progress)
                     self._fresh = self.tick(obj)
                     yield
-                value, cancelled = self._delivered(running)
+                value, cancelled, failed = self._delivered(running)
                 running.progress = Progress(1.0, "write")
-                yield from self._finished(uid, value, cancelled)
+                if value is not None or not failed:  # the error has been reported
+                    yield from self._finished(uid, value, cancelled)
                 if uid != uids[-1]:
                     bpy.ops.ed.undo_push(message=self.bl_label)  # the last one is the operator's own
             finally:
@@ -188,14 +189,15 @@ class ModalJob:
             if running.stopping:
                 return
 
-    def _delivered(self, running: Running) -> tuple[Any, bool]:
-        """The job's value, or what there is of it, and whether it was stopped."""
+    def _delivered(self, running: Running) -> tuple[Any, bool, bool]:
+        """The job's value, or what there is of it, whether it was stopped, and whether it failed, which is reported."""
+        failed = False
         try:
             value, cancelled = _outcome(running.job.result)
         except (BadInput, RuntimeError) as error:  # RuntimeError: the worker has a bug, or died
             self._refuse(error)
-            value, cancelled = None, True
-        return (self.stopped(), True) if value is None else (value, cancelled)
+            value, cancelled, failed = None, True, True
+        return (self.stopped(), True, failed) if value is None else (value, cancelled, failed)
 
     def _refuse(self, error: Exception) -> None:
         log.failure(self.bl_idname, error)

@@ -110,7 +110,7 @@ def test_the_memory_foreseen_is_what_observations_take():
     (replace(SQUARE.scene, mesh=replace(SQUARE.scene.mesh, uvs=SQUARE.scene.mesh.uvs + 3)), {}, "no face covers"),
     (replace(SQUARE.scene, mesh=replace(SQUARE.scene.mesh, uvs=SQUARE.scene.mesh.uvs * np.nan)), {}, "no face covers"),
     (replace(SQUARE.scene, mesh=replace(SQUARE.scene.mesh, positions=SQUARE.scene.mesh.positions + 50)), {},
-     "lamp 0: no usable pixel shows the object"),
+     "lamp 0: no usable pixel shows 'Square'; check camera"),
 ])
 def test_refusals_name_the_object_and_what_to_do(scene, settings, words):
     with pytest.raises(BadInput, match=words):

@@ -7,4 +7,5 @@ import pytest
 
 @pytest.mark.parametrize("what", ["load", "undo", "delete", "render", "no_opengl", "close"])
 def test_while_it_runs(blender, ball, folder, what):
-    blender.run(f"trouble:{what}", folder, scene=str(ball), size=512)
+    run = blender.run(f"trouble:{what}", folder, scene=str(ball), size=512)
+    assert "stopped before there was a result" not in run.log, "nobody stopped it"

@@ -84,7 +84,8 @@ def observe(
         x, y = shown[key].pixel.T
         valid = shown[key].seen & image.valid[y, x] & (image.coverage[y, x] > 0.5)
         if not valid.any():
-            skipped.append((view.image.name, "no usable pixel shows the object; check camera, mask and clipping"))
+            skipped.append((view.image.name, f"no usable pixel shows '{scene.mesh.name}'; check camera, mask and "
+                            "clipping"))
             continue
         if why := useless(image.rgb[y, x][valid], image.coverage[y, x][valid]):
             skipped.append((view.image.name, why))

@@ -203,9 +203,9 @@ class _Observer:
             return False
         if self.limits.level is None:
             if not good.any():
-                what = "object" if self.limits.mask is None or self.limits.mask.whole else "region to solve"
-                self.skipped.append(
-                    (view.image.name, f"no usable pixel shows the {what}; check camera, mask and clipping"))
+                name = f"'{self.scene.mesh.name}'"
+                what = name if self.limits.mask is None or self.limits.mask.whole else f"the region of {name}"
+                self.skipped.append((view.image.name, f"no usable pixel shows {what}; check camera, mask and clipping"))
                 return False
             if why := useless(image.rgb[good], image.coverage[good]):
                 self.skipped.append((view.image.name, why))
