@@ -8,6 +8,7 @@ import bpy
 
 from ..irpso_addon.blender import properties
 from ..irpso_addon.blender.export_object import export_object
+from ..irpso_addon.blender.files import painted
 from ..irpso_addon.blender.jobs import solve_object
 from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.blender.material.surfaces import shown_surfaces, solved_surfaces
@@ -99,13 +100,14 @@ class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
     def _write(self, obj: bpy.types.Object, target: str, kind: str, folder: Path) -> list[Path]:
         """The files' paths; reports what is lost.  Raises BadInput."""
         solution, files = self.solution(obj), session.files_of(obj)
+        shown = session.running is None and solve_object.is_placed(obj)
+        maps = painted(obj, solution.maps) if shown and files is None else solution.maps
         if target == IRPSO:
-            return (write_maps(solution.maps, obj.name, folder, kind) if files is None
+            return (write_maps(maps, obj.name, folder, kind) if files is None
                     else map_set.export(files, obj.name, folder, kind))
         lost: list[str] = []
-        shown = session.running is None and solve_object.is_placed(obj)
         surfaces = shown_surfaces(obj, lost.append) if shown else solved_surfaces(obj, solution)
-        paths, more = export_object(obj, solution.maps if files is None else files, surfaces, target, folder)
+        paths, more = export_object(obj, maps if files is None else files, surfaces, target, folder)
         for line in (*lost, *more):
             self.report({"WARNING"}, line)
         return paths

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -21,6 +22,7 @@ from .material.tags import maps_of
 
 MEASURED = "LIGHT", "CAMERA"  # types of objects that a solve may change
 PICTURES = ("image", "mask", "ambient", "flat")  # of a view
+SHOWN = ("base_color", "roughness", "specular", "metallic", "normal")  # roles of maps that materials show
 # A .blend starts so when plain, gzip (before 3.0) or Zstandard.
 MAGIC = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")
 
@@ -106,18 +108,32 @@ def solved_object(name: str | None) -> bpy.types.Object:
 
 def read_maps(obj: bpy.types.Object) -> Maps:
     """The maps that a solve left in the file.  A texel without confidence counts as filled.  Raises BadInput."""
-    base, roughness, confidence, error, roughness_sigma, base_sigma = (
-        _pixels(obj, role)
-        for role in ("base_color", "roughness", "confidence", "error", "roughness_sigma", "basecolor_sigma"))
+    optional = {role for role in ("specular", "metallic", "normal") if role in maps_of(obj)}
+    pixels = {role: _pixels(obj, role) for role in (
+        "base_color", "roughness", "confidence", "error", "roughness_sigma", "basecolor_sigma", *sorted(optional))}
+    _require_one_size(obj, pixels)
+    base, roughness, confidence, error, roughness_sigma, base_sigma, *_ = pixels.values()
     grey = np.array_equal(roughness[..., 0], roughness[..., 2])  # one lobe beside two has weight 1 in blue
     filled = confidence[..., 0] <= 0
     return Maps(
         base_color=base, roughness=roughness[..., 0].copy(), confidence=confidence[..., 0].copy(),
         error=error[..., 0].copy(), filled=filled, coverage=~filled, roughness_sigma=roughness_sigma[..., 0].copy(),
         base_sigma=base_sigma[..., 0].copy(), lobes=None if grey else roughness,
-        specular=_pixels(obj, "specular")[..., 0].copy() if "specular" in maps_of(obj) else None,
-        metallic=_pixels(obj, "metallic")[..., 0].copy() if "metallic" in maps_of(obj) else None,
-        normal=_pixels(obj, "normal")[..., :3].copy() if "normal" in maps_of(obj) else None)
+        specular=pixels["specular"][..., 0].copy() if "specular" in optional else None,
+        metallic=pixels["metallic"][..., 0].copy() if "metallic" in optional else None,
+        normal=pixels.get("normal"))
+
+
+def painted(obj: bpy.types.Object, maps: Maps) -> Maps:
+    """``maps``, which are on the materials of ``obj``, with what was painted on their images since."""
+    found = {}
+    for role, image in maps_of(obj).items():
+        field = "lobes" if role == "roughness" and maps.lobes is not None else role
+        before = getattr(maps, field, None)
+        if role in SHOWN and before is not None and image.has_data and tuple(image.size) == before.shape[1::-1]:
+            pixels = _pixels(obj, role)
+            found[field] = pixels if before.ndim == 3 else pixels[..., 0].copy()
+    return replace(maps, **found)
 
 
 def map_files(obj: bpy.types.Object) -> MapFiles | None:
@@ -135,11 +151,24 @@ def map_files(obj: bpy.types.Object) -> MapFiles | None:
     return files if files.tiled or open_image(files.of("basecolor", FIRST_UDIM)).width > ONE_PIECE else None
 
 
+def _require_one_size(obj: bpy.types.Object, pixels: Mapping[str, F32]) -> None:
+    """Raises BadInput for maps of several sizes, or that are not square, as after scaling or cropping their images."""
+    size = max(array.shape[0] for array in pixels.values())
+    for role, array in pixels.items():
+        if array.shape[:2] != (size, size):
+            height, width = array.shape[:2]
+            raise BadInput(f"object '{obj.name}': its {role} map has {width} x {height} texels, not {size} x {size} as "
+                           "another one; scale the images to one size, or solve again")
+
+
 def _pixels(obj: bpy.types.Object, role: str) -> F32:
     """One of the object's maps, (h, w, 3), row 0 at the bottom.  Raises BadInput."""
     image = maps_of(obj).get(role)
-    if image is None or (not image.has_data and not image.size[0]):
+    if image is None:
         raise BadInput(f"object '{obj.name}': its {role} map is gone; run 'irpso solve' again")
+    if not image.has_data and not image.size[0]:
+        raise BadInput(f"object '{obj.name}': its {role} map cannot be read from {bpy.path.abspath(image.filepath)}; "
+                       "put the file back, or solve again")
     width, height = image.size
     pixels = np.empty(width * height * 4, np.float32)
     image.pixels.foreach_get(pixels)

@@ -29,8 +29,11 @@ class NeedsSolution:
 
     @staticmethod
     def solution(obj: bpy.types.Object) -> Solution:
-        """The object's solution.  Raises BadInput: while a file browser is open, another object may become active."""
-        found = session.solution_of(obj)
-        if found is None:
+        """The object's solution.  Raises BadInput where its maps are gone.
+
+        While a file browser is open, another object may become active.
+        """
+        results = session.results_of(obj)
+        if not results:
             raise BadInput(f"{obj.name}: has no result; solve it first")
-        return found
+        return results[-1].presented(obj)

@@ -293,3 +293,50 @@ def test_a_stopped_solve_is_placed_beside_a_material_without_faces(scene, module
     principled = bpy.data.materials["Paint"].node_tree.nodes["Principled BSDF"]
     assert principled.inputs["Base Color"].links[0].from_node.image == bpy.data.images["Ball_basecolor"]
     assert not any("irpso" in node for node in tree.nodes)
+
+
+def texel(path: Path) -> np.ndarray:
+    """RGB in the middle of an EXR."""
+    oiio = pytest.importorskip("OpenImageIO")
+    return np.asarray(oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT))[SIZE // 2, SIZE // 2]
+
+
+def test_what_is_painted_on_a_map_is_exported(scene, tmp_path: Path) -> None:
+    """At once as after the file was opened again."""
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    before = pixels("Ball_basecolor")
+    for folder in ("solved", "painted", "opened"):
+        if folder == "painted":
+            image, red = bpy.data.images["Ball_basecolor"], np.empty((SIZE * SIZE, 4), "f4")
+            red[:] = 0.75, 0.25, 0.125, 1
+            image.pixels.foreach_set(red.ravel())
+            image.update()
+        elif folder == "opened":
+            bpy.data.images["Ball_basecolor"].pack()
+            opened(saved())
+        assert bpy.ops.irpso.export_maps(directory=str(tmp_path / folder), target="irpso") == {"FINISHED"}
+    np.testing.assert_array_equal(texel(tmp_path / "solved" / "Ball_basecolor.exr"), before[SIZE // 2 - 1, SIZE // 2])
+    for folder in ("painted", "opened"):
+        np.testing.assert_array_equal(texel(tmp_path / folder / "Ball_basecolor.exr"), [0.75, 0.25, 0.125])
+    for name in ("roughness", "confidence", "filled"):
+        assert (tmp_path / "painted" / f"Ball_{name}.exr").read_bytes() == (
+            tmp_path / "solved" / f"Ball_{name}.exr").read_bytes()
+
+
+def test_maps_that_are_gone_or_differ_in_size_are_named(scene, tmp_path: Path) -> None:
+    """The panel still has the result's record, so the line must state what is wrong with its maps."""
+    scene.irpso.out = str(tmp_path / "maps")
+    assert bpy.ops.irpso.solve() == bpy.ops.irpso.write_maps(packed=False) == {"FINISHED"}
+    lost, path = tmp_path / "maps" / "Ball_roughness.exr", saved()
+    lost.rename(tmp_path / "aside.exr")
+    opened(path)
+    with pytest.raises(RuntimeError, match=r"'Ball': its roughness map cannot be read from .*Ball_roughness\.exr; put"):
+        bpy.ops.irpso.export_maps(directory=str(tmp_path / "out"), target="gltf")
+    (tmp_path / "aside.exr").rename(lost)
+    opened(path)
+    bpy.data.images["Ball_roughness"].scale(32, 32)
+    bpy.data.images["Ball_roughness"].pack()
+    opened(saved())
+    with pytest.raises(RuntimeError, match="'Ball': its roughness map has 32 x 32 texels, not 64 x 64 as another one"):
+        bpy.ops.irpso.export_maps(directory=str(tmp_path / "out"), target="gltf")
+    assert not (tmp_path / "out").exists()
