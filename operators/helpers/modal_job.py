@@ -176,10 +176,12 @@ class ModalJob:
                     running.reached(running.job.poll() or running.progress)
                     self._fresh = self.tick(obj)
                     yield
-                value, cancelled, failed = self._delivered(running)
+                value, cancelled, error = self._delivered(running)
                 running.progress = Progress(1.0, "write")
-                if value is not None or not failed:  # the error has been reported
+                if value is not None or error is None:
                     yield from self._finished(uid, value, cancelled)
+                if error is not None:
+                    self._refuse(error)  # last: the window shows no report but the last one
                 if uid != uids[-1]:
                     bpy.ops.ed.undo_push(message=self.bl_label)  # the last one is the operator's own
             finally:
@@ -189,15 +191,14 @@ class ModalJob:
             if running.stopping:
                 return
 
-    def _delivered(self, running: Running) -> tuple[Any, bool, bool]:
-        """The job's value, or what there is of it, whether it was stopped, and whether it failed, which is reported."""
-        failed = False
+    def _delivered(self, running: Running) -> tuple[Any, bool, Exception | None]:
+        """The job's value, or what there is of it, whether it was stopped, and the error that has ended it."""
+        failure: Exception | None = None
         try:
             value, cancelled = _outcome(running.job.result)
         except (BadInput, RuntimeError) as error:  # RuntimeError: the worker has a bug, or died
-            self._refuse(error)
-            value, cancelled, failed = None, True, True
-        return (self.stopped(), True, failed) if value is None else (value, cancelled, failed)
+            value, cancelled, failure = None, True, error
+        return (self.stopped(), True, failure) if value is None else (value, cancelled, failure)
 
     def _refuse(self, error: Exception) -> None:
         log.failure(self.bl_idname, error)

@@ -7,5 +7,12 @@ import pytest
 
 @pytest.mark.parametrize("what", ["load", "undo", "delete", "render", "no_opengl", "close"])
 def test_while_it_runs(blender, ball, folder, what):
-    run = blender.run(f"trouble:{what}", folder, scene=str(ball), size=512)
-    assert "stopped before there was a result" not in run.log, "nobody stopped it"
+    blender.run(f"trouble:{what}", folder, scene=str(ball), size=512)
+
+
+def test_an_error_is_the_last_line(blender, ball, folder):
+    """The window shows that one.  Of a solve that leaves nothing it is the only one; it names the object."""
+    told = blender.run("trouble:reported", folder, scene=str(ball), size=512, limit=300).told
+    assert told["killed"][-1].startswith("the worker process ended (status -9)")
+    assert "Ball: stopped; kept" in told["killed"][-2]
+    assert len(told["unseen"]) == 1 and "no usable pixel shows 'Ball'" in told["unseen"][0]

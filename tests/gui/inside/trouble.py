@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 
 import bpy
 import jobs
@@ -104,6 +105,40 @@ def no_opengl(scene: str, size: int) -> Steps:
     yield from jobs.delivered()
     assert jobs.solution().device["renderer"].startswith("numpy")
     yield from robot.look("by_numpy")
+
+
+def reported(scene: str, size: int) -> Steps:
+    """The worker dies in the middle; then no view shows the object.  Tells the lines of the Info editor."""
+    yield from jobs.opened(scene, size)
+    bpy.context.scene.irpso.model = "one-lobe"
+    yield from jobs.started(20)
+    yield from jobs.far_enough()
+    os.kill(jobs.running().job.worker._process.pid, signal.SIGKILL)
+    yield from jobs.ended()
+    yield from jobs.delivered()
+    yield 1.0
+    killed = yield from _lines()
+    robot.tell(killed=killed)
+    yield from robot.look("killed")
+    yield from robot.key("ESC")  # the report lies over the button
+    yield 0.5
+    jobs.subject().location.x = 50.0
+    yield from jobs.started(20)
+    yield from jobs.ended(120)
+    yield 1.0
+    robot.tell(unseen=(yield from _lines())[len(killed):])
+
+
+def _lines() -> Steps:
+    """What the Info editor shows but calls of operators."""
+    area = next(area for area in robot.window().screen.areas if area.type in ("DOPESHEET_EDITOR", "INFO"))
+    area.type = "INFO"
+    yield 0.5
+    with robot.within("INFO"):
+        bpy.ops.info.select_all(action="SELECT")
+        bpy.ops.info.report_copy()
+    lines = bpy.context.window_manager.clipboard.splitlines()
+    return [line for line in lines if line and not line.startswith("bpy.")]
 
 
 def close(scene: str, size: int) -> Steps:
