@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import replace
 from pathlib import Path
 
@@ -130,6 +131,24 @@ def test_the_first_solve_may_be_two_lobe(empty) -> None:
     assert set(before["links"]) < set(after["links"])
     assert {link[2:] for link in set(after["links"]) - set(before["links"])} == {
         ("Hautfläche", "Base Color"), ("Hautfläche", "Roughness")}
+
+
+def test_a_choice_that_only_a_newer_blender_knows(empty) -> None:
+    """A file that 5.2 saved has a subsurface method that 4.5 reads as none: so written here, into the node's memory."""
+    obj = make_plane()
+    principled = principled_of(obj.data.materials[0])
+    memory = (ctypes.c_int16 * 256).from_address(principled.as_pointer())
+    states = []
+    for method in ("BURLEY", "RANDOM_WALK"):
+        principled.subsurface_method = method
+        states.append(list(memory))
+    (place,) = [i for i, (before, after) in enumerate(zip(*states, strict=True)) if before != after]
+    memory[place] = 99
+    assert principled.subsurface_method == ""
+    material.write_maps(obj, two_lobe())
+    assert len(group_of(obj.data.materials[0]).node_tree.nodes) > 2
+    material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert memory[place] == 99  # the user's own is as it was
 
 
 def test_what_the_user_changes_on_the_group_stays(empty) -> None:

@@ -129,7 +129,9 @@ def _ggx(group: bpy.types.ShaderNodeTree, principled: bpy.types.Node) -> bpy.typ
     lobes = []
     for index in range(2):
         lobe = _add(group, "ShaderNodeBsdfPrincipled", (0.0, 340.0 - 700.0 * index), f"Lobe {index + 1}")
-        lobe.distribution, lobe.subsurface_method = principled.distribution, principled.subsurface_method
+        for name in ("distribution", "subsurface_method"):
+            if choice := getattr(principled, name):  # "": a newer Blender has saved the file, and this one knows fewer
+                setattr(lobe, name, choice)
         lobes.append(lobe)
     panels: dict[str, bpy.types.NodeTreeInterfacePanel] = {}
     for socket in lobes[0].inputs:
