@@ -424,4 +424,9 @@ def test_exposures_by_exif_of_a_folder(scene, module, tmp_path: Path, capfd) -> 
     assert [view.exposure for view in views] == pytest.approx([0, 1, 1, -2, 0, 0.3, 0, 0], abs=1e-3)
     assert stated() == "" and bpy.ops.irpso.exposures_by_exif() == {"CANCELLED"}
     bpy.ops.ed.undo()
-    assert [view.exposure for view in bpy.context.scene.irpso.views] == pytest.approx([0, 0, 1, 0, 0, 0.3, 0, 0])
+    views = bpy.context.scene.irpso.views
+    assert [view.exposure for view in views] == pytest.approx([0, 0, 1, 0, 0, 0.3, 0, 0])
+    views.add()  # a view without picture, which the list itself calls so
+    capfd.readouterr()
+    assert bpy.ops.irpso.exposures_by_exif() == {"FINISHED"}
+    assert "Warning: 'f.jpg', 'gone.jpg': EXIF" in capfd.readouterr().out

@@ -56,8 +56,8 @@ def line(scene: bpy.types.Scene, known: Sequence[ImagePreview | None]) -> str:
 
 
 def left(scene: bpy.types.Scene, shots: Sequence[ShotSettings]) -> str:
-    """A line that names the views in use whose Exposure EXIF does not state beside most others; "" where it is none."""
-    used = [(shot, view) for shot, view in zip(shots, scene.irpso.views, strict=False) if view.enabled]
+    """A line that names the pictures in use whose Exposure EXIF does not state beside most others; "" of none."""
+    used = [(shot, view) for shot, view in zip(shots, scene.irpso.views, strict=False) if view.enabled and view.image]
     names = [_name(used[place][1]) for place in not_compared([shot for shot, _ in used])]
     if not names:
         return ""
