@@ -12,6 +12,7 @@ uniform bool u_top;
 uniform float u_step;        // how much roughness may differ from the parents' (standard deviation)
 uniform sampler2D u_typical;  // of each kind: colour, and above it roughness and its variance: a normal prior of a cell
 uniform float u_prior_cut;
+uniform int u_cell;          // of so many parents in a row, those of others say nothing; 0: all do
 uniform float u_evidence;    // how much of its tables counts where it is judged whether a cell's kinds are apart
 
 const float APART = 1.5;    // nats that two roughnesses must explain the kinds better than one
@@ -38,12 +39,16 @@ const float UNKNOWN = 0.1;  // variance where nothing else is known
 // The four parents of a kind of this colour, interpolated: mean, variance, differ.
 vec3 parents(vec3 colour) {
     vec2 at = 0.5 * gl_FragCoord.xy - 0.5;
-    ivec2 corner = ivec2(floor(at)), last = textureSize(u_parent[0], 0) - 1;
+    ivec2 corner = ivec2(floor(at)), first_parent = ivec2(0), last_parent = textureSize(u_parent[0], 0) - 1;
     vec2 f = at - vec2(corner);
+    if (u_cell > 0) {
+        first_parent = ivec2(0.5 * gl_FragCoord.xy) / u_cell * u_cell;
+        last_parent = first_parent + u_cell - 1;
+    }
     vec4 parent[4];
     float weight[4], off[4], differ = 0.0;
     for (int j = 0; j < 4; j++) {
-        ivec2 d = ivec2(j & 1, j >> 1), cell = clamp(corner + d, ivec2(0), last);
+        ivec2 d = ivec2(j & 1, j >> 1), cell = clamp(corner + d, first_parent, last_parent);
         vec4 first = texelFetch(u_parent_colour[0], cell, 0), second = texelFetch(u_parent_colour[1], cell, 0);
         vec2 offs = vec2(first.a > 0.0 ? squared(first.rgb - colour) : FAR,
                          second.a > 0.0 ? squared(second.rgb - colour) : FAR);

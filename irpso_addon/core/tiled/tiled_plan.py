@@ -43,8 +43,9 @@ class PriorKnowledge:
     """What is known of a part of a map before it is searched."""
 
     noise: Mapping[int, Noise] = field(default_factory=dict)  # of the whole, by the number of lobes
-    # (n, n, 4) of the part's cells, whose width is a power of two in texels: roughness, its variance, 0, 1 where known
+    # (h, w, 4) of the part's cells, whose width is a power of two in texels: roughness, its variance, 0, 1 where known
     roughness: F32 | None = None
+    apart: bool = False  # whether the cells come from here and there, and say nothing of each other
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,10 @@
-"""Squares of a material's texels, packed side by side: a source of their own, from which layers can be left out."""
+"""Some of a material's texels, packed: a source of their own, from which layers can be left out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import moderngl
 import numpy as np
@@ -44,17 +44,47 @@ class PackedTexels:
     normal: moderngl.Texture
 
 
+class Packing(Protocol):
+    """Which texels of a grid a sample holds, and where."""
+
+    @property
+    def stride(self) -> int:
+        """Of the grid's texels along the sample's own."""
+
+    def pack(self, grid: np.ndarray) -> np.ndarray:
+        """Of (h, w, ...)."""
+
+    def pack_texture(self, device: Device, texture: moderngl.Texture) -> F32:
+        """The same of a texture."""
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """One texel of so many in a row and in a column, where the grid has them."""
+
+    stride: int
+
+    def pack(self, grid: np.ndarray) -> np.ndarray:
+        """Of (h, w, ...)."""
+        return np.ascontiguousarray(grid[self.stride // 2::self.stride, self.stride // 2::self.stride])
+
+    def pack_texture(self, device: Device, texture: moderngl.Texture) -> F32:
+        """The same of a texture."""
+        return self.pack(device.read(texture))
+
+
 @dataclass(frozen=True)
 class Squares:
     """Some squares of a grid of texels, which are packed side by side."""
 
     corners: tuple[Tile, ...]  # first texel of each
     side: int = SIDE  # texels
+    stride: ClassVar[int] = 1
 
     def pack(self, grid: np.ndarray) -> np.ndarray:
         """Of (h, w, ...); 0 beyond the grid."""
         side, columns = self.side, WIDTH // self.side
-        packed = np.zeros((*self._shape, *grid.shape[2:]), grid.dtype)
+        packed = np.zeros((*self.shape, *grid.shape[2:]), grid.dtype)
         for n, (x, y) in enumerate(self.corners):
             part, row, column = grid[y:y + side, x:x + side], n // columns * side, n % columns * side
             packed[row:row + part.shape[0], column:column + part.shape[1]] = part
@@ -62,7 +92,7 @@ class Squares:
 
     def pack_texture(self, device: Device, texture: moderngl.Texture) -> F32:
         """The same of a texture, of which no more is read."""
-        height, width = self._shape
+        height, width = self.shape
         corners = np.zeros((1, len(self.corners), 4), np.float32)
         corners[0, :, :2] = self.corners
         with device.scope():
@@ -74,8 +104,11 @@ class Squares:
             return device.read(packed)
 
     @property
-    def _shape(self) -> tuple[int, int]:
-        """Powers of two, as most maps have: Mesa's software renderer compiles again for others (decision 0044)."""
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of what is packed.
+
+        Powers of two, as most maps have: Mesa's software renderer compiles again for others (decision 0044).
+        """
         columns = WIDTH // self.side
         rows = -(-len(self.corners) // columns)
         return _power_of_two(rows * self.side), _power_of_two(min(columns, len(self.corners)) * self.side)
@@ -103,7 +136,7 @@ def spread_squares(texels: Bool, most: int, seed: int, side: int = SIDE) -> Squa
 
 
 class MaterialSample(Source, Protocol):
-    """The packed squares."""
+    """The packed texels."""
 
     left_out: Bool  # (V,) layers that are kept from the solver
     covered: Bool  # (h, w) texels of the material
@@ -121,21 +154,21 @@ class LayerLight:
     lamps: I32  # (V,) which set of lamps shone
 
 
-def sampled(device: Device, source: Source, texels: Bool, seed: int) -> MaterialSample | None:
-    """Squares of a material; None where nothing says which lamps shone.  ``texels``: (h, w) those of the material."""
+def squares_of(source: Source, texels: Bool, seed: int) -> Squares | None:
+    """That show a material; None where nothing says which lamps shone.  ``texels``: (h, w) those of the material."""
     if isinstance(source, ArraySource) and source.texels.irradiance is None:
         return None
-    return packed(device, source, texels, spread_squares(texels, squares_for(len(source.layers.groups)), seed))
+    return spread_squares(texels, squares_for(len(source.layers.groups)), seed)
 
 
-def packed(device: Device, source: Source, texels: Bool, squares: Squares) -> MaterialSample:
-    """Those squares of a material.  ``texels``: as of `sampled`."""
+def packed(device: Device, source: Source, texels: Bool, packing: Packing) -> MaterialSample:
+    """Those texels of a material.  ``texels``: as of `squares_of`."""
     if isinstance(source, CameraSource):
-        sample = CameraSample(device, source, texels, squares)
+        sample = CameraSample(device, source, texels, packing)
         sample.keep()
         return sample
     assert isinstance(source, ArraySource)
-    return ArraySample(device, source, texels, squares)
+    return ArraySample(device, source, texels, packing)
 
 
 def clusters(sample: MaterialSample, indices: I32) -> I32:
@@ -197,15 +230,16 @@ def _blocks(device: Device, sample: MaterialSample, texels: I32) -> F32:
 class CameraSample(CameraSource):
     """Of texels that cameras see."""
 
-    def __init__(self, device: Device, source: CameraSource, texels: Bool, squares: Squares) -> None:
-        position = squares.pack_texture(device, source.grid.position)
-        normal = squares.pack_texture(device, source.grid.normal)
-        self.covered = squares.pack(texels)
+    def __init__(self, device: Device, source: CameraSource, texels: Bool, packing: Packing) -> None:
+        position = packing.pack_texture(device, source.grid.position)
+        normal = packing.pack_texture(device, source.grid.normal)
+        self.covered = packing.pack(texels)
         position[~self.covered] = 0.0
         height, width = position.shape[:2]
         packed = PackedTexels(device.texture(width, height, data=position), device.texture(width, height, data=normal))
-        super().__init__(device, packed, source.observations, source.extent * width / source.size[0], source.misfit,
-                         source.stride)
+        super().__init__(device, packed, source.observations,
+                         source.extent * width * packing.stride / source.size[0], source.misfit,
+                         source.stride * packing.stride)
         self.places, self.normals = position, normal
         self.covered &= position[..., 3] > 0.5
         self.left_out: Bool = np.zeros(len(self.layers.groups), bool)
@@ -259,10 +293,10 @@ class CameraSample(CameraSource):
 class ArraySample(ArraySource):
     """Of texels that arrays hold."""
 
-    def __init__(self, device: Device, source: ArraySource, texels: Bool, squares: Squares) -> None:
+    def __init__(self, device: Device, source: ArraySource, texels: Bool, packing: Packing) -> None:
         of = source.texels
-        self.covered = squares.pack(texels)
-        parts = {name: squares.pack(getattr(of, name))
+        self.covered = packing.pack(texels)
+        parts = {name: packing.pack(getattr(of, name))
                  for name in ("rgb", "quality", "cos_v", "lobes", "irradiance") if getattr(of, name) is not None}
         parts["quality"][~self.covered] = 0.0
         super().__init__(device, ObservedTexels(**parts, groups=of.groups, lamps=of.lamps),

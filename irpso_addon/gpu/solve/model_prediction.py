@@ -17,9 +17,11 @@ from ...core.evaluation.pixel_bias import pixel_bias
 from ...core.evaluation.sampled_texels import SampledTexels, one_lobe
 from ...core.job import Progress
 from ...core.params import SolveSettings
+from ...core.tiled.tiled_plan import PriorKnowledge
 from ..device.context import Device
 from ..observe.observation_atlas import Source
-from .material_sample import MaterialSample, read_sample, sampled
+from .map_around import MapAround
+from .material_sample import MaterialSample, packed, read_sample, squares_of
 from .prediction_trials import (
     DRAWN,
     DRAWN_COAT,
@@ -108,15 +110,17 @@ class ModelPrediction:
 
     def _decided(self, texels: Bool, fitted: Fitted) -> Generator[Progress, None, Decision]:
         with self.device.scope():
-            sample = sampled(self.device, self.source, texels, self.settings.seed)
-            if sample is None:
+            squares = squares_of(self.source, texels, self.settings.seed)
+            if squares is None:
                 return Decision(fitted.model, "the views do not name their lamps")
+            sample = packed(self.device, self.source, texels, squares)
             yield PREDICTING
             observed, places = read_sample(self.device, sample, JUDGED)
             folds = split(observed, NUMBERS)
             if folds is None:
                 return Decision(fitted.model, "too few lamps and cameras to leave one out")
-            contest = _Contest(self, sample, observed, places, folds, fitted)
+            around = MapAround(self.device, self.source, texels, squares, self.settings)
+            contest = _Contest(self, sample, observed, places, folds, fitted, around)
             if not contest.judge.judged.any():
                 return Decision(fitted.model, f"no texel has enough good observations to leave {folds.of} out")
             return (yield from contest.decide())
@@ -124,10 +128,10 @@ class ModelPrediction:
     def metal(self, texels: Bool) -> OneMaterial:
         """The level and Metallic that explain all texels together, where each has its own roughness."""
         with self.device.scope():
-            sample = sampled(self.device, self.source, texels, self.settings.seed)
-            if sample is None:
+            squares = squares_of(self.source, texels, self.settings.seed)
+            if squares is None:
                 return OneMaterial(0.5)
-            observed, _ = read_sample(self.device, sample, JUDGED)
+            observed, _ = read_sample(self.device, packed(self.device, self.source, texels, squares), JUDGED)
             search, known = JointSearch(observed), np.ones(len(observed.camera), bool)
             return search.settled(search.fit(known), known).apart_metal
 
@@ -137,10 +141,10 @@ class _Contest(TrialRuns):
 
     def __init__(
         self, owner: ModelPrediction, sample: MaterialSample, observed: SampledTexels, places: I32, folds: Folds,
-        fitted: Fitted,
+        fitted: Fitted, around: MapAround,
     ) -> None:
         super().__init__(owner.device, sample, owner.settings, observed, places, folds)
-        self.fitted, self.metals = fitted, solves_metals(owner.device, sample)
+        self.fitted, self.metals, self.around = fitted, solves_metals(owner.device, sample), around
         self.settled = False  # whether the joints are, see `JointSearch.settled`
         self.coats: CoatSearch | None = None  # where one is sought
 
@@ -182,14 +186,15 @@ class _Contest(TrialRuns):
             yield from self._folds(self._drawn, DRAWN_METAL, race=True)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
+        margin = ALIKE[0] if few and led else clear  # one that led is larger by a prior alone
+        leads, taken = self._verdict(incumbent, margin, few)
+        if taken != incumbent and incumbent in self.predictions and self.fitted.model in OWN_DRAWN and (
+                yield from self._again(incumbent, self._own_among_all)):
+            leads, taken = self._verdict(incumbent, margin, few)
+        if self.solver.cancelled:
+            return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors = {name: self.judge.error(name) for name in self.predictions}
-        leads = self._leads(incumbent, ALIKE[0] if few and led else clear)  # one that led is larger by a prior alone
-        chosen = self._chosen()
-        if not few and self.fitted.model in OWN_DRAWN:
-            one_value = chosen in self.trials and self.trials[chosen].strength == ONE_VALUE
-            leads = leads or self.judge.excuses(incumbent, NUMBERS, chosen if one_value else None)
-        leads = leads and self.judge.no_worse_than_plain(incumbent)
-        taken = before = incumbent if leads else chosen
+        before = taken
         # A rough diffuse may hide behind a metal that leaves little.
         if not self.solver.cancelled and (self._is_metal(taken) or _worth(self.judge.error(taken))):
             taken = yield from self._above_rough(taken)
@@ -199,6 +204,15 @@ class _Contest(TrialRuns):
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors |= {name: self.judge.error(name) for name in self.predictions}
         return self._decision(MaterialPrediction(self.folds.of, taken, errors, leads and taken == before))
+
+    def _verdict(self, incumbent: str, margin: float, few: bool) -> tuple[bool, str]:
+        """(whether the fit's own model leads, what is to be taken)."""
+        leads, chosen = self._leads(incumbent, margin), self._chosen()
+        if not few and self.fitted.model in OWN_DRAWN:
+            one_value = chosen in self.trials and self.trials[chosen].strength == ONE_VALUE
+            leads = leads or self.judge.excuses(incumbent, NUMBERS, chosen if one_value else None)
+        leads = leads and self.judge.no_worse_than_plain(incumbent)
+        return leads, incumbent if leads else chosen
 
     def _apart_metallic(self) -> float:
         """The least Metallic that a fold finds where texels differ."""
@@ -332,10 +346,22 @@ class _Contest(TrialRuns):
             self._add(name, (yield from self._two_lobes()), known)
             model, name = "one-lobe", FITTED["one-lobe"]
         if model != "lambert":
-            level = self.fitted.level if model == "one-lobe-specular" else 0.5
-            self.solver.use_level(self._grid(level) if level != 0.5 else None)
-            (values,) = yield from self.solver.under_priors([None])
-            self._add(name, one_lobe(self._at(values), level), known)
+            yield from self._own_lobe(name, known)
+
+    def _own_lobe(self, name: str, known: Bool) -> Generator[Progress, None, None]:
+        level = self.fitted.level if name == FITTED["one-lobe-specular"] else 0.5
+        self.solver.use_level(self._grid(level) if level != 0.5 else None)
+        (values,) = yield from self.solver.under_priors([None])
+        self._add(name, one_lobe(self._at(values), level), known)
+
+    def _own_among_all(self, left_out: Bool) -> Generator[Progress, None, None]:
+        """The fit's own model, where each square knows what the rest of the map says of it."""
+        level = self.fitted.level if self.fitted.model == "one-lobe-specular" else 0.5
+        self.solver.before = yield from self.around.without(left_out, level)
+        self.solver.cancelled = self.solver.cancelled or self.around.cancelled
+        if not self.solver.cancelled:
+            yield from self._own_lobe(FITTED[self.fitted.model], ~left_out)
+        self.solver.before = PriorKnowledge()
 
     def _decision(self, prediction: MaterialPrediction) -> Decision:
         taken, errors, best = prediction.taken, prediction.tried, prediction.error

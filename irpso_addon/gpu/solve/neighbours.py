@@ -11,7 +11,7 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32, Bool
-from ...core.tiled.tiled_plan import Noise, Typical
+from ...core.tiled.tiled_plan import Noise, PriorKnowledge, Typical
 from ..device.context import Device, Inputs
 from .typical import UNKNOWN
 
@@ -33,6 +33,7 @@ APART = 4  # texels of the map between those whose errors are compared: pixels a
 OUTLYING = 4.5  # times the median size: three standard deviations
 ROUGHNESS_SLOPE = 3.0  # expected change of roughness across the UV square: a cell may differ so much from its parent
 TABLE_TILES = 4  # across a texture that holds the 16 tables of both kinds
+NOTHING = PriorKnowledge()
 Textures = tuple[moderngl.Texture, ...]
 
 
@@ -188,13 +189,13 @@ class Cells:
 
 def pyramid(
     device: Device, tables: Textures, colour: moderngl.Texture, shared: Shared, extent: float = 1.0,
-    around: F32 | None = None, of_all: tuple[Typical, ...] = (UNKNOWN,),
+    before: PriorKnowledge = NOTHING, of_all: tuple[Typical, ...] = (UNKNOWN,),
 ) -> tuple[moderngl.Texture, moderngl.Texture]:
     """Tables summed upwards, estimates handed downwards: (estimate, prior) of every texel.
 
     ``colour``: base colour, 1 where observed.  ``shared``: between neighbours.  ``extent``: width of the grid in UV
-    squares.  ``around``: as `tiled_plan.PriorKnowledge.roughness`; it stands in for all levels from its cells on, which
-    lie alike in neighbouring blocks, so that no border shows between them.  ``of_all``: what is typical of texels, for
+    squares.  ``before``: its roughness stands in for all levels from its cells on, which lie alike in neighbouring
+    blocks, so that no border shows between them.  ``of_all``: what is typical of texels, for
     all or by their colour.
     """
     with device.scope() as owned:
@@ -202,16 +203,18 @@ def pyramid(
             [[(*kind.colour, 0.0) for kind in of_all], [(kind.roughness, kind.variance, 0.0, 0.0) for kind in of_all]],
             np.float32))
         texels = Cells(colour.size, tables, (colour,))
+        around = before.roughness
         levels = _summed(device, texels, shared, 8 if around is None else around.shape[1])
         parents: tuple[Cells, Textures] | None = None
         if around is not None:
-            size = (around.shape[1], around.shape[1])
+            size = (around.shape[1], around.shape[0])
             colours = tuple(device.texture(*size, data=np.zeros_like(around)) for _ in range(2))
             parents = Cells(size, (), colours), tuple(device.texture(*size, data=around) for _ in range(2))
             levels.pop()
         for n, level in reversed(list(enumerate(levels))):
             # Texels that share a pixel are off together: four texels alone do not show that two kinds are apart.
-            found = _handed_down(device, level, parents, extent, 0.0 if n == 1 else EVIDENCE, typical)
+            cell = parents[0].size[0] // around.shape[1] if before.apart and parents and around is not None else 0
+            found = _handed_down(device, level, parents, extent, 0.0 if n == 1 else EVIDENCE, typical, cell)
             parents = level, found
             if n > 0:  # the largest textures of all
                 level.tables[0].release()
@@ -240,11 +243,12 @@ def _summed(device: Device, texels: Cells, shared: Shared, most: int) -> list[Ce
 
 def _handed_down(
     device: Device, level: Cells, parents: tuple[Cells, Textures] | None, extent: float, evidence: float,
-    typical: moderngl.Texture,
+    typical: moderngl.Texture, cell: int,
 ) -> Textures:
     """Estimates of both kinds from a level's tables and the coarser one's estimates; of texels (estimate, prior).
 
     ``evidence``: 0..1, how much of the tables counts where it is judged whether a cell's kinds are apart.
+    ``cell``: of so many parents in a row, those of others say nothing; 0: all do.
     """
     found = tuple(device.texture(*level.size) for _ in range(2))
     cells, estimates = parents or (level, level.colours)  # at the top nothing is read of them
@@ -252,5 +256,5 @@ def _handed_down(
     with device.target(found) as target:
         device.draw("solve/descend.frag", target, Inputs({**level.inputs(), **above, "u_typical": typical}, {
             "u_top": parents is None, "u_step": ROUGHNESS_SLOPE * extent / level.size[0], "u_prior_cut": PRIOR_CUT,
-            "u_evidence": evidence}, level.defines()))
+            "u_evidence": evidence, "u_cell": cell}, level.defines()))
     return found

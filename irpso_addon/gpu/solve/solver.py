@@ -221,7 +221,7 @@ class Solver(TilePasses):
             estimate, prior = neighbours.pyramid(
                 self.device, tuple(tables), colour,
                 neighbours.shared_by(noise, self.source.shared_error, self.source.misfit > 0),
-                self.source.extent, self.before.roughness, self.noise_of[1].typical or (UNKNOWN,))
+                self.source.extent, self.before, self.noise_of[1].typical or (UNKNOWN,))
             colour.release()
             yield from self.run(chosen, (0.8, 1.0), KernelPass(
                 "solve/polish.kernel", outputs, {**valleys, "u_estimate": estimate, "u_prior": prior},

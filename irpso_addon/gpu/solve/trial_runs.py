@@ -52,7 +52,8 @@ class TrialRuns:
             if self.solver.cancelled:
                 return
             if race and trials and left_out is self.folds.left_out[0]:
-                trials = self._hopeful(trials)
+                hopeful = self._hopeful([trial.name for trial in trials], RACE)
+                trials = [trial for trial in trials if trial.name in hopeful]
                 if not trials:
                     break
         self.sample.left_out = np.zeros_like(self.folds.left_out[0])
@@ -61,14 +62,31 @@ class TrialRuns:
             if name not in before:
                 self.judge.add(name, predictions)
 
-    def _hopeful(self, trials: list[Trial]) -> list[Trial]:
+    def _again(
+        self, name: str, attempt: Callable[[Bool], Generator[Progress, None, None]],
+    ) -> Generator[Progress, None, bool]:
+        """A candidate in another way, if that is the best of all in the first fold: whether it is."""
+        before = self.predictions.pop(name)
+        for left_out in self.folds.left_out:
+            self.sample.left_out = left_out
+            yield from attempt(left_out)
+            first = left_out is self.folds.left_out[0]
+            if self.solver.cancelled or (first and not self._hopeful([name], 0.0)):
+                break
+        self.sample.left_out = np.zeros_like(self.folds.left_out[0])
+        if len(self.predictions.get(name, [])) < len(before):
+            self.predictions[name] = before
+            return False
+        self.judge.add(name, self.predictions[name])
+        return True
+
+    def _hopeful(self, new: list[str], margin: float) -> list[str]:
         """Those whose first fold leaves them a chance; the predictions of the others are forgotten."""
-        new = [trial.name for trial in trials]
-        hopeful = self.judge.hopeful({name: of[0] for name, of in self.predictions.items()}, new, RACE)
+        hopeful = self.judge.hopeful({name: of[0] for name, of in self.predictions.items()}, new, margin)
         for name in new:
             if name not in hopeful:
                 del self.predictions[name]
-        return [trial for trial in trials if trial.name in hopeful]
+        return hopeful
 
     def _uniform(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
         """One value for the material."""

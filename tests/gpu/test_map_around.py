@@ -1,0 +1,114 @@
+"""Under few highlights, texels know their roughness from neighbours that squares of a sample lack: the map is asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.shading import brdf
+from irpso_addon.core.shading.tables import principled_table
+from irpso_addon.core.tiled.tiled_plan import PriorKnowledge
+from irpso_addon.gpu.device.context import Device
+from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservedTexels
+from irpso_addon.gpu.solve.map_around import MapAround
+from irpso_addon.gpu.solve.material_sample import Squares, packed, spread_squares
+from irpso_addon.gpu.solve.solver import Solver
+from tests.support.texels import finish
+
+SIDE = 128  # texels
+LAMPS = 20
+NOISE = 0.04  # relative
+BESIDE = 0.026  # of the flash's distance, beside the lens
+
+
+def unit(v: np.ndarray) -> np.ndarray:
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def ball() -> np.ndarray:
+    """(h, w, 3) normals, all around and 53 degrees up and down."""
+    at = (np.arange(SIDE) + 0.5) / SIDE
+    turn, z = np.meshgrid(2 * np.pi * at, 1.6 * at - 0.8)
+    side = np.sqrt(1 - z**2)
+    return np.stack([side * np.cos(turn), side * np.sin(turn), z], -1)
+
+
+def carried_flash(roughness: np.ndarray, count: int, seed: int) -> ObservedTexels:
+    """Each of so many distant cameras carries a flash."""
+    n = ball()
+    k = np.arange(count)
+    turn, up = 2.39996 * k, 1 - 2 * (k + 0.5) / count
+    side = np.sqrt(1 - up**2)
+    toward = np.stack([side * np.cos(turn), side * np.sin(turn), up], -1)
+    lamp = unit(toward + BESIDE * unit(np.cross(toward, [0.0, 1.0, 0.3])))
+    base = np.broadcast_to([0.5, 0.3, 0.2], (SIDE, SIDE, 3))
+    rng = np.random.default_rng(seed)
+    rgb, cos_v, cos_l, lobes = [], [], [], []
+    for v, light in zip(toward, lamp, strict=True):
+        value = brdf.principled(base, roughness, np.broadcast_to(light, n.shape), np.broadcast_to(v, n.shape), n)
+        rgb.append(value * (1 + NOISE * rng.standard_normal(value.shape)))
+        cos_v.append(n @ v)
+        cos_l.append(n @ light)
+        half = unit(v + light)
+        factor = brdf.F_dielectric(float(half @ v)) / (2 * np.maximum(cos_l[-1] * cos_v[-1], 1e-6))
+        lobes.append(np.stack([1 - (n @ half) ** 2, np.zeros_like(factor), cos_l[-1], factor], -1))
+    facing, lit = (np.stack(of, -1).astype(np.float32) for of in (cos_v, cos_l))
+    return ObservedTexels(np.stack(rgb, 2).astype(np.float32), np.where(np.minimum(facing, lit) > 0.3, facing, 0.0),
+                          facing, np.stack(lobes, 2)[..., None, :].astype(np.float32), tuple(range(count)),
+                          lit.clip(0), tuple(range(count)))
+
+
+@pytest.fixture(scope="module")
+def truth() -> np.ndarray:
+    u, v = np.meshgrid(*[(np.arange(SIDE) + 0.5) / SIDE] * 2)
+    return 0.3 + 0.15 * np.sin(2 * np.pi * u) * np.cos(5 * v)
+
+
+@dataclass(frozen=True)
+class Found:
+    """Roughness of the packed squares, where a quarter of the lamps is left out."""
+
+    alone: np.ndarray
+    around: np.ndarray  # each square knows what the rest of the map says of it
+    changed: np.ndarray  # the same after what is said of all squares but the first has changed
+    said: np.ndarray  # what is said of the squares
+    squares: Squares
+
+
+@pytest.fixture(scope="module")
+def found(truth: np.ndarray, on_gl: Any) -> Found:
+    observed = carried_flash(truth, LAMPS, 1)
+
+    def solved(device: Device) -> Found:
+        with device.scope():
+            source, every = ArraySource(device, observed, principled_table()), np.ones((SIDE, SIDE), bool)
+            squares = spread_squares(every, 60, 1)
+            settings = SolveSettings(size=SIDE, loss="squares")
+            sample = packed(device, source, every, squares)
+            sample.left_out = np.arange(LAMPS) % 4 == 0
+            solver = Solver(device, sample, settings)
+            around = finish(MapAround(device, source, every, squares, settings).without(sample.left_out, 0.5))
+            others = around.roughness.copy()
+            others[0, 1:, 0] = others[1:, :, 0] = 0.9
+            results = []
+            for before in (PriorKnowledge(), around, replace(around, roughness=others)):
+                solver.before = before
+                results += finish(solver.under_priors([None]))
+            return Found(*results, around.roughness, squares)
+
+    return on_gl(solved)
+
+
+def test_squares_learn_roughness_from_the_map(truth: np.ndarray, found: Found) -> None:
+    right = found.squares.pack(truth)
+    alone, around = (np.abs(of - right)[right > 0] for of in (found.alone, found.around))
+    assert around.mean() < 0.7 * alone.mean()  # 0.029 and 0.052
+
+
+def test_squares_say_nothing_of_each_other(found: Found) -> None:
+    np.testing.assert_array_equal(found.changed[:8, :8], found.around[:8, :8])
+    assert np.abs(found.changed - found.around)[:8, 8:].max() > 0.01
