@@ -6,6 +6,7 @@ used but the record of the lens: pixels go to rays by a fixed point of Brown's f
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,32 +52,48 @@ def picture(lens: Lens, balls: list[MirrorBall], lamps: list[Lamp], noise: float
 
     ``plain``: half the width of a bright backdrop and its distance in metres, in place of the wall and the table.
     """
-    total = np.zeros((lens.height, lens.width))
-    x, y = np.meshgrid(np.arange(lens.width), np.arange(lens.height))
-    for i in range(SAMPLES):
-        for j in range(SAMPLES):
-            total += _radiance(rays(lens, x + (i + 0.5) / SAMPLES, y + (j + 0.5) / SAMPLES), balls, lamps, plain)
+    total = sum(_radiance(directions, room, balls, lamps, plain)
+                for directions, room in zip(_sights(lens), _rooms(lens, plain), strict=True))
     shown = total / SAMPLES ** 2
     random = np.random.default_rng(seed)
     return np.clip(shown[..., None] * (1.0, 0.9, 0.8) + random.normal(0, noise, (*shown.shape, 3)), 0, clip)
 
 
-def _radiance(directions: np.ndarray, balls: list[MirrorBall], lamps: list[Lamp],
+@functools.cache
+def _sights(lens: Lens) -> tuple[np.ndarray, ...]:
+    """Unit directions (h, w, 3) of each sample of every pixel."""
+    x, y = np.meshgrid(np.arange(lens.width), np.arange(lens.height))
+    at = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    return tuple(rays(lens, x + i, y + j) for i in at for j in at)
+
+
+@functools.cache
+def _rooms(lens: Lens, plain: tuple[float, float] | None) -> tuple[np.ndarray, ...]:
+    """What `_sights` see without balls and lamps."""
+    return tuple(_room(np.zeros(3), directions, plain) for directions in _sights(lens))
+
+
+def _radiance(directions: np.ndarray, room: np.ndarray, balls: list[MirrorBall], lamps: list[Lamp],
               plain: tuple[float, float] | None) -> np.ndarray:
-    origins = np.zeros_like(directions)
+    shown = _with_lamps(room, np.zeros(3), directions, lamps)
+    free = np.ones(shown.shape, bool)
     for ball in balls:  # they do not mirror one another
         centre = np.array(ball.centre)
         along = directions @ centre
         root = along ** 2 - centre @ centre + ball.radius ** 2
-        hit = (root > 0) & (origins == 0).all(-1)
-        distance = along - np.sqrt(np.where(hit, root, 0))
-        point = directions * distance[..., None]
+        hit = (root > 0) & free
+        sight = directions[hit]
+        point = sight * (along[hit] - np.sqrt(root[hit]))[:, None]
         normal = (point - centre) / ball.radius
-        mirrored = directions - 2 * (directions * normal).sum(-1)[..., None] * normal
-        origins = np.where(hit[..., None], point, origins)
-        directions = np.where(hit[..., None], mirrored, directions)
-    mirror = np.where((origins == 0).all(-1), 1.0, 0.6)
-    shown = _room(origins, directions, plain)
+        mirrored = sight - 2 * (sight * normal).sum(-1)[:, None] * normal
+        shown[hit] = 0.6 * _with_lamps(_room(point, mirrored, plain), point, mirrored, lamps)
+        free &= ~hit
+    return shown
+
+
+def _with_lamps(room: np.ndarray, origins: np.ndarray, directions: np.ndarray, lamps: list[Lamp]) -> np.ndarray:
+    """Radiance of the lamps and of the room behind them."""
+    shown = room.copy()
     for lamp in lamps:
         position = np.array(lamp.position)
         facing = position / -np.linalg.norm(position)  # towards the camera
@@ -84,7 +101,7 @@ def _radiance(directions: np.ndarray, balls: list[MirrorBall], lamps: list[Lamp]
             t = ((position - origins) @ facing) / (directions @ facing)
             off = np.linalg.norm(origins + t[..., None] * directions - position, axis=-1)
         shown = np.where((t > 1e-6) & (off < lamp.radius), lamp.radiance, shown)
-    return shown * mirror
+    return shown
 
 
 def _room(origins: np.ndarray, directions: np.ndarray, plain: tuple[float, float] | None) -> np.ndarray:
