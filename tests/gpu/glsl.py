@@ -50,6 +50,7 @@ class Recorder:
 
     def __init__(self) -> None:
         self.made: set[Made] = set()
+        self._fine: set[Made] = set()  # those of them in which nothing was found
         self.files: dict[str, list[str]] = {}  # assembled source -> the files of shaders/ that it came from
 
     def add(self, linked: Any, **stages: str) -> None:
@@ -93,15 +94,22 @@ class Recorder:
 
     def faults(self, folder: Path) -> list[str]:
         """What glslang finds, and what needs more than the least OpenGL has."""
-        wrong = self.complaints(folder).splitlines() if self.made else []
-        for made in self.made:
+        wrong = self.complaints(folder).splitlines() if self._unseen else []
+        for made in self._unseen:
             names = sorted({name for _, text in made.stages for name in self.files.get(text, [])})
             if made.units > UNITS:
                 wrong.append(f"{names}: {made.units} textures, {UNITS} are sure")
             defined = [line for _, text in made.stages for line in text.splitlines()
                        if line.startswith("#define OUTPUTS ")]
             wrong += [f"{names}: {line}, {OUTPUTS} are sure" for line in defined if int(line.split()[-1]) > OUTPUTS]
+        if not wrong:
+            self._fine |= self.made
         return wrong
+
+    @property
+    def _unseen(self) -> set[Made]:
+        """What has not been found to be fine."""
+        return self.made - self._fine
 
     def unused(self, version: int) -> list[str]:
         """Files of shaders/ that no program has; ``version`` of OpenGL: 410 is 4.1, without compute shaders."""
@@ -114,7 +122,7 @@ class Recorder:
 
     def complaints(self, folder: Path) -> str:
         """What glslang finds, by file and line; empty where all is well."""
-        saved = {made: made.save(folder) for made in self.made}
+        saved = {made: made.save(folder) for made in self._unseen}
         said = glslang(folder, *sorted({name for names in saved.values() for name in names}))
         linked = {tuple(names) for made, names in saved.items() if len(names) > 1 and _OUT.search(made.stages[0][1])}
         for names in sorted(linked):  # the others have nothing between their stages

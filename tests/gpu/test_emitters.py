@@ -99,10 +99,12 @@ def test_a_pixel_across_the_horizon_has_the_mean_light_of_its_places():
     ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
     along = (origin * ray).sum(-1)
     below = along**2 - (origin * origin).sum(-1) + radius**2
-    N = np.where(below[:, None] > 0, origin + (-along - np.sqrt(np.maximum(below, 0)))[:, None] * ray, 0.0) / radius
-    wanted = emitters.emitter_irradiance(emitters.patches([panel], np.zeros(3), radius), radius * N, N)
-    wanted = wanted.reshape(SIZE, SIZE, 144, 3).mean(2)
     whole = (below.reshape(SIZE, SIZE, 144) > 0).all(-1) & (position[..., 3] > 0.5)
+    met = np.repeat(whole.ravel(), 144)
+    N = (origin + (-along - np.sqrt(np.maximum(below, 0)))[:, None] * ray)[met] / radius
+    wanted = np.zeros((SIZE, SIZE, 3))
+    arrives = emitters.emitter_irradiance(emitters.patches([panel], np.zeros(3), radius), radius * N, N)
+    wanted[whole] = arrives.reshape(-1, 144, 3).mean(1)
     share = wanted.mean(-1) / wanted.max()
     for low, high in ((0.001, 0.003), (0.003, 0.01), (0.01, 0.03)):
         at = whole & (share > low) & (share < high)
