@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ def blender() -> window.Blender:
     """Skips where there is none; `make test-gui` sees to it that there is."""
     if not os.environ.get("BLENDER"):
         pytest.skip("BLENDER names no Blender with a window: use 'make test-gui'")
-    return program.blender()
+    return replace(program.blender(), smooth=False)
 
 
 @pytest.fixture(scope="session")

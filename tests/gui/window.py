@@ -100,6 +100,7 @@ class Blender:
     program: str
     user: Path  # BLENDER_USER_RESOURCES; copied for each run, so that no run inherits another's
     home: Path  # HOME: the driver's cache of shaders is kept from run to run, as on any user's machine
+    smooth: bool = True  # whether the viewport has smooth edges, as for a user: eight draws for one
 
     def environment(self, **more: str) -> dict[str, str]:
         """Of every Blender here: nothing of the caller's but its PATH and what chooses the graphics driver."""
@@ -112,8 +113,8 @@ class Blender:
             screen_size: tuple[int, int] = SIZE, clicks: bool = True, **arguments: Any) -> Outcome:
         """Play ``scenario`` ("module:function" below inside/) in a new window; its keyword arguments follow.
 
-        ``clicks``: whether it uses mouse and keys.  A Blender that lets events be simulated never sleeps: it takes a
-        whole processor core, so that nothing can be timed.
+        ``clicks``: whether it uses mouse and keys.  A Blender that lets events be simulated does not sleep by itself:
+        nothing can be timed in it.
 
         Raises AssertionError, with the end of the log, when the scenario fails, when Blender crashes or takes longer
         than ``limit`` seconds, or when its exit status is not 0.
@@ -122,7 +123,8 @@ class Blender:
         shutil.rmtree(folder, ignore_errors=True)
         (folder / "wanted").mkdir(parents=True)
         shutil.copytree(self.user, folder / "user", symlinks=True)
-        (folder / "scenario.json").write_text(json.dumps({"scenario": scenario, "arguments": arguments}))
+        (folder / "scenario.json").write_text(json.dumps(
+            {"scenario": scenario, "arguments": arguments, "smooth": self.smooth}))
         command = [self.program, "--gpu-backend", gpu, *(["--enable-event-simulate"] if clicks else []),
                    "--window-geometry", "0", "0", *map(str, screen_size), "--python-exit-code", "1", "-P", str(BOOT),
                    "--", str(folder)]
