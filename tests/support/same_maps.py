@@ -24,10 +24,12 @@ from tests.support import synthetic as syn
 APART, SHARE = 1e-4, 0.999  # so many values of each map differ by no more; on one machine all are equal, bit for bit
 LACQUER = replace(syn.PATCHES, reflect=partial(brdf.principled, level=0.8))
 METAL = replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=0.5, coat=Coat(0.6, 0.25)))
+MATT = replace(syn.PATCHES, reflect=partial(brdf.principled, diffuse_roughness=0.6))
 SOLVES = {
     "auto": (syn.PATCHES, {}), "swarm": (syn.PATCHES, {"method": "swarm", "model": "one-lobe"}),
     "put right": (LACQUER, {"lamps": "auto", "exposures": "auto"}),
     "two lobes": (LACQUER, {"model": "two-lobe", "size": 32}), "metal under a coat": (METAL, {}),
+    "rough diffuse": (MATT, {}),
     "paper": (syn.PATCHES, {"method": "paper", "iterations": 40, "normals": "auto"}),
 }
 
