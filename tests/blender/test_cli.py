@@ -24,6 +24,7 @@ from irpso_addon.core.params import SolveSettings
 from tests.blender.ball import BASE, FILES, ROLES, ROUGH, fingerprint, read
 
 ROOT = Path(__file__).resolve().parents[2]
+GIVEN = ("--lamps", "given", "--exposures", "given", "--registration", "given")  # to put them right takes seconds
 
 
 @pytest.fixture(scope="session")
@@ -260,7 +261,7 @@ def test_progress_bar_on_a_terminal(scenes, tmp_path):
     pty = pytest.importorskip("pty")
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "irpso_addon", "solve", scenes / "good" / "scene.blend", "--captures",
-               scenes / "good" / "captures.json", "--size", "64", "--out", tmp_path]
+               scenes / "good" / "captures.json", "--size", "64", *GIVEN, "--out", tmp_path]
     process = subprocess.Popen(list(map(str, command)), cwd=ROOT, stdout=subprocess.PIPE, stderr=theirs, text=True)
     os.close(theirs)
     drawn = b""
@@ -283,8 +284,7 @@ def test_works_without_rich(scenes, irpso, tmp_path):
             "from irpso_addon.__main__ import main; sys.exit(main(sys.argv[1:]))")
     done = subprocess.run(
         [sys.executable, "-c", code, "solve", str(scenes / "good" / "scene.blend"), "--captures",
-         str(scenes / "good" / "captures.json"), "--size", "32", "--model", "one-lobe", "--lamps", "given",
-         "--exposures", "given", "--registration", "given", "--out", str(tmp_path)],
+         str(scenes / "good" / "captures.json"), "--size", "32", "--model", "one-lobe", *GIVEN, "--out", str(tmp_path)],
         cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert re.search(r"^irpso: +\d+ % solving", done.stderr, re.M)
