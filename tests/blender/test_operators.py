@@ -208,7 +208,7 @@ def test_bad_input_is_one_line_and_changes_nothing(scene) -> None:
 
 
 def test_materials_of_all_objects_are_checked_before_the_first_is_solved(scene, module) -> None:
-    scene.irpso.captures = "//captures.json"
+    scene.irpso.captures, scene.irpso.model = "//captures.json", "lambert"
     ball, second = bpy.data.objects["Ball"], bpy.data.objects["Ball"].copy()
     second.data = ball.data.copy()
     scene.collection.objects.link(second)
