@@ -14,14 +14,14 @@ from irpso_addon.blender.oiio import ensure_openimageio
 from irpso_addon.core.data import F64, SceneData
 from irpso_addon.core.phrases import percent
 from studies import pages
-from studies.calibration import CASES, NAMES, PAGE, PICTURES, Case, asked, judged, solved, wrong
+from studies.calibration import NAMES, PAGE, PICTURES, Case, asked, judged, solved, wrong
 from studies.intervals.assets import ASSETS
 from studies.intervals.measure import scene_of
 from studies.intervals.page import made_on
 
 COLOR = 0.05  # standard deviation of the logarithm of a lamp's red, green and blue
 SEED = 3
-COLORS, ALL = Case("colors"), replace(CASES[1], name="colors, lamps, exposures")
+COLORS, ALL = Case("colors"), Case("colors, lamps, exposures", lamps=True)
 HEAD = """\
 | asset | wrong | lamps, exposures | base color, dB | roughness | off | colors | seconds |
 |---|---|---|---|---|---|---|---|"""
@@ -59,7 +59,7 @@ def main() -> int:
         if asset.name in (options.assets or NAMES):
             scene = scene_of(asset, options.pictures / asset.name)
             off = discolored(scene)
-            for case, told, given in ((CASES[0], "auto", scene), *(
+            for case, told, given in ((Case("nothing"), "auto", scene), *(
                     (case, told, wrong(off, case)) for case in (COLORS, ALL) for told in ("given", "auto"))):
                 found = solved(given, told)
                 row, left = judged(asset, case, told, scene, found), colors_left(scene, found[0].scene)

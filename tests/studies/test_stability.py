@@ -345,12 +345,13 @@ def test_words_are_filled() -> None:
     assert ROW.key not in parts()
 
 
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [0, 2, 3, 6])
 def test_a_response_is_found_beside_all_else(seed: int) -> None:
     """Lamps, powers and ambient light are off too.
 
     Of seed 0 a diffuse that is not Lambert's was taken for it (23 % of the texels were spoilt), of seed 3 it was too
-    little to be worth it (4 %).
+    little to be worth it (4 %).  Of seeds 2 and 6 ambient light came out 1.8 times too bright or more in its place:
+    each round looked for a texel's roughness near that of the round before alone, which wrong lamps had made.
     """
     problem = make(Trial(moved=0.01, gain=0.03, tone=0.97, bounce=0.01, seed=seed))
     judged = result(calibrate(rig_sample(problem), lamps=True, exposures=True))

@@ -1,4 +1,4 @@
-"""What studies/standard_errors.py counts: numbers of known errors, and a scene that is put right by known amounts."""
+"""What studies/standard_errors.py counts: numbers of known errors, and scenes that are wrong by known amounts."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import pytest
 
 from irpso_addon.core.change_records import Calibration, ExposureChange, LampChange, PredictionError
 from irpso_addon.core.data import SceneData
+from studies import lamp_colors
 from studies.calibration import Case, wrong
 from studies.standard_errors import FEWEST_LAMPS, MOST_LAMPS, Number, chosen, held, numbers, pairs_of
 from tests.support import shoots
@@ -55,3 +56,13 @@ def test_what_is_put_right_in_full_is_off_by_nothing(scene):
     assert max(abs(one.off) for one in told) < 1e-9  # what all powers and all exposures share is left out
     reach = float(np.linalg.norm(was["Light 0"].matrix[:3, 3]))
     assert [one.error * reach for one in told[:3]] == pytest.approx([0.001, 0.002, 0.003])
+
+
+def test_the_last_rows_of_lamp_colors_are_wrong_about_lamps_too(scene):
+    """Each lamp is 1 % of its distance away: all that the rows' name says."""
+    given = wrong(scene, lamp_colors.ALL)
+    was, true = ({light.name: light.matrix[:3, 3] for view in shown.views for light in view.lights}
+                 for shown in (given, scene))
+    away = [np.linalg.norm(was[name] - place) / np.linalg.norm(place) for name, place in true.items()]
+    assert away == pytest.approx([0.01] * len(true), rel=1e-4)
+    assert len({view.gain for view in given.views}) == len(given.views)

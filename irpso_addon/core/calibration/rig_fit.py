@@ -132,6 +132,7 @@ class _RigFit:
             seen = self.sample.geometry.under(self.change)
             if refit and n in REFITS:
                 materials = materials_of(self.sample, seen.texels, self.free.levels)
+                now = None  # beside other materials a texel's roughness may lie far from the last one
             now = RigRound(self.sample, self.paints, self.change, seen, materials, self.free.tilts, now)
             if self.free.ambient:
                 numbers.expect(now.around_in_shade())
