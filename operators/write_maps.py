@@ -1,6 +1,5 @@
 """Put the last solution's maps on the active object's materials."""
 
-
 import bpy
 
 from ..irpso_addon.blender.jobs import solve_object

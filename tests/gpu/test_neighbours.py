@@ -11,7 +11,7 @@ import pytest
 
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading.brdf import ROUGHNESS_MIN
-from irpso_addon.core.tiled.tiled_plan import Noise
+from irpso_addon.core.tiled.tiled_plan import Noise, PriorKnowledge
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve import neighbours
 from irpso_addon.gpu.solve.solver import Solver
@@ -157,7 +157,8 @@ def test_a_part_of_a_map_starts_from_what_lies_around_it(pyramid: Pyramid) -> No
     """Its coarse cells are given: colours that its own data do not tell apart take these."""
     given = np.zeros((4, 4, 4), np.float32)
     given[...] = 0.35, 0.01, 0.0, 1.0
-    found, _ = pyramid(np.zeros((SIZE, SIZE, 32)), painted(stripes(6)), around=given)
+    found, _ = pyramid(np.zeros((SIZE, SIZE, 32)), painted(stripes(6)),
+                       before=PriorKnowledge(roughness=given))
     np.testing.assert_allclose(found[..., 0], 0.35, atol=1e-6)
 
 
