@@ -16,12 +16,12 @@ from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservedTexels
 from irpso_addon.gpu.solve.map_around import MapAround
 from irpso_addon.gpu.solve.material_sample import Squares, packed, spread_squares
+from irpso_addon.gpu.solve.model_prediction import Decision, Fitted, ModelPrediction
 from irpso_addon.gpu.solve.solver import Solver
 from tests.support.texels import finish
 
 SIDE = 128  # texels
 LAMPS = 20
-NOISE = 0.04  # relative
 BESIDE = 0.026  # of the flash's distance, beside the lens
 
 
@@ -37,20 +37,20 @@ def ball() -> np.ndarray:
     return np.stack([side * np.cos(turn), side * np.sin(turn), z], -1)
 
 
-def carried_flash(roughness: np.ndarray, count: int, seed: int) -> ObservedTexels:
-    """Each of so many distant cameras carries a flash."""
+def carried_flash(roughness: np.ndarray, noise: float) -> ObservedTexels:
+    """Each of LAMPS distant cameras carries a flash.  ``noise``: relative."""
     n = ball()
-    k = np.arange(count)
-    turn, up = 2.39996 * k, 1 - 2 * (k + 0.5) / count
+    k = np.arange(LAMPS)
+    turn, up = 2.39996 * k, 1 - 2 * (k + 0.5) / LAMPS
     side = np.sqrt(1 - up**2)
     toward = np.stack([side * np.cos(turn), side * np.sin(turn), up], -1)
     lamp = unit(toward + BESIDE * unit(np.cross(toward, [0.0, 1.0, 0.3])))
     base = np.broadcast_to([0.5, 0.3, 0.2], (SIDE, SIDE, 3))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     rgb, cos_v, cos_l, lobes = [], [], [], []
     for v, light in zip(toward, lamp, strict=True):
         value = brdf.principled(base, roughness, np.broadcast_to(light, n.shape), np.broadcast_to(v, n.shape), n)
-        rgb.append(value * (1 + NOISE * rng.standard_normal(value.shape)))
+        rgb.append(value * (1 + noise * rng.standard_normal(value.shape)))
         cos_v.append(n @ v)
         cos_l.append(n @ light)
         half = unit(v + light)
@@ -58,14 +58,14 @@ def carried_flash(roughness: np.ndarray, count: int, seed: int) -> ObservedTexel
         lobes.append(np.stack([1 - (n @ half) ** 2, np.zeros_like(factor), cos_l[-1], factor], -1))
     facing, lit = (np.stack(of, -1).astype(np.float32) for of in (cos_v, cos_l))
     return ObservedTexels(np.stack(rgb, 2).astype(np.float32), np.where(np.minimum(facing, lit) > 0.3, facing, 0.0),
-                          facing, np.stack(lobes, 2)[..., None, :].astype(np.float32), tuple(range(count)),
-                          lit.clip(0), tuple(range(count)))
+                          facing, np.stack(lobes, 2)[..., None, :].astype(np.float32), tuple(range(LAMPS)),
+                          lit.clip(0), tuple(range(LAMPS)))
 
 
-@pytest.fixture(scope="module")
-def truth() -> np.ndarray:
+def waves(mean: float) -> np.ndarray:
+    """(h, w) roughness that changes slowly."""
     u, v = np.meshgrid(*[(np.arange(SIDE) + 0.5) / SIDE] * 2)
-    return 0.3 + 0.15 * np.sin(2 * np.pi * u) * np.cos(5 * v)
+    return mean + 0.15 * np.sin(2 * np.pi * u) * np.cos(5 * v)
 
 
 @dataclass(frozen=True)
@@ -75,13 +75,12 @@ class Found:
     alone: np.ndarray
     around: np.ndarray  # each square knows what the rest of the map says of it
     changed: np.ndarray  # the same after what is said of all squares but the first has changed
-    said: np.ndarray  # what is said of the squares
     squares: Squares
 
 
 @pytest.fixture(scope="module")
-def found(truth: np.ndarray, on_gl: Any) -> Found:
-    observed = carried_flash(truth, LAMPS, 1)
+def found(on_gl: Any) -> Found:
+    observed = carried_flash(waves(0.3), 0.04)
 
     def solved(device: Device) -> Found:
         with device.scope():
@@ -98,13 +97,13 @@ def found(truth: np.ndarray, on_gl: Any) -> Found:
             for before in (PriorKnowledge(), around, replace(around, roughness=others)):
                 solver.before = before
                 results += finish(solver.under_priors([None]))
-            return Found(*results, around.roughness, squares)
+            return Found(*results, squares)
 
     return on_gl(solved)
 
 
-def test_squares_learn_roughness_from_the_map(truth: np.ndarray, found: Found) -> None:
-    right = found.squares.pack(truth)
+def test_squares_learn_roughness_from_the_map(found: Found) -> None:
+    right = found.squares.pack(waves(0.3))
     alone, around = (np.abs(of - right)[right > 0] for of in (found.alone, found.around))
     assert around.mean() < 0.7 * alone.mean()  # 0.029 and 0.052
 
@@ -112,3 +111,17 @@ def test_squares_learn_roughness_from_the_map(truth: np.ndarray, found: Found) -
 def test_squares_say_nothing_of_each_other(found: Found) -> None:
     np.testing.assert_array_equal(found.changed[:8, :8], found.around[:8, :8])
     assert np.abs(found.changed - found.around)[:8, 8:].max() > 0.01
+
+
+def test_texels_that_know_roughness_from_neighbours_are_not_drawn_to_one(on_gl: Any) -> None:
+    """By squares alone a roughness per texel predicts worse (0.068 of the radiance) than one that is drawn (0.059)."""
+    def decided(device: Device) -> Decision:
+        with device.scope():
+            source = ArraySource(device, carried_flash(waves(0.35), 0.01), principled_table())
+            every = np.ones((SIDE, SIDE), bool)
+            return finish(ModelPrediction(device, source, SolveSettings(size=SIDE)).decide(every, Fitted("one-lobe")))
+
+    decision = on_gl(decided)
+    assert decision.model == "one-lobe" and decision.prior is None
+    assert decision.prediction.taken == "a value a texel"
+    assert decision.prediction.error.relative_rms < 0.05  # 0.039
