@@ -96,8 +96,8 @@ def _indirect(checks: Checks, tried: bool) -> list[str]:
     return [f"{line}set Indirect Light to On, or darken the surroundings"]
 
 
-LINEAR = ("check their colour space, that they have no sRGB curve or view transform, and that no other light shone on "
-          "the object")
+LINEAR = ("check their colour space, that they have no tone curve or view transform (JPEG files of cameras have one: "
+          "use RAW files), and that no other light shone on the object")
 
 
 def curved_exponent(checks: Checks) -> float | None:

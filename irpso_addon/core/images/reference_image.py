@@ -16,6 +16,7 @@ from . import oiio_reader
 from .colour import SPACES, known_space, to_linear_rec709
 from .image_file import ImageFile, open_image
 from .mask import ASPECT, Mask
+from .oiio_reader import JPEG
 from .picture_survey import Rows, Survey, all_channels, survey
 from .raw_reader import is_raw
 from .response import as_read, file_scale, straightened
@@ -79,7 +80,10 @@ class Reference:
         self._develop, warnings = _development(view, file)
         self._rows = Rows(file, None if view.mask is None else Mask(view.mask, file))
         self._survey: Survey = survey(self._rows, 0.0 if of is None else of._survey.level)
-        if file.bits <= 8:
+        if view.image.suffix.lower() in JPEG:
+            warnings += (f"{view.image.name}: is a JPEG file (8 bits per channel, and a tone curve if a camera wrote "
+                         "it, which IRPSO cannot undo); use RAW files, or EXR or 16 bits of linear light",)
+        elif file.bits <= 8:
             warnings += (f"{view.image.name}: has 8 bits per channel; use EXR, RAW or 16 bits for exact maps",)
         self.warnings: tuple[str, ...] = warnings + file.warnings
         self.clipped_share = self._survey.clipped
