@@ -113,7 +113,9 @@ def curved_exponent(checks: Checks) -> float | None:
 
 def _curve(checks: Checks) -> list[str]:
     exponent = curved_exponent(checks)
-    return [] if exponent is None else [f"all views: look non-linear (exponent {exponent:.2f}); {LINEAR}"]
+    return [] if exponent is None else [
+        f"all views: look non-linear (exponent {exponent:.2f}); {LINEAR}; without linear files, multiply the views' "
+        f"Response by {exponent:.2f}"]
 
 
 def _bent(checks: Checks) -> float:
