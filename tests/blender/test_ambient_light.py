@@ -13,6 +13,8 @@ from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline
 from tests.support import ball_in_dish
 
+pytestmark = pytest.mark.one_python
+
 BASE = 0.6, 0.3, 0.12
 RADIANCE = 0.05, 0.06, 0.08  # W/(m^2 sr): 5 % of the lamps' irradiance
 SETTINGS = SolveSettings(size=64, model="one-lobe", registration="given", indirect="off", normals="mesh")

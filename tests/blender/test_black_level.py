@@ -58,6 +58,7 @@ def errors(solution: Solution) -> tuple[float, float]:
             float(np.abs(maps.base_color - base)[where].mean()))
 
 
+@pytest.mark.one_python
 def test_it_is_told_from_the_room(scene: SceneData, raised: SceneData) -> None:
     right, given, found = solve(scene), solve(raised, lamps="given", exposures="given"), solve(raised)
     assert right.calibration is not None and right.calibration.black_level is None

@@ -107,6 +107,7 @@ def test_an_inverted_mask(data: SceneData, tmp_path: Path) -> None:
     assert finding.problem == f"'{data.views[0].image.name}': its mask or alpha hides the object"
 
 
+@pytest.mark.one_python
 def test_cameras_that_are_off(data: SceneData) -> None:
     """By 3 pixels to the right and 1 down in all views: told to 0.2 pixels, with one line, not the lamp's too."""
 
@@ -123,6 +124,7 @@ def test_cameras_that_are_off(data: SceneData) -> None:
     assert "all by about (+3.0, -1.0)" in finding.evidence and "principal point" in finding.remedy
 
 
+@pytest.mark.one_python
 def test_one_camera_that_is_off(data: SceneData) -> None:
     camera = data.views[2].camera
     assert camera.lens is not None
@@ -133,6 +135,7 @@ def test_one_camera_that_is_off(data: SceneData) -> None:
     assert "alike" not in finding.evidence
 
 
+@pytest.mark.one_python
 def test_a_camera_that_is_far_off(data: SceneData) -> None:
     """By a third of its picture, further than is looked for: nothing is said of outlines there."""
     camera = data.views[2].camera
@@ -143,6 +146,7 @@ def test_a_camera_that_is_far_off(data: SceneData) -> None:
     assert far.shift is None and far.outline is None
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("by", [(0.2, 0.0), (0.0, -0.2)])
 def test_a_flash_that_stands_elsewhere(data: SceneData, by: tuple[float, float]) -> None:
     """By a fifth of its distance to the right, or down: told to 4 % of the distance, in one line with millimetres."""
@@ -162,6 +166,7 @@ def test_a_flash_that_stands_elsewhere(data: SceneData, by: tuple[float, float])
     assert ("mm to the left" if by[0] else "mm up") in finding.remedy
 
 
+@pytest.mark.one_python
 def test_pictures_that_are_overexposed(data: SceneData, tmp_path: Path) -> None:
     """Four times as bright as what hardly clips: more than a tenth is lost, and nothing else is said."""
     found = checked(as_pictures(data, tmp_path, 16.0))
@@ -170,6 +175,7 @@ def test_pictures_that_are_overexposed(data: SceneData, tmp_path: Path) -> None:
     assert min(view.clipped for view in found.views) > 0.1
 
 
+@pytest.mark.one_python
 def test_pictures_without_alpha(data: SceneData, tmp_path: Path) -> None:
     """Edges alone tell where cameras look, to 0.5 pixels, and brightness is that of the file."""
     found = checked(as_pictures(data, tmp_path, 1.0))
@@ -180,6 +186,7 @@ def test_pictures_without_alpha(data: SceneData, tmp_path: Path) -> None:
     assert [finding.problem.endswith("too dark") for finding in dark.findings] == [True]
 
 
+@pytest.mark.one_python
 def test_power(data: SceneData) -> None:
     """Eight times too little, a hundred times too much: said, and by how much, to a factor of two."""
     for factor, problem, word in ((1 / 8, "too little power", "multiply"), (100, "too much power", "divide")):
@@ -191,6 +198,7 @@ def test_power(data: SceneData) -> None:
         assert 0.5 < said / max(factor, 1 / factor) < 2
 
 
+@pytest.mark.one_python
 def test_a_mesh_that_turned(data: SceneData) -> None:
     """By 6 degrees about its axis: the handles' outline gives it away, which no shift explains."""
     turn = np.array([[np.cos(0.105), -np.sin(0.105), 0], [np.sin(0.105), np.cos(0.105), 0], [0, 0, 1]], np.float32)
@@ -288,6 +296,7 @@ def test_steps_of_an_empty_file(empty) -> None:
         "Light: a flash 0 mm right of the lens and 0 mm above it"]
 
 
+@pytest.mark.one_python
 def test_cameras_that_look_elsewhere(data: SceneData) -> None:
     """One, or all of them: no figures, no traceback, a line that names them."""
 

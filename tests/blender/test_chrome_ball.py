@@ -12,6 +12,8 @@ from irpso_addon.core.shoot.ball_highlight import find_highlight, reflected_ray 
 from irpso_addon.core.shoot.chrome_ball import find_ball  # noqa: E402
 from tests.blender import cycles_rig as rig  # noqa: E402
 
+pytestmark = pytest.mark.one_python
+
 PIXELS, ANGLE, RADIUS = 240, 20.0, 0.1
 CENTRE = np.array([0.03, 0.02, 0.01])
 

@@ -238,7 +238,7 @@ def test_doctor_finds_this_machine_well(irpso):
     assert done.stdout.endswith("all is well\n")
 
 
-@pytest.mark.slow
+@pytest.mark.one_python
 def test_demo(irpso, tmp_path):
     done = irpso("demo", "--out", tmp_path / "demo")
     assert done.returncode == 0, done.stderr

@@ -55,7 +55,7 @@ def take_pictures(folder: Path, diffuse: float) -> None:
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
 
 
-@pytest.mark.parametrize("diffuse", [0.25, 0.7])
+@pytest.mark.parametrize("diffuse", [pytest.param(0.25, marks=pytest.mark.one_python), 0.7])
 def test_it_comes_back(tmp_path: Path, diffuse: float) -> None:
     take_pictures(tmp_path, diffuse)
     scene = read_scene(None, "Ball", tmp_path / "captures.json")

@@ -36,6 +36,7 @@ def _principled(obj, color, strength):
 # ---- as bright as Cycles renders them
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("kind", ["panel", "back of a panel", "bulb", "tube"])
 def test_irradiance_is_that_of_cycles(kind):
     """A white Lambertian plane under each; a panel also against the area lamp that replaces it."""
@@ -351,6 +352,7 @@ def test_what_bounces_is_rendered_without_the_emitters_own_light(tmp_path, monke
     np.testing.assert_allclose((0.5 / np.pi * found.irradiance)[ball].mean(0), want, rtol=0.1)
 
 
+@pytest.mark.one_python
 def test_maps_come_back_by_the_command_line(tmp_path, irpso_here):
     """Three cameras, each emitter alone, none of them a lamp; base colour 0.7, 0.35, 0.15 and roughness 0.4."""
     scene = _set_up(tmp_path, 96, 0)

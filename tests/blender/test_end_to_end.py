@@ -107,6 +107,7 @@ def test_the_maps_are_the_truth(job):
     assert off[sure].mean() < 0.02
 
 
+@pytest.mark.one_python
 def test_smooth_maps_come_back_exactly(smooth):
     """Measured: base colour 62 dB; roughness 0.0011 in the median, 0.0023 in the mean; relit 68 dB."""
     maps = smooth.solution.maps
@@ -146,6 +147,7 @@ def test_a_new_light_and_a_new_camera_show_the_same_picture(job):
     assert solved > 35
 
 
+@pytest.mark.one_python
 def test_the_same_capture_gives_the_same_bytes(job):
     again = thread.run(lambda: pipeline.solve(job.scene, SolveSettings(size=TEXELS))).maps
     for name in ("base_color", "roughness", "confidence", "error", "filled", "roughness_sigma", "base_sigma"):
@@ -161,11 +163,13 @@ def told(scene: SceneData) -> tuple[str, ...]:
     return warnings(solution.checks)
 
 
+@pytest.mark.one_python
 def test_checks_are_silent_on_a_clean_capture(smooth):
     assert warnings(smooth.solution.checks) == ()
     assert max(abs(view.residual.gain - 1) for view in smooth.solution.checks.views) < 0.002
 
 
+@pytest.mark.one_python
 def test_checks_name_the_lamp_and_the_camera_that_are_wrong(smooth):
     """A lamp 10 % too strong in the scene, and a camera that looks a pixel and a half aside."""
     views = smooth.scene.views

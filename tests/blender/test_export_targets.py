@@ -244,8 +244,14 @@ def read_materialx(read: Reader) -> None:
         read.set(socket, read.texture(file.getValueString(), colour).outputs["Color"])
     read.principled.inputs["Metallic"].default_value = shader.getInputValue("base_metalness")
     read.principled.inputs["IOR"].default_value = shader.getInputValue("specular_ior")
+    inputs = read.principled.inputs
+    for name in ("Weight", "Roughness", "IOR"):
+        if shader.getInput(f"coat_{name.lower()}") is not None:
+            inputs[f"Coat {name}"].default_value = shader.getInputValue(f"coat_{name.lower()}")
     normal = shader.getConnectedNode("geometry_normal").getConnectedNode("in")
     read.normal(normal.getInputValue("file"), green_down=False)
+    if shader.getConnectedNode("geometry_coat_normal") == shader.getConnectedNode("geometry_normal"):
+        read.set("Coat Normal", inputs["Normal"].links[0].from_socket)
 
 
 READERS: dict[str, tuple[Callable[[Reader], None], int]] = {
@@ -264,6 +270,19 @@ def test_files_render_alike(tmp_path: Path, target: str) -> None:
     assert export(obj, target, tmp_path / "out") == []
     read(Reader(tmp_path / "out", obj))
     assert difference(before, cycles_rig.render()["rgb"]) < TOLERANCE[bits]
+
+
+def test_materialx_renders_a_coat_alike(tmp_path: Path) -> None:
+    """Over the normal map, as below it."""
+    obj = ball(normal_map=True)
+    material.write_maps(obj, solution("one-lobe"))
+    bare = cycles_rig.render()["rgb"]
+    material.write_maps(obj, solution("one-lobe", coats={"Skin": Coat(0.75, 0.125)}))
+    before = cycles_rig.render()["rgb"]
+    assert difference(before, bare) > 5 * TOLERANCE[16]
+    assert export(obj, "materialx", tmp_path / "out") == []
+    read_materialx(Reader(tmp_path / "out", obj))
+    assert difference(before, cycles_rig.render()["rgb"]) < TOLERANCE[16]
 
 
 def test_node_wrangler_knows_the_names(tmp_path: Path) -> None:

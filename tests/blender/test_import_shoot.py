@@ -247,6 +247,7 @@ def test_small_pictures_of_a_large_project_and_masks(bring, made, tmp_path):
     assert "1 picture of the folder: not in the project" in text
 
 
+@pytest.mark.one_python
 def test_from_photographs_to_maps(bring, made, irpso_here, tmp_path):
     """64 texels from 14 small pictures: medians where the solve is confident."""
     bring("transforms.json", *FLASH, "--flash-power", POWER)

@@ -166,6 +166,7 @@ def test_passes_are_total_minus_direct(
     np.testing.assert_allclose(drawn[ball].mean(0), want, rtol=0.05 if matt else 0.12)
 
 
+@pytest.mark.one_python
 def test_albedo_is_recovered_where_direct_light_alone_fails(scene: SceneData, bounced: Path) -> None:
     before = digest(bounced / "scene.blend")
     bouncer = indirect.IndirectRenderer.of_open_file(bounced / "scene.blend")

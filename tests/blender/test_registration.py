@@ -81,6 +81,7 @@ def test_shifts_and_gains_are_found_and_named(shot):
             assert np.log(misfit.gain) == pytest.approx(gains[n] - gains.mean(), abs=0.02)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize(("settings", "pixels", "gain"), [
     ({"exposures": "solve", "lamps": "given"}, 0.05, 0.01), ({}, 0.2, 0.02)])
 def test_what_was_off_is_put_right(shot, settings, pixels, gain):

@@ -19,6 +19,8 @@ import pytest
 
 from tools import build, release
 
+pytestmark = pytest.mark.one_python
+
 ROOT = Path(__file__).resolve().parents[2]
 MANIFEST = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
 VERSION = MANIFEST["version"]

@@ -13,6 +13,8 @@ from irpso_addon.core.shoot.ball_highlight import find_highlight, reflected_dire
 from irpso_addon.core.shoot.chrome_ball import Ball, confirmed_ball, drawn_ball, find_ball
 from tests.support.mirror_ball import Lamp, MirrorBall, picture
 
+pytestmark = pytest.mark.one_python
+
 LENS = Lens(640, 480, 800.0, 808.0, 315.0, 244.0, radial=(-0.12, 0.05, 0.0, 0.0), tangential=(0.001, -0.0015))
 BALL = MirrorBall((-0.18, 0.05, 0.7), 0.06)  # 15 degrees off the axis, 68 pixels in radius
 LARGE = MirrorBall((0.05, -0.02, 0.5), 0.08)  # 130 pixels

@@ -15,6 +15,8 @@ from irpso_addon.core.data import Camera, RadianceImage, View
 from irpso_addon.core.projection import rays_of
 from tests.support import synthetic as syn
 
+pytestmark = pytest.mark.one_python
+
 SIZE = 320, 240
 WAVES = np.random.default_rng(5).normal(size=(60, 3)) * np.linspace(4, 40, 60)[:, None]
 PHASES = np.random.default_rng(6).uniform(0, 2 * np.pi, 60)

@@ -10,10 +10,13 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from irpso_addon.core.data import Maps, Solution
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.reporting.report import build_report
+
+pytestmark = pytest.mark.one_python
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [*ROOT.glob("docs/**/*.md"), *ROOT.glob("shaders/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
@@ -97,20 +100,3 @@ def test_every_module_that_the_docs_run_exists():
         for module in re.findall(r"-m ((?:irpso_addon|studies|tests|tools)[\w.]*)", page.read_text()):
             path = ROOT / module.rstrip(".").replace(".", "/")
             assert path.with_suffix(".py").exists() or (path / "__main__.py").exists(), f"{page.name}: {module}"
-
-
-def test_what_ci_runs_once_exists():
-    """Each entry of the list in .ci/run names a file, or the beginning of tests' names in a file that keeps others."""
-    text = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    entries = re.findall(r"tests/\w+/test_\w+\.py[\w:\[]*", text[text.index("once=("):text.index("\n)\n")])
-    assert len(entries) > 40
-    left: dict[str, set[str]] = {}
-    for entry in entries:
-        path, _, begin = entry.partition("::")
-        tests = re.findall(r"^def (test_\w+)", (ROOT / path).read_text(encoding="utf-8"), re.M)
-        name, _, cases = begin.partition("[")
-        named = {test for test in tests if test.startswith(name)}
-        assert named, entry
-        if begin:
-            left.setdefault(path, set(tests)).difference_update(set() if cases else named)
-            assert left[path], path

@@ -403,6 +403,17 @@ def test_damaged_bytes_are_bad_input_or_read(tmp_path, options):
             assert np.isfinite(found.rgb).all()
 
 
+def test_bytes_between_the_segments_of_a_jpeg_do_no_harm(tmp_path):
+    """As some cameras leave them.  Where bytes of the pixels are missing, the file is damaged."""
+    path = save(tmp_path / "a.jpg", noise(40, 60), "uint8")
+    right, content = read_reference(view(path)).rgb, path.read_bytes()
+    tables = content.index(b"\xff\xdb")
+    path.write_bytes(content[:tables] + bytes(5) + content[tables:])
+    np.testing.assert_array_equal(read_reference(view(path)).rgb, right)
+    path.write_bytes(content[:-200] + content[-2:])
+    assert "damaged" in error_of(view(path))
+
+
 def test_radiance_beyond_float_is_not_valid(tmp_path):
     pixels = noise() + np.float32(1e30)
     pixels[0, 0] = 1e-10

@@ -12,6 +12,8 @@ from irpso_addon.core.shoot.chrome_ball import find_ball
 from irpso_addon.core.shoot.lamp_position import direction_scatter, lamp_position
 from tests.support.mirror_ball import Lamp, MirrorBall, picture
 
+pytestmark = pytest.mark.one_python
+
 
 def rays_to(point, origins, degrees: float = 0.0, seed: int = 0) -> list[Ray]:
     """Each turned at random, by ``degrees`` in each of the two directions across it."""

@@ -11,6 +11,8 @@ from irpso_addon.core.job import run_to_end
 from irpso_addon.core.shading import brdf
 from tests.support import tilted_sphere as balls
 
+pytestmark = pytest.mark.one_python
+
 TURNED = np.radians(20.0)  # as where they were placed by eye
 
 

@@ -123,6 +123,17 @@ def test_a_lens_that_turns_back_is_told(tmp_path):
         assert ("reverses" in "".join(project.warnings)) == warned
 
 
+def test_lenses_that_turn_back_are_told_in_one_line(tmp_path):
+    """Of a project in which each picture has a lens of its own."""
+    path = write_transforms(tmp_path / "t.json", ring(9), PLAIN)
+    content = json.loads(path.read_text())
+    for n, frame in enumerate(content["frames"]):
+        frame |= {**PLAIN, "fl_x": 3000.0 + n, "fl_y": 3000.0, "k1": -0.9 if n else -0.1, "k2": 0.0}
+    path.write_text(json.dumps(content))
+    (line,) = read_project(path).warnings
+    assert "and 5 more: the lens has a distortion that reverses" in line and "'" + ring(9)[0].name not in line
+
+
 @pytest.mark.parametrize(("name", "words"), [
     ("a.psx", "Export Cameras"), ("a.rcproj", "RealityScan"), ("a.mg", "cameras.sfm"), ("a.abc", "is not a project"),
     ("database.db", "sparse model"), ("a.txt", "is not a project"), ("none.xml", "cannot be opened"),

@@ -382,6 +382,22 @@ def surface_of(document: Any) -> Any:
     return shader
 
 
+def test_materialx_has_a_coat_that_all_materials_share(tmp_path: Path) -> None:
+    """Without the darkening of what lies below, which the Principled BSDF's coat lacks.  Else a line names it."""
+    coated = Surface("Part 0", coat=0.6, coat_roughness=0.1)
+    obj = cow(coated, normal=np.full((4, 4, 3), 0.5, np.float32))
+    files = write(obj, make_maps(), "materialx", tmp_path / "one")
+    document = opened(next(path for path in files.values() if path.suffix == ".mtlx"))
+    shader = surface_of(document)
+    values = [shader.getInputValue(f"coat_{name}") for name in ("weight", "roughness", "ior", "darkening")]
+    assert values == pytest.approx([0.6, 0.1, 1.5, 0.0]) and losses(obj, "materialx") == []
+    assert shader.getConnectedNode("geometry_coat_normal") == shader.getConnectedNode("geometry_normal")
+    obj = cow(coated, Surface("Part 1"))
+    files = write(obj, make_maps(), "materialx", tmp_path / "two")
+    document = opened(next(path for path in files.values() if path.suffix == ".mtlx"))
+    assert surface_of(document).getInput("coat_weight") is None and "coat of weight 0.6" in losses(obj, "materialx")[0]
+
+
 @pytest.mark.parametrize("name", ["Cow", "7 Kühe <&\"'>", "牛"])
 def test_materialx_reads_the_document(tmp_path: Path, name: str) -> None:
     obj = cow(Surface("Part 0", 0.25, 0.3), normal=np.full((4, 4, 3), 0.5, np.float32), name=name)

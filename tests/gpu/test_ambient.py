@@ -84,6 +84,7 @@ def room(plane: syn.Shoot) -> syn.Shoot:
     return surrounded(plane, RADIANCE)
 
 
+@pytest.mark.one_python
 def test_known_light_from_everywhere(plane: syn.Shoot, room: syn.Shoot) -> None:
     """Where views have it, maps are nearly those without: what surfaces hide of it is found by shadows."""
     ignored = rough_error(plane, shoots.run(room, **AUTO | GIVEN))
@@ -99,6 +100,7 @@ def test_light_from_everywhere_is_found(plane: syn.Shoot, room: syn.Shoot) -> No
     assert rough_error(plane, solution) < 0.15 * rough_error(plane, shoots.run(room, **AUTO | GIVEN))
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("power", [0.8, 0.95, 1.2])
 def test_a_response_is_found(plane: syn.Shoot, power: float) -> None:
     wrong = bent(plane, power)
@@ -108,6 +110,7 @@ def test_a_response_is_found(plane: syn.Shoot, power: float) -> None:
     assert rough_error(plane, solution) < 0.15 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
 
 
+@pytest.mark.one_python
 def test_both_at_once(plane: syn.Shoot) -> None:
     radiance = 0.01, 0.012, 0.015
     wrong = bent(surrounded(plane, radiance), 0.9)
@@ -119,6 +122,7 @@ def test_both_at_once(plane: syn.Shoot) -> None:
     assert rough_error(plane, solution) < 0.1 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
 
 
+@pytest.mark.one_python
 def test_faint_light_in_noisy_pictures(plane: syn.Shoot) -> None:
     """About as strong as the noise of 1 %: less than half of the error is nothing to ask for."""
     radiance = 0.008, 0.01, 0.012
@@ -148,6 +152,7 @@ def carried_flash(count: int) -> syn.Shoot:
     return syn.shoot(syn.PATCHES, views, PIXELS, noise=0.01)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("count", [16, 20])
 def test_light_from_everywhere_beside_a_carried_flash(count: int) -> None:
     """A response bends brightness alike, so that a fit of both runs away; light from everywhere alone does not."""

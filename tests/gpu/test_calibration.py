@@ -58,6 +58,7 @@ def test_what_is_right_stays(plane) -> None:
     assert np.array_equal(given.maps.base_color, auto.maps.base_color)
 
 
+@pytest.mark.one_python
 def test_a_lamp_of_wrong_power(plane) -> None:
     """The scene says 10 % more watts than there were; no other lamp is changed for that."""
     wrong = relit(plane, lambda x: replace(x, power=1.1 * x.power) if x.name == "Light 3" else x)
@@ -68,6 +69,7 @@ def test_a_lamp_of_wrong_power(plane) -> None:
     assert rough_error(plane, solution) < 0.2 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
 
 
+@pytest.mark.one_python
 def test_a_lamp_in_the_wrong_place(plane) -> None:
     """0.2 m off, of 3.1."""
     off = np.array([0.12, -0.1, 0.12])
@@ -90,6 +92,7 @@ def test_a_lamp_of_wrong_colour(plane) -> None:
     assert np.mean(shoots.errors(solution, plane.truth).base) < 0.15 * before
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize(("each", "most"), [(1, 0.01), (2, 0.015)])
 def test_colours_and_places_of_all_lamps_at_once(each, most) -> None:
     """Colours 5 % off, places 1 % of their distance, powers 3 %; lamps shine one by one, or by two of other colours."""
@@ -130,6 +133,7 @@ def hues(logs: np.ndarray) -> np.ndarray:
     return logs - logs.mean(0)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("lamps", ["auto", "given"])
 def test_a_white_balance_of_every_picture(plane, lamps) -> None:
     """Red and blue 4 % off: found in the pictures, and no lamp is blamed."""
@@ -150,6 +154,7 @@ def test_a_white_balance_of_every_picture(plane, lamps) -> None:
     assert rough_error(plane, solution) < 0.5 * rough_error(plane, before)
 
 
+@pytest.mark.one_python
 def test_colours_of_lamps_are_not_a_white_balance(plane) -> None:
     """Of all lamps, 5 % off, nothing of pictures; with both off, each lamp's is told as far as pictures' scatter."""
     rng = np.random.default_rng(2)
@@ -169,6 +174,7 @@ def test_colours_of_lamps_are_not_a_white_balance(plane) -> None:
     assert np.sqrt(np.mean(hues(apart)**2)) < 0.5 * np.sqrt(np.mean(hues(np.array(list(by.values())))**2))
 
 
+@pytest.mark.one_python
 def test_all_lamps_and_exposures_at_once(plane) -> None:
     """Places 1 % of their distance off, powers 3 %, exposures 2 %: most of what that costs is mended."""
     rng = np.random.default_rng(4)
@@ -184,6 +190,7 @@ def test_all_lamps_and_exposures_at_once(plane) -> None:
     assert before > 0.02 and after < 0.2 * before
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("what", ["exposures", "powers"])
 def test_a_little_of_one_kind(plane, what) -> None:
     """Exposures 2 % off, or powers 3 %, and nothing else: which of the two a view's brightness is, is not sure."""
@@ -197,6 +204,7 @@ def test_a_little_of_one_kind(plane, what) -> None:
     assert rough_error(plane, solution) < 0.2 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
 
 
+@pytest.mark.one_python
 def test_exposures_that_are_off_by_no_more_than_the_noise() -> None:
     """By 1 % in the mean, under 1 % of noise: neighbours have the error in common, and the noise not."""
     shoot = syn.shoot(syn.PATCHES, shoots.rig(), PIXELS, noise=0.01)
@@ -212,6 +220,7 @@ def test_exposures_that_are_off_by_no_more_than_the_noise() -> None:
     assert np.std(left) < 0.3 * np.std(list(by.values()))
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize(("case", "limit"), [("an automatic flash", 0.01), ("automatic brightness", 0.1)])
 def test_exposures_that_are_far_off(plane, case, limit) -> None:
     """One picture in five twice as bright; or all of them by half a stop, in the mean, and lamps 1 % off beside that.
@@ -235,6 +244,7 @@ def test_exposures_that_are_far_off(plane, case, limit) -> None:
     assert rough_error(plane, solution) < 0.2 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
 
 
+@pytest.mark.one_python
 def test_lamps_that_are_far_off_come_back(plane) -> None:
     """A quarter of their distance, as where nobody measured them, and powers by 15 %."""
     rng = np.random.default_rng(9)
@@ -253,6 +263,7 @@ def test_lamps_that_are_far_off_come_back(plane) -> None:
     assert rough_error(plane, solution) < 0.2 * rough_error(plane, shoots.run(wrong, **AUTO | GIVEN))
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("count", [5, 9])
 def test_a_flash_beside_the_camera(count) -> None:
     """Every camera carries it; the scene has it 150 mm too far to the right and 100 mm too low."""
@@ -281,6 +292,7 @@ def test_too_little_to_judge_by() -> None:
         assert shoots.run(wrong, **AUTO | {"model": "lambert"}).calibration is None
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("power", [12, 3])
 def test_pictures_that_darken_towards_their_edges(plane, power) -> None:
     """By a power of the cosine, a pixel at a time: the twelfth makes 0.25 EV where the object ends."""
@@ -312,6 +324,7 @@ def test_nothing_is_put_right_by_a_mirror() -> None:
     assert shoots.run(syn.shoot(metal, shoots.rig(3, 4), PIXELS), **AUTO).calibration is None
 
 
+@pytest.mark.one_python
 def test_lamps_that_were_measured_stay(plane) -> None:
     """All stand 1 % of their distance off, but two that are right and said to be: these stay to the bit."""
     rng = np.random.default_rng(11)
@@ -329,6 +342,7 @@ def test_lamps_that_were_measured_stay(plane) -> None:
     assert not (shoots.run(everything, **AUTO).calibration or Calibration((), (), None, None)).lamps
 
 
+@pytest.mark.one_python
 def test_lamps_far_off_come_back_with_cameras_that_are_off(plane) -> None:
     """All stand 5 % of their distance off, and cameras look a pixel aside; the figures told are of both mended."""
     rng = np.random.default_rng(12)
@@ -347,6 +361,7 @@ def test_lamps_far_off_come_back_with_cameras_that_are_off(plane) -> None:
     assert now.changed.relative_rms == pytest.approx(then.changed.relative_rms, rel=0.3)
 
 
+@pytest.mark.one_python
 def test_lamps_are_looked_for_again_where_cameras_that_were_off_hid_them(plane) -> None:
     """Under cameras that look aside, colours alone are off beyond doubt.  No mask shows outlines."""
     rng = np.random.default_rng(1)

@@ -116,6 +116,7 @@ def test_a_part_keeps_the_coat(shoot, found):
 ONE = replace(syn.PATCHES, roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), 0.55))
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("metallic", [0.0, 0.6])
 def test_a_coat_is_found(metallic):
     """Of a material of one roughness; what it does to pictures that were not taken decides."""
@@ -137,6 +138,7 @@ def not_lambert(base: np.ndarray, rough: np.ndarray, L: np.ndarray, V: np.ndarra
     return np.asarray(brdf.principled(base, rough, L, V, N) + 0.5 * base / np.pi * fall)
 
 
+@pytest.mark.one_python
 def test_none_is_found_where_there_is_none():
     """A coat is tried, because nothing explains the material, and not taken."""
     shoot = syn.shoot(replace(ONE, reflect=not_lambert), shoots.rig(1, 24), (56, 56), noise=0.003)
@@ -145,6 +147,7 @@ def test_none_is_found_where_there_is_none():
     assert any(name.endswith("coat") for name in solution.predictions["Paint"].tried)
 
 
+@pytest.mark.one_python
 def test_a_coat_is_found_above_texels_that_differ():
     """Of four roughnesses; on none of them may the coat's own lobe be taken for the material's."""
     shoot = syn.shoot(replace(syn.PATCHES, reflect=partial(brdf.principled, coat=COAT)), shoots.rig(1, 24), (56, 56),

@@ -108,6 +108,7 @@ def test_a_part_keeps_the_diffuse_roughness(shoot, found):
 ONE = replace(syn.PATCHES, roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), 0.4))
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("roughness", [0.25, 0.8])
 def test_a_rough_diffuse_is_found(roughness):
     """Of a material of one roughness, and nothing else is taken for it."""
@@ -121,6 +122,7 @@ def test_a_rough_diffuse_is_found(roughness):
     assert np.median(off.rough) < 0.01 and np.median(off.base) < 0.01
 
 
+@pytest.mark.one_python
 def test_it_is_found_where_a_metal_leaves_little():
     """Under a flash that cameras above the plane carry: a Metallic of 0.98 predicts left-out views to 1.6 %."""
     views = []
@@ -141,6 +143,7 @@ def test_it_is_found_where_a_metal_leaves_little():
     assert np.median(shoots.errors(solution, shoot.truth).base) < 0.01
 
 
+@pytest.mark.one_python
 def test_it_is_found_below_texels_that_differ():
     """Of four roughnesses, which no one value explains."""
     shoot = syn.shoot(replace(syn.PATCHES, reflect=REFLECT), shoots.rig(1, 24), (56, 56), noise=0.003)
@@ -151,6 +154,7 @@ def test_it_is_found_below_texels_that_differ():
     assert np.median(off.rough) < 0.02 and np.median(off.base) < 0.01
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("reflect", [brdf.principled, partial(brdf.principled, metallic=1.0),
                                      partial(brdf.principled, coat=Coat(0.6, 0.25))], ids=["paint", "metal", "coat"])
 def test_none_is_found_where_there_is_none(reflect):

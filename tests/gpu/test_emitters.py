@@ -207,6 +207,7 @@ def _errors(shoot: syn.Shoot, **settings: object) -> tuple[float, float]:
             float(np.median(np.abs(solution.maps.base_color - truth.base(u, v))[inner])))
 
 
+@pytest.mark.one_python
 def test_views_lit_by_panels_are_solved():
     views = [View(Path(f"{c}_{k}.exr"), cam, (), environment=_light(panel))
              for c, cam in enumerate(syn.cameras(3)) for k, panel in enumerate(_panels())]
@@ -217,6 +218,7 @@ def test_views_lit_by_panels_are_solved():
     assert rough < 0.03 and base < 0.015
 
 
+@pytest.mark.one_python
 def test_lamps_and_a_panel_count_together():
     panel = _panels()[0]
     views = [View(Path(f"{c}_{n}.exr"), cam, (lamp,), environment=_light(panel))

@@ -185,6 +185,7 @@ def _errors(made: syn.Shoot, **settings: object) -> tuple[float, float]:
     return float(np.median(rough)), float(np.median(base))
 
 
+@pytest.mark.one_python
 def test_views_without_lamps_are_solved():
     sky = skies.sky(48, sun=60.0, width=0.12, window=8.0)
     made = shoot([View(Path(f"{n}.exr"), cam, (), environment=sky) for n, cam in enumerate(syn.cameras(6))])
@@ -194,6 +195,7 @@ def test_views_without_lamps_are_solved():
     assert rough < 0.03 and base < 0.015
 
 
+@pytest.mark.one_python
 def test_lamps_and_the_world_count_together():
     sky = skies.sky(48, window=4.0)
     lamps, cams = syn.lamps(4), syn.cameras(2)

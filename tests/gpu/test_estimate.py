@@ -24,7 +24,9 @@ def taken(shoot: syn.Shoot) -> list[ViewSize]:
             for view, shape in zip(shoot.scene.views, shapes, strict=True)]
 
 
-@pytest.mark.parametrize(("size", "pixels", "world"), [(128, 300, False), (512, 72, False), (128, 200, True)])
+@pytest.mark.parametrize(("size", "pixels", "world"), [
+    pytest.param(128, 300, False, marks=pytest.mark.one_python), (512, 72, False),
+    pytest.param(128, 200, True, marks=pytest.mark.one_python)])
 def test_memory_of_the_device(monkeypatch, size, pixels, world) -> None:
     """Within a factor of 1.5 of the textures alive together at the worst moment, counted as they are made and freed."""
     alive: dict[int, int] = {}

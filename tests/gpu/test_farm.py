@@ -63,6 +63,7 @@ def assert_same(one: Path, other: Path) -> None:
     assert [name for name in first if second[name] != first[name]] == []
 
 
+@pytest.mark.one_python
 def test_four_workers_give_the_bytes_of_one_machine(made: Path) -> None:
     """Each task is done by two of them at the same time."""
     job = shutil.copytree(made / "job", made / "elsewhere" / "the job")

@@ -63,6 +63,7 @@ def seen_as(texels: Texels, rgb: np.ndarray, noise: float = 0.0) -> Texels:
 # ---- auto
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize(("model", "size"), [("lambert", 32), ("one-lobe", 32), ("one-lobe", 64), ("two-lobe", 32)])
 @pytest.mark.parametrize("seed", range(4))
 def test_auto_takes_the_model_that_made_the_data(on_gl, model, size, seed):
@@ -75,6 +76,7 @@ def test_auto_takes_the_model_that_made_the_data(on_gl, model, size, seed):
     assert not found.cancelled
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("noise", [0.0, 0.001, 0.003, 0.03])
 def test_auto_never_takes_two_lobes_for_one(on_gl, noise):
     for seed in range(4):
@@ -276,6 +278,7 @@ def coat() -> Texels:
     return exact(model="two-lobe", noise=0.01)[1]
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_stop_at_any_step_gives_what_there_is_and_leaves_nothing(on_gl, coat, phase):
     """Stopped at its first, last and steps between; or dropped without a word, as when a window is closed."""

@@ -135,6 +135,7 @@ def test_holes_beyond_a_block_are_filled_from_the_plan(blocks: Found, one_piece:
     assert np.quantile(apart, 0.99) < 0.05 and (blocks["confidence"][outside] == 0).all()
 
 
+@pytest.mark.one_python
 def test_a_block_has_the_plans_specular_level(scene: SceneData, tmp_path: Path) -> None:
     found = solve(scene, tmp_path / "out", model="one-lobe-specular", size=96)
     level = found["plan"].solution.levels["Paint"]
@@ -143,6 +144,7 @@ def test_a_block_has_the_plans_specular_level(scene: SceneData, tmp_path: Path) 
     assert abs(level - 0.5) < 0.1  # the truth
 
 
+@pytest.mark.one_python
 def test_blocks_find_the_levels_of_their_texels(tmp_path: Path) -> None:
     scene = in_files(syn.VARIED, rig(1, 16), tmp_path)
     found = solve(scene, tmp_path / "out", model="auto")
@@ -155,6 +157,7 @@ def test_blocks_find_the_levels_of_their_texels(tmp_path: Path) -> None:
     assert np.quantile(apart, 0.999) < 1e-3 and apart.max() < 0.05
 
 
+@pytest.mark.one_python
 def test_blocks_have_the_plans_metallic_on_their_metal_alone(tmp_path: Path) -> None:
     """Metal and paint in one material, whose border crosses the blocks'."""
 
@@ -181,6 +184,7 @@ def test_blocks_have_the_plans_metallic_on_their_metal_alone(tmp_path: Path) -> 
     assert np.median(rough[metal & solved]) < 0.01 and np.median(rough[~metal & solved]) < 0.02
 
 
+@pytest.mark.one_python
 def test_blocks_have_the_plans_diffuse_roughness(tmp_path: Path) -> None:
     truth = replace(WAVES, reflect=partial(brdf.principled, diffuse_roughness=0.7))
     scene = in_files(truth, rig(1, 16), tmp_path)

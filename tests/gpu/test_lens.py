@@ -390,6 +390,7 @@ def pictures(bent: bool) -> syn.Shoot:
     return syn.Shoot(SceneData("synthetic", syn.plane_mesh(), NOTHING, tuple(views)), images, syn.PATCHES)
 
 
+@pytest.mark.one_python
 def test_a_solve_through_lenses_is_as_good_as_one_without():
     """Within 5 % of the roughness' error and .3 dB of the base colour's."""
     found = {bent: shoots.run(pictures(bent)) for bent in (False, True)}

@@ -52,6 +52,7 @@ def errors(live: Live, truth: syn.Truth) -> tuple[np.ndarray, np.ndarray]:
     return off[known], sure[known]
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("part", ["early", "late"])
 def test_what_is_sure_while_it_runs_is_right(noisy: syn.Shoot, part: str) -> None:
     """A solve may be stopped at any look: what is then called confident is seldom wrong, and less so than the rest."""

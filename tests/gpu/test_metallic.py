@@ -58,6 +58,7 @@ def test_roughness_and_base_colour_come_out(on_gl, metallic, level, cameras, sep
     assert np.quantile(colour, 0.99) < (1e-4 if separate else 1e-3)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("level", [None, 0.8])
 def test_outliers_cost_a_metal_little(on_gl, level):
     """A tenth of shadows taken for lit: disbelieved, they leave a third of the error at the most."""
@@ -140,6 +141,7 @@ def test_a_part_keeps_metallic(shoot, found):
                    model="one-lobe")
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("model", ["one-lobe-metallic", "auto"])
 def test_metallic_is_found(shoot, model):
     """By what all texels say together; `auto` takes it because left-out lamps show it."""
@@ -186,6 +188,7 @@ def test_paint_beside_metal_in_one_slot_has_its_own_metallic(mixed, apart) -> No
         assert np.median(base[part]) < 0.01
 
 
+@pytest.mark.one_python
 def test_paint_beside_metal_finds_its_level_where_the_scale_is_unknown(mixed) -> None:
     """Pictures of half the light: the paint's highlight is half as strong, its roughness the same."""
     images = {name: replace(image, rgb=image.rgb / 2) for name, image in mixed.images.items()}
@@ -197,6 +200,7 @@ def test_paint_beside_metal_finds_its_level_where_the_scale_is_unknown(mixed) ->
     assert np.median(off[~IS_METAL]) < 0.005 and np.median(off[IS_METAL]) < 0.005
 
 
+@pytest.mark.one_python
 def test_texels_finer_than_the_pictures_are_metal_or_paint(monkeypatch) -> None:
     """Where every second texel alone is searched."""
     monkeypatch.setattr(stride, "LEAST", 32)
@@ -211,6 +215,7 @@ def test_texels_finer_than_the_pictures_are_metal_or_paint(monkeypatch) -> None:
         assert np.median(np.abs(found.maps.roughness - rough)[part]) < 0.005
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize(("reflect", "least"), [
     (beside_paint, 0.3), (partial(brdf.principled, metallic=1.0), 0.7)], ids=["beside paint", "alone"])
 def test_what_is_sure_of_a_metal_is_right(reflect, least) -> None:
@@ -224,6 +229,7 @@ def test_what_is_sure_of_a_metal_is_right(reflect, least) -> None:
     assert sure.mean() > least and wrong[sure].mean() < 0.003  # of one Metallic for both, 0.4
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
 def test_a_material_that_is_no_mixture_has_no_map_of_metallic(metallic) -> None:
     truth = replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=metallic))

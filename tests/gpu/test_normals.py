@@ -106,6 +106,7 @@ def test_maps_under_refined_normals_are_nearer_to_the_truth(rough, refined) -> N
     assert after.base.mean() < 0.5 * before.base.mean()
 
 
+@pytest.mark.one_python
 def test_a_map_of_more_texels_than_are_fitted(rough, monkeypatch) -> None:
     """Every second row and column says the tilts."""
     monkeypatch.setattr("irpso_addon.gpu.solve.normal_texels.MOST", 3000)
@@ -133,6 +134,7 @@ def test_a_part_under_kept_normals_is_as_sure_as_the_whole(rough, refined) -> No
     assert np.quantile(ratio, [0.1, 0.9]) == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.one_python
 def test_a_map_in_blocks_keeps_the_normals_of_the_mesh(rough, refined, tmp_path) -> None:
     """Blocks hold no normal map; the plan, which is one small map, may not promise one."""
     assert refined.normals is not None
@@ -156,6 +158,7 @@ def test_few_lamps_leave_the_normals(rough) -> None:
     assert solution.normals is None and "few views" in solution.normals_why
 
 
+@pytest.mark.one_python
 def test_bumps_do_not_hide_lamps_that_are_off(rough, refined) -> None:
     """Places 2 % of their distance off: bumps that the mesh lacks cause larger errors."""
     rng = np.random.default_rng(6)

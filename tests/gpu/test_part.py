@@ -124,6 +124,7 @@ def test_what_larger_models_have_more_is_kept_too(patches: syn.Shoot, given: dic
     assert part.texels["solved"] > 100 and part.texels["kept"] > 1000
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_a_start_at_a_draft_is_no_worse_than_one_anew(patches: syn.Shoot, noise: float) -> None:
     shoot = patches if noise == 0 else syn.shoot(syn.PATCHES, shoots.rig(), noise=noise)

@@ -53,6 +53,7 @@ def at_half(monkeypatch) -> Solution:
     return run(shoot(REAL), model="auto")
 
 
+@pytest.mark.one_python
 def test_one_value_is_taken_where_texels_would_find_false_lobes(real, at_half):
     prediction = real.predictions["Paint"]
     assert prediction.taken == "one value and level" and prediction.left_out == "lamps"
@@ -72,6 +73,7 @@ def test_one_value_is_taken_where_texels_would_find_false_lobes(real, at_half):
     assert prediction.fits and 0.4 < maps.confidence[solved].mean() <= maps.confidence.max() <= 0.5
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize(("rough", "lamps", "pixels", "right"), [
     (0.15, 4, 12, False), (0.25, 6, 12, False), (0.35, 6, 24, True), (0.2, 4, 24, True)])
 def test_one_value_may_be_as_wrong_as_pixels_make_it(rough: float, lamps: int, pixels: int, right: bool) -> None:
@@ -88,6 +90,7 @@ def test_one_value_may_be_as_wrong_as_pixels_make_it(rough: float, lamps: int, p
         assert off > 0.004 and 0.3 * sigma < off < 1.645 * sigma  # 0.016 and 0.011, stated as 0.030 and 0.017
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize(("rough", "span", "waves", "lamps", "pixels"), [
     (0.4, 0.03, 80, 12, 24), (0.35, 0.025, 60, 12, 20), (0.35, 0.03, 60, 8, 24)])
 def test_one_value_is_as_wrong_as_texels_differ(
@@ -162,6 +165,7 @@ def test_two_lobes_must_predict_better_than_one_lobe(monkeypatch):
     assert np.median(errors(found, syn.PATCHES).rough) < 0.02
 
 
+@pytest.mark.one_python
 def test_a_weak_prior_keeps_roughness_where_a_few_texels_flash():
     """Each vertex's normal is 3 degrees off by itself, and a camera sees each place under few lamps."""
     varied = replace(syn.PATCHES, roughness=syn.quarters([0.15, 0.3, 0.45, 0.65]))
@@ -185,6 +189,7 @@ def test_levels_a_texel_are_larger_than_any_one_level():
     assert [names[0] for names in weak] == ["a value a texel, prior 0.3", "a value and level a texel, prior 200, 1"]
 
 
+@pytest.mark.one_python
 def test_where_no_model_fits_the_result_says_so():
     """Pictures that know nothing of the lamps: as of a body that glows."""
     clean = shoot(syn.PATCHES)

@@ -59,6 +59,7 @@ def drained(shoot: syn.Shoot, **settings: Any) -> Solution:
             return stop.value
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("case", CASES)
 def test_both_find_the_same_maps(case):
     views, blocks = CASES[case]

@@ -60,6 +60,7 @@ def test_only_what_explains_the_pictures_better_is_put_right() -> None:
         assert all(misfit.shifted != mended for misfit in found.checks.registration)
 
 
+@pytest.mark.one_python
 def test_a_turn_about_the_axis_and_a_lens_that_bends_are_put_right(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three cameras with one lens, each turned by its own angle; the scene knows neither."""
     given = syn.cameras(3, degrees=34.0)
@@ -89,6 +90,7 @@ def test_a_turn_about_the_axis_and_a_lens_that_bends_are_put_right(monkeypatch: 
     assert left_over(mended.checks) < left_over(as_given) - np.log(4)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("seed", [1, 5])
 def test_outlines_are_believed_under_lamps_that_are_off(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     """Lamps 3 % of their distance and 5 % of their power off leave more over than cameras that look aside."""

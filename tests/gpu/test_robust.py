@@ -40,6 +40,7 @@ def spoiled(**more: object) -> tuple[Problem, Texels]:
     return problem, of_problem(problem)
 
 
+@pytest.mark.one_python
 def test_cost_is_the_least_of_brute_force(on_gl):
     """Reweighting under a falling scale finds the best base colour, outliers or not, at true and other roughness."""
     problem, texels = spoiled(outliers=0.15)

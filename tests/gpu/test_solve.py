@@ -150,6 +150,7 @@ def best_roughness(
     return float(candidates[best]), float((near.max() - near.min()) / 2)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("method", METHODS)
 def test_a_texel_is_what_a_dense_search_finds(method):
     """With 0.5 % noise, at 40 texels: within what the noise leaves open, a few thousandths of roughness.
@@ -171,6 +172,7 @@ def test_a_texel_is_what_a_dense_search_finds(method):
     assert off.max() < 0.03
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("noise", [0.01, 0.04])
 def test_the_error_map_tells_the_noise(noise):
     """The weighted relative residual of a texel is about the noise of its observations, here the same everywhere.
@@ -204,6 +206,7 @@ def test_auto_chooses_lambert_where_nothing_shines():
     assert np.quantile(off.base, 0.95) < 0.02
 
 
+@pytest.mark.one_python
 def test_each_material_gets_its_own_model():
     """Left half shines, right half does not."""
     mixed = replace(syn.PATCHES, lobe=lambda u, v: (np.asarray(u) < 0.5).astype(float))
@@ -241,6 +244,7 @@ def test_the_same_run_gives_the_same_bytes(patches, solved, method):
     assert raw(run(patches, method=method)) == raw(solved[method])
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("tile", [(64, 16), (24, 10)])
 def test_tiles_do_not_change_a_byte(patches, solved, monkeypatch, method, tile):
@@ -259,6 +263,7 @@ def test_another_seed_changes_nothing_that_matters(patches, solved, method):
         assert difference.any()  # else the seed does not arrive
 
 
+@pytest.mark.one_python
 def test_read_noise_below_zero(patches):
     """A quarter of the values are negative: nothing becomes NaN, and dark quarters are not lifted by a cut to 0."""
     rng = np.random.default_rng(3)

@@ -77,6 +77,7 @@ def test_the_wrong_level_is_seen(shoots):
     assert one.residual > 10 * other.residual
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize(("name", "settings"), [
     ("coat", {"model": "two-lobe"}), ("coat", {}), ("cook-torrance", {"model": "two-lobe", "ndf": "beckmann"})])
 def test_two_lobes_come_out(shoots, name, settings):
@@ -118,6 +119,7 @@ def test_a_start_at_a_draft_is_no_worse_than_one_anew(shoots, name, model):
     assert again.levels == pytest.approx(anew.levels, abs=0.001)
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("settings", [{}, {"model": "one-lobe-specular"}, {"model": "two-lobe"}],
                          ids=["auto", "specular", "two-lobe"])
 def test_a_stop_keeps_what_was_found_and_leaves_nothing(on_gl, shoots, monkeypatch, settings):

@@ -180,6 +180,7 @@ def test_lamps_of_many_colours():
     check(syn.shoot(syn.PATCHES, [(c, [light]) for c in syn.cameras(2) for light in lamps]))
 
 
+@pytest.mark.one_python
 def test_lamps_of_pure_colours():
     """Red, green and blue lamps in turn: a view tells of one channel only."""
     lamps = [replace(light, power=100 * np.eye(3)[i % 3]) for i, light in enumerate(syn.lamps(12))]
@@ -243,6 +244,7 @@ def test_pictures_that_are_not_square():
     check(syn.shoot(syn.PATCHES, [(c, [light]) for c in cameras for light in syn.lamps(8)], (102, 68)))
 
 
+@pytest.mark.one_python
 def test_cameras_with_pictures_of_two_sizes():
     """The same camera, photographed at two resolutions."""
     camera = syn.cameras(1)[0]
@@ -258,6 +260,7 @@ def test_a_single_camera():
     check(syn.shoot(syn.PATCHES, rig(cameras=1)))
 
 
+@pytest.mark.one_python
 def test_a_pixel_is_the_mean_over_its_square():
     """Pictures of 25 samples a pixel on rolling normals: half the error of taking a pixel for its centre."""
     shoot = syn.shoot(syn.PATCHES, rig(), (48, 48), samples=5)
@@ -273,6 +276,7 @@ def test_a_pixel_is_the_mean_over_its_square():
 TURN = np.linalg.qr(np.array([[0.9, 0.3, -0.2], [-0.4, 0.8, 0.5], [0.3, -0.35, 0.9]]))[0]
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("orthographic", [False, True])
 @pytest.mark.parametrize(("scale", "offset"), [(1, (3, -2, 5)), (1e-3, (0, 0, 0)), (1e3, (0, 0, 0)),
                                                (1, (800, -400, 500))])
@@ -288,10 +292,12 @@ def test_place_and_size_of_the_scene_do_not_matter(scale, offset, orthographic):
     check(syn.moved(shoot, scale, TURN * np.sign(np.linalg.det(TURN)), offset), rough=2e-4)
 
 
+@pytest.mark.one_python
 def test_more_views_than_the_kernel_keeps():
     check(syn.shoot(syn.PATCHES, rig(cameras=6, lamps=13), (48, 48)), size=48)
 
 
+@pytest.mark.one_python
 def test_shadows_do_not_darken_the_paint():
     """Two boxes over the plane: what one lamp does not reach, others show.  Under them nothing may be seen."""
     blocks = [((-0.5, -0.4, 0.2), (-0.1, 0.3, 0.5)), ((0.35, -0.6, 0.05), (0.55, 0.7, 0.25))]
@@ -306,6 +312,7 @@ def test_shadows_do_not_darken_the_paint():
     assert np.quantile(off.base, 0.95) < 0.03
 
 
+@pytest.mark.one_python
 def test_one_view_per_camera_under_many_lamps():
     """All lamps stay on and only the camera moves, as in a room: highlights wander over the surface none the less."""
     lamps = syn.lamps(4)
@@ -325,6 +332,7 @@ def test_slots_of_one_material_decide_together():
     assert np.median(errors(found, syn.PATCHES).rough) < 1e-5
 
 
+@pytest.mark.one_python
 def test_more_material_slots_than_an_int_has_bits():
     """Forty materials, the right half of them dull."""
     names = tuple(f"Material {i}" for i in range(40))
@@ -351,6 +359,7 @@ def test_a_material_of_no_colour_and_a_mirror_like_one():
     assert np.isfinite(found.maps.base_color).all()
 
 
+@pytest.mark.one_python
 def test_a_shadow_in_a_picture_that_the_scene_does_not_explain(patches):
     """A dark band over one view (something unmodelled): the robust base colour stays within 0.02."""
     images = dict(patches.images)

@@ -44,6 +44,7 @@ def test_a_stop_in_the_search_keeps_what_was_found(patches, monkeypatch):
     assert found.texels["solved"] + found.texels["filled"] == found.texels["covered"]
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("after", [1, 3, 6])
 def test_a_stop_while_left_out_views_are_predicted_keeps_the_first_fit(patches, monkeypatch, after):
     found = stopped(patches, "solve", monkeypatch, after, "predicting")
@@ -52,6 +53,7 @@ def test_a_stop_while_left_out_views_are_predicted_keeps_the_first_fit(patches, 
     assert np.median(errors(found, syn.PATCHES).rough) < 1e-3
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("after", [70, 80, 90])
 def test_a_stop_while_models_are_tried_keeps_the_first_fit(after):
     """Parts, roughnesses and levels that are drawn to the material's, each in three folds: steps 63 to 100."""
@@ -63,6 +65,7 @@ def test_a_stop_while_models_are_tried_keeps_the_first_fit(after):
     assert np.median(errors(found, even).rough) < 0.02
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("after", [1, 17, 33])
 def test_a_stop_at_any_step_of_the_search_gives_a_solution(patches, monkeypatch, after):
     found = stopped(patches, "solve", monkeypatch, after)

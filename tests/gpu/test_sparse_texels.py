@@ -46,6 +46,7 @@ def second(shoot: syn.Shoot) -> Solution:
     return run(shoot, size=SIZE)
 
 
+@pytest.mark.one_python
 def test_maps_are_as_right_as_if_each_was_solved(shoot: syn.Shoot, every: Solution, second: Solution) -> None:
     assert (every.stride, second.stride) == (1, 2)
     off, other = errors(every, shoot.truth), errors(second, shoot.truth)
@@ -57,6 +58,7 @@ def test_maps_are_as_right_as_if_each_was_solved(shoot: syn.Shoot, every: Soluti
     assert other.base.mean() < 1.01 * off.base.mean()
 
 
+@pytest.mark.one_python
 def test_standard_errors_hold_as_often(shoot: syn.Shoot, every: Solution, second: Solution) -> None:
     """Share of texels whose roughness lies within 1.645 standard errors."""
     at = (np.arange(SIZE) + 0.5) / SIZE

@@ -85,6 +85,7 @@ def test_a_texel_that_nothing_tells_takes_its_material_s(on_gl, halves):
     assert np.abs(np.log(found[:8] / PRIOR.level)).max() < 0.01
 
 
+@pytest.mark.one_python
 def test_auto_takes_them_where_they_predict_better():
     views = rig(1, 16)
     found = run(syn.shoot(syn.VARIED, views, noise=0.01), model="auto")

@@ -54,6 +54,7 @@ def made() -> syn.Shoot:
     return shoot(_views(SKY))
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("degrees", [-1.0, 3.0, 8.0])
 def test_a_turned_world_is_turned_back(made, degrees):
     scene = _spoilt(made.scene, sky=(degrees, 1.0))
@@ -75,6 +76,7 @@ def test_an_exact_world_stays(made):
         assert getattr(auto.maps, name).tobytes() == getattr(given.maps, name).tobytes()
 
 
+@pytest.mark.one_python
 @pytest.mark.parametrize("reflect", [
     partial(brdf.principled, level=0.8), partial(brdf.principled, metallic=0.5, coat=Coat(0.6, 0.25))])
 def test_other_materials_do_not_turn_a_world(reflect):
@@ -83,11 +85,13 @@ def test_other_materials_do_not_turn_a_world(reflect):
     assert _solved(made, made.scene).calibration is None
 
 
+@pytest.mark.one_python
 def test_an_overcast_sky_shows_neither_turn_nor_strength():
     made = shoot(_views(skies.sky(48)))
     assert _solved(made, _spoilt(made.scene, sky=(20.0, 1.5))).calibration is None
 
 
+@pytest.mark.one_python
 def test_the_strengths_of_two_worlds_and_their_turns():
     """Brightness as a whole belongs to the base colours: each takes half of what they differ by."""
     made = shoot(_views(SKY, ROOM))
@@ -98,6 +102,7 @@ def test_the_strengths_of_two_worlds_and_their_turns():
         -3.0, abs=0.5)
 
 
+@pytest.mark.one_python
 def test_a_world_beside_lamps():
     lamps = syn.lamps(4)
     views = [View(Path(f"{c} {n}.exr"), camera, (lamp,), environment=SKY)

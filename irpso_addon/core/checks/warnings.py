@@ -295,9 +295,10 @@ def _contradicted(checks: Checks) -> list[str]:
     if not checks.contradicted > CONTRADICTED:
         return []
     return [f"{checks.name}: the views of {percent(checks.contradicted, 1)} of its solved texels contradict each other "
-            f"by more than {percent(CONTRADICTORY)}: the mesh casts other shadows there than the object, or has "
-            "another shape (their confidence is 0, and the map Error shows where they are); mend the mesh, add what "
-            "casts the shadows to the scene, or mask these places out of the pictures"]
+            f"by more than {percent(CONTRADICTORY)}: the mesh casts other shadows there than the object, has another "
+            "shape, or has parts smaller than a pixel (their confidence is 0, and the map Error shows where they are); "
+            "mend the mesh, add what casts the shadows to the scene, take larger or nearer pictures, or mask these "
+            "places out of the pictures"]
 
 
 LARGER = ("one-lobe-specular", "two-lobe")

@@ -5,6 +5,7 @@ It runs in a process of its own (decoder_pool.py), so what it tells is plain: nu
 
 from __future__ import annotations
 
+import re
 import stat
 from collections.abc import Iterator, Sequence
 from contextlib import closing
@@ -35,6 +36,10 @@ _PICTURE = ("", "combined", "composite", "beauty", "rgba", "rgb", "color", "imag
 
 Stored = NDArray[Any]  # of one of these types
 FORMS = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32}
+
+# What libjpeg says of bytes between a JPEG's segments, as some cameras leave them there.  Tables, APPn, and comments
+# stand before the pixels; where bytes were skipped before another marker, pixels may be missing.
+HARMLESS = re.compile(r"JPEG error: Corrupt JPEG data: \d+ extraneous bytes before marker 0x(db|e.|fe) .*")
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,7 @@ def bands(
                 bottom = min(top + rows, spec.height)
                 block = _block(file, spec, picture.channels, top, bottom)
                 problem = file.geterror()
-                if block is None or problem:
+                if block is None or not all(HARMLESS.fullmatch(line) for line in problem.splitlines()):
                     raise BadInput(f"{path}: is damaged or cut short{_brief(problem)}; render or copy it again")
                 yield np.ascontiguousarray(block[max(first - top, 0):last - top])
         except UnicodeDecodeError:  # names in the header that are no text

@@ -14,7 +14,7 @@ import re
 from collections.abc import Mapping
 from xml.etree import ElementTree
 
-from ..shading.tables import F0, level_ior
+from ..shading.tables import F0, IOR, level_ior
 
 VERSION = "1.39"
 COLOUR, DATA = "srgb_texture", "lin_rec709"
@@ -23,12 +23,14 @@ GREY, RGB, VECTOR = "float", "color3", "vector3"  # MaterialX' types
 
 def materialx(
     name: str, images: Mapping[str, str], metallic: float | None, level: float | None, diffuse_roughness: float = 0.0,
+    coat: tuple[float, float] = (0.0, 0.0),
 ) -> bytes:
     """The document of the object ``name``, UTF-8.
 
     ``images``: file names relative to the document, by `TargetFile.name`; <UDIM> may stand in them.  Row 0 of a file is
     its top and v = 0 is its bottom, in MaterialX as in Blender: nothing is turned.  ``metallic``, ``level``: one value
     for the object (Specular IOR Level), None: the image's.  ``diffuse_roughness``: one value for the object.
+    ``coat``: weight and roughness of the object's.
     """
     document = _Document(name)
     surface = document.node("open_pbr_surface", "surface", "surfaceshader")
@@ -44,10 +46,14 @@ def materialx(
         document.link(surface, "specular_ior", GREY, document.ior(document.image(images, "specular_level", GREY)))
     else:
         document.value(surface, "specular_ior", GREY, float(level_ior(level)))
+    if coat[0] > 0:  # the Principled BSDF's coat reflects none of what leaves the base back to it
+        for socket, value in zip(("weight", "roughness", "ior", "darkening"), (*coat, IOR, 0.0), strict=True):
+            document.value(surface, f"coat_{socket}", GREY, value)
     if "{}_geometry_normal" in images:
         normal = document.node("normalmap", "normal_tangent", VECTOR)
         document.link(normal, "in", VECTOR, document.image(images, "geometry_normal", VECTOR))
-        document.link(surface, "geometry_normal", VECTOR, normal)
+        for layer in ("geometry_normal", *(("geometry_coat_normal",) if coat[0] > 0 else ())):
+            document.link(surface, layer, VECTOR, normal)
     material = document.node("surfacematerial", document.material, "material")
     document.link(material, "surfaceshader", "surfaceshader", surface)
     return document.text()

@@ -114,7 +114,7 @@ def losses(obj: ExportObject, target: str) -> list[str]:
         if surface.lobes:
             lines.append(f"material '{surface.name}': {chosen.program} has one roughness; the two become their mean, "
                          "weighted by energy" + (", and Beckmann becomes GGX" if surface.lobes == "beckmann" else ""))
-        if surface.coat and (chosen.document != "glb" or obj.coat is None):
+        if surface.coat and (not chosen.document or obj.coat is None):
             lines.append(f"material '{surface.name}': its files for {chosen.program} have no coat; the coat of weight "
                          f"{surface.coat:.3g} is lost")
         if surface.diffuse_roughness and (chosen.document != "mtlx" or obj.diffuse_roughness is None):
@@ -148,12 +148,12 @@ def _write_all(obj: ExportObject, maps: MapReader, target: Target, folder: Path)
     if target.document:
         images = {file.name: _file_name(obj, file, maps.tiled) for file in files}
         names.append(f"{safe_stem(obj.name)}.{target.document}")
-        path = folder / names[-1]
+        path, coat = folder / names[-1], obj.coat or (0.0, 0.0)
         if target.document == "mtlx":
-            path.write_bytes(materialx(obj.name, images, obj.metallic, obj.level, obj.diffuse_roughness or 0.0))
+            path.write_bytes(materialx(obj.name, images, obj.metallic, obj.level, obj.diffuse_roughness or 0.0, coat))
         else:
-            path.write_bytes(glb(obj.mesh, {key: folder / name for key, name in images.items()}, obj.level, scale,
-                                 obj.coat or (0.0, 0.0)))
+            files_by_name = {key: folder / name for key, name in images.items()}
+            path.write_bytes(glb(obj.mesh, files_by_name, obj.level, scale, coat))
     return names
 
 

@@ -193,15 +193,16 @@ def _far(cameras: Sequence[ProjectCamera]) -> list[str]:
 
 def _folded(cameras: Sequence[ProjectCamera]) -> list[str]:
     """Distortion beyond the data that it was fitted to can turn back; such corners see nothing."""
-    warnings = []
-    for lens, name in {camera.lens: camera.name for camera in cameras}.items():
-        if lens.fisheye or lens.reach == math.inf:
-            continue  # the circle of a fisheye may well end before the corners
-        if lens.reached < math.hypot(max(lens.cx, lens.width - lens.cx) / lens.fx,
-                            max(lens.cy, lens.height - lens.cy) / lens.fy):
-            warnings.append(f"the lens of '{name[:80]}' has a distortion that reverses before the pictures' corners; "
-                            "pixels beyond that are not used")
-    return warnings
+    names = [name for lens, name in {camera.lens: camera.name for camera in cameras}.items() if _folds(lens)]
+    return [f"{some([name[:80] for name in names])}: the lens has a distortion that reverses before the pictures' "
+            "corners; pixels beyond that are not used"] if names else []
+
+
+def _folds(lens: Lens) -> bool:
+    if lens.fisheye or lens.reach == math.inf:
+        return False  # the circle of a fisheye may well end before the corners
+    return lens.reached < math.hypot(max(lens.cx, lens.width - lens.cx) / lens.fx,
+                                     max(lens.cy, lens.height - lens.cy) / lens.fy)
 
 
 def _meshes(folder: Path) -> list[Path]:
