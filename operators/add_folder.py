@@ -11,13 +11,12 @@ from ..irpso_addon.blender import properties
 from ..irpso_addon.core.capture.file_preview import same_file
 from ..irpso_addon.core.capture.matching import Match, match
 from ..irpso_addon.core.errors import BadInput
-from ..irpso_addon.core.images.oiio_reader import SUFFIXES
+from ..irpso_addon.core.images.oiio_reader import JPEG, SUFFIXES
 from ..irpso_addon.core.images.raw_reader import is_raw
 from ..irpso_addon.core.maps.own_files import is_own
 from ..irpso_addon.core.phrases import counted, some
 from .helpers.paths import absolute, stored
 
-JPEG = {".jpg", ".jpeg"}
 MOST = 2000  # images of one folder
 
 

@@ -21,7 +21,7 @@ from bpy.props import (
 )
 from bpy.types import PropertyGroup
 
-from ..core.capture.captures import MOST_TURN, MOST_VIGNETTING
+from ..core.capture.captures import MOST_TINT, MOST_TURN, MOST_VIGNETTING
 from ..core.images.response import LEAST_RESPONSE, MOST_BLACK, MOST_RESPONSE
 from ..core.params import ExportSettings, ShootSettings, SolveSettings, choice_name
 from .glow import is_light
@@ -85,6 +85,10 @@ class IRPSO_PG_view(PropertyGroup):
     exposure: FloatProperty(
         name="Exposure", default=0.0, soft_min=-10.0, soft_max=10.0,
         description="Exposure of the image in EV; its values are radiance times 2 to this power")
+    tint: FloatVectorProperty(
+        name="White Balance", size=3, default=(1.0, 1.0, 1.0), min=1 / MOST_TINT, max=MOST_TINT, precision=3,
+        description="Factors by which the image's white balance makes red, green and blue brighter; they are divided "
+                    "out, linear RGB. 1: that of the scene's lights")
     vignetting: FloatProperty(
         name="Vignetting", default=0.0, soft_min=0.0, soft_max=8.0, min=-MOST_VIGNETTING, max=MOST_VIGNETTING,
         description="How much darker the image is towards its edges: the power of the cosine of the angle to the "

@@ -67,13 +67,16 @@ class CameraChange:
 
 @dataclass(frozen=True)
 class ExposureChange:
-    """A view whose exposure was put right."""
+    """A view whose exposure, or white balance, was put right."""
 
     image: Path
     camera: str
     stops: float  # EV to be added to the view's exposure
     error: float  # its standard error
     sure: bool = True  # whether it is off beyond doubt; else it is changed along with the others
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)  # factors of the view's tint, beside its exposure
+    tint_error: float = 0.0  # their standard error, relative
+    sure_tint: bool = False  # whether its white balance is off beyond doubt
 
 
 @dataclass(frozen=True)

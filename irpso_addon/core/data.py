@@ -148,6 +148,8 @@ class View:
     white_balance: tuple[float, float, float] | None = None
     full_raw: bool = False  # RAW files: a pixel for each sample, not binned
     environment: Environment | None = None  # shines beside the lights
+    # Factors of red, green and blue, in linear Rec.709, by which the picture's white balance makes it brighter
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
     response: float = 1.0  # the file holds radiance to this power; 1: it is linear
     # Values of the file, in linear Rec.709, where no light falls: subtracted before ``response`` is undone
     black_level: tuple[float, float, float] = (0.0, 0.0, 0.0)

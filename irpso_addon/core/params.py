@@ -124,10 +124,10 @@ class SolveSettings(Table):
         ("auto", "Correct where that predicts left-out views better"),
         ("given", "Use the scene's lamps and world, and the views' ambient light, unchanged"),
     ), advanced=True)
-    exposures: str = parameter("auto", "Exposure of each view, vignetting, response and black level",
+    exposures: str = parameter("auto", "Exposure and white balance of each view, vignetting, response and black level",
                                label="Exposures", choices=(
-        ("given", "Use each view's exposure, vignetting, response and black level unchanged"),
-        ("solve", "Find every exposure from the pictures; keep their mean, and vignetting, response and black level"),
+        ("given", "Use each view's exposure, white balance, vignetting, response and black level unchanged"),
+        ("solve", "Find every exposure from the pictures; keep their mean, and all else that the views state"),
         ("auto", "Correct where that predicts left-out views better"),
     ), advanced=True)
     normals: str = parameter("auto", "Shading normals", label="Normals", choices=(

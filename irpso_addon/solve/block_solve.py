@@ -130,9 +130,9 @@ def _shrink(plan: Plan, keys: list[tuple[str, int, int]], crops: Mapping[tuple[s
     return max(1, int(np.ceil(np.sqrt(needed / (uv_blocks.PICTURES * plan.memory * 1e9)))))
 
 
-def _window(picture: CachedReference, crop: Crop, scale: float, view: View) -> RadianceImage:
+def _window(picture: CachedReference, crop: Crop, scale: F64, view: View) -> RadianceImage:
     image = picture.window(crop.x, crop.y, crop.width, crop.height, crop.shrink)
-    rgb = image.rgb if scale == 1.0 else image.rgb * np.float32(scale)
+    rgb = image.rgb if np.all(scale == 1) else image.rgb * scale.astype(np.float32)
     rgb = brightened(straightened(rgb, view), view.camera, view.vignetting)  # which developed pictures still have
     return replace(image, rgb=rgb)
 

@@ -118,8 +118,9 @@ def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generato
         solution = replace(solution, normals_why=MESH_NORMALS)
     yield from clock.stage("pictures", _developed(scene.views, work))
     kernels = "compute" if thread.device().prefers_compute else "fragment"
+    scales = np.stack([file_scale(view) for view in scene.views])
     return Plan(replace(made.scene, mesh=scene.mesh), settings, udims, request.block, request.halo,
-                thread.settings().memory, kernels, tuple(map(file_scale, scene.views)), solution, made.level,
+                thread.settings().memory, kernels, scales, solution, made.level,
                 made.noise, made.robust, made.bounced, _stride(made.scene.views, scene.mesh, udims, settings, work),
                 _blend(bounce) if made.bounced is not None else "")
 

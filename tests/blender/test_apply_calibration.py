@@ -205,6 +205,19 @@ def test_exposures_of_the_list(scene, records, keep) -> None:
     assert Path(bpy.path.abspath("//captures.json")).read_bytes() == before
 
 
+def test_white_balances_of_the_list(scene, records, keep) -> None:
+    """Of the views that are meant, beside what they have."""
+    path, none = "//refs/Camera 1, Light 2.exr", (1.0, 1.0, 1.0)
+    view = next(view for view in scene.irpso.views if view.image == path)
+    view.tint = 1.1, 1.0, 1.0
+    image = Path(bpy.path.abspath(path))
+    keep(exposures=(records.ExposureChange(image, "Camera 1", 0.0, 0.01, False, (0.9, 1.02, 1.05), 0.002, True),))
+    apply()
+    assert tuple(view.tint) == pytest.approx((0.99, 1.02, 1.05))
+    assert [tuple(other.tint) for other in scene.irpso.views if other != view] == [none] * (len(scene.irpso.views) - 1)
+    assert not any(view.exposure for view in scene.irpso.views)
+
+
 def test_vignetting_of_the_list(scene, records, keep) -> None:
     """Every view's, beside what it has."""
     scene.irpso.views[0].vignetting = 1.0

@@ -31,6 +31,7 @@ def checks(exponent: float, misfit: bool) -> Checks:
 def test_a_bent_exponent_is_proof_only_where_the_model_fits(exponent: float, misfit: bool, told: bool) -> None:
     found = [line for line in warnings(checks(exponent, misfit)) if "non-linear" in line]
     assert bool(found) == told
+    assert all(line.endswith(f"multiply the views' Response by {exponent:.2f}") for line in found)
 
 
 def of_views(exponents: list[float]) -> Checks:

@@ -29,8 +29,9 @@ def judged(rig: Rig, seed: int = 0, tinted: bool = False) -> Judged:
     error = RigChange(np.full((groups, 3), 1e-4), np.full(groups, 1e-4), np.full(views, 1e-4), 0.1,
                       black_level=np.full(3, 1e-4))
     if tinted:
-        change = replace(change, log_tint=0.05 * rng.standard_normal((groups, 3)))
-        error = replace(error, log_tint=np.full((groups, 3), 1e-4))
+        change = replace(change, log_tint=0.05 * rng.standard_normal((groups, 3)),
+                         log_balance=0.05 * rng.standard_normal((views, 3)))
+        error = replace(error, log_tint=np.full((groups, 3), 1e-4), log_balance=np.full((views, 3), 2e-4))
     brightness = ViewBrightness(change.log_gain, error.log_gain)
     found = RigFound(change, error, 0.01, 0.03, (0.02, 0.01), {}, brightness, np.zeros(0))
     return Judged(found, PredictionError(0.2, 2.0), PredictionError(0.1, 1.0),
@@ -40,6 +41,7 @@ def judged(rig: Rig, seed: int = 0, tinted: bool = False) -> Judged:
 def assert_alike(one: SceneData, other: SceneData) -> None:
     for a, b in zip(one.views, other.views, strict=True):
         assert np.isclose(a.gain, b.gain, rtol=1e-12) and a.vignetting == b.vignetting
+        np.testing.assert_allclose(a.tint, b.tint, rtol=1e-12)
         assert a.response == b.response == np.exp(-0.1)
         assert a.black_level == b.black_level == (0.01, 0.02, -0.03)
         assert a.ambient_radiance == b.ambient_radiance == (0.02, 0.03, 0.04)
@@ -77,6 +79,7 @@ def test_a_change_is_made_again_from_its_records() -> None:
             found = judged(rig, tinted=tinted)
             calibration = told(rig, found)
             assert all(lamp.sure_tint == tinted for lamp in calibration.lamps)
+            assert all(view.sure_tint == tinted == (view.tint_error > 0) for view in calibration.exposures)
             assert_alike(put_right(scene, rig, found), applied(scene, calibration))
 
 

@@ -20,6 +20,7 @@ from irpso_addon.core.change_records import (
     WorldChange,
 )
 from irpso_addon.core.checks.calibration_lines import (
+    balance_row,
     calibrated,
     exposure_row,
     gain_of,
@@ -37,6 +38,7 @@ RIM = replace(KEY, lights=("Rim",), offset=(0.0, 0.006, 0.0), share=0.003, power
 SUN = replace(KEY, lights=("Sun",), offset=(0.02, 0.0, 0.0), share=0.02, sun=True, sure_power=False)
 FLASH = replace(KEY, lights=("Flash A", "Flash B"), cameras=("A", "B"))
 VIEW = ExposureChange(Path("refs/a.exr"), "A", 0.05, 0.01)
+BLUE = ExposureChange(Path("refs/b.exr"), "A", 0.0, 0.01, False, (0.95, 0.99, 1.063), 0.002, True)
 WORLD = WorldChange("Room", 0.0, math.radians(3.14), math.radians(0.21), 1.082, 0.003, True, False)
 UNSURE = {"sure_place": False, "sure_power": False}
 WARM = LampChange(("Warm",), (0.0,) * 3, (0.0,) * 3, 0.0, 1.0, 0.0, **UNSURE,
@@ -64,6 +66,11 @@ def found(*lamps: LampChange, exposures: tuple[ExposureChange, ...] = (), **more
     (found(FLASH), "IRPSO moved the flash on 2 cameras by 1.2 % of its distance and changed its power by -8.6 %."),
     (found(SUN), "IRPSO turned 'Sun' by 1.1 degrees."),
     (found(exposures=(VIEW,)), "IRPSO changed the exposure of 'a.exr' by +0.05 EV."),
+    (found(exposures=(BLUE,)),
+     "IRPSO matched the white balance of 'b.exr' to the typical view's, by up to +6.3 %."),
+    (found(exposures=(VIEW, BLUE, replace(BLUE, image=Path("c.exr"), tint=(0.93, 1.0, 1.05)))),
+     "IRPSO changed the exposure of 'a.exr' by +0.05 EV and matched the white balance of 2 views to the typical "
+     "view's, by up to -7.0 % ('c.exr')."),
     (found(replace(SUN, share=0.01), SUN, replace(KEY, sure_power=False),
            exposures=(VIEW, replace(VIEW, image=Path("b.exr"), stops=-0.12))),
      "IRPSO moved 'Key' by 1.2 % of its distance, turned 2 suns by up to 1.1 degrees ('Sun') and changed the exposure "
@@ -116,6 +123,9 @@ def test_rows_of_the_panel() -> None:
     assert both == [*key, *colors] and tint_change(WARM) == "RGB × 1.10 1.01 0.90"
     assert exposure_row(calibration) == ("2 Exposures", "up to -0.12 EV", "a.exr")
     assert exposure_row(found(exposures=(replace(VIEW, sure=False),))) is None
+    assert balance_row(calibration) is exposure_row(found(exposures=(BLUE,))) is None
+    assert balance_row(found(exposures=(VIEW, BLUE))) == ("1 White Balance", "RGB × 0.95 0.99 1.06", "b.exr")
+    assert balance_row(found(exposures=(BLUE, BLUE))) == ("2 White Balances", "up to RGB × 0.95 0.99 1.06", "b.exr")
 
 
 @pytest.mark.parametrize(("worlds", "line"), [

@@ -78,6 +78,8 @@ def test_any_value_under_any_key_is_read_or_bad_input(entry, key, value):
     ({"response": 6}, '"response" is out of range; it must be between 0.2 and 5'),
     ({"black_level": 0.1}, '"black_level" is not a color'),
     ({"black_level": [0, 0, 1.5]}, 'each between -1 and 1'),
+    ({"tint": 1.1}, '"tint" is not a color'),
+    ({"tint": [1, 1, 0]}, 'each between 0.1 and 10'),
     ({"ambient_radiance": 0.1}, '"ambient_radiance" is not a color'),
     ({"ambient_radiance": [0.1, 0.1]}, '"ambient_radiance" is not a color'),
     ({"ambient_radiance": [0.1, -0.1, 0]}, 'each between 0 and 1e+06'),

@@ -344,6 +344,14 @@ def test_missing_and_foreign_files(tmp_path):
     error_of(view(tmp_path / "b\u00e9ta\U0001f3a8.exr"))
 
 
+def test_a_jpeg_file_may_have_a_tone_curve(tmp_path):
+    """One line, which names it; of other files with 8 bits another one."""
+    grey = np.full((20, 30, 3), 90, np.uint8)
+    (jpeg,) = read_reference(view(save(tmp_path / "a.jpg", grey, "uint8"))).warnings
+    (png,) = read_reference(view(save(tmp_path / "a.png", grey, "uint8"))).warnings
+    assert jpeg.startswith("a.jpg: is a JPEG file (8 bits") and "tone curve" in jpeg and "tone curve" not in png
+
+
 @pytest.mark.parametrize(("suffix", "form"), [
     ("exr", "float"), ("exr", "half"), ("png", "uint16"), ("tif", "uint16"), ("tif", "float"), ("hdr", "float"),
     ("jpg", "uint8"),

@@ -18,6 +18,7 @@ from tests.support import synthetic as syn
 SIZE = 30, 20
 POWER, EXPOSURE, GAIN = 0.8, 1.5, 0.7
 BLACK = 0.02, 0.03, 0.01
+TINT = 1.2, 1.0, 0.7
 
 
 @pytest.fixture
@@ -37,6 +38,17 @@ def view(tmp_path: Path, radiance: F32) -> View:
 
 def test_a_file_is_read_as_radiance(view: View, radiance: F32) -> None:
     np.testing.assert_allclose(read_reference(view).rgb, radiance, rtol=2e-3)  # half floats in the file
+
+
+def test_a_white_balance_is_divided_out(view: View, radiance: F32) -> None:
+    """A file that holds (radiance tint 2^exposure gain) to a power, over a black level; also with a flat field."""
+    path, even = view.image.with_name("tinted.exr"), view.image.with_name("even.exr")
+    value = (radiance.astype(np.float64) * TINT * 2**EXPOSURE * GAIN) ** POWER + BLACK
+    write_image(path, value.astype(np.float32), kind="exr", color=True)
+    write_image(even, np.full_like(radiance, 0.8**POWER) + np.array(BLACK, np.float32), kind="exr", color=True)
+    tinted = replace(view, image=path, tint=TINT)
+    for of in (tinted, replace(tinted, flat=even)):
+        np.testing.assert_allclose(read_reference(of).rgb, radiance, rtol=4e-3)  # half floats in the file
 
 
 def test_ambient_light_and_flat_field_have_the_same_response_and_black_level(view: View, radiance: F32) -> None:
@@ -61,7 +73,7 @@ def test_ambient_light_and_flat_field_have_the_same_response_and_black_level(vie
 
 
 def test_a_second_look_is_as_if_read_anew(view: View) -> None:
-    """Exposure, response, black level and vignetting all differ."""
+    """Exposure, white balance, response, black level and vignetting all differ."""
     read: list[View] = []
 
     def image(of: View) -> RadianceImage:
@@ -71,7 +83,8 @@ def test_a_second_look_is_as_if_read_anew(view: View) -> None:
     kept = KeptImages(image)
     first = replace(view, response=1.0, gain=1.0, vignetting=2.0)
     kept(first)
-    for other in (view, first, replace(view, vignetting=4.0, response=0.9, gain=0.6, black_level=(0.01, 0.0, -0.01)),
+    for other in (view, first, replace(first, tint=TINT), replace(view, tint=TINT),
+                  replace(view, vignetting=4.0, response=0.9, gain=0.6, black_level=(0.01, 0.0, -0.01)),
                   replace(first, black_level=BLACK)):
         np.testing.assert_allclose(kept(other).rgb, read_reference(other).rgb, rtol=1e-4)
     assert read == [first]

@@ -213,6 +213,14 @@ def test_thresholds(below, above, words) -> None:
     assert words in problem and ("'0.exr', '1.exr', '2.exr' and 3 more" in problem or "Vase" in problem)
 
 
+def test_jpeg_files() -> None:
+    """Are named, whatever else is wrong; other files are not."""
+    views = tuple(replace(view, view=f"{n}.JPG" if n < 2 else view.view) for n, view in enumerate(CHECK.views))
+    (finding,) = findings(replace(CHECK, views=views))
+    assert finding.problem == "'0.JPG', '1.JPG': in JPEG format" and "tone curve" in finding.evidence
+    assert "RAW" in finding.remedy
+
+
 def test_pairs() -> None:
     """Off by more than a checked pixel; not where edges have told it, and not where nothing tells."""
     good, off = PairFigures("1.exr", "2.exr", 90, 1.9, 2.0), PairFigures("3.exr", "4.exr", 70, 2.1, 2.0)

@@ -11,6 +11,7 @@ import pytest
 from irpso_addon.core.data import RadianceImage, View
 from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.images.reference_image import read_reference
+from irpso_addon.core.images.response import file_scale
 from irpso_addon.core.lens import Lens
 from irpso_addon.core.projection import rays_of
 from irpso_addon.core.tiled import uv_blocks
@@ -76,6 +77,10 @@ def test_a_block_reads_the_same(tmp_path: Path):
     cache_reference(view, kept)
     block = block_solve._window(CachedReference(kept), uv_blocks.Crop(0, 0, *SIZE), 1.0, view)
     np.testing.assert_array_equal(block.rgb, read_reference(view).rgb)
+    now = replace(view, vignetting=1.0, gain=1.1, tint=(1.2, 1.0, 0.9))  # found since
+    scale = file_scale(view) / file_scale(now)
+    block = block_solve._window(CachedReference(kept), uv_blocks.Crop(0, 0, *SIZE), scale, now)
+    np.testing.assert_allclose(block.rgb, read_reference(now).rgb, rtol=1e-6)
 
 
 def test_an_image_that_is_kept_follows_its_view():

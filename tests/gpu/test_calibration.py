@@ -115,6 +115,65 @@ def test_colours_and_places_of_all_lamps_at_once(each, most) -> None:
     assert rough_error(shoot, solution) < 0.35 * rough_error(shoot, given)
 
 
+def balanced(shoot: syn.Shoot, off: float, seed: int = 9) -> tuple[syn.Shoot, np.ndarray]:
+    """The pictures as a camera's automatic white balance leaves them, and its logarithms, green as it is.
+
+    ``off``: standard deviation of red and blue.
+    """
+    tints = np.zeros((len(shoot.images), 3))
+    tints[:, ::2] = off * np.random.default_rng(seed).standard_normal((len(tints), 2))
+    return replace(shoot, images={
+        name: replace(image, rgb=(image.rgb * np.exp(tint)).astype(np.float32))
+        for (name, image), tint in zip(shoot.images.items(), tints, strict=True)}), tints
+
+
+def hues(logs: np.ndarray) -> np.ndarray:
+    """Without what all channels share, which is exposure, and all pictures, which is base colour."""
+    logs = logs - logs.mean(-1, keepdims=True)
+    return logs - logs.mean(0)
+
+
+@pytest.mark.one_python
+@pytest.mark.parametrize("lamps", ["auto", "given"])
+def test_a_white_balance_of_every_picture(plane, lamps) -> None:
+    """Red and blue 4 % off: found in the pictures, and no lamp is blamed."""
+    wrong, tints = balanced(plane, 0.04)
+    solution = shoots.run(wrong, **AUTO | {"lamps": lamps})
+    views = {view.image.name: view for view in found(solution).exposures}
+    told = np.array([np.log(views[name].tint) for name in wrong.images])
+    assert np.abs(hues(told) - hues(tints)).max() < 0.002
+    assert np.abs(np.median(told, axis=0)).max() < 0.02  # the typical picture stays as it is
+    assert max(view.tint_error for view in views.values()) < 0.004 and any(view.sure_tint for view in views.values())
+    assert not any(lamp.sure_tint or lamp.sure_place for lamp in found(solution).lamps)
+    assert sum("white balance of" in line for line in solution.warnings) == 1
+    before = shoots.run(wrong, **AUTO | GIVEN)
+    common = np.exp((tints - tints.mean(1, keepdims=True) - told).mean(0))  # of base colours: nothing tells it
+    of = [replace(plane.truth, base=lambda u, v, by=by: plane.truth.base(u, v) * by) for by in (common, np.ones(3))]
+    off = [np.mean(shoots.errors(each, truth).base) for each, truth in zip((solution, before), of, strict=True)]
+    assert off[0] < 0.2 * off[1]
+    assert rough_error(plane, solution) < 0.5 * rough_error(plane, before)
+
+
+@pytest.mark.one_python
+def test_colours_of_lamps_are_not_a_white_balance(plane) -> None:
+    """Of all lamps, 5 % off, nothing of pictures; with both off, each lamp's is told as far as pictures' scatter."""
+    rng = np.random.default_rng(2)
+    by = {f"Light {n}": tint for n, tint in enumerate(0.05 * rng.standard_normal((8, 3)))}
+    warm = relit(plane, lambda x: replace(x, power=x.power * np.exp(by[x.name])))
+    alone = found(shoots.run(warm, **AUTO))
+    assert not any(view.sure_tint for view in alone.exposures) and any(lamp.sure_tint for lamp in alone.lamps)
+    wrong, tints = balanced(warm, 0.02)
+    both = found(shoots.run(wrong, **AUTO))
+    lamps = {lamp.lights[0]: np.log(lamp.tint) for lamp in both.lamps}
+    views = {view.image.name: np.log(view.tint) for view in both.exposures}
+    # A picture under one lamp shows the sum of both:
+    left = np.array([views[view.image.name] + lamps[view.lights[0].name] + by[view.lights[0].name]
+                     for view in wrong.scene.views]) - tints
+    assert np.abs(hues(left)).max() < 0.004
+    apart = np.array([lamps[name] + tint for name, tint in by.items()])
+    assert np.sqrt(np.mean(hues(apart)**2)) < 0.5 * np.sqrt(np.mean(hues(np.array(list(by.values())))**2))
+
+
 @pytest.mark.one_python
 def test_all_lamps_and_exposures_at_once(plane) -> None:
     """Places 1 % of their distance off, powers 3 %, exposures 2 %: most of what that costs is mended."""

@@ -12,6 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...core.calibration.rig import with_factors
 from ...core.change_records import Calibration
 from ...core.data import Solution
 from ...core.errors import BadInput
@@ -82,9 +83,10 @@ def _light(scene: Any, calibration: Calibration, places: Mapping[Any, Any]) -> s
 def _expose(scene: Any, calibration: Calibration) -> str:
     """Changes what the scene's list of views has of it; says what became of that."""
     names = [name for name, found in (
-        ("exposures", calibration.exposures), ("vignetting", calibration.vignetting),
-        ("ambient light", calibration.ambient), ("response", calibration.response),
-        ("black level", calibration.black_level)) if found]
+        ("exposures", any(view.stops for view in calibration.exposures)), ("white balance", _tints(calibration)),
+        ("vignetting", calibration.vignetting),
+        ("ambient light", calibration.ambient),
+        ("response", calibration.response), ("black level", calibration.black_level)) if found]
     if not names:
         return ""
     what = " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
@@ -98,13 +100,16 @@ def _expose(scene: Any, calibration: Calibration) -> str:
 def _changed(views: Any, calibration: Calibration, names: list[str]) -> str:
     vignetting, ambient, response = calibration.vignetting, calibration.ambient, calibration.response
     black = calibration.black_level
-    stops = {(view.image, view.camera): view.stops for view in calibration.exposures}
-    count = 0
+    stops = {(view.image, view.camera): view.stops for view in calibration.exposures if view.stops}
+    tints, exposed, balanced = _tints(calibration), 0, 0
     for view in views:
         key = Path(bpy.path.abspath(view.image)), view.camera.name if view.camera is not None else ""
         if key in stops:
             view.exposure += stops[key]
-            count += 1
+            exposed += 1
+        if key in tints:
+            view.tint = with_factors(view.tint, tints[key])
+            balanced += 1
         if vignetting is not None:
             view.vignetting += vignetting.power
         if ambient is not None and not view.ambient:
@@ -113,9 +118,15 @@ def _changed(views: Any, calibration: Calibration, names: list[str]) -> str:
             view.response *= response.exponent
         if black is not None and not view.ambient:
             view.black_level = tuple(map(sum, zip(view.black_level, black.level, strict=True)))
-    changed = f", {counted(count, 'exposure')} changed" if calibration.exposures else ""
-    shared = " and ".join(name for name in names if name != "exposures")
+    changed = f", {counted(exposed, 'exposure')} changed" if stops else ""
+    changed += f", white balance of {counted(balanced, 'view')} changed" if tints else ""
+    shared = " and ".join(name for name in names if name not in ("exposures", "white balance"))
     return changed + (f", {shared} of {counted(len(views), 'view')} changed" if shared else "")
+
+
+def _tints(calibration: Calibration) -> dict[tuple[Path, str], tuple[float, float, float]]:
+    """Of the views whose white balance is to be changed, by picture and camera."""
+    return {(view.image, view.camera): view.tint for view in calibration.exposures if view.tint != (1.0, 1.0, 1.0)}
 
 
 def _depth(obj: Any) -> int:

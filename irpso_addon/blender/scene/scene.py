@@ -161,7 +161,7 @@ class _Reader:
                 exposure=view.exposure, mask=_path(view.mask), colorspace=view.colorspace, gain=self.gain,
                 ambient=_path(view.ambient), flat=_path(view.flat), vignetting=view.vignetting,
                 environment=self._environment(view), response=view.response, ambient_radiance=view.ambient_radiance,
-                black_level=view.black_level,
+                black_level=view.black_level, tint=view.tint,
             ))
         return with_one_white_balance(found)
 

@@ -51,6 +51,7 @@ class NamedView:
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)
     black_level: tuple[float, float, float] = (0.0, 0.0, 0.0)
     emitters: tuple[str, ...] = ()  # meshes that glow in it
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ class SceneViews:
                          colorspace=entry.colorspace, faults=tuple(faults), ambient=str(entry.ambient or ""),
                          flat=str(entry.flat or ""), vignetting=entry.vignetting, world=entry.world,
                          turn=entry.turn, response=entry.response, ambient_radiance=entry.ambient_radiance,
-                         black_level=entry.black_level)
+                         black_level=entry.black_level, tint=entry.tint)
 
     def _entry(self, entry: Any, where: str) -> NamedView:
         camera = entry.camera.name if entry.camera is not None else ""
@@ -137,7 +138,7 @@ class SceneViews:
             bpy.path.abspath(entry.ambient), bpy.path.abspath(entry.flat), float(entry.vignetting),
             turn=float(entry.turn), response=float(entry.response),
             ambient_radiance=tuple(map(float, entry.ambient_radiance)),
-            black_level=tuple(map(float, entry.black_level)),
+            black_level=tuple(map(float, entry.black_level)), tint=tuple(map(float, entry.tint)),
             emitters=self._emitters(lights) if lights else self._glowing())
 
     def _backgrounds(self) -> Iterable[NamedView]:

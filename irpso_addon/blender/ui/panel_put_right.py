@@ -10,6 +10,7 @@ from bpy.types import Panel
 from ...core.change_records import Calibration
 from ...core.checks.calibration_lines import (
     ambient_row,
+    balance_row,
     black_row,
     exposure_row,
     gain_of,
@@ -69,16 +70,16 @@ class IRPSO_PT_put_right(Tab, Panel):
 
 def _draw_light(layout: bpy.types.UILayout, calibration: Calibration, width: int) -> bool:
     """Rows of lamps, worlds and exposures; whether something of the views is in them."""
-    exposures = exposure_row(calibration)
+    of_views = [row for row in (exposure_row(calibration), balance_row(calibration)) if row is not None]
     shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), response_row(calibration),
                               black_row(calibration)) if row is not None] + world_rows(calibration)
     lamps = [(lamp.lights[0], lamp_rows(lamp)) for lamp in sure_lamps(calibration)]
     _draw_items(layout, lamps, "Lamp")
-    if exposures is not None:
-        _draw_rows(layout, [exposures[:2]])
-        wrapped(layout, exposures[2], width, "CAMERA_DATA")
+    for what, change, view in of_views:
+        _draw_rows(layout, [(what, change)])
+        wrapped(layout, view, width, "CAMERA_DATA")
     _draw_rows(layout, shared)
-    return bool(exposures or shared)
+    return bool(of_views or shared)
 
 
 def _draw_items(layout: bpy.types.UILayout, items: Items, what: str) -> None:

@@ -20,7 +20,7 @@ from .rig import RigChange
 from .rig_fit import ROUNDS, RigFound, fit_rig
 from .rig_numbers import Free
 from .rig_sample import RigSample
-from .tints import Tints, lamp_tints
+from .tints import Tints, tints_of
 
 LEAST_TEXELS = 100
 MESH = 0.003  # of the radiance, that neighbours leave over in common: more may be a mesh that is wrong in detail
@@ -70,11 +70,11 @@ def _materials(sample: RigSample) -> Steps[RigFound]:
 def _with_colours(
     sample: RigSample, lamps: bool, exposures: bool, larger: Larger, normals: bool, first: RigFound,
 ) -> Steps[Judged | None]:
-    """What else is to be changed, colours of lamps before all.  ``first``: the materials of the sample."""
+    """What else is to be changed, colours of lamps and pictures before all.  ``first``: the materials of the sample."""
     folds = split(sample.texels)
     if folds is None:
         return None
-    tints = (yield from lamp_tints(sample, folds, first, larger)) if lamps else None
+    tints = yield from tints_of(sample, folds, first, lamps, exposures, larger)
     if tints is None:
         return (yield from _with_exposures(sample, lamps, exposures, larger, normals, first))
     judged = yield from _with_exposures(
@@ -172,10 +172,11 @@ def _again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged | No
     if folds is None:
         return None
     first = yield from _materials(sample)
-    tinted = before.found.change.log_tint is not None
-    tints = (yield from lamp_tints(sample, folds, first, more)) if tinted else None
+    lamps, views = (tints is not None for tints in (before.found.change.log_tint, before.found.change.log_balance))
+    tints = yield from tints_of(sample, folds, first, lamps, views, more)
     seen = sample if tints is None else tints.corrected(sample)
-    white = replace(before, found=replace(before.found, change=replace(before.found.change, log_tint=None)))
+    change = replace(before.found.change, log_tint=None, log_balance=None)
+    white = replace(before, found=replace(before.found, change=change))
     again = yield from _found_again(
         white, seen, more if tints is None else lambda ambient: tints.corrected(more(ambient)))
     if before.found.change.vignetting and not before.free.vignetting:

@@ -25,9 +25,12 @@ from ..vignetting import corner_stops
 from .contest import SURE
 from .finish import Judged
 from .free_numbers import LEAST_CHANGE, sure_of_vignetting
-from .rig import Rig, with_more
+from .rig import Rig, with_factors, with_more
+from .rig_sample import COLOURS
 from .tints import LEAST_TINT
 from .worlds import WorldsJudged
+
+_WHITE = (1.0, 1.0, 1.0)
 
 
 def put_right(scene: SceneData, rig: Rig, judged: Judged) -> SceneData:
@@ -36,9 +39,12 @@ def put_right(scene: SceneData, rig: Rig, judged: Judged) -> SceneData:
     lights = rig.lights(change)
     gains = {(view.image, view.camera.name): float(np.exp(gain))
              for view, gain in zip(rig.views, change.log_gain, strict=True)}
+    tints = {} if change.log_balance is None else {
+        (view.image, view.camera.name): np.exp(by) for view, by in zip(rig.views, change.log_balance, strict=True)}
     return replace(scene, views=tuple(
         replace(view, lights=tuple(lights.get(light.name, light) for light in view.lights),
                 gain=view.gain * gains.get((view.image, view.camera.name), 1.0),
+                tint=with_factors(view.tint, tints.get((view.image, view.camera.name), _WHITE)),
                 vignetting=view.vignetting + change.vignetting,
                 response=view.response * float(np.exp(change.log_response)),
                 black_level=_raised(view, (0.0, 0.0, 0.0) if change.black_level is None else change.black_level),
@@ -59,6 +65,7 @@ def applied(scene: SceneData, calibration: Calibration) -> SceneData:
                     light = moved(light, axis, float(by)) if by else light
                 lights[name] = replace(light, power=light.power * lamp.power * np.array(lamp.tint))
     gains = {(view.image, view.camera): 2.0**view.stops for view in calibration.exposures}
+    tints = {(view.image, view.camera): view.tint for view in calibration.exposures}
     darker = 0.0 if calibration.vignetting is None else calibration.vignetting.power
     exponent = 1.0 if calibration.response is None else calibration.response.exponent
     black = (0.0, 0.0, 0.0) if calibration.black_level is None else calibration.black_level.level
@@ -66,6 +73,7 @@ def applied(scene: SceneData, calibration: Calibration) -> SceneData:
     return replace(scene, views=tuple(
         replace(view, lights=tuple(lights.get(light.name, light) for light in view.lights),
                 gain=view.gain * gains.get((view.image, given_name(view)), 1.0),
+                tint=with_factors(view.tint, tints.get((view.image, given_name(view)), _WHITE)),
                 vignetting=view.vignetting + darker, response=view.response * exponent,
                 black_level=_raised(view, black), ambient_radiance=_brightened(view, around),
                 environment=_turned(view.environment, calibration.worlds)) for view in scene.views))
@@ -112,10 +120,14 @@ def told(rig: Rig, judged: Judged) -> Calibration:
             bool(abs(change.log_power[n]) > max(SURE * error.log_power[n], LEAST_CHANGE)),
             _three(np.exp(tint[n])), float(tint_error[n].max()),
             bool(np.abs(tint[n]).max() > max(SURE * tint_error[n].max(), LEAST_TINT))))
+    views = (len(rig.views), COLOURS)
+    tint, tint_error = (np.zeros(views) if each.log_balance is None else each.log_balance for each in (change, error))
     exposures = tuple(
         ExposureChange(view.image, given_name(view), float(gain / np.log(2)), float(sigma / np.log(2)),
-                       bool(abs(gain) > max(SURE * sigma, LEAST_CHANGE)))
-        for view, gain, sigma in zip(rig.views, change.log_gain, error.log_gain, strict=True) if gain)
+                       bool(abs(gain) > max(SURE * sigma, LEAST_CHANGE)), _three(np.exp(by)), float(of.max()),
+                       bool(np.abs(by).max() > max(SURE * of.max(), LEAST_TINT)))
+        for view, gain, sigma, by, of in zip(
+            rig.views, change.log_gain, error.log_gain, tint, tint_error, strict=True) if gain or by.any())
     cameras = [view.camera for view in rig.views]
     vignetting = None if not change.vignetting else VignettingChange(
         change.vignetting, error.vignetting, corner_stops(cameras, change.vignetting), sure_of_vignetting(judged.found))

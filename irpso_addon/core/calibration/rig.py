@@ -54,6 +54,8 @@ class RigChange:
     transmission: float = 0.0
     rough: float = 0.0
     log_tint: F64 | None = None  # (G, 3) of powers in each channel, beside log_power (tints.py); None: as given
+    # (V, 3) of what pictures show in each channel, beside log_gain (tints.py); None: as given
+    log_balance: F64 | None = None
     black_level: F64 | None = None  # (3,) to be added to every view's (black_level.py); None: as given
 
     @classmethod
@@ -122,6 +124,12 @@ class Rig:
                     light = moved(light, axis, float(by)) if by else light
                 result[name] = replace(light, power=light.power * np.exp(power)) if power.any() else light
         return result
+
+
+def with_factors(given: tuple[float, float, float], by: Sequence[float] | F64) -> tuple[float, float, float]:
+    """A colour, each channel times another one's."""
+    red, green, blue = (value * float(factor) for value, factor in zip(given, by, strict=True))
+    return red, green, blue
 
 
 def with_more(given: tuple[float, float, float], by: Sequence[float] | F64) -> tuple[float, float, float]:

@@ -151,7 +151,7 @@ class _RigFit:
         slopes = self.numbers.slopes_of_brightness(self.sample)
         change = slopes @ self.numbers.packed(self.change)
         apart = (slopes - slopes.mean(0))[:, self.numbers.free]
-        return ViewBrightness(change - _typical(change), np.sqrt(np.maximum((apart @ covariance * apart).sum(1), 0.0)))
+        return ViewBrightness(change - typical(change), np.sqrt(np.maximum((apart @ covariance * apart).sum(1), 0.0)))
 
     def _levelled(self, materials: dict[int, OneMaterial], step: F64) -> dict[int, OneMaterial]:
         """With the steps of their levels."""
@@ -176,11 +176,11 @@ def _centred(change: RigChange, kept: bool) -> RigChange:
 
     ``kept``: some lamps are sure, and with them what the others' powers are to be compared with.
     """
-    return replace(change, log_power=change.log_power - (0.0 if kept else _typical(change.log_power)),
-                   log_gain=change.log_gain - _typical(change.log_gain))
+    return replace(change, log_power=change.log_power - (0.0 if kept else typical(change.log_power)),
+                   log_gain=change.log_gain - typical(change.log_gain))
 
 
-def _typical(values: F64) -> float:
+def typical(values: F64) -> float:
     """A mean to which outliers count as much as what is a little off (Huber, Ann. Math. Stat. 35, 1964).
 
     Of lamps that are all a little off it is nearer to the truth than their median.

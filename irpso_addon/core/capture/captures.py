@@ -15,6 +15,7 @@ from ..storage.text_file import read_text
 MOST_EXPOSURE = 64  # EV, either way
 MOST_TURN = 3600.0  # degrees, either way
 MOST_VIGNETTING = 16.0  # power of the cosine, either way
+MOST_TINT = 10.0  # factor, and 1 over it the least
 MOST_AMBIENT = 1e6  # W/(m^2 sr)
 
 
@@ -34,6 +35,7 @@ class CaptureView:
     world: str | None = None  # of that name; None: the scene's
     turn: float = 0.0  # degrees about Z by which the world is turned, against the clock seen from above
     response: float = 1.0  # as View's
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)  # as View's
     black_level: tuple[float, float, float] = (0.0, 0.0, 0.0)  # as View's
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # as View's
 
@@ -98,10 +100,10 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
     vignetting = number("vignetting", "powers of the cosine", MOST_VIGNETTING)
     response = number("response", "an exponent", MOST_RESPONSE, LEAST_RESPONSE, 1.0)
 
-    def color(key: str, least: float, most: float) -> tuple[float, float, float]:
+    def color(key: str, least: float, most: float, missing: float = 0.0) -> tuple[float, float, float]:
         value = entry.get(key)
         if value is None:
-            return 0.0, 0.0, 0.0
+            return missing, missing, missing
         if not isinstance(value, list) or len(value) != 3 or any(
                 isinstance(part, bool) or not isinstance(part, (int, float)) or not least <= part <= most
                 for part in value):
@@ -119,7 +121,7 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
         image=_located(path.parent, image), camera=camera, lights=tuple(lights), exposure=exposure,
         mask=file("mask"), colorspace=text("colorspace", False), ambient=file("ambient"), flat=file("flat"),
         world=text("world", False), turn=turn, vignetting=vignetting, response=response,
-        black_level=color("black_level", -MOST_BLACK, MOST_BLACK),
+        black_level=color("black_level", -MOST_BLACK, MOST_BLACK), tint=color("tint", 1 / MOST_TINT, MOST_TINT, 1.0),
         ambient_radiance=color("ambient_radiance", 0, MOST_AMBIENT),
     )
 

@@ -31,6 +31,7 @@ def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
     tinted = [lamp for lamp in lamps if lamp.sure_tint]
     parts = [*_placed([lamp for lamp in placed if not lamp.sun]), *_turned([lamp for lamp in placed if lamp.sun]),
              *_powered(powered, said=powered == placed), *_coloured(tinted), *_exposed(views),
+             *_balanced(sure_balances(calibration)),
              *_even(calibration.vignetting), *_surrounded(calibration.ambient), *_straightened(calibration.response),
              *_blackened(calibration.black_level), *_worlds(calibration.worlds)]
     what = " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
@@ -55,6 +56,11 @@ def sure_exposures(calibration: Calibration) -> list[ExposureChange]:
     return sorted((view for view in calibration.exposures if view.sure), key=lambda view: -abs(view.stops))
 
 
+def sure_balances(calibration: Calibration) -> list[ExposureChange]:
+    """Views whose white balance is off beyond doubt, the worst first."""
+    return sorted((view for view in calibration.exposures if view.sure_tint), key=lambda view: -_most(view.tint))
+
+
 def lamp_name(lamp: LampChange) -> str:
     """"'Key'", or "the flash on 9 cameras"."""
     return f"the flash on {counted(len(lamp.cameras), 'camera')}" if lamp.cameras else f"'{lamp.lights[0]}'"
@@ -74,9 +80,9 @@ def power_change(lamp: LampChange) -> str:
     return f"× {lamp.power:.3f} ± {percent(lamp.power_error, 1)}"
 
 
-def tint_change(lamp: LampChange) -> str:
+def tint_change(of: LampChange | ExposureChange) -> str:
     """"RGB × 1.04 1.00 0.96"."""
-    return f"RGB × {' '.join(f'{factor:.2f}' for factor in lamp.tint)}"
+    return f"RGB × {' '.join(f'{factor:.2f}' for factor in of.tint)}"
 
 
 def lamp_rows(lamp: LampChange) -> list[tuple[str, str]]:
@@ -98,6 +104,15 @@ def exposure_row(calibration: Calibration) -> tuple[str, str, str] | None:
         return None
     most = "up to " if len(views) > 1 else ""
     return counted(len(views), "Exposure"), f"{most}{views[0].stops:+.2f} EV", views[0].image.name
+
+
+def balance_row(calibration: Calibration) -> tuple[str, str, str] | None:
+    """"5 White Balances", the largest change, and its view; None: none is off beyond doubt."""
+    views = sure_balances(calibration)
+    if not views:
+        return None
+    most = "up to " if len(views) > 1 else ""
+    return counted(len(views), "White Balance"), f"{most}{tint_change(views[0])}", views[0].image.name
 
 
 def vignetting_row(calibration: Calibration) -> tuple[str, str] | None:
@@ -209,8 +224,8 @@ def _powered(lamps: Sequence[LampChange], said: bool) -> list[str]:
 def _coloured(lamps: Sequence[LampChange]) -> list[str]:
     if not lamps:
         return []
-    worst = max(lamps, key=lambda lamp: max(abs(math.log(factor)) for factor in lamp.tint))
-    by = percent(max(worst.tint, key=lambda factor: abs(math.log(factor))) - 1, 1, sign=True)
+    worst = max(lamps, key=lambda lamp: _most(lamp.tint))
+    by = _most_of(worst.tint)
     if len(lamps) == 1:
         return [f"changed the color of {lamp_name(worst)} by up to {by}"]
     return [f"changed the colors of {len(lamps)} lamps by up to {by} ({lamp_name(worst)})"]
@@ -223,6 +238,25 @@ def _exposed(views: Sequence[ExposureChange]) -> list[str]:
     if len(views) == 1:
         return [f"changed the exposure of '{views[0].image.name}' by {worst}"]
     return [f"changed the exposure of {len(views)} views by up to {worst} ('{views[0].image.name}')"]
+
+
+def _balanced(views: Sequence[ExposureChange]) -> list[str]:
+    """``views``: the worst first."""
+    if not views:
+        return []
+    whose = counted(len(views), "view") if len(views) > 1 else f"'{views[0].image.name}'"
+    worst = f" ('{views[0].image.name}')" if len(views) > 1 else ""
+    return [f"matched the white balance of {whose} to the typical view's, by up to {_most_of(views[0].tint)}{worst}"]
+
+
+def _most(tint: tuple[float, float, float]) -> float:
+    """The largest change of a channel, of its logarithm."""
+    return max(abs(math.log(factor)) for factor in tint)
+
+
+def _most_of(tint: tuple[float, float, float]) -> str:
+    """"-6.1 %": the largest change of a channel."""
+    return percent(max(tint, key=lambda factor: abs(math.log(factor))) - 1, 1, sign=True)
 
 
 def _worlds(worlds: Sequence[WorldChange]) -> list[str]:

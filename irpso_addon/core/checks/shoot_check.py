@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..images.oiio_reader import JPEG
 from ..images.shot_settings import LEAST_DIFFERENCE, NOTHING_SAID, ShotSettings, exposures_off
 from ..phrases import percent, some
 
@@ -148,8 +150,8 @@ class ShootCheck:
 
 def findings(check: ShootCheck) -> tuple[Finding, ...]:
     """What is wrong, the likeliest cause of the rest first; nothing where all is well."""
-    return (*_outside(check), *_hidden(check), *_shifts(check), *_pairs(check), *_outlines(check), *_exposure(check),
-            *_light(check), *_power(check), *_lamps(check))
+    return (*_outside(check), *_hidden(check), *_shifts(check), *_pairs(check), *_outlines(check), *_files(check),
+            *_exposure(check), *_light(check), *_power(check), *_lamps(check))
 
 
 def _outside(check: ShootCheck) -> list[Finding]:
@@ -229,6 +231,15 @@ def _outlines(check: ShootCheck) -> list[Finding]:
                     f"{worst.outline:.1f} pixels apart in the worst tenth of it in '{worst.view}', after the shift "
                     "was removed",
                     "check that the mesh is complete and placed as in the pictures; check the cameras' focal length")]
+
+
+def _files(check: ShootCheck) -> list[Finding]:
+    names = [view.view for view in check.views if Path(view.view).suffix.lower() in JPEG]
+    if not names:
+        return []
+    return [Finding(f"{some(names)}: in JPEG format",
+                    "8 bits per channel, and a tone curve if a camera wrote them, which IRPSO cannot undo",
+                    "use RAW files, or EXR or 16 bits of linear light")]
 
 
 def _exposure(check: ShootCheck) -> list[Finding]:

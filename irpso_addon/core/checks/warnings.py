@@ -96,8 +96,8 @@ def _indirect(checks: Checks, tried: bool) -> list[str]:
     return [f"{line}set Indirect Light to On, or darken the surroundings"]
 
 
-LINEAR = ("check their colour space, that they have no sRGB curve or view transform, and that no other light shone on "
-          "the object")
+LINEAR = ("check their colour space, that they have no tone curve or view transform (JPEG files of cameras have one: "
+          "use RAW files), and that no other light shone on the object")
 
 
 def curved_exponent(checks: Checks) -> float | None:
@@ -113,7 +113,9 @@ def curved_exponent(checks: Checks) -> float | None:
 
 def _curve(checks: Checks) -> list[str]:
     exponent = curved_exponent(checks)
-    return [] if exponent is None else [f"all views: look non-linear (exponent {exponent:.2f}); {LINEAR}"]
+    return [] if exponent is None else [
+        f"all views: look non-linear (exponent {exponent:.2f}); {LINEAR}; without linear files, multiply the views' "
+        f"Response by {exponent:.2f}"]
 
 
 def _bent(checks: Checks) -> float:

@@ -16,9 +16,10 @@ from . import oiio_reader
 from .colour import SPACES, known_space, to_linear_rec709
 from .image_file import ImageFile, open_image
 from .mask import ASPECT, Mask
+from .oiio_reader import JPEG
 from .picture_survey import Rows, Survey, all_channels, survey
 from .raw_reader import is_raw
-from .response import as_read, straightened
+from .response import as_read, file_scale, straightened
 from .shot_settings import brighter_by
 
 _EVEN = 0.99  # quantile of a flat field that counts as 1: a speck may be brighter
@@ -30,7 +31,7 @@ Pixels = tuple[F32, F32, Bool]  # radiance (rows, width, 3), coverage and validi
 
 
 def read_reference(view: View, max_pixels: int | None = None) -> RadianceImage:
-    """Radiance of ``view.image``: linear Rec.709, divided by 2^exposure and gain, alpha divided out, upright.
+    """Radiance of ``view.image``: linear Rec.709, divided by 2^exposure, gain and tint, alpha divided out, upright.
 
     ``view.black_level`` and ``view.response`` are undone, also of ambient picture and flat field; then ``view.ambient``
     is subtracted, and ``view.flat`` and ``view.vignetting`` are divided out.
@@ -79,7 +80,10 @@ class Reference:
         self._develop, warnings = _development(view, file)
         self._rows = Rows(file, None if view.mask is None else Mask(view.mask, file))
         self._survey: Survey = survey(self._rows, 0.0 if of is None else of._survey.level)
-        if file.bits <= 8:
+        if view.image.suffix.lower() in JPEG:
+            warnings += (f"{view.image.name}: is a JPEG file (8 bits per channel, and a tone curve if a camera wrote "
+                         "it, which IRPSO cannot undo); use RAW files, or EXR or 16 bits of linear light",)
+        elif file.bits <= 8:
             warnings += (f"{view.image.name}: has 8 bits per channel; use EXR, RAW or 16 bits for exact maps",)
         self.warnings: tuple[str, ...] = warnings + file.warnings
         self.clipped_share = self._survey.clipped
@@ -89,7 +93,7 @@ class Reference:
         if view.ambient is not None:
             self._ambient = Reference(_alike(replace(alone, image=view.ambient), file), self)
         if view.flat is not None:
-            self._flat = Reference(replace(alone, image=view.flat, exposure=0.0, gain=1.0), self)
+            self._flat = Reference(replace(alone, image=view.flat, exposure=0.0, gain=1.0, tint=(1.0, 1.0, 1.0)), self)
         for other in (self._ambient, self._flat):
             self.warnings += () if other is None else other.warnings
 
@@ -165,11 +169,12 @@ def _signs(radiance: F32) -> F64:
 
 def _development(view: View, file: ImageFile) -> tuple[Callable[[F32], F32], tuple[str, ...]]:
     """What makes linear Rec.709, exposed as the view says, of stored colours; warnings."""
-    camera, scale = file.camera, np.float32(1.0 / (2.0**view.exposure * view.gain))
+    camera, scale = file.camera, (1.0 / file_scale(view)).astype(np.float32)
     if camera is not None:
         return lambda rgb: camera.to_linear_rec709(rgb, view.white_balance) * scale, ()
     space, warnings = _space(view, file)
-    return lambda rgb: to_linear_rec709(rgb, space) if scale == 1 else to_linear_rec709(rgb, space) * scale, warnings
+    plain = bool((scale == 1).all())
+    return lambda rgb: to_linear_rec709(rgb, space) if plain else to_linear_rec709(rgb, space) * scale, warnings
 
 
 def _alike(ambient: View, file: ImageFile) -> View:

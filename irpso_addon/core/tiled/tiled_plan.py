@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..data import F32, Bool, Bounced, Maps, SceneData, Solution
+from ..data import F32, F64, Bool, Bounced, Maps, SceneData, Solution
 from ..params import SolveSettings
 from . import uv_blocks
 
@@ -59,7 +59,7 @@ class Plan:
     halo: int
     memory: float  # GB that pictures and observations of a block may take
     kernels: str  # "fragment" or "compute": the same on all machines
-    scales: tuple[float, ...]  # of each view: by what its picture was divided when it was developed
+    scales: F64  # (V, 3) of each view: by what its picture was divided when it was developed
     solution: Solution  # the small map, `layout` tells of which squares
     level: float  # typical radiance of the views
     noise: Mapping[int, Noise]  # by the number of lobes
