@@ -29,7 +29,7 @@ from ..core.params import SolveSettings
 from ..gpu.device import thread
 from ..gpu.observe.picture_memory import most_pixels
 from .gpu_path import Clock
-from .kept_images import ReadImage
+from .kept_images import KeptImages, ReadImage
 from .one_round import Outcome, one_round, tried
 
 ALIGN_ROUNDS = 4  # of finding where cameras look
@@ -97,6 +97,7 @@ def outcome(
     """As `solve`, with all that it found on the way."""
     if read_image is None:
         read_image = partial(read_reference, max_pixels=most_pixels(scene.views, thread.settings().memory))
+    read_image = KeptImages(read_image)  # views are observed again and again, and large pictures take seconds each
     clock = Clock()
     best = yield from one_round(
         scene, settings, read_image, clock, aligns=settings.registration == "auto" and scene.region is None)
