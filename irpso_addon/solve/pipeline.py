@@ -101,7 +101,8 @@ def outcome(
     read_image = KeptImages(read_image)  # views are observed again and again, and large pictures take seconds each
     clock = Clock()
     best = yield from one_round(
-        scene, settings, read_image, clock, aligns=settings.registration == "auto" and scene.region is None)
+        scene, settings, read_image, clock, aligns=settings.registration == "auto" and scene.region is None,
+        first=True)
     first = best
     if first.solution.cancelled:
         return _with_cameras(scene, best)

@@ -96,6 +96,16 @@ def test_a_stop_before_the_standard_errors_keeps_them(patches, solved, monkeypat
     np.testing.assert_allclose(found.maps.confidence, solved["refined"].maps.confidence, atol=1e-6)
 
 
+def test_a_stop_during_the_checks_keeps_the_maps(patches, solved, monkeypatch):
+    """They are whole then, and each view is a step; those that were not looked at are not in the report."""
+    found = stopped(patches, "maps", monkeypatch, 3, "checks")
+    assert found.cancelled
+    np.testing.assert_array_equal(found.maps.filled, solved["refined"].maps.filled)
+    np.testing.assert_allclose(found.maps.roughness, solved["refined"].maps.roughness, atol=1e-6)
+    np.testing.assert_allclose(found.maps.base_color, solved["refined"].maps.base_color, atol=1e-6)
+    assert found.checks is not None and len(found.checks.views) == len(found.pictures) == 3
+
+
 @pytest.mark.parametrize("stage", ["gbuffer", "observe", "cameras"])
 def test_a_stop_before_the_search_has_nothing_to_keep(patches, monkeypatch, stage):
     with pytest.raises(Cancelled):
