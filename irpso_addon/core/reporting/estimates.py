@@ -38,6 +38,7 @@ ENVIRONMENT_BYTES = 8 * NODES + 16  # of a pixel, see gpu/observe/environment_li
 AROUND_BYTES = COUNT * (SHADOW_SIDE**2 * 2 + 32 * sum(PARTS**n for n in range(LEVELS + 1)))
 AROUND_PIXEL_BYTES = 16 * (1 + NODES) + 64  # ... and of a pixel's sums, and a batch's light: freed before the search
 REDUCED = 0.99  # share of the pixels below which that is told
+KEPT_PIXEL, KEPT_BYTES = 17, 400_000_000  # of pictures that are kept for a second look, and the most of all of them
 READING = 3  # pictures in memory at a time
 FURTHEST = 1000.0  # times faster or slower than the small machine: beyond, something else was measured
 
@@ -131,7 +132,8 @@ def estimate(
     found = Estimate(
         seconds=seconds, disk_bytes=2 * MAP_BYTES * texels,
         gpu_bytes=int(each * pixels + max(GRID_BYTES * texels + max(solving, MAPS_BYTES * texels), around)),
-        host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + reading),
+        host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + reading
+                       + min(KEPT_PIXEL * pixels * len(views), KEPT_BYTES)),
         learnt=bool(factors), reduced=reduced)
     if not large:
         return found
