@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from typing import Generic, TypeVar
 
 from ..job import Progress, Steps
@@ -41,7 +42,9 @@ class ReadAhead(Generic[Item, Read]):
             if len(self._waiting) > self._readers:
                 break
         job = self._waiting.popleft()
-        while not wait([job], WAIT).done:
+        while not job.done():
+            with suppress(TimeoutError):
+                return job.result(WAIT)
             yield step
         return job.result()
 
