@@ -51,18 +51,6 @@ def test_vertices_at_pixel_centres_are_no_shift(shift: tuple[float, float]) -> N
         np.testing.assert_allclose(misfit.shift, shift, atol=0.03)
 
 
-def test_only_what_explains_the_pictures_better_is_put_right() -> None:
-    """Pictures beside where they should be are; masks beside their pictures, drawn so by hand, are not."""
-    beside = shot((0.75, -0.5))
-    masked = shot()
-    images = {name: replace(image, coverage=np.roll(image.coverage, 1, 1)) for name, image in masked.images.items()}
-    for made, mended in ((beside, True), (replace(masked, images=images), False)):
-        found = shoots.run(made, model="one-lobe", registration="auto", indirect="off")
-        assert any("; corrected" in warning for warning in found.warnings) == mended
-        assert found.checks is not None
-        assert all(misfit.shifted != mended for misfit in found.checks.registration)
-
-
 def test_each_picture_is_read_once_for_all_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that is too bright asks for a second round, and large files take seconds."""
     made, rounds, read = shot(), [], Counter[str]()
@@ -79,6 +67,18 @@ def test_each_picture_is_read_once_for_all_rounds(monkeypatch: pytest.MonkeyPatc
     thread.run(lambda: pipeline.solve(made.scene, settings, read_image))
     assert len(rounds) > 1
     assert set(read.values()) == {1} and len(read) == len(made.scene.views)
+
+
+def test_only_what_explains_the_pictures_better_is_put_right() -> None:
+    """Pictures beside where they should be are; masks beside their pictures, drawn so by hand, are not."""
+    beside = shot((0.75, -0.5))
+    masked = shot()
+    images = {name: replace(image, coverage=np.roll(image.coverage, 1, 1)) for name, image in masked.images.items()}
+    for made, mended in ((beside, True), (replace(masked, images=images), False)):
+        found = shoots.run(made, model="one-lobe", registration="auto", indirect="off")
+        assert any("; corrected" in warning for warning in found.warnings) == mended
+        assert found.checks is not None
+        assert all(misfit.shifted != mended for misfit in found.checks.registration)
 
 
 def test_a_turn_about_the_axis_and_a_lens_that_bends_are_put_right(monkeypatch: pytest.MonkeyPatch) -> None:
