@@ -57,7 +57,8 @@ class IRPSO_OT_import_shoot(bpy.types.Operator):
             return self.execute(context)
         given, manager = context.scene.irpso.shoot, context.window_manager
         try:
-            self._steps, self._settings = read_shoot(_shoot(given)), shoot_settings(given)
+            self._settings = shoot_settings(given)
+            self._steps = read_shoot(_shoot(given), self._settings)
         except BadInput as error:
             return self._refused(error)
         self._timer = manager.event_timer_add(TIMER_PERIOD, window=context.window)

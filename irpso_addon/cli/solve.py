@@ -13,12 +13,12 @@ from ..blender import files
 from ..blender.jobs import solve_object
 from ..core.data import Solution
 from ..core.errors import BadInput, Cancelled
-from ..core.job import Progress
+from ..core.job import Progress, run_to_end
 from ..core.maps.export import earlier_maps, write_maps
 from ..core.params import SolveSettings
 from ..core.phrases import percent
 from ..core.reporting import estimates
-from ..core.reporting.estimates import gigabytes
+from ..core.reporting.estimates import REDUCED, gigabytes
 from ..core.reporting.report import build_report, write_report
 from ..core.storage.output_transaction import OutputTransaction
 from ..gpu.device import thread
@@ -111,13 +111,15 @@ def _by_blocks(step: Progress) -> Progress:
 
 def print_estimate(order: solve_object.Order) -> None:
     """Say what the solve will need.  Raises BadInput where the disk has no room for it."""
-    needs = solve_object.expected(order)
+    with console.progress() as show:
+        needs = run_to_end(solve_object.expected(order), show)
     solve_object.check_room(order, needs)
     if thread.settings().device == "numpy":  # which takes other times
         return
     unsure = "" if needs.learnt else " (first guess)"
+    reduced = f", pictures reduced to {percent(needs.reduced ** 0.5)} to fit" if needs.reduced < REDUCED else ""
     console.expect(f"{estimates.in_words(needs.seconds)}{unsure}, {gigabytes(needs.gpu_bytes)} GPU memory, "
-                   f"{gigabytes(needs.host_bytes)} memory, {gigabytes(needs.disk_bytes)} of disk")
+                   f"{gigabytes(needs.host_bytes)} memory, {gigabytes(needs.disk_bytes)} of disk{reduced}")
 
 
 def print_summary(name: str, solution: Solution, out: Path) -> None:

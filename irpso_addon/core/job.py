@@ -37,10 +37,10 @@ class Progress:
 
 Steps = Generator[Progress, None, Result]
 WORDS = {  # what users read of a stage; the others are words already
-    "gbuffer": "drawing the mesh", "observe": "reading pictures", "pictures": "developing pictures",
-    "cameras": "checking cameras", "calibrate": "checking lamps", "normals": "checking normals", "solve": "solving",
-    "maps": "making maps", "indirect": "rendering bounced light", "indirect_test": "looking for bounced light",
-    "merge": "joining blocks", "write": "writing files",
+    "headers": "opening pictures", "gbuffer": "drawing the mesh", "observe": "reading pictures",
+    "pictures": "developing pictures", "cameras": "checking cameras", "calibrate": "checking lamps",
+    "normals": "checking normals", "solve": "solving", "maps": "making maps", "indirect": "rendering bounced light",
+    "indirect_test": "looking for bounced light", "merge": "joining blocks", "write": "writing files",
 }
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,9 +19,10 @@ from ..core.checks.mended_cameras import moved
 from ..core.checks.outline_fit import silhouette
 from ..core.checks.shoot_check import ShootCheck
 from ..core.checks.shoot_measure import ShootMeasure
-from ..core.data import F32, Light, SceneData, View
+from ..core.data import F32, Light, RadianceImage, SceneData, View
 from ..core.errors import BadInput
 from ..core.images.image_file import open_image
+from ..core.images.read_ahead import ReadAhead
 from ..core.images.reference_image import read_reference
 from ..core.job import Progress
 from ..gpu.device import thread
@@ -47,21 +49,21 @@ def check(scene: SceneData) -> Generator[Progress, None, ShootCheck]:
     pairs = neighbours(scene.views, chosen, measure.middle, measure.on_camera)
     paired = {id(view) for pair in pairs for view in pair}
     sides: dict[int, Side] = {}
-    whole = len(chosen) + len(paired - {id(view) for view in chosen})
-    with device.scope():
+    known = {id(view) for view in chosen}
+    others = {id(view): view for pair in pairs for view in pair if id(view) not in known}  # that are compared alone
+    looked = [*chosen, *others.values()]
+    with device.scope(), ReadAhead(partial(read_reference, max_pixels=PIXELS), looked) as pictures:
         drawing = ViewDrawing(device, scene)
-        for number, view in enumerate(chosen):
-            yield Progress(number / whole, "check", view.image.name)
-            drawn = drawing.draw(view)
-            measure.add(drawn, *drawing.shift(drawn))
+        for number, view in enumerate(looked):
+            step = Progress(number / len(looked), "check", view.image.name)
+            yield step
+            image = yield from pictures.next(step)
+            drawn = drawing.draw(view if id(view) in known else replace(view, lights=()), image)
+            if id(view) in known:
+                measure.add(drawn, *drawing.shift(drawn))
             if id(view) in paired:
                 sides[id(view)] = side_of(drawn)
         for one, other in pairs:
-            for view in (one, other):
-                if id(view) not in sides:
-                    yield Progress((len(chosen) + len(sides.keys() - {id(each) for each in chosen})) / whole, "check",
-                                   view.image.name)
-                    sides[id(view)] = side_of(drawing.draw(replace(view, lights=())))
             measure.compare(sides[id(one)], sides[id(other)])
     yield Progress(1.0, "check")
     return measure.check()
@@ -76,9 +78,9 @@ class ViewDrawing:
         self.outline = DrawnOutline(device, self.mesh, scene.occluders, scene.pixel_filter)
         self.shadows = LightVisibility(device, self.mesh, self.occluders, SHADOW_SIZE)
 
-    def draw(self, view: View) -> DrawnView:
-        """A view.  Raises BadInput for a picture that cannot be read."""
-        image, file = read_reference(view, PIXELS), open_image(view.image)
+    def draw(self, view: View, image: RadianceImage) -> DrawnView:
+        """A view with its picture, reduced.  Raises BadInput for a file that cannot be opened."""
+        file = open_image(view.image)
         height, width = image.valid.shape
         whole = 0, 0, width, height
         with self.device.scope():

@@ -45,7 +45,7 @@ from ..gpu.solve.normal_texels import SAMPLE, refined_normals
 from ..gpu.solve.openness import openness
 from ..gpu.solve.sparse_ladder import SparseLadder, looked, picked, surface_of
 from ..gpu.solve.world_light import world_sample
-from .kept_images import KeptImages, ReadImage
+from .kept_images import ReadImage
 from .outlined_scene import Observed, through_right_cameras
 
 Result = TypeVar("Result")
@@ -230,8 +230,7 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
     turns = given.calibrates and not dark and not glows and settings.lamps == "auto"
     calibrates, refines = allowed and "auto" in (settings.lamps, settings.exposures), allowed and (
         settings.normals == "auto")
-    read_image = KeptImages(given.read_image) if calibrates or refines or turns or given.aligns else given.read_image
-    observed = partial(observe, device, mesh=grid.mesh, read_image=read_image,
+    observed = partial(observe, device, mesh=grid.mesh, read_image=given.read_image,
                        limits=ObserveOptions(given.bounced, part, level=given.level))
     observations: Observations = yield from clock.stage("observe", observed(scene=scene))
     if not observations.cameras:

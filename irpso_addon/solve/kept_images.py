@@ -11,10 +11,10 @@ import numpy as np
 
 from ..core.data import F32, RadianceImage, View
 from ..core.images.response import as_read, straightened
+from ..core.reporting.estimates import KEPT_BYTES
 from ..core.vignetting import brightened
 
 ReadImage = Callable[[View], RadianceImage]
-KEPT_BYTES = 400_000_000
 # What a solve may find of a picture, as if nothing of it were so:
 PLAIN: dict[str, Any] = {"gain": 1.0, "tint": (1.0, 1.0, 1.0), "response": 1.0, "vignetting": 0.0,
                          "black_level": (0.0, 0.0, 0.0)}

@@ -6,6 +6,7 @@ Each function is a generator of Progress and must run on the GL thread, as in `p
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,10 +16,10 @@ from ..core.change_records import Calibration, RefinedNormals
 from ..core.check_records import Checks
 from ..core.checks.calibration_lines import calibrated
 from ..core.checks.normals_line import refined
-from ..core.checks.solve_checks import TexelFit, measure
+from ..core.checks.solve_checks import Measured, TexelFit
 from ..core.checks.warnings import grouped, warnings
 from ..core.data import F32, Bool, Bounced, Maps, MaterialPrediction, MeshArrays, SceneData, Solution, ViewPicture
-from ..core.errors import BadInput
+from ..core.errors import BadInput, Cancelled
 from ..core.job import Progress
 from ..core.normals.tangent_map import encoded
 from ..core.params import SolveSettings
@@ -36,6 +37,7 @@ from .gpu_path import Clock, Given, Solved, TexelGrid, draw_texels, keeps_normal
 from .kept_images import ReadImage
 
 DARKEST = 0.015  # base colour that a median seldom is below: coal has 0.02 to 0.04
+FEW = 24  # cameras whose views are checked when a solve was stopped: who stops does not want to wait
 MANY = 0.05  # of the texels that are holes
 PLAIN = 0.01  # of a metal's texels that look like no metal
 NO_CONFIDENCE = "method paper: gives no uncertainty; confidence is 0 and the standard errors are 0.5 everywhere"
@@ -91,8 +93,9 @@ def _checked(device: Device, grid: TexelGrid, name: str, size: int) -> GBuffer:
 def one_round(
     scene: SceneData, settings: SolveSettings, read_image: ReadImage, clock: Clock,
     bounced: Mapping[int, Bounced] | None = None, settled: Judged | None = None, aligns: bool = False,
+    first: bool = False,
 ) -> Generator[Progress, None, Outcome]:
-    """One solve of the scene as it is given.
+    """One solve of the scene as it is given.  ``first``: nothing else is kept if it is stopped.
 
     ``bounced``: indirect light, by the view's place in the scene.  ``settled``: which numbers of lamps and exposures an
     earlier round has put right.  ``aligns``: cameras may be put right by outlines first.
@@ -113,8 +116,8 @@ def one_round(
                 f"{scene.mesh.name}: no texel is lit and seen well in any view; check that its faces point outwards "
                 "(Mesh > Normals > Recalculate Outside), that lamps light it and have their real power, that masks are "
                 "white where it is, and that faces do not share UVs with others")
-        checks, pictures = yield from clock.stage("maps", _checks(scene, settings, solved.made, grid))
-        solution = _solution(scene, settings, gbuffer, solved, part)
+        checks, pictures, stopped = yield from clock.stage("maps", _checks(scene, settings, solved.made, grid, first))
+        solution = replace(_solution(scene, settings, gbuffer, solved, part), cancelled=stopped)
         normals = _normals(grid, solved)
         if normals is not None or keeps_normals(scene):
             solution = replace(solution, maps=replace(
@@ -185,13 +188,18 @@ def _solution(
 
 
 def _checks(
-    scene: SceneData, settings: SolveSettings, made: FinishedMaps, grid: TexelGrid,
-) -> Generator[Progress, None, tuple[Checks, tuple[ViewPicture, ...]]]:
-    """What the views say of the maps, and how they look beside what those predict."""
+    scene: SceneData, settings: SolveSettings, made: FinishedMaps, grid: TexelGrid, first: bool,
+) -> Generator[Progress, None, tuple[Checks, tuple[ViewPicture, ...], bool]]:
+    """What the views say of the maps, how they look beside what those predict, and whether the solve was stopped.
+
+    Of a solve that was stopped, a few views.
+    """
     pictures: list[ViewPicture] = []
     outline = None if scene.region is not None else DrawnOutline(  # that of a part is not the object's
         made.albedo.device, grid.mesh, scene.occluders, scene.pixel_filter)
-    views = with_view_pictures(check_views(made.albedo, made.base, outline), pictures)
+    stopped, cameras = made.ladder.cancelled or made.albedo.cancelled, made.albedo.observations.cameras
+    cameras = cameras[::-(-len(cameras) // FEW) if stopped else 1]
+    count = sum(len(camera.views) for camera in cameras)
     texels = TexelFit(scene.mesh.name, made.ladder.model, grid.slots, scene.mesh.slot_names, made.good,
                       made.ladder.texels.observations, made.maps.roughness, made.maps.roughness_sigma,
                       sure=settings.method != "paper", chosen=settings.model == "auto",
@@ -199,8 +207,17 @@ def _checks(
                       one_value=tuple(name for name, prior in made.ladder.priors.items() if prior.one_value and not (
                           name in made.ladder.coats or name in made.ladder.diffuse_roughness)),
                       contradicted=made.contradicted)
-    yield Progress(1.0, "maps", "checks")
-    return measure(views, texels), tuple(pictures)
+    measured = Measured(made.good.size)
+    try:
+        with closing(with_view_pictures(check_views(made.albedo, made.base, cameras, outline), pictures)) as views:
+            for n, view in enumerate(views):
+                measured.add(view)
+                yield Progress(1.0, "maps", f"checks, {n + 1} of {count}")
+    except Cancelled:  # the maps are whole
+        if not first:
+            raise
+        stopped = True
+    return measured.checks(texels), tuple(pictures), stopped
 
 
 def no_metal(name: str, share: float) -> str:

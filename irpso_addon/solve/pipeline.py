@@ -27,9 +27,9 @@ from ..core.images.reference_image import read_reference
 from ..core.job import Progress
 from ..core.params import SolveSettings
 from ..gpu.device import thread
-from ..gpu.observe.picture_memory import most_pixels
+from ..gpu.observe.picture_memory import coarser_line, most_pixels
 from .gpu_path import Clock
-from .kept_images import ReadImage
+from .kept_images import KeptImages, ReadImage
 from .one_round import Outcome, one_round, tried
 
 ALIGN_ROUNDS = 4  # of finding where cameras look
@@ -95,11 +95,14 @@ def outcome(
     scene: SceneData, settings: SolveSettings, read_image: ReadImage | None = None, bounce: Bounce | None = None,
 ) -> Generator[Progress, None, Outcome]:
     """As `solve`, with all that it found on the way."""
+    from_files, memory = read_image is None, thread.settings().memory
     if read_image is None:
-        read_image = partial(read_reference, max_pixels=most_pixels(scene.views, thread.settings().memory))
+        read_image = partial(read_reference, max_pixels=most_pixels(scene.views, memory))
+    read_image = KeptImages(read_image)  # views are observed again and again, and large pictures take seconds each
     clock = Clock()
     best = yield from one_round(
-        scene, settings, read_image, clock, aligns=settings.registration == "auto" and scene.region is None)
+        scene, settings, read_image, clock, aligns=settings.registration == "auto" and scene.region is None,
+        first=True)
     first = best
     if first.solution.cancelled:
         return _with_cameras(scene, best)
@@ -118,6 +121,8 @@ def outcome(
         best = not_bounced(best, why, tried(settings))
         if aligned is not first.given and first.solution.checks is not None and settings.exposures == "solve":
             lines = mended(first.solution.checks.registration)
+        if from_files and settings.method != "paper":  # which searches each texel
+            lines += coarser_line(scene, settings.size, memory)
     except Cancelled:  # the maps so far are whole
         best = replace(best, solution=replace(best.solution, cancelled=True))
     except BadInput as error:  # nothing of the first round is lost

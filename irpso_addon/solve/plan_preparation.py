@@ -13,6 +13,7 @@ import numpy as np
 from ..core.checks.bounced_light import SEVERAL_UDIMS
 from ..core.data import MeshArrays, SceneData, Solution, View
 from ..core.errors import BadInput, Cancelled
+from ..core.images.read_ahead import ReadAhead
 from ..core.images.reference_image import read_reference
 from ..core.images.response import file_scale
 from ..core.job import Progress, retold
@@ -166,10 +167,15 @@ def _of_plan(step: Progress) -> Progress:
 
 
 def _developed(views: tuple[View, ...], work: WorkFolder) -> Generator[Progress, None, None]:
-    for n, view in enumerate(views):
-        cache_reference(view, picture_path(work, n))
-        share = 0.7 + 0.3 * (n + 1) / len(views)
-        yield Progress(PLANNED * share, "pictures", f"developing {view.image.name}")
+    def developed(n: int) -> None:
+        cache_reference(views[n], picture_path(work, n))
+
+    with ReadAhead(developed, range(len(views))) as pictures:
+        for n, view in enumerate(views):
+            share = 0.7 + 0.3 * n / len(views)
+            step = Progress(PLANNED * share, "pictures", f"developing {view.image.name}")
+            yield step
+            yield from pictures.next(step)
 
 
 def picture_path(work: WorkFolder, n: int) -> Path:

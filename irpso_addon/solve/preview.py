@@ -180,7 +180,7 @@ def _judge(device: Device, observations: Observations, grid: GBufferMaps, mailbo
 def _pictures(albedo: AlbedoSolver, base: moderngl.Texture) -> tuple[ViewPicture, ...]:
     """The views beside what the maps predict."""
     pictures: list[ViewPicture] = []
-    for _ in with_view_pictures(check_views(albedo, base), pictures):
+    for _ in with_view_pictures(check_views(albedo, base, albedo.observations.cameras), pictures):
         pass
     return tuple(pictures)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from functools import wraps
@@ -273,8 +273,8 @@ def _measure_kernels(ledger: Ledger, undo: ExitStack) -> None:
 def _kept(ledger: Ledger, original: Callable[..., Any]) -> Callable[..., Any]:
     """The device's memory as the add-on expects it."""
     @wraps(original)
-    def expected(*given: Any) -> Any:
-        needs = original(*given)
+    def expected(*given: Any) -> Generator[Any, None, Any]:
+        needs = yield from original(*given)
         ledger.facts["estimated"] = needs.gpu_bytes
         return needs
     return expected

@@ -142,6 +142,22 @@ def test_a_power_that_is_not_known_stays_so(scene, shoot) -> None:
     assert not scene.irpso.scale_known  # of the first import's views
 
 
+def test_what_is_added_was_read_before(scene, shoot, module) -> None:
+    """A window stands still while a shoot is added, so that no picture is read then: there is none any more."""
+    ask(scene, flash_power=0.0)
+    importing, run = module("blender.shoot.import_shoot"), module("core.job").run_to_end
+    given = module("blender.properties").shoot_settings(scene.irpso.shoot)
+    files = importing.Shoot(shoot / "transforms.json", shoot / "pictures", shoot / "box.obj")
+    read = run(importing.read_shoot(files, given), lambda _: None)
+    (shoot / "pictures").rename(shoot / "elsewhere")
+    imported = run(importing.add_shoot(read, given, str), lambda _: None)
+    (shoot / "elsewhere").rename(shoot / "pictures")
+    views = list(scene.irpso.views)[1:]
+    found = views[0].lights[0].light.data.energy
+    power = module("blender.shoot.flash_power").flash_power
+    assert found != 1.0 and found == pytest.approx(power(bpy.context, imported.mesh, views, found), rel=1e-4)
+
+
 def test_a_power_does_not_hang_on_how_the_mesh_is_kept(scene, shoot, module) -> None:
     """The same with faces that point inwards, and with a scale of the object instead of the mesh; a mesh of no size."""
     ask(scene)

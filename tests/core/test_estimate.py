@@ -17,6 +17,7 @@ from irpso_addon.core.reporting.estimates import (
     learnt,
     predicted,
     read_factors,
+    reduced_share,
     write_factors,
 )
 
@@ -114,6 +115,26 @@ def test_pictures_beyond_the_memory_are_counted_as_reduced() -> None:
     assert found.gpu_bytes == pytest.approx(2e9, rel=0.1)
     assert estimate(taken, settings, {}, 8.0).gpu_bytes == pytest.approx(8e9, rel=0.1)
     assert estimate(views(), settings, {}, 2.0).reduced == 1.0
+
+
+@pytest.mark.parametrize("slower", [0.5, 3.0])
+def test_a_solve_of_reduced_pictures_teaches_of_reduced_pictures(slower) -> None:
+    """A solve of 60 pictures of 24 megapixels, of which 2 GB hold a small share, is then known as it was."""
+    taken, settings = views(60, 4900), SolveSettings(size=512)
+    share = reduced_share(taken, settings, 2.0)
+    assert share < 0.05
+    took = {stage: slower * s for stage, s in predicted(taken, settings, {}, share).items()}
+    stages = {stage: s for stage, s in took.items() if stage != "start"}
+    factors = learnt({}, taken, settings, stages, sum(took.values()), reduced=share)
+    true = slower * sum(predicted(taken, settings, factors, share).values())
+    assert 0.5 < estimate(taken, settings, factors, 2.0).seconds / true <= 1 + 1e-6
+
+
+def test_reading_of_large_files_is_expected() -> None:
+    """100 files of 24 megapixels: measured, 1 to 3 seconds of a processor each, whatever memory leaves of them."""
+    taken, settings = views(100, 4900), SolveSettings(size=512)
+    small = estimate(views(100, 600), settings, {}, 2.0)
+    assert 60 < estimate(taken, settings, {}, 2.0).seconds - small.seconds < 300
 
 
 def test_large_maps() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from irpso_addon.core.data import View
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images import oiio_reader
-from irpso_addon.core.images.reference_image import read_reference
+from irpso_addon.core.images.reference_image import read_reference, reduce
 from tests.support.picture_files import RNG, noise, save, view
 
 oiio = pytest.importorskip("OpenImageIO")
@@ -456,6 +457,27 @@ def test_reduction_weighs_by_coverage_and_drops_blocks_with_bad_pixels(tmp_path)
     stored[0, 0] = 65535
     found = read_reference(view(save(tmp_path / "a.png", stored, "uint16")), max_pixels=24)
     assert not found.valid[-1, 0] and found.valid.sum() == 23
+
+
+@pytest.mark.parametrize("covered", [True, False])
+def test_reduction_is_by_area_and_holds_no_copy_in_double_precision(covered):
+    """Beside sums over overlaps of pixels and cells in float64; 4 bytes a value and the mean's weights are enough."""
+    h, w, rows, columns = 120, 600, np.linspace(0, 120, 20), np.linspace(0, 600, 92)
+    rgb, valid = noise(h, w), RNG.random((h, w)) > 0.003
+    cover = np.ones((h, w), np.float32) if covered else RNG.random((h, w)).astype(np.float32)
+    tracemalloc.start()
+    found = reduce((rgb, cover, valid), rows, columns)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 40 * h * w
+    down, across = (np.clip(np.minimum(edges[1:, None], np.arange(n) + 1) - np.maximum(edges[:-1, None], np.arange(n)),
+                            0, None) for edges, n in ((rows, h), (columns, w)))
+    weight = np.einsum("ih,jw,hw->ij", down, across, cover)
+    expected = np.einsum("ih,jw,hwc,hw->ijc", down, across, rgb, cover, optimize=True) / weight[..., None]
+    whole = np.einsum("ih,jw,hw->ij", down, across, ~valid) == 0
+    np.testing.assert_array_equal(found[2], whole)
+    np.testing.assert_allclose(found[0], np.where(whole[..., None], expected, 0), rtol=2e-6)
+    np.testing.assert_allclose(found[1], weight / np.outer(np.diff(rows), np.diff(columns)), rtol=2e-6)
 
 
 @pytest.mark.parametrize("tiles", [{}, {"tile_width": 16, "tile_height": 16}])

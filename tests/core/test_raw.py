@@ -246,6 +246,20 @@ def test_one_white_balance_for_all(tmp_path):
     np.testing.assert_array_equal(read_reference(views[2]).rgb, read_reference(view(first)).rgb)
 
 
+def test_a_file_is_unpacked_for_its_header_once_until_it_changes(tmp_path, monkeypatch):
+    """A large one takes half a second, and every step asks for it."""
+    asked = []
+    of_file = decoder_pool.header
+    monkeypatch.setattr(decoder_pool, "header", lambda *given: asked.append(given) or of_file(*given))
+    path = save_dng(tmp_path / "a.dng", np.full((40, 60), 1000, np.uint16))
+    first = open_image(path)
+    assert open_image(path) == first and open_image(path, full=True) != first
+    read_reference(view(path))
+    assert len(asked) == 2
+    save_dng(path, np.full((44, 60), 1000, np.uint16))
+    assert (first.height, open_image(path).height) == (20, 22)
+
+
 def test_what_exif_says(tmp_path):
     shot = open_image(save_dng(tmp_path / "a.dng", samples(), Shot(exposure=(1 / 60, 11.0, 400)))).shot
     assert (shot.time, shot.f_number, shot.iso) == pytest.approx((1 / 60, 11.0, 400))

@@ -6,6 +6,7 @@ centres of pixels.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +14,12 @@ import pytest
 
 from irpso_addon.core.checks.mended_cameras import bent, moved, rolled
 from irpso_addon.core.checks.solve_checks import left_over
-from irpso_addon.core.data import Camera, Light
+from irpso_addon.core.data import Camera, Light, RadianceImage, View
+from irpso_addon.core.params import SolveSettings
+from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.gbuffer.drawn_outline import DrawnOutline
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
-from irpso_addon.solve import one_round
+from irpso_addon.solve import one_round, pipeline
 from irpso_addon.solve.gpu_path import solve_grid
 from tests.support import shoots
 from tests.support import synthetic as syn
@@ -46,6 +49,24 @@ def test_vertices_at_pixel_centres_are_no_shift(shift: tuple[float, float]) -> N
     for misfit in found.registration:
         assert misfit.shifted == (shift != (0.0, 0.0))
         np.testing.assert_allclose(misfit.shift, shift, atol=0.03)
+
+
+def test_each_picture_is_read_once_for_all_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is too bright asks for a second round, and large files take seconds."""
+    made, rounds, read = shot(), [], Counter[str]()
+    name, image = next(iter(made.images.items()))
+    made = replace(made, images={**made.images, name: replace(image, rgb=1.2 * image.rgb)})
+    monkeypatch.setattr(one_round, "solve_grid", lambda *given: rounds.append(given) or solve_grid(*given))
+
+    def read_image(view: View) -> RadianceImage:
+        read[view.image.name] += 1
+        return made.read_image(view)
+
+    settings = SolveSettings(size=shoots.SIZE, model="one-lobe", registration="given", lamps="given", normals="mesh",
+                             exposures="solve", indirect="off")
+    thread.run(lambda: pipeline.solve(made.scene, settings, read_image))
+    assert len(rounds) > 1
+    assert set(read.values()) == {1} and len(read) == len(made.scene.views)
 
 
 def test_only_what_explains_the_pictures_better_is_put_right() -> None:

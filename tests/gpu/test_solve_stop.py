@@ -81,10 +81,32 @@ def test_a_stop_in_the_base_colour_keeps_the_roughness(patches, solved, monkeypa
     np.testing.assert_allclose(found.maps.roughness, solved["refined"].maps.roughness, atol=1e-6)
 
 
+@pytest.mark.parametrize("after", [1, 4, 9])
+def test_a_stop_between_cameras_of_the_base_colour_leaves_a_whole_one(patches, solved, monkeypatch, after):
+    """The first back-projection comes to its end; a later one is as if it had not begun.  Each camera is a step."""
+    found = stopped(patches, "maps", monkeypatch, after, "base colour")
+    assert found.cancelled
+    whole = solved["refined"].maps
+    solved_texels = found.maps.coverage & ~found.maps.filled
+    np.testing.assert_array_equal(solved_texels, whole.coverage & ~whole.filled)
+    off = np.abs(found.maps.base_color - whole.base_color)[solved_texels]
+    assert np.median(off) < 0.01 and np.quantile(off, 0.95) < 0.1  # it is less sharp
+
+
 def test_a_stop_before_the_standard_errors_keeps_them(patches, solved, monkeypatch):
     found = stopped(patches, "maps", monkeypatch, 1, "standard errors")
     assert found.cancelled
     np.testing.assert_allclose(found.maps.confidence, solved["refined"].maps.confidence, atol=1e-6)
+
+
+def test_a_stop_during_the_checks_keeps_the_maps(patches, solved, monkeypatch):
+    """They are whole then, and each view is a step; those that were not looked at are not in the report."""
+    found = stopped(patches, "maps", monkeypatch, 3, "checks")
+    assert found.cancelled
+    np.testing.assert_array_equal(found.maps.filled, solved["refined"].maps.filled)
+    np.testing.assert_allclose(found.maps.roughness, solved["refined"].maps.roughness, atol=1e-6)
+    np.testing.assert_allclose(found.maps.base_color, solved["refined"].maps.base_color, atol=1e-6)
+    assert found.checks is not None and len(found.checks.views) == len(found.pictures) == 3
 
 
 @pytest.mark.parametrize("stage", ["gbuffer", "observe", "cameras"])
@@ -110,6 +132,9 @@ def test_progress_only_grows(patches):
     assert fractions == sorted(fractions)
     assert 0 <= fractions[0]
     assert 0.99 < fractions[-1] <= 1
+    steps = [step.message for step in told].count("base colour")
+    cameras = len({view.camera.name for view in patches.scene.views})
+    assert steps >= 6 * (cameras + 1)  # with a hundred cameras, one of six back-projections takes a minute
     stages = [step.stage for step in told]
     assert list(dict.fromkeys(stages)) == ["gbuffer", "observe", "cameras", "calibrate", "normals", "solve", "maps"]
 

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from irpso_addon.core.job import Progress, Steps, run_to_end
 from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.reporting.estimates import Estimate
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.device.draw_budget import DrawBudget
 from irpso_addon.gpu.device.memory import DeviceMemory
 from irpso_addon.solve import gpu_path, one_round, pipeline
-from studies.budget import page
+from studies.budget import instrument, page
 from studies.budget.instrument import DEVICE, OF_COMMANDS, PARTS, instrumented, of_command
 from studies.budget.ledger import COMPILE, GPU, NOTHING, PYTHON, UPLOAD, Ledger
 from studies.budget.needs import Need, evaluations, needs
@@ -167,6 +169,20 @@ def test_parts_of_commands_exist() -> None:
         with instrumented(Ledger(), of_command(blender)):
             pass
     assert all(name.startswith(("core.", "solve.")) for names in of_command(False).values() for name in names)
+
+
+def test_the_estimate_of_a_command_is_noted() -> None:
+    """It is a job, because it opens all pictures."""
+    found = Estimate(1.0, 5, 6, 7, False)
+
+    def expected(views: int) -> Steps[Estimate]:
+        yield Progress(0.0, "headers", f"0 of {views}")
+        return found
+
+    ledger = Ledger()
+    seen: list[Progress] = []
+    assert run_to_end(instrument._kept(ledger, expected)(3), seen.append) is found
+    assert ledger.facts["estimated"] == 5 and [step.message for step in seen] == ["0 of 3"]
 
 
 def test_needs_by_hand() -> None:

@@ -20,7 +20,9 @@ import bpy
 
 from ...core.data import SceneData, Solution
 from ...core.errors import BadInput, Cancelled, StoppedWithWork
+from ...core.images import decoder_pool
 from ...core.images.image_file import open_image
+from ...core.images.read_ahead import ReadAhead
 from ...core.images.reference_image import with_raw_size
 from ...core.job import Progress, Steps
 from ...core.maps.map_set import MapFiles
@@ -132,14 +134,15 @@ def check_room(order: Order, expected: Estimate | None) -> None:
         estimates.check_disk(order.folder, expected.disk_bytes, there)
 
 
-def expected(order: Order) -> Estimate:
+def expected(order: Order) -> Steps[Estimate]:
     """Time and memory.  Opens all pictures: not for a window, whose panel knows (`solve_speed.of`)."""
-    taken = []
-    for view in order.data.views:
-        with suppress(BadInput):  # the solve says it
-            header = open_image(view.image, view.full_raw)
-            taken.append(ViewSize(header.width, header.height, view.camera.name, len(view.lights),
-                                  str(view.environment.key) if view.environment else ""))
+    views, taken = order.data.views, []
+    with ReadAhead(lambda view: open_image(view.image, view.full_raw), views, decoder_pool.MOST) as headers:
+        for n, view in enumerate(views):
+            with suppress(BadInput):  # the solve says it
+                header = yield from headers.next(Progress(0.0, "headers", f"{n} of {len(views)}"))
+                taken.append(ViewSize(header.width, header.height, view.camera.name, len(view.lights),
+                                      str(view.environment.key) if view.environment else ""))
     return estimates.estimate(taken, order.settings, solve_speed.factors(), thread.settings().memory,
                               rounds=order.settings.indirect == "on", udims=order.udims)
 

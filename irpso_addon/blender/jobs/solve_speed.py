@@ -58,7 +58,7 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     column.label(text=memory[:1].upper() + memory[1:], icon="MEMORY")
     if found.disk_bytes > TOLD:
         column.label(text=f"{gigabytes(found.disk_bytes)} of disk", icon="DISK_DRIVE")
-    if found.reduced < 0.99:
+    if found.reduced < estimates.REDUCED:
         column.label(text=f"Pictures reduced to {percent(found.reduced ** 0.5)} to fit", icon="INFO")
 
 
@@ -120,7 +120,8 @@ def learn(
     taken = _sizes(data)
     if len(taken) < len(data.views):  # the list has been changed meanwhile
         return
-    _known.factors = estimates.learnt(factors(), taken, settings, solution.seconds, wall, udims=udims)
+    reduced = estimates.reduced_share(taken, settings, preferences.device_settings().memory, udims)
+    _known.factors = estimates.learnt(factors(), taken, settings, solution.seconds, wall, udims, reduced)
     saved = path(), dict(_known.factors)
     threading.Thread(target=_save, args=saved, name="irpso-speed", daemon=True).start()  # disks may be slow
 

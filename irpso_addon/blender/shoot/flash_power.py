@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import bpy
 import numpy as np
@@ -12,11 +13,15 @@ import numpy as np
 from ...core.data import F32, F64, SOLID, Camera, Light, RadianceImage, View
 from ...core.errors import BadInput
 from ...core.images import decoder_pool
+from ...core.images.read_ahead import ReadAhead
 from ...core.images.reference_image import read_reference, with_one_white_balance
+from ...core.job import Progress, Steps, run_to_end
 from ...core.projection import rays_of
 from ...core.shading.lights import light_irradiance
 from ..scene.scene_objects import read_camera, read_light
 from .mesh_rays import MeshRays
+from .shoot_objects import SPACES
+from .shoot_pictures import ShootPictures
 
 VIEWS = 8  # that are looked at
 PIXELS = 64 * 64  # of each
@@ -25,20 +30,50 @@ QUANTILE = 0.98  # ... but for so few
 STEEP = 0.3, 0.9  # cosines of the light's angle: beyond lie edges and, where the flash is near the lens, highlights
 
 
+Item = TypeVar("Item")
+Shown = Mapping[Path, RadianceImage]  # by the file's full path
+
+
+def flash_pictures(pictures: ShootPictures, colors: str) -> Steps[Shown]:
+    """What `flash_power` looks at, before there are views: large files take a second each.  Raises BadInput."""
+    views = []
+    for camera in _spread(pictures.cameras):
+        file, mask = pictures.files.files[camera.name], pictures.files.masks.get(camera.name)
+        like = Camera(camera.name, np.eye(4), np.eye(4), np.zeros(3), np.array([0.0, 0, -1]), False,
+                      camera.lens.width / camera.lens.height)
+        views.append(View(file.resolve(), like, (), pictures.exposures[camera.name], mask, SPACES[colors] or None))
+    return (yield from _read(with_one_white_balance(views)))
+
+
 def flash_power(
     context: bpy.types.Context, mesh: bpy.types.Object, views: Sequence[bpy.types.PropertyGroup], power: float,
+    shown: Shown | None = None,
 ) -> float:
-    """Watts, given that the views' lights have ``power`` now.  Raises BadInput where no view shows the mesh lit."""
-    chosen = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, VIEWS).astype(int))]
+    """Watts, given that the views' lights have ``power`` now.  Raises BadInput where no view shows the mesh lit.
+
+    ``shown``: as of `flash_pictures`, of these views; None: they are read now.
+    """
     depsgraph, rays = context.evaluated_depsgraph_get(), MeshRays(context, mesh)
-    shown = with_one_white_balance([_view(context, entry, depsgraph) for entry in chosen])
-    with ThreadPoolExecutor(decoder_pool.MOST, "irpso-flash") as threads:  # large RAW files take a second each
-        images = list(threads.map(lambda view: read_reference(view, PIXELS), shown))
-    albedo = np.concatenate([_albedo(view, image, rays) for view, image in zip(shown, images, strict=True)])
+    chosen = with_one_white_balance([_view(context, entry, depsgraph) for entry in _spread(views)])
+    images = run_to_end(_read(chosen), lambda _: None) if shown is None else shown
+    albedo = np.concatenate([_albedo(view, images[view.image], rays) for view in chosen])
     found = float(power * np.quantile(albedo, QUANTILE) / WHITE) if len(albedo) else 0.0
     if not 0 < found < np.inf:
         raise BadInput(f"mesh '{mesh.name}': it is black in every picture; check pictures, cameras and "
                        "mesh, or give the flash's power")
+    return found
+
+
+def _spread(items: Sequence[Item]) -> list[Item]:
+    """At most VIEWS of them."""
+    return [items[i] for i in np.unique(np.linspace(0, len(items) - 1, VIEWS).astype(int))]
+
+
+def _read(views: Sequence[View]) -> Steps[Shown]:
+    found: dict[Path, RadianceImage] = {}
+    with ReadAhead(partial(read_reference, max_pixels=PIXELS), views, decoder_pool.MOST) as pictures:
+        for n, view in enumerate(views):
+            found[view.image] = yield from pictures.next(Progress(1.0, "light", f"{n} of {len(views)}"))
     return found
 
 

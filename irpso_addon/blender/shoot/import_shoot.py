@@ -19,7 +19,7 @@ from ...core.shoot.project import Project
 from ...core.shoot.project_file import read_project
 from ...core.shoot.scene_cameras import SUFFIXES as SCENE_SUFFIXES
 from ...core.shoot.scene_cameras import project_of
-from .flash_power import flash_power
+from .flash_power import Shown, flash_pictures, flash_power
 from .grey_card import GreyCard, set_power_by_grey_card
 from .mesh_file import import_mesh, unwrap
 from .mesh_place import place
@@ -57,17 +57,19 @@ class ReadShoot:
     project: Project
     mesh: Path
     pictures: ShootPictures
+    shown: Shown | None = None  # pictures by which the flash's power is found; None: it is not looked for
 
 
 def import_shoot(
     shoot: Shoot, settings: ShootSettings, stored: Stored, grey: GreyCard | None = None,
 ) -> Steps[Imported]:
     """`read_shoot` and then `add_shoot`: a job that raises what they raise."""
-    read = yield from retold(read_shoot(shoot), lambda step: replace(step, fraction=READ * step.fraction))
+    read = yield from retold(
+        read_shoot(shoot, settings, grey), lambda step: replace(step, fraction=READ * step.fraction))
     return (yield from add_shoot(read, settings, stored, grey))
 
 
-def read_shoot(shoot: Shoot) -> Steps[ReadShoot]:
+def read_shoot(shoot: Shoot, settings: ShootSettings, grey: GreyCard | None = None) -> Steps[ReadShoot]:
     """A job that looks at nothing of Blender's after its first step, so that a window can go on meanwhile.
 
     Raises BadInput.
@@ -85,7 +87,10 @@ def read_shoot(shoot: Shoot) -> Steps[ReadShoot]:
         mesh = shoot.mesh or _only_mesh(project)
         check_path(mesh)
         pictures = yield from read_pictures(project, folder, headers)
-    return ReadShoot(project, mesh, pictures)
+    shown = None
+    if settings.rig == "flash" and not settings.flash_power and grey is None:
+        shown = yield from flash_pictures(pictures, settings.colors)
+    return ReadShoot(project, mesh, pictures, shown)
 
 
 def add_shoot(
@@ -103,7 +108,7 @@ def add_shoot(
         lines = place(mesh, pictures.cameras, _scale(settings, project))
         lines += unwrap(mesh)
         yield Progress(MADE, "light")
-        lines += _add(mesh, project, pictures, settings, grey)
+        lines += _add(mesh, read, settings, grey)
         views = list(bpy.context.scene.irpso.views)[-len(pictures.cameras):]
         for view in views:
             view.image, view.mask = (stored(Path(path)) if path else "" for path in (view.image, view.mask))
@@ -119,10 +124,10 @@ def _scale(settings: ShootSettings, project: Project) -> float:
 
 
 def _add(
-    mesh: bpy.types.Object, project: Project, pictures: ShootPictures, settings: ShootSettings,
-    grey: GreyCard | None,
+    mesh: bpy.types.Object, read: ReadShoot, settings: ShootSettings, grey: GreyCard | None,
 ) -> list[str]:
     """Cameras, flashes and views, with absolute paths; lines for the user.  Raises BadInput."""
+    project, pictures = read.project, read.pictures
     scene, flash = bpy.context.scene, settings.rig == "flash"
     before = [bpy.path.abspath(view.image) for view in scene.irpso.views if view.image]
     lines = [*_scale_line(settings, project), *already_there(pictures.files, before), *_other_lines(scene)]
@@ -134,7 +139,7 @@ def _add(
     _set_scene(scene, pictures, known=flash and settings.flash_power > 0, first=first)
     bpy.context.view_layer.update()
     if grey is None:
-        lines += _light_line(mesh, views, flashes, settings)
+        lines += _light_line(mesh, views, flashes, settings, read.shown)
     else:
         lines += set_power_by_grey_card(bpy.context, mesh, grey)
     for obj in bpy.context.view_layer.objects:
@@ -183,6 +188,7 @@ def _only_mesh(project: Project) -> Path:
 
 def _light_line(
     mesh: bpy.types.Object, views: Sequence[Any], flashes: dict[str, bpy.types.Object], settings: ShootSettings,
+    shown: Shown | None,
 ) -> list[str]:
     """Sets the flash's power where it is to be found; what the brightness of the maps rests on."""
     if not flashes:
@@ -192,7 +198,7 @@ def _light_line(
     if settings.flash_power:
         return []
     light = next(iter(flashes.values())).data
-    light.energy = flash_power(bpy.context, mesh, views, light.energy)
+    light.energy = flash_power(bpy.context, mesh, views, light.energy, shown)
     return [f"light '{light.name}': its power is not known; {light.energy:.3g} W make the brightest 2 % of the surface "
             "nearly white. Base colors are right but for one common factor, and Specular IOR Level is solved for: set "
             "the power, or use a grey card, for absolute values"]

@@ -50,14 +50,14 @@ class TexelFit:
 
 def measure(views: Iterable[CheckedView], texels: TexelFit) -> Checks:
     """Consumes one view at a time; those of a camera follow one another."""
-    measured = _Measured(texels.solved.size)
+    measured = Measured(texels.solved.size)
     for view in views:
         measured.add(view)
     return measured.checks(texels)
 
 
-class _Measured:
-    """What the views show, summed up one view after another."""
+class Measured:
+    """What the views show, summed up one view after another; those of a camera follow one another."""
 
     def __init__(self, texels: int) -> None:
         """``texels``: of a map."""

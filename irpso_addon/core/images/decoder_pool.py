@@ -25,7 +25,7 @@ import numpy as np
 
 from .. import child_process
 from ..child_process import NO_CONSOLE
-from ..errors import BadInput
+from ..errors import BadInput, Cancelled
 from . import oiio_reader
 from .colour import CameraColour
 from .oiio_reader import FORMS, MAX_SIDE, Stored, StoredPicture
@@ -58,12 +58,14 @@ def header(path: Path, full: bool = False) -> dict[str, Any]:
 
 
 def bands(path: Path, picture: StoredPicture, first: int, last: int) -> Iterator[Stored]:
-    """As oiio_reader.bands.  Raises BadInput."""
+    """As oiio_reader.bands.  Raises BadInput, and Cancelled as `until` says."""
     left, width = last - first, picture.size[0]
     with _borrowed(path) as process:
         process.order("bands", str(path), astuple(picture), first, last, oiio_reader.BAND)
         try:
             while left:
+                if (stop := getattr(_thread, "stop", None)) is not None and stop.is_set():
+                    raise Cancelled
                 band = process.band(left, width, len(picture.channels), picture.form)
                 left -= len(band)
                 yield band
@@ -75,6 +77,16 @@ def bands(path: Path, picture: StoredPicture, first: int, last: int) -> Iterator
                     process.answer()
             raise
         process.answer()  # the end, or what has gone wrong since
+
+
+@contextmanager
+def until(stop: threading.Event) -> Iterator[None]:
+    """What this thread reads inside ends soon after ``stop`` is set: `bands` raise Cancelled."""
+    _thread.stop = stop
+    try:
+        yield
+    finally:
+        _thread.stop = None
 
 
 def warm_up() -> None:
@@ -260,6 +272,7 @@ class _Pool:
                     return
 
 
+_thread = threading.local()  # ``stop``, as of `until`
 _pool = _Pool()
 atexit.register(lambda: _pool.close())
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from .colour import CameraColour
 from .oiio_reader import FORMS, Stored, StoredPicture
 from .shot_settings import NOTHING_SAID, ShotSettings
 
+HEADERS = 2048  # of files that are remembered, each of about a kilobyte
 TURNED = 128_000_000  # bytes of a turned picture that are held at a time
 # Of stored rows and columns, by EXIF's orientation (CIPA DC-008, 4.6.4): reverse rows, reverse columns, then swap both
 _TURNS = {1: (False, False, False), 2: (False, True, False), 3: (True, True, False), 4: (True, False, False),
@@ -106,8 +109,19 @@ class ImageFile:
 def open_image(path: Path, full: bool = False) -> ImageFile:
     """The header of ``path``, checked for size before anything is allocated.  Raises BadInput.
 
-    ``full``: of a RAW file with a pixel for each sample.
+    ``full``: of a RAW file with a pixel for each sample.  It is read once until the file changes: LibRaw unpacks all of
+    a RAW file for it.
     """
+    try:
+        now = os.stat(path)
+    except (OSError, ValueError):  # the decoder states what is wrong
+        return ImageFile(path, **decoder_pool.header(path, full))
+    return _opened(path, full, (now.st_mtime_ns, now.st_size, now.st_ino, now.st_dev))
+
+
+@lru_cache(HEADERS)
+def _opened(path: Path, full: bool, _stamp: tuple[int, ...]) -> ImageFile:
+    """The header of a file as it was at that time."""
     return ImageFile(path, **decoder_pool.header(path, full))
 
 

@@ -150,6 +150,8 @@ def _counting(rgb: F32, coverage: F32) -> F32:
 
     Divided by an alpha of almost 0, the noise of a pixel outside the object would exceed the whole picture.
     """
+    if coverage.min() > SOLID:
+        return rgb.reshape(-1, 3)
     covered = coverage > 0
     pixels, share = rgb[covered], coverage[covered]
     edge = share <= SOLID

@@ -249,7 +249,7 @@ class _Taker:
 def _reduced(reference: Reference, width: int, height: int) -> Iterator[Pixels]:
     """The reference's bands at another size, by area averages."""
     rows, columns = (np.linspace(0, n, m + 1) for n, m in ((reference.height, height), (reference.width, width)))
-    step = max(1, int(oiio_reader.BAND / 4 / reference.width * height / reference.height))  # in double precision
+    step = max(1, int(oiio_reader.BAND / 4 / reference.width * height / reference.height))  # held beside the band
     bands, held, top = reference.bands(), list[Pixels](), 0  # ``held``: rows from ``top`` on
     for first in range(0, height, step):
         edges = rows[first:first + step + 1]
@@ -274,15 +274,30 @@ def _part(pixels: Pixels, first: int, last: int | None) -> Pixels:
 def reduce(pixels: Pixels, rows: F64, columns: F64) -> Pixels:
     """Area averages over the grid of cell edges ``rows`` x ``columns`` (in pixels, ascending)."""
     rgb, coverage, valid = pixels
-    weighted = np.concatenate([rgb * coverage[..., None], coverage[..., None], ~valid[..., None]], -1)
-    small = _cell_means(_cell_means(weighted, rows).swapaxes(0, 1), columns).swapaxes(0, 1)
+    weighted = rgb if coverage.min() == 1 == coverage.max() else rgb * coverage[..., None]
+    parts = weighted, coverage[..., None], (~valid[..., None]).astype(np.float32)
+    few = np.concatenate([_row_means(part, rows) for part in parts], -1)
+    small = _cell_means(few.swapaxes(0, 1), columns).swapaxes(0, 1)
     cover = small[..., 3]
     ok = small[..., 4] < 1e-6
     colour = np.where((ok & (cover > 0))[..., None], small[..., :3] / np.maximum(cover, 1e-12)[..., None], 0)
     return colour.astype(np.float32), cover.astype(np.float32), ok
 
 
-def _cell_means(values: F32 | F64, edges: F64) -> F64:
+def _row_means(values: F32, edges: F64) -> F64:
+    """As `_cell_means`, of whole rows, of which only those of one mean are held in double precision."""
+    flat = values.reshape(len(values), -1)
+    out = np.empty((len(edges) - 1, flat.shape[1]))
+    first = np.minimum(np.floor(edges[:-1] + 1e-6).astype(int), len(values) - 1)
+    last = np.maximum(np.ceil(edges[1:] - 1e-6).astype(int), first + 1)
+    for row, low, high, top, bottom in zip(out, edges[:-1], edges[1:], first, last, strict=True):
+        at = np.arange(top, bottom)
+        share = np.clip(np.minimum(high, at + 1) - np.maximum(low, at), 0, None)
+        np.dot(share / share.sum(), flat[top:bottom].astype(np.float64), out=row)
+    return out.reshape(-1, *values.shape[1:])
+
+
+def _cell_means(values: F64, edges: F64) -> F64:
     """Means over [edges[i], edges[i+1]) of piecewise constant ``values`` (n, ...), along the first axis."""
     whole = np.minimum(np.floor(edges + 1e-6).astype(int), len(values) - 1)
     part = (edges - whole).reshape(-1, *[1] * (values.ndim - 1))

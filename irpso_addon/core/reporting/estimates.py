@@ -37,6 +37,8 @@ ENVIRONMENT_BYTES = 8 * NODES + 16  # of a pixel, see gpu/observe/environment_li
 # Of an environment's shadow maps and its directions with all their parts, see gpu/observe/environment_light.py, ...
 AROUND_BYTES = COUNT * (SHADOW_SIDE**2 * 2 + 32 * sum(PARTS**n for n in range(LEVELS + 1)))
 AROUND_PIXEL_BYTES = 16 * (1 + NODES) + 64  # ... and of a pixel's sums, and a batch's light: freed before the search
+REDUCED = 0.99  # share of the pixels below which that is told
+KEPT_PIXEL, KEPT_BYTES = 17, 400_000_000  # of pictures that are kept for a second look, and the most of all of them
 READING = 3  # pictures in memory at a time
 FURTHEST = 1000.0  # times faster or slower than the small machine: beyond, something else was measured
 
@@ -55,6 +57,9 @@ SEARCH = {"lambert": (0.4, 2.0, 0.2), "one-lobe": (0.4, 2.0, 0.2), "one-lobe-spe
           "one-lobe-metallic": (0.4, 4.0, 0.4), "two-lobe": (0.8, 4.0, 0.4), "auto": (0.6, 4.5, 0.3)}
 # An environment: seconds of its shadows, microseconds of a pixel that it lights; and of the search for each view.
 AROUND, AROUND_PIXEL, AROUND_SEARCH = 2.0, 50.0, 3.4
+# Of a picture that is reduced: seconds of each pixel that its file has more.  24 megapixels of a JPEG, of a TIFF of
+# 16 bits and of a DNG take 0.03, 0.07 and 0.1 microseconds each.
+READING_PIXEL = 0.07e-6
 METHODS = {"refined": 1.0, "draft": 0.8, "swarm": 3.5}  # times the above; "paper" goes by its iterations
 PAPER = 0.04  # microseconds a texel, view and iteration
 PICTURE_SECONDS = 1.0  # of indirect light, by Cycles
@@ -109,13 +114,9 @@ def estimate(
 
     ``udims``: of the squares that are solved.
     """
-    large = is_large(settings.size, udims)
-    if large:
-        memory *= PICTURES
-    lit = {(v.camera, v.environment) for v in views if v.environment}
-    each = bytes_per_pixel(len(views), sum(v.lights for v in views), len({v.camera for v in views}), len(lit))
+    large, reduced = is_large(settings.size, udims), reduced_share(views, settings, memory, udims)
+    lit, each = _lit(views), _bytes_of_each(views)
     largest = max((v.width * v.height for v in views), default=0)
-    reduced = min(1.0, memory * 1e9 / max(each * largest, 1))  # no picture may be readable
     taken = predicted(views, settings, factors, reduced, rounds, udims)
     known = [factors.get(key) for key in (_key(stage, settings) for stage in taken)]
     usual = _usual(factors)
@@ -131,13 +132,32 @@ def estimate(
     found = Estimate(
         seconds=seconds, disk_bytes=2 * MAP_BYTES * texels,
         gpu_bytes=int(each * pixels + max(GRID_BYTES * texels + max(solving, MAPS_BYTES * texels), around)),
-        host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + reading),
+        host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + reading
+                       + min(KEPT_PIXEL * pixels * len(views), KEPT_BYTES)),
         learnt=bool(factors), reduced=reduced)
     if not large:
         return found
     whole = len(udims) * settings.size**2
     disk = PICTURE_BYTES * sum(v.width * v.height for v in views) + (BLOCK_BYTES + MAP_BYTES) * whole
     return replace(found, disk_bytes=disk, reduced=1.0)  # blocks take pictures as they are
+
+
+def reduced_share(
+    views: Sequence[ViewSize], settings: SolveSettings, memory: float, udims: tuple[int, ...] = (FIRST_UDIM,),
+) -> float:
+    """Of the pictures' pixels, as many as fit into ``memory`` GB; of maps in blocks it is their plan's."""
+    memory *= PICTURES if is_large(settings.size, udims) else 1.0
+    largest = max((v.width * v.height for v in views), default=0)
+    return min(1.0, memory * 1e9 / max(_bytes_of_each(views) * largest, 1))  # no picture may be readable
+
+
+def _lit(views: Sequence[ViewSize]) -> set[tuple[str, str]]:
+    return {(v.camera, v.environment) for v in views if v.environment}
+
+
+def _bytes_of_each(views: Sequence[ViewSize]) -> int:
+    """As `bytes_per_pixel`."""
+    return bytes_per_pixel(len(views), sum(v.lights for v in views), len({v.camera for v in views}), len(_lit(views)))
 
 
 def check_disk(folder: Path, size: int, there: int = 0) -> None:
@@ -174,6 +194,7 @@ def predicted(
         small = _once(views, replace(settings, size=min(settings.size, 512)), reduced)
         first = {stage: 2 * s + small[stage] for stage, s in first.items()}
     result = {stage: first.get(stage, 0.0) + FIXED.get(stage, 0.0) for stage in STAGES[:-1]}
+    result["observe"] += READING_PIXEL * (1 - reduced) * sum(v.width * v.height for v in views)
     for stage, seconds in COMPILING.items():
         result[stage] += seconds * len(_to_compile(stage, views, settings, known))
     if rounds:
@@ -214,15 +235,15 @@ def _stride(views: Sequence[ViewSize], settings: SolveSettings, reduced: float) 
 
 def learnt(
     factors: Factors, views: Sequence[ViewSize], settings: SolveSettings, seconds: Mapping[str, float], wall: float,
-    udims: tuple[int, ...] = (FIRST_UDIM,),
+    udims: tuple[int, ...] = (FIRST_UDIM,), reduced: float = 1.0,
 ) -> dict[str, float]:
-    """The factors after a solve of whole pictures: ``seconds`` of its stages, ``wall`` of it all.
+    """The factors after a solve: ``seconds`` of its stages, ``wall`` of it all; ``reduced``: as of `reduced_share`.
 
     The mean with what was known; and a stage that compiled and was slow was mostly slow in compiling, so that half of
     the surprise (of its logarithm) is believed.
     """
     result = dict(factors)
-    expectations = predicted(views, settings, factors, rounds="indirect" in seconds, udims=udims)
+    expectations = predicted(views, settings, factors, reduced, "indirect" in seconds, udims)
     measured = {**seconds, "start": max(wall - sum(seconds.get(s, 0.0) for s in expectations), 0.05)}
     for stage, expected in expectations.items():
         if stage in measured:
@@ -233,7 +254,7 @@ def learnt(
                 result[key] = _mean([factor, factors[key]]) if key in factors else factor
     compiled = {stage for stage in expectations if _to_compile(stage, views, settings, factors)}
     known = {key for stage in compiled for key in _to_compile(stage, views, settings, factors)}
-    again = predicted(views, settings, {*factors, *known}, rounds="indirect" in seconds, udims=udims)
+    again = predicted(views, settings, {*factors, *known}, reduced, "indirect" in seconds, udims)
     usual, expected_again = _usual(result), wall
     if compiled:  # the other stages tell how slow the machine is, and so what is left without its compiler
         others = sum(taken for stage, taken in seconds.items() if stage not in expectations)

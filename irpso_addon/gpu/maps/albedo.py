@@ -6,7 +6,7 @@ footprint, so cameras at different distances and angles together know more than 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -120,16 +120,22 @@ class AlbedoSolver:
         i = 0
         while i <= iterations:
             # The first step starts from black: it is the weighted mean of what the cameras show.
-            canvas.step([c for c in range(len(cameras)) if i == 0 or c % subsets == i % subsets], first=i == 0)
-            device.budget.finish()
-            if i == 0 and canvas.pixels_per_texel() > COARSE:
-                iterations = min(iterations, COARSE_ITERATIONS)
+            chosen = [c for c in range(len(cameras)) if i == 0 or c % subsets == i % subsets]
+            for share in canvas.step(chosen, first=i == 0):
+                whole = share == 1
+                if whole:
+                    device.budget.finish()
+                    if i == 0 and canvas.pixels_per_texel() > COARSE:
+                        iterations = min(iterations, COARSE_ITERATIONS)
+                try:
+                    yield Progress(0.3 + 0.7 * (i + share) / (iterations + 1), "maps", "base colour",
+                                   partial(base_color, device, canvas.texture) if whole and i + 1 >= SHARP else None)
+                except Cancelled:  # a less sharp texture, but a whole one
+                    self.cancelled = True
+                if self.cancelled and i > 0:  # without the first step there is none
+                    break
             i += 1
-            try:
-                yield Progress(0.3 + 0.7 * i / (iterations + 1), "maps", "base colour",
-                               partial(base_color, device, canvas.texture) if i >= SHARP else None)
-            except Cancelled:  # a less sharp texture, but a whole one
-                self.cancelled = True
+            if self.cancelled:
                 break
         canvas.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
@@ -226,13 +232,16 @@ class _Canvas:
                 self._target[self._residual[pixels].glo] = device.framebuffer([self._residual[pixels]])
         self._seen: dict[int, OccupiedCells] = {}  # by camera: the texels that it shows
 
-    def step(self, chosen: list[int], *, first: bool) -> None:
-        """One back-projection from some cameras."""
+    def step(self, chosen: list[int], *, first: bool) -> Iterator[float]:
+        """One back-projection from some cameras; the share that is done, after each, and 1.
+
+        Left before its end it changes nothing.
+        """
         filled = self.texture if first else self._filler.fill(self.texture)
         filled.filter = (moderngl.LINEAR, moderngl.LINEAR)
         sum_target = self._target[self.update.glo]
         sum_target.clear()
-        for n in chosen:
+        for done, n in enumerate(chosen):
             residual = self._difference(n, filled, first)
             if n not in self._seen:
                 target = self._target[self.next.glo]
@@ -241,9 +250,11 @@ class _Canvas:
                 self._seen[n] = OccupiedCells(self.device, self.next)
             with self.device.adding():
                 self._carry_back(n, residual, sum_target, self._seen[n])
+            yield (done + 0.5) / len(chosen)
         self.device.draw("maps/albedo_update.frag", self._target[self.next.glo], Inputs({
             "u_texture": self.texture, "u_update": self.update}, {"u_slack": 0.0 if first else STEP_SLACK}))
         self.texture, self.next = self.next, self.texture
+        yield 1.0
 
     def pixels_per_texel(self) -> float:
         """How many pixels show a texel, by the squares that hold them; after the first step."""

@@ -6,7 +6,7 @@ diffuse, plus the lobes.  solve_checks.py and registration.py make of it what a 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Sequence
 
 import moderngl
 import numpy as np
@@ -27,16 +27,17 @@ PICTURE_SIDE = 512  # pixels
 
 
 def check_views(
-    albedo: AlbedoSolver, base: moderngl.Texture, outline: DrawnOutline | None = None,
+    albedo: AlbedoSolver, base: moderngl.Texture, cameras: Sequence[ObservedCamera],
+    outline: DrawnOutline | None = None,
 ) -> Iterator[CheckedView]:
-    """Each view in turn, by cameras; runs on the GL thread.  ``base``: the texture found, holes filled.
+    """Each view of ``cameras`` in turn; runs on the GL thread.  ``base``: the texture found, holes filled.
 
     ``outline``: draws the object's where references have one; None: nobody asks for it.
     """
     device = albedo.device
     for texture in (base, *albedo.known.values()):
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    for camera in albedo.observations.cameras:
+    for camera in cameras:
         part = middle_rows(camera)
         with device.scope():
             drawn = _diffuse(albedo, camera, base)
@@ -48,7 +49,9 @@ def check_views(
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
 
-def with_view_pictures(views: Iterator[CheckedView], pictures: list[ViewPicture]) -> Iterator[CheckedView]:
+def with_view_pictures(
+    views: Iterator[CheckedView], pictures: list[ViewPicture],
+) -> Generator[CheckedView, None, None]:
     """The views, and of each, as it passes, a picture of at most PICTURE_SIDE pixels on a side."""
     for seen in views:
         step = -(-max(seen.window.covered.shape) // PICTURE_SIDE)

@@ -6,9 +6,7 @@ that shows it.  Interpolating colours at the texel's own geometry instead double
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from math import inf
@@ -18,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.data import F32, OPAQUE, SOLID, Bool, Bounced, Camera, RadianceImage, SceneData, View
+from ...core.images.read_ahead import ReadAhead
 from ...core.job import Progress
 from ...core.observation_quality import useless
 from ...core.projection import lens_axes
@@ -38,7 +37,6 @@ EDGE_QUALITY = 0.25  # of a good pixel's: below it lies an edge of shadow or sil
 MARGIN = 6  # pixels around the object in which its outline may be looked for
 BLACK = np.float32(1e-6)  # of the brightest: no lit pixel is nearer to 0, so that its irradiance is radiance / f
 HALF_MOST = 60_000.0  # half floats end at 65504
-READERS = 2  # images read ahead of the one that is looked at
 ReadImage = Callable[[View], RadianceImage]
 F16 = NDArray[np.float16]
 EnvironmentKey = tuple[str, float, tuple[str, ...]]
@@ -188,10 +186,13 @@ class _Observer:
     def read(self, read_image: ReadImage) -> Generator[Progress, None, None]:
         """Every view's reference onto the device, and what its camera sees."""
         views = self.scene.views
-        for n, (view, image) in enumerate(zip(views, _read_ahead(read_image, views), strict=True)):
-            self.warnings += [w for w in image.warnings if w not in self.warnings]
-            if self._take(n, view, image):
-                yield Progress(0.5 * (n + 1) / len(views), "observe", f"reading {view.image.name}")
+        with ReadAhead(read_image, views) as pictures:
+            for n, view in enumerate(views):
+                name = f"reading {view.image.name}"
+                image = yield from pictures.next(Progress(0.5 * n / len(views), "observe", name))
+                self.warnings += [w for w in image.warnings if w not in self.warnings]
+                if self._take(n, view, image):
+                    yield Progress(0.5 * (n + 1) / len(views), "observe", name)
 
     def _take(self, n: int, view: View, image: RadianceImage) -> bool:
         """Upload a reference; False where no pixel of it is usable."""
@@ -355,22 +356,6 @@ def _tint(view: View) -> tuple[float, float, float]:
         power = mean_radiance(view.environment)
     tint = power / max(float(power.mean()), 1e-20)
     return float(tint[0]), float(tint[1]), float(tint[2])
-
-
-def _read_ahead(read_image: ReadImage, views: Sequence[View]) -> Iterator[RadianceImage]:
-    """The views' images in order, READERS of them read by other threads while one is used."""
-    with ThreadPoolExecutor(READERS) as readers:
-        waiting: deque[Future[RadianceImage]] = deque()
-        try:
-            for view in views:
-                waiting.append(readers.submit(read_image, view))
-                if len(waiting) > READERS:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:  # a bad image, or a stop: nobody waits for the rest
-            for future in waiting:
-                future.cancel()
 
 
 def _window(covered: Bool) -> tuple[int, int, int, int]:

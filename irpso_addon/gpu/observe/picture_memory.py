@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...core.data import F64, Environment, View
+from ...core.data import F64, Environment, SceneData, View
+from ...core.images.image_file import open_image
+from ...core.maps.stride import ENOUGH, pixels_per_texel, stride_of
 from ...core.reporting import estimates
 from ...core.shading.emitters import mean_power
 from ...core.shading.environment import texel_directions
@@ -22,6 +24,31 @@ def bytes_per_pixel(views: Sequence[View]) -> int:
 def most_pixels(views: Sequence[View], memory: float) -> int:
     """Pixels of a picture up to which all views fit into ``memory`` GB together."""
     return int(memory * 1e9 / bytes_per_pixel(views))
+
+
+def coarser_line(scene: SceneData, size: int, memory: float) -> tuple[str, ...]:
+    """What to say where ``memory`` GB leave so little of the pictures that fewer texels of a map are searched.
+
+    Raises BadInput for a picture that cannot be opened.
+    """
+    views, most = scene.views, most_pixels(scene.views, memory)
+    files = [open_image(view.image, view.full_raw) for view in views]
+    shares = [min(1.0, (most / (file.width * file.height)) ** 0.5) for file in files]
+    if min(shares, default=1.0) == 1:
+        return ()
+    whole, reduced = (pixels_per_texel(scene.mesh, [
+        (view.camera, (max(1, int(share * file.width)), max(1, int(share * file.height))))
+        for view, file, share in zip(views, files, kept, strict=True)], size) for kept in ([1.0] * len(files), shares))
+    finest, found = stride_of(whole, size), stride_of(reduced, size)
+    if found <= finest:
+        return ()
+    n = int(np.argmin(shares))
+    enough = ENOUGH / (2 * finest) ** 2 / float(whole.mean()) * files[n].width * files[n].height
+    needed = np.ceil(bytes_per_pixel(views) * enough / 1e8 + 0.1) / 10
+    return (f"all views: too many pixels for {memory:g} GB ('{views[n].image.name}' is reduced from {files[n].width} x "
+            f"{files[n].height} to {int(shares[n] * files[n].width)} x {int(shares[n] * files[n].height)}), so IRPSO "
+            f"searched one of {found**2 // finest**2} texels that the pictures show apart; increase Memory to "
+            f"{needed:g} GB",)
 
 
 def channels_needed(views: Sequence[View]) -> int:
