@@ -36,6 +36,15 @@ def test_a_view_is_named_where_no_misfit_makes_it_so(gain: float, structure: flo
     assert bool(lines) == named and all(line.startswith("'17.exr': brighter or darker") for line in lines)
 
 
+@pytest.mark.parametrize(("noise", "named"), [(0.02, True), (0.2068, False)])
+def test_noise_whose_median_is_not_its_mean_is_no_exposure(noise: float, named: bool) -> None:
+    """A right picture of few samples, under an HDRI with a small lamp: its noise, and its median 3 % below the mean."""
+    made = checks([*np.linspace(0.997, 1.003, 17), 0.9704], 0.0, misfit=False)
+    *others, last = made.views
+    noisy = replace(last, residual=replace(last.residual, noise=noise))
+    assert bool(told(replace(made, views=(*others, noisy)))) == named
+
+
 def test_a_mirror_does_not_look_like_exposures_that_drift() -> None:
     """Crumpled foil under 18 suns, whose radiance no model predicts; and a camera that chooses each exposure itself."""
     gains = list(np.random.default_rng(0).uniform(0.35, 0.96, 18))

@@ -267,21 +267,38 @@ def test_lamps_that_are_far_off_come_back(plane) -> None:
 @pytest.mark.parametrize("count", [5, 9])
 def test_a_flash_beside_the_camera(count) -> None:
     """Every camera carries it; the scene has it 150 mm too far to the right and 100 mm too low."""
-    views = []
     off = np.array([0.15, -0.1, 0.0])
-    cameras = syn.cameras(count)
-    lamp = syn.lamps(1)[0]
-    for n, camera in enumerate(cameras):
-        turn = camera.world_to_camera[:3, :3].T
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = turn, camera.position + turn @ np.array([0.06, 0.08, 0.02])
-        views.append((camera, [replace(lamp, name=f"Flash {n}", matrix=matrix)]))
-    shoot = syn.shoot(syn.PATCHES, views, PIXELS)
-    turns = {f"Flash {n}": camera.world_to_camera[:3, :3].T for n, camera in enumerate(cameras)}
+    shoot = by_flash(count)
+    turns = {view.lights[0].name: view.camera.world_to_camera[:3, :3].T for view in shoot.scene.views}
     solution = shoots.run(relit(shoot, lambda x: moved(x, turns[x.name] @ off)), **AUTO)
     flash, = found(solution).lamps
     assert len(flash.cameras) == len(flash.lights) == count
     assert np.abs(np.array(flash.offset) + off).max() < 0.035  # 0.025 and 0.029 here, at a standard error of 0.011
+
+
+def by_flash(count: int) -> syn.Shoot:
+    """Each camera has one view, under a flash beside it."""
+    views, lamp = [], syn.lamps(1)[0]
+    for n, camera in enumerate(syn.cameras(count)):
+        turn = camera.world_to_camera[:3, :3].T
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = turn, camera.position + turn @ np.array([0.06, 0.08, 0.02])
+        views.append((camera, [replace(lamp, name=f"Flash {n}", matrix=matrix)]))
+    return syn.shoot(syn.PATCHES, views, PIXELS)
+
+
+def test_a_flash_whose_power_differs_from_picture_to_picture() -> None:
+    """A view's brightness is sure, though its lamp's power, its lamp's distance and its exposure are not."""
+    shoot, rng = by_flash(12), np.random.default_rng(9)
+    by = {view.lights[0].name: 0.03 * rng.standard_normal() for view in shoot.scene.views}
+    wrong = relit(shoot, lambda x: replace(x, power=x.power * np.exp(by[x.name])))
+    solution = shoots.run(wrong, **AUTO)
+    calibration = found(solution)
+    told = {change.image.name: change.stops * np.log(2) for change in calibration.exposures}
+    left = np.array([told[view.image.name] + by[view.lights[0].name] for view in wrong.scene.views])
+    assert calibration.lamps == ()  # fewer numbers explain as much
+    assert np.std(left) < 0.1 * np.std(list(by.values()))
+    assert rough_error(shoot, solution) < 0.5 * rough_error(shoot, shoots.run(wrong, **AUTO | GIVEN))
 
 
 def test_too_little_to_judge_by() -> None:

@@ -16,7 +16,7 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve import model_prediction
-from irpso_addon.gpu.solve.paint_beside_metal import parts_of
+from irpso_addon.gpu.solve.paint_beside_metal import metal_of, parts_of, unexplained
 from irpso_addon.gpu.solve.solver import Solver
 from irpso_addon.gpu.solve.texel_records import SolvedTexels
 from tests.support import shoots
@@ -188,6 +188,35 @@ def test_paint_beside_metal_in_one_slot_has_its_own_metallic(mixed, apart) -> No
         assert np.median(base[part]) < 0.01
 
 
+def chipped(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Whether paint is gone: a disc of a twentieth of the square."""
+    return np.asarray((u - 0.3)**2 + (v - 0.7)**2 < 0.13**2)
+
+
+CHIPS = replace(
+    syn.PATCHES, reflect=lambda base, rough, *vectors: brdf.principled(
+        base, rough, *vectors, metallic=np.where(rough < 0.35, 1.0, 0.0)),
+    base=lambda u, v: np.where(chipped(u, v)[..., None], (0.6, 0.58, 0.55), syn.PATCHES.base(u, v)),
+    roughness=lambda u, v: np.where(chipped(u, v), 0.3, syn.quarters([0.4, 0.45, 0.6, 0.5])(u, v)))
+
+
+@pytest.mark.one_python
+def test_metal_where_paint_is_chipped_is_found() -> None:
+    """No Metallic of all texels predicts better than none; the paint keeps what it has without the chips."""
+    found = shoots.run(syn.shoot(CHIPS, shoots.rig(2, 8), (72, 72), noise=0.005), model="auto")
+    metal = chipped(*AT)
+    assert found.model == {"Paint": "one-lobe-metallic"} and found.metallic["Paint"] > 0.95
+    assert found.paint["Paint"] == pytest.approx(1 - metal.mean(), abs=0.02)
+    assert found.warnings == ()
+    maps = found.maps
+    assert np.mean((maps.metallic > 0) == metal) > 0.98
+    off = np.abs(maps.roughness - CHIPS.roughness(*AT))
+    base, sure = np.abs(maps.base_color - CHIPS.base(*AT)).max(-1), maps.confidence > 0.4
+    for part in (metal, ~metal):
+        assert np.median(off[part]) < 0.005 and np.median(base[part]) < 0.01
+        assert sure[part].mean() > 0.5 and np.mean(off[part & sure] > 0.05) < 0.002
+
+
 @pytest.mark.one_python
 def test_paint_beside_metal_finds_its_level_where_the_scale_is_unknown(mixed) -> None:
     """Pictures of half the light: the paint's highlight is half as strong, its roughness the same."""
@@ -280,13 +309,31 @@ def test_a_metal_whose_detail_is_finer_than_its_texels_has_no_paint(better: floa
     """On a metal sphere half of the texels were explained twice as well as paint, and confidently wrong by 0.1."""
     paint = np.zeros((40, 40), bool)
     paint[:, :20] = True
-
-    def solved(error: np.ndarray) -> SolvedTexels:
-        count = np.full(paint.shape, 9.0, np.float32)
-        return SolvedTexels(*[np.full(paint.shape, 0.4, np.float32)] * 3, np.ones(paint.shape, bool), count,
-                            (count * error**2).astype(np.float32), count, count)
-
-    parts = parts_of(solved(np.where(paint, 0.02, 0.01 * better)), solved(np.where(paint, 0.02 * better, 0.01)),
+    parts = parts_of(left_over(np.where(paint, 0.02, 0.01 * better)), left_over(np.where(paint, 0.02 * better, 0.01)),
                      np.ones(paint.shape, bool))
     assert (parts is not None) == found
     assert parts is None or (parts.paint == paint).mean() > 0.95
+
+
+def left_over(error: np.ndarray) -> SolvedTexels:
+    """Of which a model leaves this relative error, (h, w)."""
+    count = np.full(error.shape, 9.0, np.float32)
+    return SolvedTexels(*[np.full(error.shape, 0.4, np.float32)] * 3, np.ones(error.shape, bool), count,
+                        (count * error**2).astype(np.float32), count, count)
+
+
+@pytest.mark.parametrize(("chips", "odd", "found"), [(0.15, True, True), (0.05, True, False), (0.04, False, False)])
+def test_what_stands_out_of_paint_is_metal_where_a_metal_explains_it(chips: float, odd: bool, found: bool) -> None:
+    """Of paint that errs by 0.015: chips that one lobe misses by ``chips`` and a metal by 0.03."""
+    metal = np.zeros((40, 40), bool)
+    metal[10:20, 10:20] = True
+    all_of = np.ones(metal.shape, bool)
+    without = left_over(np.where(metal, chips, 0.015))
+    stands_out = unexplained(without, all_of)
+    assert (stands_out is not None) == odd
+    parts = metal_of(without, left_over(np.where(metal, 0.03, 0.2)), all_of)
+    assert (parts is not None) == found
+    assert parts is None or (parts.metal == metal).mean() > 0.95
+    assert stands_out is None or (stands_out | ~metal).mean() > 0.95
+    few = np.where(metal & (np.indices(metal.shape)[0] < 12), chips, 0.015)
+    assert unexplained(left_over(few), all_of) is None  # a hundredth of them

@@ -75,7 +75,9 @@ def chosen(sample: RigSample, lamps: bool, exposures: bool, tilts: bool) -> Step
         begin, middle, end = (0.5 + 0.5 * (n + part) / len(judged) for part in (0.0, 0.3, 1.0))
         own = everything
         if free != frees[-1]:
-            own = yield from share_of(fit_rig(sample, free, start=everything), begin, middle)
+            start = everything if free.lamps else replace(  # exposures are to show what powers and places did
+                everything, change=replace(everything.change, log_gain=everything.brightness.change))
+            own = yield from share_of(fit_rig(sample, free, start=start), begin, middle)
         if not _explains(own, free, given, everything):
             continue
         contest.add(str(free), (yield from share_of(contest.predictions(free, own), middle, end)))

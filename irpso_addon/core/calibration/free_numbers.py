@@ -23,7 +23,7 @@ NOTHING = Free(False, False)  # but colours
 
 
 def candidates(sample: RigSample, lamps: bool, exposures: bool, tilts: bool) -> list[Free]:
-    """From the fewest numbers on.  Where no lamp lights two views, their exposures are its power.
+    """From the fewest numbers on.  Where no lamp lights two views, their exposures are its power: one number a view.
 
     ``tilts``: of the normals too.  Beside them a response or vignetting cannot be told, and lamps walk off under a
     Specular IOR Level that is none of the material's.
@@ -37,10 +37,11 @@ def candidates(sample: RigSample, lamps: bool, exposures: bool, tilts: bool) -> 
     apart = len(set(lit)) < len(lit) or any(group.carried for group in sample.rig.groups)
     both = [replace(none, ambient=True, response=True)] if alone else []
     placed = [replace(none, lamps=True)]
+    even = [replace(none, exposures=True)] if exposures and not apart else []
     if exposures and apart:
         placed += [replace(none, lamps=True, exposures=True)]
     last = replace(placed[-1], ambient=True)
-    return [replace(none, ambient=True), *alone, *both, *placed, last,
+    return [replace(none, ambient=True), *alone, *both, *even, *placed, last,
             *([replace(last, vignetting=True, response=True)] if alone else [])]
 
 

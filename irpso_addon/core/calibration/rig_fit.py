@@ -43,7 +43,7 @@ class RigFound:
 class ViewBrightness:
     """By how much each view is brighter or darker than the typical one, beside what was given: (V,) logarithms.
 
-    That is surer than which part of it is its lamps' power, and which its exposure.
+    That is surer than which part of it is its lamps' power, which their distance, and which its exposure.
     """
 
     change: F64
@@ -145,10 +145,10 @@ class _RigFit:
         assert now is not None and given is not None
         error = numbers.unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
         return RigFound(_centred(self.change, bool(numbers.kept.any())), error, now.scatter, given[0],
-                        (given[1], now.common()), materials, self._brightness(covariance), numbers.prior)
+                        (given[1], now.common()), materials, self._brightness(now, covariance), numbers.prior)
 
-    def _brightness(self, covariance: F64) -> ViewBrightness:
-        slopes = self.numbers.slopes_of_brightness(self.sample)
+    def _brightness(self, now: RigRound, covariance: F64) -> ViewBrightness:
+        slopes = self.numbers.slopes_of_brightness(self.sample) + now.brightness_by_places(self.numbers)
         change = slopes @ self.numbers.packed(self.change)
         apart = (slopes - slopes.mean(0))[:, self.numbers.free]
         return ViewBrightness(change - typical(change), np.sqrt(np.maximum((apart @ covariance * apart).sum(1), 0.0)))

@@ -155,6 +155,18 @@ class RigRound:
                 numbers.learn(now + step, covariance.diagonal())
         return step, covariance
 
+    def brightness_by_places(self, numbers: RigNumbers) -> F64:
+        """(V, N) slopes of the logarithm of each view's brightness by its lamps' places: the means of its texels."""
+        sample, slopes = self.sample, np.zeros((numbers.views, numbers.count))
+        layers = np.bincount(sample.view, minlength=numbers.views)
+        for v, place in enumerate(sample.view):
+            good = self.good[:, v]
+            for light in sample.rig.views[place].lights if good.any() else ():
+                first, share = 3 * numbers.group[light.name], self.seen.share[v, light.name]
+                slopes[place, first:first + 3] += (
+                    share[:, None] * self.seen.slopes[light.name])[good].mean(0) / layers[place]
+        return slopes
+
     def _columns(self, numbers: RigNumbers, v: int) -> tuple[list[int], list[F64]]:
         """(places in the vector, (T,) slopes each) of what layer ``v`` depends on, levels of materials apart."""
         sample = self.sample

@@ -229,11 +229,17 @@ def _lights(checks: Checks) -> list[str]:
 
 
 def drifting(checks: Checks) -> dict[str, float]:
-    """Views that are brighter or darker than the others explain: how much, as the logarithm of their gain."""
+    """Views that are brighter or darker than the others explain: how much, as the logarithm of their gain.
+
+    A gain is a median: under noise of a path tracer, few of whose samples are bright, it lies below the mean by about
+    the square of the noise.
+    """
     bent = max(LEAST_GAIN_MISFIT, SHARED * checks.structure) if checks.misfit else LEAST_GAIN
     least = max([bent, _floor(checks), *(2 * light.effect for light in moved_lights(checks))])
-    gains = {v.view: (float(np.log(v.residual.gain)), v.residual.gain_error) for v in _without_cause(checks)}
-    return {view: gain for view, (gain, error) in gains.items() if abs(gain) > max(least, SIGMAS * error)}
+    found = {v.view: v.residual for v in _without_cause(checks)}
+    gains = {view: float(np.log(residual.gain)) for view, residual in found.items()}
+    return {view: gain for view, gain in gains.items()
+            if abs(gain) > max(least, SIGMAS * found[view].gain_error, found[view].noise**2)}
 
 
 def _without_cause(checks: Checks) -> list[ViewCheck]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterable
 from dataclasses import replace
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -19,8 +20,8 @@ from ..device.context import Device
 from ..observe.observation_atlas import Source, Tile, tiles
 from .ladder_records import EarlierResult, LadderResult, Materials
 from .material_sample import Squares, packed
-from .model_prediction import METAL_LAYERS, Decision, Fitted, ModelPrediction, solves_metals
-from .paint_beside_metal import explains_better, parts_of, take_parts
+from .model_prediction import METAL_LAYERS, Decision, Fitted, ModelPrediction, solves_metals, worth
+from .paint_beside_metal import METAL, explains_better, metal_of, parts_of, take_parts, unexplained
 from .paper_swarm import PaperSwarm
 from .solver import Solver
 from .specular_level import LevelSearch
@@ -53,6 +54,7 @@ class Ladder:
             if name in self.last.metallic or name in self.last.coats or name in self.last.diffuse_roughness}
         self.decided_coats: dict[str, Coat] = dict(self.last.coats)
         self.decided_rough: dict[str, float] = dict(self.last.diffuse_roughness)
+        self.paint: dict[str, Bool] = {}  # (h, w) of materials in which metal was found beside it
         # Of texels without a prior, where there are such: blocks of a map go by them.  A material's prior makes others.
         self.noise: dict[int, Noise] = {}
         self.robust: bool | None = None
@@ -119,6 +121,7 @@ class Ladder:
                 result.texels = self._read((yield from self.solver.among_neighbours(searched))).texels
                 self.noise, self.robust = {1: self.solver.noise_of[1]}, self.solver.robust
             owned.hand_over(self.solver.noise_map)
+        yield from self._find_metals(result, larger)
         yield from self._solve_larger(result, larger)
         return result
 
@@ -268,9 +271,9 @@ class Ladder:
         again = name in self.last.painted
         if self.solver.cancelled or name in self.decided_coats or (name in self.last.model and not again):
             return
-        mask, before = self.masks[name], self.last.paint if again else None
+        mask, before = self.masks[name], self.last.paint if again else self.paint.get(name)
         parts = parts_of(without, metal, mask, before)
-        if parts is not None and not again:
+        if parts is not None and before is None:
             yield from self._decide_metal(name, parts.inner_metal, result)
             if self.solver.cancelled:
                 return
@@ -292,24 +295,81 @@ class Ladder:
         self.solver.use_texels(None)
         result.texels = replace(result.texels, solved=result.texels.solved & done)  # fewer when stopped
 
-    def _decide_metal(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, None]:
+    def _find_metals(self, result: LadderResult, larger: dict[str, list[str]]) -> Generator[Progress, None, None]:
+        """Metal in materials that prediction took for paint, as where paint is chipped; changes both."""
+        for model in [model for model in larger if model != "one-lobe-metallic"]:
+            for name in [name for name in larger[model] if name not in self.last.model]:
+                yield from self._find_metal(name, result)
+                if result.model[name] != model:
+                    larger[model].remove(name)
+                    larger.setdefault("one-lobe-metallic", []).append(name)
+            if not larger[model]:
+                del larger[model]
+
+    def _find_metal(self, name: str, result: LadderResult) -> Generator[Progress, None, None]:
+        """That of one material; changes ``result``.
+
+        Its texels are searched again with a Metallic where far more is left of them than of most.
+        """
+        prediction = result.predictions.get(name)
+        if (self.solver.cancelled or prediction is None or not worth(prediction.error)
+                or not solves_metals(self.device, self.solver.source)):
+            return
+        texels = self.masks[name] & result.texels.solved
+        odd = unexplained(result.texels, texels)
+        if odd is None:
+            return
+        one = ModelPrediction(self.device, self.source, self.settings).metal(odd)
+        if one.metallic < METAL:
+            return
+        decided: tuple[dict[str, Any], ...] = (
+            self.priors, self.decided_metallic, self.decided_levels, self.decided_coats, self.decided_rough)
+        kept, why = [values.pop(name, None) for values in decided], result.why[name]
+        noise, robust = dict(self.solver.noise_of), self.solver.robust
+        self.decided_metallic[name], self.decided_levels[name] = one.metallic, one.level
+        self.solver.use_texels(odd)
+        metal = (yield from self._one_lobe(name)).texels
+        self.solver.use_texels(None)
+        parts = None if self.solver.cancelled else metal_of(result.texels, metal, texels)
+        if parts is not None and (yield from self._decide_metal(name, parts.inner_metal, result)):
+            yield from self._judge_paint(name, parts.inner_paint, result)
+            self.paint[name], result.model[name] = parts.paint, "one-lobe-metallic"
+            return
+        result.why[name], self.solver.noise_of, self.solver.robust = why, noise, robust
+        for values, value in zip(decided, kept, strict=True):
+            values.pop(name, None)
+            if value is not None:
+                values[name] = value
+
+    def _judge_paint(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, None]:
+        """How well one lobe predicts the paint beside a metal: the part that is predicted worse stands for both."""
+        found = yield from ModelPrediction(self.device, self.source, self.settings).decide(texels, Fitted("one-lobe"))
+        self.solver.cancelled |= found.cancelled
+        if found.prediction is not None:
+            result.predictions[name] = max(
+                result.predictions[name], found.prediction, key=lambda part: (not part.fits, part.error.relative_rms))
+
+    def _decide_metal(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, bool]:
         """Metallic and prior of a material's metal alone, (h, w) ``texels``; of the material where it is no mere metal.
 
+        Returns whether prediction takes a metal.
         The prior of metal and paint together holds for neither, and the level is the paint's: a metal's hardly shows.
         """
         found = yield from ModelPrediction(self.device, self.source, self.settings).decide(texels, Fitted("one-lobe"))
         self.solver.cancelled |= found.cancelled
         if found.cancelled:
-            return
+            return False
         self.decided_levels.pop(name, None)
         self.priors.pop(name, None)
         result.why[name] = f"paint beside metal: of the metal alone, {found.why}; of all, {result.why[name]}"
-        if found.model == "one-lobe-metallic" and found.coat is None:
+        metal = found.model == "one-lobe-metallic" and found.coat is None
+        if metal:
             self.decided_metallic[name] = found.metallic
             if found.prior is not None:
                 self.priors[name] = found.prior
             if found.prediction is not None:
                 result.predictions[name] = found.prediction
+        return metal
 
     def _choose(self, texels: Bool, observations: F32, **fits: Fit) -> tuple[str, str]:
         h, w = texels.shape

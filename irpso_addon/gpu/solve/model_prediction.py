@@ -196,9 +196,9 @@ class _Contest(TrialRuns):
         errors = {name: self.judge.error(name) for name in self.predictions}
         before = taken
         # A rough diffuse may hide behind a metal that leaves little.
-        if not self.solver.cancelled and (self._is_metal(taken) or _worth(self.judge.error(taken))):
+        if not self.solver.cancelled and (self._is_metal(taken) or worth(self.judge.error(taken))):
             taken = yield from self._above_rough(taken)
-        if not self.solver.cancelled and _worth(self.judge.error(taken)):
+        if not self.solver.cancelled and worth(self.judge.error(taken)):
             taken = yield from self._under_coats(taken, metal or apart)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
@@ -283,7 +283,7 @@ class _Contest(TrialRuns):
         if metal and self._find_coats(METAL):
             pairs.append((UNIFORM_COAT_METAL, DRAWN_COAT_METAL))
         yield from self._folds(self._uniform, [uniform for uniform, _ in pairs])
-        differ = differ or any(_worth(self.judge.error(uniform.name)) for uniform, _ in pairs)
+        differ = differ or any(worth(self.judge.error(uniform.name)) for uniform, _ in pairs)
         for uniform, drawn in pairs:
             if differ and not self.solver.cancelled and uniform.name in self.judge.near([uniform.name, taken], HOPEFUL):
                 yield from self._folds(self._drawn, drawn, race=True)
@@ -407,6 +407,6 @@ def _with_rough(search: JointSearch, joint: Joint, known: Bool, diffuse: float) 
     return replace(joint, rough=search.settled(search.fit(known, diffuse), known))
 
 
-def _worth(error: PredictionError) -> bool:
+def worth(error: PredictionError) -> bool:
     """Whether so much is left that a larger model is worth its time."""
     return error.relative_rms >= WORTH_RMS or error.lightness >= WORTH_LIGHTNESS

@@ -1,4 +1,4 @@
-"""Which texels of a metal's material are paint: those that are explained far better without Metallic."""
+"""Which texels of a material are metal and which are paint: by which of the two explains them far better."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ BETTER = 0.5  # of the error: a texel that another model explains so much better
 SHOWN = 0.01  # ... where the error is as large: relative, of all its observations
 LEAST_SHARE, LEAST_TEXELS = 0.02, 50  # of a material that are paint, from which on they are a part of it
 # Ratio of a metal's error to that of paint, in the median of the texels that seem paint, from which on they are: real
-# paint has 7 and more, a metal whose detail is finer than its texels 2.
+# paint has 7 and more, a metal whose detail is finer than its texels 2.  The same of metal in paint.
 TWO_KINDS = 3.0
+METAL = 0.5  # Metallic from which on texels that stand out of paint are metal
 FINEST = 0.003  # relative: what a model leaves below this is the forward model's own error
 WINDOWS = (3, 9, 27)  # texels: widths over which evidence is summed, up to the first in which it is clear
 CLEAR = 5.0  # nats
@@ -33,8 +34,17 @@ class Parts:
     @property
     def inner_metal(self) -> Bool:
         """(h, w): metal by which a model can be judged: at the border pixels show paint too."""
-        inside = self.metal & (box(self.metal.astype(np.float64), 3) > 8.5)
-        return inside if inside.sum() >= LEAST_TEXELS else self.metal
+        return _inside(self.metal)
+
+    @property
+    def inner_paint(self) -> Bool:
+        """The same of the paint."""
+        return _inside(self.paint)
+
+
+def _inside(part: Bool) -> Bool:
+    inside = part & (box(part.astype(np.float64), 3) > 8.5)
+    return inside if inside.sum() >= LEAST_TEXELS else part
 
 
 def explains_better(one: SolvedTexels, other: SolvedTexels, texels: Bool) -> Bool:
@@ -55,7 +65,7 @@ def parts_of(without: SolvedTexels, metal: SolvedTexels, texels: Bool, before: B
     result, which may be all or nothing here.
     """
     texels = texels & without.solved & metal.solved
-    least = max(LEAST_TEXELS, LEAST_SHARE * texels.sum())
+    least = _least(texels)
     if before is None and explains_better(without, metal, texels).sum() < least:
         return None
     evidence = _evidence(without, metal, texels)
@@ -73,6 +83,30 @@ def parts_of(without: SolvedTexels, metal: SolvedTexels, texels: Bool, before: B
     return Parts(texels & ~paint, paint, texels & (unclear | (paint != (summed < 0))))
 
 
+def unexplained(without: SolvedTexels, texels: Bool) -> Bool | None:
+    """(h, w) of some ``texels`` of a material, those that may be metal in paint; None: there are hardly any.
+
+    What is left of 3 x 3 of them without Metallic is far more than of most.
+    """
+    texels = texels & without.solved
+    left, seen = (box(np.where(texels, values, 0.0).astype(np.float64), 3)
+                  for values in (without.residual, without.observations))
+    error = left / np.maximum(seen, 1.0)
+    odd = texels & (error > max(TWO_KINDS**2 * float(np.median(error[texels])), SHOWN**2)) if texels.any() else texels
+    return odd if odd.sum() >= _least(texels) else None
+
+
+def metal_of(without: SolvedTexels, metal: SolvedTexels, texels: Bool) -> Parts | None:
+    """Metal and paint among some ``texels``, (h, w), of a material that is not all metal; None: there is hardly any.
+
+    ``without``: solved without Metallic.  ``metal``: some of them solved with one.
+    """
+    found = explains_better(metal, without, texels)
+    if found.sum() < _least(texels) or _ratio(metal, without, found) < TWO_KINDS:
+        return None
+    return Parts(found, texels & ~found, np.zeros_like(texels))
+
+
 def take_parts(result: LadderResult, name: str, texels: Bool, parts: Parts) -> None:
     """Note that the (h, w) ``texels`` of a material are metal and paint, and forget the level of the metal."""
     none = np.zeros_like(texels)
@@ -86,10 +120,15 @@ def take_parts(result: LadderResult, name: str, texels: Bool, parts: Parts) -> N
             result.level = None
 
 
-def _ratio(without: SolvedTexels, metal: SolvedTexels, paint: Bool) -> float:
-    """Of the error that a metal's model leaves to that of paint, in the median of the texels that seem ``paint``."""
-    left, more = (_variance(solved)[paint] for solved in (without, metal))
-    return float(np.median(np.sqrt(more / left))) if paint.any() else 0.0
+def _least(texels: Bool) -> float:
+    """How many of some texels make a part."""
+    return max(LEAST_TEXELS, LEAST_SHARE * float(texels.sum()))
+
+
+def _ratio(right: SolvedTexels, wrong: SolvedTexels, part: Bool) -> float:
+    """Of the error that a wrong model leaves to that of the right one, in the median of the texels of a ``part``."""
+    left, more = (_variance(solved)[part] for solved in (right, wrong))
+    return float(np.median(np.sqrt(more / left))) if part.any() else 0.0
 
 
 def _variance(solved: SolvedTexels) -> F64:
