@@ -110,7 +110,7 @@ def test_nothing_predicts_better_than_the_truth(compared):
 
 def test_more_passes_find_more(compared):
     few, more = (rows(compared[2])[f"paper, {n} passes"] for n in PASSES)
-    assert more["held_out"] < few["held_out"] and more["seconds"]["solve"] > few["seconds"]["solve"]
+    assert more["held_out"] < 0.2 * few["held_out"]  # 0.014 and 0.197; seconds depend on what else runs
 
 
 def test_times_are_told_by_stage(compared):
