@@ -64,3 +64,18 @@ class LadderResult:
     paint: Bool | None = None  # ... (h, w) these texels, whose Metallic is 0; None: there are none
     plain: Bool | None = None  # (h, w) texels of metals that look like paint, or cannot be told from it; None: no metal
     cancelled: bool = False
+
+    def take(self, part: LadderResult, inside: Bool) -> None:
+        """Take over what another model found for the (h, w) texels ``inside``."""
+        inside = inside & part.texels.solved
+        if part.lobes is not None:
+            r = self.texels.roughness
+            self.lobes = np.where(inside[..., None], part.lobes, np.stack([r, r, np.ones_like(r)], -1))
+        if part.level is not None:
+            before = np.full_like(part.level, 0.5) if self.level is None else self.level
+            self.level = np.where(inside, part.level, before)
+        self.texels = self.texels.where(inside, part.texels)
+        self.levels |= part.levels
+        self.metallic |= part.metallic
+        self.coats |= part.coats
+        self.diffuse_roughness |= part.diffuse_roughness
