@@ -13,8 +13,9 @@ from ..core.calibration.rig_fit import fit_rig
 from ..core.calibration.rig_numbers import Free
 from ..core.calibration.rig_sample import RigSample
 from ..core.checks.mended_cameras import corrected, near
+from ..core.checks.outline_cameras import OutlinedCamera
 from ..core.checks.registration import outline_misfits
-from ..core.data import SceneData
+from ..core.data import Camera, SceneData
 from ..core.job import Progress, share_of
 from ..gpu.device.context import Device
 from ..gpu.gbuffer.drawn_outline import DrawnOutline
@@ -61,15 +62,22 @@ def _outlined(device: Device, mesh: MeshBuffer, given: Observed) -> Generator[Pr
     """The scene whose outlines are those of the pictures; the scene itself where none is off beyond doubt."""
     outline = DrawnOutline(device, mesh, given.scene.occluders, given.scene.pixel_filter)
     seen = given.observations.cameras
+    # By the observed camera's id: the cameras through which its outlines were drawn last, and what they showed.
+    drawn: dict[int, tuple[list[Camera], list[OutlinedCamera]]] = {}
 
     def mended(scene: SceneData, cameras: list[ObservedCamera]) -> Generator[Progress, None, tuple[SceneData, bool]]:
         """The scene put right, and whether it was near before."""
         through = {(before.image, before.camera.name): after.camera
                    for before, after in zip(given.scene.views, scene.views, strict=True)}
         found = []
-        for camera in outlined_cameras(cameras, outline, through):
-            found.append(camera)
-            yield Progress(0.0, "cameras")
+        for n, camera in enumerate(cameras):
+            now = [through[view.view.image, view.view.camera.name] for view in camera.views]
+            last, outlined = drawn.get(id(camera), ([], []))
+            if len(last) != len(now) or any(a is not b for a, b in zip(last, now, strict=True)):
+                yield Progress(0.0, "cameras", f"outline {n + 1} of {len(cameras)}")
+                outlined = list(outlined_cameras([camera], outline, through))
+                drawn[id(camera)] = now, outlined
+            found += outlined
         misfits = outline_misfits(found)
         return corrected(scene, misfits, shifts=True, gains=False), near(scene, misfits, gains=False)
 

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from irpso_addon.core.check_records import LEAST_SHIFT
-from irpso_addon.core.checks.mended_cameras import bent, moved, rolled
+from irpso_addon.core.checks.mended_cameras import NEAR, bent, moved, rolled
 from irpso_addon.core.checks.outline_fit import GROWTH, silhouette
 from irpso_addon.core.checks.solve_checks import left_over
-from irpso_addon.core.data import Camera, Light, RadianceImage, View
+from irpso_addon.core.data import F32, Camera, Light, RadianceImage, View
+from irpso_addon.core.job import Progress, mapped
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.gbuffer.drawn_outline import DrawnOutline
@@ -111,6 +113,37 @@ def test_a_turn_about_the_axis_and_a_lens_that_bends_are_put_right(monkeypatch: 
                                         if word in line and line.endswith("; corrected")}
     assert not any(misfit.rolled or misfit.bend for misfit in mended.checks.registration)
     assert left_over(mended.checks) < left_over(as_given) - np.log(4)
+
+
+@pytest.mark.one_python
+def test_outlines_through_cameras_that_stay_are_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of hundreds of cameras a few are off; before the first solve, and once more with its maps."""
+    given = syn.cameras(3, degrees=34.0)
+    sure = replace(given[0], kept=True)
+    rig = [(camera, [lamp]) for camera in (sure, *(moved(camera, (0.6, 0.4), (PIXELS, PIXELS)) for camera in given[1:]))
+           for lamp in syn.lamps(8)]
+    made = syn.shoot(syn.PATCHES, rig, (PIXELS, PIXELS), samples=6)
+    known = {camera.name: camera for camera in (sure, *given[1:])}
+    views = tuple(replace(view, camera=known[view.camera.name]) for view in made.scene.views)
+    shares, drawn = DrawnOutline.shares, Counter[str]()
+
+    def counted(outline: DrawnOutline, camera: Camera, *rest: Any) -> F32:
+        drawn[camera.name] += 1
+        return shares(outline, camera, *rest)
+
+    monkeypatch.setattr(DrawnOutline, "shares", counted)
+    wrong, said = replace(made.scene, views=views), Counter[str]()
+    settings = SolveSettings(size=shoots.SIZE, model="one-lobe", lamps="given", exposures="given", normals="mesh",
+                             indirect="off")
+
+    def told(step: Progress) -> Progress:
+        said[step.message] += 1
+        return step
+
+    mended = thread.run(lambda: mapped(pipeline.solve(wrong, settings, made.read_image), told))
+    assert mended.checks is not None and max(misfit.pixels for misfit in mended.checks.registration) < NEAR
+    assert drawn[sure.name] == 2 and min(drawn[camera.name] for camera in given[1:]) > 2
+    assert said["outline 1 of 3"] == 1 and said["outline 3 of 3"] > 1
 
 
 @pytest.mark.one_python

@@ -10,12 +10,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..check_records import CERTAIN
-from ..data import F32, F64
-from .registration_fit import CAUCHY, ROUNDS, WIDEST, around, blurred, by_tile, scale, tiles_of
+from ..data import F32, F64, Bool
+from .registration_fit import CAUCHY, ROUNDS, WIDEST, blurred, by_tile, scale, tiles_of
 
 ALIKE = 0.9  # least cosine between what a silhouette's slope is and what it should be
+FLAT = 1e-4  # of 1: nearer to 0 or 1, a blurred outline's slope is far below the least that is looked at
 BAND = 3  # pixels around a silhouette in which the image's must lie
 LEAST_OUTLINE = 50  # pixels
 PARTS = 0.05  # of 1: alpha nearer to 0 or 1 is that of a whole pixel
@@ -23,6 +25,8 @@ FEW_PARTS = 0.1  # of the pixels along an outline: where fewer are covered in pa
 LEAST_INSET = 0.25  # pixels: less is not told from growth
 ROUND = 0.98  # squared correlation of inset and growth: that of outlines so round that they are the same
 GROWTH, ROLL, BEND, INSET = range(2, 6)  # their places in `Outline.values`; the shift is before them
+
+Pixels = NDArray[np.intp]  # (N,) places in a picture, row by row
 
 
 class Optics(NamedTuple):
@@ -87,22 +91,18 @@ def silhouette(share: F32, coverage: F32, optics: Optics | None = None) -> Outli
     alpha or mask.
     """
     seen, drawn = blurred(blurred(coverage)), blurred(blurred(share))
-    (up, right), (up_drawn, right_drawn) = np.gradient(seen), np.gradient(drawn)
-    steep, steep_drawn = np.hypot(up, right), np.hypot(up_drawn, right_drawn)
-    alike = up * up_drawn + right * right_drawn > ALIKE * steep * steep_drawn  # not where a mask cuts the object
-    up, right = 0.5 * (up + up_drawn), 0.5 * (right + right_drawn)
-    lowest, highest = coverage, coverage
-    for _ in range(BAND):
-        lowest, highest = around(lowest, np.minimum), around(highest, np.maximum)
-    near = (steep_drawn > 0.05) & (steep > 0.005) & alike & (highest > 0.75) & (lowest < 0.25)
-    near[:BAND], near[-BAND:], near[:, :BAND], near[:, -BAND:] = False, False, False, False
-    at = np.flatnonzero(near)
+    at = _between(drawn)
+    slopes, slopes_drawn = _slopes(seen, at), _slopes(drawn, at)
+    steep, steep_drawn = np.hypot(*slopes), np.hypot(*slopes_drawn)
+    alike = (slopes * slopes_drawn).sum(0) > ALIKE * steep * steep_drawn  # not where a mask cuts the object
+    near = np.flatnonzero((steep_drawn > 0.05) & (steep > 0.005) & alike)
+    near = near[_at_edges(coverage, at[near])]
+    at, across = at[near], (0.5 * (slopes + slopes_drawn)[:, near]).astype(np.float64)
     if len(at) < LEAST_OUTLINE:
         return None
     row, column = np.unravel_index(at, share.shape)
     place = np.stack([column, row]).astype(np.float64) + 0.5
     centre: F64 = place.mean(1, keepdims=True, dtype=np.float64)  # about which shift and growth are hardly correlated
-    across = np.stack([right.ravel()[at], up.ravel()[at]]).astype(np.float64)
     fields = _fields(place, centre, optics)
     widest = np.array([max(float(np.abs(field).max()), 1e-9) for field in fields])  # pixels by a value of 1
     slope = np.stack([*((across * field).sum(0) for field in fields), np.hypot(*across)])
@@ -122,6 +122,27 @@ def silhouette(share: F32, coverage: F32, optics: Optics | None = None) -> Outli
     along = coverage.ravel()[at]
     whole = bool(np.mean((along > PARTS) & (along < 1 - PARTS)) < FEW_PARTS)
     return Outline(found / widest, inverse / each, covariance / each, centre[:, 0], optics, whole)
+
+
+def _between(drawn: F32) -> Pixels:
+    """Where a blurred outline is neither 0 nor 1, but for BAND pixels along the picture's edges."""
+    inside = np.zeros(drawn.shape, bool)
+    middle = (slice(BAND, -BAND), slice(BAND, -BAND))
+    inside[middle] = (drawn[middle] > FLAT) & (drawn[middle] < 1 - FLAT)
+    return np.flatnonzero(inside)
+
+
+def _at_edges(coverage: F32, at: Pixels) -> Bool:
+    """(N,) whether an image has an edge within BAND of some pixels."""
+    steps = np.arange(-BAND, BAND + 1)
+    beside = coverage.ravel()[at[:, None] + (coverage.shape[1] * steps[:, None] + steps).ravel()]
+    return np.asarray((beside.max(1) > 0.75) & (beside.min(1) < 0.25))
+
+
+def _slopes(image: F32, at: Pixels) -> F32:
+    """(2, N) to the right and upwards, by pixel."""
+    values, width = image.ravel(), image.shape[1]
+    return np.stack([np.float32(0.5) * (values[at + step] - values[at - step]) for step in (1, width)])
 
 
 def _fields(place: F64, centre: F64, optics: Optics | None) -> list[F64]:

@@ -130,29 +130,26 @@ def tiles_of(rows: I32, columns: I32) -> I32:
 
 def blurred(image: F32) -> F32:
     """``image`` (h, w) through a binomial filter of 5 x 5, its edges repeated."""
+    first, second, third = (np.float32(k) for k in BINOMIAL[:3])
+    part = np.empty_like(image)
     for axis in (0, 1):
         wide = np.pad(image, [(2, 2) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
-        length = image.shape[axis]
-        first, second, third = (np.float32(k) for k in BINOMIAL[:3])
-        image = (first * (_rows(wide, 0, length, axis) + _rows(wide, 4, length, axis)) + third * _rows(
-            wide, 2, length, axis) + second * (_rows(wide, 1, length, axis) + _rows(wide, 3, length, axis)))
+        rows = [_rows(wide, n, image.shape[axis], axis) for n in range(5)]
+        image = rows[0] + rows[4]
+        image *= first
+        image += np.multiply(third, rows[2], out=part)
+        image += np.multiply(second, np.add(rows[1], rows[3], out=part), out=part)
     return image
 
 
 def eroded(mask: Bool, steps: int) -> Bool:
-    """Without what lies within so many pixels (by rows and columns) of anything outside."""
+    """Without what lies within so many pixels (by rows and columns) of anything outside.  Edges are repeated."""
     for _ in range(steps):
-        mask = around(mask, np.logical_and)
+        for axis in (0, 1):
+            wide = np.pad(mask, [(1, 1) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
+            one, two, three = (_rows(wide, n, mask.shape[axis], axis) for n in range(3))
+            mask = one & two & three
     return mask
-
-
-def around(image: Image, least: np.ufunc) -> Image:
-    """The least (or greatest) of each pixel and its eight neighbours; beyond the edges lies the edge."""
-    for axis in (0, 1):
-        wide = np.pad(image, [(1, 1) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
-        length = image.shape[axis]
-        image = least(least(_rows(wide, 0, length, axis), _rows(wide, 1, length, axis)), _rows(wide, 2, length, axis))
-    return image
 
 
 def _rows(image: Image, first: int, count: int, axis: int) -> Image:
