@@ -43,7 +43,8 @@ class IRPSO_OT_load_captures(bpy.types.Operator):
             item.ambient, item.flat = stored(view.ambient), stored(view.flat)
             item.camera, item.exposure, item.colorspace = camera, view.exposure, view.colorspace or ""
             item.vignetting, item.response, item.turn = view.vignetting, view.response, view.turn
-            item.ambient_radiance, item.black_level, item.tint = view.ambient_radiance, view.black_level, view.tint
+            item.shoulder, item.ambient_radiance = view.shoulder, view.ambient_radiance
+            item.black_level, item.tint = view.black_level, view.tint
             for light in lights:
                 item.lights.add().light = light
         scene.irpso.captures, scene.irpso.active_view = "", 0

@@ -57,6 +57,7 @@ class Shoot:
     exposure: float = 0.0  # EV, told to the solver
     spoil: Callable[[], None] | None = None
     develop: Develop | None = None  # from radiance times 2^exposure to what the file holds
+    jpeg: bool = False  # files are JPEG, with masks beside them
     shown: int = 0  # the view in the picture
 
 
@@ -88,8 +89,10 @@ def clip(pixels: F32) -> F32:
 
 
 def tone(pixels: F32) -> F32:
-    """A picture made for looking at: a curve that lifts shadows and rolls highlights off."""
-    return np.asarray((pixels / (pixels + 0.5)) ** (1 / 1.6), np.float32)
+    """A picture made for looking at: Narkowicz's fit of the film curve of ACES (2015), over its value of white."""
+    shown = np.clip(pixels, 0, 1)
+    value = shown * (2.51 * shown + 0.03) / (shown * (2.43 * shown + 0.59) + 0.14)
+    return np.asarray(value * (3.16 / 2.54), np.float32)
 
 
 RIGHT = Shoot("right")
@@ -101,7 +104,7 @@ WRONG = {
     "ambient": Shoot("room lights on", spoil=ambient),
     "moved": Shoot("lights moved", spoil=move_lamps),
     "polarised": Shoot("cross-polarised", spoil=cross_polarise),
-    "tone": Shoot("tone curve", develop=tone),
+    "tone": Shoot("tone curve", exposure=-1.0, develop=tone, jpeg=True),
 }
 
 
@@ -197,9 +200,10 @@ def render(shoot: Shoot, folder: Path, base: F32, rough: F32) -> list[Path]:
                 continue
             path = folder / f"view_{len(views):02d}.exr"
             demo._render(path, camera, lamp)
-            develop(path, shoot)
-            pictures.append(path)
-            views.append({"image": path.name, "camera": camera.name, "lights": [lamp.name], "exposure": shoot.exposure})
+            image, mask = develop(path, shoot)
+            pictures.append(image)
+            views.append({"image": image.name, "camera": camera.name, "lights": [lamp.name],
+                          "exposure": shoot.exposure} | ({} if mask is None else {"mask": mask.name}))
     (folder / "captures.json").write_text(json.dumps({"views": views}), encoding="utf-8")
     return pictures
 
@@ -215,15 +219,28 @@ def directions(shoot: Shoot) -> list[Vector]:
     return found
 
 
-def develop(path: Path, shoot: Shoot) -> None:
-    """The rendered file as the camera would have written it."""
+def develop(path: Path, shoot: Shoot) -> tuple[Path, Path | None]:
+    """The rendered file as the camera would have written it, and a mask if there is one."""
     if shoot.develop is None:
-        return
-    file = oiio.ImageBuf(str(path))
-    pixels = file.get_pixels(oiio.FLOAT)
+        return path, None
+    pixels = oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
     pixels[..., :3] = shoot.develop(pixels[..., :3] * np.float32(2.0**shoot.exposure))
-    made = oiio.ImageBuf(oiio.ImageSpec(file.spec().width, file.spec().height, 4, oiio.FLOAT))
-    made.set_pixels(oiio.ROI(), pixels)
+    if not shoot.jpeg:
+        write(path, pixels)
+        return path, None
+    image, mask = path.with_suffix(".jpg"), path.with_suffix(".png")
+    srgb = np.where(pixels > 0.0031308, 1.055 * np.maximum(pixels, 1e-9) ** (1 / 2.4) - 0.055, 12.92 * pixels)
+    write(image, srgb[..., :3])
+    write(mask, pixels[..., 3:])
+    return image, mask
+
+
+def write(path: Path, pixels: F32) -> None:
+    """8 bits where the format is none of floats."""
+    kind = oiio.FLOAT if path.suffix == ".exr" else oiio.UINT8
+    made = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], kind))
+    made.set_pixels(oiio.ROI(), np.ascontiguousarray(pixels, np.float32))
+    made.specmod().attribute("CompressionQuality", 92)
     assert made.write(str(path)), made.geterror()
 
 

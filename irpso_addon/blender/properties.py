@@ -22,7 +22,7 @@ from bpy.props import (
 from bpy.types import PropertyGroup
 
 from ..core.capture.captures import MOST_TINT, MOST_TURN, MOST_VIGNETTING
-from ..core.images.response import LEAST_RESPONSE, MOST_BLACK, MOST_RESPONSE
+from ..core.images.response import LEAST_RESPONSE, LEAST_SHOULDER, MOST_BLACK, MOST_RESPONSE, MOST_SHOULDER
 from ..core.params import ExportSettings, ShootSettings, SolveSettings, choice_name
 from .glow import is_light
 
@@ -97,6 +97,10 @@ class IRPSO_PG_view(PropertyGroup):
         name="Response", default=1.0, min=LEAST_RESPONSE, max=MOST_RESPONSE, precision=3,
         description="Exponent of the camera's or developer's tone curve: the file holds radiance to this power. 1: the "
                     "file is linear once its color space is undone")
+    shoulder: FloatProperty(
+        name="Shoulder", default=1.0, min=LEAST_SHOULDER, max=MOST_SHOULDER, soft_max=50.0, precision=2,
+        description="How many times flatter the tone curve is at white than in the dark. 1: no flatter; cameras' JPEG "
+                    "files: 5 to 15")
     black_level: FloatVectorProperty(
         name="Black Level", size=3, default=(0.0, 0.0, 0.0), min=-MOST_BLACK, max=MOST_BLACK, precision=4,
         description="Values of the file where no light falls, which are subtracted, linear RGB. 0: none, or the "

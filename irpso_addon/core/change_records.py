@@ -104,6 +104,8 @@ class ResponseChange:
 
     exponent: float  # by which the views' response is to be multiplied
     error: float  # its standard error, relative
+    shoulder: float = 1.0  # the same of the views' shoulder
+    shoulder_error: float = 0.0
 
 
 @dataclass(frozen=True)

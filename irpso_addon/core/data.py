@@ -150,7 +150,8 @@ class View:
     environment: Environment | None = None  # shines beside the lights
     # Factors of red, green and blue, in linear Rec.709, by which the picture's white balance makes it brighter
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    response: float = 1.0  # the file holds radiance to this power; 1: it is linear
+    response: float = 1.0  # the file holds radiance to this power; 1: it is linear ...
+    shoulder: float = 1.0  # ... in the dark: at white its curve is so many times flatter
     # Values of the file, in linear Rec.709, where no light falls: subtracted before ``response`` is undone
     black_level: tuple[float, float, float] = (0.0, 0.0, 0.0)
     # Light from all around, alike from everywhere, that shines beside the lights: W/(m^2 sr), linear RGB

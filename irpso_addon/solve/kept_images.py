@@ -16,7 +16,7 @@ from ..core.vignetting import brightened
 
 ReadImage = Callable[[View], RadianceImage]
 # What a solve may find of a picture, as if nothing of it were so:
-PLAIN: dict[str, Any] = {"gain": 1.0, "tint": (1.0, 1.0, 1.0), "response": 1.0, "vignetting": 0.0,
+PLAIN: dict[str, Any] = {"gain": 1.0, "tint": (1.0, 1.0, 1.0), "response": 1.0, "shoulder": 1.0, "vignetting": 0.0,
                          "black_level": (0.0, 0.0, 0.0)}
 
 
@@ -24,14 +24,14 @@ def reference_key(view: View) -> Hashable:
     """All that the radiance of a view's reference image follows from: what differs in nothing of it is read once."""
     files = view.image, view.mask, view.ambient, view.flat
     dark = (view.vignetting, view.camera.name) if view.vignetting else ()
-    shown = view.exposure, view.gain, view.tint, view.response, view.black_level, view.white_balance
+    shown = view.exposure, view.gain, view.tint, view.response, view.shoulder, view.black_level, view.white_balance
     return *files, view.colorspace, *shown, *dark
 
 
 def _again(rgb: F32, first: View, view: View) -> F32:
     """Radiance of a view's picture, which was read as of ``first``, another opinion of the same view."""
     gain: F32 = (first.gain / view.gain * np.array(first.tint) / np.array(view.tint)).astype(np.float32)
-    if (first.response, first.black_level) == (view.response, view.black_level):
+    if (first.response, first.shoulder, first.black_level) == (view.response, view.shoulder, view.black_level):
         return np.asarray(brightened(rgb, view.camera, view.vignetting - first.vignetting) * gain)
     read = as_read(brightened(rgb, first.camera, -first.vignetting), first) * gain
     return brightened(straightened(read, view), view.camera, view.vignetting)

@@ -241,9 +241,11 @@ def test_ambient_light_and_response_of_the_list(scene, records, keep) -> None:
     """Every view's, beside what it has; where the ambient light was photographed, it has been subtracted."""
     first, second = scene.irpso.views[:2]
     first.ambient_radiance, first.response, second.ambient = (0.1, 0.0, 0.0), 0.5, "//dark.exr"
-    keep(ambient=records.AmbientChange((0.2, 0.3, 0.4), 0.05, 0.001), response=records.ResponseChange(0.9, 0.001))
+    keep(ambient=records.AmbientChange((0.2, 0.3, 0.4), 0.05, 0.001),
+         response=records.ResponseChange(0.9, 0.001, 8.0, 0.1))
     apply()
     assert tuple(first.ambient_radiance) == pytest.approx((0.3, 0.3, 0.4)) and first.response == pytest.approx(0.45)
+    assert (first.shoulder, second.shoulder) == (8, 8)
     assert not any(second.ambient_radiance) and second.response == pytest.approx(0.9)
 
 

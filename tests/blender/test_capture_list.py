@@ -67,13 +67,13 @@ def test_a_loaded_file_keeps_all_that_it_states_of_a_picture(scene, tmp_path: Pa
     """A solve of the list is that of the file."""
     file = tmp_path / "good" / "captures.json"
     content = json.loads(file.read_text(encoding="utf-8"))
-    content["views"][3] |= {"exposure": 0.5, "vignetting": 2.0, "response": 0.75, "turn": 10.0,
+    content["views"][3] |= {"exposure": 0.5, "vignetting": 2.0, "response": 0.75, "shoulder": 8.0, "turn": 10.0,
                             "black_level": [0.25, 0, -0.125], "tint": [1.25, 1, 0.75], "ambient_radiance": [0, 0.5, 0]}
     file.write_text(json.dumps(content), encoding="utf-8")
     scene.irpso.captures = "//captures.json"
     assert bpy.ops.irpso.load_captures() == {"FINISHED"}
     view, other = scene.irpso.views[3], scene.irpso.views[2]
-    assert (view.exposure, view.vignetting, view.response, view.turn) == (0.5, 2.0, 0.75, 10.0)
+    assert (view.exposure, view.vignetting, view.response, view.shoulder, view.turn) == (0.5, 2.0, 0.75, 8.0, 10.0)
     assert (tuple(view.black_level), tuple(view.tint)) == ((0.25, 0, -0.125), (1.25, 1, 0.75))
     assert tuple(view.ambient_radiance) == (0, 0.5, 0)
     assert (tuple(other.black_level), tuple(other.tint)) == ((0, 0, 0), (1, 1, 1))

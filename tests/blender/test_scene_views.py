@@ -70,7 +70,7 @@ def test_captures(stage):
     add_light(stage, "Sun", hide_render=True)  # named: it counts, though it is off now
     view = {"image": "refs/a.exr", "camera": "Cam", "lights": ["Key", "Sun"], "exposure": 2, "mask": "m.png",
             "colorspace": "ACEScg", "ambient": "dark.exr", "flat": "refs/flat.exr", "vignetting": 3.5,
-            "response": 0.9, "ambient_radiance": [0.1, 0.2, 0], "black_level": [0.01, 0, -0.02],
+            "response": 0.9, "shoulder": 4, "ambient_radiance": [0.1, 0.2, 0], "black_level": [0.01, 0, -0.02],
             "tint": [1.1, 1, 0.9]}
     write_captures(stage, view, view | {"image": "refs/b.exr"})
     stage.scene.cycles.film_exposure = 0.5
@@ -80,7 +80,7 @@ def test_captures(stage):
     assert found.image == stage.folder / "refs/a.exr" and found.mask == stage.folder / "m.png"
     assert [light.name for light in found.lights] == ["Key", "Sun"]
     assert (found.exposure, found.gain, found.colorspace, found.vignetting) == (2, 0.5, "ACEScg", 3.5)
-    assert (found.response, found.ambient_radiance) == (0.9, (0.1, 0.2, 0))
+    assert (found.response, found.shoulder, found.ambient_radiance) == (0.9, 4, (0.1, 0.2, 0))
     assert (found.black_level, found.tint) == ((0.01, 0, -0.02), (1.1, 1, 0.9))
     assert (found.ambient, found.flat) == (stage.folder / "dark.exr", stage.folder / "refs/flat.exr")
     stage.scene.render.engine = "BLENDER_WORKBENCH"
@@ -124,6 +124,7 @@ def view_list():
         ambient: bpy.props.StringProperty()
         vignetting: bpy.props.FloatProperty()
         response: bpy.props.FloatProperty(default=1.0)
+        shoulder: bpy.props.FloatProperty(default=1.0)
         ambient_radiance: bpy.props.FloatVectorProperty(size=3)
         black_level: bpy.props.FloatVectorProperty(size=3)
         tint: bpy.props.FloatVectorProperty(size=3, default=(1.0, 1.0, 1.0))
@@ -155,6 +156,7 @@ def test_the_scenes_own_list(stage, view_list):
     chosen.lights.add().light = stage.key
     chosen.colorspace, chosen.ambient, chosen.flat = "ACEScg", "//dark.exr", "//flat.exr"
     chosen.vignetting, chosen.response, chosen.ambient_radiance = 2.5, 0.5, (0.25, 0.5, 0.0)
+    chosen.shoulder = 6.0
     chosen.black_level, chosen.tint = (0.125, 0.0, -0.25), (1.25, 1.0, 0.75)
     off = stage.scene.irpso.views.add()
     off.image, off.enabled = "//c.exr", False
@@ -166,7 +168,7 @@ def test_the_scenes_own_list(stage, view_list):
     assert first.colorspace is None and second.colorspace == "ACEScg" and first.ambient is first.flat is None
     assert (second.ambient, second.flat) == (stage.folder / "dark.exr", stage.folder / "flat.exr")
     assert (first.vignetting, second.vignetting) == (0, 2.5)
-    assert (first.response, second.response) == (1, 0.5)
+    assert (first.response, second.response, first.shoulder, second.shoulder) == (1, 0.5, 1, 6)
     assert (first.ambient_radiance, second.ambient_radiance) == ((0, 0, 0), (0.25, 0.5, 0))
     assert (first.black_level, second.black_level) == ((0, 0, 0), (0.125, 0, -0.25))
     assert (first.tint, second.tint) == ((1, 1, 1), (1.25, 1, 0.75))

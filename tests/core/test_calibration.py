@@ -25,7 +25,8 @@ def judged(rig: Rig, seed: int = 0, tinted: bool = False) -> Judged:
     rng = np.random.default_rng(seed)
     groups, views = len(rig.groups), len(rig.views)
     change = RigChange(0.02 * rng.standard_normal((groups, 3)), 0.05 * rng.standard_normal(groups),
-                       0.03 * rng.standard_normal(views), 0.7, 0.05, -0.1, black_level=np.array([0.01, 0.02, -0.03]))
+                       0.03 * rng.standard_normal(views), 0.7, 0.05, -0.1, 1.5,
+                       black_level=np.array([0.01, 0.02, -0.03]))
     error = RigChange(np.full((groups, 3), 1e-4), np.full(groups, 1e-4), np.full(views, 1e-4), 0.1,
                       black_level=np.full(3, 1e-4))
     if tinted:
@@ -42,7 +43,7 @@ def assert_alike(one: SceneData, other: SceneData) -> None:
     for a, b in zip(one.views, other.views, strict=True):
         assert np.isclose(a.gain, b.gain, rtol=1e-12) and a.vignetting == b.vignetting
         np.testing.assert_allclose(a.tint, b.tint, rtol=1e-12)
-        assert a.response == b.response == np.exp(-0.1)
+        assert a.response == b.response == np.exp(-0.1) and a.shoulder == b.shoulder == np.exp(1.5)
         assert a.black_level == b.black_level == (0.01, 0.02, -0.03)
         assert a.ambient_radiance == b.ambient_radiance == (0.02, 0.03, 0.04)
         for x, y in zip(a.lights, b.lights, strict=True):

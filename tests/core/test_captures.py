@@ -76,6 +76,7 @@ def test_any_value_under_any_key_is_read_or_bad_input(entry, key, value):
     ({"response": "sRGB"}, '"response" is not a number'),
     ({"response": 0.1}, 'between 0.2 and 5'),
     ({"response": 6}, '"response" is out of range; it must be between 0.2 and 5'),
+    ({"shoulder": 0.5}, '"shoulder" is out of range; it must be between 1 and 1000'),
     ({"black_level": 0.1}, '"black_level" is not a color'),
     ({"black_level": [0, 0, 1.5]}, 'each between -1 and 1'),
     ({"tint": 1.1}, '"tint" is not a color'),

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from irpso_addon.core.data import F32, F64, RadianceImage, View
 from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.images.reference_image import Reference, read_reference
-from irpso_addon.core.images.response import straightened, undone
+from irpso_addon.core.images.response import as_read, curved, straight, straightened
 from irpso_addon.solve.kept_images import KeptImages
 from tests.support import synthetic as syn
 
@@ -90,10 +92,37 @@ def test_a_second_look_is_as_if_read_anew(view: View) -> None:
     assert read == [first]
 
 
-def test_nothing_to_do(radiance: F32) -> None:
-    assert undone(radiance, 3.0, 1.0) is radiance
+def test_nothing_to_do(radiance: F32, view: View) -> None:
+    assert straightened(radiance, replace(view, response=1.0, black_level=(0.0, 0.0, 0.0))) is radiance
 
 
 def test_noise_below_black_stays_below() -> None:
     dark = np.array([-0.01, 0.0, 0.01], np.float32)
-    np.testing.assert_allclose(undone(dark, 2.0, 0.5), [-0.0002, 0.0, 0.0002], atol=1e-9)
+    np.testing.assert_allclose(straight(2 * dark, 0.5, 1.0) / 2, [-0.0002, 0.0, 0.0002], atol=1e-9)
+    np.testing.assert_allclose(straight(dark, 1.0, 10.0), [-0.001009, 0.0, 0.001009], atol=1e-6)
+
+
+@given(st.floats(0.3, 3), st.floats(1, 50))
+def test_a_shoulder_is_flatter_at_white(response: float, shoulder: float) -> None:
+    """By the slopes of its logarithm; white stays, brighter values too are read, and nothing gets out of order."""
+    radiance = np.concatenate([-np.geomspace(1e-4, 2, 30)[::-1], np.geomspace(1e-5, 4, 200)])
+    value = curved(radiance, response, shoulder)
+    assert (np.diff(value) > 0).all()
+    np.testing.assert_allclose(straight(value, response, shoulder), radiance, rtol=1e-9)
+    assert curved(np.ones(1), response, shoulder) == 1
+    dark, white = (np.log(curved(at * np.array([1.0, 1.0001]), response, shoulder)) for at in (1e-30, 0.9999))
+    assert (dark[1] - dark[0]) / (white[1] - white[0]) == pytest.approx(shoulder, rel=1e-2)
+
+
+def test_a_file_with_a_shoulder_is_read_as_radiance(view: View, radiance: F32) -> None:
+    """By the formula of docs/shooting.md; and looked at again without it."""
+    path = view.image.with_name("curve.exr")
+    power = (radiance.astype(np.float64) * 2**EXPOSURE * GAIN / 8) ** POWER
+    write_image(path, (6 * power / (1 + 5 * power)).astype(np.float32) + np.array(BLACK, np.float32), kind="exr",
+                color=True)
+    made = replace(view, image=path, exposure=EXPOSURE - 3, shoulder=6.0)
+    np.testing.assert_allclose(read_reference(made).rgb, radiance, rtol=2e-2)  # half floats in the file
+    kept, plain = KeptImages(read_reference), replace(made, shoulder=1.0)
+    for of in (plain, made):
+        np.testing.assert_allclose(kept(of).rgb, read_reference(of).rgb, rtol=1e-4)
+    np.testing.assert_allclose(straightened(as_read(radiance, made), made), radiance, rtol=1e-4)

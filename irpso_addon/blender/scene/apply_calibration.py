@@ -116,6 +116,7 @@ def _changed(views: Any, calibration: Calibration, names: list[str]) -> str:
             view.ambient_radiance = tuple(map(sum, zip(view.ambient_radiance, ambient.radiance, strict=True)))
         if response is not None:
             view.response *= response.exponent
+            view.shoulder *= response.shoulder
         if black is not None and not view.ambient:
             view.black_level = tuple(map(sum, zip(view.black_level, black.level, strict=True)))
     changed = f", {counted(exposed, 'exposure')} changed" if stops else ""

@@ -160,8 +160,8 @@ class _Reader:
                 image=Path(view.image), camera=self._camera(view.camera), lights=tuple(map(self._light, view.lights)),
                 exposure=view.exposure, mask=_path(view.mask), colorspace=view.colorspace, gain=self.gain,
                 ambient=_path(view.ambient), flat=_path(view.flat), vignetting=view.vignetting,
-                environment=self._environment(view), response=view.response, ambient_radiance=view.ambient_radiance,
-                black_level=view.black_level, tint=view.tint,
+                environment=self._environment(view), response=view.response, shoulder=view.shoulder,
+                ambient_radiance=view.ambient_radiance, black_level=view.black_level, tint=view.tint,
             ))
         return with_one_white_balance(found)
 

@@ -48,6 +48,7 @@ class NamedView:
     world: str | None = None  # of that name; None: the scene's
     turn: float = 0.0  # degrees about Z
     response: float = 1.0
+    shoulder: float = 1.0
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)
     black_level: tuple[float, float, float] = (0.0, 0.0, 0.0)
     emitters: tuple[str, ...] = ()  # meshes that glow in it
@@ -117,8 +118,8 @@ class SceneViews:
                          exposure=entry.exposure, mask=str(entry.mask or ""),
                          colorspace=entry.colorspace, faults=tuple(faults), ambient=str(entry.ambient or ""),
                          flat=str(entry.flat or ""), vignetting=entry.vignetting, world=entry.world,
-                         turn=entry.turn, response=entry.response, ambient_radiance=entry.ambient_radiance,
-                         black_level=entry.black_level, tint=entry.tint)
+                         turn=entry.turn, response=entry.response, shoulder=entry.shoulder,
+                         ambient_radiance=entry.ambient_radiance, black_level=entry.black_level, tint=entry.tint)
 
     def _entry(self, entry: Any, where: str) -> NamedView:
         camera = entry.camera.name if entry.camera is not None else ""
@@ -136,7 +137,7 @@ class SceneViews:
             self._lamps(lights) if lights else self._rendered_lights(), not lights,
             float(entry.exposure), bpy.path.abspath(entry.mask), entry.colorspace or None, entry.enabled, tuple(faults),
             bpy.path.abspath(entry.ambient), bpy.path.abspath(entry.flat), float(entry.vignetting),
-            turn=float(entry.turn), response=float(entry.response),
+            turn=float(entry.turn), response=float(entry.response), shoulder=float(entry.shoulder),
             ambient_radiance=tuple(map(float, entry.ambient_radiance)),
             black_level=tuple(map(float, entry.black_level)), tint=tuple(map(float, entry.tint)),
             emitters=self._emitters(lights) if lights else self._glowing())

@@ -131,7 +131,7 @@ def _as_solved(shown: ListedView) -> View:
     entry = shown.entry
     ambient, flat = (Path(bpy.path.abspath(path)) if path else None for path in (entry.ambient, entry.flat))
     return replace(shown.view, ambient=ambient, flat=flat, vignetting=entry.vignetting, response=entry.response,
-                   black_level=tuple(entry.black_level), tint=tuple(entry.tint))
+                   shoulder=entry.shoulder, black_level=tuple(entry.black_level), tint=tuple(entry.tint))
 
 
 def lights_of(context: bpy.types.Context, view: ListedView) -> list[bpy.types.Object]:

@@ -243,8 +243,8 @@ class IRPSO_PT_view(Tab, Panel):
         layout.operator("irpso.look_through_view", icon="CAMERA_DATA")
         column = layout.column()
         column.active = view.enabled
-        for name in ("image", "camera", "exposure", "tint", "vignetting", "response", "black_level",
-                     "ambient_radiance", "turn", "mask", "ambient", "flat", "colorspace"):
+        for name in ("image", "camera", "exposure", "tint", "vignetting", "response", "shoulder",
+                     "black_level", "ambient_radiance", "turn", "mask", "ambient", "flat", "colorspace"):
             column.prop(view, name)
         _draw_lights(column, view, state)
 

@@ -21,6 +21,7 @@ from .rig_fit import ROUNDS, RigFound, fit_rig
 from .rig_numbers import Free
 from .rig_sample import RigSample
 from .tints import Tints, tints_of
+from .tone_curve import ToneCurve, tone_curve
 
 LEAST_TEXELS = 100
 MESH = 0.003  # of the radiance, that neighbours leave over in common: more may be a mesh that is wrong in detail
@@ -52,6 +53,22 @@ def _judged(
         return None
     yield Progress(0.0, "calibrate", "lamps and exposures")
     first = yield from _materials(sample)
+    curve = (yield from tone_curve(sample, folds, first)) if exposures else None
+    if curve is not None:
+        seen = curve.corrected(sample)
+        judged = yield from _with_black(seen, lamps, exposures, lambda ambient: curve.corrected(larger(ambient)),
+                                        normals, (yield from _materials(seen)))
+        return _beside(curve, judged, first)
+    return (yield from _with_black(sample, lamps, exposures, larger, normals, first))
+
+
+def _with_black(
+    sample: RigSample, lamps: bool, exposures: bool, larger: Larger, normals: bool, first: RigFound,
+) -> Steps[Judged | None]:
+    """What else is to be changed, a black level before all.  ``first``: the materials of the sample."""
+    folds = split(sample.texels)
+    if folds is None:
+        return None
     black = (yield from black_level(sample, folds, first)) if exposures else None
     if black is None:
         return (yield from _with_colours(sample, lamps, exposures, larger, normals, first))
@@ -82,7 +99,7 @@ def _with_colours(
     return _beside(tints, judged, first)
 
 
-def _beside(found: BlackLevel | Tints, judged: Judged | None, first: RigFound) -> Judged:
+def _beside(found: BlackLevel | Tints | ToneCurve, judged: Judged | None, first: RigFound) -> Judged:
     """What was found before all else, and what was then.  ``first``: the materials, if that is nothing."""
     if judged is None:
         none = RigChange.none(len(first.change.offset), len(first.change.log_gain))
@@ -155,6 +172,13 @@ def found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged
     """
     if len(sample.rig.groups) != len(before.found.change.offset):  # cameras have left a flash that they shared
         return None
+    if before.found.change.log_shoulder:
+        curve = ToneCurve.of(before)
+        change = replace(before.found.change, log_response=0.0, log_shoulder=0.0)
+        straight = replace(before, found=replace(before.found, change=change))
+        again = yield from found_again(
+            straight, curve.corrected(sample), lambda ambient: curve.corrected(more(ambient)))
+        return _beside(curve, again, before.found)
     black = before.found.change.black_level
     if black is None:
         return (yield from _again(before, sample, more))

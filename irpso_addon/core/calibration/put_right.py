@@ -47,6 +47,7 @@ def put_right(scene: SceneData, rig: Rig, judged: Judged) -> SceneData:
                 tint=with_factors(view.tint, tints.get((view.image, view.camera.name), _WHITE)),
                 vignetting=view.vignetting + change.vignetting,
                 response=view.response * float(np.exp(change.log_response)),
+                shoulder=view.shoulder * float(np.exp(change.log_shoulder)),
                 black_level=_raised(view, (0.0, 0.0, 0.0) if change.black_level is None else change.black_level),
                 ambient_radiance=_brightened(view, judged.ambient_radiance)) for view in scene.views))
 
@@ -67,7 +68,8 @@ def applied(scene: SceneData, calibration: Calibration) -> SceneData:
     gains = {(view.image, view.camera): 2.0**view.stops for view in calibration.exposures}
     tints = {(view.image, view.camera): view.tint for view in calibration.exposures}
     darker = 0.0 if calibration.vignetting is None else calibration.vignetting.power
-    exponent = 1.0 if calibration.response is None else calibration.response.exponent
+    exponent, shoulder = (1.0, 1.0) if calibration.response is None else (
+        calibration.response.exponent, calibration.response.shoulder)
     black = (0.0, 0.0, 0.0) if calibration.black_level is None else calibration.black_level.level
     around = (0.0, 0.0, 0.0) if calibration.ambient is None else calibration.ambient.radiance
     return replace(scene, views=tuple(
@@ -75,6 +77,7 @@ def applied(scene: SceneData, calibration: Calibration) -> SceneData:
                 gain=view.gain * gains.get((view.image, given_name(view)), 1.0),
                 tint=with_factors(view.tint, tints.get((view.image, given_name(view)), _WHITE)),
                 vignetting=view.vignetting + darker, response=view.response * exponent,
+                shoulder=view.shoulder * shoulder,
                 black_level=_raised(view, black), ambient_radiance=_brightened(view, around),
                 environment=_turned(view.environment, calibration.worlds)) for view in scene.views))
 
@@ -133,7 +136,7 @@ def told(rig: Rig, judged: Judged) -> Calibration:
         change.vignetting, error.vignetting, corner_stops(cameras, change.vignetting), sure_of_vignetting(judged.found))
     ambient = AmbientChange(judged.ambient_radiance, change.ambient, error.ambient) if change.ambient else None
     response = None if not change.log_response else ResponseChange(
-        float(np.exp(change.log_response)), error.log_response)
+        float(np.exp(change.log_response)), error.log_response, float(np.exp(change.log_shoulder)), error.log_shoulder)
     black = None if change.black_level is None or error.black_level is None else BlackLevelChange(
         _three(change.black_level), float(error.black_level.max()))
     return Calibration(tuple(lamps), exposures, judged.given, judged.changed, vignetting, ambient, response, black)

@@ -48,6 +48,7 @@ class RigChange:
     vignetting: float = 0.0  # to be added to every view's
     ambient: float = 0.0  # irradiance by light from all around, over the sample's typical irradiance by lamps
     log_response: float = 0.0  # of the power to which files hold radiance
+    log_shoulder: float = 0.0  # of how many times flatter their curve is at white
     # What a diffuse that is not Lambert's may show instead: powers of the cosine to the lamp, of what a dielectric lets
     # in and out, and of what a rough surface shows.  Nothing is put right by them.
     cosine: float = 0.0
@@ -71,7 +72,7 @@ class RigChange:
     @property
     def bends(self) -> bool:
         """Whether radiance is no longer in proportion to what it was."""
-        return bool(self.ambient or self.log_response)
+        return bool(self.ambient or self.log_response or self.log_shoulder)
 
 
 @dataclass(frozen=True)

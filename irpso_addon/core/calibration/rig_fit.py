@@ -167,6 +167,7 @@ class _RigFit:
         return RigChange(self.change.offset + offset, self.change.log_power + change.log_power,
                          self.change.log_gain + change.log_gain, self.change.vignetting + change.vignetting,
                          ambient, self.change.log_response + change.log_response,
+                         max(self.change.log_shoulder + change.log_shoulder, 0.0),
                          self.change.cosine + change.cosine, self.change.transmission + change.transmission,
                          self.change.rough + change.rough)
 

@@ -14,10 +14,11 @@ from .shade import AroundInShade
 PLACE, POWER, GAIN = 0.05, 0.1, 0.03  # what a shoot's figures are off by: of a lamp's distance; relative
 VIGNETTING = 2.0  # power of the cosine
 AMBIENT, RESPONSE = 0.2, 0.3  # of the lamps' typical irradiance; of the logarithm of the response's exponent
+SHOULDER = 2.0  # of the logarithm
 COSINE, TRANSMISSION, ROUGH = 0.3, 1.0, 1.0  # powers
 LEVEL = 0.3  # of Specular IOR Level
 CAUCHY = 2.4  # standard deviations at which an observation has lost half its weight
-SHARED, DIFFUSE = 6, 3  # numbers of all views: vignetting, ambient light, response; the last are of the diffuse
+SHARED, DIFFUSE = 7, 3  # numbers of all views: vignetting, ambient light, response, shoulder; last, of the diffuse
 MEAN = 1e-4  # of powers, and of gains: brightness as a whole belongs to the base colours
 LEAST_USUAL = 1e-3  # of a lamp's distance, relative power
 # Lamps whose powers are as far off as exposures are, which are believed in beside the shoot's.  A power is hardly told
@@ -36,6 +37,7 @@ class Free:
     levels: bool = False  # the Specular IOR Level of each material
     ambient: bool = False
     response: bool = False
+    shoulder: bool = False  # of the response
     cosine: bool = False  # a power of the cosine: the usual way in which a diffuse is not Lambert's
     diffuse: bool = False  # all that it may have beside Lambert's
     tilts: bool = False  # of the texels' normals, in detail: each texel's own, as its base colour
@@ -76,13 +78,13 @@ class RigNumbers:
         # A rough surface shines back to the light: a flash that cameras carry elsewhere shows nearly the same.
         rough = free.diffuse and not any(group.carried for group in sample.rig.groups)
         self.free = np.flatnonzero(np.concatenate(
-            [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.response],
+            [lamps, np.full(self.views, free.exposures), [free.vignetting, free.ambient, free.response, free.shoulder],
              [free.cosine or free.diffuse, free.diffuse, rough], np.ones(len(self.slots), bool)]))
         self.place = np.full(self.count, -1)  # of each number, among the free ones; -1: it is not
         self.place[self.free] = np.arange(len(self.free))
         self.prior = np.concatenate([np.full(3 * self.groups, PLACE), np.full(self.groups, POWER),
                                      np.full(self.views, GAIN),
-                                     [VIGNETTING, AMBIENT, RESPONSE, COSINE, TRANSMISSION, ROUGH],
+                                     [VIGNETTING, AMBIENT, RESPONSE, SHOULDER, COSINE, TRANSMISSION, ROUGH],
                                      np.full(len(self.slots), LEVEL)])
         self.expected = np.zeros(self.count)  # the prior's middle
         self.start = np.zeros(self.count)  # whose means are kept
@@ -94,8 +96,8 @@ class RigNumbers:
     def packed(self, change: RigChange) -> F64:
         """The change as one vector."""
         return np.concatenate([change.offset.ravel(), change.log_power, change.log_gain,
-                               [change.vignetting, change.ambient, change.log_response, change.cosine,
-                                change.transmission, change.rough], np.zeros(len(self.slots))])
+                               [change.vignetting, change.ambient, change.log_response, change.log_shoulder],
+                               [change.cosine, change.transmission, change.rough], np.zeros(len(self.slots))])
 
     def unpacked(self, free: F64) -> RigChange:
         """Of values of the free numbers; the others are as given."""

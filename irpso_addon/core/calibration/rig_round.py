@@ -15,6 +15,7 @@ import numpy as np
 from ..data import F64, I32, Bool
 from ..evaluation.joint_material import OneMaterial
 from ..evaluation.sampled_texels import Lobes, parts
+from ..images.response import curved
 from ..shading.lights import light_basis
 from ..vectors import dot
 from .paint import Elimination, Paint, base_colours
@@ -72,12 +73,11 @@ class RigRound:
             self.scatter = 1.4826 * float(np.median(np.abs(left[self.good]))) + 1e-4 if self.good.any() else 1.0
             robust = 1 / (1 + (left / (CAUCHY * self.scatter)) ** 2)
             self.weight = np.where(self.good, share**2 * robust, 0.0)
-        # Errors are those of the files: a response that made all of them alike would leave none.
-        power = 1.0 if seen.bent is None else seen.bent.power
         self.base, self.predicted = base, predicted
-        self.share, self.bend, self.left = share * power, bend * power, left * power
-        self.scatter *= power
-        self.around, self.logarithm = self._bends()
+        self.around, self.logarithm, self.white, self.contrast = self._bends()
+        # Errors are those of the files: a response that made all of them alike would leave none.
+        self.share, self.bend, self.left = share * self.contrast, bend * self.contrast, left * self.contrast
+        self.scatter *= float(np.median(self.contrast[self.good])) if self.good.any() else 1.0
         self.tilts = self._tilts() if tilts else ()
         for _ in range(3 if tilts else 0):
             rest = self._elimination().remains(self.left)
@@ -122,8 +122,10 @@ class RigRound:
                     slopes[:, v] += self.share[:, v] * self.seen.share[v, light.name] * dot(to_light, way) / cosine
         return one, other
 
-    def _bends(self) -> tuple[F64, F64]:
-        """(T, V) slopes of log radiance by light from all around, and by the logarithm of the response's exponent."""
+    def _bends(self) -> tuple[F64, F64, F64, F64]:
+        """(T, V) slopes of log radiance by light from all around, and by the logarithms of the response's exponent and
+        of its shoulder; and the curve's contrast, the slope of the files' logarithm by that of radiance.
+        """
         sample, bent = self.sample, self.seen.bent
         irradiance = np.maximum(sample.texels.irradiance.mean(-1), LEAST)
         around = sample.light * sample.geometry.open / irradiance
@@ -131,7 +133,10 @@ class RigRound:
         if bent is not None:
             lit = bent.lit()
             around, value = around * lit, value / lit
-        return around, np.log(np.maximum(value, LEAST))
+        power, shoulder = (1.0, 1.0) if bent is None else (bent.power, bent.shoulder)
+        shown = np.clip(curved(value, power, shoulder), 0.0, 1.0)  # by the files
+        contrast = power * (1 - (1 - 1 / shoulder) * shown)
+        return around, np.log(np.maximum(value, LEAST)), (1 - shown) / contrast, contrast
 
     def step(self, numbers: RigNumbers, factor: float) -> tuple[F64, F64]:
         """(change of the free numbers, their covariance).
@@ -180,7 +185,7 @@ class RigRound:
         at.append(numbers.gains.start + place)
         columns.append(np.ones(len(self.left)))
         at += range(numbers.shared.start, numbers.diffuse.start)
-        columns += [sample.geometry.cosine[:, v], self.around[:, v], self.logarithm[:, v]]
+        columns += [sample.geometry.cosine[:, v], self.around[:, v], self.logarithm[:, v], self.white[:, v]]
         if numbers.place[numbers.diffuse.start] >= 0:
             at += range(numbers.diffuse.start, numbers.diffuse.stop)
             columns += [self.share[:, v] * shape[:, v] for shape in self.seen.diffuse]
@@ -195,13 +200,12 @@ class RigRound:
         own = np.ascontiguousarray(elimination.columns.transpose(1, 2, 0))  # (V, m, T)
         across = np.zeros((own.shape[1], count, len(rest)))
         levels = self._levels(numbers.slots)
-        power = 1.0 if self.seen.bent is None else self.seen.bent.power
         for v in range(rest.shape[1]):
             at, columns = self._columns(numbers, v)
             at = [*at, *range(numbers.levels.start, numbers.levels.stop)]
             columns += [level[:, v] for level in levels]
             places = numbers.place[at]
-            slopes = power * np.stack(columns)[places >= 0]
+            slopes = self.contrast[:, v] * np.stack(columns)[places >= 0]
             places = places[places >= 0]
             weighted = elimination.weight[:, v] * slopes
             np.add.at(normal, np.ix_(places, places), slopes @ weighted.T)

@@ -10,6 +10,7 @@ import numpy as np
 from ..checks.light_checks import four_sided, light_slopes
 from ..data import F64, I32, Bool, Camera, Light
 from ..evaluation.sampled_texels import SampledTexels
+from ..images.response import curved, straight
 from ..shading import brdf
 from ..shading.lights import light_irradiance
 from ..vectors import dot, length
@@ -89,25 +90,22 @@ class Bent:
     around: F64  # irradiance from all around over that by the changed rig's lamps
     sheen: F64  # what highlights of it add, over the irradiance by the lamps
     value: F64  # of the files where a texel reflects 1 of the lamps' light
-    power: float  # to which files hold radiance
+    power: float  # to which files hold radiance, in the dark ...
+    shoulder: float  # ... and how many times flatter their curve is at white
 
     def done(self, reflected: F64) -> F64:
         """Of what is reflected as if the pictures were in proportion."""
-        straight = _power(reflected * self.value, 1 / self.power) / self.value
-        return np.asarray((straight - self.sheen) / (1 + self.around))
+        of_lamps = straight(reflected * self.value, self.power, self.shoulder) / self.value - self.sheen
+        return np.asarray(of_lamps / (1 + self.around))
 
     def undone(self, reflected: F64) -> F64:
         """The reverse of `done`."""
-        return _power((reflected * (1 + self.around) + self.sheen) * self.value, self.power) / self.value
+        of_all = (reflected * (1 + self.around) + self.sheen) * self.value
+        return np.asarray(curved(of_all, self.power, self.shoulder) / self.value)
 
     def lit(self) -> F64:
         """(T, V) share of the lamps in a layer's irradiance."""
         return np.asarray((1 / (1 + self.around)).mean(-1))
-
-
-def _power(value: F64, power: float) -> F64:
-    """Of negative values too, which noise makes."""
-    return value if power == 1 else np.asarray(np.sign(value) * np.abs(value) ** power)
 
 
 class RigGeometry:
@@ -173,7 +171,8 @@ class RigGeometry:
         ambient = max(change.ambient, 0.0) * self.sample.light * self.open[..., None]
         sheen = brdf.principled_energy(SHEEN, np.clip(texels.cos_v, LEAST_COSINE, 1.0))[..., 1] / np.pi
         return Bent(ambient / irradiance, ambient * sheen[..., None] / irradiance,
-                    irradiance * (shown * self.file)[..., None], float(np.exp(change.log_response)))
+                    irradiance * (shown * self.file)[..., None], float(np.exp(change.log_response)),
+                    float(np.exp(change.log_shoulder)))
 
     def _angles(self, light: Light, place: int) -> tuple[F64, F64]:
         """(T,) each: N.L, and the squared sine of the half vector's angle; of the lamp's middle, in a view."""

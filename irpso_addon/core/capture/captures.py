@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..errors import BadInput
-from ..images.response import LEAST_RESPONSE, MOST_BLACK, MOST_RESPONSE
+from ..images.response import LEAST_RESPONSE, LEAST_SHOULDER, MOST_BLACK, MOST_RESPONSE, MOST_SHOULDER
 from ..storage.text_file import read_text
 
 MOST_EXPOSURE = 64  # EV, either way
@@ -35,6 +35,7 @@ class CaptureView:
     world: str | None = None  # of that name; None: the scene's
     turn: float = 0.0  # degrees about Z by which the world is turned, against the clock seen from above
     response: float = 1.0  # as View's
+    shoulder: float = 1.0  # as View's
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0)  # as View's
     black_level: tuple[float, float, float] = (0.0, 0.0, 0.0)  # as View's
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # as View's
@@ -99,6 +100,7 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
     exposure, turn = number("exposure", "EV", MOST_EXPOSURE), number("turn", "degrees", MOST_TURN)
     vignetting = number("vignetting", "powers of the cosine", MOST_VIGNETTING)
     response = number("response", "an exponent", MOST_RESPONSE, LEAST_RESPONSE, 1.0)
+    shoulder = number("shoulder", "a ratio", MOST_SHOULDER, LEAST_SHOULDER, 1.0)
 
     def color(key: str, least: float, most: float, missing: float = 0.0) -> tuple[float, float, float]:
         value = entry.get(key)
@@ -120,7 +122,7 @@ def _view(entry: Any, index: int, path: Path) -> CaptureView:
     return CaptureView(
         image=_located(path.parent, image), camera=camera, lights=tuple(lights), exposure=exposure,
         mask=file("mask"), colorspace=text("colorspace", False), ambient=file("ambient"), flat=file("flat"),
-        world=text("world", False), turn=turn, vignetting=vignetting, response=response,
+        world=text("world", False), turn=turn, vignetting=vignetting, response=response, shoulder=shoulder,
         black_level=color("black_level", -MOST_BLACK, MOST_BLACK), tint=color("tint", 1 / MOST_TINT, MOST_TINT, 1.0),
         ambient_radiance=color("ambient_radiance", 0, MOST_AMBIENT),
     )

@@ -132,9 +132,12 @@ def ambient_row(calibration: Calibration) -> tuple[str, str] | None:
 
 
 def response_row(calibration: Calibration) -> tuple[str, str] | None:
-    """"Response", "exponent 0.95 ± 0.001"; None: it was not changed."""
+    """"Response", "exponent 1.670 ± 0.010, shoulder 11.0 ± 0.5"; None: it was not changed."""
     found = calibration.response
-    return None if found is None else ("Response", f"exponent {found.exponent:.3f} ± {found.error:.3f}")
+    if found is None:
+        return None
+    shoulder = f", shoulder {found.shoulder:.1f} ± {found.shoulder * found.shoulder_error:.1f}"
+    return "Response", f"exponent {found.exponent:.3f} ± {found.error:.3f}{shoulder if found.shoulder != 1 else ''}"
 
 
 def black_row(calibration: Calibration) -> tuple[str, str] | None:
@@ -178,6 +181,9 @@ def _surrounded(found: AmbientChange | None) -> list[str]:
 def _straightened(found: ResponseChange | None) -> list[str]:
     if found is None:
         return []
+    if found.shoulder != 1:
+        return [f"undid a tone curve of exponent {found.exponent:.2f} and shoulder {found.shoulder:.1f}, because the "
+                "files have one"]
     return [f"undid a response of exponent {found.exponent:.3f}, because the files are not linear"]
 
 

@@ -238,7 +238,7 @@ def _files(check: ShootCheck) -> list[Finding]:
     if not names:
         return []
     return [Finding(f"{some(names)}: in JPEG format",
-                    "8 bits per channel, and a tone curve if a camera wrote them, which IRPSO cannot undo",
+                    "8 bits per channel, and a tone curve if a camera wrote them, which IRPSO undoes in part",
                     "use RAW files, or EXR or 16 bits of linear light")]
 
 

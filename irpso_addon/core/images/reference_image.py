@@ -82,7 +82,7 @@ class Reference:
         self._survey: Survey = survey(self._rows, 0.0 if of is None else of._survey.level)
         if view.image.suffix.lower() in JPEG:
             warnings += (f"{view.image.name}: is a JPEG file (8 bits per channel, and a tone curve if a camera wrote "
-                         "it, which IRPSO cannot undo); use RAW files, or EXR or 16 bits of linear light",)
+                         "it, which IRPSO undoes in part); use RAW files, or EXR or 16 bits of linear light",)
         elif file.bits <= 8:
             warnings += (f"{view.image.name}: has 8 bits per channel; use EXR, RAW or 16 bits for exact maps",)
         self.warnings: tuple[str, ...] = warnings + file.warnings

@@ -1,0 +1,89 @@
+"""The tone curve of JPEG files, whose exponent and shoulder are found before all else (core/images/response.py).
+
+The two fit measured curves of fifteen makes of cameras to 3 % of the radiance, an exponent alone to 15 %.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..change_records import PredictionError
+from ..data import F64
+from ..evaluation.folds import Folds
+from ..images.oiio_reader import JPEG
+from ..images.response import straight
+from ..job import Steps, share_of
+from .contest import GIVEN, SURE, Contest
+from .finish import Judged
+from .rig import RigChange
+from .rig_fit import RigFound, fit_rig
+from .rig_numbers import Free
+from .rig_sample import LEAST_LIGHT, RigSample
+
+ROUNDS = 10  # a curve is far from the straight line where the fit begins
+LEAST_SHOULDER = 0.4  # logarithm
+
+
+@dataclass(frozen=True)
+class ToneCurve:
+    """The curve of all files."""
+
+    log_response: float
+    log_shoulder: float
+    error: RigChange  # standard errors of both
+    given: PredictionError  # of left-out views, as the scene is given
+    changed: PredictionError
+
+    @classmethod
+    def of(cls, judged: Judged) -> ToneCurve:
+        """That of an earlier change."""
+        change = judged.found.change
+        return cls(change.log_response, change.log_shoulder, judged.error, judged.given, judged.changed)
+
+    def corrected(self, sample: RigSample) -> RigSample:
+        """A sample as if the curve of its views were undone."""
+        texels, file = sample.texels, sample.geometry.file[..., None]
+        response, shoulder = float(np.exp(self.log_response)), float(np.exp(self.log_shoulder))
+
+        def undone(radiance: F64) -> F64:
+            return np.asarray(straight(radiance * file, response, shoulder) / file)
+
+        light = np.maximum(texels.irradiance, LEAST_LIGHT)
+        views = tuple(replace(view, response=response, shoulder=shoulder) for view in sample.rig.views)
+        return replace(sample, rig=replace(sample.rig, views=views),
+                       texels=replace(texels, reflected=undone(texels.reflected * light) / light),
+                       shade=None if sample.shade is None else undone(sample.shade))
+
+    def beside(self, change: RigChange, error: RigChange) -> tuple[RigChange, RigChange]:
+        """A change of the corrected rig as one of the given rig, and its standard errors."""
+        own = self.error
+        return (replace(change, log_response=change.log_response + self.log_response, log_shoulder=self.log_shoulder),
+                replace(error, log_response=max(error.log_response, own.log_response), log_shoulder=own.log_shoulder))
+
+
+def tone_curve(sample: RigSample, folds: Folds, first: RigFound) -> Steps[ToneCurve | None]:
+    """The curve that files have beyond doubt, if left-out views are predicted better without it.
+
+    A diffuse that is not Lambert's bends brightness too: the curve must predict better than all that it may be.
+    ``first``: the materials of the sample.
+    """
+    if not all(view.image.suffix.lower() in JPEG and view.response == view.shoulder == 1.0
+               for view in sample.rig.views):
+        return None
+    free = Free(False, False, levels=not sample.scale_known, response=True, shoulder=True)
+    found = yield from share_of(fit_rig(sample, free, rounds=ROUNDS), 0.0, 0.05)
+    change, error = found.change, found.error
+    if change.log_shoulder < max(SURE * error.log_shoulder, LEAST_SHOULDER):
+        return None
+    contest = Contest(sample, found, folds)
+    for each in (free, replace(free, shoulder=False), replace(free, response=False, shoulder=False, diffuse=True)):
+        own = found if each == free else (yield from share_of(fit_rig(sample, each), 0.05, 0.1))
+        contest.add(str(each), (yield from share_of(contest.predictions(each, own), 0.05, 0.1)))
+        if each != free and not contest.beats(str(free), str(each)):
+            return None
+    if not contest.worth(free, GIVEN):
+        return None
+    return ToneCurve(change.log_response, change.log_shoulder, error, contest.judge.error(GIVEN),
+                     contest.judge.error(str(free)))
