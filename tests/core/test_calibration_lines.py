@@ -79,6 +79,8 @@ def found(*lamps: LampChange, exposures: tuple[ExposureChange, ...] = (), **more
      "IRPSO subtracted ambient light of 5.2 % of the lamps' irradiance."),
     (found(black_level=BlackLevelChange((0.0021, 0.0019, 0.0023), 0.0001)),
      "IRPSO subtracted a black level of 0.0021 from all files."),
+    (found(response=ResponseChange(1.613, 0.01, 8.26, 0.05)),
+     "IRPSO undid a tone curve of exponent 1.61 and shoulder 8.3, because the files have one."),
     (found(KEY, response=ResponseChange(0.954, 0.001)),
      "IRPSO moved 'Key' by 1.2 % of its distance, changed its power by -8.6 % and undid a response of exponent 0.954, "
      "because the files are not linear."),

@@ -15,7 +15,7 @@ from ...core.checks.calibration_lines import (
     exposure_row,
     gain_of,
     lamp_rows,
-    response_row,
+    response_rows,
     sure_lamps,
     vignetting_row,
     world_rows,
@@ -71,8 +71,8 @@ class IRPSO_PT_put_right(Tab, Panel):
 def _draw_light(layout: bpy.types.UILayout, calibration: Calibration, width: int) -> bool:
     """Rows of lamps, worlds and exposures; whether something of the views is in them."""
     of_views = [row for row in (exposure_row(calibration), balance_row(calibration)) if row is not None]
-    shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), response_row(calibration),
-                              black_row(calibration)) if row is not None] + world_rows(calibration)
+    shared = [row for row in (vignetting_row(calibration), ambient_row(calibration), black_row(calibration))
+              if row is not None] + response_rows(calibration) + world_rows(calibration)
     lamps = [(lamp.lights[0], lamp_rows(lamp)) for lamp in sure_lamps(calibration)]
     _draw_items(layout, lamps, "Lamp")
     for what, change, view in of_views:

@@ -131,13 +131,15 @@ def ambient_row(calibration: Calibration) -> tuple[str, str] | None:
     return "Ambient Light", f"{percent(found.share, 1)} ± {percent(found.error, 1)} of the lamps'"
 
 
-def response_row(calibration: Calibration) -> tuple[str, str] | None:
-    """"Response", "exponent 1.670 ± 0.010, shoulder 11.0 ± 0.5"; None: it was not changed."""
+def response_rows(calibration: Calibration) -> list[tuple[str, str]]:
+    """"Response", "exponent 0.95 ± 0.001"; of a tone curve also "Shoulder", "8.3 ± 0.2"; none: it was not changed."""
     found = calibration.response
     if found is None:
-        return None
-    shoulder = f", shoulder {found.shoulder:.1f} ± {found.shoulder * found.shoulder_error:.1f}"
-    return "Response", f"exponent {found.exponent:.3f} ± {found.error:.3f}{shoulder if found.shoulder != 1 else ''}"
+        return []
+    rows = [("Response", f"exponent {found.exponent:.3f} ± {found.exponent * found.error:.3f}")]
+    if found.shoulder != 1:
+        rows.append(("Shoulder", f"{found.shoulder:.1f} ± {found.shoulder * found.shoulder_error:.1f}"))
+    return rows
 
 
 def black_row(calibration: Calibration) -> tuple[str, str] | None:
