@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import bpy
@@ -272,6 +273,46 @@ def test_what_of_a_world_is_not_modelled_is_named(stage):
     world.cycles_visibility.diffuse, layer.use_sky = True, True
     layer.world_override = bpy.data.worlds.new("Other")
     assert any("overrides it" in line for line in stage.read().warnings)
+
+
+def _keyed(block, path, *values):
+    """Keyframes of a property, at frames 1, 11 and so on."""
+    for n, value in enumerate(values):
+        setattr(block, path, value)
+        block.keyframe_insert(path, frame=1 + 10 * n)
+
+
+def test_what_differs_from_frame_to_frame_is_named(stage):
+    """A turntable is often one animated camera, object or world; all views are read at the present frame."""
+    world = bpy.data.worlds.new("Room")
+    if world.node_tree is None:
+        world.use_nodes = True
+    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    background.inputs["Color"].default_value, stage.scene.world = (0.5, 0.5, 0.5, 1), world
+    some = [{"image": f"{name}.exr", "camera": "Cam", "lights": ["Key"] * (name != "a")} for name in "abc"]
+
+    def named(*views) -> list[str]:
+        stage.captures.write_text(json.dumps({"views": views}))
+        return [line for line in stage.read().warnings if "all views are read at frame 11" in line]
+
+    _keyed(stage.subject, "location", (0, 0, 0), (0, 0, 0))  # keyframes of one place
+    stage.scene.frame_set(11)
+    assert not named(*some)
+    turning = bpy.data.objects.new("Turning", None)
+    stage.scene.collection.objects.link(turning)
+    _keyed(turning, "rotation_euler", (0, 0, 0), (0, 0, 1))
+    stage.camera.parent = turning
+    stage.key.driver_add("location", 0).driver.expression = "0.1 * frame"
+    _keyed(stage.subject, "rotation_euler", (0, 0, 0), (0, 0, 1))
+    strength = background.inputs["Strength"]
+    for frame, value in ((1, 1.0), (11, 2.0)):
+        strength.default_value = value
+        strength.keyframe_insert("default_value", frame=frame)
+    stage.scene.frame_set(11)
+    found = named(*some)
+    assert [line.split(":")[0] for line in found] == [
+        "object 'Subject'", "camera 'Cam'", "light 'Key'", "world 'Room'"]
+    assert not named(some[0])  # one picture is of one frame
 
 
 def test_fields(stage):

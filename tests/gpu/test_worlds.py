@@ -16,6 +16,7 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.core.shading.environment import about_z
 from irpso_addon.gpu.device import thread
+from irpso_addon.gpu.solve.world_light import directions_each
 from irpso_addon.solve import pipeline
 from tests.support import skies
 from tests.support import synthetic as syn
@@ -23,6 +24,7 @@ from tests.support.sky_shoot import shoot
 
 SKY = skies.sky(48, sun=60.0, width=0.12, window=8.0)
 QUARTER = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+GOLD = 0.9, 0.65, 0.25
 ROOM = replace(skies.sky(48, QUARTER, window=12.0), name="room")
 
 
@@ -77,11 +79,41 @@ def test_an_exact_world_stays(made):
 
 
 @pytest.mark.one_python
+def test_a_turntable_of_many_turns_is_judged_by_few_directions_each():
+    """16 turns cost as much as six, and the world is found as well as by 128 directions for each of them."""
+    assert [directions_each(count) for count in (1, 6)] == [128, 128]
+    assert 16 * directions_each(16) <= 6 * 128
+    turns = [replace(SKY, rotation=SKY.rotation @ about_z(turn), turn=turn) for turn in np.arange(16) * np.pi / 8]
+    views = [View(Path(f"{n}.exr"), camera, (), environment=turned)
+             for n, (camera, turned) in enumerate(zip(syn.cameras(16), turns, strict=True))]
+    made = shoot(views)
+    worlds = _solved(made, _spoilt(made.scene, sky=(3.0, 1.0))).calibration.worlds
+    assert len(worlds) == 16 and all(world.sure_turn for world in worlds)
+    assert [math.degrees(world.turn) for world in worlds] == pytest.approx([-3.0] * 16, abs=0.25)
+
+
+@pytest.mark.one_python
 @pytest.mark.parametrize("reflect", [
     partial(brdf.principled, level=0.8), partial(brdf.principled, metallic=0.5, coat=Coat(0.6, 0.25))])
 def test_other_materials_do_not_turn_a_world(reflect):
     """Highlights that are brighter all around; and a material of which the model explains little."""
     made = shoot(_views(SKY), replace(syn.PATCHES, reflect=reflect))
+    assert _solved(made, made.scene).calibration is None
+
+
+def _gilded(base: np.ndarray, roughness: np.ndarray, *others: np.ndarray) -> np.ndarray:
+    """Gold where the base colour is gold's."""
+    return brdf.principled(base, roughness, *others, metallic=float(base[2] == GOLD[2]))
+
+
+@pytest.mark.one_python
+def test_a_metal_beside_a_paint_does_not_keep_a_world_from_being_turned():
+    """No lobe of a dielectric explains its material, so the paint alone says how far the world is off."""
+    patches = syn.quarters([(0.6, 0.3, 0.1), GOLD, (0.7, 0.7, 0.7), GOLD])
+    made = shoot(_views(SKY), replace(syn.PATCHES, base=patches, reflect=_gilded))
+    made = replace(made, scene=replace(made.scene, mesh=syn.plane_mesh(lambda u, v: u > 0.5, ("Paint", "Gold"))))
+    (world,) = _solved(made, _spoilt(made.scene, sky=(3.0, 1.0))).calibration.worlds
+    assert world.sure_turn and math.degrees(world.turn) == pytest.approx(-3.0, abs=0.25)
     assert _solved(made, made.scene).calibration is None
 
 

@@ -6,6 +6,7 @@ What a render would show is what is read: evaluated meshes, world matrices, acti
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from ..oiio import ensure_openimageio
 from .scene_emitters import name_instances, read_emitter
 from .scene_material import read_normal_maps
 from .scene_mesh import read_mesh, read_occluders
-from .scene_objects import names_of, read_camera, read_light, rendered_objects
+from .scene_objects import changes, moves, names_of, read_camera, read_light, rendered_objects
 from .scene_views import NamedView, SceneViews, alike_line
 from .scene_world import lighting, read_environment, unmodelled
 
@@ -53,6 +54,7 @@ def read_scene(context: Any | None, object_name: str | None, captures: Path | No
     mesh = read_mesh(subject, depsgraph, maps, reader.warn)
     reader.sphere = _sphere(mesh)
     views = reader.views(captures)
+    reader.name_moving(views)
     reader.name_display_images(views)
     name_instances(depsgraph, reader.warn)
     occluders = read_occluders(subject, depsgraph, reader.warn)
@@ -139,6 +141,25 @@ class _Reader:
             self.warn(f"{suspects[0].image.name}: is read as plain sRGB; if Blender rendered it under this scene's "
                       "view "
                       f"transform {transform}, render to EXR instead")
+
+    def name_moving(self, views: Sequence[View]) -> None:
+        """Warns of what differs from frame to frame: all views are read at the scene's present one."""
+        if len(views) < 2:
+            return
+        objects, read = self.scene.objects, f"but all views are read at frame {self.scene.frame_current}"
+        if moves(self.subject):
+            self.warn(f"object '{self.subject.name}': keyframes or a driver move it, {read}; for pictures of several "
+                      "frames keep it still, make a camera for each picture, and set each view's World Turn")
+        for kind, shown in (("camera", Counter(view.camera.name for view in views)),
+                            ("light", Counter(light.name for view in views for light in view.lights))):
+            for name in sorted(name for name, count in shown.items() if count > 1 and moves(objects[name])):
+                self.warn(f"{kind} '{name}': keyframes or a driver move it, {read}; for pictures of several frames "
+                          f"make a {kind} for each place")
+        for name in sorted({view.environment.name for view in views if view.environment is not None} - {""}):
+            world = bpy.data.worlds[name]
+            if changes(world, ("color",)) or changes(world.node_tree, ("nodes",)):
+                self.warn(f"world '{name}': keyframes or a driver change it, {read}; for pictures of several frames "
+                          "set each view's World Turn, or give it a world of its own")
 
     def views(self, captures: Path | None) -> tuple[View, ...]:
         """Those of a capture file, else of the scene."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import bpy
@@ -69,16 +69,36 @@ def _ignored_line(obj: Any, depsgraph: Any, what: str) -> str:
 
 def animated(block: Any, paths: tuple[str, ...]) -> bool:
     """Whether keyframes or drivers set a property whose path begins like one of these."""
-    animation = block.animation_data
+    return any(curve.data_path.startswith(paths) for curve in _curves(block))
+
+
+def changes(block: Any, paths: tuple[str, ...]) -> bool:
+    """Whether such a property differs from frame to frame: by keyframes of several values, or a driver of the frame."""
+    return any(curve.data_path.startswith(paths) and (
+        "frame" in curve.driver.expression if curve.driver is not None
+        else len({key.co[1] for key in curve.keyframe_points}) > 1) for curve in _curves(block))
+
+
+def moves(obj: Any) -> bool:
+    """Whether an object's place, or that of a parent, differs from frame to frame."""
+    while obj is not None:
+        if changes(obj, PLACE):
+            return True
+        obj = obj.parent
+    return False
+
+
+def _curves(block: Any) -> Iterator[Any]:
+    """Of a block's drivers and of the action that it follows; none of None."""
+    animation = None if block is None else block.animation_data
     if animation is None:
-        return False
-    curves = list(animation.drivers)
+        return
+    yield from animation.drivers
     for layer in animation.action.layers if animation.action is not None else ():
         for strip in layer.strips:
             for bag in strip.channelbags:
                 if bag.slot_handle == animation.action_slot_handle:
-                    curves += bag.fcurves
-    return any(curve.data_path.startswith(paths) for curve in curves)
+                    yield from bag.fcurves
 
 
 def rendered_objects(view_layer: Any) -> dict[str, Any]:

@@ -77,7 +77,7 @@ class WorldFit:
 
     def __init__(self, sample: WorldSample, light: LightAt) -> None:
         """``light``: of the sample's environments."""
-        self.sample, self._light = sample, light
+        self.sample, self.light = sample, light
         self.turns, self.worlds = len(sample.names), len(sample.worlds)
         given = sample.rig.texels
         self.materials = materials_of(sample.rig, given, levels=False)
@@ -152,7 +152,7 @@ class WorldFit:
         if key not in self._costs:
             yield Progress(0.0, "calibrate", "worlds")
             change = self.change(point)
-            light = yield from self._light(change.turn)
+            light = yield from self.light(change.turn)
             self._costs[key] = self.costs(self.sample.under(light, change.log_strength))
         return self._costs[key]
 

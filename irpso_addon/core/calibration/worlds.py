@@ -20,7 +20,7 @@ from .contest import GIVEN, HALF, LEAST_SEEN, SURE, WORSE
 from .rig_numbers import CAUCHY
 from .texel_materials import lobes_of
 from .world_fit import LEAST_STEP, LIKELY, MANY_LIKELY, STRENGTH_STEP, TURN_STEP, WorldFit, WorldNumbers
-from .world_sample import Changed, LightAt, WorldSample
+from .world_sample import Around, Changed, LightAt, WorldSample
 
 CHANGED = "changed"
 MOST_WORLDS = 6  # that are judged: the light of each is drawn anew for each turn, which takes a second or more
@@ -63,6 +63,10 @@ def judge_worlds(sample: WorldSample, light: LightAt) -> Steps[WorldsJudged | No
     if folds is None or int(sample.rig.texels.usable().any(1).sum()) < LEAST_TEXELS:
         return None
     fit = WorldFit(sample, light)
+    some = _explained(fit, folds)
+    if not some.all():
+        sample = sample.part(some)
+        fit = WorldFit(sample, _of_some(light, some))
     point = np.zeros(fit.turns + fit.worlds)
     if not (yield from _slopes(fit, point)):
         return None
@@ -75,11 +79,36 @@ def judge_worlds(sample: WorldSample, light: LightAt) -> Steps[WorldsJudged | No
     halves = []
     for others in contest.halves[::-1]:
         change = (yield from _found(fit, point, others)).change
-        halves.append(sample.under((yield from light(change.turn)), change.log_strength))
+        halves.append(sample.under((yield from fit.light(change.turn)), change.log_strength))
     contest.add(CHANGED, halves)
     if not contest.worth_it():
         return None
     return replace(found, given=contest.judge.error(GIVEN), changed=contest.judge.error(CHANGED))
+
+
+def _explained(fit: WorldFit, folds: Folds) -> Bool:
+    """(T,) texels of the materials that the model explains as given; all, where it explains none or too few.
+
+    No dielectric explains a metal, whose texels would turn a world that is right.
+    """
+    sample = fit.sample
+    slots, some = np.unique(sample.rig.slot), np.zeros(len(sample.rig.slot), bool)
+    for slot in slots if len(slots) > 1 else ():
+        own = sample.rig.slot == slot
+        part = sample.part(own)
+        contest = _Contest(part, folds, fit)
+        contest.add(GIVEN, [part.under(part.given, np.zeros(fit.worlds))] * 2)
+        some |= own & (contest.judge.error(GIVEN).relative_rms < EXPLAINED)
+    enough = int(sample.rig.texels.usable()[some].any(1).sum()) >= LEAST_TEXELS
+    return some if enough else np.ones_like(some)
+
+
+def _of_some(light: LightAt, some: Bool) -> LightAt:
+    """On some of the texels alone."""
+    def at(turns: F64) -> Steps[Around]:
+        return (yield from light(turns)).part(some)
+
+    return at
 
 
 def _slopes(fit: WorldFit, point: F64) -> Steps[bool]:

@@ -18,7 +18,9 @@ from ..observe.observation_atlas import CameraSource
 from ..observe.visibility import LightVisibility
 from .calibration_sample import sampled, views_of
 
-DIRECTIONS = 128  # that stand for an environment: 256 turn worlds no better
+DIRECTIONS = 128  # that stand for an environment: 256 turn worlds no better, ...
+FEWEST = 32  # ... nor fewer of each where there are many: the errors of their shadows average out
+ALL = 768  # of all environments, as far as FEWEST allows
 WIDTH = 32  # texels: of the grid that holds the sample
 Key = tuple[str, float]
 
@@ -30,6 +32,11 @@ class SampleTexels:
     maps: GBufferMaps
     uniforms: dict[str, object]
     defines: dict[str, str]
+
+
+def directions_each(environments: int) -> int:
+    """How many directions stand for each of so many environments while worlds are judged."""
+    return max(min(DIRECTIONS, ALL // max(environments, 1)), FEWEST)
 
 
 def sample_grids(device: Device, surface: tuple[F32, F32, F32], some: Bool) -> GBufferMaps:
@@ -64,7 +71,8 @@ class WorldLight:
         found = {each.world: each for each in self.layers if each is not None}
         self.keys: list[Key] = list(found)
         self.environments: list[Environment] = list(found.values())
-        self.directions = {each.world: model.directions(each, DIRECTIONS) for each in self.environments}
+        count = directions_each(len(found))
+        self.directions = {each.world: model.directions(each, count) for each in self.environments}
         self._kept: dict[tuple[Key, float], dict[int, tuple[F32, F32]]] = {}
 
     def __call__(self, turns: F64) -> Steps[Around]:
