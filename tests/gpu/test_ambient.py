@@ -138,27 +138,12 @@ def test_faint_light_in_noisy_pictures(plane: syn.Shoot) -> None:
     assert rough_error(plane, solution) < 0.5 * rough_error(plane, shoots.run(noisy, **AUTO | GIVEN))
 
 
-def carried_flash(count: int) -> syn.Shoot:
-    """Each of the cameras, which see the plane at a slant, carries a flash 60 mm beside its lens, its only light."""
-    views = []
-    lamp = syn.lamps(1)[0]
-    for n in range(count):
-        turn, tilt = 2.39996 * n, np.radians(55 + 25 * (n + 0.5) / count)
-        place = 4.4 * np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
-        camera = syn.camera(place, name=f"Camera {n}")
-        axes = camera.world_to_camera[:3, :3].T
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = axes, camera.position + axes @ np.array([0.06, 0.0, 0.0])
-        views.append((camera, [replace(lamp, name=f"Flash {n}", matrix=matrix)]))
-    return syn.shoot(syn.PATCHES, views, (64, 64), noise=0.01)
-
-
 @pytest.mark.one_python
 @pytest.mark.parametrize("count", [16, 20])
 def test_light_from_everywhere_beside_a_carried_flash(count: int) -> None:
     """A response bends brightness alike, so that a fit of both runs away; light from everywhere alone does not."""
     radiance = 0.0024, 0.003, 0.0036
-    shoot = carried_flash(count)
+    shoot = shoots.carried_flash(count)
     faint = surrounded(shoot, radiance)
     solution = shoots.run(faint, **AUTO)
     calibration = found(solution)
@@ -166,3 +151,16 @@ def test_light_from_everywhere_beside_a_carried_flash(count: int) -> None:
     np.testing.assert_allclose(calibration.ambient.radiance, radiance, rtol=0.15)
     assert rough_error(shoot, solution) < 0.2 * rough_error(shoot, shoots.run(faint, **AUTO | GIVEN))
     assert shoots.run(shoot, **AUTO).calibration is None
+
+
+@pytest.mark.one_python
+def test_faint_light_from_everywhere_beside_a_carried_flash() -> None:
+    """1.6 % of the flash's.  No camera has two views: a base colour for each of them would explain any light."""
+    radiance = 0.0007, 0.0009, 0.0011
+    shoot = shoots.carried_flash(20)
+    faint = surrounded(shoot, radiance)
+    solution = shoots.run(faint, **AUTO)
+    calibration = found(solution)
+    assert calibration.ambient is not None and calibration.response is None and not calibration.lamps
+    np.testing.assert_allclose(calibration.ambient.radiance, radiance, rtol=0.15)
+    assert rough_error(shoot, solution) < 0.5 * rough_error(shoot, shoots.run(faint, **AUTO | GIVEN))

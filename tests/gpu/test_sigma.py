@@ -10,6 +10,7 @@ import pytest
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.solve.solver import Solver
+from tests.support import shoots
 from tests.support.texels import Texels, exact, finish
 
 NINETY = 1.6449  # standard deviations that hold 90 % of a normal distribution
@@ -98,3 +99,15 @@ def test_neighbours_help(on_gl):
     off = [np.abs(found - problem.truth.roughness) for found in (on_gl(alone), solve(on_gl, texels)[0][..., 0])]
     assert (off[1] > 0.1).mean() < 0.5 * (off[0] > 0.1).mean() < 0.2
     assert off[1].mean() < 0.5 * off[0].mean()
+
+
+@pytest.mark.parametrize("count", [16, 20])
+def test_a_carried_flash_leaves_texels_that_know_their_roughness(count):
+    """Each camera has one view: the noise shows in how cameras differ, and is 1 % here, not the 5 % that they may."""
+    shoot = shoots.carried_flash(count)
+    solution = shoots.run(shoot, model="one-lobe", registration="given", indirect="off")
+    maps, errors = solution.maps, shoots.errors(solution, shoot.truth, border=0.0)
+    solved = maps.coverage & ~maps.filled
+    sure = maps.confidence[solved] > 0.5
+    assert (errors.rough <= NINETY * maps.roughness_sigma[solved]).mean() > 0.85
+    assert sure.mean() > 0.5 and errors.rough[sure].max() < 0.1

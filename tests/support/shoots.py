@@ -32,6 +32,24 @@ def rig(cameras: int = 2, lamps: int = 8, **settings: Any) -> list[tuple[Any, li
     return [(camera, [light]) for camera in syn.cameras(cameras) for light in syn.lamps(lamps, **settings)]
 
 
+def carried_flash(count: int) -> syn.Shoot:
+    """Each of the cameras, which see the plane at a slant, carries a flash 60 mm beside its lens, its only light.
+
+    1 % noise.
+    """
+    views = []
+    lamp = syn.lamps(1)[0]
+    for n in range(count):
+        turn, tilt = 2.39996 * n, np.radians(55 + 25 * (n + 0.5) / count)
+        place = 4.4 * np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+        camera = syn.camera(place, name=f"Camera {n}")
+        axes = camera.world_to_camera[:3, :3].T
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = axes, camera.position + axes @ np.array([0.06, 0.0, 0.0])
+        views.append((camera, [replace(lamp, name=f"Flash {n}", matrix=matrix)]))
+    return syn.shoot(syn.PATCHES, views, (64, 64), noise=0.01)
+
+
 @dataclass(frozen=True)
 class Errors:
     """Absolute errors over solved texels away from the borders between quarters."""

@@ -1,7 +1,8 @@
 """What the texels' own numbers can explain, taken out of other changes (variable projection).
 
 The pixels of two cameras cover a texture differently.  So a texel's base colour is the sum of one that all cameras
-share and a small one of each camera's own.  All of a texel's numbers are eliminated together, under normal priors.
+share and a small one of each camera's own, if some camera has two views.  All of a texel's numbers are eliminated
+together, under normal priors.
 """
 
 from __future__ import annotations
@@ -35,12 +36,19 @@ class Paint:
 
 
 def paints_of(texels: SampledTexels) -> list[Paint]:
-    """Of each channel that is kept apart."""
+    """Of each channel that is kept apart.
+
+    Where no camera has two views, as under a carried flash, base colours of their own would explain all that is seen:
+    one serves all, and how cameras differ is noise.
+    """
     result = []
     for channel in np.unique(texels.channel):
         layers = np.flatnonzero(texels.channel == channel).astype(np.int32)
         cameras = texels.camera[layers]
-        result.append(Paint(layers, tuple(cameras == camera for camera in np.unique(cameras))))
+        each = np.unique(cameras)
+        alone = len(each) == len(layers)
+        result.append(Paint(layers, (np.ones(len(layers), bool),) if alone else tuple(
+            cameras == camera for camera in each)))
     return result
 
 

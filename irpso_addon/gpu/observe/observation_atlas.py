@@ -184,8 +184,9 @@ class CameraSource:
         around = any(view.nodes is not None for camera in observations.cameras for view in camera.views)
         self.layers = Layers(groups, lights, channels, spread=True, environment=around)
         self.size = grid.position.size
-        # Where each camera has one view, as under one environment, the scatter between cameras is measured: as noise.
-        alone = around and len(set(groups)) == len(groups)
+        # Where each camera has one view, as under a carried flash or one environment, the scatter between cameras is
+        # measured: as noise (docs/decisions/0056).
+        alone = len(set(groups)) == len(groups)
         self.camera_slack = 0.0 if alone else CAMERA_SLACK
         self.shared_error = ENVIRONMENT_ERROR if around else SHARED_ERROR
         self.model_error = MODEL_ERROR
