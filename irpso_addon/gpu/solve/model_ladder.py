@@ -17,7 +17,7 @@ from ...core.models import CELL, Fit, choose
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import Noise, PriorKnowledge
 from ..device.context import Device
-from ..observe.observation_atlas import Source, Tile, tiles
+from ..observe.observation_atlas import CameraSource, Source, Tile, tiles
 from .ladder_records import EarlierResult, LadderResult, Materials
 from .material_sample import Squares, packed
 from .model_prediction import METAL_LAYERS, Decision, Fitted, ModelPrediction, solves_metals, worth
@@ -26,6 +26,7 @@ from .paper_swarm import PaperSwarm
 from .solver import Solver
 from .specular_level import LevelSearch
 from .texel_records import WELL_KNOWN, RoughnessMaps, SolvedTexels, read_support
+from .tilt_size import tilt_size
 
 SAMPLE = 64  # texels: width of the square on which larger models are tried
 SAMPLES = 2  # squares of each material
@@ -65,6 +66,7 @@ class Ladder:
         model = self.settings.model
         if self.settings.method == "paper":
             return (yield from self._paper())
+        yield from self._size_tilts()
         if model == "two-lobe":
             result = self._read((yield from self.solver.solve_two()))
         elif model == "one-lobe-specular":
@@ -84,6 +86,19 @@ class Ladder:
         result.noise, result.robust = self.solver.noise_of | self.noise, (
             self.solver.robust if self.robust is None else self.robust)
         return result
+
+    def _size_tilts(self) -> Generator[Progress, None, None]:
+        """By how much normals are off: blocks of a map go by what the small map has shown."""
+        if self.source.tilts is None:
+            return
+        noise, texels = self.solver.before.noise, np.logical_or.reduce(list(self.masks.values()))
+        if noise:
+            deviation = next(iter(noise.values())).tilt
+        elif texels.any() and isinstance(self.source, CameraSource):
+            deviation = yield from tilt_size(self.device, self.source, texels, self.settings)
+        else:
+            return
+        self.source.tilts = replace(self.source.tilts, deviation=deviation)
 
     def _read(self, maps: RoughnessMaps) -> LadderResult:
         result = LadderResult(maps.read(self.device), lobes=maps.read_pairs(self.device))
