@@ -109,7 +109,14 @@ bool group_seen[GROUPS];
 #ifdef TILTS
 uniform sampler2D u_texel_normal;
 uniform sampler2D u_lamps;  // a row for each layer: place of each light and 1, or direction to it and 0
-const float TILT = 1.0;     // standard deviation of a tilt, in radians for a relative error of noise of 1
+#ifdef TILTS_TRIED
+float tilt_deviation;          // standard deviation of a tilt, in radians for a relative error of noise of 1
+float obs_widened;             // logarithm of by how much tilts make what is expected wider
+float obs_within;              // degrees of freedom within groups, with those that tilts take
+#else
+uniform float u_tilt;          // the same
+#define tilt_deviation u_tilt
+#endif
 vec2 obs_tilt[LAYERS];      // sums of errors times these are what a tilt explains; they add up to 0 in each group
 #endif
 #ifdef COLOUR
@@ -138,14 +145,18 @@ vec2 tilt_slope(int n, int l, vec3 P, vec3 A, vec3 B, vec4 lobe, float cos_v) {
 float tilted(int g, float total, float typical) {
     vec2 mean = vec2(0.0);
     for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) mean += obs_weight[n] / total * obs_tilt[n];
-    vec3 square = vec3(1.0, 0.0, 1.0) / (TILT * TILT);
+    float least = 1.0 / (tilt_deviation * tilt_deviation);
+    vec3 square = vec3(least, 0.0, least);
     for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) {
         vec2 b = typical * (obs_tilt[n] - mean);
         obs_tilt[n] = b;
         square += obs_weight[n] * vec3(b.x * b.x, b.x * b.y, b.y * b.y);
     }
     float first = inversesqrt(square.x), across = square.y * first;
-    float second = inversesqrt(max(square.z - across * across, 1.0 / (TILT * TILT)));
+    float second = inversesqrt(max(square.z - across * across, least));
+#ifdef TILTS_TRIED
+    obs_widened -= 2.0 * log(first * second * least);
+#endif
     float taken = 0.0;
     for (int n = GROUP_START[g]; n < GROUP_START[g + 1]; n++) {
         vec2 b = obs_tilt[n];
@@ -203,6 +214,9 @@ void weigh_observations(bool edges[LAYERS]) {
 // Loads the texel's valid observations; false when it is uncovered or has none.
 bool load_observations() {
     obs_total = obs_free = obs_share = 0.0;
+#ifdef TILTS_TRIED
+    obs_widened = 0.0;
+#endif
     ivec2 texel = texel_here();
     if (any(greaterThanEqual(texel, textureSize(u_texel_position, 0)))) return false;
     if (texelFetch(u_texel_position, texel, 0).w < 0.5) return false;
@@ -308,6 +322,9 @@ bool load_observations() {
     weigh_observations(edges);
     // Within groups, and between them as far as the slack lets that count; some are spent on the search.
     // (obs_free: less what tilts take.)
+#ifdef TILTS_TRIED
+    obs_within = obs_total - groups;
+#endif
     float all = max(obs_total - groups + obs_free, 0.0) + max(groups - 1.0, 0.0) / (1.0 + u_group_slack);
     obs_free = all * max(obs_total - 1.0 - SEARCHED, 0.25) / max(obs_total - 1.0, 0.5);
     return some;

@@ -132,7 +132,8 @@ def evaluate(device: Device, texels: Texels, kernel: str, at: np.ndarray, output
     if source.tilts is not None:
         given |= source.tilts.textures()
         defines["TILTS"] = "1"
-    uniforms = {**atlas.uniforms, "u_group_slack": slack, "u_tile": (0, 0)}
+    tilt = {} if source.tilts is None else {"u_tilt": source.tilts.deviation}
+    uniforms = {**tilt, **atlas.uniforms, "u_group_slack": slack, "u_tile": (0, 0)}
     if metallic:
         uniforms["u_metallic"] = metallic
         defines["METALLIC"] = "1"

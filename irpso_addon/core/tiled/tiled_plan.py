@@ -36,6 +36,7 @@ class Noise:
     neighbours: bool  # whether texels need theirs
     alike: float = 0.0  # 0..1: which part of it neighbours have in common
     typical: tuple[Typical, ...] = ()  # of all texels, or of each kind of base colour
+    tilt: float = 1.0  # standard deviation of a normal's tilt, in radians for a relative noise of 1
 
 
 @dataclass(frozen=True)

@@ -84,6 +84,7 @@ class Tilts:
 
     normal: moderngl.Texture  # of the texels: shading normal
     lamps: moderngl.Texture  # (lights, layers) place of each light and 1, or the direction to it and 0
+    deviation: float = 1.0  # standard deviation of a tilt, in radians for a relative noise of 1
 
     def textures(self) -> dict[str, moderngl.Texture]:
         """As solve/observations.glsl calls them."""

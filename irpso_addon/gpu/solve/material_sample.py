@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import moderngl
@@ -240,6 +240,8 @@ class CameraSample(CameraSource):
         super().__init__(device, packed, source.observations,
                          source.extent * width * packing.stride / source.size[0], source.misfit,
                          source.stride * packing.stride)
+        if self.tilts is not None and source.tilts is not None:
+            self.tilts = replace(self.tilts, deviation=source.tilts.deviation)
         self.places, self.normals = position, normal
         self.covered &= position[..., 3] > 0.5
         self.left_out: Bool = np.zeros(len(self.layers.groups), bool)

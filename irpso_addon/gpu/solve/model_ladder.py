@@ -17,7 +17,7 @@ from ...core.models import CELL, Fit, choose
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import Noise, PriorKnowledge
 from ..device.context import Device
-from ..observe.observation_atlas import Source, tiles
+from ..observe.observation_atlas import CameraSource, Source, tiles
 from .ladder_records import EarlierResult, LadderResult, Materials
 from .material_sample import Squares, packed
 from .material_solves import SAMPLE, MaterialSolves, best_seen
@@ -27,6 +27,7 @@ from .paint_beside_metal import explains_better
 from .paper_swarm import PaperSwarm
 from .solver import Solver
 from .texel_records import WELL_KNOWN, SolvedTexels
+from .tilt_size import tilt_size
 
 
 class Ladder:
@@ -55,6 +56,7 @@ class Ladder:
         model = self.settings.model
         if self.settings.method == "paper":
             return (yield from self._paper())
+        yield from self._size_tilts()
         if model == "two-lobe":
             result = self.solves.read((yield from self.solver.solve_two()))
         elif model == "one-lobe-specular":
@@ -74,6 +76,19 @@ class Ladder:
         result.noise, result.robust = self.solver.noise_of | self.noise, (
             self.solver.robust if self.robust is None else self.robust)
         return result
+
+    def _size_tilts(self) -> Generator[Progress, None, None]:
+        """By how much normals are off: blocks of a map go by what the small map has shown."""
+        if self.source.tilts is None:
+            return
+        noise, texels = self.solver.before.noise, np.logical_or.reduce(list(self.masks.values()))
+        if noise:
+            deviation = next(iter(noise.values())).tilt
+        elif texels.any() and isinstance(self.source, CameraSource):
+            deviation = yield from tilt_size(self.device, self.source, texels, self.settings)
+        else:
+            return
+        self.source.tilts = replace(self.source.tilts, deviation=deviation)
 
     def _paper(self) -> Generator[Progress, None, LadderResult]:
         """The swarm as published: every number searched, nothing shared but its equation (4)."""

@@ -175,7 +175,8 @@ class Solver(TilePasses):
         outputs, variance = yield from self._believed(chosen, outputs, variance)
         if self.source.misfit > 0:  # outliers are those of the noise itself
             variance = self._noise(outputs[0], outputs[1], 1, self.source.misfit)
-        self.noise_of[1] = self.before.noise.get(1, Noise(variance, self._unsure(variance, outputs[1])))
+        self.noise_of[1] = self.before.noise.get(
+            1, Noise(variance, self._unsure(variance, outputs[1]), tilt=self._tilt()))
         return Searched(chosen, outputs, variance)
 
     def _finish(self, searched: Searched, outputs: list[moderngl.Texture]) -> Generator[Progress, None, None]:
@@ -291,7 +292,8 @@ class Solver(TilePasses):
             chosen = chosen[:done]
             variance = self._noise(pairs, support, 2, self.source.misfit)
             floor = {**self._floor(variance), "u_prior_cut": neighbours.PRIOR_CUT, "u_steps": 6}
-            self.noise_of[2] = self.before.noise.get(2, Noise(variance, variance > QUIET**2))
+            self.noise_of[2] = self.before.noise.get(2, Noise(
+                variance, variance > QUIET**2, tilt=self._tilt()))
             pooled = self.noise_of[2].neighbours
             # The search's third output is curvature; the passes below want variances.
             self._invert(variances, support, variance)
@@ -368,6 +370,9 @@ class Solver(TilePasses):
         if self.source.camera_slack:
             self.slack = float(np.clip(self.source.camera_slack**2 / variance, 1.0, 1e5))
         return variance
+
+    def _tilt(self) -> float:
+        return self.source.tilts.deviation if self.source.tilts is not None else 1.0
 
     def _unsure(self, variance: float, support: moderngl.Texture) -> bool:
         """Whether the noise leaves texels that need their neighbours."""

@@ -138,6 +138,7 @@ class TilePasses:
             **({"u_level": self.level} if self.level and "LEVEL_SEARCHED" not in defines else {}),
             **({"u_start": self.start} if "STARTED" in defines else {}), **work.textures,
         }, {**self.atlas.uniforms, "u_group_slack": self.slack, "u_tile": tile,
+            **({"u_tilt": self.source.tilts.deviation} if self.source.tilts and "u_tried" not in work.uniforms else {}),
             **({"u_metallic": self.metallic} if "METALLIC" in defines else {}),
             **({"u_coat": (self.coat.weight, self.coat.roughness)} if self.coat and "COAT" in defines else {}),
             **({"u_diffuse_roughness": self.diffuse_roughness} if "ROUGH_DIFFUSE" in defines else {}),
