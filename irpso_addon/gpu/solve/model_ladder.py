@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core.data import F32, Bool
 from ...core.errors import BadInput
-from ...core.job import Progress
+from ...core.job import Progress, share_of
 from ...core.models import CELL, Fit, choose
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import Noise, PriorKnowledge
@@ -28,6 +28,8 @@ from .paper_swarm import PaperSwarm
 from .solver import Solver
 from .texel_records import WELL_KNOWN, SolvedTexels
 from .tilt_size import tilt_size
+
+TILTS_SHARE = 0.02  # of the progress: to look at how large tilts are
 
 
 class Ladder:
@@ -85,7 +87,8 @@ class Ladder:
         if noise:
             deviation = next(iter(noise.values())).tilt
         elif texels.any() and isinstance(self.source, CameraSource):
-            deviation = yield from tilt_size(self.device, self.source, texels, self.settings)
+            steps = tilt_size(self.device, self.source, texels, self.settings)
+            deviation = yield from share_of(steps, 0.0, TILTS_SHARE)
         else:
             return
         self.source.tilts = replace(self.source.tilts, deviation=deviation)
