@@ -11,7 +11,7 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32, Bool
-from ...core.errors import BadInput
+from ...core.errors import BadInput, Cancelled
 from ...core.job import Progress, share_of
 from ...core.models import CELL, Fit, choose
 from ...core.params import SolveSettings
@@ -80,7 +80,10 @@ class Ladder:
         return result
 
     def _size_tilts(self) -> Generator[Progress, None, None]:
-        """By how much normals are off: blocks of a map go by what the small map has shown."""
+        """By how much normals are off: blocks of a map go by what the small map has shown.
+
+        A stop is left to the search, which solves a first tile and ends.
+        """
         if self.source.tilts is None:
             return
         noise, texels = self.solver.before.noise, np.logical_or.reduce(list(self.masks.values()))
@@ -88,7 +91,11 @@ class Ladder:
             deviation = next(iter(noise.values())).tilt
         elif texels.any() and isinstance(self.source, CameraSource):
             steps = tilt_size(self.device, self.source, texels, self.settings)
-            deviation = yield from share_of(steps, 0.0, TILTS_SHARE)
+            try:
+                deviation = yield from share_of(steps, 0.0, TILTS_SHARE)
+            except Cancelled:
+                self.solver.cancelled = True
+                return
         else:
             return
         self.source.tilts = replace(self.source.tilts, deviation=deviation)
