@@ -45,7 +45,7 @@ PARTS = {  # part: functions, methods and generators of it, below irpso_addon
     REST: ["gpu.solve.model_ladder:Ladder.solve"],
     "neighbours": ["gpu.solve.neighbours:noise_map", "gpu.solve.neighbours:pyramid",
                    "gpu.solve.neighbours:clean_noise", "gpu.solve.neighbours:scatter"],
-    "trials of models": ["gpu.solve.model_ladder:Ladder._try_larger", "gpu.solve.model_ladder:Ladder._level",
+    "trials of models": ["gpu.solve.model_ladder:Ladder._try_larger", "gpu.solve.material_solves:MaterialSolves.level",
                          "gpu.solve.model_prediction:ModelPrediction.decide",
                          "gpu.solve.model_prediction:ModelPrediction.metal"],
     "calibration": ["solve.gpu_path:_calibrated", "solve.outlined_scene:through_right_cameras"],

@@ -16,7 +16,7 @@ from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe import observation_atlas
-from irpso_addon.gpu.solve import model_ladder, solver
+from irpso_addon.gpu.solve import material_solves, model_ladder, solver
 from irpso_addon.gpu.solve.paper_swarm import PaperSwarm
 from irpso_addon.gpu.solve.solver import Solver
 from irpso_addon.solve import pipeline
@@ -100,11 +100,11 @@ def ordered(number: int) -> Iterator[None]:
             return tiles[::-1]
         return [tiles[i] for i in np.random.default_rng(7).permutation(len(tiles))] if number == 2 else tiles
 
-    solver.tiles = model_ladder.tiles = other
+    solver.tiles = model_ladder.tiles = material_solves.tiles = other
     try:
         yield
     finally:
-        solver.tiles = model_ladder.tiles = usual
+        solver.tiles = model_ladder.tiles = material_solves.tiles = usual
 
 
 def _pipeline(method: str, seed: int, tile: tuple[int, int] | None, order: int) -> bytes:

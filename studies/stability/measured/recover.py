@@ -88,15 +88,15 @@ def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: An
     level = np.full((h, w), 0.5, np.float32) if fitted.level is None else fitted.level
     if chosen == "lambert":
         level = np.zeros((h, w), np.float32)
-    metallic = ladder.decided_metallic.get(NAME, 0.0)
+    decided = ladder.solves.decided[NAME]
     base = _base(device, ladder, fitted, level)
     for resource in (ladder, source):
         resource.release()
     rough = fitted.texels.roughness.astype(np.float64)
     lobes = fitted.lobes if fitted.lobes is not None else np.stack([rough, rough, np.ones_like(rough)], -1)
     first, second, weight = np.moveaxis(lobes.astype(np.float64), -1, 0)
-    maps = Principled(chosen, base, first, second, weight, level.astype(np.float64), metallic,
-                      ladder.decided_coats.get(NAME), ladder.decided_rough.get(NAME, 0.0))
+    maps = Principled(chosen, base, first, second, weight, level.astype(np.float64), decided.metallic or 0.0,
+                      decided.coat, decided.diffuse_roughness or 0.0)
     nearest = np.where(seen.quality > 0, seen.lobes[..., 0, 0], 1.0).min(-1).astype(np.float64)
     return Recovered(maps, fitted.texels.solved, nearest, fitted.predictions.get(NAME))
 
@@ -104,11 +104,11 @@ def recover(device: Device, seen: Geometry, rgb: F32, model: str, **settings: An
 def _base(device: Device, ladder: Ladder, fitted: LadderResult, level: F32) -> F64:
     """Base colour (h, w, 3) of each texel from its own observations."""
     h, w = level.shape
-    solver = ladder.solver
+    solver, decided = ladder.solver, ladder.solves.decided[NAME]
     solver.level = device.texture(w, h, 1, level) if np.any(level != 0.5) else None
-    solver.use_metallic(ladder.decided_metallic.get(NAME, 0.0))
-    solver.use_coat(ladder.decided_coats.get(NAME))
-    solver.use_diffuse_roughness(ladder.decided_rough.get(NAME, 0.0))
+    solver.use_metallic(decided.metallic or 0.0)
+    solver.use_coat(decided.coat)
+    solver.use_diffuse_roughness(decided.diffuse_roughness or 0.0)
     lobes = 1 if fitted.lobes is None else 2
     at = fitted.texels
     values = (np.stack([at.roughness, at.sigma, at.determined, at.solved], -1) if fitted.lobes is None
