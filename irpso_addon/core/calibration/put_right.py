@@ -135,7 +135,7 @@ def told(rig: Rig, judged: Judged) -> Calibration:
     vignetting = None if not change.vignetting else VignettingChange(
         change.vignetting, error.vignetting, corner_stops(cameras, change.vignetting), sure_of_vignetting(judged.found))
     ambient = AmbientChange(judged.ambient_radiance, change.ambient, error.ambient) if change.ambient else None
-    response = None if not change.log_response else ResponseChange(
+    response = None if not (change.log_response or change.log_shoulder) else ResponseChange(
         float(np.exp(change.log_response)), error.log_response, float(np.exp(change.log_shoulder)), error.log_shoulder)
     black = None if change.black_level is None or error.black_level is None else BlackLevelChange(
         _three(change.black_level), float(error.black_level.max()))
