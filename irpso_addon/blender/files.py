@@ -17,7 +17,7 @@ from ..core.maps.map_set import MapFiles
 from ..core.storage.text_file import first_bytes
 from ..core.tiled.uv_blocks import FIRST_UDIM, ONE_PIECE
 from . import properties
-from .material.material import SUFFIXES
+from .material.material import SUFFIXES, layers_of
 from .material.tags import maps_of
 
 MEASURED = "LIGHT", "CAMERA"  # types of objects that a solve may change
@@ -125,14 +125,20 @@ def read_maps(obj: bpy.types.Object) -> Maps:
 
 
 def painted(obj: bpy.types.Object, maps: Maps) -> Maps:
-    """``maps``, which are on the materials of ``obj``, with what was painted on their images since."""
-    found = {}
-    for role, image in maps_of(obj).items():
-        field = "lobes" if role == "roughness" and maps.lobes is not None else role
-        before = getattr(maps, field, None)
-        if role in SHOWN and before is not None and image.has_data and tuple(image.size) == before.shape[1::-1]:
+    """``maps``, which are on the materials of ``obj``, with what was painted on their images since.
+
+    Once one was scaled, the images count alone; raises BadInput where they then differ in size.
+    """
+    images, found = maps_of(obj), {}
+    for role, array in layers_of(maps).items():
+        image = images.get(role)
+        if image is None or not image.has_data:
+            continue
+        if tuple(image.size) != array.shape[1::-1]:
+            return read_maps(obj)
+        if role in SHOWN:
             pixels = _pixels(obj, role)
-            found[field] = pixels if before.ndim == 3 else pixels[..., 0].copy()
+            found["lobes" if array is maps.lobes else role] = pixels if array.ndim == 3 else pixels[..., 0].copy()
     return replace(maps, **found)
 
 

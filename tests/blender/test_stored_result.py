@@ -323,6 +323,30 @@ def test_what_is_painted_on_a_map_is_exported(scene, tmp_path: Path) -> None:
             tmp_path / "solved" / f"Ball_{name}.exr").read_bytes()
 
 
+def test_maps_whose_images_were_scaled_are_exported_as_they_are(scene, tmp_path: Path) -> None:
+    """At once as after the file was opened again; until all of them have one size, a line states which has not."""
+    oiio = pytest.importorskip("OpenImageIO")
+    assert bpy.ops.irpso.solve() == {"FINISHED"}
+    images = [image for image in bpy.data.images if image.name.startswith("Ball_")]
+    folders = tmp_path / "scaled", tmp_path / "opened"
+    for count, image in enumerate(images):
+        image.scale(SIZE // 2, SIZE // 2)
+        if count + 1 < len(images):
+            with pytest.raises(RuntimeError, match=r"'Ball': its .* map has 32 x 32 texels, not 64 x 64 as"):
+                bpy.ops.irpso.export_maps(directory=str(folders[0]))
+    assert len(images) == 6 and not folders[0].exists()
+    for folder in folders:
+        for target in ("irpso", "unreal"):
+            assert bpy.ops.irpso.export_maps(directory=str(folder), target=target) == {"FINISHED"}
+        if folder == folders[0]:
+            for image in images:
+                image.pack()
+            opened(saved())
+    made = [{path.name: path.read_bytes() for path in folder.iterdir()} for folder in folders]
+    assert made[0] == made[1] and {"Ball_basecolor.exr", "Ball_filled.exr", "T_Ball_ORM.png"} <= made[0].keys()
+    assert {oiio.ImageBuf(str(folders[0] / name)).spec().width for name in made[0]} == {SIZE // 2}
+
+
 def test_maps_that_are_gone_or_differ_in_size_are_named(scene, tmp_path: Path) -> None:
     """The panel still has the result's record, so the line must state what is wrong with its maps."""
     scene.irpso.out = str(tmp_path / "maps")
