@@ -8,7 +8,7 @@ import bpy
 
 from ..irpso_addon.blender import properties
 from ..irpso_addon.blender.export_object import export_object
-from ..irpso_addon.blender.files import painted
+from ..irpso_addon.blender.files import painted, require_own_files
 from ..irpso_addon.blender.jobs import solve_object
 from ..irpso_addon.blender.jobs.session import session
 from ..irpso_addon.blender.material.surfaces import shown_surfaces, solved_surfaces
@@ -99,6 +99,7 @@ class IRPSO_OT_export_maps(NeedsSolution, bpy.types.Operator):
 
     def _write(self, obj: bpy.types.Object, target: str, kind: str, folder: Path) -> list[Path]:
         """The files' paths; reports what is lost.  Raises BadInput."""
+        require_own_files(obj)
         solution, files = self.solution(obj), session.files_of(obj)
         shown = session.running is None and solve_object.is_placed(obj)
         maps = painted(obj, solution.maps) if shown and files is None else solution.maps

@@ -13,6 +13,7 @@ import numpy as np
 from ..core.data import F32, Maps
 from ..core.errors import BadInput
 from ..core.images.image_file import open_image
+from ..core.maps.export import share_files
 from ..core.maps.map_set import MapFiles
 from ..core.storage.text_file import first_bytes
 from ..core.tiled.uv_blocks import FIRST_UDIM, ONE_PIECE
@@ -89,6 +90,14 @@ def keep(names: Sequence[str]) -> None:
 def object_named(name: str) -> bpy.types.Object:
     """The object of that name in the open file."""
     return bpy.data.objects[name]
+
+
+def require_own_files(obj: bpy.types.Object) -> None:
+    """Raises BadInput where files of ``obj`` could be those of another mesh of this file."""
+    for other in bpy.data.objects:
+        if other.type == "MESH" and other.library is None and other != obj and share_files(obj.name, other.name):
+            raise BadInput(f"objects '{obj.name}' and '{other.name}': their files would overwrite each other on some "
+                           "systems; rename one of them")
 
 
 def solved_object(name: str | None) -> bpy.types.Object:

@@ -24,6 +24,7 @@ def run(arguments: argparse.Namespace) -> None:
     with console.quiet():
         files.open_blend(scene)
     obj = files.solved_object(arguments.object)
+    files.require_own_files(obj)
     out, kind, linked = arguments.out or scene.parent, arguments.format or "exr", files.map_files(obj)
     if target != IRPSO:
         lost: list[str] = []

@@ -31,6 +31,7 @@ def run(arguments: argparse.Namespace) -> None:
     data = with_raw_size(read_scene(None, arguments.object, arguments.captures), settings)
     subject = files.object_named(data.mesh.name)
     material_preflight.check(subject, data.mesh.slots)
+    files.require_own_files(subject)
     with console.progress() as show:
         plan: Plan = thread.run(lambda: farm.plan_job(
             data, settings, folder, IndirectRenderer.of_open_file(scene)), on_progress=show)

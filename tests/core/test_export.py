@@ -11,7 +11,7 @@ import pytest
 
 from irpso_addon.core.data import Maps
 from irpso_addon.core.errors import BadInput
-from irpso_addon.core.maps.export import LAYERS, earlier_maps, layers, safe_stem, write_maps
+from irpso_addon.core.maps.export import LAYERS, earlier_maps, layers, safe_stem, share_files, write_maps
 
 oiio = pytest.importorskip("OpenImageIO")
 
@@ -93,6 +93,15 @@ def test_two_lobes_and_the_specular_level(tmp_path: Path, kind: str) -> None:
 ])
 def test_names_become_file_names(name: str, stem: str) -> None:
     assert safe_stem(name) == stem
+
+
+@pytest.mark.parametrize(("one", "other", "shared"), [
+    ("Pot/1", "Pot:1", True), ("Pot", "pot", True), ("CON", "_con", True), ("Pot.", "Pot", True),
+    ("K\u00fche", "Ku\u0308he", True),  # one letter, or a letter and its accent
+    ("Pot", "Pot.001", False), ("Pot/1", "Pot-1", False), ("牛" * 120 + "a", "牛" * 120 + "b", False),
+])
+def test_names_that_share_files(one: str, other: str, shared: bool) -> None:
+    assert share_files(one, other) == share_files(other, one) == shared
 
 
 def test_long_names_are_cut_and_stay_distinct(tmp_path: Path) -> None:

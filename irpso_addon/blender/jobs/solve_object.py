@@ -34,7 +34,7 @@ from ...core.tiled.work_folder import WorkFolder
 from ...gpu.device import thread
 from ...solve import pipeline, plan_preparation, tiled_solve
 from ...solve.plan_preparation import TiledRequest
-from ..files import object_named
+from ..files import object_named, require_own_files
 from ..material import material, material_preflight, material_sharing
 from ..material.slot_names import names_of
 from ..scene import look_through
@@ -122,7 +122,9 @@ def read(
 
 
 def check(order: Order) -> None:
-    """Raises BadInput for what cannot be solved in blocks but would have to be."""
+    """Raises BadInput for files that could be another object's, and for what blocks cannot solve but would have to."""
+    if order.folder is not None:
+        require_own_files(object_named(order.name))
     if order.large:
         plan_preparation.check(order.data, order.settings)
 
@@ -270,6 +272,8 @@ def put(
 
     ``share``: of maps that are files, as in `material.wire_maps`.
     """
+    if directory is not None:
+        require_own_files(obj)
     session.secure(obj)  # what is there now stays remembered
     result.settle(obj)
     solution = result.solution

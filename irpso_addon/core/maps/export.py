@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import unicodedata
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -45,6 +46,16 @@ def safe_stem(name: str) -> str:
         digest = "_" + hashlib.sha256(name.encode(errors="replace")).hexdigest()[:8]
         stem = stem.encode()[: STEM_BYTES - len(digest)].decode(errors="ignore") + digest
     return stem
+
+
+def share_files(one: str, other: str) -> bool:
+    """Whether two objects of these names would overwrite each other's files on some system.
+
+    Windows and macOS take upper and lower case for the same, and macOS a letter with its accent for the two apart.
+    """
+    folded, other_folded = (unicodedata.normalize("NFD", unicodedata.normalize("NFD", safe_stem(name)).casefold())
+                            for name in (one, other))
+    return folded == other_folded
 
 
 def write_maps(maps: Maps, stem: str, out: Path, kind: str) -> list[Path]:
