@@ -10,6 +10,11 @@ def test_while_it_runs(blender, ball, folder, what):
     blender.run(f"trouble:{what}", folder, scene=str(ball), size=512)
 
 
+def test_one_redo_brings_back_what_one_undo_took(blender, ball, folder):
+    states = blender.run("trouble:redo", folder, scene=str(ball), size=512).told["states"]
+    assert states == [[0.5, 0], [0.0, 2], [0.0, 0], [0.0, 2], [0.5, 0], [0.0, 2]]
+
+
 def test_an_error_is_the_last_line(blender, ball, folder):
     """The window shows that one.  Of a solve that leaves nothing it is the only one; it names the object."""
     told = blender.run("trouble:reported", folder, scene=str(ball), size=512, limit=300).told

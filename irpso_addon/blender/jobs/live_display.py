@@ -73,7 +73,8 @@ class LiveMaps:
         self._merging, self._handing = threading.Lock(), threading.Lock()  # the second is never held for long
         self._pixels: dict[str, F32] = {}  # role -> flat RGBA, not handed over yet
         self._uids: dict[str, int] = {}  # role -> session_uid of the image made here
-        self._linked = self.undone = False  # the images are on the object; were, before the user's Undo
+        self._linked = False  # the images were put on the object
+        self.undone = 0  # steps of undo that the file is before that
         self.token = f"{os.getpid()} {next(_numbers)}"
 
     def _outline(self) -> Solution | None:
@@ -265,18 +266,21 @@ def on_undo(*_: object) -> None:
     """undo_post handler: a step at which maps were so far is none that a user has made; one more goes to theirs."""
     if _landed():
         _soon(bpy.ops.ed.undo)
-    elif (maps := _display.maps) is not None and not maps.undone and not maps.on_object:
-        maps.undone = True
-        _soon(bpy.ops.ed.undo)
+    elif (maps := _display.maps) is not None and not maps.on_object:
+        maps.undone += 1
+        if maps.undone == 1:
+            _soon(bpy.ops.ed.undo)
 
 
 @persistent
 def on_redo(*_: object) -> None:
-    """redo_post handler: as `on_undo`."""
+    """redo_post handler: as `on_undo`; the last step that a user has made has the maps so far behind it."""
     if _landed():
         _soon(bpy.ops.ed.redo)
-    elif (maps := _display.maps) is not None and maps.on_object:
-        maps.undone = False
+    elif (maps := _display.maps) is not None:
+        maps.undone = 0 if maps.on_object else maps.undone - 1
+        if maps.undone == 1:
+            _soon(bpy.ops.ed.redo)
 
 
 def _landed() -> bool:

@@ -27,8 +27,8 @@ def load(scene: str, size: int) -> Steps:
     yield from robot.look("loaded")
 
 
-def undo(scene: str, size: int) -> Steps:
-    """Move the object, start, undo the move: the job goes on and its maps arrive; undo takes them off again."""
+def moved_and_back(scene: str, size: int) -> Steps:
+    """Two steps of undo, and a solve that shows maps: after one undo the object is 0.5 m aside."""
     yield from jobs.opened(scene, size)
     obj = jobs.subject()
     obj.location.x += 0.5
@@ -39,6 +39,29 @@ def undo(scene: str, size: int) -> Steps:
         bpy.ops.ed.undo_push(message="Moved back")
     yield from jobs.started()
     yield from jobs.far_enough()
+
+
+def redo(scene: str, size: int) -> Steps:
+    """One Undo takes back what was done last, and the maps; one Redo brings both again, however often."""
+    yield from moved_and_back(scene, size)
+    told = []
+    for presses in (1, 2, 1):
+        yield from robot.until(lambda: jobs.linked(jobs.subject()), 5)
+        for key in ({}, {"shift": True}):
+            for _ in range(presses):
+                yield from robot.key("Z", ctrl=True, **key)
+                yield 0.5
+            told.append((jobs.subject().location.x, len(jobs.linked(jobs.subject()))))
+    assert jobs.running() is not None, "it was over too early"
+    robot.tell(states=told)
+    yield from robot.key("ESC")
+    yield from jobs.ended()
+    yield from jobs.delivered()
+
+
+def undo(scene: str, size: int) -> Steps:
+    """Move the object, start, undo the move: the job goes on and its maps arrive; undo takes them off again."""
+    yield from moved_and_back(scene, size)
     presses = 0
     while jobs.subject().location.x != 0.5:  # maps that are on show are a step of their own
         assert presses < 6, "Ctrl Z does nothing"
