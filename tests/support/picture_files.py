@@ -6,8 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+import pytest
 
 from irpso_addon.core.data import Camera, View
+from irpso_addon.core.errors import BadInput
+from irpso_addon.core.images.reference_image import read_reference
 
 RNG = np.random.default_rng(7)
 
@@ -37,3 +40,13 @@ def save(path: Path, pixels: np.ndarray, form: str = "float", names: str = "RGBA
 
 def noise(h: int = 20, w: int = 30, c: int = 3) -> np.ndarray:
     return RNG.uniform(0.01, 0.9, (h, w, c)).astype(np.float32)
+
+
+def error_of(v: View, **more) -> str:
+    """The line by which a view is refused: its file, what is wrong, what to do."""
+    with pytest.raises(BadInput) as caught:
+        read_reference(v, **more)
+    message = str(caught.value)
+    assert "\n" not in message and message.startswith(str(v.mask or v.image)), message
+    assert len(message.partition(": ")[2].split("; ")) == 2, message  # what is wrong; what to do
+    return message

@@ -1,0 +1,207 @@
+"""One material for many texels: what it predicts, and how it is found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.data import Coat
+from irpso_addon.core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
+from irpso_addon.core.evaluation.descent import COSINES, AmongCosines
+from irpso_addon.core.evaluation.joint_material import PLAIN_ALONE, JointSearch
+from irpso_addon.core.evaluation.sampled_texels import one_lobe, predicted
+from tests.support.random_texels import RNG, sampled
+
+pytestmark = pytest.mark.usefixtures("same_draws")
+
+
+def test_predictions_of_the_true_material_are_exact() -> None:
+    rough = RNG.uniform(0.15, 0.8, 40)
+    for level in (0.5, 0.1):
+        texels, _ = sampled(40, 8, 2, rough, level)
+        known = texels.lamps % 4 != 0
+        got = predicted(texels, one_lobe(rough, level), known)
+        np.testing.assert_allclose(got, texels.reflected, rtol=2e-3)  # the table of energies is coarser than Cycles'
+
+
+def test_predictions_of_a_true_metal_are_exact() -> None:
+    rough = RNG.uniform(0.15, 0.8, 40)
+    texels, _ = sampled(40, 8, 2, rough, 0.5, metallic=0.7)
+    got = predicted(texels, one_lobe(rough, 0.5, 0.7), texels.lamps % 4 != 0)
+    np.testing.assert_allclose(got, texels.reflected, rtol=4e-3)
+
+
+def test_predictions_of_a_true_rough_diffuse_are_exact() -> None:
+    rough = RNG.uniform(0.15, 0.8, 40)
+    texels, _ = sampled(40, 8, 2, rough, 0.3, diffuse=0.7)
+    known = texels.lamps % 4 != 0
+    got = predicted(texels, one_lobe(rough, 0.3, diffuse=0.7), known)
+    np.testing.assert_allclose(got, texels.reflected, rtol=3e-3)
+    smooth = predicted(texels, one_lobe(rough, 0.3), known)
+    assert np.quantile(np.abs(smooth / texels.reflected - 1), 0.9) > 0.02
+
+
+@pytest.mark.parametrize(("rough", "level"), [(0.18, 0.1), (0.4, 0.5), (0.7, 0.9)])
+def test_a_material_of_one_value_is_found(rough: float, level: float) -> None:
+    texels, _ = sampled(120, 10, 2, np.full(120, rough), level, noise=0.01)
+    joint = JointSearch(texels).fit(np.ones(20, bool))
+    assert joint.specular.roughness == pytest.approx(rough, rel=0.1)
+    assert joint.specular.level == pytest.approx(level, rel=0.3)
+    assert joint.metal.metallic < 0.05
+
+
+@pytest.mark.parametrize(("rough", "level", "metallic"), [
+    (0.21, 0.5, 0.0), (0.37, 0.37, 0.0), (0.47, 0.65, 0.0), (0.64, 0.5, 0.0), (0.47, 0.5, 0.43), (0.62, 0.5, 1.0)])
+def test_one_value_is_found_between_the_nodes(rough: float, level: float, metallic: float) -> None:
+    """Observations are exact."""
+    texels, _ = sampled(200, 10, 2, np.full(200, rough), level, metallic=metallic)
+    joint = JointSearch(texels).fit(np.ones(20, bool))
+    found = joint.metal if metallic else joint.specular
+    allowed = 0.0005
+    assert found.roughness == pytest.approx(rough, abs=allowed)
+    assert found.metallic == pytest.approx(metallic, abs=3 * allowed)
+    if metallic < 1:
+        assert found.level == pytest.approx(level, abs=3 * allowed)
+
+
+def test_blenders_level_alone_gives_the_roughness_at_it() -> None:
+    """What a search of all levels finds there, from a part of the layers."""
+    texels, _ = sampled(200, 8, 2, np.full(200, 0.37), noise=0.01)
+    known = texels.lamps % 4 != 0
+    alone = JointSearch(texels, metals=False, levels=PLAIN_ALONE).plain(known)
+    assert alone == JointSearch(texels).fit(known).plain
+    assert alone.roughness == pytest.approx(0.37, abs=0.01)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize(("lamps", "cameras"), [(8, 1), (10, 2)])
+@pytest.mark.parametrize(("level", "metallic"), [(0.2, 0.0), (0.5, 0.0), (0.8, 0.0), (0.5, 0.6)])
+def test_a_level_is_found_where_roughness_differs(
+    level: float, metallic: float, lamps: int, cameras: int, noise: float,
+) -> None:
+    """From texels of which each has its own roughness; nodes alone are off by 0.06 and more."""
+    texels, _ = sampled(300, lamps, cameras, RNG.uniform(0.2, 0.7, 300), level, noise=noise, metallic=metallic)
+    search, known = JointSearch(texels), np.ones(lamps * cameras, bool)
+    found = search.settled(search.fit(known), known).apart_metal
+    assert found.level == pytest.approx(level, abs=(0.08 if metallic else 0.02) if noise else 0.003)
+    assert found.metallic == pytest.approx(metallic, abs=0.01)
+
+
+def test_curves_between_cosines_are_those_of_interp() -> None:
+    cosines = np.concatenate([RNG.uniform(-0.1, 1.1, 60), [0.0, 0.5, 1.0, 1 / 64]]).reshape(4, 16)
+    curves = RNG.uniform(size=(3, len(COSINES)))
+    among = AmongCosines(cosines)
+    np.testing.assert_array_equal(among.values(curves[1]), np.interp(cosines, COSINES, curves[1]))
+    each = np.array([2, 0, 1, 2], np.int32)
+    wanted = [np.interp(row, COSINES, curves[k]) for row, k in zip(cosines, each, strict=True)]
+    np.testing.assert_array_equal(among.values(curves, each[:, None]), wanted)
+
+
+# --- metals
+
+
+@pytest.mark.parametrize("metallic", [0.3, 0.8, 1.0])
+def test_a_metal_is_found(metallic: float) -> None:
+    texels, _ = sampled(120, 10, 2, np.full(120, 0.4), 0.5, noise=0.01, metallic=metallic)
+    joint = JointSearch(texels).fit(np.ones(20, bool))
+    assert joint.metal.metallic == pytest.approx(metallic, abs=0.06)
+    assert joint.metal.roughness == pytest.approx(0.4, rel=0.05)
+
+
+def test_a_metal_is_found_where_roughness_differs_from_texel_to_texel() -> None:
+    rough = RNG.uniform(0.25, 0.6, 120)
+    texels, _ = sampled(120, 10, 2, rough, 0.5, metallic=0.5)
+    assert JointSearch(texels).fit(np.ones(20, bool)).apart_metal.metallic == pytest.approx(0.5, abs=0.1)
+    texels, _ = sampled(120, 10, 2, rough, 0.5)
+    assert JointSearch(texels).fit(np.ones(20, bool)).apart_metal.metallic < 0.05
+
+
+# --- parts
+
+
+def test_two_parts_are_told_apart() -> None:
+    rough = np.where(np.arange(120) % 3 == 0, 0.35, 0.75)
+    texels, _ = sampled(120, 16, 2, rough, 0.5, noise=0.01)
+    two, _ = JointSearch(texels).fit(np.ones(32, bool)).parts
+    assert sorted((two.roughness, *two.others)) == pytest.approx([0.35, 0.75], rel=0.15)
+    assert two.level == pytest.approx(0.5, abs=0.15)
+
+
+@pytest.mark.parametrize("level", [0.25, 0.5])
+def test_parts_are_found_between_the_nodes(level: float) -> None:
+    """Two of one roughness each, and three."""
+    for rough in ((0.32, 0.75), (0.27, 0.43, 0.8)):
+        truth = np.array(rough)[np.arange(240) % len(rough)]
+        texels, _ = sampled(240, 16, 2, truth, level, noise=0.01)
+        search, known = JointSearch(texels), np.ones(32, bool)
+        found = search.settled(search.fit(known), known).parts[len(rough) - 2]
+        assert sorted((found.roughness, *found.others)) == pytest.approx(rough, rel=0.02)
+        assert found.level == pytest.approx(level, abs=0.02)
+
+
+# --- coats
+
+
+COAT = Coat(0.6, 0.2)
+
+
+@pytest.mark.parametrize(("kind", "metallic", "different"), [
+    (PLAIN, 0.0, False), (METAL, 0.6, False), (APART, 0.0, True)])
+def test_a_coat_is_found(kind: str, metallic: float, different: bool) -> None:
+    """Above one roughness, above one with Metallic, and above a roughness of its own for each texel; 1 % noise."""
+    rough = RNG.uniform(0.45, 0.8, 200) if different else np.full(200, 0.6)
+    texels, _ = sampled(200, 16, 2, rough, 0.5, noise=0.01, metallic=metallic, coat=COAT)
+    search, known = JointSearch(texels), np.ones(32, bool)
+    found = CoatSearch(search).fit(kind, known, search.fit(known), 0.5)
+    assert found.coat is not None
+    assert found.coat.weight == pytest.approx(COAT.weight, abs=0.1)
+    assert found.coat.roughness == pytest.approx(COAT.roughness, abs=0.03)
+    if not different:
+        assert found.roughness == pytest.approx(0.6, abs=0.06) and found.metallic == pytest.approx(metallic, abs=0.1)
+
+
+@pytest.mark.parametrize(("count", "lamps", "cameras"), [(600, 6, 6), (600, 8, 2), (400, 12, 3)])
+def test_a_coat_is_smoother_than_what_it_covers(count: int, lamps: int, cameras: int) -> None:
+    """A rough coat above a smooth body would show nearly the same; few half vectors come near the narrow lobe."""
+    texels, _ = sampled(count, lamps, cameras, np.full(count, 0.37), 0.5, noise=0.01, coat=Coat(1.0, 0.1))
+    search, known = JointSearch(texels), np.ones(lamps * cameras, bool)
+    found = CoatSearch(search).fit(PLAIN, known, search.fit(known), 0.5)
+    assert found.roughness == pytest.approx(0.37, abs=0.01) and found.level == pytest.approx(0.5, abs=0.02)
+    assert found.coat is not None and found.coat.roughness == pytest.approx(0.1, abs=0.005)
+    assert found.coat.weight == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("lamps", "cameras"), [(16, 2), (24, 12)])
+@pytest.mark.parametrize("grazing", [0.0, 0.05, 0.2])
+def test_a_coat_does_not_take_the_place_of_the_only_lobe(grazing: float, lamps: int, cameras: int) -> None:
+    """A coat above nothing shines alike; what it takes from a body at grazing angles is what an error may look like."""
+    texels, _ = sampled(200, lamps, cameras, np.full(200, 0.4), 0.5, noise=0.01)
+    texels = replace(texels, reflected=texels.reflected * texels.cos_v[..., None] ** grazing)
+    search, known = JointSearch(texels), np.ones(lamps * cameras, bool)
+    found = CoatSearch(search).fit(PLAIN, known, search.fit(known), 0.5)
+    assert found.roughness == pytest.approx(0.4, abs=0.08)
+
+
+# --- a rough diffuse
+
+
+@pytest.mark.parametrize("different", [False, True])
+@pytest.mark.parametrize("diffuse", [0.0, 0.23, 0.77])
+def test_a_diffuse_roughness_is_found(diffuse: float, different: bool) -> None:
+    """About, by texels that may each have their own roughness; exactly, with one roughness and level."""
+    rough = RNG.uniform(0.2, 0.6, 60) if different else np.full(60, 0.42)
+    texels, _ = sampled(60, 12, 2, rough, 0.4, diffuse=diffuse)
+    search, known = JointSearch(texels), np.ones(24, bool)
+    found = search.diffuse_roughness(known)
+    assert found == pytest.approx(diffuse, abs=0.1)
+    if diffuse and not different:
+        one = search.fit(known, found).specular
+        assert (one.diffuse, one.roughness, one.level) == (
+            pytest.approx(diffuse, abs=0.01), pytest.approx(0.42, abs=2e-3), pytest.approx(0.4, abs=0.02))
+
+
+def test_a_metal_has_no_diffuse_roughness() -> None:
+    texels, _ = sampled(60, 12, 2, np.full(60, 0.42), metallic=1.0)
+    assert JointSearch(texels).diffuse_roughness(np.ones(24, bool)) < 0.05
