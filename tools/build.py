@@ -128,13 +128,14 @@ def sha256(path: Path) -> str:
 def download(wheel: Path) -> None:
     """Fetch one wheel by the parts of its file name: name-version-python-abi-platforms.whl."""
     name, version, python, abi, platforms = wheel.stem.split("-")
-    options = [f"--platform={p}" for p in PIP_PLATFORMS.get(platforms, LINUX)]
+    options = [] if platforms == "any" else [
+        f"--python-version={python.removeprefix('cp')}", f"--abi={abi}",
+        *(f"--platform={p}" for p in PIP_PLATFORMS.get(platforms, LINUX))]
     wheel.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".", dir=wheel.parent) as temporary:  # two builds may run at once
         subprocess.run([
             sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-deps",
-            "--only-binary=:all:", f"--python-version={python.removeprefix('cp')}", f"--abi={abi}", *options,
-            "--dest", temporary, f"{name}=={version}",
+            "--only-binary=:all:", *options, "--dest", temporary, f"{name}=={version}",
         ], check=True)
         found = Path(temporary) / wheel.name
         if not found.exists():

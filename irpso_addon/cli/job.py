@@ -54,4 +54,4 @@ def _python() -> str:
     """A Python for tasks: this one, unless it is Blender's own, which finds moderngl in the extension alone."""
     moderngl = importlib.util.find_spec("moderngl")
     ours = moderngl is not None and moderngl.origin is not None and Path(moderngl.origin).is_relative_to(sys.prefix)
-    return shlex.quote(sys.executable) if ours else "PYTHON (with numpy, moderngl and OpenImageIO)"
+    return shlex.quote(sys.executable) if ours else "PYTHON (with numpy, moderngl, threadpoolctl and OpenImageIO)"

@@ -210,7 +210,7 @@ def template(job: Job) -> str:
         "name": _job_name(job.subject),
         "parameterDefinitions": [
             {"name": "Python", "type": "STRING", "default": "python3",
-             "description": "Python 3.11 or newer on the worker, with numpy, moderngl and OpenImageIO"},
+             "description": "Python 3.11 or newer on the worker, with numpy, moderngl, threadpoolctl and OpenImageIO"},
             _folder("Program", PROGRAM, "IN",
                     "The program that made the plan; blocks solved by another version would not fit"),
             _folder("Work", WORK, "INOUT", "Plan, pictures, and every block as it is solved"),

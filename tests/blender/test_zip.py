@@ -98,7 +98,7 @@ def test_installed_zip_solves(built, zips, scenes, tmp_path):
     assert lines["linked"] == "[True, True]"
     assert lines["plain"] == "False"  # every import stayed inside bl_ext.user_default.irpso
     assert lines["command"] == "0", told
-    assert all(name in lines["wheels"] for name in ("glcontext", "moderngl", "rawpy")), told
+    assert all(name in lines["wheels"] for name in ("glcontext", "moderngl", "rawpy", "threadpoolctl")), told
     assert lines["network"] == "[]"
     assert lines["gone"] == "True"
     assert (tmp_path / "maps" / "Ball_basecolor.exr").exists()

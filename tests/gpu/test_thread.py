@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 import weakref
+from pathlib import Path
+from textwrap import dedent
 from types import SimpleNamespace
 
 import pytest
@@ -12,6 +17,7 @@ from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.job import Progress
 from irpso_addon.gpu.device import thread
 
+ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 20.0  # seconds; far more than any of these jobs needs
 
 
@@ -42,6 +48,27 @@ def test_opengl_lives_on_its_own_thread_only():
 
 def test_run_returns_the_value():
     assert thread.run(one_step({"answer": 42})) == {"answer": 42}
+
+
+def test_a_job_has_one_thread_for_linear_algebra():
+    """In a process of its own: NumPy's threads are as many as there were when it was loaded."""
+    program = """
+        import numpy
+        from threadpoolctl import threadpool_info
+        from irpso_addon.gpu.device import thread
+
+        def threads():
+            return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+        def job():
+            return threads()
+            yield
+
+        print(threads(), thread.run(job), threads())
+    """
+    done = subprocess.run([sys.executable, "-c", dedent(program)], env={**os.environ, "OPENBLAS_NUM_THREADS": "2"},
+                          cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout == "{2} {1} {2}\n", done.stderr
 
 
 def test_run_returns_the_value_of_a_job_without_steps():

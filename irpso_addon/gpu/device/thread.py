@@ -15,6 +15,8 @@ import traceback
 from collections.abc import Callable, Generator
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from ...core.errors import Cancelled, OutOfDeviceMemory
 from ...core.job import Progress
 from ...core.params import DeviceSettings
@@ -83,19 +85,10 @@ class Job:
         try:
             if _device is not None and not _device.lost:
                 _device.collect()
-            steps = self._function()
-            stop_raised = False
-            try:
-                while True:
-                    if self._stop.is_set() and not stop_raised:
-                        stop_raised = True
-                        self._latest = steps.throw(Cancelled())
-                    else:
-                        self._latest = next(steps)
-                    self._go.wait()
-                    time.sleep(0)  # lets the window's thread have the interpreter between slices
-            except StopIteration as stop:
-                self._value = stop.value
+            # NumPy's linear algebra has a thread for each core.  Matrices here are small: the threads would find
+            # nothing to do, and would use the cores up while they wait for more.
+            with threadpool_limits(1, "blas"):
+                self._work(self._function())
         except BaseException as error:  # whatever it is, it belongs to whoever asks for the result
             traceback.clear_frames(error.__traceback__)  # they hold the job's textures
             if isinstance(error, MemoryError):
@@ -103,6 +96,20 @@ class Job:
             self._error = error
         finally:
             self._finished.set()
+
+    def _work(self, steps: Generator[Progress, None, Any]) -> None:
+        stop_raised = False
+        try:
+            while True:
+                if self._stop.is_set() and not stop_raised:
+                    stop_raised = True
+                    self._latest = steps.throw(Cancelled())
+                else:
+                    self._latest = next(steps)
+                self._go.wait()
+                time.sleep(0)  # lets the window's thread have the interpreter between slices
+        except StopIteration as stop:
+            self._value = stop.value
 
 
 def run(
