@@ -1,4 +1,4 @@
-"""JPEG files with a camera's tone curve: found, and undone; and what is none."""
+"""JPEG and TIFF files with a camera's tone curve: found, and undone; and what is none."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def film(value: F64) -> F64:
     return np.asarray(fit(value) / fit(np.ones(1)))
 
 
-def jpeg(shoot: syn.Shoot, curve: Callable[[F64], F64], kind: str = ".jpg") -> syn.Shoot:
+def developed(shoot: syn.Shoot, curve: Callable[[F64], F64], kind: str = ".jpg") -> syn.Shoot:
     """Its pictures as files of 8 bits, of linear values that went through a curve and then through sRGB's."""
     images, views = {}, []
     for view in shoot.scene.views:
@@ -58,7 +58,7 @@ def rough_error(shoot: syn.Shoot, solution: Solution) -> float:
 
 @pytest.mark.one_python
 def test_a_tone_curve_is_found(plane: syn.Shoot) -> None:
-    made = jpeg(plane, SIGMOID)
+    made = developed(plane, SIGMOID)
     solution = shoots.run(made, **AUTO)
     assert solution.calibration is not None and solution.calibration.response is not None
     response = solution.calibration.response
@@ -72,9 +72,9 @@ def test_a_tone_curve_is_found(plane: syn.Shoot) -> None:
 
 @pytest.mark.one_python
 def test_so_is_one_of_another_family(plane: syn.Shoot) -> None:
-    """A third is left of the error of PNG files: a tone curve is looked for in JPEG files alone."""
-    solution = shoots.run(jpeg(plane, film), **AUTO)
-    alone = shoots.run(jpeg(plane, film, ".png"), **AUTO)
+    """A third is left of the error of PNG files: a tone curve is looked for in JPEG and TIFF files alone."""
+    solution = shoots.run(developed(plane, film, ".tif"), **AUTO)
+    alone = shoots.run(developed(plane, film, ".png"), **AUTO)
     assert solution.calibration is not None and solution.calibration.response is not None
     assert solution.calibration.response.shoulder > 2
     assert rough_error(plane, solution) < 0.33 * rough_error(plane, alone)
@@ -85,5 +85,5 @@ def test_so_is_one_of_another_family(plane: syn.Shoot) -> None:
 def test_none_is_found_where_there_is_none(material: dict[str, float]) -> None:
     """Also of materials that one lobe does not explain."""
     shoot = syn.shoot(replace(syn.PATCHES, reflect=partial(brdf.principled, **material)), shoots.rig(), PIXELS)
-    solution = shoots.run(jpeg(shoot, lambda value: value), **AUTO)
+    solution = shoots.run(developed(shoot, lambda value: value), **AUTO)
     assert solution.calibration is None or solution.calibration.response is None

@@ -1,4 +1,4 @@
-"""The tone curve of JPEG files, whose exponent and shoulder are found before all else (core/images/response.py).
+"""The tone curve of JPEG and TIFF files: its two numbers are found before all else (core/images/response.py).
 
 The two fit fifteen curves of cameras to 3 % of the radiance in the median, an exponent alone to 11 % (decision 0055).
 """
@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..change_records import PredictionError
-from ..data import F64
+from ..data import F64, View
 from ..evaluation.folds import Folds
-from ..images.oiio_reader import JPEG
+from ..images.colour import SPACES, known_space
+from ..images.oiio_reader import JPEG, TIFF
 from ..images.response import straight
 from ..job import Steps, share_of
 from .contest import GIVEN, SURE, Contest
@@ -24,6 +25,7 @@ from .rig_sample import LEAST_LIGHT, RigSample
 
 ROUNDS = 10  # a curve is far from the straight line where the fit begins
 LEAST_SHOULDER = 0.4  # logarithm
+DEVELOPED = JPEG | TIFF  # by cameras, and by raw developers: for viewing, unless a user has asked for linear light
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,7 @@ def tone_curve(sample: RigSample, folds: Folds, first: RigFound) -> Steps[ToneCu
     A diffuse that is not Lambert's bends brightness too: the curve must predict better than all that it may be.
     ``first``: the materials of the sample.
     """
-    if not all(view.image.suffix.lower() in JPEG and view.response == view.shoulder == 1.0
-               for view in sample.rig.views):
+    if not all(may_have_one(view) for view in sample.rig.views):
         return None
     free = Free(False, False, levels=not sample.scale_known, response=True, shoulder=True)
     found = yield from share_of(fit_rig(sample, free, rounds=ROUNDS), 0.0, 0.05)
@@ -87,3 +88,9 @@ def tone_curve(sample: RigSample, folds: Folds, first: RigFound) -> Steps[ToneCu
         return None
     return ToneCurve(change.log_response, change.log_shoulder, error, contest.judge.error(GIVEN),
                      contest.judge.error(str(free)))
+
+
+def may_have_one(view: View) -> bool:
+    """Whether a picture may be developed for viewing, as far as its file's type and what is given say."""
+    linear = view.colorspace is not None and SPACES[known_space(view.colorspace) or "sRGB"][2] == "linear"
+    return view.image.suffix.lower() in DEVELOPED and not linear and view.response == view.shoulder == 1.0

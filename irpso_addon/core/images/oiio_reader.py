@@ -31,6 +31,7 @@ MARK = "IRPSO map"  # description of the files that image_writer.py writes
 KINDS = {"bmp", "cineon", "dpx", "hdr", "jpeg", "jpeg2000", "openexr", "png", "pnm", "sgi", "targa", "tiff", "webp"}
 SUFFIXES = {".exr", ".hdr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".webp", ".tga", ".bmp", ".dpx", ".cin", ".jp2"}
 JPEG = {".jpg", ".jpeg"}
+TIFF = {".tif", ".tiff"}
 # The last word of a layer's name that holds the finished picture, best first.
 _PICTURE = ("", "combined", "composite", "beauty", "rgba", "rgb", "color", "image")
 

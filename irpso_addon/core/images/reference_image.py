@@ -16,7 +16,7 @@ from . import oiio_reader
 from .colour import SPACES, known_space, to_linear_rec709
 from .image_file import ImageFile, open_image
 from .mask import ASPECT, Mask
-from .oiio_reader import JPEG
+from .oiio_reader import JPEG, TIFF
 from .picture_survey import Rows, Survey, all_channels, survey
 from .raw_reader import is_raw
 from .response import as_read, file_scale, straightened
@@ -25,7 +25,6 @@ from .shot_settings import brighter_by
 _EVEN = 0.99  # quantile of a flat field that counts as 1: a speck may be brighter
 _MOST_BLACK = 0.6  # share of a flat field: around the circle of a fisheye it is about half
 _DIM = 0.02  # of that: where a flat field is darker, nothing can be divided by it
-_TIFF = {".tif", ".tiff"}
 
 Pixels = tuple[F32, F32, Bool]  # radiance (rows, width, 3), coverage and validity (rows, width)
 
@@ -199,7 +198,7 @@ def _space(view: View, file: ImageFile) -> tuple[str, tuple[str, ...]]:
     if file.colorspace is not None:
         return default, (f"{view.image.name}: states the colour space '{file.colorspace}', which is unknown; it is "
                          f"read as {default}: set the colour space of the views if it is another",)
-    if file.integer and file.bits > 8 and view.image.suffix.lower() in _TIFF:
+    if file.integer and file.bits > 8 and view.image.suffix.lower() in TIFF:
         return default, (f"{view.image.name}: TIFF of {file.bits} bits without a colour space, which is read as sRGB: "
                          "set the colour space of the views ('Linear Rec.709' where RAW files were developed to "
                          "linear light)",)
