@@ -30,6 +30,7 @@ from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve import pipeline
+from tests.support import skies
 from tests.support.texels import finish
 
 BASE, ROUGH, PIXELS = (0.7, 0.35, 0.15), 0.4, 96
@@ -185,6 +186,87 @@ def test_albedo_is_recovered_where_direct_light_alone_fails(scene: SceneData, bo
     assert rough["auto"] < 0.02, rough
     assert digest(bounced / "scene.blend") == before
     assert bpy.data.filepath == str(bounced / "scene.blend") and not bpy.data.images.get("Ball_basecolor")
+
+
+def under_sky(folder: Path, floor: bool) -> SceneData:
+    """The ball, with or without its floor, under a sky with a window, from six sides."""
+    build(BASE, ROUGH, 0.5)
+    scene, sky = bpy.context.scene, bpy.data.worlds.new("Sky")
+    for thing in [*scene.collection.all_objects]:
+        if thing.type in {"LIGHT", "CAMERA"} or (thing.name == "Floor" and not floor):
+            bpy.data.objects.remove(thing)
+    pixels = np.ones((64, 128, 4), np.float32)
+    pixels[..., :3] = skies.sky(64, window=12.0).radiance
+    picture = bpy.data.images.new("Sky", 128, 64, float_buffer=True, is_data=True)
+    picture.pixels.foreach_set(pixels.ravel())
+    picture.pack()
+    if bpy.app.version < (5, 0, 0):
+        sky.use_nodes = True
+    node = sky.node_tree.nodes.new("ShaderNodeTexEnvironment")
+    node.image = picture
+    background = next(node for node in sky.node_tree.nodes if node.type == "BACKGROUND")
+    sky.node_tree.links.new(node.outputs["Color"], background.inputs["Color"])
+    scene.world, scene.cycles.samples = sky, 96
+    scene.render.resolution_x = scene.render.resolution_y = 64
+    views = []
+    for n in range(6):
+        turn = n * math.pi / 3
+        camera = add(f"Eye {n}", bpy.data.cameras.new("Eye"), (4 * math.sin(turn), -4 * math.cos(turn), 0.6))
+        camera.data.lens = 75
+        scene.camera, scene.render.filepath = camera, str(folder / f"{n}.exr")
+        bpy.ops.render.render(write_still=True)
+        views.append({"image": f"{n}.exr", "camera": camera.name, "lights": [], "world": "Sky"})
+    (folder / "captures.json").write_text(json.dumps({"views": views}))
+    paint(bpy.data.objects["Ball"], "Paint", (0.8, 0.8, 0.8), 0.5, 0.5)
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
+    return read_scene(None, "Ball", folder / "captures.json")
+
+
+@pytest.mark.one_python
+def test_light_that_a_floor_bounces_under_a_world_is_subtracted(tmp_path: Path, monkeypatch) -> None:
+    """The world lights all that the cameras see, so that no shadow shows it; a few small renders do."""
+    monkeypatch.setattr(indirect, "SIDE", 48)
+    data = under_sky(tmp_path, True)
+    bouncer = indirect.IndirectRenderer.of_open_file(tmp_path / "scene.blend")
+    errors = {}
+    for mode in ("off", "auto"):
+        solution = thread.run(lambda mode=mode: pipeline.solve(
+            data, SolveSettings(size=32, indirect=mode, **PLAIN), bounce=bouncer))
+        assert solution.checks is not None and math.isnan(solution.checks.unlit_share)
+        solved = solution.maps.coverage & ~solution.maps.filled
+        solved[16:] = False  # the ball's lower half, which sees the floor
+        errors[mode] = np.median(np.abs(solution.maps.base_color[solved] / BASE - 1), axis=0).max()
+    assert errors["off"] > 0.5, errors  # 0.64
+    assert errors["auto"] < 0.05, errors  # 0.031
+
+
+@pytest.mark.one_python
+def test_under_a_world_little_is_rendered_where_no_light_can_bounce(tmp_path: Path, monkeypatch) -> None:
+    """A ball alone: a few small renders; nor anything where a view turns the world, which cannot be rendered."""
+    monkeypatch.setattr(indirect, "TEST_SIDE", 48)
+    data = under_sky(tmp_path, False)
+    bouncer = indirect.IndirectRenderer.of_open_file(tmp_path / "scene.blend")
+    asked = []
+
+    class Test:
+        """Of the renders, the few alone."""
+
+        def sample(self, scene: SceneData, solution: Solution) -> Iterator[object]:
+            asked.append(scene)
+            return (yield from bouncer.sample(scene, solution))
+
+        def __call__(self, scene: SceneData, solution: Solution) -> Iterator[object]:
+            raise AssertionError("rendered indirect light where there is none")
+            yield
+
+    settings = SolveSettings(size=32, **PLAIN)
+    solution = thread.run(lambda: pipeline.solve(data, settings, bounce=Test()))
+    assert solution.checks is not None and solution.checks.not_bounced.startswith("no surface in the scene")
+    assert len(asked) == 1 and not any("bounced" in line for line in solution.warnings)
+    turned = replace(data, views=tuple(replace(view, environment=replace(view.environment, turn=0.1))
+                                       for view in data.views))
+    thread.run(lambda: pipeline.solve(turned, settings, bounce=Test()))
+    assert len(asked) == 1
 
 
 def test_direct_light_is_left_alone(scenes: Path) -> None:
