@@ -197,11 +197,11 @@ def _better(after: Outcome, before: Outcome) -> bool:
 def _may_bounce(settings: SolveSettings, scene: SceneData, solution: Solution) -> bool:
     """Whether indirect light is to be rendered; with indirect 'auto', a few small renders have a say in it too.
 
-    Under a world no place is unlit, so that no shadow shows it.  It cannot be rendered where a view turns its world.
+    Under a world no place is unlit, so that no shadow shows it.
     """
     assert solution.checks is not None
-    unlit, worlds = solution.checks.unlit_share, [view.environment for view in scene.views if view.environment]
-    hidden = math.isnan(unlit) and bool(worlds) and not any(world.turn for world in worlds)
+    unlit = solution.checks.unlit_share
+    hidden = math.isnan(unlit) and any(view.environment is not None for view in scene.views)
     return settings.indirect == "on" or (settings.indirect == "auto" and (hidden or is_indirect(unlit)))
 
 
