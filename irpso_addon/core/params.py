@@ -110,7 +110,7 @@ class SolveSettings(Table):
     ), advanced=True)
     indirect: str = parameter("auto", "Light that arrived by way of other surfaces; Cycles renders it from the "
                               "maps, and IRPSO subtracts it", label="Indirect Light", choices=(
-        ("auto", "Subtract it where shadows in the pictures are not dark"),
+        ("auto", "Subtract it where shadows in the pictures are not dark; under a world, where small renders show it"),
         ("off", "Do not subtract it: the pictures show direct light only"),
         ("on", "Subtract it from every picture"),
     ))

@@ -5,6 +5,7 @@ Each function is a generator of Progress and must run on the GL thread: ``gpu.de
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from functools import partial
@@ -112,7 +113,7 @@ def outcome(
         solve_round = partial(one_round, read_image=read_image, clock=clock, settled=best.judged)
         rough = yield from _align(best, settings, partial(solve_round, settings=small))
         aligned, lit, why = rough.given, None, ""
-        if bounce is not None and _bounced(settings, rough.solution):
+        if bounce is not None and _may_bounce(settings, scene, rough.solution):
             lit, why = yield from _take_out_indirect(rough, scene, settings, bounce, solve_round, clock)
         if lit is not None:
             best = lit
@@ -193,10 +194,15 @@ def _better(after: Outcome, before: Outcome) -> bool:
     return explained > 0 and (not foretold or float(np.mean(foretold)) < max(np.log(FORETOLD), explained))
 
 
-def _bounced(settings: SolveSettings, solution: Solution) -> bool:
-    """Whether indirect light is to be rendered."""
+def _may_bounce(settings: SolveSettings, scene: SceneData, solution: Solution) -> bool:
+    """Whether indirect light is to be rendered; with indirect 'auto', a few small renders have a say in it too.
+
+    Under a world no place is unlit, so that no shadow shows it.
+    """
     assert solution.checks is not None
-    return settings.indirect == "on" or (settings.indirect == "auto" and is_indirect(solution.checks.unlit_share))
+    unlit = solution.checks.unlit_share
+    hidden = math.isnan(unlit) and any(view.environment is not None for view in scene.views)
+    return settings.indirect == "on" or (settings.indirect == "auto" and (hidden or is_indirect(unlit)))
 
 
 def _take_out_indirect(

@@ -34,10 +34,10 @@ PASSES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "DiffCol":
           "GlossDir": "Glossy Direct", "GlossInd": "Glossy Indirect", "GlossCol": "Glossy Color",
           "IndexOB": "Object Index"}
 Result = TypeVar("Result")
-# A camera, the lamps that shine, and the world and meshes that are known light beside them.  None of them: other things
-# that glow, and the world where it is nobody's known light.
-Picture = tuple[str, tuple[str, ...], str, tuple[str, ...]]
-NOTHING: tuple[tuple[str, ...], str, tuple[str, ...]] = (), "", ()  # shines
+# A camera, the lamps that shine, the world and meshes that are known light beside them, and by how many radians the
+# world is turned about Z.  None of them: other things that glow, and the world where it is nobody's known light.
+Picture = tuple[str, tuple[str, ...], str, tuple[str, ...], float]
+NOTHING: tuple[tuple[str, ...], str, tuple[str, ...], float] = (), "", (), 0.0  # shines
 
 
 @dataclass(frozen=True)
@@ -148,13 +148,15 @@ class IndirectRenderer:
 
 
 def _pictures(views: Sequence[View]) -> list[Picture]:
-    """Of each view.  Raises BadInput where a view's world is turned."""
-    if any(view.environment is not None and view.environment.turn for view in views):
-        raise BadInput("indirect light: cannot be rendered under a world that a view turns; use Indirect Light off")
-    around = [view.environment for view in views]
-    return [(given_name(view), tuple(light.name for light in view.lights), found.name if found is not None else "",
-             tuple(emitter.name for emitter in found.emitters) if found is not None else ())
-            for view, found in zip(views, around, strict=True)]
+    """Of each view."""
+    pictures: list[Picture] = []
+    for view in views:
+        camera, lamps = given_name(view), tuple(light.name for light in view.lights)
+        if (found := view.environment) is None:
+            pictures.append((camera, lamps, "", (), 0.0))
+        else:
+            pictures.append((camera, lamps, found.name, tuple(emitter.name for emitter in found.emitters), found.turn))
+    return pictures
 
 
 @contextmanager

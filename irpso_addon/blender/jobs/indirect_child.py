@@ -38,7 +38,10 @@ def _render(folder: Path) -> None:
     rendered = scene.render.resolution_x, scene.render.resolution_y
     glowing = [obj for obj in scene.objects if obj.name != job["object"] and shines(obj)]
     slots_of = {obj.name: _slots(obj) for obj in glowing}
-    for n, (camera, lamps, world, emitters) in enumerate(job["pictures"]):
+    turned = _turntable(scene) if any(turn for *_, turn in job["pictures"]) else None
+    for n, (camera, lamps, world, emitters, turn) in enumerate(job["pictures"]):
+        if turned is not None:
+            turned.rotation_euler.z = -turn
         if job["known_world"]:
             scene.world = bpy.data.worlds[world] if world else None
         scene.camera = bpy.data.objects[camera]
@@ -55,6 +58,17 @@ def _render(folder: Path) -> None:
         scene.render.filepath = str(folder / "rendering.exr")
         bpy.ops.render.render(write_still=True, scene=scene.name)
         os.replace(folder / "rendering.exr", folder / f"{n}.exr")
+
+
+def _turntable(scene: Any) -> Any:
+    """An empty that holds all objects: turned, the world is turned about them the other way."""
+    table = bpy.data.objects.new("Turntable", None)
+    for obj in [obj for obj in scene.objects if obj.parent is None]:
+        own = obj if obj.library is None else obj.make_local()
+        own.parent = table
+        own.matrix_parent_inverse.identity()
+    scene.collection.objects.link(table)
+    return table
 
 
 def _slots(obj: Any) -> list[tuple[Any, Any, Any]]:

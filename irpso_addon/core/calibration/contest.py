@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..data import F64
-from ..evaluation.folds import Folds, Judge, scatter
+from ..evaluation.folds import Folds, Judge, rises, scatter
 from ..evaluation.sampled_texels import parts, predicted
 from ..job import Steps, share_of
 from .rig import RigChange
@@ -20,7 +20,7 @@ SURE = 3.0  # standard errors from which on a number is changed, or a rig better
 LEAST_ERROR = 0.002  # of the radiance: what a change must explain of left-out views ...
 LEAST_BENT = 0.001  # ... and a response: base colours and powers hide most of it, but it bends highlights
 HALF = 0.5
-WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise in any case
+WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise in any case: of `rises`
 HIGHLIGHT = 0.25  # of the radiance: lobes that show more make a highlight
 LEAST_SEEN = 1e-6
 GIVEN = "given"
@@ -91,16 +91,9 @@ class Contest:
 
     def shows(self, name: str, other: str, least: float = LEAST_ERROR) -> bool:
         """Whether a rig predicts better than another by what can be seen: so much of the radiance."""
-        return not self._rises(name, other) and self.scale(other) ** 2 - self.scale(name) ** 2 > least**2
-
-    def _rises(self, name: str, other: str) -> bool:
-        """Whether root mean squares are larger than those of another rig, beyond the scatter."""
         one, two = self.judge.candidates[name], self.judge.candidates[other]
-        for values, before in ((one.squares, two.squares), (one.lightness, two.lightness)):
-            rise = float((values - before).sum())
-            if rise > (WORSE**2 - 1) * before.sum() and rise > scatter(values - before, self.sample.cluster):
-                return True
-        return False
+        seen = self.scale(other) ** 2 - self.scale(name) ** 2 > least**2
+        return seen and not rises(two, one, WORSE, self.sample.cluster)
 
     def leaves_half(self, name: str) -> bool:
         """Whether a rig leaves less than half of what the given one does, of left-out views."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..change_records import PredictionError
 from ..data import F64, Bool, View
-from ..evaluation.folds import Folds, Judge, scatter, split
+from ..evaluation.folds import Folds, Judge, rises, scatter, split
 from ..evaluation.sampled_texels import predicted
 from ..job import Steps
 from .calibrate import LEAST_TEXELS
@@ -74,7 +74,7 @@ def judge_worlds(sample: WorldSample, light: LightAt) -> Steps[WorldsJudged | No
     found = yield from _found(fit, point)
     if not any((*found.sure_turns, *found.sure_strengths)):
         return None
-    contest = _Contest(sample, folds, fit)
+    contest = WorldContest(sample, folds, fit)
     contest.add(GIVEN, [sample.under(sample.given, np.zeros(fit.worlds))] * 2)
     halves = []
     for others in contest.halves[::-1]:
@@ -96,7 +96,7 @@ def _explained(fit: WorldFit, folds: Folds) -> Bool:
     for slot in slots if len(slots) > 1 else ():
         own = sample.rig.slot == slot
         part = sample.part(own)
-        contest = _Contest(part, folds, fit)
+        contest = WorldContest(part, folds, fit)
         contest.add(GIVEN, [part.under(part.given, np.zeros(fit.worlds))] * 2)
         some |= own & (contest.judge.error(GIVEN).relative_rms < EXPLAINED)
     enough = int(sample.rig.texels.usable()[some].any(1).sum()) >= LEAST_TEXELS
@@ -137,7 +137,7 @@ def _found(fit: WorldFit, point: F64, some: Bool | None = None) -> Steps[WorldsJ
     return WorldsJudged(fit.sample.keys, fit.change(at), fit.change(error), none, none)
 
 
-class _Contest:
+class WorldContest:
     """What the given worlds and changed ones predict of left-out views."""
 
     def __init__(self, sample: WorldSample, folds: Folds, fit: WorldFit) -> None:
@@ -178,11 +178,11 @@ class _Contest:
         gain = np.asarray(cost[GIVEN] - cost[CHANGED])
         unit = CAUCHY * self.scale(CHANGED)
         loss = {name: float(np.log1p((left / unit) ** 2).sum()) for name, left in self.left.items()}
-        after, before = self.judge.error(CHANGED), self.judge.error(GIVEN)
-        whole = max(after.relative_rms / before.relative_rms, after.lightness / before.lightness)
-        explained = after.relative_rms < EXPLAINED or self.scale(CHANGED) < HALF * self.scale(GIVEN)
-        return bool(gain.sum() > scatter(gain, self.sample.rig.cluster) and loss[CHANGED] < loss[GIVEN]
-                    and whole < WORSE and explained)
+        explained = (self.judge.error(CHANGED).relative_rms < EXPLAINED
+                     or self.scale(CHANGED) < HALF * self.scale(GIVEN))
+        cluster, of = self.sample.rig.cluster, self.judge.candidates
+        return bool(gain.sum() > scatter(gain, cluster) and loss[CHANGED] < loss[GIVEN]
+                    and not rises(of[GIVEN], of[CHANGED], WORSE, cluster) and explained)
 
     def scale(self, name: str) -> float:
         """Robust standard deviation of what predictions of left-out views are off by, relative."""

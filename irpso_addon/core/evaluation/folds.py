@@ -218,6 +218,18 @@ def scatter(values: F64, clusters: I32) -> float:
     return float(np.sqrt(len(sums)) * sums.std()) if len(sums) > 1 else 0.0
 
 
+def rises(before: Candidate, after: Candidate, ratio: float, clusters: I32) -> bool:
+    """Whether a root mean square, of radiance or of L*, rises by more than a ratio and beyond its scatter.
+
+    A few texels in highlights can have most of the error of radiance: what one place does shows no rise.
+    """
+    for old, new in ((before.squares, after.squares), (before.lightness, after.lightness)):
+        rise = float((new - old).sum())
+        if rise > (ratio**2 - 1) * old.sum() and rise > scatter(new - old, clusters):
+            return True
+    return False
+
+
 def lightness(relative: F64) -> F64:
     """CIE L* of luminance relative to white, 0 to 1 (CIE 15:2004, eq. 8.1)."""
     y = np.clip(relative, 0.0, 1.0)
