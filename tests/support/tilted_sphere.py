@@ -69,14 +69,18 @@ def bumps(position: np.ndarray, slope: float) -> np.ndarray:
 
 def sphere(
     reflect: Reflect, *, lamps: int = 24, texels: int = 600, noise: float = 0.0, slope: float = 0.0, seed: int = 1,
-    turned: float = 0.0,
+    turned: float = 0.0, beside: float = 0.0,
 ) -> tuple[TiltSample, np.ndarray]:
     """The observations, and the true normals (T, 3).
 
     ``noise``: relative; ``slope``: of the bumps; ``turned``: radians by which each sun is believed elsewhere.
+    ``beside``: about how far from each texel of the first half one of the second is, radians; 0: anywhere.
     """
     rng = np.random.default_rng(seed)
     normal, lit = directions(rng, texels, lamps)
+    if beside:
+        half = normal[:texels // 2]
+        normal = np.concatenate([half, unit(half + beside * rng.standard_normal(half.shape))])
     true = unit(normal + bumps(normal, slope))
     radiance = np.stack([reflect(way, true) * np.maximum(true @ way, 0)[:, None] for way in lit], 1)
     radiance *= 1 + noise * rng.standard_normal((texels, lamps, 1))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..calibration.texel_materials import lobes_of, materials_of
-from ..data import F64
+from ..data import F64, I32
 from ..evaluation.folds import Folds, Judge, scatter, split
 from ..evaluation.joint_material import OneMaterial
 from ..evaluation.sampled_texels import Lobes, SampledTexels, parts, predicted
@@ -25,9 +25,10 @@ LEAST_TEXELS = 100
 LEAST_VIEWS = 6  # good observations of a texel: fewer say nothing when a third is left out
 LEAST_TILT = np.radians(0.15)  # standard deviation: less is not worth a map
 SURE = 3.0  # standard errors
+OUTLYING = 3.0  # standard deviations at which errors are cut off whose products are looked at
 LEAST_ERROR = 0.005  # of the radiance: what refined normals must explain
 BETTER = 3 / 4  # ratio to which the error must fall
-WORSE = 1.02  # ratio to which the error of L* may rise
+WORSE = 1.02  # ratio to which the error of L* may rise in any case
 HIGHLIGHT = 0.25  # of the radiance: lobes that show more make a highlight
 LEAST_SEEN = 1e-6
 PASSES = 2  # of tilts and roughnesses in turn
@@ -95,6 +96,7 @@ class _Contest:
         self.judge = Judge(self.judged, folds)
         self.predictions: dict[str, list[F64]] = {"lambert": [], GIVEN: [], LARGE: [], ALL: []}
         self.left: dict[str, F64] = {}
+        self.nearest = _nearest(sample.rig.position)
 
     def _highlights(self) -> np.ndarray:
         texels = self.sample.texels
@@ -138,10 +140,50 @@ class _Contest:
         return np.asarray(np.log(np.where(known, shown, 1.0) / np.where(known, observed, 1.0)))
 
     def _worth(self, name: str, other: str, ratio: float) -> bool:
-        """Whether one predicts better than another: beyond the scatter, and by what can be seen."""
+        """Whether one predicts better than another: beyond the scatter, and by what can be seen.
+
+        All that they are off by may say so, or that which is no noise: noise may be most of it.
+        """
+        return not self._rises(name, other) and any(
+            gain.sum() > SURE * scatter(gain, self.sample.rig.cluster) and after < ratio * before
+            and before**2 - after**2 > LEAST_ERROR**2
+            for gain, after, before in (self._whole(name, other), self._in_common(name, other)))
+
+    def _rises(self, name: str, other: str) -> bool:
+        """Whether the error of L* does, beyond the scatter: without a third of its lamps, a texel may flash."""
+        ratio = self.judge.error(name).lightness / max(self.judge.error(other).lightness, LEAST_SEEN)
+        rise = self.judge.candidates[name].lightness - self.judge.candidates[other].lightness
+        return ratio >= WORSE and float(rise.sum()) > scatter(rise, self.sample.rig.cluster)
+
+    def _whole(self, name: str, other: str) -> tuple[F64, float, float]:
+        """(T,) by how much one predicts better than another, and what the two are off by."""
         after, before = self.scale(name), self.scale(other)
         unit = CAUCHY * max(after, LEAST_SEEN)
         gain = (np.log1p((self.left[other] / unit) ** 2) - np.log1p((self.left[name] / unit) ** 2)).sum(1)
-        lighter = self.judge.error(name).lightness / max(self.judge.error(other).lightness, LEAST_SEEN)
-        return bool(gain.sum() > SURE * scatter(gain, self.sample.rig.cluster) and after < ratio * before
-                    and before**2 - after**2 > LEAST_ERROR**2 and lighter < WORSE)
+        return gain, after, before
+
+    def _in_common(self, name: str, other: str) -> tuple[F64, float, float]:
+        """The same of what two texels next to each other are off by in common, which noise is not."""
+        most = OUTLYING * self.scale(other)
+
+        def products(each: str) -> F64:
+            left = np.clip(self.left[each], -most, most)
+            return np.asarray(left * left[self.nearest])
+
+        after, before = products(name), products(other)
+        return (before - after).sum(1), _root_mean(after), _root_mean(before)
+
+
+def _root_mean(products: F64) -> float:
+    """Of those that are known, which are not 0."""
+    known = products[products != 0]
+    return float(np.sqrt(max(float(known.mean()), 0.0))) if len(known) else 0.0
+
+
+def _nearest(position: F64) -> I32:
+    """(T,) of each of (T, 3) places the one that is next to it."""
+    middle = position - position.mean(0)
+    square = (middle**2).sum(-1)
+    apart = square[:, None] + square - 2 * middle @ middle.T
+    np.fill_diagonal(apart, np.inf)
+    return np.asarray(apart.argmin(1), np.int32)

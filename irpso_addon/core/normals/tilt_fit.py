@@ -1,13 +1,13 @@
 """The tilt of each texel's normal that explains what is observed of it.
 
-Gauss-Newton on radiance, each texel's base colour eliminated (variable projection, Golub and Pereyra, SIAM J. Numer.
-Anal. 10, 1973).  Errors count relative to the radiance and a part of what is typical of the texel: noise and light that
-bounces do not vanish where the light is grazing.  Cauchy weights: shadows that the mesh does not cast.
+Gauss-Newton on radiance, each texel's base colour and roughness eliminated (variable projection, Golub and Pereyra,
+SIAM J. Numer. Anal. 10, 1973).  Errors count relative to the radiance and a part of what is typical of the texel: noise
+and light that bounces do not vanish where the light is grazing.  Cauchy weights: shadows that the mesh does not cast.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,9 @@ LONGEST = 0.2  # radians: a step
 STEEPEST = 1.2  # tangent of the steepest tilt
 TYPICAL = 0.3  # of the median radiance: errors below count as much as there
 LEAST_SCATTER = 1e-3
-NUMBERS = 3  # that are found in each texel
+NUMBERS = 3  # that are found in each texel, its roughness aside, which few observations say anything of
+ROUGHNESS, ROUGHER = 0.5, 0.3  # of its logarithm: standard deviation; a step
+ROUGH = 0.05, 1.0  # what roughness may be
 
 
 @dataclass(frozen=True)
@@ -63,8 +65,7 @@ def fit_tilts(
     scatter: float | None = None, rounds: int = ROUNDS,
 ) -> TiltsFound:
     """``known``: (V,) layers to go by.  ``start``: (T, 2) tilts.  ``scatter``: of a larger sample."""
-    model = TiltModel(sample, lobes)
-    fit = _Fit(model, np.ones(len(sample.rig.view), bool) if known is None else known)
+    fit = _Fit(sample, lobes, np.ones(len(sample.rig.view), bool) if known is None else known)
     tilt = np.zeros((len(sample.first), 2)) if start is None else start
     for n in range(rounds):
         found = fit.round(tilt, scatter)
@@ -113,13 +114,14 @@ class TiltModel:
 class _Fit:
     """One sample's rounds."""
 
-    def __init__(self, model: TiltModel, known: Bool) -> None:
-        texels = model.sample.texels
-        self.model, self.observed = model, mean(texels.reflected)
+    def __init__(self, sample: TiltSample, lobes: Lobes, known: Bool) -> None:
+        texels = sample.texels
+        self.sample, self.lobes, self.observed = sample, lobes, mean(texels.reflected)
+        self.rougher = np.zeros(len(texels.cos_v))  # (T,) logarithm of roughness over that of the lobes
         self.paints = paints_of(texels)
         self.good: Bool = texels.usable() & known
         # Radiance over that which a surface facing the light would have its irradiance of:
-        facing = np.clip(dot(texels.lobes[..., 2], model.sample.share), 0.05, 1.0)
+        facing = np.clip(dot(texels.lobes[..., 2], sample.share), 0.05, 1.0)
         shown = np.where(self.good, np.maximum(self.observed, 0.0) * facing, np.nan)
         some = self.good.any(1)
         typical = np.ones(len(shown))
@@ -129,8 +131,12 @@ class _Fit:
         self.weight = self.root**2  # robust weights come on top
 
     def round(self, tilt: F64, scatter: float | None) -> TiltsFound:
-        """The observations, linearised at a tilt."""
-        white, rest = self.model.at(tilt)
+        """The observations, linearised at a tilt.
+
+        The roughness is eliminated, and stepped: of a highlight that is too wide for it, tilts would take up a part.
+        """
+        model = self._model(0.0)
+        white, rest = model.at(tilt)
         left = self._left(white, self.observed - rest)
         spread = self._scatter(left) if scatter is None else scatter
         robust = 1 / (1 + (left * self.root / (CAUCHY * spread)) ** 2)
@@ -138,16 +144,26 @@ class _Fit:
         base = self._bases(white, self.observed - rest)
         left = self.observed - rest - base * white
         columns = []
-        for axis in np.eye(2) * STEP:
-            more_white, more_rest = self.model.at(tilt + axis)
+        changed = (*(model.at(tilt + axis) for axis in np.eye(2) * STEP), self._model(STEP).at(tilt))
+        for more_white, more_rest in changed:
             slope = (base * (more_white - white) + more_rest - rest) / STEP
             columns.append(slope - self._bases(white, slope) * white)
-        slopes = np.stack(columns, -1)  # (T, V, 2)
-        weighted = slopes * (self.weight / spread**2)[..., None]
-        across = weighted.transpose(0, 2, 1)
-        information = across @ slopes
-        pull = (across @ left[..., None] + information @ tilt[..., None])[..., 0]
-        return TiltsFound(information, pull, spread)
+        slopes = np.stack(columns, -1)  # (T, V, 3)
+        across = (slopes * (self.weight / spread**2)[..., None]).transpose(0, 2, 1)
+        normal, pull = across @ slopes, (across @ left[..., None])[..., 0]
+        pull[:, 2] -= self.rougher / ROUGHNESS**2
+        own = normal[:, 2, 2] + 1 / ROUGHNESS**2
+        taken = normal[:, :2, 2] / own[:, None]
+        information = normal[:, :2, :2] - taken[:, :, None] * normal[:, None, 2, :2]
+        turn = pull[:, :2] - taken * pull[:, 2:]
+        by = np.einsum("tij,tj->ti", np.linalg.inv(information + np.eye(2) / WIDE**2), turn)
+        self.rougher += np.clip((pull[:, 2] - (normal[:, 2, :2] * by).sum(-1)) / own, -ROUGHER, ROUGHER)
+        return TiltsFound(information, turn + np.einsum("tij,tj->ti", information, tilt), spread)
+
+    def _model(self, more: float) -> TiltModel:
+        """Of the texels' roughness now, and ``more`` in the logarithm."""
+        factor = np.exp(self.rougher + more)[:, None]
+        return TiltModel(self.sample, replace(self.lobes, roughness=np.clip(self.lobes.roughness * factor, *ROUGH)))
 
     def _left(self, white: F64, rest: F64) -> F64:
         return rest - self._bases(white, rest) * white
