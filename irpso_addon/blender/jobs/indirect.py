@@ -68,8 +68,9 @@ class IndirectRenderer:
         import bpy
 
         scene = bpy.context.scene
+        cycles = getattr(scene, "cycles", None)  # an add-on, which this Blender may have switched off
         return cls(blend.resolve(), scene.name, bpy.context.view_layer.name, second_blender.command(),
-                   direct_only=scene.cycles.max_bounces == 0)
+                   direct_only=cycles is not None and cycles.max_bounces == 0)
 
     def __call__(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, Mapping[int, Bounced]]:
         """Indirect light on the pixels of each view, by its place in the scene.
