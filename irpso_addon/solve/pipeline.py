@@ -42,6 +42,11 @@ ROUND_SIZE = 512  # texels: of maps that only the next round needs
 class Bounce(Protocol):
     """Renders the indirect light of a scene's views from the maps so far."""
 
+    @property
+    def direct_only(self) -> bool:
+        """The file renders no light that bounces: nor then do pictures that it has rendered hold any."""
+        ...
+
     def __call__(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, Mapping[int, Bounced]]:
         """Of all views, by their place in the scene."""
         ...
@@ -113,7 +118,7 @@ def outcome(
         solve_round = partial(one_round, read_image=read_image, clock=clock, settled=best.judged)
         rough = yield from _align(best, settings, partial(solve_round, settings=small))
         aligned, lit, why = rough.given, None, ""
-        if bounce is not None and _may_bounce(settings, scene, rough.solution):
+        if bounce is not None and _may_bounce(settings, scene, rough.solution, bounce):
             lit, why = yield from _take_out_indirect(rough, scene, settings, bounce, solve_round, clock)
         if lit is not None:
             best = lit
@@ -194,14 +199,14 @@ def _better(after: Outcome, before: Outcome) -> bool:
     return explained > 0 and (not foretold or float(np.mean(foretold)) < max(np.log(FORETOLD), explained))
 
 
-def _may_bounce(settings: SolveSettings, scene: SceneData, solution: Solution) -> bool:
+def _may_bounce(settings: SolveSettings, scene: SceneData, solution: Solution, bounce: Bounce) -> bool:
     """Whether indirect light is to be rendered; with indirect 'auto', a few small renders have a say in it too.
 
     Under a world no place is unlit, so that no shadow shows it.
     """
     assert solution.checks is not None
     unlit = solution.checks.unlit_share
-    hidden = math.isnan(unlit) and any(view.environment is not None for view in scene.views)
+    hidden = math.isnan(unlit) and any(view.environment is not None for view in scene.views) and not bounce.direct_only
     return settings.indirect == "on" or (settings.indirect == "auto" and (hidden or is_indirect(unlit)))
 
 

@@ -261,6 +261,8 @@ def test_under_a_world_little_is_rendered_where_no_light_can_bounce(tmp_path: Pa
     class Test:
         """Of the renders, the few alone."""
 
+        direct_only = bouncer.direct_only
+
         def sample(self, scene: SceneData, solution: Solution) -> Iterator[object]:
             asked.append(scene)
             return (yield from bouncer.sample(scene, solution))
@@ -273,6 +275,11 @@ def test_under_a_world_little_is_rendered_where_no_light_can_bounce(tmp_path: Pa
     solution = thread.run(lambda: pipeline.solve(data, settings, bounce=Test()))
     assert solution.checks is not None and solution.checks.not_bounced.startswith("no surface in the scene")
     assert len(asked) == 1 and not any("bounced" in line for line in solution.warnings)
+    bpy.context.scene.cycles.max_bounces = 0  # as in a file whose pictures have direct light alone
+    bouncer = indirect.IndirectRenderer.of_open_file(tmp_path / "scene.blend")
+    Test.direct_only = bouncer.direct_only
+    thread.run(lambda: pipeline.solve(data, settings, bounce=Test()))
+    assert len(asked) == 1
 
 
 def test_a_world_that_a_view_turns_is_turned_where_it_is_rendered(tmp_path: Path, monkeypatch) -> None:

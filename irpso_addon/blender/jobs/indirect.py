@@ -48,6 +48,7 @@ class IndirectRenderer:
     scene: str
     view_layer: str
     command: tuple[str, ...]  # starts a Blender that runs the Python code that follows
+    direct_only: bool = False  # the file itself renders no light that bounces
     copy: tempfile.TemporaryDirectory[str] | None = None  # where ``blend`` lies that we saved ourselves
 
     @classmethod
@@ -66,7 +67,10 @@ class IndirectRenderer:
         """For ``blend``, which is what is open, as it was saved."""
         import bpy
 
-        return cls(blend.resolve(), bpy.context.scene.name, bpy.context.view_layer.name, second_blender.command())
+        scene = bpy.context.scene
+        cycles = getattr(scene, "cycles", None)  # an add-on, which this Blender may have switched off
+        return cls(blend.resolve(), scene.name, bpy.context.view_layer.name, second_blender.command(),
+                   direct_only=cycles is not None and cycles.max_bounces == 0)
 
     def __call__(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, Mapping[int, Bounced]]:
         """Indirect light on the pixels of each view, by its place in the scene.
