@@ -6,7 +6,6 @@ left out is then predicted under it.
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from ..data import F64, I32
 from ..evaluation.folds import Folds, Judge, scatter, split
 from ..evaluation.joint_material import OneMaterial
 from ..evaluation.sampled_texels import Lobes, SampledTexels, parts, predicted
-from ..job import Progress
+from ..job import Progress, Steps, share_of
 from .low_pass import common
 from .tilt_fit import CAUCHY, TiltsFound, fit_tilts
 from .tilt_sample import TiltSample
@@ -45,34 +44,63 @@ class NormalsJudged:
     deviation: float  # standard deviation of a tilt, radians
     given: float  # as of RefinedNormals
     refined: float
+    apart: bool  # each texel's roughness is found beside its tilt; else after it
 
 
-def judge_normals(sample: TiltSample) -> Generator[Progress, None, NormalsJudged | str]:
-    """What is to be refined; or why the normals stay as they are given."""
+def judge_normals(sample: TiltSample) -> Steps[NormalsJudged | str]:
+    """What is to be refined; or why the normals stay as they are given.
+
+    Where a material has paints of several roughnesses, tilts take up a part of them if one roughness is held while
+    they are found.  Where a reflection is not the model's, a roughness beside each tilt takes up a part of that.
+    Prediction decides.
+    """
     sample = sample.part(sample.texels.usable().sum(1) >= LEAST_VIEWS)
     folds, texels = split(sample.texels), sample.texels
     if folds is None or len(texels.cos_v) < LEAST_TEXELS:
         return FEW
     yield Progress(0.0, "normals", "shading normals")
     given = _lobes(sample, texels, materials_of(sample.rig, texels, not sample.rig.scale_known))
-    found = fit_tilts(sample, given)
+    best: _Contest | None = None
+    for n, apart in enumerate((False, True)):
+        fitted = yield from share_of(_fitted(sample, given, apart), 0.5 * n, 0.5 * n + 0.2)
+        if fitted is None:
+            if not apart:
+                return "they explain the views"
+            break
+        contest = _Contest(sample, given, fitted, folds)
+        for fold, left_out in enumerate(folds.left_out):
+            contest.predict(~left_out)
+            yield Progress(0.5 * n + 0.2 + 0.3 * (fold + 1) / len(folds.left_out), "normals")
+        if contest.worth_it() and (best is None or contest.beats(best)):
+            best = contest
+    if best is None:
+        return "refined ones predict left-out views no better"
+    return best.judged_normals()
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """What all views say of a sample."""
+
+    apart: bool  # as of NormalsJudged
+    materials: dict[int, OneMaterial]
+    lobes: Lobes
+    tilts: TiltsFound
+
+
+def _fitted(sample: TiltSample, given: Lobes, apart: bool) -> Steps[_Fitted | None]:
+    """Tilts, and the materials under them; None: they are too small to matter."""
+    found = fit_tilts(sample, given, apart=apart)
     if found.deviation() < LEAST_TILT:
-        return "they explain the views"
+        return None
     for n in range(PASSES):
-        yield Progress(0.2 + 0.3 * n / PASSES, "normals")
+        yield Progress(n / PASSES, "normals")
         tilt = found.under(found.deviation())[0]
         seen = sample.tilted(tilt)[0]
         materials = materials_of(sample.rig, seen, not sample.rig.scale_known)
         lobes = _lobes(sample, seen, materials)
-        found = fit_tilts(sample, lobes, start=tilt)
-    yield Progress(0.5, "normals")
-    contest = _Contest(sample, given, lobes, found, folds)
-    for n, left_out in enumerate(folds.left_out):
-        contest.predict(~left_out)
-        yield Progress(0.5 + 0.5 * (n + 1) / len(folds.left_out), "normals")
-    if not contest.worth_it():
-        return "refined ones predict left-out views no better"
-    return NormalsJudged(materials, found.scatter, found.deviation(), *(contest.scale(name) for name in (LARGE, ALL)))
+        found = fit_tilts(sample, lobes, start=tilt, apart=apart)
+    return _Fitted(apart, materials, lobes, found)
 
 
 def large_scale(sample: TiltSample, tilt: F64) -> F64:
@@ -88,8 +116,9 @@ def _lobes(sample: TiltSample, texels: SampledTexels, materials: dict[int, OneMa
 class _Contest:
     """What given and refined normals predict of left-out views, highlights apart."""
 
-    def __init__(self, sample: TiltSample, given: Lobes, lobes: Lobes, whole: TiltsFound, folds: Folds) -> None:
-        self.sample, self.given, self.lobes, self.folds = sample, given, lobes, folds
+    def __init__(self, sample: TiltSample, given: Lobes, fitted: _Fitted, folds: Folds) -> None:
+        self.sample, self.given, self.fitted, self.folds = sample, given, fitted, folds
+        self.lobes, whole = fitted.lobes, fitted.tilts
         self.start = whole.under(whole.deviation())[0]
         texels = sample.texels
         self.judged = replace(texels, quality=np.where(self._highlights(), 0.0, texels.quality))
@@ -110,7 +139,7 @@ class _Contest:
         sample = self.sample
         self.predictions["lambert"].append(predicted(self.judged, None, known))
         self.predictions[GIVEN].append(predicted(self.judged, self.given, known))
-        found = fit_tilts(sample, self.lobes, known, self.start)
+        found = fit_tilts(sample, self.lobes, known, self.start, apart=self.fitted.apart)
         tilt = found.under(found.deviation())[0]
         for name, tilts in ((LARGE, large_scale(sample, tilt)), (ALL, tilt)):
             seen, more = sample.tilted(tilts)
@@ -124,6 +153,23 @@ class _Contest:
             self.judge.add(name, predictions)
             self.left[name] = self._left(predictions)
         return self._worth(ALL, GIVEN, 1.0) and self._worth(ALL, LARGE, BETTER)
+
+    def beats(self, other: _Contest) -> bool:
+        """Whether under these refined normals texels next to each other are off by less in common, beyond the scatter.
+
+        Noise, which they do not share, hides the difference in all that they are off by.
+        """
+        most = OUTLYING * self.scale(GIVEN)
+        both = (self.left[ALL] != 0) & (other.left[ALL] != 0)
+        mine, others = (np.clip(contest.left[ALL], -most, most) * both for contest in (self, other))
+        gain = (others * others[self.nearest] - mine * mine[self.nearest]).sum(1)
+        return bool(gain.sum() > scatter(gain, self.sample.rig.cluster))
+
+    def judged_normals(self) -> NormalsJudged:
+        """What all views say, and what it predicts of left-out ones."""
+        tilts = self.fitted.tilts
+        return NormalsJudged(self.fitted.materials, tilts.scatter, tilts.deviation(), self.scale(LARGE),
+                             self.scale(ALL), self.fitted.apart)
 
     def scale(self, name: str) -> float:
         """Robust standard deviation of what predictions are off by, relative."""

@@ -62,10 +62,13 @@ class TiltsFound:
 
 def fit_tilts(
     sample: TiltSample, lobes: Lobes, known: Bool | None = None, start: F64 | None = None,
-    scatter: float | None = None, rounds: int = ROUNDS,
+    scatter: float | None = None, rounds: int = ROUNDS, apart: bool = True,
 ) -> TiltsFound:
-    """``known``: (V,) layers to go by.  ``start``: (T, 2) tilts.  ``scatter``: of a larger sample."""
-    fit = _Fit(sample, lobes, np.ones(len(sample.rig.view), bool) if known is None else known)
+    """``known``: (V,) layers to go by.  ``start``: (T, 2) tilts.  ``scatter``: of a larger sample.
+
+    ``apart``: each texel's roughness is found beside its tilt; else that of ``lobes`` holds.
+    """
+    fit = _Fit(sample, lobes, np.ones(len(sample.rig.view), bool) if known is None else known, apart)
     tilt = np.zeros((len(sample.first), 2)) if start is None else start
     for n in range(rounds):
         found = fit.round(tilt, scatter)
@@ -114,9 +117,9 @@ class TiltModel:
 class _Fit:
     """One sample's rounds."""
 
-    def __init__(self, sample: TiltSample, lobes: Lobes, known: Bool) -> None:
+    def __init__(self, sample: TiltSample, lobes: Lobes, known: Bool, apart: bool) -> None:
         texels = sample.texels
-        self.sample, self.lobes, self.observed = sample, lobes, mean(texels.reflected)
+        self.sample, self.lobes, self.apart, self.observed = sample, lobes, apart, mean(texels.reflected)
         self.rougher = np.zeros(len(texels.cos_v))  # (T,) logarithm of roughness over that of the lobes
         self.paints = paints_of(texels)
         self.good: Bool = texels.usable() & known
@@ -144,13 +147,20 @@ class _Fit:
         base = self._bases(white, self.observed - rest)
         left = self.observed - rest - base * white
         columns = []
-        changed = (*(model.at(tilt + axis) for axis in np.eye(2) * STEP), self._model(STEP).at(tilt))
+        changed = [model.at(tilt + axis) for axis in np.eye(2) * STEP]
+        if self.apart:
+            changed.append(self._model(STEP).at(tilt))
         for more_white, more_rest in changed:
             slope = (base * (more_white - white) + more_rest - rest) / STEP
             columns.append(slope - self._bases(white, slope) * white)
-        slopes = np.stack(columns, -1)  # (T, V, 3)
+        slopes = np.stack(columns, -1)  # (T, V, 2 or 3)
         across = (slopes * (self.weight / spread**2)[..., None]).transpose(0, 2, 1)
         normal, pull = across @ slopes, (across @ left[..., None])[..., 0]
+        information, turn = self._without_roughness(normal, pull) if self.apart else (normal, pull)
+        return TiltsFound(information, turn + np.einsum("tij,tj->ti", information, tilt), spread)
+
+    def _without_roughness(self, normal: F64, pull: F64) -> tuple[F64, F64]:
+        """(T, 2, 2) and (T, 2) of the tilts, of the equations of both; roughness is eliminated, and stepped."""
         pull[:, 2] -= self.rougher / ROUGHNESS**2
         own = normal[:, 2, 2] + 1 / ROUGHNESS**2
         taken = normal[:, :2, 2] / own[:, None]
@@ -158,7 +168,7 @@ class _Fit:
         turn = pull[:, :2] - taken * pull[:, 2:]
         by = np.einsum("tij,tj->ti", np.linalg.inv(information + np.eye(2) / WIDE**2), turn)
         self.rougher += np.clip((pull[:, 2] - (normal[:, 2, :2] * by).sum(-1)) / own, -ROUGHER, ROUGHER)
-        return TiltsFound(information, turn + np.einsum("tij,tj->ti", information, tilt), spread)
+        return information, turn
 
     def _model(self, more: float) -> TiltModel:
         """Of the texels' roughness now, and ``more`` in the logarithm."""

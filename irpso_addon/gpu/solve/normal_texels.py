@@ -7,6 +7,7 @@ import os
 from collections import deque
 from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 
@@ -114,9 +115,10 @@ def _fitted(sample: TiltSample, judged: NormalsJudged) -> tuple[F64, F64]:
     known = [judged.materials.get(int(slot), OneMaterial(0.5)) for slot in sample.rig.slot]
     rough, level = (np.array([getattr(one, name) for one in known]) for name in ("roughness", "level"))
     first = Lobes(np.stack([rough, rough], -1), np.ones(len(rough)), level)
-    tilt = fit_tilts(sample, first, scatter=judged.scatter, rounds=ROUNDS[0]).under(judged.deviation)[0]
+    fit = partial(fit_tilts, sample, scatter=judged.scatter, apart=judged.apart)
+    tilt = fit(first, rounds=ROUNDS[0]).under(judged.deviation)[0]
     lobes = lobes_of(sample.rig, sample.tilted(tilt)[0], judged.materials)
-    found = fit_tilts(sample, lobes, start=tilt, scatter=judged.scatter, rounds=ROUNDS[1])
+    found = fit(lobes, start=tilt, rounds=ROUNDS[1])
     return found.information, found.pull
 
 
