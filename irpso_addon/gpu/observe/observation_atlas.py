@@ -37,6 +37,7 @@ REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts h
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
 SHARED_ERROR = 0.001  # relative: of the forward model in a pixel, and alike in neighbouring texels
 ENVIRONMENT_ERROR = 0.006  # the same of light from all around, which is a sum: docs/environment.md
+CURVE_ERROR = 0.027  # the same where a tone curve is undone: what its two numbers leave over, docs/decisions/0055
 MODEL_ERROR = 0.003  # relative: pixels stand for texels
 LEAST_GAIN = 5.0  # nats a texel: such errors are mimicked by more lobes; up to 2.9 was seen
 
@@ -189,7 +190,8 @@ class CameraSource:
         # measured: as noise (docs/decisions/0056).
         alone = len(set(groups)) == len(groups)
         self.camera_slack = 0.0 if alone else CAMERA_SLACK
-        self.shared_error = ENVIRONMENT_ERROR if around else SHARED_ERROR
+        curved = any(view.view.shoulder != 1 for camera in observations.cameras for view in camera.views)
+        self.shared_error = CURVE_ERROR if curved else ENVIRONMENT_ERROR if around else SHARED_ERROR
         self.model_error = MODEL_ERROR
         self.least_gain = LEAST_GAIN
         self.misfit = misfit
