@@ -1,8 +1,9 @@
 """The tilt of each texel's normal that explains what is observed of it.
 
-Gauss-Newton on radiance, each texel's base colour and roughness eliminated (variable projection, Golub and Pereyra,
-SIAM J. Numer. Anal. 10, 1973).  Errors count relative to the radiance and a part of what is typical of the texel: noise
-and light that bounces do not vanish where the light is grazing.  Cauchy weights: shadows that the mesh does not cast.
+Gauss-Newton on radiance, each texel's base colour eliminated, and its roughness where it is not held (variable
+projection, Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973).  Errors count relative to the radiance and a part of what
+is typical of the texel: noise and light that bounces do not vanish where the light is grazing.  Cauchy weights: shadows
+that the mesh does not cast.
 """
 
 from __future__ import annotations
