@@ -33,17 +33,16 @@ def export_object(
     mesh = read_mesh(obj, bpy.context.evaluated_depsgraph_get(), {}, lambda _: None)
     used = [obj.material_slots[slot].material for slot in np.unique(mesh.slots) if slot < len(obj.material_slots)]
     lost += [line for material in dict.fromkeys(used) for line in _left_out(material)]
-    own = maps.normal if isinstance(maps, Maps) else None
-    normals = _normals(obj, used, lost.append) if own is None else own
-    if normals is not None and target != HERE and _unevenly_scaled(obj):
+    if isinstance(maps, MapFiles):
+        reader = MapReader.of_files(maps, [layer for layer in target_export.LAYERS if layer in maps.paths])
+    else:
+        reader = MapReader.of_maps(maps)
+    own = "normal" in reader.layers
+    normals = None if own else _normals(obj, used, lost.append)
+    if (own or normals is not None) and target != HERE and _unevenly_scaled(obj):
         lost.append(f"object '{obj.name}': is scaled unevenly, and Blender bends the normals of its normal map by "
                     "that, as other programs do not; apply the scale (Ctrl A) and solve again")
     found = ExportObject(obj.name, mesh, surfaces, normals)
-    if isinstance(maps, MapFiles):
-        layers = [layer for layer in target_export.LAYERS if layer in maps.paths]
-        reader = MapReader.of_files(maps, layers)
-    else:
-        reader = MapReader.of_maps(maps)
     written = target_export.write_target(found, reader, target, out)
     lost += target_export.losses(found, target)
     if left := target_export.earlier_files(found, target, written):

@@ -13,6 +13,7 @@ from ..core.data import F32, F64, I32, Bool, Camera, Maps, RadianceImage, View
 from ..core.images.response import file_scale, straightened
 from ..core.job import Progress
 from ..core.maps.export import layers
+from ..core.normals.tangent_map import FLAT, encoded, tangent_part
 from ..core.reporting.estimates import bytes_per_pixel
 from ..core.tiled import uv_blocks
 from ..core.tiled.reference_cache import CachedReference
@@ -22,6 +23,7 @@ from ..core.tiled.work_folder import WorkFolder
 from ..core.vignetting import brightened
 from ..gpu.device import thread
 from ..gpu.device.context import Device
+from ..gpu.gbuffer.gbuffer import MeshBuffer
 from ..gpu.maps.finish_maps import CoarseSurroundings, filled
 from ..gpu.maps.partial_solve import PartialSolve
 from ..gpu.observe.picture_memory import channels_needed
@@ -65,7 +67,10 @@ def _block(
 ) -> Generator[Progress, None, tuple[Maps, F64]]:
     side = window.side
     mesh = replace(plan.scene.mesh, grid=window.grid(plan.scene.mesh.uvs), extent=side / window.size)
-    grid, around = draw_texels(device, mesh, side), _around(plan, window)
+    buffer, tilts, around = MeshBuffer(device, mesh), plan.tilts(window), _around(plan, window)
+    if tilts is not None:
+        buffer.refine(tilts)
+    grid = draw_texels(device, buffer, side)
     if not grid.coverage.any():
         return _unseen(plan, side, around), np.zeros((1, 7))
     settings = replace(plan.settings, size=side, loss="robust" if plan.robust else "squares",
@@ -81,8 +86,10 @@ def _block(
     inside, relative = made.solved[core], made.relative[core].astype(np.float64)
     counts = (grid.coverage[core], inside | made.shown[core], made.good[core],
               grid.coverage[core] & made.maps.filled[core])
-    return made.maps, np.array([[*(float(flags.sum()) for flags in counts), float((relative[inside] ** 2).sum()),
-                                 float(inside.sum()), float(reduced)]])
+    stats = [*(float(flags.sum()) for flags in counts), float((relative[inside] ** 2).sum()), float(inside.sum()),
+             float(reduced)]
+    normal = None if tilts is None else encoded(tangent_part(mesh), grid.normal, grid.coverage)
+    return replace(made.maps, normal=normal), np.array([stats])
 
 
 def _last(plan: Plan, window: UvBlock, slots: I32) -> EarlierResult:
@@ -167,9 +174,11 @@ def _complete(plan: Plan, maps: Maps) -> Maps:
         specular = np.full_like(rough, 0.5)
     known = plan.solution.maps
     metallic = np.zeros_like(rough) if maps.metallic is None else maps.metallic
+    normal = np.tile(np.array(FLAT, np.float32), (*rough.shape, 1)) if maps.normal is None else maps.normal
     return replace(maps, lobes=None if known.lobes is None else lobes,
                    specular=None if known.specular is None else specular,
-                   metallic=None if known.metallic is None else metallic)
+                   metallic=None if known.metallic is None else metallic,
+                   normal=None if known.normal is None else normal)
 
 
 def _core(maps: Mapping[str, F32], window: UvBlock) -> dict[str, F32]:

@@ -200,7 +200,7 @@ def _ladder(
     if sparse is not None:
         surface, slots = surface_of(device, maps, sparse), sparse.picked(slots)
         last = None if last is None else picked(last, sparse)
-    misfit = REFINED if isinstance(views.normals, NormalsJudged) or keeps_normals(scene) else 0.0
+    misfit = REFINED if views.grid.mesh.offsets is not None or keeps_normals(scene) else 0.0
     source = CameraSource(device, surface, views.observations, scene.mesh.extent, misfit,
                           1 if sparse is None else sparse.stride)
     steps = Ladder(device, source, given.settings,

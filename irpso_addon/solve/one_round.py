@@ -65,6 +65,7 @@ class Outcome:
     robust: bool  # whether outliers were disbelieved
     bounced: Mapping[int, Bounced] | None  # indirect light by the view's place in the scene
     judged: Judged | None  # what was put right of lamps and exposures
+    tilt: F32 | None  # (m, m, 3) over the texel grid: what refined normals add to the mesh's own, world
 
 
 def bake_gbuffer(scene: SceneData, size: int) -> Generator[Progress, None, GBuffer]:
@@ -131,7 +132,7 @@ def one_round(
             normals_why=solved.normals if isinstance(solved.normals, str) else "")
         return Outcome(
             solved.scene, solved.given, solution, solved.observations.level, solved.ladder.noise, solved.ladder.robust,
-            bounced, solved.judged)
+            bounced, solved.judged, solved.grid.mesh.offsets)
 
 
 def _normals(given: TexelGrid, solved: Solved) -> RefinedNormals | None:

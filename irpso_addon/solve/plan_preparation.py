@@ -31,7 +31,6 @@ from .one_round import Outcome, tried
 from .pipeline import Bounce, not_bounced, outcome
 
 PLANNED = 0.25  # of the whole, once the plan is made
-MESH_NORMALS = "a map that is solved in blocks keeps the mesh's normals"
 NO_INDIRECT = "Indirect Light is On, but IRPSO does not subtract it from several UDIMs; darken the surroundings"
 
 
@@ -108,22 +107,20 @@ def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generato
     read = partial(read_reference, max_pixels=most_pixels(scene.views, uv_blocks.PICTURES * thread.settings().memory))
     began = time.perf_counter()
     made: Outcome = yield from retold(
-        outcome(replace(scene, mesh=mesh), replace(settings, size=small.size, normals="mesh"), read, bounce), _of_plan)
+        outcome(replace(scene, mesh=mesh), replace(settings, size=small.size), read, bounce), _of_plan)
     clock.seconds["plan"] = time.perf_counter() - began
     if made.solution.cancelled:
         raise Cancelled
     if unable:
         made = not_bounced(made, SEVERAL_UDIMS, tried(settings))
     solution = _with_every_material(made.solution, scene.mesh, udims, settings)
-    if settings.normals == "auto":
-        solution = replace(solution, normals_why=MESH_NORMALS)
     yield from clock.stage("pictures", _developed(scene.views, work))
     kernels = "compute" if thread.device().prefers_compute else "fragment"
     scales = np.stack([file_scale(view) for view in scene.views])
     return Plan(replace(made.scene, mesh=scene.mesh), settings, udims, request.block, request.halo,
                 thread.settings().memory, kernels, scales, solution, made.level,
                 made.noise, made.robust, made.bounced, _stride(made.scene.views, scene.mesh, udims, settings, work),
-                _blend(bounce) if made.bounced is not None else "")
+                _blend(bounce) if made.bounced is not None else "", made.tilt)
 
 
 def _stride(

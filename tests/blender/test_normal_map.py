@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import bpy
 import numpy as np
 
 from irpso_addon.blender.export_object import export_object
-from irpso_addon.blender.files import read_maps
+from irpso_addon.blender.files import map_files, read_maps
 from irpso_addon.blender.jobs.solve_region import with_part
 from irpso_addon.blender.material import material
 from irpso_addon.blender.material.surfaces import solved_surfaces
@@ -17,6 +18,8 @@ from irpso_addon.blender.scene.scene_material import SlotNormalMap, read_normal_
 from irpso_addon.blender.scene.scene_mesh import read_mesh
 from irpso_addon.core.data import Maps, MeshArrays, SceneData, Solution
 from irpso_addon.core.images.image_file import open_image
+from irpso_addon.core.images.image_writer import write_image
+from irpso_addon.core.maps.export import as_stored, layers
 from irpso_addon.core.normals.tangent_map import tangents
 from tests.blender.materials import SIZE, make_maps, make_plane, make_solution, principled_of, tree_state
 
@@ -134,6 +137,35 @@ def test_exports_have_the_normals_of_the_result_that_is_exported(empty, tmp_path
     material.write_maps(obj, solution)
     paths, _ = export_object(obj, without.maps, solved_surfaces(obj, without), "gltf", tmp_path / "other")
     assert not [path for path in paths if "normal" in path.name]
+
+
+def test_normal_maps_of_several_udims(empty, tmp_path: Path) -> None:
+    """Linked as one tiled image of data, and exported one by one; MaterialX names all of them in one path."""
+    obj, udims = make_plane(), (1001, 1002)
+    each = {udim: with_normals(udim) for udim in udims}
+    solution = make_solution(ONE, each[1001])
+    files = material.files_of("Plane", solution.maps, tmp_path, "exr", udims)
+    for udim, maps in each.items():
+        for layer, array in layers(maps).items():
+            write_image(files.of(layer, udim), as_stored(layer, array), kind="exr", color=layer == "basecolor")
+    assert not material.link_maps(obj, solution, tmp_path, "exr", udims)
+    node = principled_of(obj.material_slots[0].material).inputs["Normal"].links[0].from_node
+    image = node.inputs["Color"].links[0].from_node.image
+    assert node.bl_idname == "ShaderNodeNormalMap" and image.source == "TILED" and image.colorspace_settings.is_data
+    assert tuple(tile.number for tile in image.tiles) == udims and image.filepath.endswith("Plane_normal.<UDIM>.exr")
+    kept = map_files(obj)
+    assert kept is not None and "normal" in kept.paths
+    for target, name, green in (("unreal", "T_Plane_N", -1), ("materialx", "Plane_geometry_normal", 1)):
+        paths, lost = export_object(obj, kept, solved_surfaces(obj, solution), target, tmp_path / target)
+        assert not lost
+        for udim, maps in each.items():
+            path = tmp_path / target / f"{name}.{udim}.png"
+            assert path in paths
+            file = open_image(path)
+            stored = file.read(0, file.height)[::-1, :, :3]
+            np.testing.assert_allclose(stored, (maps.normal - 0.5) * [1, green, 1] + 0.5, atol=0.003)
+    document = ElementTree.parse(tmp_path / "materialx" / "Plane.mtlx")
+    assert "Plane_geometry_normal.<UDIM>.png" in {value.get("value") for value in document.iter("input")}
 
 
 def test_a_normal_map_is_read_though_somebody_deleted_the_node_that_replaced_it(empty) -> None:

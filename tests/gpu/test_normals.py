@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from irpso_addon.core.data import Light, Region, Solution
+from irpso_addon.core.images.image_file import open_image
 from irpso_addon.core.images.image_writer import write_image
 from irpso_addon.core.normals.tangent_map import wearing
 from irpso_addon.core.params import SolveSettings
+from irpso_addon.core.tiled import uv_blocks
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.solve import normal_texels
 from irpso_addon.solve import tiled_solve
@@ -134,22 +137,66 @@ def test_a_part_under_kept_normals_is_as_sure_as_the_whole(rough, refined) -> No
     assert np.quantile(ratio, [0.1, 0.9]) == pytest.approx(1.0, abs=0.03)
 
 
-@pytest.mark.one_python
-def test_a_map_in_blocks_keeps_the_normals_of_the_mesh(rough, refined, tmp_path) -> None:
-    """Blocks hold no normal map; the plan, which is one small map, may not promise one."""
-    assert refined.normals is not None
+@dataclass(frozen=True)
+class InBlocks:
+    """A map that was solved in blocks: what its solve states, its plan's normal map, and its files."""
+
+    solution: Solution
+    planned: np.ndarray | None
+    layers: dict[str, np.ndarray]
+
+
+def in_blocks(shoot: syn.Shoot, folder: Path, size: int, plan: int) -> InBlocks:
+    """Blocks of 64 texels beside a plan of ``plan``."""
     views = []
-    for view in rough.scene.views:
-        write_image(tmp_path / view.image.name, rough.images[view.image.name].rgb, kind="exr", color=True)
-        views.append(replace(view, image=tmp_path / view.image.name))
-    request = TiledRequest(replace(rough.scene, views=tuple(views)), SolveSettings(**QUICK, size=96), block=64)
-    out = tmp_path / "maps"
-    out.mkdir()
-    solution = thread.run(lambda: tiled_solve.run(request, out, tmp_path / "work", "exr"))
-    assert solution.normals is None and solution.maps.normal is None and "in blocks" in solution.normals_why
-    assert not any("normal map" in line for line in solution.warnings)
-    assert [path for path in out.iterdir() if "roughness" in path.name]
-    assert not [path for path in out.iterdir() if "normal" in path.name]
+    folder.mkdir()
+    for view in shoot.scene.views:
+        write_image(folder / view.image.name, shoot.images[view.image.name].rgb, kind="exr", color=True)
+        views.append(replace(view, image=folder / view.image.name))
+    settings = SolveSettings(**QUICK | {"size": size, "lamps": "given", "exposures": "given"})
+    request = TiledRequest(replace(shoot.scene, views=tuple(views)), settings, block=64)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(uv_blocks, "PLAN", plan)
+        patch.setattr(uv_blocks, "PLAN_SQUARE", plan)
+        solution = thread.run(lambda: tiled_solve.run(request, folder, folder / "work", "exr"))
+    files = {path.stem.removeprefix("Subject_"): open_image(path) for path in folder.glob("Subject_*.exr")}
+    return InBlocks(solution, solution.maps.normal, {
+        layer: file.read(0, file.height)[::-1, :, :3] for layer, file in files.items()})
+
+
+@pytest.fixture(scope="module")
+def blocks(rough, tmp_path_factory) -> InBlocks:
+    return in_blocks(rough, tmp_path_factory.mktemp("blocks") / "out", size=96, plan=96)
+
+
+@pytest.mark.one_python
+def test_blocks_have_the_normals_of_the_plan(blocks, refined) -> None:
+    """Where both have the same texels their normal maps are the same, padding and borders of blocks included."""
+    assert blocks.solution.normals is not None and blocks.planned is not None
+    assert blocks.solution.normals.refined < 0.6 * blocks.solution.normals.given
+    assert any("normal map" in line for line in blocks.solution.warnings)
+    assert blocks.layers["normal"] == pytest.approx(blocks.planned, abs=2e-4)
+
+
+@pytest.mark.one_python
+def test_maps_in_blocks_are_as_right_as_in_one_piece_under_refined_normals(rough, blocks, refined) -> None:
+    found = replace(refined, maps=replace(
+        refined.maps, roughness=blocks.layers["roughness"][..., 0], base_color=blocks.layers["basecolor"],
+        filled=blocks.layers["filled"][..., 0] > 0.5))
+    whole, parts = (shoots.errors(solution, rough.truth) for solution in (refined, found))
+    assert parts.share > 0.98 * whole.share
+    assert parts.rough.mean() < 1.1 * whole.rough.mean() and parts.base.mean() < 1.1 * whole.base.mean()
+
+
+@pytest.mark.one_python
+def test_a_plan_of_fewer_texels_than_the_map(rough, refined, tmp_path) -> None:
+    found = in_blocks(rough, tmp_path / "out", size=128, plan=96)
+    maps = found.solution.maps
+    normal, filled = found.layers["normal"], found.layers["filled"][..., 0] > 0.5
+    before, after = angles(replace(found.solution, maps=replace(maps, normal=normal, coverage=~filled)))
+    assert before.mean() > 2.5 and after.mean() < 0.4 * before.mean()
+    steps = np.abs(np.diff(normal, axis=1)).mean(axis=(0, 2))
+    assert steps[63] < 1.2 * np.median(steps)  # across the border of two blocks
 
 
 def test_few_lamps_leave_the_normals(rough) -> None:

@@ -52,6 +52,7 @@ class MapReader:
 
     windows: Sequence[UvBlock]
     read: block_merge.ReadBlock  # layers of a block by its key, row 0 at the bottom
+    layers: frozenset[str]  # as export.py names them
     tiled: bool = False  # whether files of them are named by their UDIM
     paths: tuple[Path, ...] = ()  # the files that are read
 
@@ -62,7 +63,8 @@ class MapReader:
         windows = uv_blocks.all_blocks(len(maps.roughness), (FIRST_UDIM,))
         places = {window.key: tuple(slice(first, first + length) for first, length in zip(
             (window.y, window.x), window.shape, strict=True)) for window in windows}
-        return cls(windows, lambda key: {layer: array[places[key]] for layer, array in arrays.items()})
+        return cls(windows, lambda key: {layer: array[places[key]] for layer, array in arrays.items()},
+                   frozenset(arrays))
 
     @classmethod
     def of_files(cls, files: MapFiles, layers: Sequence[str]) -> MapReader:
@@ -76,7 +78,7 @@ class MapReader:
                            "solve again")
         windows = uv_blocks.all_blocks(size, udims)
         bands = _Bands(opened, list(layers), {window.key: window for window in windows})
-        return cls(windows, bands.read, files.tiled, tuple(file.path for file in opened.values()))
+        return cls(windows, bands.read, frozenset(layers), files.tiled, tuple(file.path for file in opened.values()))
 
 
 def export(files: MapFiles, stem: str, out: Path, kind: str) -> list[Path]:

@@ -23,7 +23,7 @@ from .map_set import MapReader
 from .materialx_document import materialx
 from .targets import DIELECTRIC, TARGETS, WEIGHT, Target, TargetFile, pack, pack_normals
 
-LAYERS = ("basecolor", "roughness", "specular", "metallic")  # that targets take; the last two where they are there
+LAYERS = ("basecolor", "roughness", "specular", "metallic", "normal")  # that targets take; the last three if there
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,8 @@ class ExportObject:
     name: str
     mesh: MeshArrays
     surfaces: Sequence[Surface]  # of each slot of the mesh
-    normal: F32 | None = None  # (h, w, 3) tangent-space normal map, 0..1, green up, row 0 at the bottom
+    # (h, w, 3) tangent-space normal map, 0..1, green up, row 0 at the bottom, where the maps have none
+    normal: F32 | None = None
     used: tuple[int, ...] = field(init=False)  # slots that have faces
 
     def __post_init__(self) -> None:
@@ -134,19 +135,19 @@ def _same(values: Sequence[float | None]) -> float | None:
 
 def _write_all(obj: ExportObject, maps: MapReader, target: Target, folder: Path) -> list[str]:
     """Every file of the set; their names."""
-    files = list(target.written(obj.metallic, obj.level, obj.normal is not None))
-    packed = [file for file in files if file.when != "normal"]
+    files = list(target.written(obj.metallic, obj.level, obj.normal is not None or "normal" in maps.layers))
+    packed = [file for file in files if _of_texels(file, maps)]
     scale = 1.0
     if any(WEIGHT in file.channels for file in packed):
         scale = max(1.0, *(2 * float(values.level.max()) for values in _values(obj, maps)))
     names = _write_images(obj, maps, packed, folder, scale)
     for file in files:
-        if file.when == "normal":
+        if file not in packed:
             assert obj.normal is not None
             names.append(_file_name(obj, file))
             write_image(folder / names[-1], pack_normals(file, obj.normal), kind=file.kind, color=False)
     if target.document:
-        images = {file.name: _file_name(obj, file, maps.tiled) for file in files}
+        images = {file.name: _file_name(obj, file, maps.tiled and file in packed) for file in files}
         names.append(f"{safe_stem(obj.name)}.{target.document}")
         path, coat = folder / names[-1], obj.coat or (0.0, 0.0)
         if target.document == "mtlx":
@@ -157,9 +158,14 @@ def _write_all(obj: ExportObject, maps: MapReader, target: Target, folder: Path)
     return names
 
 
+def _of_texels(file: TargetFile, maps: MapReader) -> bool:
+    """Whether a file is made of the maps' texels: all but a normal map that is the material's alone."""
+    return file.when != "normal" or "normal" in maps.layers
+
+
 def _file_name(obj: ExportObject, file: TargetFile, tiled: bool = False, udim: int | None = None) -> str:
     """Of one file; with ``tiled`` but no UDIM: of all of them."""
-    tile = f".{udim}" if udim is not None else ".<UDIM>" if tiled and file.when != "normal" else ""
+    tile = f".{udim}" if udim is not None else ".<UDIM>" if tiled else ""
     return f"{file.name.replace('{}', safe_stem(obj.name))}{tile}.png"
 
 

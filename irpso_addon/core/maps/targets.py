@@ -137,10 +137,12 @@ def one_roughness(stored: F32) -> F32:
 
 
 def pack(file: TargetFile, layers: Mapping[str, F32], metallic: F32, level: F32, scale: float = 1.0) -> F32:
-    """(h, w, channels) of what ``file`` holds of texels, linear, 0..1, row 0 at the bottom.  Not of normal maps.
+    """(h, w, channels) of what ``file`` holds of texels, linear, 0..1, row 0 at the bottom.
 
     layers: as `export.layers` names them.  metallic, level: (h, w).  ``scale``: what the weights are divided by.
     """
+    if file.when == "normal":
+        return pack_normals(file, layers["normal"])
     base, roughness = layers["basecolor"], one_roughness(layers["roughness"])
     found = {
         **dict(zip(BASE, np.moveaxis(base, -1, 0), strict=True)), "roughness": roughness, "smoothness": 1 - roughness,

@@ -83,6 +83,22 @@ def encoded(mesh: MeshArrays, normal: F32, coverage: Bool) -> F32:
     return padded(result, known, PADDING)
 
 
+def tangent_part(mesh: MeshArrays) -> MeshArrays:
+    """Of a mesh with a ``grid``: triangles on the square from 0 to 1, and those that share in their corners' tangents.
+
+    Corners that share a tangent share their UVs, and so lie where the former do.
+    """
+    assert mesh.grid is not None
+    low, high = mesh.grid.min(axis=1), mesh.grid.max(axis=1)
+    inside = ((low <= 1) & (high >= 0)).all(axis=1)
+    if not inside.any():
+        return mesh
+    around = low[inside].min(axis=0), high[inside].max(axis=0)
+    kept = ((low <= around[1]) & (high >= around[0])).all(axis=1)
+    return replace(mesh, positions=mesh.positions[kept], normals=mesh.normals[kept], uvs=mesh.uvs[kept],
+                   slots=mesh.slots[kept], grid=mesh.grid[kept], normal_maps={}, object_normals=None, tangents=None)
+
+
 def wearing(mesh: MeshArrays, normal: F32) -> MeshArrays:
     """The mesh with a normal map (h, w, 3), as of `encoded`, on all of its materials in place of theirs."""
     worn = NormalMap(normal, 1.0, mesh.unit_normal)

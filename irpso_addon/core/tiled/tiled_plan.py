@@ -68,6 +68,7 @@ class Plan:
     bounced: Mapping[int, Bounced] | None  # indirect light by the view's place in the scene
     stride: int = 1  # every how many-th texel is solved, see core/maps/stride.py
     blend: str = ""  # fingerprint of the .blend in which that was rendered
+    tilt: F32 | None = None  # (m, m, 3) over the small map: what is added to the mesh's unit normals; None: they stay
 
     @property
     def blocks(self) -> list[uv_blocks.UvBlock]:
@@ -96,6 +97,10 @@ class Plan:
         if metallic is None:
             return None
         return self.layout.sampled((metallic == 0).astype(np.float32), window, window.side) > 0.5
+
+    def tilts(self, window: uv_blocks.UvBlock) -> F32 | None:
+        """(side, side, 3): what is added to the unit normals of a block's texels, world; None: they stay."""
+        return None if self.tilt is None else self.layout.sampled(self.tilt, window, window.side)
 
     def before(self, window: uv_blocks.UvBlock) -> PriorKnowledge:
         """What the search of a block knows of it."""

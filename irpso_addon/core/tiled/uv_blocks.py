@@ -137,11 +137,11 @@ class Layout:
         return np.where(known[:, None, None], moved, -2.0).astype(np.float32)
 
     def sampled(self, values: F32, window: UvBlock, count: int) -> F32:
-        """(count, count, ...) of a map of the plan at the middles of ``count`` x ``count`` cells of a window."""
-        place = self.udims.index(window.udim)
-        first = self.square * np.array([place % self.columns, place // self.columns])
+        """(count, count, ...) of a map of the plan, of any size, at the middles of ``count`` x ``count`` cells."""
+        place, square = self.udims.index(window.udim), len(values) / self.columns
+        first = square * np.array([place % self.columns, place // self.columns])
         middles = (np.arange(count) + 0.5) * (window.side / count) - window.halo
-        x, y = (np.clip((start + middles) / window.size * self.square - 0.5, 0, self.square - 1) + base
+        x, y = (np.clip((start + middles) / window.size * square - 0.5, 0, square - 1) + base
               for start, base in ((window.x, first[0]), (window.y, first[1])))
         return linear(linear(values, x, axis=1), y, axis=0).astype(np.float32)
 

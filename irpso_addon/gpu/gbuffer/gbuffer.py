@@ -107,11 +107,13 @@ class MeshBuffer:
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)  # Cycles samples bilinear, without mip-maps
             texture.repeat_x = texture.repeat_y = True
             self.normal_maps[slot] = texture
-        self.tilt: moderngl.Texture | None = None  # over the texel grid: what refined normals add to the mesh's own
+        self.offsets: F32 | None = None  # (m, m, 3) over the texel grid: what refined normals add to the mesh's own
+        self.tilt: moderngl.Texture | None = None  # the same
 
     def refine(self, offsets: F32) -> None:
-        """From here on the shading normals have these offsets: (n, n, 3) world, added to unit normals."""
+        """From here on the shading normals have these offsets: (m, m, 3) world, added to unit normals."""
         assert self.tilt is None
+        self.offsets = offsets
         self.tilt = self.device.texture(offsets.shape[1], offsets.shape[0], 3, offsets)
         self.tilt.filter = (moderngl.LINEAR, moderngl.LINEAR)
 
