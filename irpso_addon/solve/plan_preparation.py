@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.checks.bounced_light import SEVERAL_UDIMS
 from ..core.data import MeshArrays, SceneData, Solution, View
 from ..core.errors import BadInput, Cancelled
 from ..core.images.read_ahead import ReadAhead
@@ -27,11 +26,10 @@ from ..core.tiled.work_folder import WorkFolder
 from ..gpu.device import thread
 from ..gpu.observe.picture_memory import most_pixels
 from .gpu_path import Clock
-from .one_round import Outcome, tried
-from .pipeline import Bounce, not_bounced, outcome
+from .one_round import Outcome
+from .pipeline import Bounce, outcome
 
 PLANNED = 0.25  # of the whole, once the plan is made
-NO_INDIRECT = "Indirect Light is On, but IRPSO does not subtract it from several UDIMs; darken the surroundings"
 
 
 @dataclass(frozen=True)
@@ -97,11 +95,6 @@ def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generato
     udims = uv_blocks.solved_udims(settings.udim, scene.mesh.uvs)
     if not udims:
         raise BadInput(f"{scene.mesh.name}: none of its faces lies in a UDIM square; unwrap the mesh")
-    unable = len(udims) > 1 and settings.indirect != "off" and bounce is not None
-    if unable:
-        bounce = None  # it puts the small map on the object as it is, and that one holds the squares side by side
-        if settings.indirect == "on":
-            scene = replace(scene, warnings=(*scene.warnings, f"{scene.mesh.name}: {NO_INDIRECT}"))
     small = uv_blocks.layout(settings.size, udims)
     mesh = replace(scene.mesh, grid=small.grid(scene.mesh.uvs), extent=float(small.columns))
     read = partial(read_reference, max_pixels=most_pixels(scene.views, uv_blocks.PICTURES * thread.settings().memory))
@@ -111,8 +104,6 @@ def make_plan(request: TiledRequest, work: WorkFolder, clock: Clock) -> Generato
     clock.seconds["plan"] = time.perf_counter() - began
     if made.solution.cancelled:
         raise Cancelled
-    if unable:
-        made = not_bounced(made, SEVERAL_UDIMS, tried(settings))
     solution = _with_every_material(made.solution, scene.mesh, udims, settings)
     yield from clock.stage("pictures", _developed(scene.views, work))
     kernels = "compute" if thread.device().prefers_compute else "fragment"

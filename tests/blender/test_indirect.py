@@ -1,12 +1,12 @@
 """Indirect light: what the second Blender renders, and maps recovered from pictures that hold it.
 
 A ball above a floor.  References and the independent renders are Cycles' own, of other passes and other settings.
+Under a world: test_indirect_worlds.py.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import subprocess
 from collections.abc import Iterator
@@ -23,88 +23,15 @@ from irpso_addon.blender.jobs import indirect
 from irpso_addon.blender.sample import demo
 from irpso_addon.blender.scene.scene import read_scene
 from irpso_addon.core.checks.bounced_light import BouncedSample
-from irpso_addon.core.data import Bounced, Coat, Maps, RadianceImage, SceneData, Solution, View
+from irpso_addon.core.data import Bounced, Coat, RadianceImage, SceneData, Solution, View
 from irpso_addon.core.errors import BadInput, Cancelled
 from irpso_addon.core.images.reference_image import read_reference
 from irpso_addon.core.job import Progress
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device import thread
-from irpso_addon.solve import pipeline
-from tests.support import skies
+from irpso_addon.solve import pipeline, tiled_solve
+from tests.blender.ball_on_floor import BASE, PIXELS, PLAIN, RIGHT, ROUGH, build, references, solution_of
 from tests.support.texels import finish
-
-BASE, ROUGH, PIXELS = (0.7, 0.35, 0.15), 0.4, 96
-RIGHT = {"lamps": "given", "exposures": "given", "registration": "given"}
-PLAIN = {**RIGHT, "model": "one-lobe"}
-
-
-def build(base, rough, level, metallic=0.0, coat=None, diffuse=0.0) -> bpy.types.Scene:
-    """Ball, floor, two cameras, three lamps; the ball has the given material."""
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    scene = bpy.context.scene
-    bpy.ops.mesh.primitive_uv_sphere_add(segments=48, ring_count=24, radius=0.8)
-    ball = bpy.context.object
-    ball.name = "Ball"
-    bpy.ops.object.shade_smooth()
-    bpy.ops.mesh.primitive_plane_add(size=6, location=(0, 0, -0.8))
-    floor = bpy.context.object
-    floor.name = "Floor"
-    paint(ball, "Paint", base, rough, level, metallic)
-    inputs = ball.data.materials[0].node_tree.nodes["Principled BSDF"].inputs
-    inputs["Diffuse Roughness"].default_value = diffuse
-    if coat is not None:
-        inputs["Coat Weight"].default_value, inputs["Coat Roughness"].default_value = coat.weight, coat.roughness
-    paint(floor, "Floor", (0.6, 0.6, 0.5), 1.0, 0.0)
-    for i, x in enumerate((-1.2, 1.2)):
-        add(f"Camera {i}", bpy.data.cameras.new("Camera"), (x, -4.0, 0.9)).data.lens = 75
-    for i, place in enumerate(((-2.8, -0.6, 1.5), (0.5, -2.5, 2.5), (2.8, -0.4, 1.0))):
-        lamp = bpy.data.lights.new("Lamp", "POINT")
-        lamp.energy, lamp.shadow_soft_size = 200.0, 0.0
-        add(f"Lamp {i}", lamp, place)
-    demo._set_up_render(scene)
-    scene.render.resolution_x = scene.render.resolution_y = PIXELS
-    scene.cycles.samples, scene.cycles.max_bounces = 32, 4
-    bpy.context.view_layer.objects.active = ball
-    return scene
-
-
-def add(name, data, place) -> bpy.types.Object:
-    return demo._add(name, data, demo.Vector(place))
-
-
-def paint(obj, name, base, rough, level, metallic=0.0) -> None:
-    if not obj.data.materials:
-        obj.data.materials.append(demo._material(name))
-    inputs = obj.data.materials[0].node_tree.nodes["Principled BSDF"].inputs
-    inputs["Base Color"].default_value, inputs["Roughness"].default_value = (*base, 1), rough
-    inputs["Specular IOR Level"].default_value, inputs["Metallic"].default_value = level, metallic
-
-
-def references(folder: Path) -> None:
-    """A picture of each camera under each lamp; then the file, its ball unpainted."""
-    (folder / "refs").mkdir(parents=True)
-    views = []
-    for camera in ("Camera 0", "Camera 1"):
-        for lamp in ("Lamp 0", "Lamp 1", "Lamp 2"):
-            image = f"refs/{camera}, {lamp}.exr"
-            demo._render(folder / image, bpy.data.objects[camera], bpy.data.objects[lamp])
-            views.append({"image": image, "camera": camera, "lights": [lamp]})
-    (folder / "captures.json").write_text(json.dumps({"views": views}))
-    paint(bpy.data.objects["Ball"], "Paint", (0.8, 0.8, 0.8), 0.5, 0.5)
-    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
-
-
-def solution_of(base, rough, model, metallic=0.0, coat=None, mapped=False, diffuse=0.0) -> Solution:
-    """Constant maps; ``mapped``: Metallic is one of them, as beside paint."""
-    shape, none = (8, 8), np.zeros((8, 8), np.float32)
-    maps = Maps(base_color=np.broadcast_to(np.array(base, np.float32), (*shape, 3)), roughness=none + np.float32(rough),
-                confidence=none, error=none, filled=none > 0, coverage=none > 0, roughness_sigma=none, base_sigma=none,
-                metallic=none + np.float32(metallic) if mapped else None)
-    value = 0.1 if mapped else metallic
-    return Solution(maps=maps, model={"Paint": model}, why={}, texels={}, seconds={}, residual=0.0, views_used=(),
-                    views_skipped=(), warnings=(), device={}, metallic={"Paint": value} if value else {},
-                    coats={"Paint": coat} if coat else {}, paint={"Paint": 0.0} if mapped else {},
-                    diffuse_roughness={"Paint": diffuse} if diffuse else {})
 
 
 def digest(path: Path) -> str:
@@ -188,121 +115,33 @@ def test_albedo_is_recovered_where_direct_light_alone_fails(scene: SceneData, bo
     assert bpy.data.filepath == str(bounced / "scene.blend") and not bpy.data.images.get("Ball_basecolor")
 
 
-def under_sky(folder: Path, floor: bool, turns: bool = False) -> SceneData:
-    """The ball, with or without its floor, under a sky with a window, from six sides.
-
-    ``turns``: each view has the world under another turn, of which its picture is rendered.
-    """
-    build(BASE, ROUGH, 0.5)
-    scene, sky = bpy.context.scene, bpy.data.worlds.new("Sky")
-    for thing in [*scene.collection.all_objects]:
-        if thing.type in {"LIGHT", "CAMERA"} or (thing.name == "Floor" and not floor):
-            bpy.data.objects.remove(thing)
-    pixels = np.ones((64, 128, 4), np.float32)
-    pixels[..., :3] = skies.sky(64, window=12.0).radiance
-    picture = bpy.data.images.new("Sky", 128, 64, float_buffer=True, is_data=True)
-    picture.pixels.foreach_set(pixels.ravel())
-    picture.pack()
-    if bpy.app.version < (5, 0, 0):
-        sky.use_nodes = True
-    node = sky.node_tree.nodes.new("ShaderNodeTexEnvironment")
-    node.image = picture
-    background = next(node for node in sky.node_tree.nodes if node.type == "BACKGROUND")
-    sky.node_tree.links.new(node.outputs["Color"], background.inputs["Color"])
-    place, mapping = (sky.node_tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "Mapping"))
-    sky.node_tree.links.new(place.outputs["Generated"], mapping.inputs["Vector"])
-    sky.node_tree.links.new(mapping.outputs["Vector"], node.inputs["Vector"])
-    scene.world, scene.cycles.samples = sky, 96
-    scene.render.resolution_x = scene.render.resolution_y = 64
-    views = []
-    for n in range(6):
-        turn = n * math.pi / 3
-        camera = add(f"Eye {n}", bpy.data.cameras.new("Eye"), (4 * math.sin(turn), -4 * math.cos(turn), 0.6))
-        camera.data.lens = 75
-        scene.camera, scene.render.filepath = camera, str(folder / f"{n}.exr")
-        degrees = 100.0 * n if turns else 0.0
-        mapping.inputs["Rotation"].default_value[2] = -math.radians(degrees)  # of what is looked up
-        bpy.ops.render.render(write_still=True)
-        views.append({"image": f"{n}.exr", "camera": camera.name, "lights": [], "world": "Sky", "turn": degrees})
-    mapping.inputs["Rotation"].default_value[2] = 0.0
-    (folder / "captures.json").write_text(json.dumps({"views": views}))
-    paint(bpy.data.objects["Ball"], "Paint", (0.8, 0.8, 0.8), 0.5, 0.5)
-    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
-    return read_scene(None, "Ball", folder / "captures.json")
-
-
 @pytest.mark.one_python
-@pytest.mark.parametrize("turns", [False, True])
-def test_light_that_a_floor_bounces_under_a_world_is_subtracted(tmp_path: Path, monkeypatch, turns: bool) -> None:
-    """The world lights all that the cameras see, so that no shadow shows it; a few small renders do."""
+def test_albedo_is_recovered_from_maps_of_two_udims(bounced: Path, tmp_path: Path, monkeypatch) -> None:
+    """The left half of the ball's UVs in one square, the right half in the next, and another paint in each."""
     monkeypatch.setattr(indirect, "SIDE", 48)
-    data = under_sky(tmp_path, True, turns)
-    bouncer = indirect.IndirectRenderer.of_open_file(tmp_path / "scene.blend")
+    files.open_blend(bounced / "scene.blend")
+    uvs = bpy.data.objects["Ball"].data.uv_layers.active.uv
+    at = np.empty((len(uvs), 2), np.float32)
+    uvs.foreach_get("vector", at.ravel())
+    at[:, 0] *= 2
+    uvs.foreach_set("vector", at.ravel())
+    file = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    data = read_scene(None, "Ball", bounced / "captures.json")
     errors = {}
     for mode in ("off", "auto"):
-        solution = thread.run(lambda mode=mode: pipeline.solve(
-            data, SolveSettings(size=32, indirect=mode, **PLAIN), bounce=bouncer))
-        assert solution.checks is not None and math.isnan(solution.checks.unlit_share)
-        solved = solution.maps.coverage & ~solution.maps.filled
-        solved[16:] = False  # the ball's lower half, which sees the floor
-        errors[mode] = np.median(np.abs(solution.maps.base_color[solved] / BASE - 1), axis=0).max()
-    assert errors["off"] > 0.4, errors  # 0.64; under turns 0.47
-    assert errors["auto"] < 0.05, errors  # 0.031; 0.025
-
-
-@pytest.mark.one_python
-def test_under_a_world_little_is_rendered_where_no_light_can_bounce(tmp_path: Path, monkeypatch) -> None:
-    """A ball alone: a few small renders."""
-    monkeypatch.setattr(indirect, "TEST_SIDE", 48)
-    data = under_sky(tmp_path, False)
-    bouncer = indirect.IndirectRenderer.of_open_file(tmp_path / "scene.blend")
-    asked = []
-
-    class Test:
-        """Of the renders, the few alone."""
-
-        direct_only = bouncer.direct_only
-
-        def sample(self, scene: SceneData, solution: Solution) -> Iterator[object]:
-            asked.append(scene)
-            return (yield from bouncer.sample(scene, solution))
-
-        def __call__(self, scene: SceneData, solution: Solution) -> Iterator[object]:
-            raise AssertionError("rendered indirect light where there is none")
-            yield
-
-    settings = SolveSettings(size=32, **PLAIN)
-    solution = thread.run(lambda: pipeline.solve(data, settings, bounce=Test()))
-    assert solution.checks is not None and solution.checks.not_bounced.startswith("no surface in the scene")
-    assert len(asked) == 1 and not any("bounced" in line for line in solution.warnings)
-    bpy.context.scene.cycles.max_bounces = 0  # as in a file whose pictures have direct light alone
-    bouncer = indirect.IndirectRenderer.of_open_file(tmp_path / "scene.blend")
-    Test.direct_only = bouncer.direct_only
-    thread.run(lambda: pipeline.solve(data, settings, bounce=Test()))
-    assert len(asked) == 1
-
-
-def test_a_world_that_a_view_turns_is_turned_where_it_is_rendered(tmp_path: Path, monkeypatch) -> None:
-    """The bounced light is that of a file whose world is turned by its nodes; turned the other way it is not."""
-    monkeypatch.setattr(indirect, "SIDE", 48)
-    monkeypatch.setattr(indirect, "SAMPLES", 256)
-    data = under_sky(tmp_path, True)
-    file = tmp_path / "scene.blend"
-
-    def light(degrees: float) -> np.ndarray:
-        """(12, 12) irradiance, means of squares of 4 x 4 pixels."""
-        view = replace(data.views[0], environment=replace(data.views[0].environment, turn=math.radians(degrees)))
-        bouncer = indirect.IndirectRenderer.of_open_file(file)
-        found = finish(bouncer(replace(data, views=(view,)), solution_of(BASE, ROUGH, "one-lobe")))
-        return found[0].irradiance.mean(-1).reshape(12, 4, 12, 4).mean((1, 3))
-
-    turned, other_way = light(120), light(-120)
-    mapping = next(node for node in bpy.data.worlds["Sky"].node_tree.nodes if node.type == "MAPPING")
-    mapping.inputs["Rotation"].default_value[2] = -math.radians(120)
-    bpy.ops.wm.save_as_mainfile(filepath=str(file))
-    by_nodes = light(0)
-    off, off_other_way = (np.abs(found - by_nodes).sum() / by_nodes.sum() for found in (turned, other_way))
-    assert off < 0.05 < 0.2 < off_other_way
+        out = tmp_path / mode
+        thread.run(lambda mode=mode, out=out: tiled_solve.solve_to(
+            data, SolveSettings(size=64, udim="all", indirect=mode, **PLAIN), out, "exr",
+            indirect.IndirectRenderer.of_open_file(file)))
+        found = []
+        for udim in (1001, 1002):
+            base, filled = (demo.read_render(out / f"Ball_{layer}.{udim}.exr") for layer in ("basecolor", "filled"))
+            solved = filled[..., 0] < 0.5
+            solved[32:] = False  # the ball's lower half, which sees the floor
+            found.append(base[solved][:, :3] / BASE - 1)
+        errors[mode] = np.median(np.abs(np.concatenate(found)), axis=0).max()
+    assert errors["off"] > 0.3 and errors["auto"] < 0.07, errors  # 0.67, 0.048
 
 
 def test_direct_light_is_left_alone(scenes: Path) -> None:

@@ -20,9 +20,10 @@ import numpy as np
 
 from ...core.checks.bounced_light import BouncedSample, LightPicture, sampled
 from ...core.checks.mended_cameras import given_name
-from ...core.data import F32, Bounced, SceneData, Solution, View
+from ...core.data import F32, Bounced, MeshArrays, SceneData, Solution, View
 from ...core.errors import BadInput
 from ...core.job import Progress
+from ...core.tiled import uv_blocks
 from .. import second_blender
 
 SAMPLES = 32  # paths of a pixel
@@ -146,9 +147,14 @@ class IndirectRenderer:
             "paint": solution.paint,
             "coats": {name: (coat.weight, coat.roughness) for name, coat in solution.coats.items()},
             "diffuse_roughness": solution.diffuse_roughness,
-            "side": side, "samples": SAMPLES, "pictures": pictures,
+            "side": side, "samples": SAMPLES, "pictures": pictures, "udims": _udims(scene.mesh),
             "known_world": any(view.environment is not None and view.environment.name for view in scene.views),
         }), encoding="utf-8")
+
+
+def _udims(mesh: MeshArrays) -> tuple[int, ...]:
+    """The squares that the maps hold side by side, as a plan's do; none: they are of one."""
+    return uv_blocks.udims_of(mesh.uvs) if mesh.extent > 1 else ()
 
 
 def _pictures(views: Sequence[View]) -> list[Picture]:

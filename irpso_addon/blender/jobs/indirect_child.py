@@ -11,6 +11,9 @@ import bpy
 import numpy as np
 
 from ...core.data import Coat, Maps, Solution
+from ...core.images.image_writer import write_image
+from ...core.maps.export import as_stored, layers
+from ...core.tiled import uv_blocks
 from .. import properties
 from ..glow import shines
 from ..material import material
@@ -33,7 +36,7 @@ def _render(folder: Path) -> None:
     bpy.ops.wm.open_mainfile(filepath=job["blend"], load_ui=False)
     scene = bpy.data.scenes[job["scene"]]
     with np.load(folder / "maps.npz") as arrays:
-        material.write_maps(bpy.data.objects[job["object"]], _solution(job, dict(arrays)))
+        _wear(bpy.data.objects[job["object"]], _solution(job, dict(arrays)), tuple(job["udims"]), folder)
     _set_up(scene, job)
     rendered = scene.render.resolution_x, scene.render.resolution_y
     glowing = [obj for obj in scene.objects if obj.name != job["object"] and shines(obj)]
@@ -58,6 +61,22 @@ def _render(folder: Path) -> None:
         scene.render.filepath = str(folder / "rendering.exr")
         bpy.ops.render.render(write_still=True, scene=scene.name)
         os.replace(folder / "rendering.exr", folder / f"{n}.exr")
+
+
+def _wear(obj: Any, solution: Solution, udims: tuple[int, ...], folder: Path) -> None:
+    """Put the maps on the object; those that hold several ``udims`` side by side as files in ``folder``."""
+    if not udims:
+        material.write_maps(obj, solution)
+        return
+    maps = solution.maps
+    size = len(maps.base_color)
+    layout, files = uv_blocks.layout(size, udims), material.files_of(obj.name, maps, folder, "exr", udims)
+    for layer, values in layers(maps).items():
+        if len(values) == size:  # others are shown nowhere
+            for udim in udims:
+                square = as_stored(layer, layout.square_of(values, udim))
+                write_image(files.of(layer, udim), square, kind="exr", color=layer == "basecolor")
+    material.link_files(obj, solution, files)
 
 
 def _turntable(scene: Any) -> Any:

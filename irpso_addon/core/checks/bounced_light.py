@@ -21,7 +21,6 @@ LEAST_SHARE = 0.005  # of the lamps' light on the object, from which on indirect
 LITTLE, EXPLAINED = 0.03, 0.25
 UNLIT = 1e-3  # of the lit median: what is darker has no light of its lamps
 FEWEST = 50  # pixels that tell of shadows
-SEVERAL_UDIMS = "its maps are of several UDIM squares"  # why it is not taken out, whatever there is of it
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ import numpy as np
 from ..check_records import Checks, LightResidual, Misfit, ViewCheck
 from ..params import choice_name
 from ..phrases import NAMED, percent, some
-from .bounced_light import SEVERAL_UDIMS
 from .residuals import is_indirect, scale_of
 from .solve_checks import CONTRADICTORY
 
@@ -83,9 +82,6 @@ def _indirect(checks: Checks, tried: bool) -> list[str]:
         return []
     line = (f"{checks.name}: shadows are {percent(checks.unlit_share, 1)} as bright as lit areas: bounced light or a "
             "black level; ")
-    if checks.not_bounced == SEVERAL_UDIMS:
-        return [f"{line}IRPSO did not remove it, because {SEVERAL_UDIMS}; subtract the camera's black level, or darken "
-                "the surroundings"]
     if checks.not_bounced or tried:
         why = ("IRPSO has subtracted the light that the scene's surfaces bounce" if tried else
                f"IRPSO did not remove it, because {checks.not_bounced}")

@@ -136,6 +136,12 @@ class Layout:
         moved = (uvs - _squares(uvs)[:, None] + at[:, None]) / self.columns
         return np.where(known[:, None, None], moved, -2.0).astype(np.float32)
 
+    def square_of(self, values: F32, udim: int) -> F32:
+        """The part of a map of the plan, of any size, that is one UDIM's; to the nearest texel."""
+        edges = np.rint(np.linspace(0, len(values), self.columns + 1)).astype(int)
+        rows, columns = (slice(edges[n], edges[n + 1]) for n in divmod(self.udims.index(udim), self.columns))
+        return values[rows, columns]
+
     def sampled(self, values: F32, window: UvBlock, count: int) -> F32:
         """(count, count, ...) of a map of the plan, of any size, at the middles of ``count`` x ``count`` cells."""
         place, square = self.udims.index(window.udim), len(values) / self.columns
