@@ -1,6 +1,19 @@
 // Loops over groups of layers: EACH_GROUP is defined as the name of one of these, and GROUP as what each group does.
 // Unrolled, with the bounds GROUP_START_k as constants, where layers are few.
-#define GROUPS_IN_A_LOOP for (int k = 0; k < GROUPS; k++) { GROUP(k, GROUP_START[k], group_seen[k] ? GROUP_START[k + 1] : GROUP_START[k]) }
+// A software renderer ends a shader's loops after 65535 rounds in all.  Where loops would need more, a round does several:
+// GROUPS_BY_... groups that have one layer (SINGLE), or AT_ONCE layers of a group, which the compiler unrolls.
+#define SEEN_GROUP(k) GROUP(k, GROUP_START[k], group_seen[k] ? GROUP_START[k + 1] : GROUP_START[k])
+#define GROUPS_IN_A_LOOP for (int k = 0; k < GROUPS; k++) { SEEN_GROUP(k) }
+#define FOUR_GROUPS(k) SEEN_GROUP(k) SEEN_GROUP(k + 1) SEEN_GROUP(k + 2) SEEN_GROUP(k + 3)
+#define GROUPS_BY_4 for (int k = 0; k < GROUPS; k += 4) { FOUR_GROUPS(k) }
+#define GROUPS_BY_8 for (int k = 0; k < GROUPS; k += 8) { FOUR_GROUPS(k) FOUR_GROUPS(k + 4) }
+#if defined(SINGLE)
+#define EACH_OF_GROUP(n) int n = first; if (n < end)
+#elif defined(AT_ONCE)
+#define EACH_OF_GROUP(n) for (int m = first; m < end; m += AT_ONCE) for (int j = 0, n = m; j < AT_ONCE; j++, n++) if (n < end)
+#else
+#define EACH_OF_GROUP(n) for (int n = first; n < end; n++)
+#endif
 #define GROUPS_1 GROUP(0, GROUP_START_0, GROUP_START_1)
 #define GROUPS_2 GROUPS_1 GROUP(1, GROUP_START_1, GROUP_START_2)
 #define GROUPS_3 GROUPS_2 GROUP(2, GROUP_START_2, GROUP_START_3)

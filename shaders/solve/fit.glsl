@@ -122,7 +122,7 @@ void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total t
 #else
     Toward t = toward(r, group_cos_v[k]);
 #endif
-    for (int n = first; n < end; n++) {
+    EACH_OF_GROUP(n) {
 #ifdef ROBUST
         float d = obs_off[n], ds = obs_slope[n], w = obs_weight[n] * obs_trust[n];
 #else
@@ -199,7 +199,7 @@ vec2 fit_albedo() {
 
 void add_lambert(int k, int first, int end, inout vec3 fit, inout Total total) {
     Group g = GROUP_FROM(group_base[k]);
-    for (int n = first; n < end; n++) {
+    EACH_OF_GROUP(n) {
 #ifdef ROBUST
         float w = obs_weight[n] * obs_trust[n];
 #else

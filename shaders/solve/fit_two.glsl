@@ -76,7 +76,7 @@ void fold(GroupTwo g, Toward one, Toward two, float weight, int channel, inout S
 void add_group(int k, int first, int end, vec2 r, float weight, inout Scatter all, inout Between between[CHANNELS]) {
     GroupTwo g = GROUP_FROM(vec4(0.0));
     Toward one = toward(r.x, group_cos_v[k]), two = toward(r.y, group_cos_v[k]);
-    for (int n = first; n < end; n++) {
+    EACH_OF_GROUP(n) {
         float s1, ds1, s2, ds2;
         specular_d(n, r.x, one, s1, ds1);
         specular_d(n, r.y, two, s2, ds2);

@@ -35,7 +35,7 @@ vec3 texel_tint = vec3(1.0);  // R, G and B of the base colour over their mean
 void prepare_metal(int k, int first, int end, float r) {
     Toward t = toward(r, group_cos_v[k]);
     group_toward[k] = t;
-    for (int n = first; n < end; n++) {
+    EACH_OF_GROUP(n) {
         vec3 parts, slopes;
         metal_parts_d(n, r, t, parts, slopes);
         metal_other[n] = parts.x;
@@ -83,7 +83,7 @@ void settle_group(int k, int first, int end, inout Settling all) {
     Gain g = gain_of(k);
     float information = 1e-20, off = 0.0;
     vec3 tint = vec3(0.0), by_gain = vec3(0.0), by_roughness = vec3(0.0);  // derivatives of sums that own is made of
-    for (int n = first; n < end; n++) {
+    EACH_OF_GROUP(n) {
         vec4 p = parts_of(n, k, g.value, g.d_roughness);
         float w = TRUSTED(n);
         information += w * p.x * p.x;
@@ -116,7 +116,7 @@ void share_out(int k, int first, int end) {
     vec3 own = group_own[k];
     own.y += own.z * base_slope;
     group_own[k] = own;
-    for (int n = first; n < end; n++) {
+    EACH_OF_GROUP(n) {
         vec4 p = parts_of(n, k, g.value, d_gain);
         metal_weight[n] = obs_weight[n] * p.x * p.x;
         obs_off[n] = p.z / p.x - own.x;
@@ -151,7 +151,7 @@ void add_group(int k, int first, int end, float r, inout vec3 fit, inout Total t
 #ifdef TILTS
     vec2 b = vec2(0.0), bd = vec2(0.0), bs = vec2(0.0);  // as of Group in solve/fit.glsl
 #endif
-    for (int n = first; n < end; n++) {
+    EACH_OF_GROUP(n) {
 #ifdef ROBUST
         float w = metal_weight[n] * obs_trust[n];
 #else

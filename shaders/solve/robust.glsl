@@ -15,10 +15,10 @@ vec2 group_said[GROUPS];  // weight and mean of each, under the trust that add_m
 void prepare_group(int k, int first, int end, float r) {
 #ifdef METALLIC
     prepare_metal(k, first, end, r);
-    for (int n = first; n < end; n++) obs_trust[n] = 1.0;
+    EACH_OF_GROUP(n) obs_trust[n] = 1.0;
 #else
     group_toward[k] = toward(r, group_cos_v[k]);
-    for (int n = first; n < end; n++) {
+    EACH_OF_GROUP(n) {
         float s;
         specular_d(n, r, group_toward[k], s, obs_slope[n]);
         obs_off[n] = obs_f[n] - s;
@@ -30,7 +30,7 @@ void prepare_group(int k, int first, int end, float r) {
 // A group's weight and mean under the present trust.
 vec2 group_mean(int k, int first, int end) {
     vec2 sum = vec2(1e-20, 0.0);
-    for (int n = first; n < end; n++) sum += WEIGHT(n) * obs_trust[n] * vec2(1.0, obs_off[n]);
+    EACH_OF_GROUP(n) sum += WEIGHT(n) * obs_trust[n] * vec2(1.0, obs_off[n]);
     return vec2(sum.x, sum.y / sum.x);
 }
 
@@ -51,16 +51,17 @@ vec3 trust_group(int k, int first, int end, float albedo, float scale) {
     float prior = 1.0 / max(u_group_slack * mean * mean, 1e-12);
     float centre = (g.x * mean + prior * albedo * DIFFUSE(k)) / (g.x + prior) - OFFSET(k);
     vec3 sums = vec3(0.0);
-    for (int n = first; n < end; n++) {
+    EACH_OF_GROUP(n) {
         float off = obs_off[n] - centre;
         float square = WEIGHT(n) * off * off / obs_variance;
         sums.x += square;
-        if (scale <= 0.0) continue;  // asked for the spread alone
-        float likely = exp(-0.5 * square / scale);
-        float trust = likely / (likely + OUTLIER);
-        obs_trust[n] = trust;
-        sums.y += -2.0 * log((likely + OUTLIER) / (1.0 + OUTLIER)) - trust * square;
-        sums.z += obs_weight[n] > 0.0 ? 1.0 - trust : 0.0;
+        if (scale > 0.0) {  // else asked for the spread alone
+            float likely = exp(-0.5 * square / scale);
+            float trust = likely / (likely + OUTLIER);
+            obs_trust[n] = trust;
+            sums.y += -2.0 * log((likely + OUTLIER) / (1.0 + OUTLIER)) - trust * square;
+            sums.z += obs_weight[n] > 0.0 ? 1.0 - trust : 0.0;
+        }
     }
     return sums;
 }

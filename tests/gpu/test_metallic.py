@@ -15,7 +15,7 @@ from irpso_addon.core.maps import stride
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
-from irpso_addon.gpu.solve import model_prediction
+from irpso_addon.gpu.observe import observation_atlas
 from irpso_addon.gpu.solve.paint_beside_metal import metal_of, parts_of, unexplained
 from irpso_addon.gpu.solve.solver import Solver
 from irpso_addon.gpu.solve.texel_records import SolvedTexels
@@ -297,9 +297,9 @@ def test_a_part_of_one_metallic_does_not_believe_paint(mixed, apart) -> None:
 
 def test_views_beyond_what_a_software_renderer_finishes(on_gl, shoot, monkeypatch):
     """Tables of metals would be wrong there without a message."""
-    monkeypatch.setattr(model_prediction, "METAL_LAYERS", 10)
+    monkeypatch.setattr(observation_atlas, "LOOP_ROUNDS", 10)
     monkeypatch.setattr(on_gl(lambda device: device), "is_software", True)
-    with pytest.raises(BadInput, match="model one-lobe-metallic: without a GPU it takes at most"):
+    with pytest.raises(BadInput, match="model one-lobe-metallic: there are more views than it can take"):
         shoots.run(shoot, model="one-lobe-metallic", loss="squares")
     assert shoots.run(shoot, model="auto", loss="squares").metallic == {}
 

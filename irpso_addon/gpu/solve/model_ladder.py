@@ -22,7 +22,7 @@ from .ladder_records import EarlierResult, LadderResult, Materials
 from .material_sample import Squares, packed
 from .material_solves import SAMPLE, MaterialSolves, best_seen
 from .metal_ladder import MetalLadder
-from .model_prediction import METAL_LAYERS, Decision, Fitted, ModelPrediction, solves_metals
+from .model_prediction import Decision, Fitted, ModelPrediction, solves_metals
 from .paint_beside_metal import explains_better
 from .paper_swarm import PaperSwarm
 from .solver import Solver
@@ -207,8 +207,8 @@ class Ladder:
     def _metallic(self, names: list[str]) -> Generator[Progress, None, LadderResult]:
         """One lobe of each material with its Metallic and Specular IOR Level."""
         if not solves_metals(self.device, self.solver.source):
-            raise BadInput(f"model one-lobe-metallic: without a GPU it takes at most {METAL_LAYERS} views, a third of "
-                           "that under coloured lamps; leave views out, or choose another model")
+            raise BadInput("model one-lobe-metallic: there are more views than it can take without a GPU; leave views "
+                           "out, or choose another model")
         names = [name for name in names if self.masks[name].any()] or names
         result: LadderResult | None = None
         for name in names:

@@ -44,6 +44,7 @@ from .prediction_trials import (
     Trial,
     by_size,
 )
+from .tile_passes import ROBUST_METAL
 from .trial_runs import PREDICTING, TrialRuns
 
 NUMBERS = 2  # that a fit of one lobe finds in each texel: base colour and roughness
@@ -59,7 +60,6 @@ WORTH_RMS, WORTH_LIGHTNESS = 0.05, 0.7  # errors of what would be taken from whi
 CLEAR_MORE = 1 / 6  # of its loss, by which a coat or a rough diffuse must lead: they mend a little of every material
 WORSE = 1.05  # ratio of errors up to which they may be worse in one of the two
 LEAST_ROUGH = 0.05  # Diffuse Roughness that every fold must find
-METAL_LAYERS = 300  # their tables take some 200 rounds a layer
 LEAST_COAT = 0.02  # weight that every fold must find
 AGREED = 2.0  # ratio of the folds' largest roughness of the coat to the least
 OWN_DRAWN = {"one-lobe": DRAWN, "one-lobe-specular": DRAWN_LEVEL}
@@ -67,8 +67,8 @@ STOPPED = "stopped before left-out views were predicted"
 
 
 def solves_metals(device: Device, source: Source) -> bool:
-    """Whether the device finishes the kernels of metals: llvmpipe ends a shader's loops after 65535 rounds in all."""
-    return not device.is_software or len(source.layers.groups) <= METAL_LAYERS
+    """Whether the device finishes the kernels of metals, see `Layers.at_once`."""
+    return not device.is_software or source.layers.at_once(ROBUST_METAL) > 0
 
 
 @dataclass(frozen=True)

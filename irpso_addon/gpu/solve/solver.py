@@ -257,7 +257,7 @@ class Solver(TilePasses):
         # outliers of what it contradicts.  A weak prior contradicts nothing.  (Blocks have the loss that their plan has
         # judged, of texels without a prior.)
         strong = self.joint is not None and self.joint.strength >= CONTRADICTS
-        if loss == "squares" or (strong and (loss == "auto" or 1 in self.before.noise)):
+        if loss == "squares" or (strong and (loss == "auto" or 1 in self.before.noise)) or not self.finishes_robust():
             return plain, variance
         support = read_support(self.device, plain[1])
         observed = support.observed

@@ -13,10 +13,13 @@ from ...core.errors import Cancelled
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ..device.context import Device, Inputs, Textures
-from ..observe.observation_atlas import ObservationAtlas, Source, Tile
+from ..observe.observation_atlas import AT_ONCE, ObservationAtlas, Source, Tile
 from .live_readback import LOOKS
 
 LEVEL_KERNELS = ("solve/level.kernel", "solve/level_costs.kernel")  # which try Specular IOR Levels of their own
+# At most so many times a kernel loops over its groups: evaluations of the model, times the loops of each.
+PLAIN, LEVELS, METAL, TWO = 33 * 2, 65 * 2, 33 * 7, 100 * 2
+ROBUST, ROBUST_METAL = 33 * 12, 33 * 17
 Uniforms = Mapping[str, float | int | tuple[float, ...]]
 
 
@@ -81,6 +84,11 @@ class TilePasses:
         """Diffuse Roughness of all texels from now on, where they are solved for one lobe without Metallic."""
         self.diffuse_roughness = roughness
 
+    def finishes_robust(self) -> bool:
+        """Whether the device finishes kernels that disbelieve outliers, see `Layers.at_once`."""
+        loops = ROBUST_METAL if self.metallic > 0.0 else ROBUST
+        return not self.device.is_software or self.source.layers.at_once(loops) > 0
+
     def run(
         self, chosen: list[Tile], span: tuple[float, float], work: KernelPass,
     ) -> Generator[Progress, None, int]:
@@ -108,8 +116,9 @@ class TilePasses:
             return len(chosen)
 
     def _defines(self, work: KernelPass) -> dict[str, str]:
-        defines = {**self.source.layers.defines(), "LOBES": str(work.lobes)}
         metal = work.lobes == 1 and self.metallic > 0.0
+        at_once = self.source.layers.at_once(_loops(work, metal)) if self.device.is_software else 1
+        defines = {**self.source.layers.defines(at_once or AT_ONCE[-1]), "LOBES": str(work.lobes)}
         level_searched = work.kernel in LEVEL_KERNELS
         rough = work.lobes == 1 and self.diffuse_roughness > 0.0
         tinted = self.source.layers.channels == 1
@@ -148,3 +157,13 @@ class TilePasses:
     def textures(self, count: int) -> list[moderngl.Texture]:
         """Of the maps' size."""
         return [self.device.texture(*self.source.size) for _ in range(count)]
+
+
+def _loops(work: KernelPass, metal: bool) -> int:
+    """How often, at most, a kernel loops over its groups."""
+    if work.lobes == 2:
+        return TWO
+    if work.kernel in LEVEL_KERNELS:
+        return METAL if metal else LEVELS
+    return {(False, False): PLAIN, (True, False): ROBUST, (False, True): METAL, (True, True): ROBUST_METAL}[
+        work.robust, metal]
