@@ -35,7 +35,7 @@ uniform vec2 u_light_spread;        // AREA: tan b, 1 / (tan b - b) with b half 
 // LIGHT_ELLIPSE_SIDES: of the polygon, of the same area, that stands for an ellipse.
 // LIGHT_POINT_SIZE: half extent / distance below which an AREA is a point: its outline's edges would cancel in float32,
 // while the point is off by its square, 2.5e-5.
-// LIGHT_QUADRATURE: squared, points where there is no closed form, soft SPOT and AREA with spread.
+// LIGHT_QUADRATURE: squared, points where there is no closed form, AREA with spread and at the rim of a soft SPOT.
 
 // Irradiance of a cone of uniform radiance over the horizon, relative to the same cone at the zenith.
 // Lagarde and de Rousiers 2014, "Moving Frostbite to Physically Based Rendering", listing 7 (after Snyder 1996).
@@ -73,6 +73,21 @@ float spot_attenuation(vec3 offset) {
     vec3 local = u_light_to_local * offset;
     float t = clamp((local.z / length(local) - u_light_spot.x) * u_light_spot.y, 0.0, 1.0);
     return t * t * (3.0 - 2.0 * t);
+}
+
+// Does such a cone, or its blend, cut through a disc of radius `reach`, metres?  offset: to the disc's centre; share:
+// what it lets through of a disc that it does not cut.
+bool spot_cuts(vec3 offset, float reach, out float share) {
+    vec3 local = u_light_to_local * offset, row2 = u_light_to_local[0] * u_light_to_local[0]
+        + u_light_to_local[1] * u_light_to_local[1] + u_light_to_local[2] * u_light_to_local[2];
+    // The matrix turns, and then stretches each axis: by so much at most, of the distance.
+    float by = reach * sqrt(max(max(row2.x, row2.y), row2.z)) / length(local);
+    float c = local.z / length(local), s = sqrt(max(1.0 - c * c, 0.0)), wide = sqrt(max(1.0 - by * by, 0.0));
+    bool around = by >= s && c > 0.0;  // the disc holds the axis
+    float least = c * wide - s * by, most = around ? 1.0 : c * wide + s * by;
+    bool whole = by < 1.0 && (least - u_light_spot.x) * u_light_spot.y >= 1.0;
+    share = float(whole);
+    return !whole && (by >= 1.0 || most > u_light_spot.x);
 }
 
 // Orthonormal basis around the unit vector n. Duff et al. 2017, "Building an Orthonormal Basis, Revisited".
@@ -158,6 +173,16 @@ vec3 light_sample(vec3 P, int i, int n, out float weight) {
     return emitter_sample(P, lattice, float(n), weight);
 }
 
+// The point of a ring on the emitter that lies at so many turns.  Four of them, a quarter of a turn apart, have the
+// first and second moments of the whole emitter; not of an AREA with spread, of which P sees a part.
+vec3 ring_sample(vec3 P, float turn, out float weight) {
+    if (u_light_kind == LIGHT_AREA && !u_light_ellipse) {
+        float phi = 2.0 * PI * turn;
+        return emitter_sample(P, 0.5 + sqrt(1.0 / 6.0) * vec2(cos(phi), sin(phi)), 4.0, weight);
+    }
+    return emitter_sample(P, vec2(0.5, turn), 4.0, weight);
+}
+
 // One edge of Lambert's sum: from a along e.  The edge itself, not its far end, keeps small lamps precise.
 float polygon_edge(vec3 a, vec3 e, vec3 N) {
     vec3 c = cross(a, e);
@@ -214,21 +239,30 @@ float area_irradiance(vec3 P, vec3 N) {
     return abs(sum) / (2.0 * PI * area);
 }
 
+// The same by side * side points of the emitter.
+float summed_irradiance(vec3 P, vec3 N, int side) {
+    float sum = 0.0;
+    for (int y = 0; y < side; y++) for (int x = 0; x < side; x++) {
+        float weight;
+        vec2 cell = (vec2(x, y) + 0.5) / float(side);
+        vec3 L = normalize(emitter_sample(P, cell, float(side * side), weight));
+        sum += weight * max(dot(N, L), 0.0);
+    }
+    return sum;
+}
+
 // Unshadowed irradiance at P, relative to the lamp's power.
 float light_irradiance(vec3 P, vec3 N) {
     if (u_light_kind == LIGHT_AREA && u_light_spread.x == 0.0) return area_irradiance(P, N);
-    if (u_light_kind == LIGHT_AREA || (u_light_kind == LIGHT_SPOT && u_light_radius > 0.0)) {
-        float sum = 0.0;
-        for (int y = 0; y < LIGHT_QUADRATURE; y++) for (int x = 0; x < LIGHT_QUADRATURE; x++) {
-            float weight;
-            vec2 cell = (vec2(x, y) + 0.5) / float(LIGHT_QUADRATURE);
-            vec3 L = normalize(emitter_sample(P, cell, float(LIGHT_QUADRATURE * LIGHT_QUADRATURE), weight));
-            sum += weight * max(dot(N, L), 0.0);
-        }
-        return sum;
-    }
+    if (u_light_kind == LIGHT_AREA) return summed_irradiance(P, N, LIGHT_QUADRATURE);
     float sin_sigma, facing;
     vec3 offset = light_round(P, sin_sigma, facing);
     float e = facing * cone_cosine(dot(N, offset) / length(offset), sin_sigma);
-    return u_light_kind == LIGHT_SPOT ? e * spot_attenuation(offset) : e;
+    if (u_light_kind != LIGHT_SPOT) return e;
+    if (u_light_radius == 0.0) return e * spot_attenuation(offset);
+    float share, reach = length(offset) * sin_sigma / max(sqrt(1.0 - min(sin_sigma * sin_sigma, 1.0)), 1e-2);
+    bool cut = spot_cuts(offset, reach, share);
+    // A software renderer computes what a branch leaves out, but ends a loop.
+    float sum = summed_irradiance(P, N, cut ? LIGHT_QUADRATURE : 0);
+    return cut ? sum : e * share;
 }

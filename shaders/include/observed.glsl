@@ -44,7 +44,11 @@ vec4 lobe_geometry(Pixel pixel, out float e) {
         e += 0.25 * light_irradiance(P, N);
         for (int i = 0; i < u_light_points; i++) {
             float weight;
+#ifdef LIGHT_RING
+            vec3 L = normalize(ring_sample(P, 0.25 * (float(i) + 0.25 * float(j)), weight));  // 16 in all
+#else
             vec3 L = normalize(light_sample(P, i, u_light_points, weight));
+#endif
             float nl = dot(N, L);
             weight *= max(nl, 0.0);
             vec3 H = normalize(L + V);

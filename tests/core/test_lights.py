@@ -177,6 +177,39 @@ def test_one_sample_is_the_centre(name):
     np.testing.assert_allclose(offset, TURN[:, 2] if light.kind == "SUN" else MATRIX[:3, 3], atol=1e-12)
 
 
+SOFT_SPOT = replace(BASE, kind="SPOT", radius=0.2, spot_angle=1.2, spot_blend=0.3)
+
+
+def test_well_inside_its_cone_a_soft_spot_is_a_point_of_its_size():
+    """There is a formula for that: no sum over points of the emitter is needed."""
+    rng = np.random.default_rng(2)
+    P = MATRIX[:3, 3] + TURN @ np.array([0, 0, -2.0]) + rng.uniform(-0.2, 0.2, (50, 3))
+    N = TURN[:, 2] + rng.uniform(-0.4, 0.4, (50, 3))
+    N /= np.linalg.norm(N, axis=1, keepdims=True)
+    point = replace(SOFT_SPOT, kind="POINT")
+    truth = lights.light_irradiance(point, P, N)
+    assert (truth > 0).all()
+    np.testing.assert_allclose(lights.light_irradiance(SOFT_SPOT, P, N), truth, rtol=1e-12)
+
+
+@pytest.mark.parametrize("soft", [True, False])
+@pytest.mark.parametrize(("angle", "blend"), [(1.2, 0.3), (0.5, 0.0), (2.8, 1.0)])
+def test_a_cone_cuts_a_disc_that_it_lets_through_in_part(angle, blend, soft):
+    """By 600 points of the disc: of the others it lets all through alike."""
+    light = replace(SOFT_SPOT, spot_angle=angle, spot_blend=blend, soft_falloff=soft)
+    P = np.concatenate([places(400)[0], MATRIX[:3, 3] + np.random.default_rng(1).normal(0, 0.15, (50, 3))])
+    uniforms = lights.light_uniforms(light)
+    offset, sin_sigma, _ = lights.light_round(light, P)
+    reach = np.linalg.norm(offset, axis=-1) * sin_sigma / np.sqrt(np.maximum(1 - sin_sigma**2, 1e-4))
+    cut, share = lights.spot_cuts(uniforms, offset, reach)
+    through = lights.spot_attenuation(uniforms, lights.light_sample(light, P, np.arange(600)[:, None], 600)[0])
+    low, high = through.min(0), through.max(0)
+    assert cut[low < high].all()
+    assert ((low == share) & (high == share))[~cut].all()
+    assert cut.any() and not cut.all()
+    assert (cut & (low == high)).mean() < 0.15  # an uneven scale is taken to stretch the disc all around
+
+
 # ---- how irradiance changes as a lamp moves
 
 def test_slopes_of_a_point_are_those_of_its_formula():

@@ -7,12 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from irpso_addon.core.calibration import rig_fit
 from irpso_addon.core.calibration.finish import Final, weighed
 from irpso_addon.core.calibration.free_numbers import sure_of_ambient
 from irpso_addon.core.calibration.rig_fit import RigFound, fit_rig
 from irpso_addon.core.calibration.rig_numbers import Free
 from irpso_addon.core.calibration.rig_round import in_common
 from irpso_addon.core.calibration.rig_sample import RigSample
+from irpso_addon.core.evaluation.joint_material import OneMaterial
+from irpso_addon.core.evaluation.sampled_texels import SampledTexels
 from irpso_addon.core.job import Steps, run_to_end
 from tests.support import tilted_sphere as balls
 
@@ -72,6 +75,27 @@ def test_powers_beside_exposures_are_stated_as_sure_as_they_are(seed: int) -> No
         off -= np.median(off)  # what all share is not to be found
         assert np.sqrt(np.mean(off**2)) < 0.017  # of the first 0.022, stated as 0.001, without other lamps
         assert 0.4 < np.sqrt(np.mean((off / getattr(of.error, name)) ** 2)) < 1.2
+
+
+def test_fits_that_begin_alike_look_for_materials_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And find the same bytes as by themselves.  Levels that are free have materials of their own."""
+    sample, _ = balls.sphere(balls.principled(0.4), lamps=LAMPS, texels=100, noise=0.01, turned=np.radians(0.5))
+    frees = PLACES, Free(lamps=False, exposures=True), replace(PLACES, levels=True)
+    apart = [found(fit_rig(replace(sample.rig), free, rounds=2)) for free in frees]
+    looked: list[bool] = []
+    original = rig_fit.materials_of
+
+    def heard(rig: RigSample, texels: SampledTexels, levels: bool) -> dict[int, OneMaterial]:
+        looked.append(levels)
+        return original(rig, texels, levels)
+
+    monkeypatch.setattr(rig_fit, "materials_of", heard)
+    together = [found(fit_rig(sample.rig, free, rounds=2)) for free in frees]
+    assert looked == [False, True]
+    for one, other in zip(apart, together, strict=True):
+        assert one.change.offset.tobytes() == other.change.offset.tobytes()
+        assert one.change.log_gain.tobytes() == other.change.log_gain.tobytes()
+        assert one.materials == other.materials
 
 
 def test_pictures_in_which_no_lamp_shone_show_no_ambient_light() -> None:

@@ -141,12 +141,27 @@ def kernel(self, name, *arguments, **more):
     original(self, name, *arguments, **more)
 context.Device.kernel = kernel
 device = context.Device()
+device.is_software = False  # which would measure nothing
 first = device.prefers_compute
 before = counted
 assert device.prefers_compute is first
 print(first, before, counted)
 device.release()
 """
+
+
+def test_a_software_renderer_measures_nothing(on_gl, monkeypatch):
+    """It has one processor for both kinds of shaders: kernels run as fragment shaders at once."""
+
+    def job(device: Device) -> bool:
+        if not device.is_software:
+            pytest.skip("not a software renderer")
+        monkeypatch.setattr(device, "settings", DeviceSettings())
+        monkeypatch.setattr(device, "compute_faster", None)
+        monkeypatch.setattr(Device, "_probe", lambda *_: pytest.fail("measured"))
+        return device.prefers_compute
+
+    assert on_gl(job) is False
 
 
 def test_the_settings_decide(on_gl):

@@ -96,3 +96,14 @@ def test_sample_equals_its_twin(evaluate, places, name, count):
     told = weight > 1e-6 * weight.max()
     np.testing.assert_allclose(got[told, :3], offset[told], atol=5e-5)
     np.testing.assert_allclose(got[:, 3], weight, atol=5e-5 * weight.max())
+
+
+@pytest.mark.parametrize("name", LAMPS)
+def test_ring_sample_equals_its_twin(evaluate, places, name):
+    lamp, turn = LAMPS[name], np.linspace(0, 1, COUNT)
+    body = "float w; vec3 v = ring_sample(a.xyz, a.w, w); o = vec4(v, w);"
+    got = evaluate(LIGHTS, body, np.column_stack([places[:, :3], turn]).astype(np.float32), lights.light_uniforms(lamp))
+    offset, weight = lights.ring_sample(lamp, places[:, :3].astype(float), turn)
+    told = weight > 1e-6 * weight.max()
+    np.testing.assert_allclose(got[told, :3], offset[told], atol=5e-5)
+    np.testing.assert_allclose(got[:, 3], weight, atol=5e-5 * weight.max())

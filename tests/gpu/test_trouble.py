@@ -118,6 +118,7 @@ def test_a_probe_that_fails_decides_nothing(on_gl, monkeypatch):
     def job(device: Device) -> None:
         monkeypatch.setattr(device, "settings", replace(device.settings, kernels="auto"))
         monkeypatch.setattr(device, "compute_faster", None)
+        monkeypatch.setattr(device, "is_software", False)  # which would measure nothing
         slices = []
         monkeypatch.setattr(device.budget, "choose", slices.append)
 

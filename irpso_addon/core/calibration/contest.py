@@ -111,4 +111,5 @@ def diffuse_alone(sample: RigSample, found: RigFound) -> RigSample:
     seen = sample.geometry.under(found.change).texels
     specular = parts(seen, lobes_of(sample, seen, found.materials))[1][..., 0]
     shown = np.maximum(seen.reflected.mean(-1), LEAST_SEEN)
-    return replace(sample, texels=replace(texels, quality=np.where(specular < HIGHLIGHT * shown, texels.quality, 0.0)))
+    quality = np.where(specular < HIGHLIGHT * shown, texels.quality, 0.0)
+    return sample.showing(replace(texels, quality=quality), sample.shade)

@@ -129,11 +129,14 @@ class _RigFit:
             numbers.start = numbers.packed(self.change)
         for n in range(rounds):
             yield Progress(n / rounds, "calibrate")
-            seen = self.sample.geometry.under(self.change)
-            if refit and n in REFITS:
-                materials = materials_of(self.sample, seen.texels, self.free.levels)
-                now = None  # beside other materials a texel's roughness may lie far from the last one
-            now = RigRound(self.sample, self.paints, self.change, seen, materials, self.free.tilts, now)
+            if start is None and n == 0:
+                materials, now = self._begun()
+            else:
+                seen = self.sample.geometry.under(self.change)
+                if refit and n in REFITS:
+                    materials = materials_of(self.sample, seen.texels, self.free.levels)
+                    now = None  # beside other materials a texel's roughness may lie far from the last one
+                now = RigRound(self.sample, self.paints, self.change, seen, materials, self.free.tilts, now)
             if self.free.ambient:
                 numbers.expect(now.around_in_shade())
             step, covariance = now.step(numbers, self.factor)
@@ -146,6 +149,17 @@ class _RigFit:
         error = numbers.unpacked(np.sqrt(np.maximum(covariance.diagonal(), 0.0)))
         return RigFound(_centred(self.change, bool(numbers.kept.any())), error, now.scatter, given[0],
                         (given[1], now.common()), materials, self._brightness(now, covariance), numbers.prior)
+
+    def _begun(self) -> tuple[dict[int, OneMaterial], RigRound]:
+        """Materials and round under the given rig, which fits of other numbers begin with too."""
+        kept, kind = self.sample.geometry.begun, (self.free.levels, self.free.tilts)
+        if kind not in kept:
+            seen = self.sample.geometry.under(self.change)
+            materials = materials_of(self.sample, seen.texels, self.free.levels)
+            kept[kind] = materials, RigRound(
+                self.sample, self.paints, self.change, seen, materials, self.free.tilts)
+        begun: tuple[dict[int, OneMaterial], RigRound] = kept[kind]
+        return begun
 
     def _brightness(self, now: RigRound, covariance: F64) -> ViewBrightness:
         slopes = self.numbers.slopes_of_brightness(self.sample) + now.brightness_by_places(self.numbers)

@@ -9,6 +9,7 @@ little.  Cauchy weights; standard errors from the scores of clusters of neighbou
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -99,12 +100,17 @@ class RigRound:
 
     def common(self) -> float:
         """Relative: the part of what is left over that neighbouring texels have in common, which noise is not."""
-        rest = self._elimination().remains(self.left) if self.tilts else self.left
+        rest = self.elimination.remains(self.left) if self.tilts else self.left
         return in_common(rest, self.good & (self.share > DIFFUSE), self.sample.cluster, OUTLYING * self.scatter)
 
     def around_in_shade(self) -> AroundInShade | None:
         """Light from all around, as places in the shade show it."""
         return around_in_shade(self.sample, self.base, self.seen.shown, self.sample.geometry.open)
+
+    @cached_property
+    def elimination(self) -> Elimination:
+        """Of the texels' own numbers, under the last weights."""
+        return self._elimination()
 
     def _elimination(self) -> Elimination:
         return Elimination(self.paints, self.weight, self.share, self.bend, self.scatter, self.tilts)
@@ -144,7 +150,7 @@ class RigRound:
         ``factor``: what observations scatter by, times what they show.
         """
         free = numbers.free
-        normal, pull, scores = self._sums(numbers, self._elimination())
+        normal, pull, scores = self._sums(numbers, self.elimination)
         variance = (factor * self.scatter)**2
         meat = (scores**2).sum(1)
         ratio = meat / np.maximum(normal.diagonal() * self.scatter**2, LEAST)

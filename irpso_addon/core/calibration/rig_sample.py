@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -50,8 +52,15 @@ class RigSample:
     def channel(self, channel: int) -> RigSample:
         """What the pictures show in one of COLOURS channels."""
         texels, one = self.texels, slice(channel, channel + 1)
-        return replace(self, shade=None if self.shade is None else self.shade[..., one], texels=replace(
-            texels, reflected=texels.reflected[..., one], irradiance=texels.irradiance[..., one]))
+        return self.showing(
+            replace(texels, reflected=texels.reflected[..., one], irradiance=texels.irradiance[..., one]),
+            None if self.shade is None else self.shade[..., one])
+
+    def showing(self, texels: SampledTexels, shade: F64 | None) -> RigSample:
+        """The same places under the same lamps and cameras, of which pictures show something else."""
+        other = replace(self, texels=texels, shade=shade)
+        vars(other)["geometry"] = self.geometry.of(other)
+        return other
 
     @cached_property
     def geometry(self) -> RigGeometry:
@@ -123,6 +132,13 @@ class RigGeometry:
         reached = np.ones(len(sample.slot)) if sample.openness is None else sample.openness
         self.open = reached[:, None] * lit  # (T, V) share of the light from all around
         self.file = shown[:, 0] * np.exp(shown[:, 1] * self.cosine)  # (T, V) value of files for each unit of radiance
+        self.begun: dict[tuple[bool, bool], Any] = {}  # how fits of the sample begin, see rig_fit.py
+
+    def of(self, sample: RigSample) -> RigGeometry:
+        """Of other texels' observations at the same places."""
+        other = copy(self)
+        other.sample, other.begun = sample, {}
+        return other
 
     def under(self, change: RigChange) -> Seen:
         """The sample under a changed rig."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data import F64, Bool
+from ..data import F64, I32, Bool
 from ..shading import brdf
 from ..vectors import dot
 from .rig_sample import SHEEN, RigSample, to_middle
@@ -68,10 +68,17 @@ def around_in_shade(sample: RigSample, base: F64, shown: F64, openness: F64) -> 
     sheen = brdf.principled_energy(SHEEN, toward)[..., 1]
     reflected = (base[known] * (1 - sheen) + sheen) * np.maximum(openness[known], LEAST_OPEN) * shown[known]
     found = shade[known] / reflected * (np.pi / sample.light)
-    cluster = sample.cluster[at]
-    values = [float(np.median(found[cluster == n])) for n in np.unique(cluster)]
+    values = _medians(found, sample.cluster[at])
     if len(values) < FEWEST:
         return None
     value = max(float(np.median(values)), 0.0)
-    spread = 1.4826 * float(np.median(np.abs(np.array(values) - value))) / len(values)**0.5
+    spread = 1.4826 * float(np.median(np.abs(values - value))) / len(values)**0.5
     return AroundInShade(value, max(UNSURE * value, spread, LEAST_UNSURE))
+
+
+def _medians(values: F64, cluster: I32) -> F64:
+    """Of each cluster, whose numbers (N,) ``cluster`` has."""
+    order = np.lexsort((values, cluster))
+    first, count = np.unique(cluster[order], return_index=True, return_counts=True)[1:]
+    ordered = values[order]
+    return np.asarray(0.5 * (ordered[first + (count - 1) // 2] + ordered[first + count // 2]))

@@ -48,7 +48,7 @@ def parts_of(sample: RigSample) -> list[tuple[RigSample, RigSample]]:
 def _seen(sample: RigSample, some: np.ndarray) -> RigSample:
     """``some``: (T, V) observations."""
     texels = sample.texels
-    return replace(sample, texels=replace(texels, quality=np.where(some, texels.quality, 0.0)))
+    return sample.showing(replace(texels, quality=np.where(some, texels.quality, 0.0)), sample.shade)
 
 
 def _apart(one: RigFound, other: RigFound) -> float:

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..data import F64, Light
+from ..data import F64, Bool, Light
 from ..vectors import dot, length
 
 KINDS = ("POINT", "SUN", "SPOT", "AREA")  # index: LIGHT_POINT ... in the shader
 ELLIPSE_SIDES = 32
-QUADRATURE = 12  # squared: points where there is no closed form, soft SPOT and AREA with spread
+QUADRATURE = 12  # squared: points where there is no closed form, AREA with spread and the rim of a soft SPOT
 SMALLEST = 1e-5  # metres, half extent of an AREA lamp of size 0: its radiance would be infinite
 POINT_SIZE = 0.005  # half extent / distance below which an AREA lamp is taken as a point, as lights.glsl explains
 GOLDEN_RATIO = 0.618033988749895
@@ -54,15 +54,28 @@ def light_irradiance(light: Light, P: ArrayLike, N: ArrayLike) -> F64:
     uniforms = light_uniforms(light) if light.kind in ("AREA", "SPOT") else {}
     if light.kind == "AREA" and uniforms["u_light_spread"][0] == 0:
         return area_irradiance(light, P, N)
-    if light.kind == "AREA" or (light.kind == "SPOT" and light.radius > 0):
-        total = np.zeros(P.shape[:-1])
-        for cell in (np.indices((QUADRATURE, QUADRATURE)).reshape(2, -1).T + 0.5) / QUADRATURE:
-            offset, weight = emitter_sample(light, P, np.broadcast_to(cell, (*P.shape[:-1], 2)), QUADRATURE**2)
-            total += weight * np.maximum(dot(N, offset) / length(offset), 0)
-        return total
+    if light.kind == "AREA":
+        return summed_irradiance(light, P, N)
     offset, sin_sigma, facing = light_round(light, P)
     irradiance: F64 = facing * cone_cosine(dot(N, offset) / length(offset), sin_sigma)
-    return irradiance * spot_attenuation(uniforms, offset) if light.kind == "SPOT" else irradiance
+    if light.kind != "SPOT":
+        return irradiance
+    if light.radius == 0:
+        return irradiance * spot_attenuation(uniforms, offset)
+    reach = length(offset) * sin_sigma / np.maximum(np.sqrt(1 - np.minimum(sin_sigma**2, 1)), 1e-2)
+    cut, share = spot_cuts(uniforms, offset, reach)
+    irradiance = np.asarray(irradiance * share)
+    irradiance[cut] = summed_irradiance(light, P[cut], N[cut])
+    return irradiance
+
+
+def summed_irradiance(light: Light, P: F64, N: F64) -> F64:
+    """The same by points of the emitter."""
+    total = np.zeros(P.shape[:-1])
+    for cell in (np.indices((QUADRATURE, QUADRATURE)).reshape(2, -1).T + 0.5) / QUADRATURE:
+        offset, weight = emitter_sample(light, P, np.broadcast_to(cell, (*P.shape[:-1], 2)), QUADRATURE**2)
+        total += weight * np.maximum(dot(N, offset) / length(offset), 0)
+    return total
 
 
 def light_sample(light: Light, P: ArrayLike, i: ArrayLike, n: int) -> tuple[F64, F64]:
@@ -76,6 +89,25 @@ def light_sample(light: Light, P: ArrayLike, i: ArrayLike, n: int) -> tuple[F64,
     points = np.broadcast_to(np.asarray(P, np.float64), (*shape, 3))
     lattice = np.stack([(index + 0.5) / n, (0.5 + GOLDEN_RATIO * index) % 1], -1)
     return emitter_sample(light, points, np.broadcast_to(lattice, (*shape, 2)), n)
+
+
+def ring_sample(light: Light, P: F64, turn: F64) -> tuple[F64, F64]:
+    """The point of a ring on the emitter that lies at so many turns, as `light_sample`.
+
+    Four of them, a quarter of a turn apart, have the first and second moments of the whole emitter (a rule of degree
+    3; Stroud 1971, "Approximate Calculation of Multiple Integrals"), if it `shines_evenly`.
+    """
+    if light.kind == "AREA" and light.shape not in ("DISK", "ELLIPSE"):
+        phi = 2 * np.pi * turn
+        square = 0.5 + np.sqrt(1 / 6) * np.stack([np.cos(phi), np.sin(phi)], -1)
+    else:
+        square = np.stack([np.full_like(turn, 0.5), turn], -1)
+    return emitter_sample(light, P, square, 4)
+
+
+def shines_evenly(light: Light) -> bool:
+    """Whether all parts of the emitter send a place about the same light: no cone or spread cuts some of them off."""
+    return light.kind in ("POINT", "SUN") or (light.kind == "AREA" and light_uniforms(light)["u_light_spread"][0] == 0)
 
 
 def emitter_sample(light: Light, P: F64, square: F64, n: int) -> tuple[F64, F64]:
@@ -120,6 +152,23 @@ def spot_attenuation(uniforms: dict[str, Any], offset: F64) -> F64:
     t = np.clip((local[..., 2] / length(local) - cosine) * steepness, 0, 1)
     value: F64 = t * t * (3 - 2 * t)
     return value
+
+
+def spot_cuts(uniforms: dict[str, Any], offset: F64, reach: F64) -> tuple[Bool, F64]:
+    """(whether the cone or its blend cuts through a disc; what it lets through of it where it does not).
+
+    ``offset``: (..., 3) to the disc's centre.  ``reach``: (...) its radius, metres.
+    """
+    matrix = np.reshape(uniforms["u_light_to_local"], (3, 3))  # stored by columns
+    local, (cosine, steepness) = offset @ matrix, uniforms["u_light_spot"]
+    # The matrix turns, and then stretches each axis: by so much at most, of the distance.
+    by = reach * np.sqrt((matrix**2).sum(0).max()) / length(local)
+    c = local[..., 2] / length(local)
+    s, wide = np.sqrt(np.maximum(1 - c * c, 0)), np.sqrt(np.maximum(1 - by * by, 0))
+    around = (by >= s) & (c > 0)  # the disc holds the axis
+    least, most = c * wide - s * by, np.where(around, 1.0, c * wide + s * by)
+    whole = (by < 1) & ((least - cosine) * steepness >= 1)
+    return ~whole & ((by >= 1) | (most > cosine)), whole.astype(np.float64)
 
 
 def light_basis(n: F64) -> tuple[F64, F64]:

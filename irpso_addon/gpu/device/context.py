@@ -193,12 +193,13 @@ class Device(DeviceMemory):
         """Whether kernels run as compute shaders: as the settings say, or where that is clearly faster.
 
         Measured once, by the same arithmetic both ways.  Data-centre GPUs have few graphics units (30 times
-        slower there); elsewhere the two are alike, and fragment shaders run everywhere.
+        slower there); elsewhere the two are alike, and fragment shaders run everywhere.  A software renderer has the
+        same processor for both: there it would be time lost.
         """
         if self.settings.kernels != "auto" or self.ctx.version_code < 430:
             return self.settings.kernels == "compute"
         if self.compute_faster is None:
-            self.compute_faster = self._measure_compute()
+            self.compute_faster = not self.is_software and self._measure_compute()
         return self.compute_faster
 
     def _measure_compute(self) -> bool:

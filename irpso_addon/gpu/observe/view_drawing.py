@@ -16,7 +16,9 @@ from ..gbuffer.gbuffer import GBufferMaps
 from .environment_light import EnvironmentLight, share_of
 from .visibility import SOFT_ANGLE
 
-LIGHT_POINTS = 16  # sample points on an emitter that is not a point, for the spread of half vectors
+# Sample points on an emitter that is not a point, for the spread of half vectors, at each of a footprint's four points:
+# of a ring, or, where the emitter's parts send different light, of a lattice (decision 0002).
+RING_POINTS, LATTICE_POINTS = 4, 16
 
 
 class SeenThrough(Protocol):
@@ -120,8 +122,10 @@ def _lamp_defines(light: Light) -> dict[str, str]:
     """What the programs for this light are made for: software rasterisers compute branches that uniforms decide."""
     sharp = light.kind != "AREA" and light.radius == 0.0
     point = light.kind != "AREA" and light.radius <= SOFT_ANGLE * 0.1
+    ring = not point and light_model.shines_evenly(light)
     return {"LIGHT_KIND": str(light_model.KINDS.index(light.kind)), **({"LIGHT_SHARP": "1"} if sharp else {}),
-            "LIGHT_POINTS": "1" if point else str(LIGHT_POINTS)}
+            "LIGHT_POINTS": str(1 if point else RING_POINTS if ring else LATTICE_POINTS),
+            **({"LIGHT_RING": "1"} if ring else {})}
 
 
 def channel_masks(channels: int) -> list[tuple[float, float, float]]:

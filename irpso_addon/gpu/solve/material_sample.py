@@ -247,6 +247,7 @@ class CameraSample(CameraSource):
         self.left_out: Bool = np.zeros(len(self.layers.groups), bool)
         self._kept: dict[Tile, moderngl.Texture] = {}  # what each tile's atlas holds, ...
         self._gathered: set[Tile] = set()  # once it was gathered
+        self._filled: tuple[ObservationAtlas, Tile, bytes] | None = None  # the atlas that holds it; what is left out
 
     def keep(self) -> None:
         """Gather each tile once: a sample is solved many times."""
@@ -255,9 +256,14 @@ class CameraSample(CameraSource):
         atlas.release()
 
     def gather(self, atlas: ObservationAtlas, tile: Tile, colour: bool) -> Iterator[None]:
-        """As of `CameraSource`, but for the layers that are left out."""
-        kept = self._kept.get(tile)
-        if kept is None or kept.size != atlas.texture.size:
+        """As of `CameraSource`, but for the layers that are left out; nothing to do where the atlas holds that."""
+        kept, holds = self._kept.get(tile), (atlas, tile, self.left_out.tobytes())
+        if kept is not None and kept.size != atlas.texture.size:
+            kept = None
+        if kept is not None and self._filled == holds:
+            return
+        self._filled = None
+        if kept is None:
             yield from super().gather(atlas, tile, colour)
         elif tile in self._gathered:
             self._copy_texture(kept, atlas.target)
@@ -268,6 +274,7 @@ class CameraSample(CameraSource):
             self._gathered.add(tile)
         for layer in np.flatnonzero(self.left_out):
             atlas.target.clear(viewport=atlas.block(int(layer) * self.layers.each))
+        self._filled = holds
 
     def _copy_texture(self, texture: moderngl.Texture, target: moderngl.Framebuffer) -> None:
         self.device.draw("observe/copy.frag", target, Inputs({"u_map": texture}, {"u_corner": (0, 0)}))

@@ -206,7 +206,9 @@ class Solver(TilePasses):
         with self.device.scope():
             judged = 1 not in self.before.noise and not self.metallic
             colour, *errors = own = self.textures(2 if judged else 1)
-            yield from self._albedo(own, searched[0], 1, chosen, (0.5, 0.6))
+            tables = self.textures(8)
+            yield from self.run(chosen, (0.5, 0.8), self._albedo(own, searched[0], 1), KernelPass(
+                "solve/table.kernel", tables, valleys, floor, robust=self.robust))
             for texture in errors:
                 self.noise_of[1] = replace(self.noise_of[1], alike=neighbours.alike(
                     self.device.read(texture), self.source.stride))
@@ -216,9 +218,6 @@ class Solver(TilePasses):
                     self.noise_of[1], typical=self._typical(Searched(chosen, searched, variance), colour))
             # A metal's errors were not compared.
             noise = replace(self.noise_of[1], alike=0.0) if self.metallic else self.noise_of[1]
-            tables = self.textures(8)
-            yield from self.run(chosen, (0.6, 0.8), KernelPass(
-                "solve/table.kernel", tables, valleys, floor, robust=self.robust))
             estimate, prior = neighbours.pyramid(
                 self.device, tuple(tables), colour,
                 neighbours.shared_by(noise, self.source.shared_error, self.source.misfit > 0),
@@ -336,18 +335,15 @@ class Solver(TilePasses):
     def albedo(self, lobe_map: moderngl.Texture, lobes: int = 1) -> Generator[Progress, None, moderngl.Texture]:
         """Base colour of each texel from its own observations alone; ``lobe_map``: roughness, or the pairs of lobes."""
         outputs = self.textures(1)
-        yield from self._albedo(outputs, lobe_map, lobes, tiles(self.atlas, self.covered), (0.0, 1.0))
+        yield from self.run(tiles(self.atlas, self.covered), (0.0, 1.0), self._albedo(outputs, lobe_map, lobes))
         return outputs[0]
 
-    def _albedo(
-        self, outputs: list[moderngl.Texture], lobe_map: moderngl.Texture, lobes: int, chosen: list[Tile],
-        span: tuple[float, float],
-    ) -> Generator[Progress, None, None]:
+    def _albedo(self, outputs: list[moderngl.Texture], lobe_map: moderngl.Texture, lobes: int) -> KernelPass:
         """Base colour and, where a second output is given, errors for `neighbours.alike`: of one lobe, of no metal."""
         robust = self.robust and lobes == 1
-        yield from self.run(chosen, span, KernelPass(
+        return KernelPass(
             "solve/albedo.kernel", outputs, {"u_found": lobe_map, **({"u_noise": self.noise_map} if robust else {})},
-            self._floor(self.noise**2) if robust else {}, lobes, colour=True, robust=robust))
+            self._floor(self.noise**2) if robust else {}, lobes, colour=True, robust=robust)
 
     def _noise(
         self, valleys: moderngl.Texture, support: moderngl.Texture, lobes: int, misfit: float = 0.0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 
@@ -90,20 +91,23 @@ class TilePasses:
         return not self.device.is_software or self.source.layers.at_once(loops) > 0
 
     def run(
-        self, chosen: list[Tile], span: tuple[float, float], work: KernelPass,
+        self, chosen: list[Tile], span: tuple[float, float], *works: KernelPass,
     ) -> Generator[Progress, None, int]:
-        """Run one kernel over tiles; returns how many were done, fewer when the first kernel is stopped.
+        """Run kernels over tiles, each tile gathered once; returns how many were done, fewer when the first is stopped.
 
         A later kernel goes on to its end over the tiles that the first one did.  ``span``: of the stage's progress.
+        ``works``: none needs what another one of them finds; the last may be looked at.
         """
-        stoppable = span[0] == 0.0
-        defines = self._defines(work)
-        shown = self.shown and (work.kernel, work.lobes) in LOOKS
-        look = partial(LOOKS[work.kernel, work.lobes], self.device, work.outputs) if shown else None
-        with self.device.target(work.outputs, clear=True) as target:
+        stoppable, last = span[0] == 0.0, works[-1]
+        shown = self.shown and (last.kernel, last.lobes) in LOOKS
+        look = partial(LOOKS[last.kernel, last.lobes], self.device, last.outputs) if shown else None
+        with ExitStack() as opened:
+            runs = [(work, opened.enter_context(self.device.target(work.outputs, clear=True)), self._defines(work))
+                    for work in works]
+            colour = any("COLOUR" in defines for *_, defines in runs)
             for i, tile in enumerate(chosen):
-                for step in (self.source.gather(self.atlas, tile, "COLOUR" in defines),
-                             self._run_tile(work, target, tile, defines)):
+                for step in (self.source.gather(self.atlas, tile, colour),
+                             *(self._run_tile(work, target, tile, defines) for work, target, defines in runs)):
                     for _ in step:
                         try:
                             part = (i + 1) / len(chosen)
