@@ -12,7 +12,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ..check_records import Checks, LightResidual, Misfit, ViewCheck
+from ..check_records import Checks, LightResidual, Misfit, Residual, ViewCheck
 from ..params import choice_name
 from ..phrases import NAMED, percent, some
 from .bounced_light import SEVERAL_UDIMS
@@ -234,12 +234,20 @@ def drifting(checks: Checks) -> dict[str, float]:
     A gain is a median: under noise of a path tracer, few of whose samples are bright, it lies below the mean by about
     the square of the noise.
     """
-    bent = max(LEAST_GAIN_MISFIT, SHARED * checks.structure) if checks.misfit else LEAST_GAIN
-    least = max([bent, _floor(checks), *(2 * light.effect for light in moved_lights(checks))])
+    least = max([LEAST_GAIN, _floor(checks), *(2 * light.effect for light in moved_lights(checks))])
     found = {v.view: v.residual for v in _without_cause(checks)}
     gains = {view: float(np.log(residual.gain)) for view, residual in found.items()}
     return {view: gain for view, gain in gains.items()
-            if abs(gain) > max(least, SIGMAS * found[view].gain_error, found[view].noise**2)}
+            if abs(gain) > max(least, _bent_gain(checks, found[view]), SIGMAS * found[view].gain_error,
+                               found[view].noise**2)}
+
+
+def _bent_gain(checks: Checks, seen: Residual) -> float:
+    """How much brighter or darker a material that is not what its model says may make a whole view.
+
+    What the model lacks depends on the lamp: a view may lack more than most.
+    """
+    return max(LEAST_GAIN_MISFIT, SHARED * max(checks.structure, seen.structure)) if checks.misfit else 0.0
 
 
 def _without_cause(checks: Checks) -> list[ViewCheck]:
