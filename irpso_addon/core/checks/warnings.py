@@ -130,11 +130,13 @@ def _curved(checks: Checks) -> dict[str, float]:
     # Shapes and shadows that the scene lacks, and materials that are not their models, scatter the exponents of all and
     # leave structure in all views.
     bent = LEAST_POWER_MISFIT if checks.structure > MISFIT_STRUCTURE else _bent(checks)
-    scatter = SIGMAS * scale_of(np.array([v.slope.exponent for v in checks.views if v.slope]))
+    exponents = np.array([v.slope.exponent for v in checks.views if v.slope])
+    scatter, typical = SIGMAS * scale_of(exponents), float(np.median(exponents)) if len(exponents) else 1.0
     return {v.view: v.slope.exponent for v in checks.views
             if v.slope
             and abs(v.slope.exponent - 1) > max(
                 LEAST_POWER_ALONE + _floor(checks), SIGMAS_POWER * v.slope.error, bent, scatter)
+            and abs(v.slope.exponent - typical) > scatter
             and not elsewhere & set(v.lights) and v.view not in off}
 
 
