@@ -286,6 +286,7 @@ class MaterialPrediction:
     taken: str  # the row of ``tried`` that was solved for
     tried: dict[str, PredictionError]  # from the smallest model on
     clear: bool = True  # whether the model that the fit prefers leads clearly: in its own world it does
+    broad_metal: bool = False  # what was taken is a metal whose lobe is as broad as there is: no metal is
 
     @property
     def error(self) -> PredictionError:
@@ -295,7 +296,7 @@ class MaterialPrediction:
     @property
     def fits(self) -> bool:
         """Whether the model explains the material at all."""
-        return self.error.fits
+        return self.error.fits and not self.broad_metal
 
 
 @dataclass(frozen=True)

@@ -230,9 +230,13 @@ def no_metal(name: str, share: float) -> str:
 
 def unfit(name: str, prediction: MaterialPrediction) -> str:
     """What to say of a material that no model explains."""
-    error = prediction.error
-    return (f"material '{name}': no model predicts left-out {prediction.left_out} (off by "
-            f"{percent(error.relative_rms)} of the radiance, {error.lightness:.0f} L*), so its confidence is 0; IRPSO "
+    error, of = prediction.error, prediction.left_out
+    off = f"off by {percent(error.relative_rms)} of the radiance, {error.lightness:.0f} L*"
+    if error.fits:
+        return (f"material '{name}': no model fits: a metal of roughness 1 predicts left-out {of} best ({off}), and "
+                "translucent materials and cloth look like that, so its confidence is 0; IRPSO cannot solve for these; "
+                "if it is neither, check lamps, cameras and mesh")
+    return (f"material '{name}': no model predicts left-out {of} ({off}), so its confidence is 0; IRPSO "
             "cannot solve for materials that are translucent, move or mirror their surroundings, or for other light "
             "than the lamps'; if it is none of these, check lamps, cameras and mesh")
 

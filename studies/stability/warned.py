@@ -22,7 +22,7 @@ KINDS = {  # words of a warning -> its kind in the atlas; the first that fits
     "non-linear": "not linear", "pixels off": "registration", "check its p": "light", "appear elsewhere": "light",
     "exposure": "exposure", "brighter or darker": "exposure", "shadows are": "indirect light",
     "clipped": "clipped", "highlights are off": "misfit", "unexplained": "misfit",
-    "no model predicts": "no model fits", "good observations": "few observations", "highlight": "no highlight",
+    "no model": "no model fits", "good observations": "few observations", "highlight": "no highlight",
     "lit in no view": "not seen",
 }
 UNSEEN = 0.05  # irpso_addon/solve/one_round.py: share of texels seen by no view

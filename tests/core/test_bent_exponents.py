@@ -50,6 +50,16 @@ def test_a_view_is_blamed_only_where_it_stands_out() -> None:
     assert warnings(of_views([*(1 + 0.08 * rng.normal(size=30)), 0.71, 1.3])) == ()
 
 
+def test_a_view_stands_out_from_the_others_and_not_from_1() -> None:
+    """Cloth with sheen under 56 suns, rendered by Cycles: exponents of 0.57 to 1.03 with a scale of 0.1, and 0.36."""
+    most = list(0.776 + 0.1007 * np.random.default_rng(2).normal(size=55).clip(-2.05, 2.55))
+    made = replace(of_views([*most, 0.359]), misfit=True, structure=0.099)
+    assert not any("non-linear" in line for line in warnings(made))
+    alike = [0.776 + 0.3 * (exponent - 0.776) for exponent in most]
+    (line,) = (line for line in warnings(replace(made, views=of_views([*alike, 0.359]).views)) if "non-linear" in line)
+    assert line.startswith("'55.exr': looks non-linear (exponent 0.36)")
+
+
 def test_structure_in_all_views_excuses_a_single_bent_one() -> None:
     """A photographed figure: 7 % of structure, exponents of .71 to 1.08 with a scale of .04."""
     rng = np.random.default_rng(1)

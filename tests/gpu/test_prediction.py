@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -187,6 +188,34 @@ def test_a_weak_prior_keeps_roughness_where_a_few_texels_flash():
 def test_levels_a_texel_are_larger_than_any_one_level():
     weak = prediction_trials.by_size([*prediction_trials.DRAWN_LEVELS, *prediction_trials.DRAWN_WEAKLY])
     assert [names[0] for names in weak] == ["a value a texel, prior 0.3", "a value and level a texel, prior 200, 1"]
+
+
+def wax(base: np.ndarray, rough: np.ndarray, L: np.ndarray, V: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """Light that wraps around the surface, red the farthest, as below that of wax (Green 2004, "wrap lighting")."""
+    cos_l = np.clip((L * N).sum(-1), 1e-3, 1)[..., None]
+    wrap = 0.3 * np.array([1.0, 0.7, 0.4])
+    return base / np.pi * (cos_l + wrap) / (1 + wrap) / cos_l
+
+
+@pytest.mark.one_python
+def test_a_metal_as_rough_as_there_is_is_no_metal():
+    """A translucent material without a highlight: its Metallic predicts lamps three times as well as Lambert."""
+    found = run(shoot(replace(REAL, reflect=wax)), model="auto")
+    prediction = found.predictions["Paint"]
+    assert prediction.error.relative_rms < 0.5 * prediction.tried["lambert"].relative_rms and prediction.error.fits
+    assert found.metallic["Paint"] > 0.3 and not prediction.fits
+    assert found.maps.confidence.max() == 0
+    (line,) = (line for line in found.warnings if "no model fits: a metal of roughness 1" in line)
+    assert line.startswith("material 'Paint': ") and "so its confidence is 0" in line
+
+
+@pytest.mark.one_python
+def test_a_rough_metal_is_one():
+    rough = replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=1.0),
+                    roughness=lambda u, v: np.full_like(np.asarray(u, np.float64), 0.8))
+    found = run(shoot(rough), model="auto")
+    assert found.metallic["Paint"] > 0.95 and found.predictions["Paint"].fits
+    assert np.median(errors(found, rough).rough) < 0.03
 
 
 @pytest.mark.one_python

@@ -12,7 +12,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ..check_records import Checks, LightResidual, Misfit, ViewCheck
+from ..check_records import Checks, LightResidual, Misfit, Residual, ViewCheck
 from ..params import choice_name
 from ..phrases import NAMED, percent, some
 from .residuals import is_indirect, scale_of
@@ -126,11 +126,13 @@ def _curved(checks: Checks) -> dict[str, float]:
     # Shapes and shadows that the scene lacks, and materials that are not their models, scatter the exponents of all and
     # leave structure in all views.
     bent = LEAST_POWER_MISFIT if checks.structure > MISFIT_STRUCTURE else _bent(checks)
-    scatter = SIGMAS * scale_of(np.array([v.slope.exponent for v in checks.views if v.slope]))
+    exponents = np.array([v.slope.exponent for v in checks.views if v.slope])
+    scatter, typical = SIGMAS * scale_of(exponents), float(np.median(exponents)) if len(exponents) else 1.0
     return {v.view: v.slope.exponent for v in checks.views
             if v.slope
             and abs(v.slope.exponent - 1) > max(
                 LEAST_POWER_ALONE + _floor(checks), SIGMAS_POWER * v.slope.error, bent, scatter)
+            and abs(v.slope.exponent - typical) > scatter
             and not elsewhere & set(v.lights) and v.view not in off}
 
 
@@ -230,12 +232,20 @@ def drifting(checks: Checks) -> dict[str, float]:
     A gain is a median: under noise of a path tracer, few of whose samples are bright, it lies below the mean by about
     the square of the noise.
     """
-    bent = max(LEAST_GAIN_MISFIT, SHARED * checks.structure) if checks.misfit else LEAST_GAIN
-    least = max([bent, _floor(checks), *(2 * light.effect for light in moved_lights(checks))])
+    least = max([LEAST_GAIN, _floor(checks), *(2 * light.effect for light in moved_lights(checks))])
     found = {v.view: v.residual for v in _without_cause(checks)}
     gains = {view: float(np.log(residual.gain)) for view, residual in found.items()}
     return {view: gain for view, gain in gains.items()
-            if abs(gain) > max(least, SIGMAS * found[view].gain_error, found[view].noise**2)}
+            if abs(gain) > max(least, _bent_gain(checks, found[view]), SIGMAS * found[view].gain_error,
+                               found[view].noise**2)}
+
+
+def _bent_gain(checks: Checks, seen: Residual) -> float:
+    """How much brighter or darker a material that is not what its model says may make a whole view.
+
+    What the model lacks depends on the lamp: a view may lack more than most.
+    """
+    return max(LEAST_GAIN_MISFIT, SHARED * max(checks.structure, seen.structure)) if checks.misfit else 0.0
 
 
 def _without_cause(checks: Checks) -> list[ViewCheck]:

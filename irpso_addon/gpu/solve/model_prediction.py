@@ -60,6 +60,7 @@ WORTH_RMS, WORTH_LIGHTNESS = 0.05, 0.7  # errors of what would be taken from whi
 CLEAR_MORE = 1 / 6  # of its loss, by which a coat or a rough diffuse must lead: they mend a little of every material
 WORSE = 1.05  # ratio of errors up to which they may be worse in one of the two
 LEAST_ROUGH = 0.05  # Diffuse Roughness that every fold must find
+BROADEST = 0.95  # roughness of a metal from which on its lobe only takes up what the diffuse lacks
 LEAST_COAT = 0.02  # weight that every fold must find
 AGREED = 2.0  # ratio of the folds' largest roughness of the coat to the least
 OWN_DRAWN = {"one-lobe": DRAWN, "one-lobe-specular": DRAWN_LEVEL}
@@ -389,6 +390,8 @@ class _Contest(TrialRuns):
             sigma = float(np.hypot(sigma, pixel_bias(self.observed, lambda texels: trial.material(
                 self._joint(texels, known, trial)).roughness)))
         level = None if trial.model == "one-lobe" or trial in DRAWN_LEVELS else one.level
+        prediction = replace(
+            prediction, broad_metal=trial.model == "one-lobe-metallic" and one.roughness >= BROADEST)
         # The lightness of most pixels says that texels differ, though the few brightest would flash.
         differ = (trial.strength == ONE_VALUE and self.fitted.model in ("one-lobe", "one-lobe-specular")
                   and errors[FITTED[self.fitted.model]].lightness < best.lightness)
