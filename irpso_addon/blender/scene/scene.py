@@ -20,6 +20,7 @@ from ...core.data import F64, Camera, Emitter, Environment, Light, MeshArrays, S
 from ...core.errors import BadInput
 from ...core.images.reference_image import with_one_white_balance
 from ...core.shading.emitters import counts
+from ...core.shading.wide_lamps import NO_WORLD
 from ..oiio import ensure_openimageio
 from .scene_emitters import name_instances, read_emitter
 from .scene_material import read_normal_maps
@@ -28,7 +29,6 @@ from .scene_objects import changes, moves, names_of, read_camera, read_light, re
 from .scene_views import NamedView, SceneViews, alike_line
 from .scene_world import lighting, read_environment, unmodelled
 
-NO_WORLD = Environment("", np.zeros((1, 2, 3), np.float32), np.eye(3))
 _DISPLAY_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".tga"}
 
 
