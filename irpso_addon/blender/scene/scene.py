@@ -57,11 +57,11 @@ def read_scene(context: Any | None, object_name: str | None, captures: Path | No
     reader.name_moving(views)
     reader.name_display_images(views)
     name_instances(depsgraph, reader.warn)
-    occluders = read_occluders(subject, depsgraph, reader.warn)
+    occluders, unseen = read_occluders(subject, depsgraph, reader.warn)
     return SceneData(
         name=Path(bpy.data.filepath).stem, mesh=mesh, occluders=occluders, views=views,
         pixel_filter=_pixel_filter(context.scene), warnings=tuple(dict.fromkeys(reader.warnings)),
-        skipped=tuple(reader.skipped), scale_known=reader.scale_known,
+        skipped=tuple(reader.skipped), scale_known=reader.scale_known, unseen=unseen,
     )
 
 

@@ -70,6 +70,7 @@ def observe(
     neighbours: (S, 8) of each point among the points, itself where there is none.
     """
     rays = Rays(np.concatenate([scene.mesh.positions, scene.occluders]))
+    casters = Rays(np.concatenate([scene.mesh.positions, scene.casters])) if len(scene.unseen) else rays
     shown: dict[tuple[str, int, int], Shown] = {}
     lit: dict[tuple[str, tuple[str, int, int]], F64] = {}
     pictures: list[_Picture] = []
@@ -100,7 +101,7 @@ def observe(
         key, lights = picture.frame, picture.view.lights
         for light in lights:
             if (light.name, key) not in lit:
-                lit[light.name, key] = _lit(rays, light, shown[key])
+                lit[light.name, key] = _lit(casters, light, shown[key])
         lighting = _lighting(lights, [lit[light.name, key] for light in lights], shown[key], neighbours)
         observed.append(_seen(picture, shown[key], lighting, level, list(shown).index(key)))
         yield Progress(0.5 + 0.5 * (i + 1) / len(pictures), "observe", f"light of {picture.view.image.name}")
