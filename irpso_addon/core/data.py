@@ -183,7 +183,7 @@ class SceneData:
 
     name: str  # stem of the .blend, for <scene>_irpso.blend
     mesh: MeshArrays
-    occluders: F32  # (O, 3, 3) world triangles of the other renderable meshes
+    occluders: F32  # (O, 3, 3) world triangles of the other renderable meshes that cameras see
     views: tuple[View, ...]
     pixel_filter: float = 1.0  # width in pixels of the box over which a pixel averages (1: a sensor)
     warnings: tuple[str, ...] = ()
@@ -191,6 +191,12 @@ class SceneData:
     scale_known: bool = True  # the lamps' powers are those of the pictures; else right but for one common factor
     region: Region | None = None  # None: all of the mesh
     start: Solution | None = None  # the last result: kept where the region is not, and where a search may begin
+    unseen: F32 = field(default_factory=lambda: np.zeros((0, 3, 3), np.float32))  # the same, hidden from cameras
+
+    @property
+    def casters(self) -> F32:
+        """(O, 3, 3) world triangles of whatever stands in the way of light, besides the mesh."""
+        return np.concatenate([self.occluders, self.unseen]) if len(self.unseen) else self.occluders
 
 
 SOLID = 0.5  # coverage: a pixel of no more is an edge, and no observation

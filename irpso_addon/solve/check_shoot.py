@@ -76,7 +76,7 @@ class ViewDrawing:
         self.device, self.scene = device, scene
         self.mesh, self.occluders = MeshBuffer(device, scene.mesh), Occluders(device, scene.occluders)
         self.outline = DrawnOutline(device, self.mesh, scene.occluders, scene.pixel_filter)
-        self.shadows = LightVisibility(device, self.mesh, self.occluders, SHADOW_SIZE)
+        self.shadows = LightVisibility(device, self.mesh, Occluders(device, scene.casters), SHADOW_SIZE)
 
     def draw(self, view: View, image: RadianceImage) -> DrawnView:
         """A view with its picture, reduced.  Raises BadInput for a file that cannot be opened."""

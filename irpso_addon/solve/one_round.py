@@ -259,7 +259,7 @@ def _warnings(scene: SceneData, gbuffer: GBuffer, maps: Maps, observed: Bool, ud
     holes = gbuffer.coverage & maps.filled
     unlit, dark = (int(some.sum()) / covered for some in (holes & ~observed, holes & observed))
     if unlit > MANY:
-        lines.append(f"{name}: {percent(unlit)} of its texels are lit in no view, so IRPSO filled them from their "
+        lines.append(f"{name}: {percent(unlit)} of its texels are seen lit in no view, so IRPSO filled them from their "
                      "neighbours; add views and lights that reach these places")
     if dark > MANY:
         lines.append(f"{name}: {percent(dark)} of its texels are seen only at edges of shadows or of the object, or "

@@ -27,6 +27,7 @@ from ..core.errors import BadInput, Cancelled
 from ..core.images.reference_image import read_reference
 from ..core.job import Progress
 from ..core.params import SolveSettings
+from ..core.shading.wide_lamps import with_wide_lamps_as_meshes
 from ..gpu.device import thread
 from ..gpu.observe.picture_memory import coarser_line, most_pixels
 from .gpu_path import Clock
@@ -90,11 +91,15 @@ def check_environments(scene: SceneData, settings: SolveSettings) -> None:
     for what, cure, asked in (
         ("device numpy", "device opengl", thread.settings().device == "numpy"),
         ("method paper", "another method", settings.method == "paper"),
-        ("ndf beckmann", "ndf ggx", settings.ndf == "beckmann" and settings.model in {"two-lobe", "auto"}),
+        ("ndf beckmann", "ndf ggx", _two_highlights(settings)),
     ):
         if asked:
             raise BadInput(f"{what}: works with lamps only, but {lit} shines on the views; choose {cure}, or "
                            "take pictures under lamps, with a black world and nothing that glows")
+
+
+def _two_highlights(settings: SolveSettings) -> bool:
+    return settings.ndf == "beckmann" and settings.model in {"two-lobe", "auto"}
 
 
 def outcome(
@@ -102,6 +107,8 @@ def outcome(
 ) -> Generator[Progress, None, Outcome]:
     """As `solve`, with all that it found on the way."""
     from_files, memory = read_image is None, thread.settings().memory
+    if settings.method != "paper" and not _two_highlights(settings):  # which know lamps alone
+        scene = with_wide_lamps_as_meshes(scene)
     if read_image is None:
         read_image = partial(read_reference, max_pixels=most_pixels(scene.views, memory))
     read_image = KeptImages(read_image)  # views are observed again and again, and large pictures take seconds each

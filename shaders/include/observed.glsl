@@ -14,7 +14,7 @@ uniform int u_light_points;    // sample points on the emitter
 #endif
 
 const float MIN_COS_V = 0.15;  // beyond 81 degrees a pixel's footprint is too long to stand for a point
-const float EDGE = 1e30;       // marks irradiance where the edge of a lamp's shadow passes
+const float EDGE_SHARE = 0.02;  // of the light, from which on what a lamp leaves in doubt makes a pixel an edge
 const float NO_LIGHT = -1e3;   // marks a channel without light: it says nothing; below UNLIT_BELOW
 
 // Unshadowed irradiance over the pixel's footprint, relative to the lamp's power.
@@ -70,8 +70,9 @@ vec4 lobe_geometry(Pixel pixel, out float e) {
     return vec4(disc, cos_l, fresnel / sum / (2.0 * cos_l * cos_v));
 }
 
-// Does a shadow or the terminator pass here?
-bool shadow_edge(ivec2 at, Pixel pixel, int rim) {
+// Share of the lamp's unshadowed light that is in doubt: all of it at the terminator, and at the edge of a shadow by how much
+// more of it arrives beside the pixel.
+float in_doubt(ivec2 at, Pixel pixel, int rim) {
     float least = 1.0, most = 0.0;
     for (int j = 0; j < 9; j++) {
         ivec2 near = clamp(at + ivec2(j % 3, j / 3) - 1, ivec2(0), textureSize(u_lit, 0) - 1);
@@ -82,7 +83,7 @@ bool shadow_edge(ivec2 at, Pixel pixel, int rim) {
     }
     float weight;
     float cos_l = dot(pixel.N, normalize(light_sample(pixel.P, 0, 1, weight)));
-    return most - least > 0.02 || cos_l < MIN_COS_L;
+    return cos_l < MIN_COS_L ? 1.0 : (most - least > EDGE_SHARE ? most - least : 0.0);
 }
 
 // Radiance per irradiance and how far to trust it; zero where nothing can be told.  Edges are kept with a small

@@ -1,7 +1,8 @@
 // A view's pixel as an observation, where the view has several lights: radiance per irradiance, and how far to trust it.
 #include "include/observed.glsl"
 uniform sampler2D u_image;       // radiance, quality (0: unusable, 1: good, between: partly covered)
-uniform sampler2D u_irradiance;  // of the view's lights; a: EDGE, or what soft shadows leave in doubt
+uniform sampler2D u_irradiance;  // of the view's lights; a: what soft shadows of an environment leave in doubt
+uniform sampler2D u_edges;       // light that edges of lamps' shadows leave in doubt
 
 // How much light soft shadows let through is known roughly: where what they leave in doubt is this share of all light, an
 // observation counts half.
@@ -28,8 +29,9 @@ void main() {
     float cos_v = dot(pixel.N, toward_camera(pixel.P));
     vec4 irradiance = texelFetch(u_irradiance, at, 0);
     bool silhouette = int(texelFetch(u_rim, at, 0).r) >= SILHOUETTE;
-    bool edge = irradiance.a > 0.5 * EDGE || silhouette;
     vec3 all = irradiance.rgb;
+    // The edge of a lamp that adds little to the others' light is none.
+    bool edge = texelFetch(u_edges, at, 0).r > EDGE_SHARE * dot(all, vec3(1.0 / 3.0)) || silhouette;
 #ifdef BOUNCED
     vec4 bounced = texelFetch(u_bounced, at, 0);
     vec4 image = texelFetch(u_image, at, 0);

@@ -15,6 +15,6 @@ void main() {
     e *= texelFetch(u_lit, at, 0).r;
     if (e <= 0.0) o_lobe.w = 0.0;
     int rim = int(texelFetch(u_rim, at, 0).r);
-    bool edge = (e > 0.0 && shadow_edge(at, pixel, rim)) || rim >= SILHOUETTE;
+    bool edge = (e > 0.0 && in_doubt(at, pixel, rim) > 0.0) || rim >= SILHOUETTE;
     o_colour = observation(texelFetch(u_image, at, 0), u_power * e, cos_v, edge);
 }

@@ -35,7 +35,7 @@ def read_all(subject) -> SceneData:
     bpy.context.view_layer.update()
     depsgraph = bpy.context.evaluated_depsgraph_get()
     mesh = read_mesh(subject, depsgraph, read_normal_maps(subject, quiet), quiet)
-    return SceneData("test", mesh, read_occluders(subject, depsgraph, quiet), ())
+    return SceneData("test", mesh, read_occluders(subject, depsgraph, quiet)[0], ())
 
 
 def quiet(text: str) -> None:

@@ -228,6 +228,7 @@ def test_what_casts_shadows(stage):
     mirrored.modifiers["A"].use_constant_offset = True
     unseen = triangle("unseen", 7)
     unseen.visible_camera = unseen.visible_shadow = False
+    triangle("screen", 30).visible_camera = False
     for name, z, where in (("excluded", 8, "exclude"), ("collection", 9, "hide_render"), ("instanced", 10, "exclude")):
         collection = bpy.data.collections.new(name)
         stage.scene.collection.children.link(collection)
@@ -245,6 +246,8 @@ def test_what_casts_shadows(stage):
     stage.scene.collection.objects.link(instancer)
     read = stage.read()
     assert sorted(read.occluders[:, 0, 2].tolist()) == [1, 2, 3, 5, 6, 21]
+    assert read.unseen[:, 0, 2].tolist() == [30]
+    assert sorted(read.casters[:, 0, 2].tolist()) == [1, 2, 3, 5, 6, 21, 30]
     assert len(read.mesh.slots) == 2 and not read.warnings
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.projection import rays_of
 from irpso_addon.core.shading import brdf, emitters, environment
+from irpso_addon.core.shading.wide_lamps import emitter_of
 from irpso_addon.gpu.device import thread
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, facets
 from irpso_addon.gpu.observe.observations import observe
@@ -225,6 +227,24 @@ def test_lamps_and_a_panel_count_together():
              for c, cam in enumerate(syn.cameras(2)) for n, lamp in enumerate(syn.lamps(4))]
     rough, base = _errors(_shot(views), model="one-lobe-specular")
     assert rough < 0.02 and base < 0.01
+
+
+@pytest.mark.one_python
+def test_a_soft_box_like_a_wall_lights_what_its_middle_does_not():
+    """Two stand on the plane's own level: half of each is above it, and its middle is at the horizon everywhere.
+
+    As lamps, whose middle counts, they leave every pixel at the terminator: no texel was solved.
+    """
+    places = (-2.4, -0.4), (1.2, 2.1)
+    lamps = [syn.lamp((x, y, 0), kind="AREA", name=f"Wall {k}", shape="RECTANGLE", size=(3.6, 3.0), power=300.0)
+             for k, (x, y) in enumerate(places)]
+    lit = [View(Path(f"{c}_{k}.exr"), cam, (), environment=_light(emitter_of(lamp)))
+           for c, cam in enumerate(syn.cameras(5)) for k, lamp in enumerate(lamps)]
+    shoot = _shot(lit)
+    told = tuple(View(view.image, view.camera, (lamps[n % 2],)) for n, view in enumerate(lit))
+    shoot = replace(shoot, scene=replace(shoot.scene, views=told))
+    rough, base = _errors(shoot, model="one-lobe")
+    assert rough < 0.03 and base < 0.01
 
 
 def test_colours_are_kept_apart_as_of_lamps():

@@ -97,6 +97,42 @@ def test_what_is_observed_is_what_was_drawn(on_gl, test):
         np.testing.assert_allclose(colour[good][:, :3], (image.rgb / irradiance[..., None])[good], rtol=2e-3)
 
 
+@pytest.mark.parametrize(("share", "counts"), [(1e-3, False), (20.0, True)])
+def test_the_terminator_of_a_lamp_counts_where_its_light_does(on_gl, test, share, counts):
+    """A second lamp grazes the square: a thousandth of the first one's light leaves nothing in doubt."""
+    def low(light: Light) -> Light:
+        matrix = light.matrix.copy()
+        matrix[:3, 3] = 60.0, 0.0, 1.0
+        distance2 = (60.0 / np.linalg.norm(light.matrix[:3, 3])) ** 2
+        return replace(light, name="Low", matrix=matrix, power=light.power * share * distance2)
+
+    views = tuple(replace(view, lights=(*view.lights, low(view.lights[0]))) for view in test.scene.views)
+    both = observed(on_gl, replace(test.scene, views=views), lambda view: test.read_image(view_of(test, view)))
+    for (alone, _), (colour, _) in zip(observed(on_gl, test.scene, test.read_image), both, strict=True):
+        good = alone[..., 3] > 0.5
+        assert good.any()
+        if counts:
+            assert colour[good][:, 3].max() < 0.01
+        else:
+            np.testing.assert_allclose(colour[good][:, 3], alone[good][:, 3], rtol=0.01)
+
+
+@pytest.mark.parametrize(("height", "shades"), [(3.0, False), (1.0, True)])
+def test_what_cameras_do_not_see_casts_shadows_alone(on_gl, test, height, shades):
+    """A wall between the camera, at 4 m, and the square; the lamps are at 2.5 m."""
+    wall = np.array([(-9, -9, height), (9, -9, height), (0, 18, height)], np.float32)[None]
+    views = tuple(view for view in test.scene.views if view.lights[0].radius == 0)
+    scene = replace(test.scene, views=views)
+    open_, hidden = (observed(on_gl, replace(scene, unseen=unseen), test.read_image)
+                     for unseen in (scene.unseen, wall))
+    for (colour, _), (behind, _) in zip(open_, hidden, strict=True):
+        assert colour[..., 3].max() > 0.5
+        if shades:
+            assert not behind[..., 3].any()
+        else:
+            np.testing.assert_array_equal(behind, colour)
+
+
 def view_of(test, view):
     """The self-test draws a view by its one lamp."""
     return next(own for own in test.scene.views if own.image == view.image)

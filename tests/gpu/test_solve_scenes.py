@@ -136,7 +136,7 @@ def test_what_no_view_sees_is_filled_and_said(patches):
     positions[:hidden, :, 0] -= 40
     moved = replace(mesh, positions=positions)
     found = run(replace(patches, scene=replace(patches.scene, mesh=moved)))
-    assert any("lit in no view" in w for w in found.warnings)
+    assert any("seen lit in no view" in w for w in found.warnings)
     assert all(ends_with_a_remedy(line) for line in found.warnings)
     assert found.texels["filled"] > 0.2 * found.texels["covered"]
     assert np.isfinite(found.maps.base_color).all()

@@ -53,7 +53,7 @@ def _render(folder: Path) -> None:
             rendered if lens is None else _small(lens.width, lens.height, job["side"]))
         for obj in scene.objects:
             if obj.type == "LIGHT":
-                obj.hide_render = obj.name not in lamps
+                obj.hide_render = obj.name not in (*lamps, *emitters)  # wide lamps are emitters
         for name, slots in slots_of.items():
             for slot, lit, dark in slots:
                 slot.material = lit if name in emitters else dark

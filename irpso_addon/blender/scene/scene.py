@@ -20,6 +20,7 @@ from ...core.data import F64, Camera, Emitter, Environment, Light, MeshArrays, S
 from ...core.errors import BadInput
 from ...core.images.reference_image import with_one_white_balance
 from ...core.shading.emitters import counts
+from ...core.shading.wide_lamps import NO_WORLD
 from ..oiio import ensure_openimageio
 from .scene_emitters import name_instances, read_emitter
 from .scene_material import read_normal_maps
@@ -28,7 +29,6 @@ from .scene_objects import changes, moves, names_of, read_camera, read_light, re
 from .scene_views import NamedView, SceneViews, alike_line
 from .scene_world import lighting, read_environment, unmodelled
 
-NO_WORLD = Environment("", np.zeros((1, 2, 3), np.float32), np.eye(3))
 _DISPLAY_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".tga"}
 
 
@@ -57,11 +57,11 @@ def read_scene(context: Any | None, object_name: str | None, captures: Path | No
     reader.name_moving(views)
     reader.name_display_images(views)
     name_instances(depsgraph, reader.warn)
-    occluders = read_occluders(subject, depsgraph, reader.warn)
+    occluders, unseen = read_occluders(subject, depsgraph, reader.warn)
     return SceneData(
         name=Path(bpy.data.filepath).stem, mesh=mesh, occluders=occluders, views=views,
         pixel_filter=_pixel_filter(context.scene), warnings=tuple(dict.fromkeys(reader.warnings)),
-        skipped=tuple(reader.skipped), scale_known=reader.scale_known,
+        skipped=tuple(reader.skipped), scale_known=reader.scale_known, unseen=unseen,
     )
 
 

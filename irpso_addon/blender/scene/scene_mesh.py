@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -219,10 +219,10 @@ def _mikktspace(mesh: Any, vertices: I32, normals: F32, layers: dict[str, F32]) 
     return found
 
 
-def read_occluders(subject: Any, depsgraph: Any, warn: Warn) -> F32:
-    """(O, 3, 3) world triangles of all other objects and instances that a render shows."""
+def read_occluders(subject: Any, depsgraph: Any, warn: Warn) -> tuple[F32, F32]:
+    """(O, 3, 3) world triangles of all other objects and instances that a render shows: seen by cameras, and not."""
     shapes: dict[int, F32] = {}
-    found: list[F32] = []
+    found: tuple[list[F32], list[F32]] = [], []
     total = 0
     for obj, key, matrix in _solids(subject, depsgraph, warn):
         if key not in shapes:
@@ -231,9 +231,15 @@ def read_occluders(subject: Any, depsgraph: Any, warn: Warn) -> F32:
         if total > MAX_TRIANGLES:
             raise BadInput(f"object '{obj.name}': the scene has more than {MAX_TRIANGLES // 1_000_000} "
                            "million triangles besides the object; hide some objects from renders")
-        found.append((shapes[key] @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
-    everything = np.concatenate(found) if found else np.zeros((0, 3, 3), np.float32)
-    return everything[(np.abs(everything) <= FAR).all((1, 2))]
+        unseen = not obj.original.visible_camera
+        found[unseen].append((shapes[key] @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
+    return _near(found[0]), _near(found[1])
+
+
+def _near(found: Sequence[F32]) -> F32:
+    """All triangles together, without those that no place could be."""
+    together = np.concatenate([np.zeros((0, 3, 3), np.float32), *found])
+    return together[(np.abs(together) <= FAR).all((1, 2))]
 
 
 def _solids(subject: Any, depsgraph: Any, warn: Warn) -> Iterator[tuple[Any, int, F64]]:

@@ -22,7 +22,7 @@ from .rays import Index, Rays
 
 EMITTER_POINTS = 16  # on a lamp that is not as good as a point
 POINT_ANGLE = 0.004  # radians: extent over distance up to which it is one
-EDGE_RANGE = 0.02  # of the share of light that arrives, among neighbours
+EDGE_RANGE = 0.02  # of the share of a lamp's light that arrives, among neighbours; and of all light, what is in doubt
 VIEW_BYTES, LAMP_BYTES = 100, 40  # of a point: for each view, and for each point on its lamps
 NO_LIGHT = 1e-3  # share of the mean irradiance below which a channel is not lit
 ReadImage = Callable[[View], RadianceImage]
@@ -70,6 +70,7 @@ def observe(
     neighbours: (S, 8) of each point among the points, itself where there is none.
     """
     rays = Rays(np.concatenate([scene.mesh.positions, scene.occluders]))
+    casters = Rays(np.concatenate([scene.mesh.positions, scene.casters])) if len(scene.unseen) else rays
     shown: dict[tuple[str, int, int], Shown] = {}
     lit: dict[tuple[str, tuple[str, int, int]], F64] = {}
     pictures: list[_Picture] = []
@@ -100,7 +101,7 @@ def observe(
         key, lights = picture.frame, picture.view.lights
         for light in lights:
             if (light.name, key) not in lit:
-                lit[light.name, key] = _lit(rays, light, shown[key])
+                lit[light.name, key] = _lit(casters, light, shown[key])
         lighting = _lighting(lights, [lit[light.name, key] for light in lights], shown[key], neighbours)
         observed.append(_seen(picture, shown[key], lighting, level, list(shown).index(key)))
         yield Progress(0.5 + 0.5 * (i + 1) / len(pictures), "observe", f"light of {picture.view.image.name}")
@@ -170,7 +171,7 @@ class _Lighting:
     """What the K points of a view's lamps send to S points."""
 
     irradiance: F64  # (S, 3)
-    edge: Bool  # (S,) at an edge of shadow or silhouette, or the terminator
+    edge: Bool  # (S,) at an edge of shadow or silhouette, or the terminator of lamps that matter there
     powers: F64  # (K, 3) of the lamp of each point
     sin2h: F64  # (S, K)
     cos_l: F64  # (S, K)
@@ -181,7 +182,7 @@ def _lighting(lights: Sequence[Light], lit: list[F64], shown: Shown, neighbours:
     """lit: of each lamp, `_lit`."""
     at, edge = shown.at, (shown.seen[:, None] != shown.seen[neighbours]).any(-1)
     sin2h, cos_l, powers, factor = [], [], [], []
-    irradiance = np.zeros((len(shown.seen), 3))
+    irradiance, doubt = np.zeros((len(shown.seen), 3)), np.zeros(len(shown.seen))
     for light, arrives in zip(lights, lit, strict=True):
         count = arrives.shape[1]
         toward, weight = light_sample(light, at.position[:, None], np.arange(count)[None], count)
@@ -191,13 +192,15 @@ def _lighting(lights: Sequence[Light], lit: list[F64], shown: Shown, neighbours:
         whole = light_irradiance(light, at.position, at.normal)  # the points' sum is all but the same
         sent *= (whole / np.maximum(sent.sum(-1), 1e-300))[:, None]
         share = (sent * arrives).sum(-1) / np.maximum(whole, 1e-300)
-        edge |= (np.ptp(share[neighbours], axis=-1) > EDGE_RANGE) & (whole > 0)
-        edge |= (angles.cos_l < MIN_COS_L).any(-1) & (whole > 0)
+        beside = np.ptp(share[neighbours], axis=-1)
+        beside = np.where((angles.cos_l < MIN_COS_L).any(-1), 1.0, np.where(beside > EDGE_RANGE, beside, 0.0))
+        doubt += light.power.mean() * np.maximum(whole, 0) * beside
         irradiance += light.power * (sent * arrives).sum(-1, keepdims=True)
         sin2h.append(angles.sin2h)
         cos_l.append(np.clip(angles.cos_l, 1e-3, 1))
         factor.append(sent * arrives * brdf.F_dielectric(angles.cos_vh) / (2 * cos_l[-1] * shown.cos_v[:, None]))
         powers.append(np.repeat(light.power[None], count, 0))
+    edge |= doubt > EDGE_RANGE * irradiance.mean(-1)
     return _Lighting(irradiance, edge, *(np.concatenate(parts, axis) for parts, axis in (
         (powers, 0), (sin2h, -1), (cos_l, -1), (factor, -1))))
 

@@ -159,7 +159,7 @@ class _Observer:
 
     def __init__(self, device: Device, scene: SceneData, mesh: MeshBuffer, limits: ObserveOptions) -> None:
         self.device, self.scene, self.mesh, self.limits = device, scene, mesh, limits
-        self.occluders = Occluders(device, scene.occluders)
+        self.occluders, self.casters = Occluders(device, scene.occluders), Occluders(device, scene.casters)
         self.cameras: list[ObservedCamera] = []
         self.covered: list[Bool] = []  # pixels that show the object
         self.members: list[list[int]] = []  # places of the camera's views
@@ -247,7 +247,7 @@ class _Observer:
         views = self.scene.views
         by_name = {light.name: light for view in views for light in view.lights}
         with self.device.scope() as owned:
-            visibility = LightVisibility(self.device, self.mesh, self.occluders, self.limits.shadow_size)
+            visibility = LightVisibility(self.device, self.mesh, self.casters, self.limits.shadow_size)
             for i, (name, light) in enumerate(by_name.items()):
                 chosen = [c for c, group in enumerate(self.members)
                           if any(other.name == name for n in group for other in views[n].lights)]
@@ -266,7 +266,7 @@ class _Observer:
         if not environments:
             return
         with self.device.scope() as kept:
-            visibility = LightVisibility(self.device, self.mesh, self.occluders, 1)
+            visibility = LightVisibility(self.device, self.mesh, self.casters, 1)
             for i, (key, environment) in enumerate(environments.items()):
                 lit_by = [{found.key for n in group if (found := views[n].environment) is not None}
                           for group in self.members]
@@ -293,7 +293,7 @@ class _Observer:
         if not is_ambient(self.scene.views):
             return
         with self.device.scope() as kept:
-            visibility = LightVisibility(self.device, self.mesh, self.occluders, 1)
+            visibility = LightVisibility(self.device, self.mesh, self.casters, 1)
             lit = LitByEnvironment(self.device, visibility, environment_model.directions(uniform_environment()))
             for done in lit.draw_shadows():
                 yield Progress(0.8 * done, "observe", "ambient light")

@@ -78,14 +78,16 @@ class ViewDrawer:
         glossy: Mapping[str, moderngl.Texture] = {"u_glossy": indirect[1]} if indirect else {}
         defines = {"BOUNCED": "1"} if indirect else {}
         with device.scope() as owned:
-            irradiance = device.texture(*image.size)
+            irradiance, edges = device.texture(*image.size), device.texture(image.width, image.height, 1)
+            with device.target([edges], clear=True):
+                pass
             if around is not None:
                 with device.target([irradiance], clear=True) as target:
                     device.draw("observe/copy.frag", target, Inputs(
                         {"u_map": around.irradiance}, {"u_corner": (0, 0)}), cells=self._maps.cells)
             with device.adding():
                 for n, (light, shadow) in enumerate(zip(lights, lit, strict=True)):
-                    self._draw("observe/irradiance.frag", [irradiance], Inputs(
+                    self._draw("observe/irradiance.frag", [irradiance, edges], Inputs(
                         {"u_lit": shadow, "u_rim": self.rim}, {**common, **_lamp(light)}, _lamp_defines(light)),
                         clear=n == 0 and around is None)
             for n, lobe in enumerate(lobes):
@@ -94,8 +96,8 @@ class ViewDrawer:
                     {"u_lit": shadow, "u_irradiance": irradiance, **bounced},
                     {**common, **_lamp(light), "u_channel": masks[n % len(masks)]}, _lamp_defines(light) | defines))
             self._draw("observe/colour.frag", [colour], Inputs(
-                {"u_image": image, "u_irradiance": irradiance, "u_rim": self.rim, **bounced, **glossy},
-                common, defines))
+                {"u_image": image, "u_irradiance": irradiance, "u_edges": edges, "u_rim": self.rim, **bounced,
+                 **glossy}, common, defines))
             nodes = None
             if around is not None:
                 nodes = around.nodes if not lights and indirect is None else share_of(

@@ -28,7 +28,7 @@ def openness(
     seen = np.where(usable.any(1), camera[usable.argmax(1)], -1)  # by whichever camera: each one's pixels face it
     result = np.ones(len(seen))
     with device.scope():
-        visibility = LightVisibility(device, mesh, Occluders(device, scene.occluders), 1)
+        visibility = LightVisibility(device, mesh, Occluders(device, scene.casters), 1)
         lit = LitByEnvironment(device, visibility, model.directions(uniform_environment()))
         for _ in lit.draw_shadows():
             pass

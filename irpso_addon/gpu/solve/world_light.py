@@ -63,7 +63,7 @@ class WorldLight:
         self.cameras = [SampleTexels(
             sample_grids(device, surface, own), {**camera.uniforms, "u_footprint": 0.0}, camera.defines)
             for camera, own in zip(source.observations.cameras, seen.T, strict=True)]
-        self.visibility = LightVisibility(device, mesh, Occluders(device, scene.occluders), 1)
+        self.visibility = LightVisibility(device, mesh, Occluders(device, scene.casters), 1)
         views, of_layer = views_of(source)
         self.layers = [views[place].environment for place in of_layer]  # of each layer
         self.groups = [divmod(group, source.layers.channels) for group in source.layers.groups]  # camera, channel
