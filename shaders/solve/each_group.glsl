@@ -1,7 +1,8 @@
 // Loops over groups of layers: EACH_GROUP is defined as the name of one of these, and GROUP as what each group does.
 // Unrolled, with the bounds GROUP_START_k as constants, where layers are few.
 // A software renderer ends a shader's loops after 65535 rounds in all.  Where loops would need more, a round does several:
-// GROUPS_BY_... groups that have one layer (SINGLE), or AT_ONCE layers of a group, which the compiler unrolls.
+// GROUPS_BY_... groups that have one layer (SINGLE) or a few, MOST at most, or AT_ONCE layers of a group.  The compiler
+// unrolls loops over so many.
 #define SEEN_GROUP(k) GROUP(k, GROUP_START[k], group_seen[k] ? GROUP_START[k + 1] : GROUP_START[k])
 #define GROUPS_IN_A_LOOP for (int k = 0; k < GROUPS; k++) { SEEN_GROUP(k) }
 #define FOUR_GROUPS(k) SEEN_GROUP(k) SEEN_GROUP(k + 1) SEEN_GROUP(k + 2) SEEN_GROUP(k + 3)
@@ -9,6 +10,8 @@
 #define GROUPS_BY_8 for (int k = 0; k < GROUPS; k += 8) { FOUR_GROUPS(k) FOUR_GROUPS(k + 4) }
 #if defined(SINGLE)
 #define EACH_OF_GROUP(n) int n = first; if (n < end)
+#elif defined(MOST)
+#define EACH_OF_GROUP(n) for (int j = 0, n = first; j < MOST; j++, n++) if (n < end)
 #elif defined(AT_ONCE)
 #define EACH_OF_GROUP(n) for (int m = first; m < end; m += AT_ONCE) for (int j = 0, n = m; j < AT_ONCE; j++, n++) if (n < end)
 #else

@@ -56,7 +56,7 @@ def test_outliers_are_sought_among_hundreds_of_views(on_gl, views: int, cameras:
 
 
 @pytest.mark.one_python
-@pytest.mark.parametrize(("cameras", "metallic"), [(3, 0.0), (21, 0.0), (3, METALLIC)])
+@pytest.mark.parametrize(("cameras", "metallic"), [(3, 0.0), (11, 0.0), (21, 0.0), (3, METALLIC)])
 def test_rounds_that_do_several_views_change_no_byte(on_gl, monkeypatch, cameras: int, metallic: float) -> None:
     texels, _ = observed(21, cameras, metallic)
     found = []
@@ -69,7 +69,7 @@ def test_rounds_that_do_several_views_change_no_byte(on_gl, monkeypatch, cameras
 @pytest.mark.parametrize(("groups", "loops", "at_once"), [
     (range(100), 600, 1), (range(400), 600, 4), (range(800), 600, 8), (range(1000), 600, 0),
     ([0] * 50 + [1] * 50, 600, 1), ([0] * 150 + [1] * 150, 600, 4), ([0] * 400 + [1] * 400, 600, 8),
-    ([n // 2 for n in range(300)], 600, 0)])
+    ([n // 2 for n in range(300)], 600, 4), ([n // 5 for n in range(500)], 600, 0)])
 def test_how_many_views_a_round_does(groups: Any, loops: int, at_once: int) -> None:
-    """Of 65535 rounds: a round for each camera that has one view, else one for each camera and for its views."""
+    """Of 65535 rounds: a round for each camera that has few views, else one for each camera and for its views."""
     assert Layers(tuple(groups), 1, 1, False).at_once(loops) == at_once

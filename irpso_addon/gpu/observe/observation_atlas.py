@@ -35,6 +35,7 @@ ATLAS_ROWS = 16384  # texture height that every GL 3.3 driver offers in practice
 UNROLLED = 16  # layers up to which loops over them are unrolled; shaders/solve/each_group.glsl goes so far
 LOOP_ROUNDS = 65535  # of all loops of a shader, after which llvmpipe ends them without an error
 AT_ONCE = (1, 4, 8)  # groups or layers that a round can do; shaders/solve/each_group.glsl
+FEW_LAYERS = 4  # of every group: then a round does several groups
 REACH = 1.0  # texels: a pixel that shows a place so far from the texel counts half
 CAMERA_SLACK = 0.05  # relative: how much the albedo of two cameras' pixels may differ over one texel
 SHARED_ERROR = 0.001  # relative: of the forward model in a pixel, and alike in neighbouring texels
@@ -71,27 +72,35 @@ class Layers:
         """The first layer of each group."""
         return [n for n in range(len(self.groups)) if n == 0 or self.groups[n] != self.groups[n - 1]]
 
+    @property
+    def most(self) -> int:
+        """Layers of the largest group."""
+        return int(np.diff([*self.starts, len(self.groups)]).max(initial=1))
+
     def at_once(self, loops: int) -> int:
         """How many groups, or layers of one, a round must do, so that ``loops`` over all end within LOOP_ROUNDS.
 
         0: more than `AT_ONCE`.
         """
-        starts = self.starts
-        sizes = np.diff([*starts, len(self.groups)])
+        groups = len(self.starts)
+        sizes = np.diff([*self.starts, len(self.groups)])
         for count in AT_ONCE:
-            each = -(-sizes // count)
-            rounds = -(-len(starts) // count) if len(starts) == len(self.groups) else len(starts) + int(each.sum())
+            if self.most <= (1 if count == 1 else FEW_LAYERS):
+                rounds = -(-groups // count)
+            else:
+                rounds = groups + int((-(-sizes // count)).sum())
             if loops * rounds <= LOOP_ROUNDS:
                 return count
         return 0
 
     def defines(self, at_once: int = 1) -> dict[str, str]:
         """Of every kernel that includes solve/observations.glsl."""
-        count, starts = len(self.groups), self.starts
-        single = len(starts) == count
-        if single and at_once > 1 and count > UNROLLED:
-            bounds = [*starts, *[count] * (-count % at_once + 1)]  # the last groups are empty
-            channels, loop = [*starts, *[0] * (-count % at_once)], f"GROUPS_BY_{at_once}"
+        count, starts, most = len(self.groups), self.starts, self.most
+        several = at_once > 1 and count > UNROLLED
+        if several and most <= FEW_LAYERS:
+            empty = -len(starts) % at_once  # groups, the last ones
+            bounds, channels = [*starts, *[count] * (empty + 1)], [*starts, *[0] * empty]
+            loop = f"GROUPS_BY_{at_once}"
         else:
             bounds, channels, loop = [*starts, count], starts, "GROUPS_IN_A_LOOP"
         return {
@@ -99,7 +108,8 @@ class Layers:
             **{f"GROUP_START_{k}": str(bound) for k, bound in enumerate(bounds) if count <= UNROLLED},
             "LAYERS": str(count), "GROUPS": str(len(channels)), "GROUP_STARTS": ", ".join(map(str, bounds)),
             "GROUP_CHANNELS": ", ".join(str(self.groups[n] % self.channels) for n in channels),
-            **({"SINGLE": "1"} if single else {"AT_ONCE": str(at_once)} if at_once > 1 else {}),
+            **({"SINGLE": "1"} if most == 1 else {"MOST": str(most)} if several and most <= FEW_LAYERS else
+               {"AT_ONCE": str(at_once)} if several else {}),
             "LIGHTS": str(self.lights), "CHANNELS": str(self.channels), "BLOCKS": str(self.each),
             **({"SPREAD": "1"} if self.spread else {}), **({"ENVIRONMENT": "1"} if self.environment else {}),
         }
