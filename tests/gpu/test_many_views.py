@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from irpso_addon.core.errors import BadInput
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe import observation_atlas
@@ -56,14 +57,28 @@ def test_outliers_are_sought_among_hundreds_of_views(on_gl, views: int, cameras:
 
 
 @pytest.mark.one_python
-@pytest.mark.parametrize(("cameras", "metallic"), [(3, 0.0), (11, 0.0), (21, 0.0), (3, METALLIC)])
-def test_rounds_that_do_several_views_change_no_byte(on_gl, monkeypatch, cameras: int, metallic: float) -> None:
+@pytest.mark.parametrize(("cameras", "metallic", "least"), [
+    (3, 0.0, 33 * 12 * 6), (11, 0.0, 33 * 12 * 3), (21, 0.0, 33 * 12 * 6), (21, 0.0, 33 * 12 * 3),
+    (3, METALLIC, 33 * 17 * 6)])
+def test_rounds_that_do_several_views_change_no_byte(
+    on_gl, monkeypatch, cameras: int, metallic: float, least: int,
+) -> None:
     texels, _ = observed(21, cameras, metallic)
     found = []
-    for rounds in (65535, 33 * 17 * 6):
+    for rounds in (65535, least):
         monkeypatch.setattr(observation_atlas, "LOOP_ROUNDS", rounds)
         found.append(roughness(on_gl, texels, "robust", metallic))
     assert np.array_equal(*found)
+
+
+def test_more_views_than_can_be_told_apart_without_a_gpu(on_gl, monkeypatch) -> None:
+    """Outliers are not sought there by themselves; who asks for that is told."""
+    texels, _ = observed(21, 3)
+    monkeypatch.setattr(on_gl(lambda device: device), "is_software", True)
+    monkeypatch.setattr(observation_atlas, "LOOP_ROUNDS", 10)
+    assert np.array_equal(*(roughness(on_gl, texels, loss) for loss in ("squares", "auto")))
+    with pytest.raises(BadInput, match="loss robust: there are more views than it can take without a GPU"):
+        roughness(on_gl, texels, "robust")
 
 
 @pytest.mark.parametrize(("groups", "loops", "at_once"), [

@@ -86,13 +86,11 @@ def encoded(mesh: MeshArrays, normal: F32, coverage: Bool) -> F32:
 def tangent_part(mesh: MeshArrays) -> MeshArrays:
     """Of a mesh with a ``grid``: triangles on the square from 0 to 1, and those that share in their corners' tangents.
 
-    Corners that share a tangent share their UVs, and so lie where the former do.
+    Some triangle lies there.  Corners that share a tangent share their UVs, and so lie where the former do.
     """
     assert mesh.grid is not None
     low, high = mesh.grid.min(axis=1), mesh.grid.max(axis=1)
     inside = ((low <= 1) & (high >= 0)).all(axis=1)
-    if not inside.any():
-        return mesh
     around = low[inside].min(axis=0), high[inside].max(axis=0)
     kept = ((low <= around[1]) & (high >= around[0])).all(axis=1)
     return replace(mesh, positions=mesh.positions[kept], normals=mesh.normals[kept], uvs=mesh.uvs[kept],

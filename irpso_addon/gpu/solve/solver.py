@@ -13,6 +13,7 @@ import moderngl
 import numpy as np
 
 from ...core.data import F32, JointPrior
+from ...core.errors import BadInput
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import Noise, PriorKnowledge, Typical
@@ -256,8 +257,13 @@ class Solver(TilePasses):
         # outliers of what it contradicts.  A weak prior contradicts nothing.  (Blocks have the loss that their plan has
         # judged, of texels without a prior.)
         strong = self.joint is not None and self.joint.strength >= CONTRADICTS
-        if loss == "squares" or (strong and (loss == "auto" or 1 in self.before.noise)) or not self.finishes_robust():
+        if loss == "squares" or (strong and (loss == "auto" or 1 in self.before.noise)):
             return plain, variance
+        if not self.finishes_robust():
+            if loss == "auto":
+                return plain, variance
+            raise BadInput("loss robust: there are more views than it can take without a GPU; leave views out, or "
+                           "choose loss auto")
         support = read_support(self.device, plain[1])
         observed = support.observed
         clean, outliers = neighbours.clean_noise(
