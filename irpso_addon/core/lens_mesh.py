@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .data import F32, F64, Bool, Camera
 from .lens import Lens
 from .projection import lens_axes
+from .triangle_bundles import BUNDLE, Bundles
 
 TOLERANCE = 0.03  # pixels between a drawn place and its true one; OpenGL adds up to 1/256 of its own
 ROUNDS = 40  # of halving: what is not decided then lies at the very eye
@@ -27,7 +28,6 @@ MOST = 2_000_000  # pieces; where more are needed, the rest stays as coarse as i
 BORDER = 0.1  # of the angle that the picture shows: so far beyond it corners have places
 LEAST_BORDER = 2e-3  # radians
 AT_ONCE = 1 << 17  # triangles that are looked at together
-BUNDLE = 512  # triangles that are left as they are together, where none of them can be too long
 I64 = NDArray[np.int64]
 # Corners of a triangle's pieces, by how many of its edges are halved, which come first: 0 to 2 are its corners, 3 to 5
 # the middles of the edges 0-1, 1-2, 2-0.
@@ -50,28 +50,6 @@ class Division:
         part = np.flatnonzero((self.weights != np.eye(3, dtype=np.float32)).any(axis=(1, 2)))
         values[part] = np.einsum("sij,sjk->sik", self.weights[part], values[part])
         return values
-
-
-@dataclass(frozen=True)
-class Bundles:
-    """What bounds BUNDLE triangles each, in their order; it is the same for all cameras."""
-
-    centers: F64  # (B, 3) of spheres around them
-    radii: F64  # (B,)
-    edges: F64  # (B,) their longest edges
-
-    @staticmethod
-    def of(triangles: F32) -> Bundles:
-        """Of triangles (T, 3, 3)."""
-        starts = np.arange(0, len(triangles), BUNDLE)
-        if not len(starts):
-            return Bundles(np.zeros((0, 3)), np.zeros(0), np.zeros(0))
-        low = np.minimum.reduceat(triangles.min(axis=1), starts).astype(np.float64)
-        high = np.maximum.reduceat(triangles.max(axis=1), starts).astype(np.float64)
-        with np.errstate(all="ignore"):  # what is not finite is looked at by itself
-            edges = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2).max(axis=1)
-            return Bundles((low + high) / 2, np.linalg.norm(high - low, axis=1) / 2,
-                           np.maximum.reduceat(edges, starts).astype(np.float64))
 
 
 @dataclass(frozen=True)
@@ -125,7 +103,7 @@ def divided(triangles: F32, camera: Camera, size: tuple[int, int], bundles: Bund
         done.append((parent[look.ready], cells[look.ready]))
         active.append((parent[look.open], cells[look.open]))
     if whole:
-        return Division(np.arange(len(triangles)), np.repeat(identity, len(triangles), axis=0), triangles, True)
+        return Division(np.arange(len(triangles)), np.broadcast_to(identity, triangles.shape), triangles, True)
     done.append((kept, np.concatenate([triangles[kept], np.repeat(identity, len(kept), axis=0)], axis=2)))
     pieces = _joined(active)
     for _ in range(ROUNDS):

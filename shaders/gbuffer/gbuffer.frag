@@ -4,6 +4,7 @@ in vec3 v_normal;
 in vec2 v_uv;
 in vec2 v_grid;
 flat in vec4 v_facet;
+#ifdef NORMAL_MAP
 in vec3 v_object_normal;
 in vec4 v_tangent;
 
@@ -11,9 +12,10 @@ uniform sampler2D u_normal_map;  // tangent space, 0..1
 uniform bool u_has_normal_map;
 uniform float u_normal_strength;
 uniform bool u_unit_normal;
+uniform mat3 u_normal_matrix;    // inverse transpose of the object's matrix
+#endif
 uniform sampler2D u_tilt;        // over the texel grid: what is added to unit normals, world
 uniform bool u_has_tilt;
-uniform mat3 u_normal_matrix;    // inverse transpose of the object's matrix
 uniform float u_slot;
 uniform float u_footprint;       // width of the box over which a pixel averages, in pixels; 0 for texels
 
@@ -23,6 +25,7 @@ layout(location = 2) out vec4 o_facet;     // facet normal on the shading side, 
 layout(location = 3) out vec4 o_uv;        // place on the texel grid
 layout(location = 4) out vec4 o_uv_slope;  // its change per pixel along x, along y
 
+#ifdef NORMAL_MAP
 // Blender's Normal Map node: combined in object space, because under non-uniform scale the world-space
 // frame is wrong by degrees.  Blender 5 makes the interpolated normal unit length first, 4.5 does not.
 vec3 mapped_normal(vec2 uv) {
@@ -43,8 +46,9 @@ vec3 mean_mapped_normal() {
     }
     return sum;
 }
+#endif
 
-// Mean over the same footprint of what refined normals add.
+// Mean over the footprint of what refined normals add.
 vec3 mean_tilt() {
     vec2 dx = dFdx(v_grid) * u_footprint, dy = dFdy(v_grid) * u_footprint;
     vec3 sum = vec3(0.0);
@@ -56,7 +60,11 @@ vec3 mean_tilt() {
 }
 
 void main() {
+#ifdef NORMAL_MAP
     vec3 n = normalize(u_has_normal_map ? mean_mapped_normal() : v_normal);
+#else
+    vec3 n = normalize(v_normal);
+#endif
     if (u_has_tilt) n = normalize(n + mean_tilt());
     o_position = vec4(v_position, 1.0);
     o_normal = vec4(n, u_slot);

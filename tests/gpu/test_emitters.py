@@ -15,7 +15,8 @@ from irpso_addon.core.projection import rays_of
 from irpso_addon.core.shading import brdf, emitters, environment
 from irpso_addon.core.shading.wide_lamps import emitter_of
 from irpso_addon.gpu.device import thread
-from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, facets
+from irpso_addon.gpu.gbuffer.facets import facets
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer
 from irpso_addon.gpu.observe.observations import observe
 from irpso_addon.gpu.observe.picture_memory import channels_needed
 from irpso_addon.solve import pipeline

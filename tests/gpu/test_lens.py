@@ -17,6 +17,7 @@ from irpso_addon.core.data import Bounced, Camera, SceneData, View
 from irpso_addon.core.lens import Lens
 from irpso_addon.core.projection import pixel_widths, pixels_of
 from irpso_addon.core.tiled.uv_blocks import Crop, cropped
+from irpso_addon.core.triangle_bundles import BUNDLE, Bundles
 from irpso_addon.gpu.gbuffer.drawn_outline import DrawnOutline
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid
 from irpso_addon.gpu.gbuffer.projection import Projection
@@ -259,8 +260,8 @@ def test_bundles_that_are_left_as_they_are_change_nothing_that_is_seen(name, hei
     quads = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], 2).reshape(-1, 4, 3)
     triangles = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3).astype(np.float32)
     camera = syn.through(LENSES[name], syn.camera((0.2, -1.0, height), (0.1, 0.3, 0)))
-    count = -(-len(triangles) // lens_mesh.BUNDLE)
-    unknown = lens_mesh.Bundles(np.zeros((count, 3)), np.full(count, np.inf), np.full(count, np.inf))
+    count = -(-len(triangles) // BUNDLE)
+    unknown = Bundles(triangles, np.full((count, 3), -1e30), np.full((count, 3), 1e30))
     each = lens_mesh.divided(triangles, camera, SMALL, unknown)
     got = lens_mesh.divided(triangles, camera, SMALL)
     assert got.whole == each.whole

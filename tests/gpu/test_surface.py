@@ -13,8 +13,10 @@ import pytest
 
 from irpso_addon.core.data import Camera, MeshArrays, NormalMap, SceneData
 from irpso_addon.core.errors import BadInput
+from irpso_addon.core.triangle_bundles import Bundles
 from irpso_addon.gpu.device import thread
-from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid, facets
+from irpso_addon.gpu.gbuffer.facets import facets
+from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, Occluders, draw_pixel_grid
 from irpso_addon.gpu.gbuffer.projection import clip_matrix
 from irpso_addon.solve import one_round
 from tests.support import synthetic as syn
@@ -278,7 +280,7 @@ def test_depth_tells_surfaces_apart_that_nearly_touch(on_gl):
 def test_clip_matrix_keeps_the_image_plane_and_puts_depths_in_range():
     camera = CAMERAS["shifted"]
     mesh = syn.plane_mesh()
-    clip = clip_matrix(camera, [mesh.positions, NOTHING])
+    clip = clip_matrix(camera, [Bundles.of(mesh.positions), Bundles.of(NOTHING)])
     points = np.concatenate([mesh.positions.reshape(-1, 3), np.ones((len(mesh.positions) * 3, 1))], axis=1)
     got, own = points @ clip.T, points @ (camera.projection @ camera.world_to_camera).T
     np.testing.assert_allclose(got[:, [0, 1, 3]], own[:, [0, 1, 3]], rtol=1e-12, atol=1e-12)

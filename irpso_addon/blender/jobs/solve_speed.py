@@ -71,7 +71,7 @@ def of(context: bpy.types.Context) -> Estimate | None:
     if not taken or by_numpy():
         return None
     return estimates.estimate(taken, settings, factors(), preferences.device_settings().memory,
-                             rounds=_rounds(obj, settings), udims=_udims(obj, settings))
+                             rounds=_rounds(obj, settings), udims=_udims(obj, settings), triangles=_triangles(obj))
 
 
 def by_numpy() -> bool:
@@ -89,6 +89,11 @@ def _udims(obj: bpy.types.Object | None, settings: SolveSettings) -> tuple[int, 
         with contextlib.suppress(BadInput):  # too many: the solve will say it
             _known.udims = udims_of(_middles(obj.data)) or (FIRST_UDIM,)
     return _known.udims
+
+
+def _triangles(obj: bpy.types.Object | None) -> int:
+    """Of the mesh without modifiers."""
+    return 0 if obj is None or obj.type != "MESH" else len(obj.data.loops) - 2 * len(obj.data.polygons)
 
 
 def _middles(mesh: bpy.types.Mesh) -> F32:
@@ -121,7 +126,8 @@ def learn(
     if len(taken) < len(data.views):  # the list has been changed meanwhile
         return
     reduced = estimates.reduced_share(taken, settings, preferences.device_settings().memory, udims)
-    _known.factors = estimates.learnt(factors(), taken, settings, solution.seconds, wall, udims, reduced)
+    _known.factors = estimates.learnt(factors(), taken, settings, solution.seconds, wall, udims, reduced,
+                                      len(data.mesh.positions))
     saved = path(), dict(_known.factors)
     threading.Thread(target=_save, args=saved, name="irpso-speed", daemon=True).start()  # disks may be slow
 

@@ -17,6 +17,7 @@ from ..glow import SOLID
 from .scene_material import SlotNormalMap
 from .scene_objects import FAR, ignored, rendered_objects, require_whole, world_matrix
 
+AT_ONCE = 1 << 15  # triangles that are transformed together
 MAX_TRIANGLES = 20_000_000  # of the occluders: 720 MB
 
 Warn = Callable[[str], None]
@@ -50,19 +51,18 @@ def read_mesh(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn: Wa
         warn(f"object '{obj.name}': is mirrored by a negative scale; it is read as Blender shows it")
     local = _read_corners(obj, depsgraph, maps, warn)
     with np.errstate(over="ignore"):
-        positions = (local.positions @ linear.T + world[:3, 3]).astype(np.float32)
-    normals = _unit(local.normals @ normal_matrix.T)
+        positions = _mapped(local.positions, lambda part: part @ linear.T + world[:3, 3])
+    normals = _mapped(local.normals, lambda part: _unit(part @ normal_matrix.T))
     if not ((np.abs(positions) <= FAR).all() and np.isfinite(normals).all()):
         raise BadInput(f"object '{obj.name}': is too large or too far away; scale it down or move it closer")
-    order = [0, 2, 1] if mirrored else [0, 1, 2]
+    order = [0, 2, 1] if mirrored else slice(None)
     unit = bpy.app.version >= (5, 0, 0)
     return MeshArrays(
-        name=obj.name, positions=positions[:, order].copy(),
-        normals=normals[:, order].astype(np.float32),
-        uvs=local.uvs[:, order].copy(), slots=local.slots.astype(np.int32),
+        name=obj.name, positions=positions[:, order], normals=normals[:, order],
+        uvs=local.uvs[:, order], slots=local.slots,
         slot_names=tuple(s.material.name if s.material else "" for s in obj.material_slots) or ("",),
-        object_normals=local.normals[:, order].copy() if maps else None,
-        tangents=None if local.tangents is None else local.tangents[:, order].copy(),
+        object_normals=local.normals[:, order] if maps else None,
+        tangents=None if local.tangents is None else local.tangents[:, order],
         normal_matrix=normal_matrix.astype(np.float32), unit_normal=unit,
         normal_maps={slot: NormalMap(m.pixels, m.strength, unit) for slot, m in maps.items()},
     )
@@ -297,6 +297,15 @@ def integers(collection: Any, attribute: str, width: int) -> I32:
     out = np.empty(len(collection) * width, np.int32)
     collection.foreach_get(attribute, out)
     return out.reshape(-1, width)
+
+
+def _mapped(vectors: F32, function: Callable[[F32], F64]) -> F32:
+    """The function of vectors (T, 3, 3), a few at a time: in float64, a dense mesh takes gigabytes."""
+    out = np.empty(vectors.shape, np.float32)
+    for first in range(0, len(out), AT_ONCE):
+        part = slice(first, first + AT_ONCE)
+        out[part] = function(vectors[part])
+    return out
 
 
 def _unit(vectors: F64 | F32) -> F64:

@@ -33,6 +33,8 @@ SOLVE_BYTES = 14 * 16  # ... the search's textures, of the texels that are solve
 MAPS_BYTES = 10 * 16  # ... and those of the maps, which come later
 HOST_BYTES = 150_000_000  # of a process before it reads anything
 HOST_TEXEL_BYTES = 48
+TRIANGLE_BYTES = 168  # of a triangle on the device, see gpu/gbuffer/gbuffer.py, ...
+HOST_TRIANGLE_BYTES = 500  # ... and in the process, Blender's evaluated mesh included
 ENVIRONMENT_BYTES = 8 * NODES + 16  # of a pixel, see gpu/observe/environment_light.py
 # Of an environment's shadow maps and its directions with all their parts, see gpu/observe/environment_light.py, ...
 AROUND_BYTES = COUNT * (SHADOW_SIDE**2 * 2 + 32 * sum(PARTS**n for n in range(LEVELS + 1)))
@@ -44,6 +46,8 @@ FURTHEST = 1000.0  # times faster or slower than the small machine: beyond, some
 
 # Of the small machine (2 cores, software OpenGL): what a stage takes in any case, in seconds.
 FIXED = {"start": 1.5, "gbuffer": 0.1, "observe": 0.8, "maps": 0.4}
+# Microseconds of a triangle: to read the mesh, to make its buffers, to draw it through a camera, into a shadow map.
+MESH_READ, MESH_BUFFERS, MESH_DRAWN, MESH_SHADOW = 2.2, 0.7, 0.35, 0.2
 # More for programs that were never compiled on this machine (drivers keep them); those of the search are made for a
 # number of views and cameras.
 COMPILING = {"observe": 1.0, "solve": 2.0, "maps": 1.0}  # of the search: for each of
@@ -108,16 +112,16 @@ def bytes_per_pixel(views: int, lobes: int, cameras: int, environments: int = 0)
 
 def estimate(
     views: Sequence[ViewSize], settings: SolveSettings, factors: Factors, memory: float, *, rounds: bool = False,
-    udims: tuple[int, ...] = (FIRST_UDIM,),
+    udims: tuple[int, ...] = (FIRST_UDIM,), triangles: int = 0,
 ) -> Estimate:
     """``memory``: GB that pictures may take.  ``rounds``: indirect light is likely to be rendered, and solved again.
 
-    ``udims``: of the squares that are solved.
+    ``udims``: of the squares that are solved.  ``triangles``: of the mesh.
     """
     large, reduced = is_large(settings.size, udims), reduced_share(views, settings, memory, udims)
     lit, each = _lit(views), _bytes_of_each(views)
     largest = max((v.width * v.height for v in views), default=0)
-    taken = predicted(views, settings, factors, reduced, rounds, udims)
+    taken = predicted(views, settings, factors, reduced, rounds, udims, triangles)
     known = [factors.get(key) for key in (_key(stage, settings) for stage in taken)]
     usual = _usual(factors)
     seconds = sum(s * (factor or usual) for s, factor in zip(taken.values(), known, strict=True))
@@ -131,9 +135,10 @@ def estimate(
     reading = DEVELOPING if large else int(READING * min(60 * largest, DEVELOPING + 20 * pixels))
     found = Estimate(
         seconds=seconds, disk_bytes=2 * MAP_BYTES * texels,
-        gpu_bytes=int(each * pixels + max(GRID_BYTES * texels + max(solving, MAPS_BYTES * texels), around)),
+        gpu_bytes=int(each * pixels + max(GRID_BYTES * texels + max(solving, MAPS_BYTES * texels), around)
+                      + TRIANGLE_BYTES * triangles),
         host_bytes=int(HOST_BYTES + HOST_TEXEL_BYTES * texels + 8 * pixels * len(views) + reading
-                       + min(KEPT_PIXEL * pixels * len(views), KEPT_BYTES)),
+                       + min(KEPT_PIXEL * pixels * len(views), KEPT_BYTES) + HOST_TRIANGLE_BYTES * triangles),
         learnt=bool(factors), reduced=reduced)
     if not large:
         return found
@@ -178,11 +183,12 @@ def size_of(folder: Path) -> int:
 
 def predicted(
     views: Sequence[ViewSize], settings: SolveSettings, known: Collection[str], reduced: float = 1.0,
-    rounds: bool = False, udims: tuple[int, ...] = (FIRST_UDIM,),
+    rounds: bool = False, udims: tuple[int, ...] = (FIRST_UDIM,), triangles: int = 0,
 ) -> dict[str, float]:
     """Seconds of each stage on the small machine; ``known``: keys of the factors that were learnt."""
     if is_large(settings.size, udims):
-        plan = predicted(views, replace(settings, size=layout(settings.size, udims).size), known, reduced, rounds)
+        plan = predicted(views, replace(settings, size=layout(settings.size, udims).size), known, reduced, rounds,
+                         triangles=triangles)
         start, squares, pixels = plan.pop("start"), len(udims), sum(v.width * v.height for v in views)
         each = _once(views, settings, SEEN)  # of one square
         fixed = BLOCK_SECONDS * len(all_blocks(settings.size, udims))
@@ -194,6 +200,8 @@ def predicted(
         small = _once(views, replace(settings, size=min(settings.size, 512)), reduced)
         first = {stage: 2 * s + small[stage] for stage, s in first.items()}
     result = {stage: first.get(stage, 0.0) + FIXED.get(stage, 0.0) for stage in STAGES[:-1]}
+    for stage, microseconds in _of_a_triangle(views).items():
+        result[stage] += 1e-6 * triangles * microseconds
     result["observe"] += READING_PIXEL * (1 - reduced) * sum(v.width * v.height for v in views)
     for stage, seconds in COMPILING.items():
         result[stage] += seconds * len(_to_compile(stage, views, settings, known))
@@ -201,6 +209,14 @@ def predicted(
         lit = {(v.camera, v.width, v.height, i) for i, v in enumerate(views)}
         result["indirect"] = 2 * PICTURE_SECONDS * (len(lit) + len({v.camera for v in views}))
     return result
+
+
+def _of_a_triangle(views: Sequence[ViewSize]) -> dict[str, float]:
+    """Microseconds of each stage: the first one checks outlines, the last one looks once more."""
+    cameras, lights = len({(v.camera, v.width, v.height) for v in views}), sum(v.lights for v in views)
+    shadows = MESH_SHADOW * (lights if cameras == len(views) else lights / cameras)  # each camera sees every lamp
+    return {"start": MESH_READ + 1.5 * MESH_DRAWN * cameras, "gbuffer": MESH_BUFFERS,
+            "observe": MESH_DRAWN * cameras + shadows, "maps": 2 * MESH_DRAWN * cameras + shadows}
 
 
 def _once(views: Sequence[ViewSize], settings: SolveSettings, reduced: float) -> dict[str, float]:
@@ -235,7 +251,7 @@ def _stride(views: Sequence[ViewSize], settings: SolveSettings, reduced: float) 
 
 def learnt(
     factors: Factors, views: Sequence[ViewSize], settings: SolveSettings, seconds: Mapping[str, float], wall: float,
-    udims: tuple[int, ...] = (FIRST_UDIM,), reduced: float = 1.0,
+    udims: tuple[int, ...] = (FIRST_UDIM,), reduced: float = 1.0, triangles: int = 0,
 ) -> dict[str, float]:
     """The factors after a solve: ``seconds`` of its stages, ``wall`` of it all; ``reduced``: as of `reduced_share`.
 
@@ -243,7 +259,7 @@ def learnt(
     the surprise (of its logarithm) is believed.
     """
     result = dict(factors)
-    expectations = predicted(views, settings, factors, reduced, "indirect" in seconds, udims)
+    expectations = predicted(views, settings, factors, reduced, "indirect" in seconds, udims, triangles)
     measured = {**seconds, "start": max(wall - sum(seconds.get(s, 0.0) for s in expectations), 0.05)}
     for stage, expected in expectations.items():
         if stage in measured:
@@ -254,7 +270,7 @@ def learnt(
                 result[key] = _mean([factor, factors[key]]) if key in factors else factor
     compiled = {stage for stage in expectations if _to_compile(stage, views, settings, factors)}
     known = {key for stage in compiled for key in _to_compile(stage, views, settings, factors)}
-    again = predicted(views, settings, {*factors, *known}, reduced, "indirect" in seconds, udims)
+    again = predicted(views, settings, {*factors, *known}, reduced, "indirect" in seconds, udims, triangles)
     usual, expected_again = _usual(result), wall
     if compiled:  # the other stages tell how slow the machine is, and so what is left without its compiler
         others = sum(taken for stage, taken in seconds.items() if stage not in expectations)

@@ -52,7 +52,7 @@ class DrawnOutline:
                 total = np.zeros((part[3], part[2]), np.float32)
                 for x, y in points:
                     beside = moved(camera, (width * x, width * y), size)
-                    projection = projection_of(beside, [self.mesh.mesh.positions, self.occluders])
+                    projection = projection_of(beside, [self.mesh.bundles, others.bundles])
                     with device.target([seen], depth) as target, device.keeping_nearest():
                         target.clear(depth=1.0)
                         drawn.draw_positions(target, "gbuffer/count.frag", projection, {})

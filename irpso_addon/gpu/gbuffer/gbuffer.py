@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from itertools import pairwise
+from typing import Any, TypeVar
 
 import moderngl
 import numpy as np
 
 from ...core.data import F32, I32, Camera, MeshArrays
-from ...core.lens_mesh import Bundles, divided
+from ...core.lens_mesh import divided
+from ...core.triangle_bundles import Bundles
 from ..device.context import Device
 from ..device.draw_budget import Rectangle
 from ..device.occupied_cells import OccupiedCells
+from .facets import facets
 from .projection import Projection, boxed, column_major, projection_of
-from .triangles import Triangles
+from .triangles import I64, Triangles
 
-_LAYOUT = "3f 3f 2f 2f 4f 3f 4f"
-_NAMES = ("in_position", "in_normal", "in_uv", "in_grid", "in_facet", "in_object_normal", "in_tangent")
-GRID = slice(8, 10)  # of a vertex: in_grid
+POSITION = "3f", ("in_position",)  # a buffer's layout and the names in it: a draw of depths alone reads no more
+SURFACE = "3f 2f 2f 4f", ("in_normal", "in_uv", "in_grid", "in_facet")
+NORMAL_MAPPED = "3f 2f 2f 4f 3f 4f", (*SURFACE[1], "in_object_normal", "in_tangent")  # with a normal map
+Values = TypeVar("Values", F32, I32)
+GRID, LIFT = slice(5, 7), 10  # of a vertex's row of SURFACE: in_grid, in_facet.w
 
 
 @dataclass(frozen=True)
@@ -56,50 +61,22 @@ class GBufferMaps:
                 texture.release()
 
 
-def facets(mesh: MeshArrays) -> F32:
-    """(T, 4): unit facet normal of each triangle and its lift in metres.
-
-    The lift is how far the smooth surface that the corner normals describe stands above the flat
-    facet (half the largest distance from a corner to another corner's tangent plane), after the
-    shadow-terminator offset of Hanika (Ray Tracing Gems II, 2021, ch. 4).  Degenerate triangles
-    get a zero normal.
-    """
-    p, n = mesh.positions.astype(np.float64), mesh.normals.astype(np.float64)
-    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = np.where(length > 1e-20, normal / np.maximum(length, 1e-20), 0.0)
-    lift = np.zeros(len(p))
-    for i in range(3):
-        for j in range(3):
-            if i != j:
-                lift = np.maximum(lift, 0.5 * np.abs(np.einsum("tk,tk->t", p[:, j] - p[:, i], n[:, i])))
-    longest = np.max(np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2), axis=1)
-    lift = np.minimum(lift, 0.25 * longest)  # flat shading and hard edges: the planes say nothing
-    return np.concatenate([normal, lift[:, None]], axis=1).astype(np.float32)
-
-
-def _rows(mesh: MeshArrays) -> tuple[F32, I32]:
-    """What the vertex buffer holds (T, 3, 24), `_NAMES` in `_LAYOUT`, sorted by material slot; and the slots (T,)."""
-    order = np.argsort(mesh.slots, kind="stable")
-    zeros = np.zeros((len(order), 3, 4), np.float32)
-    parts = [
-        mesh.positions[order], mesh.normals[order], mesh.uvs[order],
-        (mesh.uvs if mesh.grid is None else mesh.grid)[order],
-        np.repeat(facets(mesh)[order][:, None], 3, axis=1),
-        mesh.object_normals[order] if mesh.object_normals is not None else zeros[..., :3],
-        mesh.tangents[order] if mesh.tangents is not None else zeros,
-    ]
-    return np.concatenate(parts, axis=2).astype(np.float32), mesh.slots[order]
-
-
 class MeshBuffer:
-    """The triangles of a mesh in one vertex buffer, sorted by material slot."""
+    """The triangles of a mesh in two vertex buffers, sorted by material slot."""
 
     def __init__(self, device: Device, mesh: MeshArrays) -> None:
         self.device, self.mesh = device, mesh
-        rows, slots = _rows(mesh)
-        self.buffer = device.buffer(rows)
-        self._arrange(rows[..., :3], rows[..., GRID], slots)
+        self._order: I64 | None = None  # None: they are sorted
+        if (np.diff(mesh.slots) < 0).any():
+            self._order = np.argsort(mesh.slots, kind="stable")
+        self.bundles = Bundles.of(self._sorted(mesh.positions))
+        self.positions = device.buffer(self.bundles.triangles)
+        self._layout = NORMAL_MAPPED if mesh.normal_maps else SURFACE
+        surface = self._surface()
+        self.lift = float(surface[:, 0, LIFT].max())  # the shadow look-up lifts points off the facets by at most that
+        self._buffer: moderngl.Buffer | None = device.buffer(surface)
+        self._rows: Callable[[], F32] = lambda: self._kept  # of that buffer, where it is None
+        self._arrange(self.bundles.triangles, surface[..., GRID], self._sorted(mesh.slots))
         self.normal_maps: dict[int, moderngl.Texture] = {}
         for slot, image in mesh.normal_maps.items():
             h, w = image.pixels.shape[:2]
@@ -117,11 +94,37 @@ class MeshBuffer:
         self.tilt = self.device.texture(offsets.shape[1], offsets.shape[0], 3, offsets)
         self.tilt.filter = (moderngl.LINEAR, moderngl.LINEAR)
 
+    def _sorted(self, values: Values) -> Values:
+        """Values (T, ...) of the triangles in the order of the buffers."""
+        return values if self._order is None else values[self._order]
+
+    def _surface(self) -> F32:
+        """(T, 3, c) what the second buffer holds, in its layout."""
+        mesh, count = self.mesh, len(self.mesh.positions)
+        parts = [mesh.normals, mesh.uvs, mesh.uvs if mesh.grid is None else mesh.grid,
+                 np.broadcast_to(facets(mesh)[:, None], (count, 3, 4))]
+        if mesh.normal_maps:
+            assert mesh.object_normals is not None
+            assert mesh.tangents is not None
+            parts += [mesh.object_normals, mesh.tangents]
+        rows = np.empty((count, 3, sum(part.shape[2] for part in parts)), np.float32)
+        at = 0
+        for part in parts:
+            rows[..., at:at + part.shape[2]] = self._sorted(part)
+            at += part.shape[2]
+        return rows
+
+    @cached_property
+    def _kept(self) -> F32:
+        """As `_surface`; asked for by cameras whose lens divides triangles."""
+        return self._surface()
+
     def _arrange(self, places: F32, grid: F32 | None, slots: I32) -> None:
         """``places``: (T, 3, 3) what a projection's matrix maps; ``grid``: on the texel grid, if drawn there."""
-        ranges = [(int(s), int(np.searchsorted(slots, s)), int(np.count_nonzero(slots == s))) for s in np.unique(slots)]
-        self.slots = [(slot, Triangles(places, first, count, grid)) for slot, first, count in ranges]
-        self.triangles = Triangles(places, 0, len(slots), grid)
+        ends = [0, *(np.flatnonzero(np.diff(slots)) + 1).tolist(), len(slots)]
+        self.slots = [(int(slots[first]), Triangles(places, first, last - first, grid))
+                      for first, last in pairwise(ends) if first < last]
+        self.triangles = self.slots[0][1] if len(self.slots) == 1 else Triangles(places, 0, len(slots), grid)
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
     @contextmanager
@@ -130,28 +133,18 @@ class MeshBuffer:
         if camera.lens is None:
             yield self
             return
-        rows, slots = self._sorted
-        division = divided(rows[..., :3], camera, size, self._bundles)
+        division = divided(self.bundles.triangles, camera, size, self.bundles)
         with self.device.scope():
             drawn = copy(self)
             if not division.whole:
-                parts = division.divided(rows)
-                parts[..., :3] = division.positions
-                drawn.buffer = self.device.buffer(parts) if len(parts) else self.buffer
-            drawn._arrange(boxed(camera, division.positions), None, slots[division.parent])
+                drawn.positions = self.device.buffer(division.positions) if len(division.positions) else self.positions
+                drawn._buffer = None
+                drawn._rows = lambda: division.divided(self._kept)
+            drawn._arrange(boxed(camera, division.positions), None, self._sorted(self.mesh.slots)[division.parent])
             try:
                 yield drawn
             finally:
                 drawn._release_arrays()
-
-    @cached_property
-    def _sorted(self) -> tuple[F32, I32]:
-        """As `_rows`; asked for by each camera that has a lens."""
-        return _rows(self.mesh)
-
-    @cached_property
-    def _bundles(self) -> Bundles:
-        return Bundles.of(self._sorted[0][..., :3])
 
     def draw(self, target: moderngl.Framebuffer, projection: Projection | None, footprint: float = 0.0) -> None:
         """Draw into the target: through a projection, or over the UV square when None.
@@ -160,22 +153,32 @@ class MeshBuffer:
         """
         device = self.device
         through = projection or Projection(np.eye(4))
-        program = device.programs.get("gbuffer/gbuffer.vert", "gbuffer/gbuffer.frag", through.defines)
-        normal_matrix = np.eye(3) if self.mesh.normal_matrix is None else self.mesh.normal_matrix
+        program = device.programs.get("gbuffer/gbuffer.vert", "gbuffer/gbuffer.frag", through.defines | self._defines)
         device.programs.set(program, {
-            **through.uniforms, "u_in_uv": projection is None, "u_normal_matrix": column_major(normal_matrix),
-            "u_footprint": footprint,
+            **through.uniforms, "u_in_uv": projection is None, "u_footprint": footprint,
+            "u_has_tilt": self.tilt is not None,
         })
         for slot, triangles in self.slots:
-            device.bind(program, {"u_normal_map": self.normal_maps.get(slot), "u_tilt": self.tilt})
-            used = self.mesh.normal_maps.get(slot)
-            device.programs.set(program, {
-                "u_has_normal_map": used is not None, "u_slot": float(slot), "u_has_tilt": self.tilt is not None,
-                "u_normal_strength": used.strength if used else 0.0,
-                "u_unit_normal": used is not None and used.unit_normal,
-            })
+            device.programs.set(program, {"u_slot": float(slot)})
+            device.bind(program, {"u_tilt": self.tilt, **self._normal_map(program, slot)})
             triangles.draw(device, ("gbuffer/gbuffer.frag", projection is None, target.size), self._array(program),
                            target, None if projection is None else projection.clip)
+
+    @property
+    def _defines(self) -> dict[str, str]:
+        return {"NORMAL_MAP": "1"} if self.normal_maps else {}
+
+    def _normal_map(self, program: moderngl.Program, slot: int) -> dict[str, moderngl.Texture | None]:
+        """The sampler of a slot, where some slot has a normal map; its uniforms are set."""
+        if not self.normal_maps:
+            return {}
+        used = self.mesh.normal_maps.get(slot)
+        normal_matrix = np.eye(3) if self.mesh.normal_matrix is None else self.mesh.normal_matrix
+        self.device.programs.set(program, {
+            "u_normal_matrix": column_major(normal_matrix), "u_has_normal_map": used is not None,
+            "u_normal_strength": used.strength if used else 0.0, "u_unit_normal": used is not None and used.unit_normal,
+        })
+        return {"u_normal_map": self.normal_maps.get(slot)}
 
     def draw_positions(
         self, target: moderngl.Framebuffer, fragment: str, projection: Projection, uniforms: dict[str, Any],
@@ -197,10 +200,12 @@ class MeshBuffer:
     def _array(self, program: moderngl.Program) -> moderngl.VertexArray:
         array = self._arrays.get(program.glo)
         if array is None or isinstance(array.mglo, moderngl.InvalidObject):  # freed with the scope of an earlier draw
-            layout = [(f"{size}" if name in program else f"{size[0]}x4") for size, name in
-                      zip(_LAYOUT.split(), _NAMES, strict=True)]
-            used = [name for name in _NAMES if name in program]
-            array = self.device.vertex_array(program, [(self.buffer, " ".join(layout), *used)])
+            content = [_read_by(program, self.positions, *POSITION)]
+            if any(name in program for name in self._layout[1]):
+                if self._buffer is None:
+                    self._buffer = self.device.buffer(self._rows())
+                content.append(_read_by(program, self._buffer, *self._layout))
+            array = self.device.vertex_array(program, content)
             self._arrays[program.glo] = array
         return array
 
@@ -213,7 +218,17 @@ class MeshBuffer:
         self._release_arrays()
         for texture in (*self.normal_maps.values(), *([] if self.tilt is None else [self.tilt])):
             texture.release()
-        self.buffer.release()
+        self.positions.release()
+        if self._buffer is not None:
+            self._buffer.release()
+
+
+def _read_by(
+    program: moderngl.Program, buffer: moderngl.Buffer, layout: str, names: tuple[str, ...],
+) -> tuple[moderngl.Buffer | str, ...]:
+    """What of a buffer a program reads, for a vertex array."""
+    sizes = [size if name in program else f"{size[0]}x4" for size, name in zip(layout.split(), names, strict=True)]
+    return buffer, " ".join(sizes), *[name for name in names if name in program]
 
 
 class Occluders:
@@ -222,11 +237,8 @@ class Occluders:
     def __init__(self, device: Device, triangles: F32) -> None:
         self.device, self.triangles = device, triangles
         self.buffer = device.buffer(triangles.astype(np.float32)) if len(triangles) else None
+        self.bundles = Bundles.of(triangles)
         self._triangles = Triangles(triangles, 0, len(triangles))
-
-    @cached_property
-    def _bundles(self) -> Bundles:
-        return Bundles.of(self.triangles)
 
     @contextmanager
     def through(self, camera: Camera, size: tuple[int, int]) -> Iterator[Occluders]:
@@ -234,7 +246,7 @@ class Occluders:
         if camera.lens is None or self.buffer is None:
             yield self
             return
-        division = divided(self.triangles, camera, size, self._bundles)
+        division = divided(self.triangles, camera, size, self.bundles)
         with self.device.scope():
             drawn = copy(self)
             if not division.whole:
@@ -282,7 +294,7 @@ def draw_pixel_grid(
 
     ``size``: width and height of its picture.  ``footprint``: width in pixels over which a normal map is averaged.
     """
-    projection = projection_of(camera, [mesh.mesh.positions, occluders.triangles])
+    projection = projection_of(camera, [mesh.bundles, occluders.bundles])
     textures = [device.texture(*size, channels) for channels in (4, 4, 4, 2, 4)]
     with device.scope(), device.target(textures, device.depth_map(*size)) as target, device.keeping_nearest():
         target.clear(depth=1.0)

@@ -5,6 +5,7 @@ The twin in float64 is core/projection.py; the shaders' part is shaders/include/
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +13,9 @@ import numpy as np
 from ...core.data import F32, F64, Camera
 from ...core.lens import Lens
 from ...core.projection import FLIP, lens_axes
+from ...core.triangle_bundles import Bundles
+
+AT_ONCE = 1 << 10  # triangles that are bent together: what a processor's cache holds
 
 
 @dataclass(frozen=True)
@@ -44,27 +48,29 @@ def lens_defines(lens: Lens | None) -> dict[str, str]:
     return {"LENS": "1"} if lens is not None else {}
 
 
-def projection_of(camera: Camera, triangles: list[F32]) -> Projection:
-    """The camera's, near and far fitted to triangles (T, 3, 3) each."""
+def projection_of(camera: Camera, shown: Sequence[Bundles]) -> Projection:
+    """The camera's, near and far fitted to what it is to show."""
     axes = lens_axes(camera) if camera.lens is not None else np.eye(4)
-    return Projection(clip_matrix(camera, triangles), camera.lens, axes)
+    return Projection(clip_matrix(camera, shown), camera.lens, axes)
 
 
 def boxed(camera: Camera, positions: F32) -> F32:
     """What the matrix of a camera with a lens maps, of triangles (T, 3, 3) that the lens reaches."""
     assert camera.lens is not None
-    axes = lens_axes(camera)
-    return camera.lens.bent(positions @ axes[:3, :3].T + axes[:3, 3]).astype(np.float32)
+    axes, found = lens_axes(camera), np.empty(positions.shape, np.float32)
+    for first in range(0, len(found), AT_ONCE):
+        part = slice(first, first + AT_ONCE)
+        found[part] = camera.lens.bent(positions[part] @ axes[:3, :3].T + axes[:3, 3])
+    return found
 
 
-def clip_matrix(camera: Camera, triangles: list[F32]) -> F64:
+def clip_matrix(camera: Camera, shown: Sequence[Bundles]) -> F64:
     """World to clip space, near and far fitted around what is in front of the camera.
 
     The camera's own clip range would waste depth precision (0.1 m to 1 km by default).  With a lens from where that
     bends places.
     """
-    depths = [_depths(camera, t) for t in triangles if len(t)]
-    depth = np.concatenate(depths).astype(np.float64)
+    depth = np.concatenate([_depths(camera, bundles) for bundles in shown if len(bundles.triangles)])
     far = max(float(depth.max()) * 1.01, 1e-3)
     if camera.orthographic:
         near, far = max(float(depth.min()) - 0.01 * far - 1e-3, 0.0), far + 1e-3  # what lies behind is not seen
@@ -77,15 +83,19 @@ def clip_matrix(camera: Camera, triangles: list[F32]) -> F64:
     return np.asarray(projection @ (camera.world_to_camera if camera.lens is None else FLIP), dtype=np.float64)
 
 
-def _depths(camera: Camera, triangles: F32) -> F64:
-    """(N,) of which the least and the greatest bound those of triangles (T, 3, 3): depths, a fisheye's distances."""
-    points = triangles.reshape(-1, 3)
+def _depths(camera: Camera, bundles: Bundles) -> F64:
+    """(N,) of which the least and the greatest bound those of the triangles: depths, a fisheye's distances."""
     if camera.lens is not None and camera.lens.fisheye:
-        middle = triangles.mean(axis=1, dtype=np.float64)
+        away = np.linalg.norm(bundles.centers - camera.position, axis=1)
+        triangles = bundles.extremes(away - 3 * bundles.radii, away + bundles.radii)
+        middle = triangles.mean(axis=1)
         radius = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1)  # corners may be farther than a side
-        return np.concatenate([np.linalg.norm(points - camera.position, axis=1),
+        return np.concatenate([np.linalg.norm(triangles.reshape(-1, 3) - camera.position, axis=1),
                                np.linalg.norm(middle - camera.position, axis=1) - radius])
-    return np.asarray(-(points @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3]))
+    row = -camera.world_to_camera[2]
+    center, half = bundles.centers @ row[:3] + row[3], 0.5 * (bundles.high - bundles.low) @ np.abs(row[:3])
+    half += 1e-9 * (np.abs(center) + half)  # rounding
+    return np.asarray(bundles.extremes(center - half, center + half).reshape(-1, 3) @ row[:3] + row[3])
 
 
 def column_major(matrix: F32 | F64) -> bytes:

@@ -77,9 +77,9 @@ def _boxes(points: F32, ends: I64) -> F64:
     """(B, 2^K, K) corners of the boxes around bundles of (T, 3, K) points."""
     if len(ends) < 2:
         return np.zeros((0, 2 ** points.shape[-1], points.shape[-1]))
-    part = points[ends[0]:ends[-1]]
-    box = np.stack([of.reduceat(part, ends[:-1] - ends[0]) for of in (np.minimum, np.maximum)])
-    box = np.stack([box[0].min(axis=1), box[1].max(axis=1)]).astype(np.float64)  # (2, B, K)
+    corners = points[ends[0]:ends[-1]].reshape(-1, points.shape[-1])
+    starts = 3 * (ends[:-1] - ends[0])
+    box = np.stack([of.reduceat(corners, starts) for of in (np.minimum, np.maximum)]).astype(np.float64)  # (2, B, K)
     choice = np.array(np.meshgrid(*[[0, 1]] * points.shape[-1])).reshape(points.shape[-1], -1).T
     return np.stack([box[choice[:, k], :, k] for k in range(points.shape[-1])], axis=-1).swapaxes(0, 1)
 

@@ -234,7 +234,7 @@ class _Observer:
             footprint = self.scene.pixel_filter
             maps = draw_pixel_grid(self.device, self.mesh, self.occluders, camera, (width, height), footprint)
             maps = self.limits.mask.pixels(self.device, maps) if self.limits.mask else maps
-            projection = projection_of(camera, [self.scene.mesh.positions, self.scene.occluders])
+            projection = projection_of(camera, [self.mesh.bundles, self.occluders.bundles])
             self.covered.append(self.device.read(maps.position)[..., 3] > 0.5)
             self.cameras.append(ObservedCamera(
                 camera, maps, projection, camera_uniforms(camera, height, footprint),

@@ -13,7 +13,7 @@ import numpy as np
 from ...core.data import F64, Light
 from ...core.shading import lights as light_model
 from ..device.context import Device, Inputs
-from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, facets
+from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders
 from ..gbuffer.projection import Projection, column_major
 
 SHADOW_SIZE = 2048  # texels on a side, at most; 0.1 % of lit texels change against 4096
@@ -120,14 +120,15 @@ class LightVisibility:
     def __init__(self, device: Device, mesh: MeshBuffer, occluders: Occluders, size: int = SHADOW_SIZE) -> None:
         """``size``: texels of the shadow map on a side, at most."""
         self.device, self.mesh, self.occluders, self.size = device, mesh, occluders, size
-        points = mesh.mesh.positions.reshape(-1, 3).astype(np.float64)
-        low, high = points.min(axis=0), points.max(axis=0)
+        bundles = mesh.bundles
+        low, high = bundles.low.min(axis=0), bundles.high.max(axis=0)
         self.center = (low + high) / 2
-        lift = float(facets(mesh.mesh)[:, 3].max())  # the look-up lifts points off the facets by so much
-        self.radius = float(np.max(np.linalg.norm(points - self.center, axis=1))) * 1.001 + lift + 1e-6
+        away = np.linalg.norm(bundles.centers - self.center, axis=1)
+        points = bundles.extremes(away - bundles.radii, away + bundles.radii).reshape(-1, 3)
+        self.radius = float(np.linalg.norm(points - self.center, axis=1).max()) * 1.001 + mesh.lift + 1e-6
         if len(occluders.triangles):
-            others = occluders.triangles.reshape(-1, 3)
-            low, high = np.minimum(low, others.min(axis=0)), np.maximum(high, others.max(axis=0))
+            others = occluders.bundles
+            low, high = np.minimum(low, others.low.min(axis=0)), np.maximum(high, others.high.max(axis=0))
         self.bounds = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
         self._map = device.texture(size, size, 1)
         self._target = device.framebuffer([self._map])
