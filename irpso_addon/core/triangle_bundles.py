@@ -51,10 +51,20 @@ class Bundles:
         starts = np.arange(0, len(longest), BUNDLE)
         return np.sqrt(np.maximum.reduceat(longest, starts).astype(np.float64)) if len(starts) else np.zeros(0)
 
+    def farthest(self, point: F64) -> float:
+        """Distance of the farthest corner from a point (3,)."""
+        away = np.linalg.norm(self.centers - point, axis=1)
+        least = np.linalg.norm(self.triangles[::BUNDLE, 0] - point, axis=1).max()  # of corners that are there
+        return max(float(np.linalg.norm(self._of(n) - point, axis=2).max())
+                   for n in np.flatnonzero(away + self.radii >= least * (1 - 1e-9)).tolist())
+
+    def _of(self, bundle: int) -> F64:
+        return self.triangles[bundle * BUNDLE:(bundle + 1) * BUNDLE].astype(np.float64)
+
     def extremes(self, least: F64, most: F64) -> F64:
         """(N, 3, 3) triangles among which are those with the least and the greatest of something.
 
         ``least``, ``most``: (B,) bounds of it in each bundle.
         """
         kept = np.flatnonzero((least <= most.min()) | (most >= least.max()))
-        return np.concatenate([self.triangles[b * BUNDLE:(b + 1) * BUNDLE] for b in kept]).astype(np.float64)
+        return np.concatenate([self._of(n) for n in kept.tolist()])

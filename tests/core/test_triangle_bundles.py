@@ -53,6 +53,14 @@ def test_triangles_with_the_extremes_are_among_those_found(seed, count):
     assert found.max() == pytest.approx(every.max(), abs=1e-12)
 
 
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**31), count=st.integers(1, 6 * BUNDLE), place=st.tuples(*[st.floats(-2, 2)] * 3))
+def test_the_farthest_corner_is_found(seed, count, place):
+    triangles = cloud(seed, count)
+    every = np.linalg.norm(triangles.astype(np.float64) - place, axis=2).max()
+    assert Bundles.of(triangles).farthest(np.array(place)) == pytest.approx(every, rel=1e-12)
+
+
 def test_few_triangles_of_a_dense_mesh_are_looked_at():
     triangles, _ = syn.sphere(160, 80)
     bundles = Bundles.of(triangles)

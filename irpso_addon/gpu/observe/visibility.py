@@ -123,9 +123,7 @@ class LightVisibility:
         bundles = mesh.bundles
         low, high = bundles.low.min(axis=0), bundles.high.max(axis=0)
         self.center = (low + high) / 2
-        away = np.linalg.norm(bundles.centers - self.center, axis=1)
-        points = bundles.extremes(away - bundles.radii, away + bundles.radii).reshape(-1, 3)
-        self.radius = float(np.linalg.norm(points - self.center, axis=1).max()) * 1.001 + mesh.lift + 1e-6
+        self.radius = bundles.farthest(self.center) * 1.001 + mesh.lift + 1e-6
         if len(occluders.triangles):
             others = occluders.bundles
             low, high = np.minimum(low, others.low.min(axis=0)), np.maximum(high, others.high.max(axis=0))
