@@ -2,11 +2,11 @@
 
 import bpy
 
-from ..irpso_addon.blender.shoot.mesh_file import unwrap
+from ..irpso_addon.blender.shoot.uv_unwrap import unwrap
 
 
 class IRPSO_OT_unwrap(bpy.types.Operator):
-    """Make a UV map with Smart UV Project and a material, where the active mesh has none"""
+    """Make a UV map and a material, where the active mesh has none"""
 
     bl_idname = "irpso.unwrap"
     bl_label = "Make UV Map"

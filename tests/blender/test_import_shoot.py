@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -58,6 +59,24 @@ def bring(irpso_here, made, tmp_path):
         files.open_blend(out)
         return read_scene(None, None, None), lines
     return run
+
+
+def test_a_mesh_without_normals_and_uvs_gets_both(bring, made, tmp_path) -> None:
+    """As most programs write a scan: Blender reads it flat.  Its normals then are those that the file had."""
+    own, _ = bring()
+    shutil.rmtree(tmp_path / "out")
+    bare = tmp_path / "bare.obj"
+    kept = [line for line in (made / "mesh.obj").read_text().splitlines() if line.split(" ")[0] in ("v", "f")]
+    bare.write_text("\n".join(re.sub(r"/\S*", "", line) for line in kept))
+    found, lines = bring(mesh=bare)
+    assert any("'bare': its file has no normals, so it was shaded smooth" in line for line in lines)
+    assert any("'bare': has no UV map; one was made" in line for line in lines)
+    assert len(found.mesh.normals) == len(own.mesh.normals)
+    between = np.einsum("tik,tik->ti", found.mesh.normals, own.mesh.normals).clip(-1, 1)
+    flat = np.cross(*(own.mesh.positions[:, n] - own.mesh.positions[:, 0] for n in (1, 2)))
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    facets = np.einsum("tk,tik->ti", flat, own.mesh.normals).clip(-1, 1)
+    assert np.median(np.arccos(between)) < 0.1 * np.median(np.arccos(facets))
 
 
 def frames(made: Path) -> dict[str, dict]:

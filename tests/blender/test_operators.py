@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sys
 from pathlib import Path
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
@@ -259,6 +261,36 @@ def test_a_uv_map_is_made_where_blender_can_make_it(scene, tmp_path: Path) -> No
     assert bpy.ops.irpso.unwrap.poll()
     ball.data.clear_geometry()
     assert not bpy.ops.irpso.unwrap.poll()
+
+
+@pytest.mark.parametrize("sides", [3, 4])
+def test_a_rough_scan_gets_a_uv_map_of_few_charts(scene, module, sides) -> None:
+    """A ball whose corners are off by a fifth of an edge, as in photogrammetry; of triangles and of quads."""
+    ball = bpy.data.objects["Ball"]
+    made = bmesh.new()
+    if sides == 3:
+        bmesh.ops.create_icosphere(made, subdivisions=7, radius=1)
+    else:
+        bmesh.ops.create_uvsphere(made, u_segments=256, v_segments=128, radius=1)
+    made.to_mesh(ball.data)
+    corners = np.empty(3 * len(ball.data.vertices), np.float32)
+    ball.data.vertices.foreach_get("co", corners)
+    edge = np.sqrt(4 * np.pi / len(ball.data.polygons))
+    ball.data.vertices.foreach_set("co", corners + np.random.default_rng(0).normal(0, edge / 5, len(corners)))
+    while ball.data.uv_layers:
+        ball.data.uv_layers.remove(ball.data.uv_layers[0])
+    unwrap = module("blender.shoot.uv_unwrap")
+    (line,) = unwrap.unwrap(ball)
+    found = re.fullmatch(r"'Ball': has no UV map; one was made \((\d+) charts, because Smart UV Project would use "
+                         r"(\d+) % of it\)", line)
+    assert found is not None
+    assert int(found[1]) < 30
+    assert int(found[2]) < 30
+    uvs = np.empty(2 * len(ball.data.loops), np.float32)
+    ball.data.uv_layers[0].uv.foreach_get("vector", uvs)
+    assert uvs.min() >= 0 and uvs.max() <= 1
+    assert unwrap._used(ball.data) > 0.4
+    assert bpy.context.mode == "OBJECT"
 
 
 def test_the_slots_of_a_mesh_stay_where_it_gets_a_material(scene) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 
+import bmesh
 import bpy
 import numpy as np
 import OpenImageIO
@@ -446,3 +447,24 @@ def test_a_flat_light(stage):
     stage.key.scale = (1, 1, 0)
     with pytest.raises(BadInput, match=r"^light 'Key': its scale is 0"):
         stage.read()
+
+
+@pytest.mark.parametrize(("shape", "smooth", "said"), [
+    ("ball", False, True), ("ball", True, False), ("small ball", False, False), ("box", False, False)])
+def test_a_scan_that_is_shaded_flat_is_named(stage, shape, smooth, said) -> None:
+    """A box of many faces has six planes, and few facets may be meant."""
+    obj = bpy.data.objects["Subject"]
+    made = bmesh.new()
+    if shape == "box":
+        bmesh.ops.create_cube(made)
+        bmesh.ops.subdivide_edges(made, edges=made.edges, cuts=40, use_grid_fill=True)
+    else:
+        bmesh.ops.create_icosphere(made, subdivisions=4 if shape == "small ball" else 6, radius=1)
+    made.loops.layers.uv.new("UVMap")
+    for face in made.faces:
+        face.smooth = smooth
+        for loop in face.loops:
+            loop[made.loops.layers.uv.active].uv = loop.vert.co.xy
+    made.to_mesh(obj.data)
+    lines = stage.read().warnings
+    assert any(f"'{obj.name}': is shaded flat, so its " in line for line in lines) == said

@@ -18,6 +18,7 @@ from .scene_material import SlotNormalMap
 from .scene_objects import FAR, ignored, rendered_objects, require_whole, world_matrix
 
 AT_ONCE = 1 << 15  # triangles that are transformed together
+SCAN, PLANES = 10_000, 500  # triangles from which on a mesh is a scan, and directions that an object of planes has not
 MAX_TRIANGLES = 20_000_000  # of the occluders: 720 MB
 
 Warn = Callable[[str], None]
@@ -78,6 +79,9 @@ def _read_corners(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn
         normals = _floats(mesh.corner_normals, "vector", 3)[loops]
         uvs = _floats(mesh.uv_layers[layer].uv, "vector", 2)[loops]
         _check(obj, positions, uvs)
+        if _is_flat(normals):
+            warn(f"object '{obj.name}': is shaded flat, so its {len(loops):,} facets count as the surface's own; use "
+                 "Object > Shade Smooth")
         _check_materials(obj, obj.evaluated_get(depsgraph), slots, warn)
         slots = _slots_of(obj, slots)
         if maps and not mesh.is_editable:  # also of its temporary copy: tangents of what cannot be set crash Blender
@@ -85,6 +89,13 @@ def _read_corners(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn
                            "make it local first (Object > Relations)")
         tangents = _slot_tangents(mesh, normals, loops, slots, maps, layer) if maps else None
     return _Corners(positions, normals, uvs, slots, tangents)
+
+
+def _is_flat(normals: F32) -> bool:
+    """Whether it is a scan with a normal for each facet: many triangles (T, 3, 3), whose planes differ."""
+    some = normals[::max(1, len(normals) // SCAN)]
+    return bool(len(some) >= SCAN and (some == some[:, :1]).all()
+                and len(np.unique(some[:, 0].round(2), axis=0)) > PLANES)
 
 
 def face_slots(obj: Any, depsgraph: Any) -> I32:

@@ -21,12 +21,13 @@ from ...core.shoot.scene_cameras import SUFFIXES as SCENE_SUFFIXES
 from ...core.shoot.scene_cameras import project_of
 from .flash_power import Shown, flash_pictures, flash_power
 from .grey_card import GreyCard, set_power_by_grey_card
-from .mesh_file import import_mesh, unwrap
+from .mesh_file import import_mesh, shade
 from .mesh_place import place
 from .rollback import all_or_nothing
 from .scene_file import read_scene_file
 from .shoot_objects import add_cameras, add_flashes, add_views, show_mesh
 from .shoot_pictures import Headers, ShootPictures, already_there, check_path, read_pictures
+from .uv_unwrap import unwrap
 
 Stored = Callable[[Path], str]
 READ, MADE = 0.7, 0.85  # of the whole time: until pictures are read, until there are objects
@@ -106,7 +107,7 @@ def add_shoot(
         yield Progress(READ, "mesh")
         mesh = import_mesh(read.mesh)
         lines = place(mesh, pictures.cameras, _scale(settings, project))
-        lines += unwrap(mesh)
+        lines += shade(mesh) + unwrap(mesh)
         yield Progress(MADE, "light")
         lines += _add(mesh, read, settings, grey)
         views = list(bpy.context.scene.irpso.views)[-len(pictures.cameras):]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...core.errors import BadInput
 from . import rollback
@@ -23,6 +24,8 @@ def _alembic(path: str) -> Any:
     return bpy.ops.wm.alembic_import(filepath=path, set_frame_range=False, as_background_job=False)
 
 
+SCAN = 10_000  # faces from which on a mesh is a scan: its edges are roughness, ...
+SHARP = math.radians(60)  # ... and those of smaller meshes are meant from here on
 IMPORTERS: dict[str, Callable[[str], Any]] = {
     # In the project's own axes: photogrammetry programs write meshes in the coordinates of their cameras.
     ".obj": lambda path: bpy.ops.wm.obj_import(filepath=path, forward_axis="Y", up_axis="Z"),
@@ -48,7 +51,7 @@ def import_mesh(path: Path) -> bpy.types.Object:
     if not path.is_file():
         raise BadInput(f"{path}: file not found; choose the mesh that the photogrammetry program exported")
     before, world = rollback.blocks(), bpy.context.scene.world
-    _deselect()
+    deselect()
     try:
         with redirect_stderr(io.StringIO()):  # importers in Python print where they failed
             importer(str(path.resolve()))
@@ -72,6 +75,21 @@ def import_mesh(path: Path) -> bpy.types.Object:
     return whole
 
 
+def shade(mesh: bpy.types.Object) -> list[str]:
+    """A mesh whose file has no normals is shaded smooth, because Blender reads it flat; lines for the user.
+
+    Facets of a scan are rough. Its corners' mean normals are several times as near to those of the surface.
+    """
+    data, smooth = mesh.data, np.empty(len(mesh.data.polygons), np.bool_)
+    data.polygons.foreach_get("use_smooth", smooth)
+    if smooth.any() or data.has_custom_normals:
+        return []
+    data.shade_smooth()
+    if len(smooth) < SCAN:
+        data.set_sharp_from_angle(angle=SHARP)
+    return [f"'{mesh.name}': its file has no normals, so it was shaded smooth"]
+
+
 def _reason(error: Exception) -> str:
     """What went wrong, of what Blender says: its last line is where in Python it was called, and tracebacks are cut."""
     if "Traceback" in str(error):
@@ -80,30 +98,8 @@ def _reason(error: Exception) -> str:
     return (lines or ["unknown error"])[-1].removeprefix("Error: ")
 
 
-def unwrap(mesh: bpy.types.Object) -> list[str]:
-    """A material and a UV map where there is none; lines for the user."""
-    if not any(slot.material for slot in mesh.material_slots):
-        material = bpy.data.materials.new(mesh.name)
-        if bpy.app.version < (5, 0, 0):
-            material.use_nodes = True
-        if not mesh.material_slots:
-            mesh.data.materials.append(None)
-        for slot in mesh.material_slots:  # which faces and other objects with this mesh may use
-            slot.material = material
-    if mesh.data.uv_layers:
-        return []
-    _deselect()
-    bpy.context.view_layer.objects.active = mesh
-    mesh.select_set(True)
-    bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.mesh.reveal()
-    bpy.ops.mesh.select_all(action="SELECT")
-    bpy.ops.uv.smart_project(angle_limit=math.radians(66), island_margin=0.002)
-    bpy.ops.object.mode_set(mode="OBJECT")
-    return [f"'{mesh.name}': has no UV map; one was made (Smart UV Project)"]
-
-
-def _deselect() -> None:
+def deselect() -> None:
+    """All objects of the view layer."""
     for obj in bpy.context.view_layer.objects:
         obj.select_set(False)
 
