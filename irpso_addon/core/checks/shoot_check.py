@@ -185,7 +185,7 @@ def _inside_out(check: ShootCheck) -> list[Finding]:
     shares = [view.backs for view in check.views if view.drawn]
     if not shares or np.median(shares) <= BACKS:
         return []
-    return [Finding(f"'{check.name}': its faces look inwards",
+    return [Finding(f"object '{check.name}': its faces look inwards",
                     f"{percent(float(np.median(shares)))} of what the cameras see are backs, in the median view",
                     "recalculate its normals outside (Mesh > Normals > Recalculate Outside)")]
 
