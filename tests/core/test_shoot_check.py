@@ -261,8 +261,8 @@ def test_a_mesh_that_is_inside_out_explains_the_rest() -> None:
     views = tuple(replace(view, view=f"{view.view}.jpg", backs=1.0, shift=None, lit=0.1, brightest=9.0)
                   for view in CHECK.views)
     first, second = findings(replace(CHECK, views=views))
-    assert str(first) == ("object 'Vase': its faces look inwards (100 % of what the cameras see are backs, in the median "
-                          "view); recalculate its normals outside (Mesh > Normals > Recalculate Outside)")
+    assert str(first) == ("object 'Vase': its faces look inwards (100 % of what the cameras see are backs, in the "
+                          "median view); recalculate its normals outside (Mesh > Normals > Recalculate Outside)")
     assert "JPEG" in second.problem
 
 
