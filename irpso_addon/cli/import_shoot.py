@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> None:
     for message in imported.messages:
         console.warn(message)
     console.say(f"{out}: object '{name}', {counted(imported.views, 'view')} in {time.perf_counter() - started:.1f} s; "
-                f"next: irpso solve {out}")
+                f"next: irpso check {out}, then irpso solve {out}")
 
 
 def _grey_card(given: list[str] | None) -> GreyCard | None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ..blender import files
 from ..blender.jobs import solve_object
+from ..core.checks.warnings import grouped
 from ..core.data import Solution
 from ..core.errors import BadInput, Cancelled
 from ..core.job import Progress, run_to_end
@@ -126,8 +127,8 @@ def print_summary(name: str, solution: Solution, out: Path) -> None:
     """The few lines that a user wants after a solve."""
     for warning in solution.warnings:
         console.warn(f"warning: {warning}")
-    for view, why in solution.views_skipped:
-        console.warn(f"warning: {view}: left out: {why}")
+    for line in grouped([f"{view}: left out: {why}" for view, why in solution.views_skipped]):
+        console.warn(f"warning: {line}")
     texels = solution.texels
     total = sum(solution.seconds.values())
     models = ", ".join(sorted(set(solution.model.values())))

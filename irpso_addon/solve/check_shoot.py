@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from ..core.checks.drawn_view import DrawnView
-from ..core.checks.edge_shift import EdgeShift, has_outline, outline_distance, shift_of
+from ..core.checks.edge_shift import EdgeMatch, EdgeShift, has_outline, match_of, outline_distance
 from ..core.checks.epipolar import Side, neighbours, side_of
 from ..core.checks.highlights import irradiance
 from ..core.checks.mended_cameras import moved
@@ -46,7 +46,7 @@ def check(scene: SceneData) -> Generator[Progress, None, ShootCheck]:
     device = thread.device()
     chosen = [scene.views[i] for i in np.unique(np.linspace(0, len(scene.views) - 1, VIEWS).astype(int))]
     measure = ShootMeasure(scene, chosen)
-    pairs = neighbours(scene.views, chosen, measure.middle, measure.on_camera)
+    pairs = neighbours(scene.views, chosen, measure.places, measure.on_camera)
     paired = {id(view) for pair in pairs for view in pair}
     sides: dict[int, Side] = {}
     known = {id(view) for view in chosen}
@@ -60,7 +60,8 @@ def check(scene: SceneData) -> Generator[Progress, None, ShootCheck]:
             image = yield from pictures.next(step)
             drawn = drawing.draw(view if id(view) in known else replace(view, lights=()), image)
             if id(view) in known:
-                measure.add(drawn, *drawing.shift(drawn))
+                match = match_of(drawn, irradiance(drawn))
+                measure.add(drawn, match, *drawing.shift(drawn, match))
             if id(view) in paired:
                 sides[id(view)] = side_of(drawn)
         for one, other in pairs:
@@ -97,9 +98,9 @@ class ViewDrawing:
             self.outline.shares(view.camera, (width, height), whole), tuple(lit), file.width / width,
             file.integer or file.camera is not None, file.shot)
 
-    def shift(self, drawn: DrawnView) -> tuple[EdgeShift | None, float | None]:
+    def shift(self, drawn: DrawnView, match: EdgeMatch) -> tuple[EdgeShift | None, float | None]:
         """By how much a view lies beside its drawing, and how far the outlines are apart then: in its pixels."""
-        found, coverage = shift_of(drawn, irradiance(drawn)), drawn.image.coverage
+        found, coverage = match.shift, drawn.image.coverage
         if found is None or not has_outline(coverage):
             return found, None
         share = self._moved(drawn, found)

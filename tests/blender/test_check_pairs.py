@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,7 +72,7 @@ def checked(data: SceneData, number: int = 2, up: float = 0.0) -> ShootCheck:
 
 def test_all_is_well(data: SceneData) -> None:
     found = checked(data)
-    assert found.findings == () and len(found.pairs) == 3  # of nearest neighbours
+    assert found.findings == () and len(found.pairs) in (3, 4)  # of nearest neighbours; those on both sides are as near
     assert all(pair.measured and pair.pixels < 0.2 and pair.points > 60 for pair in found.pairs)
     assert "epipolar lines 0." in found.summary
 
@@ -86,4 +87,7 @@ def test_one_camera_is_off(data: SceneData, up: float) -> None:
     problems = [finding.problem for finding in found.findings]
     assert problems == (["'2.exr': the picture does not line up with the mesh"] if up > 1 else [])
     alone = [finding.problem for finding in findings(replace(found, views=()))]  # where edges tell nothing
-    assert alone == (["'2.exr', '3.exr': their cameras contradict each other"] if up > 1 else [])
+    assert len(alone) == (up > 1)
+    for problem in alone:  # both neighbours are as near
+        names = set(re.findall(r"'(.)\.exr'", problem))
+        assert problem.endswith("their cameras contradict each other") and {"2"} < names <= {"1", "2", "3"}

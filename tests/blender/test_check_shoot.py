@@ -207,6 +207,15 @@ def test_a_mesh_that_turned(data: SceneData) -> None:
     assert any("outline differs from the mesh's" in problem or "edges are not found" in problem for problem in problems)
 
 
+@pytest.mark.one_python
+def test_a_mesh_that_is_inside_out(data: SceneData) -> None:
+    """One line, which says so, and none of edges and lamps."""
+    mesh = replace(data.mesh, positions=data.mesh.positions[:, ::-1].copy(), normals=-data.mesh.normals[:, ::-1],
+                   uvs=data.mesh.uvs[:, ::-1].copy())
+    (finding,) = checked(replace(data, mesh=mesh)).findings
+    assert finding.problem.endswith("its faces look inwards")
+
+
 def test_command(shoot: Path, irpso_here, tmp_path: Path) -> None:
     """The table, the picture, nothing to warn of; refused: other files than PNG, missing folders."""
     out = tmp_path / "check.png"

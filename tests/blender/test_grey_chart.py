@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from irpso_addon.blender.shoot.picture_image import picture_image, shown_picture
 from irpso_addon.blender.shoot.view_pictures import active_view, listed_views  # noqa: E402
 from irpso_addon.core.errors import BadInput  # noqa: E402
 from irpso_addon.core.images.image_writer import write_image  # noqa: E402
+from irpso_addon.core.images.response import curved  # noqa: E402
 from irpso_addon.core.shoot.grey_patch import CHART_GREYS  # noqa: E402
 from tests.blender import cycles_rig as rig  # noqa: E402
 
@@ -108,13 +111,33 @@ def test_curves(studio, rendered):
     written("other.png", bright ** 0.3)  # read as sRGB, it is near the power 0.3 * 2.2
     found = click(floor, "other.png")
     assert "look non-linear" in found.response
-    assert found.response.endswith("the curve of other.png is not sRGB. Use RAW files.")
+    assert "the curve of other.png is not sRGB. Use RAW files, or set Response 0.65 and Shoulder 1 " in found.response
     assert lamp.data.energy == 37.0 and not bpy.context.scene.irpso.scale_known
     assert any("the lamps keep their power" in line for line in found.messages)
     written("good.png", srgb(bright))
     assert click(floor, "good.png").response.startswith("These pictures are linear: exponent 1.0")
     view.colorspace = "Linear Rec.709"
     assert click(floor, "good.png").response.endswith("or set the colour space of all views to sRGB.")
+
+
+def test_the_curve_that_the_line_names_mends_the_picture(studio, rendered):
+    """A tone curve before sRGB: the line's two numbers, set for the view, make it linear, and the power is found.
+
+    Its greys lie on no straight line, which is not the chart's fault.
+    """
+    floor, lamp, view, written = studio
+    factor = 0.8 / rendered.max()
+    written("toned.png", srgb(curved(rendered * factor, 1.2, 6.0)))
+    view.exposure = float(np.log2(factor))
+    line = click(floor, "toned.png").response
+    response, shoulder = map(float, re.search(r"or set Response ([\d.]+) and Shoulder ([\d.]+) of all", line).groups())
+    assert response == pytest.approx(1.2, rel=0.03) and shoulder == pytest.approx(6.0, rel=0.1)
+    assert lamp.data.energy == 37.0
+    view.response, view.shoulder = response, shoulder
+    found = click(floor, "toned.png")
+    assert found.linear and lamp.data.energy == pytest.approx(WATTS, rel=0.05)
+    view.response = 2.0
+    assert "or set Response" not in click(floor, "toned.png").response  # of a picture whose curve is set
 
 
 def test_a_clipped_and_a_black_patch_are_left_out(studio, rendered):

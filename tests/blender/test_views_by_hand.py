@@ -166,7 +166,10 @@ def test_exposure_and_color_space_of_all_that_are_used(scene) -> None:
     assert {view.colorspace for view in views} == {""}
     assert bpy.ops.irpso.edit_views(set_colorspace=True, colorspace="sRGB") == {"FINISHED"}
     assert views[2].colorspace == "" and {view.colorspace for view in views if view.enabled} == {"sRGB"}
-    assert bpy.ops.irpso.edit_views(exposure=3.0) == {"CANCELLED"}
+    assert bpy.ops.irpso.edit_views(set_curve=True, response=1.1, shoulder=5.0) == {"FINISHED"}
+    curves = [(round(view.response, 3), round(view.shoulder, 3)) for view in views]
+    assert curves == [(1.0, 1.0) if i == 2 else (1.1, 5.0) for i in range(len(views))]
+    assert bpy.ops.irpso.edit_views(exposure=3.0, shoulder=2.0) == {"CANCELLED"}
 
 
 def test_exported_maps_are_no_views(scene, tmp_path) -> None:

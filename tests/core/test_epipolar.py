@@ -113,17 +113,43 @@ def test_a_turn_about_the_axis_is_no_scatter():
     assert found.measured and found.pixels > 1
 
 
+PLACES = np.random.default_rng(3).normal(size=(300, 3))
+PLACES /= np.linalg.norm(PLACES, axis=1, keepdims=True)
+
+
 def test_neighbours():
     def view(degrees: float, light: str = "A") -> View:
         return View(Path(f"{degrees:g}{light}.exr"), camera(degrees), (replace(syn.lamp((0, 0, 5)), name=light),))
 
     views = [view(0), view(0, "B"), view(1), view(10, "B"), view(14), view(90), view(140)]
-    pairs = neighbours(views, views[:1], np.zeros(3), on_camera=False)
+    pairs = neighbours(views, views[:1], PLACES, on_camera=False)
     assert [(a.image.stem, b.image.stem) for a, b in pairs] == [("0A", "14A")]  # the same lamp, and not beside itself
-    pairs = neighbours(views, views[:1], np.zeros(3), on_camera=True)
+    pairs = neighbours(views, views[:1], PLACES, on_camera=True)
     assert [b.image.stem for _, b in pairs] == ["10B"]
-    assert neighbours(views, views[5:], np.zeros(3), on_camera=True) == []
+    assert neighbours(views, views[5:], PLACES, on_camera=True) == []
     two = [views[0], views[4]]
-    assert len(neighbours(two, two, np.zeros(3), on_camera=False)) == 1  # 0-14 and 14-0 are one
+    assert len(neighbours(two, two, PLACES, on_camera=False)) == 1  # 0-14 and 14-0 are one
     ring = [view(4 * n) for n in range(90)]
-    assert len(neighbours(ring, ring[::8], np.zeros(3), on_camera=False)) == 5
+    assert len(neighbours(ring, ring[::8], PLACES, on_camera=False)) == 5
+
+
+def test_neighbours_show_the_same_parts_about_as_large():
+    """Close-ups of a tall object: one of its other end and a picture of the whole are not the nearest."""
+    tall = PLACES * (1, 1, 8)
+
+    def view(name: str, degrees: float, height: float, narrow: float = 1.0) -> View:
+        seen_by = camera(degrees, 0.0)
+        world, projection = seen_by.world_to_camera.copy(), seen_by.projection.copy()
+        world[:3, 3] -= world[:3, :3] @ (0, 0, height)
+        projection[:2, :2] *= narrow
+        place = seen_by.position + np.array([0, 0, height])
+        return View(Path(f"{name}.exr"), replace(seen_by, world_to_camera=world, projection=projection, position=place),
+                    (syn.lamp((0, 0, 5)),))
+
+    feet, head, whole = view("feet", 0, -6, 3.0), view("head", 4, 6, 3.0), view("whole", 5, -5, 0.7)
+    beside = view("beside", 20, -6, 3.0)
+    (pair,) = neighbours([feet, head, whole, beside], [feet], tall, on_camera=True)
+    assert [each.image.stem for each in pair] == ["feet", "beside"]
+    (pair,) = neighbours([feet, head, whole], [feet], tall, on_camera=True)
+    assert [each.image.stem for each in pair] == ["feet", "whole"]  # better than none
+    assert neighbours([feet, head], [feet], tall, on_camera=True) == []

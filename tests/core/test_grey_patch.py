@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.errors import BadInput
+from irpso_addon.core.images.response import curved, straight
 from irpso_addon.core.shoot.grey_patch import (
     CHART_GREYS,
     UnusablePatch,
     Verdict,
+    chart_curve,
     chart_response,
     chart_scale,
     chart_squares,
@@ -127,6 +129,35 @@ def test_response(power, verdict, words):
 def test_a_curve_that_is_not_srgb():
     line = chart_response(chart(1.4)).summary("IMG_1.jpg", decoded=True)
     assert line == "These pictures look non-linear (exponent 1.40): the curve of IMG_1.jpg is not sRGB. Use RAW files."
+
+
+@pytest.mark.parametrize("exposure", [0.3, 1.0, 1.5])
+@pytest.mark.parametrize(("response", "shoulder"), [(1.0, 1.0), (1.1, 5.0), (1.6, 9.0), (0.8, 2.0)])
+def test_the_curve_of_a_chart(response, shoulder, exposure):
+    """Its numbers come back to 2 %, whatever the exposure, under light that falls off along the chart."""
+    light = np.linspace(1.2, 0.8, len(CHART_GREYS))
+    radiance = exposure * np.array(CHART_GREYS) * light
+    seen = radiance < 1  # the others are clipped
+    found = chart_curve(curved(radiance[seen], response, shoulder), (np.array(CHART_GREYS) * light)[seen])
+    if seen.sum() < 5:
+        assert found is None
+        return
+    assert found.residual < 0.01
+    assert found.response == pytest.approx(response, rel=0.02) and found.shoulder == pytest.approx(shoulder, rel=0.05)
+
+
+def test_curves_that_are_not_of_its_kind():
+    """A film curve by Narkowicz's fit of ACES is followed to a few per cent; greys in disorder are not."""
+    x = 0.8 * np.array(CHART_GREYS)
+    film = x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
+    found = chart_curve(film, np.array(CHART_GREYS))
+    assert found.shoulder > 3 and found.residual < 0.05
+    again = curved(straight(film, found.response, found.shoulder), found.response, found.shoulder)
+    assert again == pytest.approx(film, rel=1e-6)
+    assert chart_curve(film[[0, 2, 1, 4, 3, 5]], np.array(CHART_GREYS)) is None
+    line = chart_response(chart(1.4)).summary("IMG_1.jpg", decoded=True, curve=found)
+    assert line.endswith(f"Use RAW files, or set Response {found.response:.2f} and Shoulder {found.shoulder:.2g} of "
+                         f"all views, which fit its greys to {100 * found.residual:.1f} %, and click again.")
 
 
 def test_stray_light_is_no_curve():

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.checks.drawn_view import DrawnView
-from irpso_addon.core.checks.edge_shift import outline_distance, shift_of
+from irpso_addon.core.checks.edge_shift import EdgeMatch, match_of, outline_distance, together
 from irpso_addon.core.checks.highlights import LampVotes, axes_of, highlight_of, peak_of
 from irpso_addon.core.checks.shoot_check import (
+    BACKS,
     CLIPPED,
     DARK,
     HIDDEN,
@@ -35,19 +36,21 @@ from tests.support import synthetic as syn
 
 FINE = 8  # points along a pixel's side
 SIDE = 96
+STRENGTH = 0.3  # of a shape under paint
 
 
-def shape(shift: tuple[float, float]) -> np.ndarray:
-    """(SIDE, SIDE) share of each pixel that lies inside a lobed outline, which is moved right and up."""
+def shape(shift: tuple[float, float], turn: float = 0.0) -> np.ndarray:
+    """(SIDE, SIDE) share of each pixel that lies inside a lobed outline, which is turned, and moved right and up."""
     at = (np.arange(SIDE * FINE) + 0.5) / FINE - SIDE / 2
     x, y = np.meshgrid(at - shift[0], at - shift[1])
-    inside = np.hypot(x, y) < 28 + 5 * np.cos(3 * np.arctan2(y, x))
+    inside = np.hypot(x, y) < 28 + 5 * np.cos(3 * np.arctan2(y, x) + turn)
     return inside.reshape(SIDE, FINE, SIDE, FINE).mean((1, 3)).astype(np.float32)
 
 
-def drawn(shift: tuple[float, float], background: float, coverage: bool, noise: float = 0.0) -> DrawnView:
+def drawn(shift: tuple[float, float], background: float, coverage: bool, noise: float = 0.0,
+          turn: float = 0.0) -> DrawnView:
     """The shape, grey over a background, drawn where it should be and pictured beside that."""
-    share, seen = shape((0, 0)), shape(shift)
+    share, seen = shape((0, 0), turn), shape(shift, turn)
     rng = np.random.default_rng(4)
     grey = (0.5 * seen + background * (1 - seen) + noise * rng.normal(size=seen.shape)).astype(np.float32)
     image = RadianceImage(np.repeat(grey[..., None], 3, 2), seen if coverage else np.ones_like(seen),
@@ -63,7 +66,7 @@ def drawn(shift: tuple[float, float], background: float, coverage: bool, noise: 
 def test_shifts_to_a_tenth_of_a_pixel(shift, background, coverage) -> None:
     """With alpha or without, before black or before what is brighter; 2 % noise."""
     view = drawn(shift, background, coverage, noise=0.01)
-    found = shift_of(view, view.covered.astype(np.float32))
+    found = match_of(view, view.covered.astype(np.float32)).shift
     assert found is not None and found.outlined == coverage
     assert found.shift == pytest.approx(shift, abs=0.1)
 
@@ -74,8 +77,38 @@ def test_nothing_clear_is_not_told() -> None:
     noise = np.random.default_rng(1).random((SIDE, SIDE, 1)).astype(np.float32).repeat(3, 2)
     for rgb in (noise, np.full_like(noise, 0.3)):
         other = replace(view, image=replace(view.image, rgb=rgb))
-        assert shift_of(other, other.covered.astype(np.float32)) is None
-    assert shift_of(drawn((40, 0), 0.0, False), view.covered.astype(np.float32)) is None
+        assert match_of(other, other.covered.astype(np.float32)).shift is None
+    assert match_of(drawn((40, 0), 0.0, False), view.covered.astype(np.float32)).shift is None
+
+
+def unclear(seed: int, shift: tuple[float, float] | None) -> EdgeMatch:
+    """Of a shape that is hardly brighter than what is around it, under paint of hard edges; None: of paint alone."""
+    view = drawn(shift or (0, 0), 0.0, False, turn=float(seed))
+    paint = np.kron(np.random.default_rng(seed).random((SIDE // 4, SIDE // 4)), np.ones((4, 4)))
+    rgb = 0.2 + 0.5 * paint[..., None] + (0.0 if shift is None else STRENGTH) * view.image.rgb
+    view = replace(view, image=replace(view.image, rgb=rgb.astype(np.float32)))
+    return match_of(view, view.covered.astype(np.float32))
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (4.0, -3.0)])
+def test_what_no_view_shows_clearly_all_together_do(shift) -> None:
+    """To a pixel.  Pictures of something else, and views that are off by themselves, have nothing in common."""
+    matches = [unclear(seed, shift) for seed in range(12)]
+    assert all(match.shift is None for match in matches)
+    found = together(matches)
+    assert found is not None and found.shift == pytest.approx(shift, abs=1.0) and not found.outlined
+    assert together([unclear(seed, None) for seed in range(12)]) is None
+    assert together([unclear(n, (20 * np.cos(n), 20 * np.sin(n))) for n in range(12)]) is None
+    assert together([]) is None
+
+
+def test_an_outline_that_the_lamps_light_does_not_show() -> None:
+    """A highlight in the middle, and a rim that shines by itself: the light falls off inside, the outline is seen."""
+    view = drawn((3.0, 1.5), 0.0, False, noise=0.01)
+    at = np.arange(SIDE) - SIDE / 2
+    falls = np.exp(-(at[:, None] ** 2 + at**2) / 60).astype(np.float32) * view.covered
+    found = match_of(view, falls).shift
+    assert found is not None and found.shift == pytest.approx((3.0, 1.5), abs=0.2)
 
 
 def test_distance_of_outlines() -> None:
@@ -206,11 +239,31 @@ def said(check: ShootCheck = CHECK, one: bool = False, **change: object) -> list
     ({"brightest": 0.9 * WHITE}, {"brightest": 1.1 * WHITE}, "too little power"),
     ({"albedo": 0.02}, {"albedo": 0.005}, "too much power"),
     ({"shift": (0.0, 0.0)}, {"shift": None}, "not found in the picture"),
+    ({"backs": 0.9 * BACKS}, {"backs": 1.1 * BACKS}, "its faces look inwards"),
 ])
 def test_thresholds(below, above, words) -> None:
     assert said(**below) == []
     (problem,) = said(**above)
     assert words in problem and ("'0.exr', '1.exr', '2.exr' and 3 more" in problem or "Vase" in problem)
+
+
+def test_edges_that_all_views_show_together() -> None:
+    """Nothing is wrong then, unless all lie beside the mesh."""
+    views = tuple(replace(view, shift=None) for view in CHECK.views)
+    check = replace(CHECK, views=views, common=0.9 * SHIFT_UNOUTLINED)
+    assert findings(check) == () and "edges 1.4 checked pixels off, of all views together" in check.summary
+    (finding,) = findings(replace(check, common=1.1 * SHIFT_UNOUTLINED))
+    assert "not found in the picture" in finding.problem
+
+
+def test_a_mesh_that_is_inside_out_explains_the_rest() -> None:
+    """Edges, light and power are not what is wrong then; files are."""
+    views = tuple(replace(view, view=f"{view.view}.jpg", backs=1.0, shift=None, lit=0.1, brightest=9.0)
+                  for view in CHECK.views)
+    first, second = findings(replace(CHECK, views=views))
+    assert str(first) == ("object 'Vase': its faces look inwards (100 % of what the cameras see are backs, in the "
+                          "median view); recalculate its normals outside (Mesh > Normals > Recalculate Outside)")
+    assert "JPEG" in second.problem
 
 
 def test_jpeg_files() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -10,18 +10,23 @@ import numpy as np
 from ...core.data import F64
 from ...core.errors import BadInput
 from ...core.images.reference_image import read_by_curve
+from ...core.images.response import file_scale
 from ...core.shoot.grey_patch import (
     CHART_GREYS,
     GREY_NAMES,
+    GreyCurve,
     UnusablePatch,
     Verdict,
+    chart_curve,
     chart_response,
     chart_scale,
     chart_squares,
 )
 from .grey_card import LUMINANCE, colour_line
 from .lit_picture import LitPicture, scale_power
-from .view_pictures import listed_views, named_view
+from .view_pictures import ListedView, listed_views, named_view
+
+CLEARER = 0.5  # of what a straight line leaves: a tone curve that leaves less is what the greys lie on
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,9 @@ def set_power_by_chart(context: bpy.types.Context, mesh: bpy.types.Object, chart
     dark = not (lit > 0).all()
     light = np.ones(len(lit)) if dark else lit.mean(1) / lit.mean()  # on the chart it may fall off
     response = chart_response(means.mean(1), reflectances * light, picture.name)
+    curve = _curve(shown, means, reflectances * light)
+    if response.verdict is Verdict.UNCLEAR and curve is not None and curve.residual < CLEARER * response.residual:
+        response = replace(response, verdict=Verdict.CURVED)  # no straight line, but one curve all the same
     curved = response.verdict is Verdict.CURVED
     if curved or dark:
         why = "the picture is not linear" if curved else "no lamp of the scene lights the chart"
@@ -67,7 +75,15 @@ def set_power_by_chart(context: bpy.types.Context, mesh: bpy.types.Object, chart
         scaled = scale_power(context, views, factor, f"the six greys in {picture.name}")
         lines = [*picture.messages, *scaled, *colour_line(factors, picture.name), *doubts]
     linear = response.verdict in (Verdict.LINEAR, Verdict.NEARLY)
-    return ChartFindings(response.summary(picture.name, read_by_curve(shown.view)), (*left_out, *lines), linear)
+    return ChartFindings(response.summary(picture.name, read_by_curve(shown.view), curve), (*left_out, *lines), linear)
+
+
+def _curve(shown: ListedView, means: F64, reflectances: F64) -> GreyCurve | None:
+    """The tone curve of the picture's file, unless one is undone already."""
+    entry = shown.entry
+    if entry.response != 1.0 or entry.shoulder != 1.0:
+        return None
+    return chart_curve((means * file_scale(shown.view)).mean(1), reflectances)
 
 
 def _greys(picture: LitPicture, chart: GreyChart) -> tuple[list[tuple[float, F64]], F64, list[str]]:

@@ -21,6 +21,7 @@ from ...core.shoot.scene_cameras import SUFFIXES as SCENE_SUFFIXES
 from ...core.shoot.scene_cameras import project_of
 from .flash_power import Shown, flash_pictures, flash_power
 from .grey_card import GreyCard, set_power_by_grey_card
+from .mesh_facing import face_cameras
 from .mesh_file import import_mesh, shade
 from .mesh_place import place
 from .rollback import all_or_nothing
@@ -107,6 +108,7 @@ def add_shoot(
         yield Progress(READ, "mesh")
         mesh = import_mesh(read.mesh)
         lines = place(mesh, pictures.cameras, _scale(settings, project))
+        lines += face_cameras(mesh, pictures.cameras, _scale(settings, project))
         lines += shade(mesh) + unwrap(mesh)
         yield Progress(MADE, "light")
         lines += _add(mesh, read, settings, grey)

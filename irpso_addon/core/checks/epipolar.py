@@ -24,6 +24,8 @@ from .shoot_check import PairFigures
 
 PAIRS = 5  # of views that are compared
 ANGLES = 3.0, 35.0  # degrees between two cameras' directions, seen from the object: less is no pair, more looks unlike
+OVERLAP = 0.5  # share of the places in a view's picture that the other picture must have
+OCTAVE = 20.0  # degrees that a view counts farther away where it shows things twice or half as large
 OTHER_LIGHT = 15.0  # degrees that a view under other lights counts farther away
 PATCH, REACH = 6, 9  # pixels to each side: of a patch; how far beside the mesh's prediction it is looked for
 CELL = 11  # pixels: one patch in each square of so many
@@ -63,29 +65,52 @@ def side_of(drawn: DrawnView) -> Side:
                 drawn.reduction)
 
 
-def neighbours(views: Sequence[View], chosen: Sequence[View], middle: F64, on_camera: bool) -> list[tuple[View, View]]:
+def neighbours(views: Sequence[View], chosen: Sequence[View], places: F64, on_camera: bool) -> list[tuple[View, View]]:
     """Pairs of views: one of ``chosen``, and of all the one whose camera is the nearest but not the same.
 
-    ``middle`` (3,) of the object.  Lights should be the same, unless they go with the camera.
+    ``places`` (N, 3) on the object: a pair shows the same of them, about as large.  Lights should be the same, unless
+    they go with the camera.
     """
-    places = np.array([view.camera.position for view in views]) - middle
-    towards = places / np.maximum(np.linalg.norm(places, axis=1, keepdims=True), 1e-30)
+    shown = np.array([_shown(view, places) for view in views])
+    eyes = np.array([view.camera.position for view in views])
     flat = np.array([view.camera.orthographic for view in views])
-    pairs: list[tuple[float, View, View]] = []
+    number = {id(view): n for n, view in enumerate(views)}
+    pairs: list[tuple[View, View]] = []
     for view in chosen:
-        own = view.camera.position - middle
-        own = own / max(float(np.linalg.norm(own)), 1e-30)
-        degrees = np.degrees(np.arctan2(np.linalg.norm(np.cross(towards, own), axis=1), towards @ own))
+        own = shown[number[id(view)]]
+        if view.camera.orthographic or not own.any():
+            continue
+        cost = _angles(eyes, view.camera.position, places[own].mean(0))
+        cost[~((cost >= ANGLES[0]) & (cost <= ANGLES[1])) | flat | (shown[:, own].mean(1) < OVERLAP)] = np.inf
+        sizes = np.array([_size(other, places[own]) if np.isfinite(each) else 1.0
+                          for other, each in zip(views, cost, strict=True)])
         names = {light.name for light in view.lights}
         unlike = np.array([not on_camera and {light.name for light in other.lights} != names for other in views])
-        cost = np.where((degrees >= ANGLES[0]) & (degrees <= ANGLES[1]) & ~flat, degrees + OTHER_LIGHT * unlike, np.inf)
-        nearest = int(np.argmin(cost))
-        other = views[nearest]
-        if np.isfinite(cost[nearest]) and not view.camera.orthographic and not any(
-                {a.image, b.image} == {view.image, other.image} for _, a, b in pairs):
-            pairs.append((float(cost[nearest]), view, other))
+        cost += OTHER_LIGHT * unlike + OCTAVE * np.abs(np.log2(sizes / _size(view, places[own])))
+        other = views[int(np.argmin(cost))]
+        if np.isfinite(cost.min()) and not any({a.image, b.image} == {view.image, other.image} for a, b in pairs):
+            pairs.append((view, other))
     taken = np.unique(np.linspace(0, len(pairs) - 1, min(PAIRS, len(pairs))).round().astype(int))
-    return [pairs[n][1:] for n in taken]
+    return [pairs[n] for n in taken]
+
+
+def _shown(view: View, places: F64) -> Bool:
+    """(N,) which places lie in the picture, hidden or not."""
+    at = pixels_of(view.camera, places, (1, 1))  # NaN is not inside
+    return np.asarray(((at >= 0) & (at <= 1)).all(-1))
+
+
+def _angles(eyes: F64, own: F64, middle: F64) -> F64:
+    """(V,) degrees between the directions in which cameras at ``eyes`` and at ``own`` lie from a place."""
+    towards, straight = eyes - middle, own - middle
+    return np.asarray(np.degrees(np.arctan2(np.linalg.norm(np.cross(towards, straight), axis=1), towards @ straight)))
+
+
+def _size(view: View, places: F64) -> float:
+    """Of the places in the picture, in its heights: the median distance from their middle one, along both axes."""
+    at = pixels_of(view.camera, places, (1, 1)) * (view.camera.aspect, 1.0)
+    at = at[np.isfinite(at).all(-1)]
+    return max(float(np.median(np.abs(at - np.median(at, 0)))), 1e-9) if len(at) else 1e-9
 
 
 def compared(one: Side, other: Side) -> PairFigures:

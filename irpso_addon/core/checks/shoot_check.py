@@ -26,6 +26,7 @@ DARK = 0.01  # of white: median of the object
 LIT = 0.3  # share of what a camera sees that its lights must reach, in the median
 WHITE, BLACK = 1.25, 0.01  # base colours that are none: of the brightest 2 %, and the median
 HIDDEN = 0.05  # of the object is left by alpha and mask
+BACKS = 0.5  # of what the cameras see of the object, from which on it is inside out
 UNLIKE = 2.0  # times as bright as the other views, or as dark
 OFF, SIGMAS = 0.05, 3.0  # lamps: offset over distance that is said, if it is so many standard errors
 
@@ -52,6 +53,7 @@ class ViewFigures:
     outline: float | None = None  # pixels between outlines in their worst tenth, once shifted; None: none
     shot: ShotSettings = NOTHING_SAID
     exposure: float = 0.0  # EV, that the view states
+    backs: float = 0.0  # share of what the camera sees of the object whose normals look away
 
     @property
     def pixels(self) -> float:
@@ -131,6 +133,7 @@ class ShootCheck:
     findings: tuple[Finding, ...] = ()
     pictures: tuple[CheckPicture, ...] = ()
     pairs: tuple[PairFigures, ...] = ()
+    common: float | None = None  # shift that the views without one have in common, checked pixels; None: none
 
     @property
     def summary(self) -> str:
@@ -138,8 +141,10 @@ class ShootCheck:
         shifts = [view.pixels for view in self.views if view.shift is not None]
         degrees = [view.highlight[1] for view in self.views if view.highlight]
         parts = [f"{self.name}: {len(self.views)} of {self.total} views checked"]
-        parts.append(f"edges {np.median(shifts):.2f} pixels off (worst {max(shifts):.2f})" if shifts else
-                     "edges not found")
+        parts.append(
+            f"edges {np.median(shifts):.2f} pixels off (worst {max(shifts):.2f})" if shifts else
+            "edges not found" if self.common is None else
+            f"edges {self.common:.1f} checked pixels off, of all views together")
         lines = [pair.pixels for pair in self.pairs if pair.measured]
         parts.append(f"epipolar lines {np.median(lines):.2f} pixels off (worst of {len(lines)} pairs {max(lines):.2f})"
                      if lines else "epipolar lines not measured")
@@ -150,6 +155,9 @@ class ShootCheck:
 
 def findings(check: ShootCheck) -> tuple[Finding, ...]:
     """What is wrong, the likeliest cause of the rest first; nothing where all is well."""
+    inside_out = _inside_out(check)
+    if inside_out:  # which explains what is wrong with edges, highlights and light
+        return (*_outside(check), *_hidden(check), *inside_out, *_files(check), *_exposure(check))
     return (*_outside(check), *_hidden(check), *_shifts(check), *_pairs(check), *_outlines(check), *_files(check),
             *_exposure(check), *_light(check), *_power(check), *_lamps(check))
 
@@ -173,11 +181,21 @@ def _hidden(check: ShootCheck) -> list[Finding]:
                     "paint the object white in the mask and the rest black; check that it is this picture's mask")]
 
 
+def _inside_out(check: ShootCheck) -> list[Finding]:
+    shares = [view.backs for view in check.views if view.drawn]
+    if not shares or np.median(shares) <= BACKS:
+        return []
+    return [Finding(f"object '{check.name}': its faces look inwards",
+                    f"{percent(float(np.median(shares)))} of what the cameras see are backs, in the median view",
+                    "recalculate its normals outside (Mesh > Normals > Recalculate Outside)")]
+
+
 def _shifts(check: ShootCheck) -> list[Finding]:
     views = [view for view in check.views if view.drawn]
     known = [view for view in views if view.shift is not None]
     lines = []
-    if views and len(known) < len(views) / 2:
+    fits = check.common is not None and check.common <= SHIFT_UNOUTLINED
+    if views and len(known) < len(views) / 2 and not fits:
         names = [view.view for view in views if view.shift is None]
         lines.append(Finding(
             f"{some(names)}: the mesh's edges are not found in the picture",

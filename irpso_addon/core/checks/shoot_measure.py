@@ -13,7 +13,7 @@ from ..phrases import percent
 from ..projection import pixels_of
 from .check_tile import tile
 from .drawn_view import DrawnView
-from .edge_shift import EdgeShift, has_outline
+from .edge_shift import EdgeMatch, EdgeShift, has_outline, together
 from .epipolar import Side, compared
 from .highlights import (
     LampVotes,
@@ -24,6 +24,7 @@ from .highlights import (
     highlight_of,
     lamp_votes,
     peak_of,
+    towards,
 )
 from .shoot_check import INSIDE, CheckPicture, LampFigures, PairFigures, ShootCheck, ViewFigures, findings
 
@@ -50,10 +51,13 @@ class ShootMeasure:
         self.pairs: list[PairFigures] = []
         self.votes: dict[str, list[LampVotes]] = {}  # by lamp
         self.lights: dict[str, Light] = {}
-        self._places = places_on(scene.mesh.positions.astype(np.float64), PLACES)
+        self._unclear: list[EdgeMatch] = []  # of views whose edges were not found
+        self.places = places_on(scene.mesh.positions.astype(np.float64), PLACES)
 
-    def add(self, drawn: DrawnView, shift: EdgeShift | None, outline: float | None) -> None:
-        """One more view; ``shift``, and how far outlines lie apart after it, in checked pixels."""
+    def add(self, drawn: DrawnView, match: EdgeMatch, shift: EdgeShift | None, outline: float | None) -> None:
+        """One more view; the ``shift`` by its edges, and how far outlines lie apart after it, in checked pixels."""
+        if shift is None and drawn.covered.any():
+            self._unclear.append(match)
         votes = [self._voted(drawn, n) for n in range(len(drawn.view.lights))]
         highlight = _clearest([highlight_of(v, drawn.size) for v in votes if len(v.at)])
         if clipped_share(drawn) > HIDDEN:  # the brightest places are not known
@@ -86,15 +90,20 @@ class ShootMeasure:
         """The whole check, with what is wrong."""
         views = self.scene.views
         found = ShootCheck(self.scene.mesh.name, tuple(self.views), len(views), self._outside(), tuple(self._lamps()),
-                           pictures=tuple(self.pictures), pairs=tuple(self.pairs))
+                           pictures=tuple(self.pictures), pairs=tuple(self.pairs), common=self._common_shift())
         return replace(found, findings=findings(found))
+
+    def _common_shift(self) -> float | None:
+        """Checked pixels by which all views whose edges are unclear lie beside their drawings together."""
+        found = together(self._unclear)
+        return None if found is None else float(np.hypot(*found.shift))
 
     def _outside(self) -> tuple[str, ...]:
         """Of all views, those that do not show the mesh."""
         names, known = [], dict[str, float]()
         for view in self.scene.views:
             if view.camera.name not in known:
-                at = pixels_of(view.camera, self._places, (1, 1))  # NaN is not inside
+                at = pixels_of(view.camera, self.places, (1, 1))  # NaN is not inside
                 known[view.camera.name] = float(np.mean(((at >= 0) & (at <= 1)).all(-1)))
             if known[view.camera.name] < INSIDE:
                 names.append(view.image.name)
@@ -170,7 +179,13 @@ def _figures(
         float(np.median(colours)), float(np.quantile(colours, 0.98)),
         None if highlight is None or highlight.seen is None else (highlight.pixels * n, highlight.degrees),
         view.mask is not None, float(np.mean(shown[drawn.covered])) if drawn.covered.any() else 0.0, shot=drawn.shot,
-        exposure=view.exposure)
+        exposure=view.exposure, backs=_backs(drawn))
+
+
+def _backs(drawn: DrawnView) -> float:
+    """Share of the drawn pixels whose normals look away from the camera."""
+    P, N = (values[drawn.covered].astype(np.float64) for values in (drawn.position, drawn.normal))
+    return float(np.mean((towards(drawn.view.camera, P) * N).sum(-1) < 0)) if len(P) else 0.0
 
 
 def clipped_share(drawn: DrawnView) -> float:

@@ -10,6 +10,8 @@ import numpy as np
 
 from ..data import F64
 from ..errors import BadInput
+from ..images.response import LEAST_RESPONSE, straight
+from ..phrases import percent
 
 # The six greys of the usual chart of 24 patches, white to black: Y of the maker's reference values (GretagMacbeth 2005;
 # D50, 2 degrees), which follow from its published L*.  As designed (McCamy, Marcus and Davidson 1976) they were .900,
@@ -29,6 +31,9 @@ LEAST_PIXELS = 16
 LEAST_GREYS = 3  # of a chart that tell its response
 LINEAR = 0.02  # how far the exponent of a linear picture may be from 1
 NEARLY = 0.1  # and where stray light is likelier than a curve: 1 % of white on the black patch moves it by 0.08
+LEAST_OF_CURVE = 5  # greys that tell a tone curve of two numbers, beside their scale
+CURVE_FITS = 0.05  # of the values that a curve may leave
+STEEPEST, SHOULDERS = 20.0, 200  # shoulders that are tried, up to: cameras have 5 to 15
 SIDE = 0.5  # of the spacing of a chart's patches: a square of it stays inside a patch, however the chart is turned
 
 
@@ -65,8 +70,11 @@ class Response:
     residual: float  # root mean square, relative
     verdict: Verdict
 
-    def summary(self, name: str, decoded: bool) -> str:
-        """One line about the pictures of which ``name`` shows the chart; ``decoded``: as sRGB."""
+    def summary(self, name: str, decoded: bool, curve: GreyCurve | None = None) -> str:
+        """One line about the pictures of which ``name`` shows the chart; ``decoded``: as sRGB.
+
+        ``curve``: that on which the greys lie.
+        """
         figure = f"exponent {self.exponent:.2f} ± {max(self.standard_error, 0.01):.2f}"
         if self.verdict is Verdict.LINEAR:
             return f"These pictures are linear: {figure}"
@@ -76,9 +84,24 @@ class Response:
             return f"{name}: the six greys do not lie on one curve ({figure}). Light the chart evenly, without gloss."
         if decoded:
             return f"These pictures look non-linear (exponent {self.exponent:.2f}): the curve of {name} is not sRGB. " \
-                   "Use RAW files."
+                   f"Use RAW files{'' if curve is None else f', or {curve.remedy}'}."
         also = ", or set the colour space of all views to sRGB" if self.exponent < 1 else ""
         return f"These pictures look non-linear (exponent {self.exponent:.2f}). Use RAW files{also}."
+
+
+@dataclass(frozen=True)
+class GreyCurve:
+    """The tone curve of core/images/response.py on which a chart's greys lie."""
+
+    response: float
+    shoulder: float
+    residual: float  # root mean square, relative to the file's values
+
+    @property
+    def remedy(self) -> str:
+        """What to do."""
+        return (f"set Response {self.response:.2f} and Shoulder {self.shoulder:.2g} of all views, which fit its greys "
+                f"to {percent(self.residual, 1)}, and click again")
 
 
 def chart_squares(white: tuple[float, float], black: tuple[float, float], name: str = "chart") -> F64:
@@ -163,6 +186,27 @@ def chart_response(values: F64, reflectances: Sequence[float] = CHART_GREYS, nam
     error = float(np.sqrt(rest @ rest / (len(x) - 2) / (away @ away)))
     return Response(float(np.exp(y.mean() - exponent * x.mean())), exponent, error,
                     float(np.sqrt(np.mean(rest ** 2))), _verdict(abs(exponent - 1), error))
+
+
+def chart_curve(values: F64, reflectances: F64) -> GreyCurve | None:
+    """The tone curve that fits greys best; None where they are too few, or none fits.
+
+    ``values`` (n,) of the file, white 1; ``reflectances`` (n,), multiplied by the light on each grey.
+    """
+    if len(values) < LEAST_OF_CURVE or not (values < 1).all():
+        return None
+    x = np.log(reflectances)
+    best = None
+    for shoulder in np.geomspace(1.0, STEEPEST, SHOULDERS):
+        y = np.log(straight(values, 1.0, float(shoulder)))
+        slope = 1 - (1 - 1 / shoulder) * values  # of the file's logarithm by that of y: errors are the file's
+        share = slope**2 / (slope**2).sum()
+        away, above = x - share @ x, y - share @ y
+        response = float((share * away) @ above / ((share * away) @ away))
+        residual = float(np.sqrt(np.mean((slope * (above - response * away)) ** 2)))
+        if best is None or residual < best.residual:
+            best = GreyCurve(response, float(shoulder), residual)
+    return best if best is not None and best.residual < CURVE_FITS and best.response >= LEAST_RESPONSE else None
 
 
 def _verdict(off: float, error: float) -> Verdict:
