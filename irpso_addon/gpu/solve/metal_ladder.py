@@ -97,10 +97,11 @@ class MetalLadder:
         self.solver.use_texels(None)
         parts = None if self.solver.cancelled else metal_of(result.texels, metal, texels)
         if parts is not None and (yield from self._decide_metal(name, parts.inner_metal, result)):
-            yield from self._judge_paint(name, parts.inner_paint, result)
-            self.paint[name], result.model[name] = parts.paint, "one-lobe-metallic"
-            return
-        solves.decided[name], result.why[name] = kept, why
+            if result.predictions[name].fits:  # what no model predicts stands out of paint, but need not be a metal
+                yield from self._judge_paint(name, parts.inner_paint, result)
+                self.paint[name], result.model[name] = parts.paint, "one-lobe-metallic"
+                return
+        solves.decided[name], result.why[name], result.predictions[name] = kept, why, prediction
         self.solver.noise_of, self.solver.robust = noise, robust
 
     def _judge_paint(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, None]:
