@@ -23,6 +23,7 @@ STARTS: tuple[tuple[float, float, tuple[float, float] | None], ...] = (
     (0.3, 0.1, None), (0.3, 0.3, None), (0.1, 0.6, None), (0.5, 0.2, (0.7, 0.3)))
 SOME = 4  # one texel in so many takes part until the end is near
 RACE, KEPT, STEPS, LAST_STEPS = 5, 2, 10, 8  # steps from every start; of those kept; at most; and with all texels
+AGAIN = 2  # descents by what the one before predicts
 SEEN = 0.01  # share of the texels that must see a coat's highlight, or its tails
 SAME_LOBE, HALF = 1.25, 0.5  # ratio of roughnesses up to which two lobes are one; of a body's highlight without a coat
 ROUGHER = 1.03  # cost of a coat that is rougher than what it covers, relative to one that is not
@@ -68,8 +69,19 @@ class CoatSearch:
         ends = [found for found in ends if not _takes_place(found[0], plain)]
         if not ends:
             return plain
-        r, level, metallic, weight, roughness = (float(x) for x in min(ends, key=_plausible)[0][:5])
+        found = self._settled(min(ends, key=_plausible)[0], known, free)
+        r, level, metallic, weight, roughness = (float(x) for x in found[:5])
         return OneMaterial(r, level, metallic if metal else 0.0, coat=Coat(weight, roughness))
+
+    def _settled(self, x: F64, known: Bool, free: tuple[int, ...]) -> F64:
+        """Where the descent rests if errors of what is predicted bright count by their cube roots, too."""
+        root = self.all.root
+        for _ in range(AGAIN):
+            self.all.root = np.sqrt(weight_of(self.all.texels, self.all.shown(x)))
+            self.all.layers = known, free
+            x, _cost = self.all.run(x, LAST_STEPS)
+        self.all.root = root
+        return x
 
 
 def _informed(search: JointSearch, sample: SampledTexels) -> SampledTexels:

@@ -192,9 +192,13 @@ class JointSearch:
         return self._gains[diffuse]
 
 
-def weight_of(texels: SampledTexels) -> F64:
-    """(T, V, C) of squared residuals: errors of the cube root of radiance, which lightness is made of."""
-    unit = np.maximum(texels.reflected, texels.typical())
+def weight_of(texels: SampledTexels, shown: F64 | float = 0.0) -> F64:
+    """(T, V, C) of squared residuals: errors of the cube root of radiance, which lightness is made of.
+
+    ``shown``: (T, V, C) what is predicted.  Without it, what is predicted bright and is dark costs more than its cube
+    root, and a lobe that lies beside its place comes out too weak.
+    """
+    unit = np.maximum(np.maximum(texels.reflected, texels.typical()), shown)
     return np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance ** (2 / 3)
                     / unit ** (4 / 3), 0.0)
 
