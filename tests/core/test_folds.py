@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irpso_addon.core.evaluation.folds import Judge, lightness, limited, split
+from irpso_addon.core.evaluation.folds import Candidate, Judge, lightness, limited, rises, split
 from irpso_addon.core.evaluation.pixel_bias import pixel_bias
 from irpso_addon.core.evaluation.sampled_texels import one_lobe, predicted
 from tests.support.random_texels import RNG, sampled
@@ -104,6 +104,18 @@ def test_what_predicts_radiance_worse_than_no_lobe_is_not_taken(flash: float, ta
     assert judge.error("a texel").lightness < judge.error("lambert").lightness
     assert judge.no_worse_than_plain("a texel") == (taken == "a texel")
     assert judge.choose([["lambert"], ["one value"], ["a texel"]]) == taken
+
+
+@pytest.mark.parametrize(("flashing", "rise"), [(1, False), (12, True)])
+def test_a_rise_in_one_error_is_one_but_not_of_one_place(flashing: int, rise: bool) -> None:
+    """Radiance alone: lightness falls.  What one place errs by exceeds all else, and hardly its own scatter."""
+    clusters = np.arange(200, dtype=np.int32) // 2
+    before = Candidate(np.full(200, 0.1), np.full(200, 4.0))
+    flash = np.isin(clusters, np.arange(flashing) * 7)
+    after = Candidate(np.where(flash, 100.0, 0.1), np.full(200, 3.0))
+    assert rises(before, after, 1.02, clusters) == rise
+    assert not rises(before, replace(after, squares=before.squares), 1.02, clusters)
+    assert rises(before, replace(before, lightness=np.full(200, 4.4)), 1.02, clusters)
 
 
 def test_one_texel_that_flashes_is_enough() -> None:

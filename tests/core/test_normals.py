@@ -11,8 +11,8 @@ import pytest
 
 from irpso_addon.core.cpu_solver import rasterise
 from irpso_addon.core.data import MeshArrays
-from irpso_addon.core.evaluation.sampled_texels import one_lobe
-from irpso_addon.core.normals import tangent_map
+from irpso_addon.core.evaluation.sampled_texels import SampledTexels, one_lobe
+from irpso_addon.core.normals import judge, tangent_map
 from irpso_addon.core.normals.judge import NormalsJudged, judge_normals
 from irpso_addon.core.normals.low_pass import common
 from irpso_addon.core.normals.texel_tilts import TexelTilts
@@ -163,6 +163,22 @@ def test_one_texel_that_flashes_does_not_decide(seed) -> None:
     odd = replace(sample, rig=replace(sample.rig, texels=replace(texels, quality=quality, reflected=reflected)))
     assert isinstance(verdict(sample), NormalsJudged)
     assert isinstance(verdict(odd), NormalsJudged)
+
+
+@pytest.mark.parametrize(("factor", "refined"), [(1.0, True), (1.5, False)])
+def test_normals_under_which_bright_places_flash_are_not_refined(factor: float, refined: bool, monkeypatch) -> None:
+    """L* hardly shows it, and falls by far elsewhere: what is translucent looks like that."""
+    sample, _ = balls.sphere(balls.principled(ROUGHNESS), noise=0.01, slope=0.05)
+    given = judge.predicted
+
+    def flashing(texels: SampledTexels, *known: Any) -> np.ndarray:
+        shown = given(texels, *known)
+        if not np.array_equal(texels.cos_v, sample.texels.cos_v):  # under tilted normals
+            shown = np.where(shown > np.quantile(shown, 0.97), factor * shown, shown)
+        return shown
+
+    monkeypatch.setattr(judge, "predicted", flashing)
+    assert isinstance(verdict(sample), NormalsJudged) == refined
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])

@@ -9,14 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irpso_addon.core.data import JointPrior, Region, Solution
+from irpso_addon.core.change_records import PredictionError
+from irpso_addon.core.data import JointPrior, MaterialPrediction, Region, Solution
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.maps import stride
 from irpso_addon.core.params import SolveSettings
 from irpso_addon.core.shading import brdf
 from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe import observation_atlas
+from irpso_addon.gpu.solve.metal_ladder import seems_metal
 from irpso_addon.gpu.solve.paint_beside_metal import metal_of, parts_of, unexplained
+from irpso_addon.gpu.solve.prediction_trials import UNIFORM_METAL
 from irpso_addon.gpu.solve.solver import Solver
 from irpso_addon.gpu.solve.texel_records import SolvedTexels
 from tests.support import shoots
@@ -337,3 +340,14 @@ def test_what_stands_out_of_paint_is_metal_where_a_metal_explains_it(chips: floa
     assert stands_out is None or (stands_out | ~metal).mean() > 0.95
     few = np.where(metal & (np.indices(metal.shape)[0] < 12), chips, 0.015)
     assert unexplained(left_over(few), all_of) is None  # a hundredth of them
+
+
+@pytest.mark.parametrize(("error", "lightness", "metal"), [
+    (0.76, 13.0, False), (0.86, 9.0, False), (0.7, 9.4, True), (0.5, 11.5, True)])
+def test_a_metal_in_paint_is_predicted_or_far_better_than_without_metallic(
+        error: float, lightness: float, metal: bool) -> None:
+    """The first are texels of brushed metal under a lobe that is no metal's: as a metal they flashed elsewhere."""
+    name = UNIFORM_METAL.name
+    tried = {"lambert": PredictionError(0.99, 18.0), "one value": PredictionError(0.88, 13.0),
+             name: PredictionError(error, lightness)}
+    assert seems_metal(MaterialPrediction("lamps", name, tried)) == metal

@@ -14,15 +14,16 @@ from ..data import F64, I32, Bool, Coat
 from ..shading import brdf
 from ..vectors import over_layers
 from .descent import LEAST_NUMBER, Descent
-from .joint_material import LEVELS, ROUGHNESS, Joint, JointSearch, OneMaterial
+from .joint_material import LEVELS, ROUGHNESS, Joint, JointSearch, OneMaterial, weight_of
 from .lobe_values import LobePlaces, coat_values
-from .sampled_texels import LEAST
+from .sampled_texels import LEAST, SampledTexels
 
 # (weight, roughness) of coats, and (roughness, level) of what lies below where that is not the material without one.
 STARTS: tuple[tuple[float, float, tuple[float, float] | None], ...] = (
     (0.3, 0.1, None), (0.3, 0.3, None), (0.1, 0.6, None), (0.5, 0.2, (0.7, 0.3)))
 SOME = 4  # one texel in so many takes part until the end is near
 RACE, KEPT, STEPS, LAST_STEPS = 5, 2, 10, 8  # steps from every start; of those kept; at most; and with all texels
+AGAIN = 2  # descents by what the one before predicts
 SEEN = 0.01  # share of the texels that must see a coat's highlight, or its tails
 SAME_LOBE, HALF = 1.25, 0.5  # ratio of roughnesses up to which two lobes are one; of a body's highlight without a coat
 ROUGHER = 1.03  # cost of a coat that is rougher than what it covers, relative to one that is not
@@ -33,16 +34,17 @@ WIDEST, ROUNDS = 0.7, 3  # the largest of these; how often each of the two is fo
 
 
 class CoatSearch:
-    """Of the texels of a `JointSearch`, from any part of their layers."""
+    """Of a sample's texels, from any part of their layers."""
 
-    def __init__(self, search: JointSearch) -> None:
+    def __init__(self, search: JointSearch, sample: SampledTexels) -> None:
+        """``sample``: that of the search, which may have taken some of its texels alone."""
         # A coat is the same everywhere: it is seen where half vectors come near the normals of some texels.  At an
         # angle whose sine is its roughness, GGX is 1 / pi: a few percent of a diffuse.
         sharpest = max(float(np.quantile(search.nearest, SEEN)) ** 0.5, brdf.ROUGHNESS_MIN)
         low = np.array([brdf.ROUGHNESS_MIN, LEAST_NUMBER, LEAST_NUMBER, LEAST_NUMBER, sharpest, 0.0])
-        some = np.arange(0, len(search.weight), SOME, dtype=np.int32)
-        self.some = Descent(search.texels.part(some), search.weight[some], low)
-        self.all = Descent(search.texels, search.weight, low)
+        texels = _informed(search, sample)
+        self.some, self.all = (Descent(part, weight_of(part), low) for part in (
+            texels.part(np.arange(0, len(texels.cos_v), SOME, dtype=np.int32)), texels))
         self.apart = _Apart(search, sharpest)
 
     def fit(self, kind: str, known: Bool, joint: Joint, level: float) -> OneMaterial:
@@ -67,8 +69,29 @@ class CoatSearch:
         ends = [found for found in ends if not _takes_place(found[0], plain)]
         if not ends:
             return plain
-        r, level, metallic, weight, roughness = (float(x) for x in min(ends, key=_plausible)[0][:5])
+        found = self._settled(min(ends, key=_plausible)[0], known, free)
+        r, level, metallic, weight, roughness = (float(x) for x in found[:5])
         return OneMaterial(r, level, metallic if metal else 0.0, coat=Coat(weight, roughness))
+
+    def _settled(self, x: F64, known: Bool, free: tuple[int, ...]) -> F64:
+        """Where the descent rests if errors of what is predicted bright count by their cube roots, too."""
+        root = self.all.root
+        for _ in range(AGAIN):
+            self.all.root = np.sqrt(weight_of(self.all.texels, self.all.shown(x)))
+            self.all.layers = known, free
+            x, _cost = self.all.run(x, LAST_STEPS)
+        self.all.root = root
+        return x
+
+
+def _informed(search: JointSearch, sample: SampledTexels) -> SampledTexels:
+    """As many texels of a sample as those of a search: those to whose normals half vectors come nearest.
+
+    The others hardly see a narrow coat.  Of few that do, each one's luck decides its weight.
+    """
+    if sample.nodes is not None:
+        return search.texels
+    return sample.part(np.sort(np.argsort(sample.nearest(), kind="stable")[:len(search.weight)]).astype(np.int32))
 
 
 def _takes_place(x: F64, plain: OneMaterial) -> bool:

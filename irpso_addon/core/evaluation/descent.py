@@ -67,6 +67,11 @@ class Descent:
         self._channels = [(np.flatnonzero(channel == one), seen := np.flatnonzero((channel == one) & layers[0]),
                            self.root.take(seen, 1) ** 2) for one in np.unique(channel)]
 
+    def shown(self, x: F64) -> F64:
+        """(T, V, C) radiance over irradiance that numbers predict, with the base colour that explains them best."""
+        white, off, base = self._explained(x)
+        return np.asarray(self.texels.reflected - off + base * white)
+
     def run(self, start: F64, steps: int) -> tuple[F64, float]:
         """(numbers, cost) after so many steps, or at rest; of a metal once more with the base colour that it has."""
         self._use_base(np.full((1, 1, 1), METAL_BASE))

@@ -202,13 +202,18 @@ def limited(values: F64, clusters: I32) -> F64:
 
     Of fewer than LEAST_CLUSTERS, no texel has more than all others.
     """
-    _, of = np.unique(clusters, return_inverse=True)
-    if of.max(initial=0) + 1 < LEAST_CLUSTERS:
-        of = np.arange(len(values))
+    of = _places(clusters)
     sums = np.bincount(of, values)
     most = int(sums.argmax()) if len(sums) else 0
     others = float(sums.sum() - sums[most]) if len(sums) > 1 else np.inf
     return values if others >= sums.max(initial=0.0) else np.where(of == most, values * (others / sums[most]), values)
+
+
+def _places(clusters: I32) -> I32:
+    """(T,) indices of clusters; of texels where there are few clusters."""
+    _, of = np.unique(clusters, return_inverse=True)
+    few = of.max(initial=0) + 1 < LEAST_CLUSTERS
+    return np.asarray(np.arange(len(of)) if few else of, np.int32)
 
 
 def scatter(values: F64, clusters: I32) -> float:
@@ -223,9 +228,12 @@ def rises(before: Candidate, after: Candidate, ratio: float, clusters: I32) -> b
 
     A few texels in highlights can have most of the error of radiance: what one place does shows no rise.
     """
+    of = _places(clusters)
     for old, new in ((before.squares, after.squares), (before.lightness, after.lightness)):
-        rise = float((new - old).sum())
-        if rise > (ratio**2 - 1) * old.sum() and rise > scatter(new - old, clusters):
+        each = np.bincount(of, new - old)
+        others = np.where(of == each.argmax(), 0.0, new - old)
+        rise = float(others.sum())
+        if rise > (ratio**2 - 1) * old.sum() and rise > scatter(others, clusters):
             return True
     return False
 

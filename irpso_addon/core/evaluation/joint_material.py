@@ -80,13 +80,10 @@ class JointSearch:
         self.texels = texels
         self.nodes, self.metallic = Nodes.of(texels, metals, levels), METALLIC if metals else METALLIC[:1]
         self.at_plain = PLAIN - (levels.start or 0)  # which of the levels is Blender's default
-        unit = np.maximum(texels.reflected, texels.typical())
         # Half vectors come as near to a texel's normal as this, in the median: lobes that are half as wide stay unseen.
         self.nearest = texels.nearest()  # (T,)
         self.seen: Bool = ROUGHNESS**4 >= UNSEEN * min(float(np.median(self.nearest)), 1.0)
-        # Errors of the cube root of radiance, which lightness is made of.
-        self.weight = np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance ** (2 / 3)
-                               / unit ** (4 / 3), 0.0)
+        self.weight = weight_of(texels)
         self.descent = Descent(texels, self.weight, np.array([ROUGHNESS[0], LEAST_NUMBER, 0.0, 0.0, ROUGHNESS[0], 0.0]))
         self._gains: dict[float, F64] = {}  # by Diffuse Roughness
 
@@ -193,6 +190,17 @@ class JointSearch:
         if diffuse not in self._gains:
             self._gains[diffuse] = self.texels.diffuse_gain(diffuse)
         return self._gains[diffuse]
+
+
+def weight_of(texels: SampledTexels, shown: F64 | float = 0.0) -> F64:
+    """(T, V, C) of squared residuals: errors of the cube root of radiance, which lightness is made of.
+
+    ``shown``: (T, V, C) what is predicted.  Without it, what is predicted bright and is dark costs more than its cube
+    root, and a lobe that lies beside its place comes out too weak.
+    """
+    unit = np.maximum(np.maximum(texels.reflected, texels.typical()), shown)
+    return np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance ** (2 / 3)
+                    / unit ** (4 / 3), 0.0)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..calibration.texel_materials import lobes_of, materials_of
 from ..data import F64, I32
-from ..evaluation.folds import Folds, Judge, scatter, split
+from ..evaluation.folds import Folds, Judge, rises, scatter, split
 from ..evaluation.joint_material import OneMaterial
 from ..evaluation.sampled_texels import Lobes, SampledTexels, parts, predicted
 from ..job import Progress, Steps, share_of
@@ -190,16 +190,11 @@ class _Contest:
 
         All that they are off by may say so, or that which is no noise: noise may be most of it.
         """
-        return not self._rises(name, other) and any(
-            gain.sum() > SURE * scatter(gain, self.sample.rig.cluster) and after < ratio * before
+        candidates, cluster = self.judge.candidates, self.sample.rig.cluster
+        return not rises(candidates[other], candidates[name], WORSE, cluster) and any(
+            gain.sum() > SURE * scatter(gain, cluster) and after < ratio * before
             and before**2 - after**2 > LEAST_ERROR**2
             for gain, after, before in (self._whole(name, other), self._in_common(name, other)))
-
-    def _rises(self, name: str, other: str) -> bool:
-        """Whether the error of L* does, beyond the scatter: without a third of its lamps, a texel may flash."""
-        ratio = self.judge.error(name).lightness / max(self.judge.error(other).lightness, LEAST_SEEN)
-        rise = self.judge.candidates[name].lightness - self.judge.candidates[other].lightness
-        return ratio >= WORSE and float(rise.sum()) > scatter(rise, self.sample.rig.cluster)
 
     def _whole(self, name: str, other: str) -> tuple[F64, float, float]:
         """(T,) by how much one predicts better than another, and what the two are off by."""

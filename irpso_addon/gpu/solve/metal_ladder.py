@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import replace
 
-from ...core.data import Bool
+from ...core.data import Bool, MaterialPrediction
 from ...core.job import Progress
 from .ladder_records import LadderResult
 from .material_solves import Decided, MaterialSolves
-from .model_prediction import Fitted, ModelPrediction, solves_metals, worth
+from .model_prediction import CLEAR, Fitted, ModelPrediction, solves_metals, worth
 from .paint_beside_metal import METAL, metal_of, parts_of, take_parts, unexplained
+from .prediction_trials import METALS
 from .texel_records import SolvedTexels
 
 
@@ -97,10 +98,11 @@ class MetalLadder:
         self.solver.use_texels(None)
         parts = None if self.solver.cancelled else metal_of(result.texels, metal, texels)
         if parts is not None and (yield from self._decide_metal(name, parts.inner_metal, result)):
-            yield from self._judge_paint(name, parts.inner_paint, result)
-            self.paint[name], result.model[name] = parts.paint, "one-lobe-metallic"
-            return
-        solves.decided[name], result.why[name] = kept, why
+            if seems_metal(result.predictions[name]):
+                yield from self._judge_paint(name, parts.inner_paint, result)
+                self.paint[name], result.model[name] = parts.paint, "one-lobe-metallic"
+                return
+        solves.decided[name], result.why[name], result.predictions[name] = kept, why, prediction
         self.solver.noise_of, self.solver.robust = noise, robust
 
     def _judge_paint(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, None]:
@@ -129,3 +131,14 @@ class MetalLadder:
         if found.prediction is not None:
             result.predictions[name] = found.prediction
         return True
+
+
+def seems_metal(found: MaterialPrediction) -> bool:
+    """Whether what stands out of paint is a metal, which leads: it is predicted, or far better than without Metallic.
+
+    In both errors: of what no model predicts, a metal may flash where others only miss what is bright.
+    """
+    plain = [error for name, error in found.tried.items() if name not in METALS]
+    return found.fits or (
+        found.error.relative_rms < (1 - CLEAR) * min(error.relative_rms for error in plain)
+        and found.error.lightness < (1 - CLEAR) * min(error.lightness for error in plain))

@@ -318,7 +318,7 @@ class _Contest(TrialRuns):
     def _coated(self, kind: str, known: Bool, joint: Joint) -> Joint:
         """With the coat that the ``known`` layers show."""
         if self.coats is None:
-            self.coats = CoatSearch(self.search)
+            self.coats = CoatSearch(self.search, self.observed)
         return replace(joint, coated={**joint.coated, kind: self.coats.fit(kind, known, joint, self.fitted.level)})
 
     def _chosen(self) -> str:

@@ -87,6 +87,9 @@ MODELS = "one-lobe", "one-lobe-specular", "one-lobe-metallic"  # from the smalle
 FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specular": "a value a texel, one level",
           "two-lobe": "two lobes"}
 
+METALS = frozenset(trial.name for trial in (
+    UNIFORM_METAL, *DRAWN_METAL, UNIFORM_COAT_METAL, *DRAWN_COAT_METAL))
+
 
 def by_size(trials: list[Trial]) -> list[list[str]]:
     """Names of one value for the material, of parts, and of texels that are drawn, by model; those with levels last."""
