@@ -139,7 +139,8 @@ def test_a_wide_lamp_that_the_horizon_cuts(on_gl, test, shape, low):
         sent += point[2] * (point[0] - x) / ((point[0] - x)**2 + (point[1] - y)**2 + point[2]**2) ** 2
     irradiance = panel.power[0] / np.pi * sent / on.sum()
     error = abs(colour[np.ix_(inner, inner)][..., 1] * irradiance - 1)
-    assert np.median(error) < 0.01 and error.max() < 0.04  # where the lowest points graze the square, it shadows itself
+    # Where the lowest points graze the square, it shadows itself a little; of a sunk panel few others are left.
+    assert np.median(error) < 0.01 and error.max() < (0.04 if low > 0 else 0.06)
     if low > 0:
         assert (colour[np.ix_(inner, inner)][..., 3] > 0.5).mean() > 0.8
 
