@@ -55,15 +55,19 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     unsure = "" if found.learnt else " (first guess)"
     seconds = estimates.in_words(found.seconds * max(count, 1)).capitalize()
     column.label(text=f"{seconds}{unsure}", icon="TIME")
-    if found.bounced:
-        bounced = estimates.in_words(found.bounced * max(count, 1)).capitalize()
-        column.label(text=f"{bounced} if light bounces", icon="BLANK1")
+    _draw_bounced(column, found.bounced * max(count, 1))
     memory = f"{gigabytes(found.gpu_bytes)} GPU memory, {gigabytes(found.host_bytes)} memory"
     column.label(text=memory[:1].upper() + memory[1:], icon="MEMORY")
     if found.disk_bytes > TOLD:
         column.label(text=f"{gigabytes(found.disk_bytes)} of disk", icon="DISK_DRIVE")
     if found.reduced < estimates.REDUCED:
         column.label(text=f"Pictures reduced to {percent(found.reduced ** 0.5)} to fit", icon="INFO")
+
+
+def _draw_bounced(layout: bpy.types.UILayout, seconds: float) -> None:
+    """What it takes if light bounces, where a solve finds that out on the way."""
+    if seconds:
+        layout.label(text=f"{estimates.in_words(seconds).capitalize()} if light bounces", icon="BLANK1")
 
 
 def of(context: bpy.types.Context) -> Estimate | None:
