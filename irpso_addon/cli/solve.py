@@ -119,7 +119,8 @@ def print_estimate(order: solve_object.Order) -> None:
         return
     unsure = "" if needs.learnt else " (first guess)"
     reduced = f", pictures reduced to {percent(needs.reduced ** 0.5)} to fit" if needs.reduced < REDUCED else ""
-    console.expect(f"{estimates.in_words(needs.seconds)}{unsure}, {gigabytes(needs.gpu_bytes)} GPU memory, "
+    bounced = f", {estimates.in_words(needs.bounced)} if light bounces" if needs.bounced else ""
+    console.expect(f"{estimates.in_words(needs.seconds)}{unsure}{bounced}, {gigabytes(needs.gpu_bytes)} GPU memory, "
                    f"{gigabytes(needs.host_bytes)} memory, {gigabytes(needs.disk_bytes)} of disk{reduced}")
 
 

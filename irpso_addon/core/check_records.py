@@ -152,4 +152,6 @@ class Checks:
     registration: tuple[Misfit, ...] = ()  # of each view: by how much its camera and its exposure are off
     misfit: bool = False  # whether some material is not clearly what its model says, as prediction shows
     contradicted: float = 0.0  # share of solved texels whose views contradict each other far more than the others' do
+    around: bool = False  # whether a world or meshes that glow light some view
+    known: float = 1.0  # share of solved texels whose roughness is known well enough for a confidence of one half
     not_bounced: str = ""  # why light where none arrives was not rendered and taken out; empty: it was, or not asked

@@ -137,6 +137,7 @@ class Solved:
     scene: SceneData  # cameras, lamps and exposures put right
     given: SceneData  # the same, lamps and exposures as they were given
     calibration: Calibration | None  # what was put right of these
+    in_doubt: Calibration | None  # a change of worlds that was found and not made
     judged: Judged | None  # the same of lamps and exposures, as it was found
     normals: NormalsJudged | str  # what was refined; or why normals are as given; "": they are to be
     grid: TexelGrid  # normals refined
@@ -166,8 +167,8 @@ def solve_grid(
     made: FinishedMaps = yield from clock.stage("maps", make_maps(device, scene, texels, part, given.around))
     if made.albedo.cancelled and not given.keeps_partial:
         raise Cancelled
-    return Solved(scene, views.given, views.calibration, views.judged, views.normals, grid, observations,
-                  sparse.stride if sparse else 1, texels.ladder, made)
+    return Solved(scene, views.given, views.calibration, views.in_doubt, views.judged, views.normals, grid,
+                  observations, sparse.stride if sparse else 1, texels.ladder, made)
 
 
 def _sparse(views: _Views, given: Given) -> SparseTexels | None:
@@ -215,6 +216,7 @@ class _Views:
     scene: SceneData
     given: SceneData  # cameras put right alone
     calibration: Calibration | None
+    in_doubt: Calibration | None
     judged: Judged | None
     normals: NormalsJudged | str
     grid: TexelGrid
@@ -247,6 +249,7 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
         given = replace(given, scene=seen.scene)
         scene, observations = seen.scene, seen.observations
     calibration: Calibration | None = None
+    in_doubt: Calibration | None = None
     judged: Judged | None = None
     normals: NormalsJudged | str = ""
     if calibrates:
@@ -254,7 +257,8 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
         if judged is not None:
             scene, calibration = put_right(scene, rig, judged), told(rig, judged)
     if turns:
-        calibration = yield from clock.stage("calibrate", _turned(device, source(observations), given, texels, grid))
+        calibration, in_doubt = yield from clock.stage(
+            "calibrate", _turned(device, source(observations), given, texels, grid))
         if calibration is not None:
             scene = under_worlds(scene, calibration.worlds)
     if calibration is not None:
@@ -267,7 +271,7 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
         grid = draw_texels(device, grid.mesh, len(grid.coverage))
         observations.release()
         observations = yield from clock.stage("observe", observed(scene=scene), (0.33, 0.35))
-    return _Views(scene, given.scene, calibration, judged, normals, grid, observations)
+    return _Views(scene, given.scene, calibration, in_doubt, judged, normals, grid, observations)
 
 
 def _refined(
@@ -284,15 +288,16 @@ def _refined(
 
 def _turned(
     device: Device, source: CameraSource, given: Given, texels: Bool, grid: TexelGrid,
-) -> Generator[Progress, None, Calibration | None]:
-    """What is to be put right of worlds; None: nothing."""
+) -> Generator[Progress, None, tuple[Calibration | None, Calibration | None]]:
+    """What is put right of worlds, and what is only to be said of them; None: nothing."""
     if not are_few(given.scene.views):
-        return None
+        return None, None
     with device.scope():
         sample, light = yield from world_sample(
             source, grid.maps, texels, given.settings.seed, given.scene, grid.mesh)
         judged = yield from judge_worlds(sample, light)
-    return None if judged is None else told_of_worlds(judged)
+    told_of = None if judged is None else told_of_worlds(judged)
+    return (told_of, None) if judged is not None and judged.explained else (None, told_of)
 
 
 def _in_shade(sample: RigSample, given: Given) -> RigSample:

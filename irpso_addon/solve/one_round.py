@@ -14,7 +14,7 @@ import numpy as np
 from ..core.calibration.finish import Judged
 from ..core.change_records import Calibration, RefinedNormals
 from ..core.check_records import Checks
-from ..core.checks.calibration_lines import calibrated
+from ..core.checks.calibration_lines import calibrated, worlds_in_doubt
 from ..core.checks.normals_line import refined
 from ..core.checks.solve_checks import Measured, TexelFit
 from ..core.checks.warnings import grouped, warnings
@@ -123,8 +123,8 @@ def one_round(
         if normals is not None or keeps_normals(scene):
             solution = replace(solution, maps=replace(
                 solution.maps, normal=encoded(scene.mesh, solved.grid.normal, grid.coverage)))
-        lines = (*calibrated(solved.calibration), *refined(normals), *solution.warnings,
-                 *warnings(checks, tried(settings, bounced is not None)),
+        lines = (*calibrated(solved.calibration), *worlds_in_doubt(solved.in_doubt), *refined(normals),
+                 *solution.warnings, *warnings(checks, tried(settings, bounced is not None)),
                  *([NO_CONFIDENCE] if settings.method == "paper" else []))
         solution = replace(
             solution, seconds=clock.seconds, device=device.describe(), checks=checks, pictures=pictures,

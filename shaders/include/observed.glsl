@@ -70,6 +70,18 @@ vec4 lobe_geometry(Pixel pixel, out float e) {
     return vec4(disc, cos_l, fresnel / sum / (2.0 * cos_l * cos_v));
 }
 
+// Does a small tilt of the normal change the light as much as that of a point at MIN_COS_L?  A wide lamp whose middle, towards
+// L, is lower may be known well by what is above the horizon.
+bool is_sensitive(Pixel pixel, vec3 L) {
+#ifdef LIGHT_SHARP
+    return true;
+#else
+    const float TILT = 0.05, LEFT = (1.0 - TILT * sqrt(1.0 / (MIN_COS_L * MIN_COS_L) - 1.0)) / sqrt(1.0 + TILT * TILT);
+    vec3 away = normalize(pixel.N - TILT * normalize(L - dot(pixel.N, L) * pixel.N));
+    return light_irradiance(pixel.P, away) < LEFT * light_irradiance(pixel.P, pixel.N);
+#endif
+}
+
 // Share of the lamp's unshadowed light that is in doubt: all of it at the terminator, and at the edge of a shadow by how much
 // more of it arrives beside the pixel.
 float in_doubt(ivec2 at, Pixel pixel, int rim) {
@@ -82,8 +94,11 @@ float in_doubt(ivec2 at, Pixel pixel, int rim) {
         most = max(most, shown ? lit : most);
     }
     float weight;
-    float cos_l = dot(pixel.N, normalize(light_sample(pixel.P, 0, 1, weight)));
-    return cos_l < MIN_COS_L ? 1.0 : (most - least > EDGE_SHARE ? most - least : 0.0);
+    vec3 L = normalize(light_sample(pixel.P, 0, 1, weight));
+    float cos_l = dot(pixel.N, L);
+    // Of a lamp whose middle is below the horizon, the lobe by the moments of a few points is wrong by 10 % and more.
+    bool low = cos_l < 0.0 || (cos_l < MIN_COS_L && is_sensitive(pixel, L));
+    return low ? 1.0 : (most - least > EDGE_SHARE ? most - least : 0.0);
 }
 
 // Radiance per irradiance and how far to trust it; zero where nothing can be told.  Edges are kept with a small

@@ -1,4 +1,4 @@
-// Share of one light (or of one of its sample points) that reaches each pixel of a camera.
+// Share of one light that reaches each pixel of a camera; of a light with several points, what one of them sends there.
 #include "include/shadow.glsl"
 uniform sampler2D u_position;  // pixel grid: world xyz, coverage
 uniform sampler2D u_normal;
@@ -8,12 +8,16 @@ uniform mat4 u_shadow_clip;
 uniform vec4 u_depth_plane;    // linear depth = dot(plane, (P, 1))
 uniform float u_texel;         // width of a shadow texel: metres (parallel) or metres per metre of depth
 uniform bool u_parallel;
-uniform float u_share;         // 1 / number of sample points
+uniform float u_share;         // how much of the light the point sends to what faces it
 
 uniform int u_face;            // which of the light's six maps this is; -1: the only one
 uniform vec3 u_origin;         // of a perspective map
 
+#ifdef SEVERAL
+layout(location = 0) out vec2 o_lit;  // what arrives, and what would arrive if nothing were in the way
+#else
 layout(location = 0) out float o_lit;
+#endif
 
 // The map that sees a direction: by its longest component, so that each point has just one.
 int face_of(vec3 d) {
@@ -44,5 +48,11 @@ void main() {
     mat4 rows = transpose(u_shadow_clip);
     vec2 slope = depth_slope(facet.xyz, ray, normalize(rows[0].xyz), normalize(rows[1].xyz), texel);
     int side = textureSize(u_shadow, 0).x;
-    o_lit = u_share * lit_in(u_shadow, ivec2(0), side, (at * 0.5 + 0.5) * float(side) - 0.5, depth - BIAS * texel, slope);
+    float lit = lit_in(u_shadow, ivec2(0), side, (at * 0.5 + 0.5) * float(side) - 0.5, depth - BIAS * texel, slope);
+#ifdef SEVERAL
+    // A point below the horizon sends nothing, so that nothing is missing where the shadow map does not show it.
+    o_lit = u_share * max(dot(n, u_parallel ? -u_depth_plane.xyz : normalize(u_origin - p.xyz)), 0.0) * vec2(lit, 1.0);
+#else
+    o_lit = lit;
+#endif
 }

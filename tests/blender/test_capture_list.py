@@ -359,6 +359,11 @@ def test_the_estimate_counts_the_world_that_lights_views(scene, module, survey) 
     after = expected()
     assert after.seconds > before.seconds + 1
     assert after.gpu_bytes > before.gpu_bytes
+    assert scene.cycles.max_bounces == 0 and after.bounced == 0  # pictures of direct light alone
+    scene.cycles.max_bounces = 4
+    assert before.bounced == 0 and expected().bounced > 1.5 * after.seconds  # a solve finds out whether light bounces
+    scene.irpso.indirect = "off"
+    assert expected().bounced == 0
 
 
 def test_a_thumbnail_shows_radiance_as_srgb(module) -> None:

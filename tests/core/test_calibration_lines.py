@@ -31,6 +31,7 @@ from irpso_addon.core.checks.calibration_lines import (
     sure_lamps,
     tint_change,
     world_rows,
+    worlds_in_doubt,
 )
 
 KEY = LampChange(("Key",), (0.03, 0.0, -0.04), (0.002,) * 3, 0.0123, 0.914, 0.003)
@@ -140,6 +141,12 @@ def test_rows_of_the_panel() -> None:
 def test_worlds(worlds: tuple[WorldChange, ...], line: str) -> None:
     end = END.replace("lamps and exposures", "world and the views' turns")
     assert calibrated(found(worlds=worlds)) == (line + end,)
+
+
+def test_a_change_of_worlds_that_was_not_made() -> None:
+    (line,) = worlds_in_doubt(found(worlds=(WORLD, replace(WORLD, world="Hall", turn=-0.1))))
+    assert "if IRPSO turned world 'Room' by +3.1 degrees and turned world 'Hall' by -5.7 degrees, but" in line
+    assert worlds_in_doubt(None) == ()
 
 
 def test_rows_of_worlds() -> None:

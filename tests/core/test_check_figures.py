@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from irpso_addon.core.check_records import Checks, LightResidual, Misfit, Slope
+from irpso_addon.core.check_records import Checks, LightResidual, MaterialCheck, Misfit, Slope
 from irpso_addon.core.checks.check_figures import CheckFigure, Level, check_figures
+from irpso_addon.core.checks.warnings import warnings
 
 LIGHT = LightResidual("Key", 3, 0.9, 0.01, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
 FINE = Checks(
@@ -60,3 +61,14 @@ def test_what_chance_may_do_is_not_red() -> None:
     doubtful = replace(sure, lights=(replace(LIGHT, gain_error=0.05),), slope=Slope(0.9, 0.1), registration=(
         replace(MISFIT, shift=(0.3, 0.4), shift_error=1.0),))
     assert {rows(doubtful)[name].level for name in ("Linearity", "Camera Alignment", "Light Power")} == {Level.NEAR}
+
+
+@pytest.mark.parametrize(("around", "known", "advice"), [
+    (False, 0.05, "take more views"), (True, 0.5, "take more views"), (True, 0.05, "add a lamp")])
+def test_light_that_shows_no_roughness_asks_for_a_lamp(around: bool, known: float, advice: str) -> None:
+    """Where all light comes from all around and most texels are unsure, further views show as little."""
+    few = MaterialCheck("Clay", "one-lobe", 4.0, 3.0, 0.9)
+    lines = warnings(replace(FINE, around=around, known=known, materials=(few,)))
+    assert len(lines) == 1 + (advice == "add a lamp")
+    assert all(advice in line for line in lines)
+    assert ("confidence is below one half on 95 % of its solved texels" in lines[-1]) == (advice == "add a lamp")

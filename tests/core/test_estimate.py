@@ -67,6 +67,9 @@ def test_a_world_costs_its_shadows_its_pixels_and_memory() -> None:
     assert two.seconds > one.seconds + 2.0
     assert none.gpu_bytes < one.gpu_bytes < two.gpu_bytes
     pictures = bytes_per_pixel(12, 12, 3, 3) * 300**2
+    asked, perhaps = (estimate(taken(["day"]), settings, {}, 2.0, rounds=rounds) for rounds in (True, None))
+    assert perhaps.seconds == one.seconds and perhaps.bounced == asked.seconds > 1.5 * one.seconds
+    assert one.bounced == 0
     assert one.gpu_bytes - none.gpu_bytes >= pictures - bytes_per_pixel(12, 12, 3) * 300**2
 
 

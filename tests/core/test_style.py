@@ -65,6 +65,7 @@ def test_a_breach_in_a_page(style: Any) -> None:
 WARNED = {  # where warnings are made: functions, or the records whose first argument they are
     "irpso_addon/core/checks/warnings.py": None,
     "irpso_addon/core/checks/camera_lines.py": {"corrected_cameras"},
+    "irpso_addon/core/checks/calibration_lines.py": {"worlds_in_doubt"},
     "irpso_addon/core/checks/shoot_check.py": {"Finding"},
     "irpso_addon/solve/one_round.py": {"unfit", "no_metal", "_warnings"},
 }

@@ -117,6 +117,34 @@ def test_the_terminator_of_a_lamp_counts_where_its_light_does(on_gl, test, share
             np.testing.assert_allclose(colour[good][:, 3], alone[good][:, 3], rtol=0.01)
 
 
+@pytest.mark.parametrize("low", [0.05, -0.2])
+@pytest.mark.parametrize("shape", ["DISK", "SQUARE"])
+def test_a_wide_lamp_that_the_horizon_cuts(on_gl, test, shape, low):
+    """A panel of 2 m beside the square, of which about a half or less is above its plane: nothing hides what is.
+
+    The truth is a sum over 200 x 200 points of the panel, in float64.
+    """
+    panel = syn.lamp((3.0, 0.0, low), (0, 0, low), kind="AREA", shape=shape, size=(2.0, 2.0), power=300.0)
+    view = replace(test.scene.views[0], lights=(panel,))
+    image = RadianceImage(np.ones((64, 64, 3), np.float32), np.ones((64, 64), np.float32), np.ones((64, 64), bool))
+    (colour, _), = observed(on_gl, replace(test.scene, views=(view,)), lambda _: image)
+    centres = selftest.EDGE * ((np.arange(64) + 0.5) / 64 * 2 - 1)
+    inner = np.flatnonzero(abs(centres) < 0.9)[::6]
+    x, y = np.meshgrid(centres[inner], centres[inner])
+    a, b = ((np.indices((200, 200)).reshape(2, -1) + 0.5) / 100 - 1)
+    on = a**2 + b**2 <= 1 if shape == "DISK" else np.ones_like(a, bool)
+    points = panel.matrix[:3, 3] + a[on, None] * panel.matrix[:3, 0] + b[on, None] * panel.matrix[:3, 1]
+    sent = np.zeros_like(x)
+    for point in points[points[:, 2] > 0]:
+        sent += point[2] * (point[0] - x) / ((point[0] - x)**2 + (point[1] - y)**2 + point[2]**2) ** 2
+    irradiance = panel.power[0] / np.pi * sent / on.sum()
+    error = abs(colour[np.ix_(inner, inner)][..., 1] * irradiance - 1)
+    # Where the lowest points graze the square, it shadows itself a little; of a sunk panel few others are left.
+    assert np.median(error) < 0.01 and error.max() < (0.04 if low > 0 else 0.06)
+    if low > 0:
+        assert (colour[np.ix_(inner, inner)][..., 3] > 0.5).mean() > 0.8
+
+
 @pytest.mark.parametrize(("height", "shades"), [(3.0, False), (1.0, True)])
 def test_what_cameras_do_not_see_casts_shadows_alone(on_gl, test, height, shades):
     """A wall between the camera, at 4 m, and the square; the lamps are at 2.5 m."""

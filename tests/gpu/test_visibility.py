@@ -172,7 +172,7 @@ def test_several_cameras_share_a_shadow_map(on_gl):
     (0.0, 512, 1), (0.1, 512, 1), (0.265, 512, 4), (0.265, 3000, 8), (3.0, 512, 16), (3.0, np.inf, 16)])
 def test_a_sun_takes_as_many_points_as_its_penumbra_shows(degrees: float, pixels: float, count: int) -> None:
     sun = syn.lamp((0, 0, 1), kind="SUN", radius=float(np.radians(degrees)))
-    points = np.array(shadow_points(sun, np.zeros(3), pixels))
+    points = np.array(shadow_points(sun, np.zeros(3), pixels)[0])
     assert len(points) == count
     assert np.degrees(np.arccos(points[:, 2] / np.linalg.norm(points[:, :3], axis=1))).max() <= degrees + 1e-9
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irpso_addon.core.calibration import worlds
 from irpso_addon.core.calibration.put_right import applied, under_worlds
 from irpso_addon.core.data import Coat, Environment, SceneData, Solution, View
 from irpso_addon.core.params import SolveSettings
@@ -87,18 +88,34 @@ def test_a_turntable_of_many_turns_is_judged_by_few_directions_each():
     views = [View(Path(f"{n}.exr"), camera, (), environment=turned)
              for n, (camera, turned) in enumerate(zip(syn.cameras(16), turns, strict=True))]
     made = shoot(views)
-    worlds = _solved(made, _spoilt(made.scene, sky=(3.0, 1.0))).calibration.worlds
-    assert len(worlds) == 16 and all(world.sure_turn for world in worlds)
-    assert [math.degrees(world.turn) for world in worlds] == pytest.approx([-3.0] * 16, abs=0.25)
+    found = _solved(made, _spoilt(made.scene, sky=(3.0, 1.0))).calibration.worlds
+    assert len(found) == 16 and all(world.sure_turn for world in found)
+    assert [math.degrees(world.turn) for world in found] == pytest.approx([-3.0] * 16, abs=0.25)
 
 
 @pytest.mark.one_python
 @pytest.mark.parametrize("reflect", [
-    partial(brdf.principled, level=0.8), partial(brdf.principled, metallic=0.5, coat=Coat(0.6, 0.25))])
+    partial(brdf.principled, level=0.8),
+    partial(brdf.principled, metallic=0.1),
+    partial(brdf.principled, metallic=0.15),
+    partial(brdf.principled, metallic=0.5, coat=Coat(0.6, 0.25))])
 def test_other_materials_do_not_turn_a_world(reflect):
     """Highlights that are brighter all around; and a material of which the model explains little."""
     made = shoot(_views(SKY), replace(syn.PATCHES, reflect=reflect))
     assert _solved(made, made.scene).calibration is None
+
+
+@pytest.mark.one_python
+def test_a_world_is_turned_back_where_a_little_metal_makes_highlights_brighter(monkeypatch):
+    """Its Specular IOR Level stands for it.  Where more is left over than the level explains, a line says the turn."""
+    made = shoot(_views(SKY), replace(syn.PATCHES, reflect=partial(brdf.principled, metallic=0.15)))
+    turned = _spoilt(made.scene, sky=(3.0, 1.0))
+    (world,) = _solved(made, turned).calibration.worlds
+    assert world.sure_turn and math.degrees(world.turn) == pytest.approx(-3.0, abs=0.7)  # 0.5 here
+    monkeypatch.setattr(worlds, "EXPLAINED", 0.05)  # 10 % are left
+    stays = _solved(made, turned)
+    assert stays.calibration is None
+    assert f"if IRPSO turned world 'sky' by {math.degrees(world.turn):+.1f} degrees, but 10 %" in stays.warnings[0]
 
 
 def _gilded(base: np.ndarray, roughness: np.ndarray, *others: np.ndarray) -> np.ndarray:

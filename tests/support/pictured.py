@@ -24,7 +24,7 @@ PANELS = {  # and their parts that no picture shows: menus, folded panels
     "ui/panel_result.py": set(),
     "ui/panel_views.py": {"IRPSO_PT_open", "_chart", "_table", "IRPSO_MT_pictures", "_ResultMenu",
                           "IRPSO_MT_result_a", "IRPSO_MT_result_b"},
-    "jobs/solve_speed.py": set(),
+    "jobs/solve_speed.py": {"_draw_bounced"},
     "jobs/solve_region.py": set(),
     "preferences.py": {"draw_offer"},
 }

@@ -41,6 +41,14 @@ Picture = tuple[str, tuple[str, ...], str, tuple[str, ...], float]
 NOTHING: tuple[tuple[str, ...], str, tuple[str, ...], float] = (), "", (), 0.0  # shines
 
 
+def renders_direct_only() -> bool:
+    """Whether the open file renders no light that bounces."""
+    import bpy
+
+    cycles = getattr(bpy.context.scene, "cycles", None)  # an add-on, which this Blender may have switched off
+    return cycles is not None and cycles.max_bounces == 0
+
+
 @dataclass(frozen=True)
 class IndirectRenderer:
     """Renders the indirect light of a scene's views.  Made on the main thread; called on any, without ``bpy``."""
@@ -68,10 +76,8 @@ class IndirectRenderer:
         """For ``blend``, which is what is open, as it was saved."""
         import bpy
 
-        scene = bpy.context.scene
-        cycles = getattr(scene, "cycles", None)  # an add-on, which this Blender may have switched off
-        return cls(blend.resolve(), scene.name, bpy.context.view_layer.name, second_blender.command(),
-                   direct_only=cycles is not None and cycles.max_bounces == 0)
+        return cls(blend.resolve(), bpy.context.scene.name, bpy.context.view_layer.name, second_blender.command(),
+                   direct_only=renders_direct_only())
 
     def __call__(self, scene: SceneData, solution: Solution) -> Generator[Progress, None, Mapping[int, Bounced]]:
         """Indirect light on the pixels of each view, by its place in the scene.

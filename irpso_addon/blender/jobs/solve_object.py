@@ -146,7 +146,7 @@ def expected(order: Order) -> Steps[Estimate]:
                 taken.append(ViewSize(header.width, header.height, view.camera.name, len(view.lights),
                                       str(view.environment.key) if view.environment else ""))
     return estimates.estimate(taken, order.settings, solve_speed.factors(), thread.settings().memory,
-                              rounds=order.settings.indirect == "on", udims=order.udims,
+                              rounds=solve_speed.rounds(None, order.settings, taken), udims=order.udims,
                               triangles=len(order.data.mesh.positions))
 
 

@@ -23,6 +23,7 @@ from ...core.reporting.estimates import Estimate, ViewSize, gigabytes
 from ...core.tiled.uv_blocks import FIRST_UDIM, udims_of
 from .. import preferences, properties
 from ..scene import readiness
+from .indirect import renders_direct_only
 from .session import session
 
 FILE = "irpso_speed.json"  # in the user's configuration folder
@@ -54,12 +55,19 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     unsure = "" if found.learnt else " (first guess)"
     seconds = estimates.in_words(found.seconds * max(count, 1)).capitalize()
     column.label(text=f"{seconds}{unsure}", icon="TIME")
+    _draw_bounced(column, found.bounced * max(count, 1))
     memory = f"{gigabytes(found.gpu_bytes)} GPU memory, {gigabytes(found.host_bytes)} memory"
     column.label(text=memory[:1].upper() + memory[1:], icon="MEMORY")
     if found.disk_bytes > TOLD:
         column.label(text=f"{gigabytes(found.disk_bytes)} of disk", icon="DISK_DRIVE")
     if found.reduced < estimates.REDUCED:
         column.label(text=f"Pictures reduced to {percent(found.reduced ** 0.5)} to fit", icon="INFO")
+
+
+def _draw_bounced(layout: bpy.types.UILayout, seconds: float) -> None:
+    """What it takes if light bounces, where a solve finds that out on the way."""
+    if seconds:
+        layout.label(text=f"{estimates.in_words(seconds).capitalize()} if light bounces", icon="BLANK1")
 
 
 def of(context: bpy.types.Context) -> Estimate | None:
@@ -71,7 +79,8 @@ def of(context: bpy.types.Context) -> Estimate | None:
     if not taken or by_numpy():
         return None
     return estimates.estimate(taken, settings, factors(), preferences.device_settings().memory,
-                             rounds=_rounds(obj, settings), udims=_udims(obj, settings), triangles=_triangles(obj))
+                             rounds=rounds(obj, settings, taken), udims=_udims(obj, settings),
+                             triangles=_triangles(obj))
 
 
 def by_numpy() -> bool:
@@ -108,11 +117,17 @@ def _middles(mesh: bpy.types.Mesh) -> F32:
     return np.asarray(sums / np.diff(starts, append=len(layer.uv))[:, None], np.float32)[:, None]
 
 
-def _rounds(obj: bpy.types.Object | None, settings: SolveSettings) -> bool:
-    """Whether indirect light is likely to be rendered: asked for, or found in the object's last solve."""
+def rounds(obj: bpy.types.Object | None, settings: SolveSettings, views: Sequence[ViewSize]) -> bool | None:
+    """Whether indirect light is likely to be rendered: asked for, or found in the object's last solve.
+
+    None: a solve looks on the way, because a world shines and the file renders light that bounces.
+    """
+    if settings.indirect != "auto":
+        return settings.indirect == "on"
     last = session.facts_of(obj)
-    return settings.indirect == "on" or (
-        settings.indirect == "auto" and last is not None and "indirect" in last.seconds)
+    if last is not None:
+        return "indirect" in last.seconds
+    return None if any(view.environment for view in views) and not renders_direct_only() else False
 
 
 def learn(

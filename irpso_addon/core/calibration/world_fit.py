@@ -13,6 +13,7 @@ import numpy as np
 
 from ..data import F64, I32, Bool
 from ..evaluation.folds import scatter
+from ..evaluation.joint_material import OneMaterial
 from ..evaluation.sampled_texels import parts
 from ..job import Progress, Steps
 from .paint import base_colours, paints_of
@@ -30,6 +31,7 @@ NEAR = (2, 1)  # ... and each turn of it, about where the world was found
 FARTHEST = 24  # steps from what is given
 SWEEPS = 3  # over all numbers
 PASSES = 4  # of a robust fit
+CLEARLY = 0.9  # of what is left over, below which a level is believed
 LEAST = 1e-12
 
 
@@ -80,12 +82,19 @@ class WorldFit:
         self.sample, self.light = sample, light
         self.turns, self.worlds = len(sample.names), len(sample.worlds)
         given = sample.rig.texels
-        self.materials = materials_of(sample.rig, given, levels=False)
         self._paints = paints_of(given)
         self._costs: dict[tuple[float, ...], F64] = {}
-        self.unit = 1.0
-        left, good = self._left(sample.under(sample.given, np.zeros(self.worlds)))
-        self.unit = CAUCHY * (1.4826 * float(np.median(np.abs(left[good]))) + 1e-4) if good.any() else 1.0
+        # A level of its own bends to a world that is wrong: it must explain clearly more than a plain dielectric's.
+        plain, free = (materials_of(sample.rig, given, levels=levels) for levels in (False, True))
+        units = [self._unit_of(materials) for materials in (plain, free)]
+        self.materials = free if units[1] < CLEARLY * units[0] else plain
+        self.unit = units[self.materials is free]
+
+    def _unit_of(self, materials: dict[int, OneMaterial]) -> float:
+        """From which on errors count less, by what the materials leave over as given."""
+        self.materials, self.unit = materials, 1.0
+        left, good = self._left(self.sample.under(self.sample.given, np.zeros(self.worlds)))
+        return CAUCHY * (1.4826 * float(np.median(np.abs(left[good]))) + 1e-4) if good.any() else 1.0
 
     @property
     def turn_numbers(self) -> list[F64]:

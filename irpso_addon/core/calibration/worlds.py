@@ -29,13 +29,14 @@ EXPLAINED = 0.15  # error of left-out radiance above which a turn may take up wh
 
 @dataclass(frozen=True)
 class WorldsJudged:
-    """A change that is worth making."""
+    """A change that is worth making, or at least worth saying."""
 
     keys: tuple[tuple[str, float], ...]  # (K,) of the environments, as given
     change: WorldNumbers
     error: WorldNumbers  # standard errors
     given: PredictionError  # of left-out views, as the scene is given
     changed: PredictionError
+    explained: bool = True  # whether the model explains the views then; else the change may hide what it lacks
 
     @property
     def sure_turns(self) -> list[bool]:
@@ -58,7 +59,10 @@ def are_few(views: Sequence[View]) -> bool:
 
 
 def judge_worlds(sample: WorldSample, light: LightAt) -> Steps[WorldsJudged | None]:
-    """What is to be changed of the worlds; None where nothing is, or where too little is seen to judge it."""
+    """What is to be changed of the worlds; None where nothing is, or where too little is seen to judge it.
+
+    Of a change after which the views are not `explained`, only a line is made.
+    """
     folds, sample = split(sample.rig.texels), sample.clean()
     if folds is None or int(sample.rig.texels.usable().any(1).sum()) < LEAST_TEXELS:
         return None
@@ -81,9 +85,10 @@ def judge_worlds(sample: WorldSample, light: LightAt) -> Steps[WorldsJudged | No
         change = (yield from _found(fit, point, others)).change
         halves.append(sample.under((yield from fit.light(change.turn)), change.log_strength))
     contest.add(CHANGED, halves)
-    if not contest.worth_it():
+    if not contest.is_better():
         return None
-    return replace(found, given=contest.judge.error(GIVEN), changed=contest.judge.error(CHANGED))
+    return replace(found, given=contest.judge.error(GIVEN), changed=contest.judge.error(CHANGED),
+                   explained=contest.is_explained())
 
 
 def _explained(fit: WorldFit, folds: Folds) -> Bool:
@@ -168,21 +173,21 @@ class WorldContest:
         some = self.judge.judged & (observed > 0) & (one > 0)
         self.left[name] = np.log(np.where(some, one, 1.0) / np.where(some, observed, 1.0))
 
-    def worth_it(self) -> bool:
-        """Whether texels that had no part in it agree, beyond the scatter, and left-out views are predicted better.
-
-        Where the material is not explained, less than half of the error must be left.
-        """
+    def is_better(self) -> bool:
+        """Whether texels that had no part in it agree, beyond the scatter, and left-out views are predicted better."""
         cost = {name: sum(self.fit.costs(changed) * half for half, changed in zip(self.halves, seen, strict=True))
                 for name, seen in self.seen.items()}
         gain = np.asarray(cost[GIVEN] - cost[CHANGED])
         unit = CAUCHY * self.scale(CHANGED)
         loss = {name: float(np.log1p((left / unit) ** 2).sum()) for name, left in self.left.items()}
-        explained = (self.judge.error(CHANGED).relative_rms < EXPLAINED
-                     or self.scale(CHANGED) < HALF * self.scale(GIVEN))
         cluster, of = self.sample.rig.cluster, self.judge.candidates
         return bool(gain.sum() > scatter(gain, cluster) and loss[CHANGED] < loss[GIVEN]
-                    and not rises(of[GIVEN], of[CHANGED], WORSE, cluster) and explained)
+                    and not rises(of[GIVEN], of[CHANGED], WORSE, cluster))
+
+    def is_explained(self) -> bool:
+        """Whether the model explains the left-out views; else less than half of the error must be left."""
+        return (self.judge.error(CHANGED).relative_rms < EXPLAINED
+                or self.scale(CHANGED) < HALF * self.scale(GIVEN))
 
     def scale(self, name: str) -> float:
         """Robust standard deviation of what predictions of left-out views are off by, relative."""

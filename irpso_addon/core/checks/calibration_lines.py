@@ -46,6 +46,18 @@ def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
     return (f"IRPSO {what}. {fell}{WORLD_STAYS if calibration.worlds else STAYS}",)
 
 
+def worlds_in_doubt(change: Calibration | None) -> tuple[str, ...]:
+    """The line for a change of worlds that was not made; none where there is none."""
+    if change is None:
+        return ()
+    parts = _worlds(change.worlds)
+    what = " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
+    left = percent(change.changed.relative_rms)
+    return (f"all views: would be explained better if IRPSO {what}, but {left} of the radiance of left-out "
+            "views would stay unexplained, so it did not; if the worlds may be off by that, enter it and solve again, "
+            "otherwise look for what else is wrong (cameras, exposures, the mesh)",)
+
+
 def sure_lamps(calibration: Calibration) -> list[LampChange]:
     """Lamps of which something is off beyond doubt, those that were moved the farthest first."""
     return sorted((lamp for lamp in calibration.lamps if lamp.sure), key=lambda lamp: -lamp.share)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..check_records import Checks, MaterialCheck, Residual, ViewCheck
 from ..data import F32, F64, I32, Bool, View
+from ..observation_quality import HALF_SURE
 from ..resampling import nearest
 from ..shading.brdf import ROUGHNESS_MIN
 from .light_checks import Places
@@ -117,7 +118,8 @@ class Measured:
             nearest=float(np.median(least[solved])) if solved.any() else float("inf"),
             doubtful=doubtful(texels.sigma[texels.solved]) if texels.sure else float("nan"), sure=texels.sure,
             pixels_per_texel=self._pixels_per_texel(), registration=self.registration.estimate(), misfit=texels.misfit,
-            contradicted=texels.contradicted)
+            contradicted=texels.contradicted, around=any(view.environment is not None for view, *_ in self.views),
+            known=float(np.mean(texels.sigma[texels.solved] < HALF_SURE)) if solved.any() and texels.sure else 1.0)
 
     def _pixels_per_texel(self) -> float:
         if not self.views:

@@ -35,6 +35,7 @@ COARSE = 2.0  # pixels a texel from which on maps cannot show what the pictures 
 FEW = 0.15  # of a material's texels
 LET_THROUGH = 0.02  # brightness of shadows, of lit areas, from which on light may have come through the object
 CONTRADICTED = 0.01  # of the solved texels
+KNOWN = 0.2  # of the texels, below which light from all around says too little of roughness
 DOUBTFUL = 0.05  # of the texels are off by more than 0.15, by their own standard errors
 
 
@@ -313,25 +314,35 @@ def _contradicted(checks: Checks) -> list[str]:
             "places out of the pictures"]
 
 
+LIT = "add a lamp (such as a flash on the camera), a turn of the object or a world with small lights"
 LARGER = ("one-lobe-specular", "two-lobe")
-FEWER = {"lambert": "too few to detect a highlight; take more views",
-         "two-lobe": f"too few for this model; take more views, or set Model to {choice_name('one-lobe')}"}
+FEWER = {"lambert": "too few to detect a highlight; {add}",
+         "two-lobe": f"too few for this model; {{add}}, or set Model to {choice_name('one-lobe')}"}
+FEW_OF_ANY = "too few for this model, so their roughness comes mostly from their neighbours; {add}"
 
 
 def _few(checks: Checks) -> list[str]:
     return [f"{checks.name}: {percent(m.fewer)} of the solved texels of '{m.material}' have fewer than {m.needed:g} "
-            f"good observations (median {m.observations:.0f}), " + FEWER.get(m.model, (
-                "too few for this model, so their roughness comes mostly from their neighbours; take more views"))
+            f"good observations (median {m.observations:.0f}), "
+            + FEWER.get(m.model, FEW_OF_ANY).format(add=LIT if _shows_little(checks, m.model) else "take more views")
             for m in checks.materials if checks.sure and m.needed > 1 and m.fewer > FEW]
+
+
+def _shows_little(checks: Checks, model: str) -> bool:
+    """Whether light from all around tells of roughness almost nowhere: further views of it do not either."""
+    return checks.around and checks.sure and (model == "lambert" or checks.known < KNOWN)
 
 
 def _doubtful(checks: Checks) -> list[str]:
     if not checks.doubtful > DOUBTFUL:
-        return []
+        glossy = next((m.model for m in checks.materials if m.model != "lambert"), "")
+        line = (f"{checks.name}: confidence is below one half on {percent(1 - checks.known)} of its solved texels: "
+                f"light from worlds or glowing meshes shows too little of their roughness; {LIT}")
+        return [line] * bool(glossy and _shows_little(checks, glossy))
     line = f"{checks.name}: roughness may be off by more than 0.15 on {percent(checks.doubtful)} of its solved texels"
     if checks.nearest == 0:  # light from all around
         return [f"{line}: light from worlds or glowing meshes shows too little of it at {percent(checks.noise, 1)} "
-                "noise; add a lamp, a turn of the object or a world with small lights"]
+                f"noise; {LIT}"]
     near = "no view shows a highlight on them" if math.isinf(checks.nearest) else (
         f"no highlight came near {percent(checks.no_highlight)} of the object (median distance of the nearest: "
         f"{checks.nearest:.1f} highlight widths) at {percent(checks.noise, 1)} noise")

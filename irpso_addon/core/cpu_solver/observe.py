@@ -17,6 +17,7 @@ from ..observation_quality import DARK_SHARE, EDGE_WEIGHT, MIN_COS_L, MIN_COS_V,
 from ..projection import pixel_widths, pixels_of, rays_of
 from ..shading import brdf
 from ..shading.lights import light_irradiance, light_sample
+from ..vectors import dot, length
 from .rasterise import SurfacePoints, places
 from .rays import Index, Rays
 
@@ -25,6 +26,8 @@ POINT_ANGLE = 0.004  # radians: extent over distance up to which it is one
 EDGE_RANGE = 0.02  # of the share of a lamp's light that arrives, among neighbours; and of all light, what is in doubt
 VIEW_BYTES, LAMP_BYTES = 100, 40  # of a point: for each view, and for each point on its lamps
 NO_LIGHT = 1e-3  # share of the mean irradiance below which a channel is not lit
+TILT = 0.05  # tangent of a tilt of a normal, ...
+LEFT = (1 - TILT * np.sqrt(MIN_COS_L**-2 - 1)) / np.hypot(1, TILT)  # ... which leaves that of a point at MIN_COS_L
 ReadImage = Callable[[View], RadianceImage]
 
 
@@ -178,6 +181,21 @@ class _Lighting:
     factor: F64  # (S, K) F / (2 cos_l cos_v) * irradiance by a lamp of power 1
 
 
+def _is_low(light: Light, at: SurfacePoints) -> Bool:
+    """(S,) at the terminator: the lamp's middle is below the horizon, or the light changes as a point's at MIN_COS_L.
+
+    With a tilt of the normal; twin of is_sensitive in shaders/include/observed.glsl.
+    """
+    middle, _ = light_sample(light, at.position, 0, 1)
+    middle /= length(middle)[..., None]
+    cosine = dot(middle, at.normal)
+    across = middle - cosine[..., None] * at.normal
+    away = at.normal - TILT * across / np.maximum(length(across), 1e-9)[..., None]
+    away /= length(away)[..., None]
+    here, tilted = (light_irradiance(light, at.position, normal) for normal in (at.normal, away))
+    return np.asarray((cosine < 0) | ((cosine < MIN_COS_L) & (tilted < LEFT * here)))
+
+
 def _lighting(lights: Sequence[Light], lit: list[F64], shown: Shown, neighbours: Index) -> _Lighting:
     """lit: of each lamp, `_lit`."""
     at, edge = shown.at, (shown.seen[:, None] != shown.seen[neighbours]).any(-1)
@@ -193,7 +211,7 @@ def _lighting(lights: Sequence[Light], lit: list[F64], shown: Shown, neighbours:
         sent *= (whole / np.maximum(sent.sum(-1), 1e-300))[:, None]
         share = (sent * arrives).sum(-1) / np.maximum(whole, 1e-300)
         beside = np.ptp(share[neighbours], axis=-1)
-        beside = np.where((angles.cos_l < MIN_COS_L).any(-1), 1.0, np.where(beside > EDGE_RANGE, beside, 0.0))
+        beside = np.where(_is_low(light, at), 1.0, np.where(beside > EDGE_RANGE, beside, 0.0))
         doubt += light.power.mean() * np.maximum(whole, 0) * beside
         irradiance += light.power * (sent * arrives).sum(-1, keepdims=True)
         sin2h.append(angles.sin2h)

@@ -100,6 +100,7 @@ class Estimate:
     disk_bytes: int  # at most, while it runs; the maps' files alone are less
     learnt: bool  # from solves on this machine
     reduced: float = 1.0  # share of the pictures' pixels that fits into the memory
+    bounced: float = 0.0  # seconds if light bounces, where a solve finds that out on the way; else 0
 
 
 def bytes_per_pixel(views: int, lobes: int, cameras: int, environments: int = 0) -> int:
@@ -111,13 +112,18 @@ def bytes_per_pixel(views: int, lobes: int, cameras: int, environments: int = 0)
 
 
 def estimate(
-    views: Sequence[ViewSize], settings: SolveSettings, factors: Factors, memory: float, *, rounds: bool = False,
+    views: Sequence[ViewSize], settings: SolveSettings, factors: Factors, memory: float, *, rounds: bool | None = False,
     udims: tuple[int, ...] = (FIRST_UDIM,), triangles: int = 0,
 ) -> Estimate:
     """``memory``: GB that pictures may take.  ``rounds``: indirect light is likely to be rendered, and solved again.
 
-    ``udims``: of the squares that are solved.  ``triangles``: of the mesh.
+    None: a solve looks on the way whether that is needed.  ``udims``: of the squares that are solved.  ``triangles``:
+    of the mesh.
     """
+    if rounds is None:
+        without, bounced = (estimate(views, settings, factors, memory, rounds=some, udims=udims, triangles=triangles)
+                            for some in (False, True))
+        return replace(without, bounced=bounced.seconds)
     large, reduced = is_large(settings.size, udims), reduced_share(views, settings, memory, udims)
     lit, each = _lit(views), _bytes_of_each(views)
     largest = max((v.width * v.height for v in views), default=0)

@@ -21,8 +21,7 @@ LEAST_SIZE = 512  # at least
 PIXEL_TEXELS = 4.0  # texels of a shadow map for a pixel of the pictures; ...
 SOFT_PIXEL_TEXELS = 2.0  # ... with several maps, whose errors average
 SIZE_STEP = 256  # sizes are multiples of it: lights that differ little share a map
-# Sample points on an emitter that casts a visible penumbra: one for each pixel of its width.  Shares of powers of two
-# sum to one in half floats.
+# Sample points on an emitter that casts a visible penumbra: one for each pixel of its width.
 SOFT_POINTS = (4, 8, 16)
 SOFT_ANGLE = 0.004  # radians; a smaller emitter has penumbrae thinner than a pixel: one point is enough
 FAR_TEXEL = 1e30
@@ -42,8 +41,8 @@ class Frustum:
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of a perspective map
 
 
-def shadow_points(light: Light, center: F64, pixels: float) -> list[F64]:
-    """Homogeneous points (4,) on the emitter that stand for it: (x, y, z, 1), or (direction to it, 0).
+def shadow_points(light: Light, center: F64, pixels: float) -> tuple[list[F64], F64]:
+    """Homogeneous points (4,) on the emitter that stand for it, (x, y, z, 1) or (direction to it, 0), and their shares.
 
     ``pixels``: diameter of the subject's sphere.  What casts a shadow is mostly no farther away than a quarter of that.
     """
@@ -59,10 +58,12 @@ def shadow_points(light: Light, center: F64, pixels: float) -> list[F64]:
     count = 1
     if extent > SOFT_ANGLE:
         count = next((n for n in SOFT_POINTS if n >= 0.5 * extent * pixels), SOFT_POINTS[-1])
-    vectors, _ = light_model.light_sample(light, center[None], np.arange(count), count)
+    vectors, weights = light_model.light_sample(light, center[None], np.arange(count), count)
+    shares = weights.ravel() if weights.any() else np.ones(count)  # the middle may lie behind an AREA lamp
+    shares = shares / shares.sum()
     if light.kind == "SUN":
-        return [np.append(v, 0.0) for v in vectors.reshape(-1, 3)]
-    return [np.append(center + v, 1.0) for v in vectors.reshape(-1, 3)]
+        return [np.append(v, 0.0) for v in vectors.reshape(-1, 3)], shares
+    return [np.append(center + v, 1.0) for v in vectors.reshape(-1, 3)], shares
 
 
 def frusta(point: F64, center: F64, radius: float, bounds: F64, size: int = SHADOW_SIZE) -> list[Frustum]:
@@ -162,21 +163,32 @@ class LightVisibility:
         ``pixels``: the diameter of the subject's sphere in the finest of the pictures; shadows are drawn as fine as
         that asks for.  A generator so that the caller may yield between shadow maps; its last item is complete.
         """
-        maps = []
-        for camera in cameras:
-            maps.append(self.device.texture(camera.position.width, camera.position.height, 1, dtype="f2"))
-            with self.device.target([maps[-1]]) as target:
-                target.clear(red=0.0 if light.cast_shadow else 1.0)
+        maps = [self._new_map(camera, 1, 0.0 if light.cast_shadow else 1.0) for camera in cameras]
         if light.cast_shadow:
-            points = shadow_points(light, self.center, pixels)
-            size = self._fit(pixels * (PIXEL_TEXELS if len(points) == 1 else SOFT_PIXEL_TEXELS))
-            for point in points:
-                for frustum in frusta(point, self.center, self.radius, self.bounds, size):
-                    self._draw_shadow(frustum)
-                    for camera, lit in zip(cameras, maps, strict=True):
-                        self._look_up(frustum, camera, lit, 1.0 / len(points))
-                yield maps
+            points, shares = shadow_points(light, self.center, pixels)
+            one = len(points) == 1
+            size = self._fit(pixels * (PIXEL_TEXELS if one else SOFT_PIXEL_TEXELS))
+            with self.device.scope():
+                sums = maps if one else [self._new_map(camera, 2, 0.0) for camera in cameras]
+                for point, share in zip(points, shares, strict=True):
+                    for frustum in frusta(point, self.center, self.radius, self.bounds, size):
+                        self._draw_shadow(frustum)
+                        for camera, of_camera in zip(cameras, sums, strict=True):
+                            self._look_up(frustum, camera, of_camera, None if one else share)
+                    yield maps
+                if not one:
+                    for camera, of_camera, lit in zip(cameras, sums, maps, strict=True):
+                        with self.device.target([lit]) as target:
+                            self.device.draw(
+                                "observe/lit_share.frag", target, Inputs({"u_sums": of_camera}), cells=camera.cells)
         yield maps
+
+    def _new_map(self, camera: GBufferMaps, numbers: int, value: float) -> moderngl.Texture:
+        """Of a camera's pixels, half floats."""
+        made = self.device.texture(camera.position.width, camera.position.height, numbers, dtype="f2")
+        with self.device.target([made]) as target:
+            target.clear(red=value, green=value)
+        return made
 
     def _fit(self, texels: float) -> int:
         """Make the shadow map as large as that asks for; returns its size."""
@@ -195,15 +207,15 @@ class LightVisibility:
             self.mesh.draw_positions(self._target, SHADOW, projection, uniforms)
             self.occluders.draw(self._target, SHADOW, projection, uniforms)
 
-    def _look_up(self, frustum: Frustum, camera: GBufferMaps, lit: moderngl.Texture, share: float) -> None:
+    def _look_up(self, frustum: Frustum, camera: GBufferMaps, lit: moderngl.Texture, share: float | None) -> None:
+        """Add a point's light to a camera's map, or to its sums where the lamp has several."""
+        several: dict[str, object] = {} if share is None else {"u_share": share}
         with self.device.target([lit]) as target, self.device.adding():
             self.device.draw("observe/lit.frag", target, Inputs({
                 "u_position": camera.position, "u_normal": camera.normal, "u_facet": camera.facet,
                 "u_shadow": self._map,
             }, uniforms={
                 "u_shadow_clip": column_major(frustum.clip), "u_depth_plane": frustum.plane,
-                "u_texel": frustum.texel, "u_parallel": frustum.parallel, "u_share": share,
-                "u_face": frustum.face, "u_origin": frustum.origin,
-            }), cells=camera.cells)
-
-
+                "u_texel": frustum.texel, "u_parallel": frustum.parallel,
+                "u_face": frustum.face, "u_origin": frustum.origin, **several,
+            }, defines={"SEVERAL": "1"} if several else {}), cells=camera.cells)
