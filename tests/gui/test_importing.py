@@ -52,3 +52,9 @@ def test_cameras_of_alembic_and_usd(blender, folder, data):
         assert told[suffix] == pytest.approx([6, 7], abs=1e-5)
     assert told["mesh"] == ["shot", "shot.001"][:len(told["suffixes"])]
     assert told["scenes"] == 1 and told["shown"]
+
+
+def test_a_scan_is_unwrapped_in_the_window(blender, folder):
+    told = blender.run("importing:unwrapped", folder).told
+    assert told["used"] > 0.4 and told["mode"] == "OBJECT"
+    assert told["undone"] == 0

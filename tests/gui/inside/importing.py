@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+import random
+
 import bpy
 import robot
 import stalls
+from mathutils import Vector
 from robot import Steps
 
 
@@ -64,3 +68,29 @@ def cameras(data: str) -> Steps:
         meshes.append(bpy.context.object.name)
         robot.tell(**{suffix: added})
     robot.tell(suffixes=suffixes, mesh=meshes, scenes=len(bpy.data.scenes), shown=bpy.context.window.scene == scene)
+
+
+def unwrapped() -> Steps:
+    """A rough ball gets its UV map in the viewport's context; one undo takes it back."""
+    scene = bpy.context.scene
+    for obj in list(scene.objects):
+        bpy.data.objects.remove(obj)
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=7)
+    mesh = bpy.context.object.data
+    edge = math.sqrt(4 * math.pi / len(mesh.polygons))
+    chance = random.Random(0)
+    for vertex in mesh.vertices:
+        vertex.co += Vector([chance.gauss(0, edge / 5) for _ in range(3)])
+    while mesh.uv_layers:
+        mesh.uv_layers.remove(mesh.uv_layers[0])
+    bpy.ops.ed.undo_push(message="A scan")
+    yield from robot.open_tab()
+    robot.invoke("irpso.unwrap")
+    yield from robot.until(lambda: mesh.uv_layers, 20)
+    uvs = [tuple(corner.vector) for corner in mesh.uv_layers[0].uv]
+    area = sum(abs((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+               for a, b, c in zip(uvs[::3], uvs[1::3], uvs[2::3], strict=True)) / 2
+    robot.tell(used=area, mode=bpy.context.mode)
+    yield from robot.key("Z", ctrl=True)
+    yield 0.5
+    robot.tell(undone=len(bpy.context.scene.objects[0].data.uv_layers))
