@@ -11,7 +11,7 @@ def test_while_it_runs(blender, ball, folder, what):
 
 
 def test_one_redo_brings_back_what_one_undo_took(blender, ball, folder):
-    states = blender.run("trouble:redo", folder, scene=str(ball), size=512).told["states"]
+    states = blender.run("trouble:redo", folder, scene=str(ball), size=2048).told["states"]  # which takes long enough
     assert states == [[0.5, 0], [0.0, 2], [0.0, 0], [0.0, 2], [0.5, 0], [0.0, 2]]
 
 

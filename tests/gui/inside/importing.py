@@ -83,9 +83,13 @@ def unwrapped() -> Steps:
         vertex.co += Vector([chance.gauss(0, edge / 5) for _ in range(3)])
     while mesh.uv_layers:
         mesh.uv_layers.remove(mesh.uv_layers[0])
-    bpy.ops.ed.undo_push(message="A scan")
+    yield 0.3
+    with robot.within():
+        bpy.ops.ed.undo_push(message="A scan")
     yield from robot.open_tab()
-    robot.invoke("irpso.unwrap")
+    mesh = bpy.context.object.data
+    with robot.within():
+        bpy.ops.irpso.unwrap("EXEC_DEFAULT", True)  # as a click does: with a step of undo
     yield from robot.until(lambda: mesh.uv_layers, 20)
     uvs = [tuple(corner.vector) for corner in mesh.uv_layers[0].uv]
     area = sum(abs((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
@@ -93,4 +97,5 @@ def unwrapped() -> Steps:
     robot.tell(used=area, mode=bpy.context.mode)
     yield from robot.key("Z", ctrl=True)
     yield 0.5
-    robot.tell(undone=len(bpy.context.scene.objects[0].data.uv_layers))
+    data = bpy.context.scene.objects[0].data
+    robot.tell(undone=len(data.uv_layers), corners=len(data.vertices))
