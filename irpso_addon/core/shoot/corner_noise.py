@@ -1,0 +1,34 @@
+"""Noise of a scan's normals: its corners are off by a part of a face's width, each by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data import F64
+
+NOISE = 2.0  # how much more of a normal one mean takes away than the next one does, where noise is most of it
+MOST = 5  # means
+
+
+def without_noise(normals: F64, edges: NDArray[np.int32]) -> tuple[F64, int]:
+    """(V, 3) unit normals without the noise that corners have each by itself, and how many means that took.
+
+    ``edges``: (E, 2) vertices that are neighbours.  The mean with the neighbours takes away most of such noise at once,
+    and of shape about as much each time: of waves that are many edges long hardly anything.
+    """
+    means, taken = [normals], list[float]()
+    while len(taken) <= MOST:
+        means.append(_mean(means[-1], edges))
+        taken.append(float(np.median(np.linalg.norm(means[-1] - means[-2], axis=1))))
+        if len(taken) > 1 and not taken[-2] > NOISE * taken[-1]:
+            break
+    count = len(taken) - 2
+    return means[count], count
+
+
+def _mean(normals: F64, edges: NDArray[np.int32]) -> F64:
+    one, other = edges.T
+    total = normals + np.stack([np.bincount(one, normals[other, k], len(normals))
+                                + np.bincount(other, normals[one, k], len(normals)) for k in range(3)], axis=1)
+    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-30))
