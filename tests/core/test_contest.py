@@ -64,7 +64,8 @@ def test_a_turned_world_may_raise_the_error_of_a_few_texels(flashing: int, worth
     before, after = (contest.judge.error(name) for name in (GIVEN, CHANGED))
     assert 1.02 < after.relative_rms / before.relative_rms < 1.3
     assert contest.scale(CHANGED) < 0.5 * contest.scale(GIVEN)
-    assert contest.worth_it() == worth
+    assert contest.is_explained()
+    assert contest.is_better() == worth
 
 
 @pytest.mark.parametrize("factor", [0.75, 1.0, 1.3])
