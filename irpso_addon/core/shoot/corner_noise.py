@@ -17,14 +17,18 @@ def without_noise(normals: F64, edges: NDArray[np.int32]) -> tuple[F64, int]:
     ``edges``: (E, 2) vertices that are neighbours.  The mean with the neighbours takes away most of such noise at once,
     and of shape about as much each time: of waves that are many edges long hardly anything.
     """
-    means, taken = [normals], list[float]()
-    while len(taken) <= MOST:
-        means.append(_mean(means[-1], edges))
-        taken.append(float(np.median(np.linalg.norm(means[-1] - means[-2], axis=1))))
-        if len(taken) > 1 and not taken[-2] > NOISE * taken[-1]:
-            break
-    count = len(taken) - 2
-    return means[count], count
+    mean = _mean(normals, edges)
+    for count in range(MOST):
+        further = _mean(mean, edges)
+        if not _apart(normals, mean) > NOISE * _apart(mean, further):
+            return normals, count
+        normals, mean = mean, further
+    return normals, MOST
+
+
+def _apart(one: F64, other: F64) -> float:
+    """How far normals lie apart, in the median."""
+    return float(np.median(np.linalg.norm(one - other, axis=1)))
 
 
 def _mean(normals: F64, edges: NDArray[np.int32]) -> F64:
