@@ -276,7 +276,18 @@ def test_a_flash_beside_the_camera(count) -> None:
     assert np.abs(np.array(flash.offset) + off).max() < 0.035  # 0.025 and 0.029 here, at a standard error of 0.011
 
 
-def by_flash(count: int) -> syn.Shoot:
+@pytest.mark.one_python
+def test_noise_does_not_hide_a_flash_that_stands_elsewhere() -> None:
+    """Noise is most of what predictions are off by: more than half of that was left, and the flash stayed as given."""
+    off = np.array([0.15, -0.1, 0.0])
+    shoot = by_flash(9, noise=0.03)
+    turns = {view.lights[0].name: view.camera.world_to_camera[:3, :3].T for view in shoot.scene.views}
+    solution = shoots.run(relit(shoot, lambda x: moved(x, turns[x.name] @ off)), **AUTO)
+    flash, = found(solution).lamps
+    assert np.abs(np.array(flash.offset) + off).max() < 0.035  # 0.018
+
+
+def by_flash(count: int, noise: float = 0.0) -> syn.Shoot:
     """Each camera has one view, under a flash beside it."""
     views, lamp = [], syn.lamps(1)[0]
     for n, camera in enumerate(syn.cameras(count)):
@@ -284,7 +295,7 @@ def by_flash(count: int) -> syn.Shoot:
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = turn, camera.position + turn @ np.array([0.06, 0.08, 0.02])
         views.append((camera, [replace(lamp, name=f"Flash {n}", matrix=matrix)]))
-    return syn.shoot(syn.PATCHES, views, PIXELS)
+    return syn.shoot(syn.PATCHES, views, PIXELS, noise=noise)
 
 
 def test_a_flash_whose_power_differs_from_picture_to_picture() -> None:

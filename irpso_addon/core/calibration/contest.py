@@ -13,6 +13,7 @@ from ..job import Steps, share_of
 from .rig import RigChange
 from .rig_fit import RigFound, beside_tilts, fit_rig
 from .rig_numbers import CAUCHY, Free
+from .rig_round import OUTLYING, in_common
 from .rig_sample import RigSample
 from .texel_materials import lobes_of
 
@@ -23,6 +24,9 @@ HALF = 0.5
 WORSE = 1.02  # ratio to which root mean squares, of radiance and L*, may rise in any case: of `rises`
 HIGHLIGHT = 0.25  # of the radiance: lobes that show more make a highlight
 LEAST_SEEN = 1e-6
+# Of base colours.  What lights all views alike is a matter of power and base colours, which pictures do not separate: a
+# flash that is right may make base colours larger than 1 where those of one that is wrong are not.
+ANY = np.inf
 GIVEN = "given"
 
 
@@ -38,7 +42,8 @@ class Contest:
         self.halves = [(half, sample.part(half), self.judged.part(half)) for half in (odd, ~odd)]
         self.judge = Judge(self.judged.texels, folds)
         self.left: dict[str, F64] = {}  # of each rig, (T, V): log of predicted over observed radiance, 0 if not judged
-        self.add("lambert", [predicted(self.judged.texels, None, ~left_out) for left_out in folds.left_out])
+        self.add("lambert", [
+            predicted(self.judged.texels, None, ~left_out, ANY) for left_out in folds.left_out])
         none = RigChange.none(len(sample.rig.groups), len(sample.rig.views))
         self.add(GIVEN, self._predicted(self.judged, replace(whole, change=none)))
 
@@ -72,7 +77,7 @@ class Contest:
             return beside_tilts(sample, found, self.folds)
         seen = sample.geometry.under(found.change)
         lobes = lobes_of(sample, seen.texels, found.materials)
-        return [seen.as_given(predicted(seen.texels, lobes, ~left_out)) for left_out in self.folds.left_out]
+        return [seen.as_given(predicted(seen.texels, lobes, ~left_out, ANY)) for left_out in self.folds.left_out]
 
     def beats(self, name: str, other: str) -> bool:
         """Whether a rig predicts better than another, beyond the scatter."""
@@ -95,9 +100,22 @@ class Contest:
         seen = self.scale(other) ** 2 - self.scale(name) ** 2 > least**2
         return seen and not rises(two, one, WORSE, self.sample.cluster)
 
-    def leaves_half(self, name: str) -> bool:
-        """Whether a rig leaves less than half of what the given one does, of left-out views."""
-        return self.scale(name) < HALF * self.scale(GIVEN)
+    def leaves_half(self, name: str, free: Free) -> bool:
+        """Whether a rig leaves less than half of what the given one does, of left-out views.
+
+        ``free``: what it changes.  Where that is the place of the flash that all cameras carry and nothing else, less
+        than half of what neighbours are off by in common is enough, which noise is not.  Three numbers mimic little of
+        what a material's model lacks.  Ambient light beside them mimics a flash that is nearer.
+        """
+        place = self.sample.rig.one_flash and not (
+            free.exposures or free.vignetting or free.ambient or free.response or free.shoulder)
+        return self.scale(name) < HALF * self.scale(GIVEN) or (
+            place and self._shared(name) < HALF * self._shared(GIVEN))
+
+    def _shared(self, name: str) -> float:
+        """What predictions of neighbouring texels are off by in common, relative."""
+        left = self.left[name]
+        return in_common(left, left != 0, self.sample.cluster, OUTLYING * self.scale(name))
 
     def scale(self, name: str) -> float:
         """Robust standard deviation of what a rig's predictions are off by, relative."""

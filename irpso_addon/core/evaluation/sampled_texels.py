@@ -175,8 +175,10 @@ def _lobe(texels: SampledTexels, roughness: F64, level: F64, beckmann: bool) -> 
     return (1 - energy[..., 1]) / np.pi, summed(shape) * energy[..., 0]
 
 
-def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool) -> F64:
+def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool, brightest: float = 1.0) -> F64:
     """(T, V, C) radiance / irradiance of all layers, base colour from the layers that are ``known``, (V,).
+
+    ``brightest``: of base colours, 1 unless the power of all lamps is a matter of what is compared.
 
     Each camera's pixels cover the texture differently, so that a camera's own views say its base colour, and those of
     others where it has none.
@@ -192,12 +194,12 @@ def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool) -> F64:
         for channel in np.unique(texels.channel):
             same = texels.channel == channel
             total = off[:, same].sum(1), information[:, same].sum(1)
-            base = np.clip(total[0] / np.maximum(total[1], LEAST), 0, 1)
+            base = np.clip(total[0] / np.maximum(total[1], LEAST), 0, brightest)
             for camera in np.unique(texels.camera[same]):
                 own = same & (texels.camera == camera)
                 share = off[:, own].sum(1), information[:, own].sum(1)
                 shown = (share[0] + OTHER_CAMERA * total[0]) / np.maximum(share[1] + OTHER_CAMERA * total[1], LEAST)
-                result[:, own] = np.clip(shown, 0, 1)[:, None]
+                result[:, own] = np.clip(shown, 0, brightest)[:, None]
     return np.asarray(result * white + rest)
 
 
