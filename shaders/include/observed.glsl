@@ -28,6 +28,33 @@ float irradiance_of(Pixel pixel) {
     return e;
 }
 
+vec3 part_of_lamp(vec3 P, int i, int n, float turn, out float weight) {
+#ifdef LIGHT_RING
+    return normalize(ring_sample(P, (float(i) + turn) / float(n), weight));
+#else
+    return normalize(light_sample(P, i, n, weight));
+#endif
+}
+
+#ifdef LIGHT_WIDE
+// How far half vectors count by their light's cosine, 0..1.  What is mirrored is a mean over the lamp's directions, in
+// which cosines cancel; but G takes what comes along the surface, as if it counted by its cosine.
+float counts_by_cosine(Pixel pixel, out float typical) {
+    const int SOME = 8;
+    const float HIGH = 0.75, LOW = 0.3;  // the lamp's lowest cosine, of its mean one
+    float lowest = 1.0, mean = 0.0, weight;
+    typical = 0.0;
+    for (int i = 0; i < SOME; i++) {
+        float nl = dot(pixel.N, part_of_lamp(pixel.P, i, SOME, 0.0, weight));
+        lowest = min(lowest, nl);
+        mean += nl / float(SOME);
+        typical += max(nl, 0.0) / float(SOME);
+    }
+    typical = max(typical, 1e-6);
+    return clamp((HIGH - lowest / max(mean, 1e-6)) / (HIGH - LOW), 0.0, 1.0);
+}
+#endif
+
 // A disc with the second moments of the half vectors over the pixel's footprint and the emitter (sin^2(theta_h) of its
 // middle, square of its radius), the cosine to the light, and F / (2 cos_l cos_v); zero where the light is below the
 // horizon.  e: as irradiance_of.
@@ -36,6 +63,9 @@ vec4 lobe_geometry(Pixel pixel, out float e) {
     vec3 middle = vec3(0.0);
     mat3 moments = mat3(0.0);
     e = 0.0;
+#ifdef LIGHT_WIDE
+    float typical, by_cosine = counts_by_cosine(pixel, typical);
+#endif
     for (int j = 0; j < 4; j++) {
         vec3 P, N;
         footprint_point(pixel, j, P, N);
@@ -44,13 +74,13 @@ vec4 lobe_geometry(Pixel pixel, out float e) {
         e += 0.25 * light_irradiance(P, N);
         for (int i = 0; i < u_light_points; i++) {
             float weight;
-#ifdef LIGHT_RING
-            vec3 L = normalize(ring_sample(P, 0.25 * (float(i) + 0.25 * float(j)), weight));  // 16 in all
-#else
-            vec3 L = normalize(light_sample(P, i, u_light_points, weight));
-#endif
+            vec3 L = part_of_lamp(P, i, u_light_points, 0.25 * float(j), weight);  // 16 in all of a ring
             float nl = dot(N, L);
+#ifdef LIGHT_WIDE
+            weight *= nl > 0.0 ? mix(1.0, nl / typical, by_cosine) : 0.0;
+#else
             weight *= max(nl, 0.0);
+#endif
             vec3 H = normalize(L + V);
             vec3 off = cross(N, H);
             sum += weight;

@@ -34,6 +34,22 @@ def test_a_bent_exponent_is_proof_only_where_the_model_fits(exponent: float, mis
     assert all(line.endswith(f"multiply the views' Response by {exponent:.2f}") for line in found)
 
 
+@pytest.mark.parametrize(("exponent", "around", "tried", "not_bounced", "bounced"), [
+    (0.97, True, (), "", True),  # nothing has looked for light that bounces under a world
+    (0.97, True, ("indirect",), "", False),  # it was subtracted
+    (0.97, True, (), "light that bounces is 0.1 % of the direct light", False),  # a solve has looked: there is none
+    (0.97, False, (), "", False),  # under lamps shadows tell
+    (0.85, True, (), "", False),  # no bounced light bends brightness so much ...
+    (1.03, True, (), "", False),  # ... or makes lit places brighter than dark ones
+])
+def test_under_a_world_bounced_light_is_named_before_a_tone_curve(
+    exponent: float, around: bool, tried: tuple[str, ...], not_bounced: str, bounced: bool,
+) -> None:
+    (line,) = warnings(replace(checks(exponent, misfit=False), around=around, not_bounced=not_bounced), tried)
+    assert ("set Indirect Light to On" in line) == bounced
+    assert ("look non-linear" in line) != bounced
+
+
 def of_views(exponents: list[float]) -> Checks:
     """Of views whose brightness follows light each to a power of its own."""
     one = checks(1.0, misfit=False)

@@ -96,14 +96,14 @@ WIDE = {
 
 
 def _moments(lamp: Light, P: np.ndarray, N: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, ...]:
-    """What a lobe should hold, by 1600 points of the lamp, of which each sends its share."""
+    """What a lobe should hold, by 1600 points of the lamp, of which each counts by what it would send straight on."""
     total, cosine, fresnel = np.zeros((3, len(P)))
     first, second = np.zeros((len(P), 3)), np.zeros((len(P), 3, 3))
     for i in range(1600):
         L, weight = lights.light_sample(lamp, P, np.full(len(P), i), 1600)
         L = L / np.linalg.norm(L, axis=-1, keepdims=True)
         cos_l = (L * N).sum(-1)
-        weight = weight * np.maximum(cos_l, 0)
+        weight = weight * (cos_l > 0)
         H = (L + V) / np.linalg.norm(L + V, axis=-1, keepdims=True)
         off = np.cross(N, H)
         total, cosine = total + weight, cosine + weight * cos_l
@@ -132,3 +132,31 @@ def test_a_lobe_has_the_moments_of_all_that_a_wide_lamp_sends(name):
     wanted = middle, radius, cosine, np.ones_like(cosine)
     for of, want, most in zip(seen, wanted, (5e-5, 2e-4, 5e-5, 1e-4), strict=True):
         np.testing.assert_allclose(of[inside], want[inside], atol=most if name in EVEN else 3e-3)
+
+
+@pytest.mark.parametrize(("roughness", "typical", "most"), [
+    (0.25, 1e-5, 0.05), (0.45, 5e-5, 0.003), (0.65, 6e-5, 3e-4)])
+@pytest.mark.parametrize("shape", ["SQUARE", "DISK"])
+def test_a_lobe_of_a_wide_lamp_above_the_horizon(shape, roughness, typical, most):
+    """Of a lamp 0.4 of its distance wide: the relative error of reflectance, median and of all but a hundredth.
+
+    The truth is a sum over 2500 points of the lamp, in float64, without the gain by multiple scattering.
+    """
+    lamp = syn.lamp(tuple(LAMP), kind="AREA", shape=shape, size=(0.6, 0.6), target=(0, 0, 0))
+    irradiance, lobe, cos_v, P, N, V = _seen(lamp, 32, 0.01)
+    seen, true, lowest = _specular(irradiance, lobe, cos_v, roughness) / irradiance, np.zeros(len(P)), np.ones(len(P))
+    sent = np.zeros(len(P))
+    for i in range(2500):
+        L, weight = lights.light_sample(lamp, P, np.full(len(P), i), 2500)
+        L = L / np.linalg.norm(L, axis=-1, keepdims=True)
+        H = (L + V) / np.linalg.norm(L + V, axis=-1, keepdims=True)
+        cos_l, sin2h = (L * N).sum(-1), 1 - (H * N).sum(-1) ** 2
+        up = np.maximum(cos_l, 1e-3)
+        each = brdf.lobe_ggx(roughness, sin2h, np.zeros(len(P)), up, cos_v) * brdf.F_dielectric((V * H).sum(-1))
+        true, sent = true + weight * up * each, sent + weight * up
+        lowest = np.minimum(lowest, cos_l)
+    inside = (cos_v > 0.3) & (lowest > 0.25)
+    assert inside.sum() > 100
+    error = np.abs(seen - true / sent)[inside] / (0.3 / np.pi + (true / sent)[inside])
+    assert np.median(error) < typical
+    assert np.quantile(error, 0.99) < most

@@ -21,6 +21,7 @@ from .solve_checks import CONTRADICTORY
 LEAST_GAIN, LEAST_MOVE = 0.015, 0.01  # relative errors of brightness, of shading, below which nothing is said
 EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move must explain; of a misfit, or to be sure
 LEAST_POWER, LEAST_POWER_ALONE = 0.02, 0.1  # how far from 1 an exponent must be: of all views, of one
+BOUNCED_POWER = 0.1  # below 1, up to which bounced light that was left in the pictures explains it
 LEAST_POWER_MISFIT = 0.3  # the same where a material is not what its model says: real diffuse reflection bends, too
 LEAST_GAIN_MISFIT, SHARED = 0.03, 2.0  # of LEAST_GAIN there: what it lacks makes whole views brighter; times structure
 STANDS_OUT = 3.0  # times the median light's: the effect of one that stands elsewhere, where a material is no model
@@ -44,7 +45,7 @@ def warnings(checks: Checks, tried: Collection[str] = ()) -> tuple[str, ...]:
 
     ``tried``: settings by which the solve has looked for a remedy itself, which no line recommends then.
     """
-    curve = _curve(checks)
+    curve = _curve(checks, "indirect" in tried)
     causes = [*_indirect(checks, "indirect" in tried), *curve, *_registration(checks, "registration" in tried)]
     if not curve:  # else its errors are of every kind
         causes += [*_curve_of_some(checks), *_lights(checks), *_exposures(checks, "exposures" in tried)]
@@ -108,8 +109,13 @@ def curved_exponent(checks: Checks) -> float | None:
     return None if abs(slope.exponent - 1) <= max(least, SIGMAS_POWER * slope.error, scatter) else slope.exponent
 
 
-def _curve(checks: Checks) -> list[str]:
+def _curve(checks: Checks, bounced: bool) -> list[str]:
+    """``bounced``: whether indirect light was subtracted; under a world no shadow shows that it is there."""
     exponent = curved_exponent(checks)
+    if exponent is not None and checks.around and not (bounced or checks.not_bounced) and (
+            1 - BOUNCED_POWER < exponent < 1):
+        return [f"all views: dark places are brighter than predicted (exponent {exponent:.2f}), as where light bounces "
+                "between surfaces; set Indirect Light to On, or use RAW files if these have a tone curve"]
     return [] if exponent is None else [
         f"all views: look non-linear (exponent {exponent:.2f}); {LINEAR}; without linear files, multiply the views' "
         f"Response by {exponent:.2f}"]

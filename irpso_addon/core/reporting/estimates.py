@@ -61,13 +61,18 @@ SEARCH = {"lambert": (0.4, 2.0, 0.2), "one-lobe": (0.4, 2.0, 0.2), "one-lobe-spe
           "one-lobe-metallic": (0.4, 4.0, 0.4), "two-lobe": (0.8, 4.0, 0.4), "auto": (0.6, 4.5, 0.3)}
 # An environment: seconds of its shadows, microseconds of a pixel that it lights; and of the search for each view.
 AROUND, AROUND_PIXEL, AROUND_SEARCH = 2.0, 50.0, 3.4
+# Seconds of a view whose lamps and exposures are corrected, and of a world whose turn is.
+CORRECTED, TURNED = 0.09, 1.4
+# Of models that `auto` tries under worlds: seconds of each view, and more of each that has lamps, too, under which
+# models predict about alike, so that more are tried.
+TRIED_AROUND, TRIED_BESIDE_LAMPS = 0.25, 1.0
 # Of a picture that is reduced: seconds of each pixel that its file has more.  24 megapixels of a JPEG, of a TIFF of
 # 16 bits and of a DNG take 0.03, 0.07 and 0.1 microseconds each.
 READING_PIXEL = 0.07e-6
 METHODS = {"refined": 1.0, "draft": 0.8, "swarm": 3.5}  # times the above; "paper" goes by its iterations
 PAPER = 0.04  # microseconds a texel, view and iteration
 PICTURE_SECONDS = 1.0  # of indirect light, by Cycles
-STAGES = ("start", "gbuffer", "observe", "solve", "maps", "indirect")
+STAGES = ("start", "gbuffer", "observe", "calibrate", "solve", "maps", "indirect")
 BLOCK_SECONDS = 1.0  # of maps in blocks: of one in any case, ...
 GROWN = ((BLOCK + 2 * HALO) / BLOCK) ** 2  # ... what is solved for a texel that is kept, ...
 SEEN = 3.0  # ... and how many blocks take a pixel
@@ -196,7 +201,7 @@ def predicted(
         plan = predicted(views, replace(settings, size=layout(settings.size, udims).size), known, reduced, rounds,
                          triangles=triangles)
         start, squares, pixels = plan.pop("start"), len(udims), sum(v.width * v.height for v in views)
-        each = _once(views, settings, SEEN)  # of one square
+        each = _once(views, settings, SEEN)  # of one square; the plan has corrected lamps
         fixed = BLOCK_SECONDS * len(all_blocks(settings.size, udims))
         return {"start": start, "plan": sum(plan.values()), "pictures": 0.3e-6 * pixels,
                 "observe": each["observe"] + fixed, "solve": GROWN * squares * each["solve"],
@@ -241,10 +246,20 @@ def _once(views: Sequence[ViewSize], settings: SolveSettings, reduced: float) ->
         settings.method, 1.0)
     if settings.method == "paper":
         search = PAPER * count * settings.iterations
-    return {"gbuffer": 0.1e-6 * texels,
+    if settings.model == "auto":
+        fixed += sum(TRIED_AROUND + TRIED_BESIDE_LAMPS * bool(v.lights) for v in views if v.environment)
+    return {"gbuffer": 0.1e-6 * texels, "calibrate": _corrected(views, settings),
             "observe": 0.25e-6 * (pixels + lobes) + shadows + 1e-6 * AROUND_PIXEL * around_pixels,
             "solve": fixed + 1e-6 * texels / _stride(views, settings, reduced) ** 2 * search,
             "maps": 0.4e-6 * pixels + 0.09e-6 * passes * texels}
+
+
+def _corrected(views: Sequence[ViewSize], settings: SolveSettings) -> float:
+    """Seconds of the search for what is off of lamps, exposures and worlds."""
+    environments = {v.environment for v in views if v.environment}
+    if environments:
+        return TURNED * len(environments) if settings.lamps == "auto" else 0.0
+    return CORRECTED * len(views) if "auto" in (settings.lamps, settings.exposures) else 0.0
 
 
 def _stride(views: Sequence[ViewSize], settings: SolveSettings, reduced: float) -> int:
@@ -268,7 +283,7 @@ def learnt(
     expectations = predicted(views, settings, factors, reduced, "indirect" in seconds, udims, triangles)
     measured = {**seconds, "start": max(wall - sum(seconds.get(s, 0.0) for s in expectations), 0.05)}
     for stage, expected in expectations.items():
-        if stage in measured:
+        if stage in measured and expected > 0:
             key, factor = _key(stage, settings), measured[stage] / expected
             if 1 / FURTHEST < factor < FURTHEST:
                 if _to_compile(stage, views, settings, factors) and factor > 1:

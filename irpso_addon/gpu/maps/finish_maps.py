@@ -12,6 +12,7 @@ from ...core.checks.solve_checks import CONTRADICTORY
 from ...core.data import F32, I32, Bool, Maps, SceneData
 from ...core.errors import Cancelled
 from ...core.job import Progress
+from ...core.maps.mixture import MIXED, between_paints, mixture
 from ...core.models import NUMBERS_OF_TWO
 from ...core.shading.brdf import ROUGHNESS_MIN
 from ..device.context import Device
@@ -26,8 +27,6 @@ from .albedo import ITERATIONS, AlbedoSolver, Gloss
 from .fill import fill
 from .partial_solve import PartialSolve
 from .variogram import borrowed_variance
-
-ALONE, MIXED = 0.75, 4  # texels: widths of a pixel up to which it mixes none, and up to which it is told from texels
 
 MATERIAL_ALONE = np.float32(0.5)  # times confidence, where nothing tells how much the material's roughness varies
 CHANCE, NUMBERS = 2.5, 2.0  # standard errors by which a texel's residual may be off; numbers that its fit takes up
@@ -200,11 +199,12 @@ def _certainty(
     error = np.sqrt(own + (1 - believed.share) * np.maximum(borrowed - own, 0))
     rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), error)
     doubt = np.where(lambert, texels.base_sigma, sigma)
+    base_own = texels.base_sigma * np.sqrt(excess)
     whole = np.where(told & ~believed.bound, np.float32(1), MATERIAL_ALONE)
     sure = confidence(rough, doubt * excess, observations, good) * whole
     return {"confidence": np.where(good & ~believed.unfit, sure, np.float32(0)),
             "roughness_sigma": np.where(good, sigma, 0.0).astype(np.float32),
-            "base_sigma": np.where(good, texels.base_sigma * np.sqrt(excess), 0.0).astype(np.float32)}
+            "base_sigma": np.where(good, np.sqrt(base_own**2 + between_paints(base, base_own, good, pixel)), 0.0)}
 
 
 def unexplained(relative: F32, observations: F32, slots: I32) -> F32:
@@ -304,31 +304,6 @@ def filled(device: Device, values: F32, around: F32 | None = None) -> moderngl.T
         result = fill(device, known, around)
         owned.hand_over(result)
         return result
-
-
-def mixture(roughness: F32, sigma: F32, solved: Bool, pixel: float) -> F32:
-    """(h, w) variance of roughness because pixels mix texels: it changes faster than its standard errors explain.
-
-    Of 3 x 3 texels, a pixel apart, what a plane through them leaves beyond their own variance, twice: once because a
-    pixel's mean is not the texel's, and once for what is finer than the pixels.
-    """
-    h, w = roughness.shape
-    if pixel < ALONE:
-        return np.zeros_like(roughness)
-    apart = int(np.clip(round(pixel), 1, MIXED))
-    values = np.pad(np.where(solved, roughness, np.nan), apart, mode="edge")
-    variances = np.pad(np.where(solved, sigma * sigma, np.nan), apart, mode="edge")
-    total, squares, along_x, along_y, own = (np.zeros((h, w), np.float32) for _ in range(5))
-    for y, x in np.ndindex(3, 3):
-        at = np.s_[apart * y:apart * y + h, apart * x:apart * x + w]
-        off = np.nan_to_num(values[at] - roughness)
-        total += off
-        squares += off * off
-        along_x += (x - 1) * off
-        along_y += (y - 1) * off
-        own += np.where(np.isnan(variances[at]), sigma * sigma, variances[at]) / 9
-    left = (squares - total**2 / 9 - (along_x**2 + along_y**2) / 6) / 6  # six degrees of freedom
-    return np.asarray(np.where(solved, 2 * np.maximum(left - own, 0), 0), np.float32)
 
 
 def confidence(roughness: F32, sigma: F32, observations: F32, solved: Bool) -> F32:

@@ -127,7 +127,7 @@ def _lamp_defines(light: Light) -> dict[str, str]:
     ring = not point and light_model.shines_evenly(light)
     return {"LIGHT_KIND": str(light_model.KINDS.index(light.kind)), **({"LIGHT_SHARP": "1"} if sharp else {}),
             "LIGHT_POINTS": str(1 if point else RING_POINTS if ring else LATTICE_POINTS),
-            **({"LIGHT_RING": "1"} if ring else {})}
+            **({} if point else {"LIGHT_WIDE": "1"}), **({"LIGHT_RING": "1"} if ring else {})}
 
 
 def channel_masks(channels: int) -> list[tuple[float, float, float]]:
