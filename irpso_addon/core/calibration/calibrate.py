@@ -22,7 +22,7 @@ from .rig_fit import ROUNDS, RigFound, fit_rig
 from .rig_numbers import Free
 from .rig_sample import RigSample
 from .tints import Tints, tints_of
-from .tone_curve import ToneCurve, tone_curve
+from .tone_curve import ToneCurve, may_have_one, tone_curve
 
 LEAST_TEXELS = 100
 MESH = 0.003  # of the radiance, that neighbours leave over in common: more may be a mesh that is wrong in detail
@@ -39,7 +39,8 @@ def calibrate(
     ``more``: a larger sample, with its openness where asked, which says by how much; None: the same.  ``normals``:
     whether the mesh may be wrong in detail.  What leaves most of the radiance of left-out views unexplained is no error
     of the rig's: a material that no model fits, such as a mirror, is predicted a little better by any free number.
-    Only exposures that are far off are then told from it.
+    Only exposures that are far off are then told from it, of files without a tone curve that is not known: under one, a
+    bright view is brighter by another factor than a dark one.
     """
     lamps = lamps and not all(group.kept for group in sample.rig.groups)
     folds = split(sample.texels)
@@ -50,7 +51,8 @@ def calibrate(
     judged = yield from _judged(sample, folds, first, lamps, exposures, more or (lambda ambient: sample), normals)
     if judged is not None and judged.changed.fits:
         return judged
-    far = (yield from far_exposures(sample, folds, first, unexplained=True)) if exposures else None
+    curved = any(may_have_one(view) for view in sample.rig.views)
+    far = (yield from far_exposures(sample, folds, first, unexplained=True)) if exposures and not curved else None
     return None if far is None else _alone(far)
 
 
