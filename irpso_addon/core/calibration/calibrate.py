@@ -44,15 +44,17 @@ def calibrate(
     """
     lamps = lamps and not all(group.kept for group in sample.rig.groups)
     folds = split(sample.texels)
-    if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures) or not angles_overlap(sample):
+    if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
         return None
     yield Progress(0.0, "calibrate", "lamps and exposures")
     first = yield from _materials(sample)
     judged = yield from _judged(sample, folds, first, lamps, exposures, more or (lambda ambient: sample), normals)
+    overlap = angles_overlap(sample)
     if judged is not None and judged.changed.fits:
-        return judged
-    curved = any(may_have_one(view) for view in sample.rig.views)
-    far = (yield from far_exposures(sample, folds, first, unexplained=True)) if exposures and not curved else None
+        return replace(judged, overlap=overlap)
+    if not exposures or not overlap or any(may_have_one(view) for view in sample.rig.views):
+        return None
+    far = yield from far_exposures(sample, folds, first, unexplained=True)
     return None if far is None else _alone(far)
 
 
