@@ -19,7 +19,7 @@ from ..phrases import counted, percent
 
 STAYS = "The scene keeps its lamps and exposures."
 MATERIAL = ("That may be the material instead, such as a coat: each view shows the flat object under one angle, "
-            "which does not tell the two apart. ")
+            "where both look alike. ")
 WORLD_STAYS = "The scene keeps its world and the views' turns."
 
 
