@@ -143,6 +143,7 @@ class Calibration:
     response: ResponseChange | None = None
     black_level: BlackLevelChange | None = None
     worlds: tuple[WorldChange, ...] = ()
+    overlap: bool = True  # whether views have angles in common: else it may all be the material's
 
 
 @dataclass(frozen=True)

@@ -263,6 +263,45 @@ def test_a_uv_map_is_made_where_blender_can_make_it(scene, tmp_path: Path) -> No
     assert not bpy.ops.irpso.unwrap.poll()
 
 
+def test_noise_is_taken_out_of_the_normals_of_a_scan_in_the_scene(scene, module) -> None:
+    """Flat or smooth: its vertices and faces stay.  Not where modifiers or shape keys make normals of their own."""
+    ball = bpy.data.objects["Ball"]
+    bpy.context.view_layer.objects.active = ball
+    made = bmesh.new()
+    bmesh.ops.create_icosphere(made, subdivisions=6, radius=1)
+    rng, edge = np.random.default_rng(0), np.sqrt(4 * np.pi / len(made.faces))
+    for vert in made.verts:
+        vert.co += type(vert.co)(rng.normal(0, edge / 10, 3))
+    made.to_mesh(ball.data)
+
+    def off() -> tuple[float, np.ndarray]:
+        """Degrees by which corners' normals are off from the sphere's, in the median; places of the vertices."""
+        corners, places = np.empty((len(ball.data.loops), 3), "f4"), np.empty((len(ball.data.vertices), 3), "f4")
+        vertices = np.empty(len(ball.data.loops), "i4")
+        ball.data.corner_normals.foreach_get("vector", corners.ravel())
+        ball.data.vertices.foreach_get("co", places.ravel())
+        ball.data.loops.foreach_get("vertex_index", vertices)
+        exact = places / np.linalg.norm(places, axis=1, keepdims=True)
+        cosine = (corners * exact[vertices]).sum(1)
+        return float(np.degrees(np.median(np.arccos(cosine.clip(-1, 1))))), places
+
+    ball.modifiers.new("Bumps", "DISPLACE")
+    assert not bpy.ops.irpso.take_out_noise.poll()
+    ball.modifiers.clear()
+    ball.shape_key_add()
+    assert not bpy.ops.irpso.take_out_noise.poll()
+    ball.shape_key_clear()
+    flat, before = off()
+    ball.data.shade_smooth()
+    smooth = off()[0]
+    ball.data.shade_flat()
+    assert bpy.ops.irpso.take_out_noise() == {"FINISHED"}
+    found, after = off()
+    assert found < 0.6 * smooth < 0.6 * flat and (before == after).all()
+    assert module("blender.scene.mesh_noise").degrees_of_noise(ball.data) == 0
+    assert bpy.ops.irpso.take_out_noise() == {"CANCELLED"}
+
+
 @pytest.mark.parametrize("sides", [3, 4])
 def test_a_rough_scan_gets_a_uv_map_of_few_charts(scene, module, sides) -> None:
     """A ball whose corners are off by a fifth of an edge, as in photogrammetry; of triangles and of quads."""

@@ -468,3 +468,23 @@ def test_a_scan_that_is_shaded_flat_is_named(stage, shape, smooth, said) -> None
     made.to_mesh(obj.data)
     lines = stage.read().warnings
     assert any(f"'{obj.name}': is shaded flat, so its " in line for line in lines) == said
+
+
+@pytest.mark.parametrize(("noise", "subdivisions", "said"), [(0.1, 6, True), (0.0, 6, False), (0.1, 4, False)])
+def test_a_scan_whose_corners_are_off_is_named(stage, noise, subdivisions, said) -> None:
+    """By a part of an edge; of few faces, bumps may be meant."""
+    obj = bpy.data.objects["Subject"]
+    made = bmesh.new()
+    bmesh.ops.create_icosphere(made, subdivisions=subdivisions, radius=1)
+    made.loops.layers.uv.new("UVMap")
+    rng, edge = np.random.default_rng(0), np.sqrt(4 * np.pi / len(made.faces))
+    for vert in made.verts:
+        vert.co += type(vert.co)(rng.normal(0, noise * edge, 3))
+    for face in made.faces:
+        face.smooth = True
+        for loop in face.loops:
+            loop[made.loops.layers.uv.active].uv = loop.vert.co.xy
+    made.to_mesh(obj.data)
+    named, remedy = "object 'Subject': the noise of its corners turns its normals by ", "Normals (panel Shoot)"
+    lines = [line for line in stage.read().warnings if "noise of its corners" in line]
+    assert len(lines) == said and all(line.startswith(named) and line.endswith(remedy) for line in lines)

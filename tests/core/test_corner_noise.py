@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irpso_addon.core.shoot.corner_noise import without_noise
+from irpso_addon.core.shoot.corner_noise import noise_of, without_noise
 
 SIDE = 160  # corners along a side of a bumpy sheet, one edge apart
 
@@ -49,6 +49,9 @@ def test_noise_is_taken_out(noise: float, least: float) -> None:
     found, count = without_noise(rough, edges)
     assert count >= 1
     assert degrees(found, exact) < degrees(rough, exact) / least
+    moved = np.degrees(np.median(np.arccos(np.einsum("vk,vk->v", rough, exact).clip(-1, 1))))
+    assert 0.7 * moved < np.degrees(noise_of(rough, edges)) < 1.3 * moved  # how far normals are off, in the median
+    assert np.degrees(noise_of(found, edges)) < 0.5 * moved
 
 
 @pytest.mark.parametrize("wave", [10, 20, 40, 80])
@@ -57,7 +60,7 @@ def test_shape_stays(wave: int) -> None:
     _, given, edges = sheet(0.0, wave, wave / 32)
     found, count = without_noise(given, edges)
     assert count == 0
-    assert (found == given).all()
+    assert (found == given).all() and noise_of(given, edges) == 0
     exact, rough, edges = sheet(0.002, wave, wave / 32)
     assert degrees(without_noise(rough, edges)[0], exact) <= degrees(rough, exact)
 
@@ -65,4 +68,4 @@ def test_shape_stays(wave: int) -> None:
 def test_corners_without_neighbours_keep_their_normals() -> None:
     normals = np.tile([0.0, 0.6, 0.8], (5, 1))
     found, count = without_noise(normals, np.zeros((0, 2), np.int32))
-    assert count == 0 and (found == normals).all()
+    assert count == 0 and (found == normals).all() and noise_of(normals, np.zeros((0, 2), np.int32)) == 0

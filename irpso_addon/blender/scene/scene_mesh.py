@@ -14,11 +14,13 @@ from ...core.data import F32, F64, I32, MeshArrays, NormalMap
 from ...core.errors import BadInput
 from ...core.phrases import percent
 from ..glow import SOLID
+from .mesh_noise import degrees_of_noise
 from .scene_material import SlotNormalMap
 from .scene_objects import FAR, ignored, rendered_objects, require_whole, world_matrix
 
 AT_ONCE = 1 << 15  # triangles that are transformed together
 SCAN, PLANES = 10_000, 500  # triangles from which on a mesh is a scan, and directions that an object of planes has not
+NOISY = 0.5  # degrees: more makes roughness wrong
 MAX_TRIANGLES = 20_000_000  # of the occluders: 720 MB
 
 Warn = Callable[[str], None]
@@ -82,6 +84,9 @@ def _read_corners(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn
         if _is_flat(normals):
             warn(f"object '{obj.name}': is shaded flat, so its {len(loops):,} facets count as the surface's own; use "
                  "Object > Shade Smooth")
+        elif len(loops) >= SCAN and (degrees := degrees_of_noise(mesh)) >= NOISY:
+            warn(f"object '{obj.name}': the noise of its corners turns its normals by {degrees:.1f}°; use "
+                 "Take Noise Out of Normals (panel Shoot)")
         _check_materials(obj, obj.evaluated_get(depsgraph), slots, warn)
         slots = _slots_of(obj, slots)
         if maps and not mesh.is_editable:  # also of its temporary copy: tangents of what cannot be set crash Blender

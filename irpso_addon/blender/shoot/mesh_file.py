@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ...core.errors import BadInput
-from ...core.shoot.corner_noise import without_noise
+from ..scene.mesh_noise import take_out_noise
 from . import rollback
 
 
@@ -27,7 +27,6 @@ def _alembic(path: str) -> Any:
 
 SCAN = 10_000  # faces from which on a mesh is a scan: its edges are roughness, ...
 SHARP = math.radians(60)  # ... and those of smaller meshes are meant from here on
-ALIKE, EDGES = 1e-3, 0.01  # difference of normals that are one; share of the corners that may have others
 IMPORTERS: dict[str, Callable[[str], Any]] = {
     # In the project's own axes: photogrammetry programs write meshes in the coordinates of their cameras.
     ".obj": lambda path: bpy.ops.wm.obj_import(filepath=path, forward_axis="Y", up_axis="Z"),
@@ -91,26 +90,9 @@ def shade(mesh: bpy.types.Object) -> list[str]:
         lines = [f"'{mesh.name}': its file has no normals, so it was shaded smooth"]
         if len(smooth) < SCAN:
             data.set_sharp_from_angle(angle=SHARP)
-    if len(smooth) >= SCAN and _take_out_noise(data):
+    if len(smooth) >= SCAN and take_out_noise(data):
         lines.append(f"'{mesh.name}': the noise of its corners was taken out of its normals (now custom normals)")
     return lines
-
-
-def _take_out_noise(data: bpy.types.Mesh) -> bool:
-    """Whether there was some: of a mesh that is smooth everywhere."""
-    vertices, edges = np.empty(len(data.loops), np.int32), np.empty(2 * len(data.edges), np.int32)
-    corners = np.empty((len(data.loops), 3), np.float32)
-    data.loops.foreach_get("vertex_index", vertices)
-    data.edges.foreach_get("vertices", edges)
-    data.corner_normals.foreach_get("vector", corners.ravel())
-    normals = np.zeros((len(data.vertices), 3))
-    normals[vertices] = corners
-    if (np.abs(normals[vertices] - corners) > ALIKE).any(axis=1).mean() > EDGES:
-        return False
-    found, count = without_noise(normals, edges.reshape(-1, 2))
-    if count:
-        data.normals_split_custom_set_from_vertices(found.tolist())
-    return count > 0
 
 
 def _reason(error: Exception) -> str:

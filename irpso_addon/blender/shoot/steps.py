@@ -11,6 +11,7 @@ import bpy
 from ...core.phrases import counted, some
 from ..jobs.session import session
 from ..scene import readiness
+from ..scene.scene_mesh import SCAN
 from ..scene.scene_world import is_black
 
 Operator = tuple[str, str]  # its name, the button's text
@@ -82,6 +83,8 @@ def _mesh(context: bpy.types.Context, used: list[readiness.ViewState]) -> Step:
     if others and context.scene.irpso.photographs:
         return Step(f"Mesh: '{obj.name}'; {some(others)} {'are' if len(others) > 1 else 'is'} in the scene too: delete "
                     "what did not stand there", True)
+    if len(obj.data.polygons) >= SCAN and not obj.modifiers and obj.data.shape_keys is None:
+        return Step(f"Mesh: '{obj.name}'", True, ("irpso.take_out_noise", "Take Noise Out"))
     return Step(f"Mesh: '{obj.name}'", True)
 
 

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..evaluation.folds import split
+from ..evaluation.folds import Folds, split
 from ..job import Progress, Steps, share_of
+from .angles import angles_overlap
 from .black_level import BlackLevel, black_level, without_black
 from .choice import chosen, with_ambient
 from .contest import GIVEN, Contest
 from .falloff import edge_falloff
-from .far_exposures import far_exposures
+from .far_exposures import FarExposures, far_exposures
 from .finish import Judged, Larger, ambient_of, final_of, judged_of, weighed
 from .free_numbers import NOTHING, is_far, is_off
 from .rig import RigChange
@@ -21,7 +22,7 @@ from .rig_fit import ROUNDS, RigFound, fit_rig
 from .rig_numbers import Free
 from .rig_sample import RigSample
 from .tints import Tints, tints_of
-from .tone_curve import ToneCurve, tone_curve
+from .tone_curve import ToneCurve, may_have_one, tone_curve
 
 LEAST_TEXELS = 100
 MESH = 0.003  # of the radiance, that neighbours leave over in common: more may be a mesh that is wrong in detail
@@ -38,21 +39,29 @@ def calibrate(
     ``more``: a larger sample, with its openness where asked, which says by how much; None: the same.  ``normals``:
     whether the mesh may be wrong in detail.  What leaves most of the radiance of left-out views unexplained is no error
     of the rig's: a material that no model fits, such as a mirror, is predicted a little better by any free number.
+    Only exposures that are far off are then told from it, of files without a tone curve that is not known: under one, a
+    bright view is brighter by another factor than a dark one.
     """
-    judged = yield from _judged(sample, lamps, exposures, more or (lambda ambient: sample), normals)
-    return judged if judged is not None and judged.changed.fits else None
-
-
-def _judged(
-    sample: RigSample, lamps: bool, exposures: bool, larger: Larger, normals: bool,
-) -> Steps[Judged | None]:
-    """The change that predicts left-out views better, of `calibrate`."""
     lamps = lamps and not all(group.kept for group in sample.rig.groups)
     folds = split(sample.texels)
     if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
         return None
     yield Progress(0.0, "calibrate", "lamps and exposures")
     first = yield from _materials(sample)
+    judged = yield from _judged(sample, folds, first, lamps, exposures, more or (lambda ambient: sample), normals)
+    overlap = angles_overlap(sample)
+    if judged is not None and judged.changed.fits:
+        return replace(judged, overlap=overlap)
+    if not exposures or not overlap or any(may_have_one(view) for view in sample.rig.views):
+        return None
+    far = yield from far_exposures(sample, folds, first, unexplained=True)
+    return None if far is None else _alone(far)
+
+
+def _judged(
+    sample: RigSample, folds: Folds, first: RigFound, lamps: bool, exposures: bool, larger: Larger, normals: bool,
+) -> Steps[Judged | None]:
+    """The change that predicts left-out views better, of `calibrate`.  ``first``: the materials of the sample."""
     curve = (yield from tone_curve(sample, folds, first)) if exposures else None
     if curve is not None:
         seen = curve.corrected(sample)
@@ -124,10 +133,15 @@ def _with_exposures(
         evened(sample), lamps, exposures, lambda ambient: evened(larger(ambient)), normals)
     judged = _with_falloff(evened(sample), judged, first)
     if judged is None:
-        return Judged(far.found, far.given, far.changed, far.free, far.found.error)
+        return _alone(far)
     found = replace(judged.found, change=far.with_gains(judged.found.change))
     return replace(judged, found=found, given=far.given, free=replace(judged.free, exposures=True),
                    error=far.with_errors(judged.error))
+
+
+def _alone(far: FarExposures) -> Judged:
+    """Where nothing else is changed."""
+    return Judged(far.found, far.given, far.changed, far.free, far.found.error)
 
 
 def _with_falloff(sample: RigSample, judged: Judged | None, first: RigFound) -> Judged | None:

@@ -23,6 +23,8 @@ from .rig_numbers import Free
 from .rig_sample import RigSample
 
 FAR = 0.25  # logarithm of the largest gain: powers and places of lamps that are honestly off make less
+# Where no model explains the pictures, of what left-out views are off by: what gains may leave, robust and of L*.
+CLEAR, CLEAR_LIGHTNESS = 0.8, 0.9
 TAKEN = 0.15  # and of the others that are then taken
 POLISHED = 12  # rounds of medians
 LEAST_SHARED = 30  # texels that a view shares with others
@@ -57,10 +59,13 @@ class FarExposures:
         return replace(error, log_gain=np.where(error.log_gain > 0, error.log_gain, own))
 
 
-def far_exposures(sample: RigSample, folds: Folds, first: RigFound) -> Steps[FarExposures | None]:
+def far_exposures(
+    sample: RigSample, folds: Folds, first: RigFound, unexplained: bool = False,
+) -> Steps[FarExposures | None]:
     """The gains that are far off beyond doubt, if left-out views are predicted better with them.
 
-    ``first``: the materials of the sample.  The typical view keeps its exposure, as in `fit_rig`.
+    ``first``: the materials of the sample.  The typical view keeps its exposure, as in `fit_rig`.  ``unexplained``: no
+    model explains the pictures.  Then gains need not halve the error, but must win clearly, see `_wins`.
     """
     free = Free(False, True, levels=not sample.scale_known)
     polished = _polished(sample, left_over(sample, first))
@@ -76,11 +81,34 @@ def far_exposures(sample: RigSample, folds: Folds, first: RigFound) -> Steps[Far
     contest = Contest(sample, found, folds)
     contest.add(str(free), (yield from share_of(contest.predictions(free, found), 0.05, 0.1)))
     given, changed = contest.judge.error(GIVEN), contest.judge.error(str(free))
-    if not contest.beats(str(free), GIVEN) or changed.lightness >= HALF * given.lightness:
-        return None  # lamps that stand elsewhere make views brighter or darker too
+    if not contest.beats(str(free), GIVEN):
+        return None
+    # Lamps that stand elsewhere make views brighter or darker too.
+    if changed.lightness >= HALF * given.lightness and not (unexplained and (yield from _wins(contest, free))):
+        return None
     alone = replace(none, log_gain=np.where(far, gain, 0.0))
     return FarExposures(replace(found, change=alone, error=replace(none, log_gain=np.where(far, error, 0.0))), free,
                         given, changed)
+
+
+def _wins(contest: Contest, free: Free) -> Steps[bool]:
+    """Whether gains predict left-out views clearly better where no model does, and better than what else might.
+
+    That is lamps that stand elsewhere, a diffuse that is not Lambert's, and pictures that are darker at their edges.
+    Where what is left is more than half of the radiance, as on crumpled foil, gains say nothing of exposures.
+    """
+    name, none = str(free), replace(free, exposures=False)
+    given, changed = contest.judge.error(GIVEN), contest.judge.error(name)
+    if given.fits or changed.lightness > CLEAR_LIGHTNESS * given.lightness or not contest.shows(name, GIVEN):
+        return False
+    if contest.scale(name) > min(HALF, CLEAR * contest.scale(GIVEN)):
+        return False
+    for rival in (replace(none, lamps=True), replace(none, diffuse=True), replace(none, vignetting=True)):
+        found = yield from share_of(fit_rig(contest.sample, rival), 0.1, 0.1)
+        contest.add(str(rival), (yield from share_of(contest.predictions(rival, found), 0.1, 0.1)))
+        if not contest.beats(name, str(rival)):
+            return False
+    return True
 
 
 def _polished(sample: RigSample, left: F64) -> F64:

@@ -38,6 +38,7 @@ class Judged:
     error: RigChange  # standard errors of the change
     ambient_radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/(m^2 sr)
     left: float = 0.0  # relative: what predictions of left-out views are off by, robust
+    overlap: bool = True  # whether views have angles in common: else it may all be the material's
 
 
 def judged_of(chosen: Chosen, more: Larger) -> Steps[Judged | None]:

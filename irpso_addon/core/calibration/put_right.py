@@ -139,7 +139,8 @@ def told(rig: Rig, judged: Judged) -> Calibration:
         float(np.exp(change.log_response)), error.log_response, float(np.exp(change.log_shoulder)), error.log_shoulder)
     black = None if change.black_level is None or error.black_level is None else BlackLevelChange(
         _three(change.black_level), float(error.black_level.max()))
-    return Calibration(tuple(lamps), exposures, judged.given, judged.changed, vignetting, ambient, response, black)
+    return Calibration(tuple(lamps), exposures, judged.given, judged.changed, vignetting, ambient, response, black,
+                       overlap=judged.overlap)
 
 
 def _three(values: F64) -> tuple[float, float, float]:

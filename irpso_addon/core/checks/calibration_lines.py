@@ -18,6 +18,8 @@ from ..change_records import (
 from ..phrases import counted, percent
 
 STAYS = "The scene keeps its lamps and exposures."
+MATERIAL = ("That may be the material instead, such as a coat: each view shows the flat object under one angle, "
+            "where both look alike. ")
 WORLD_STAYS = "The scene keeps its world and the views' turns."
 
 
@@ -43,7 +45,8 @@ def calibrated(calibration: Calibration | None) -> tuple[str, ...]:
     # Few large errors make the root mean square: it may hide that most became smaller.
     smaller = calibration.changed.relative_rms < calibration.given.relative_rms and before != after
     fell = f"The error on left-out views fell from {before} to {after} of their radiance. " if smaller else ""
-    return (f"IRPSO {what}. {fell}{WORLD_STAYS if calibration.worlds else STAYS}",)
+    doubt = "" if calibration.overlap else MATERIAL
+    return (f"IRPSO {what}. {fell}{doubt}{WORLD_STAYS if calibration.worlds else STAYS}",)
 
 
 def worlds_in_doubt(change: Calibration | None) -> tuple[str, ...]:

@@ -26,6 +26,13 @@ def without_noise(normals: F64, edges: NDArray[np.int32]) -> tuple[F64, int]:
     return normals, MOST
 
 
+def noise_of(normals: F64, edges: NDArray[np.int32]) -> float:
+    """Radians by which the first mean turns normals, in the median; 0 where what it takes away is no such noise."""
+    mean = _mean(normals, edges)
+    turned = _apart(normals, mean)
+    return turned if turned > NOISE * _apart(mean, _mean(mean, edges)) else 0.0
+
+
 def _apart(one: F64, other: F64) -> float:
     """How far normals lie apart, in the median."""
     return float(np.median(np.linalg.norm(one - other, axis=1)))

@@ -1,0 +1,93 @@
+"""Exposures that are far off, where no model explains the pictures, and where views show angles of their own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irpso_addon.core.calibration.angles import angles_overlap
+from irpso_addon.core.calibration.calibrate import calibrate
+from irpso_addon.core.calibration.finish import Judged
+from irpso_addon.core.calibration.put_right import told
+from irpso_addon.core.calibration.rig_sample import RigSample
+from irpso_addon.core.checks.calibration_lines import calibrated
+from irpso_addon.core.job import run_to_end
+from tests.support import tilted_sphere as balls
+
+SUNS = 16
+
+pytestmark = pytest.mark.one_python
+
+
+def judged(sample: RigSample) -> Judged | None:
+    return run_to_end(calibrate(sample, lamps=True, exposures=True), lambda progress: None)
+
+
+def rough_scan(slope: float, gain: np.ndarray) -> RigSample:
+    """Something dark and glossy, seen by two cameras, whose bumps (radians: their slope) the mesh lacks."""
+    one, _ = balls.sphere(balls.principled(0.3, 0.1 * balls.BASE), lamps=SUNS, texels=500, slope=slope, noise=0.02)
+    return balls.seen_twice(one.rig, np.zeros(SUNS), gain)
+
+
+def stops_apart(seed: int) -> np.ndarray:
+    return 0.7 * np.log(2) * np.random.default_rng(seed).standard_normal(2 * SUNS)
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_exposures_come_back_where_no_model_explains_the_pictures(seed: int) -> None:
+    """0.7 stops, standard deviation.  85 % of the radiance of left-out views stays unexplained."""
+    gain = stops_apart(seed)
+    change = judged(rough_scan(0.3, gain))
+    assert change is not None and not change.changed.fits
+    assert change.changed.lightness < 0.9 * change.given.lightness
+    left = gain - change.found.change.log_gain
+    assert np.std(left) < 0.25 * np.std(gain)
+    assert not change.found.change.offset.any() and not change.found.change.log_power.any()
+
+
+@pytest.mark.parametrize("slope", [0.3, 0.6])
+def test_right_exposures_stay_where_no_model_explains_the_pictures(slope: float) -> None:
+    assert judged(rough_scan(slope, np.zeros(2 * SUNS))) is None
+
+
+def test_where_nearly_nothing_is_explained_exposures_stay() -> None:
+    """Bumps of 50 degrees, as of crumpled foil: what views show of their texels says nothing of their exposure."""
+    assert judged(rough_scan(1.2, stops_apart(2))) is None
+
+
+def test_under_a_curve_that_is_not_known_exposures_stay() -> None:
+    """Of JPEG files; not where a curve is entered."""
+    off = rough_scan(0.3, stops_apart(2))
+    for curve, changes in ((1.0, False), (1.001, True)):
+        views = tuple(replace(view, image=view.image.with_suffix(".jpg"), response=curve) for view in off.rig.views)
+        assert (judged(replace(off, rig=replace(off.rig, views=views))) is not None) == changes
+
+
+def coated(toward_light: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """A second lobe beside the paint's, as a thick coat has it."""
+    black = balls.principled(0.3, 0 * balls.BASE)
+    return balls.principled(0.5)(toward_light, normal) + 2 * black(toward_light, normal)
+
+
+@pytest.mark.parametrize("normals", [False, True])
+def test_what_a_coat_on_a_flat_board_changes_is_called_in_doubt(normals: bool) -> None:
+    """Suns show a flat board one angle each, so that the coat makes some views brighter everywhere.
+
+    No picture tells that from exposures, by which left-out views are predicted well.
+    """
+    ball = balls.sphere(coated, lamps=24, texels=600)[0].rig
+    board = ball.part(np.full(600, int(np.argmax(ball.normal @ balls.TOWARD))))
+    rng = np.random.default_rng(4)
+    paint = balls.BASE / np.pi * rng.uniform(-0.5, 0.5, (600, 1, 3))
+    noise = 1 + 0.01 * rng.standard_normal(board.texels.reflected.shape)
+    board = replace(board, texels=replace(board.texels, reflected=(board.texels.reflected + paint) * noise),
+                    position=rng.uniform(-1, 1, (600, 3)), cluster=np.arange(600, dtype=np.int32) // 10)
+    assert angles_overlap(ball) and not angles_overlap(board)
+    change = run_to_end(calibrate(board, lamps=True, exposures=True, normals=normals), lambda progress: None)
+    assert change is not None and change.changed.relative_rms < 0.2 * change.given.relative_rms
+    (line,) = calibrated(told(board.rig, change))
+    assert "changed the exposure of " in line and "That may be the material instead" in line
+    (sure,) = calibrated(replace(told(board.rig, change), overlap=True))
+    assert "material" not in sure
