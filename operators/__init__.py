@@ -15,6 +15,7 @@ from .ball_list import IRPSO_OT_add_ball, IRPSO_OT_remove_ball
 from .check_shoot import IRPSO_OT_check_shoot
 from .choose_captures import IRPSO_OT_choose_captures
 from .compare import IRPSO_OT_compare
+from .denoise_normals import IRPSO_OT_denoise_normals
 from .draw_ball import IRPSO_OT_draw_ball
 from .edit_views import IRPSO_OT_edit_views
 from .export_maps import IRPSO_OT_export_maps
@@ -40,7 +41,6 @@ from .show_views import IRPSO_OT_show_views
 from .solve import IRPSO_OT_solve
 from .sort_views import IRPSO_OT_sort_views
 from .stop import IRPSO_OT_pause, IRPSO_OT_stop
-from .take_out_noise import IRPSO_OT_take_out_noise
 from .test_device import IRPSO_OT_test_device
 from .unwrap import IRPSO_OT_unwrap
 from .write_maps import IRPSO_OT_write_maps
@@ -55,7 +55,7 @@ CLASSES = (
     IRPSO_OT_find_balls,
     IRPSO_OT_lamps_from_balls,
     IRPSO_OT_unwrap,
-    IRPSO_OT_take_out_noise,
+    IRPSO_OT_denoise_normals,
     IRPSO_OT_check_shoot,
     IRPSO_OT_show_check,
     IRPSO_OT_choose_captures,

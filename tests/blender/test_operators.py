@@ -286,20 +286,20 @@ def test_noise_is_taken_out_of_the_normals_of_a_scan_in_the_scene(scene, module)
         return float(np.degrees(np.median(np.arccos(cosine.clip(-1, 1))))), places
 
     ball.modifiers.new("Bumps", "DISPLACE")
-    assert not bpy.ops.irpso.take_out_noise.poll()
+    assert not bpy.ops.irpso.denoise_normals.poll()
     ball.modifiers.clear()
     ball.shape_key_add()
-    assert not bpy.ops.irpso.take_out_noise.poll()
+    assert not bpy.ops.irpso.denoise_normals.poll()
     ball.shape_key_clear()
     flat, before = off()
     ball.data.shade_smooth()
     smooth = off()[0]
     ball.data.shade_flat()
-    assert bpy.ops.irpso.take_out_noise() == {"FINISHED"}
+    assert bpy.ops.irpso.denoise_normals() == {"FINISHED"}
     found, after = off()
     assert found < 0.6 * smooth < 0.6 * flat and (before == after).all()
     assert module("blender.scene.mesh_noise").degrees_of_noise(ball.data) == 0
-    assert bpy.ops.irpso.take_out_noise() == {"CANCELLED"}
+    assert bpy.ops.irpso.denoise_normals() == {"CANCELLED"}
 
 
 @pytest.mark.parametrize("sides", [3, 4])

@@ -25,3 +25,10 @@ def test_clicks_in_a_window_of_its_own(blender, ball, folder):
     seen = blender.run("shoot:alone", folder, scene=str(ball)).told
     assert seen["square"] == pytest.approx([46, 50, 12], abs=0.5)
     assert seen["windows"] == 1
+
+
+def test_noise_of_normals_is_taken_out_by_a_click(blender, ball, folder):
+    """One undo brings the mesh's own normals back."""
+    seen = blender.run("shoot:scan", folder, scene=str(ball)).told
+    assert seen["before"] > 1 and seen["after"] == 0
+    assert seen["undone"] == pytest.approx(seen["before"], rel=1e-3) and not seen["custom"]

@@ -86,7 +86,7 @@ def _read_corners(obj: Any, depsgraph: Any, maps: dict[int, SlotNormalMap], warn
                  "Object > Shade Smooth")
         elif len(loops) >= SCAN and (degrees := degrees_of_noise(mesh)) >= NOISY:
             warn(f"object '{obj.name}': the noise of its corners turns its normals by {degrees:.1f}°; use "
-                 "Take Noise Out of Normals (panel Shoot)")
+                 "Denoise Normals (panel Shoot)")
         _check_materials(obj, obj.evaluated_get(depsgraph), slots, warn)
         slots = _slots_of(obj, slots)
         if maps and not mesh.is_editable:  # also of its temporary copy: tangents of what cannot be set crash Blender

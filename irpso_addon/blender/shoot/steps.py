@@ -84,7 +84,7 @@ def _mesh(context: bpy.types.Context, used: list[readiness.ViewState]) -> Step:
         return Step(f"Mesh: '{obj.name}'; {some(others)} {'are' if len(others) > 1 else 'is'} in the scene too: delete "
                     "what did not stand there", True)
     if len(obj.data.polygons) >= SCAN and not obj.modifiers and obj.data.shape_keys is None:
-        return Step(f"Mesh: '{obj.name}'", True, ("irpso.take_out_noise", "Take Noise Out"))
+        return Step(f"Mesh: '{obj.name}'", True, ("irpso.denoise_normals", "Denoise"))
     return Step(f"Mesh: '{obj.name}'", True)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bmesh
 import bpy
 import jobs
 import numpy as np
@@ -161,3 +162,32 @@ def greys() -> Steps:
     robot.move(*at(60, 60))
     yield from robot.look("after", 0.2)
     robot.tell(after=powers())
+
+
+def scan(scene: str) -> Steps:
+    """*Denoise* on a ball whose corners are off, and one undo."""
+    yield from opened(scene)
+    ball = bpy.data.objects["Ball"]
+    bpy.context.view_layer.objects.active = ball
+    made, rng = bmesh.new(), np.random.default_rng(0)
+    made.loops.layers.uv.new("UVMap")
+    bmesh.ops.create_icosphere(made, subdivisions=6, radius=0.5, calc_uvs=True)
+    for corner in made.verts:
+        corner.co += Vector(rng.normal(0, 0.001, 3))
+    for face in made.faces:
+        face.smooth = True
+    made.to_mesh(ball.data)
+    with robot.within():
+        bpy.ops.ed.undo_push(message="Scan")
+    noise = robot.addon("irpso_addon.blender.scene.mesh_noise").degrees_of_noise
+    before = noise(ball.data)
+    yield from robot.look("scan")
+    yield from robot.press("irpso.denoise_normals(", across=(0.75,))
+    yield from robot.until(lambda: ball.data.has_custom_normals, 5)
+    after = noise(ball.data)
+    yield from robot.look("without_noise")
+    with robot.within():
+        bpy.ops.ed.undo()
+    yield 0.3
+    ball = bpy.data.objects["Ball"]
+    robot.tell(before=before, after=after, undone=noise(ball.data), custom=ball.data.has_custom_normals)

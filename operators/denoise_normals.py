@@ -5,14 +5,14 @@ import bpy
 from ..irpso_addon.blender.scene.mesh_noise import take_out_noise
 
 
-class IRPSO_OT_take_out_noise(bpy.types.Operator):
+class IRPSO_OT_denoise_normals(bpy.types.Operator):
     """Shade the active mesh smooth and average its normals with their neighbors', as long as that takes away noise.
 
     Vertices and faces stay as they are
     """
 
-    bl_idname = "irpso.take_out_noise"
-    bl_label = "Take Noise Out of Normals"
+    bl_idname = "irpso.denoise_normals"
+    bl_label = "Denoise Normals"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
