@@ -3,9 +3,10 @@
 import bpy
 
 from ..irpso_addon.blender.scene.mesh_noise import take_out_noise
+from .helpers.needs_mesh import NeedsMesh
 
 
-class IRPSO_OT_denoise_normals(bpy.types.Operator):
+class IRPSO_OT_denoise_normals(NeedsMesh, bpy.types.Operator):
     """Shade the active mesh smooth and average its normals with their neighbors', as long as that takes away noise.
 
     Vertices and faces stay as they are
@@ -18,18 +19,13 @@ class IRPSO_OT_denoise_normals(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A mesh of this file in Object Mode whose own normals are those that are seen."""
+        if not super().poll(context):
+            return False
         obj = context.active_object
-        if obj is None or obj.type != "MESH" or context.mode != "OBJECT":
-            cls.poll_message_set("Make a mesh object active, in Object Mode")
-        elif not (obj.is_editable and obj.data.is_editable):
-            cls.poll_message_set("The object is linked from a library: make it local first")
-        elif not len(obj.data.polygons):
-            cls.poll_message_set("The mesh has no faces")
-        elif len(obj.modifiers) or obj.data.shape_keys is not None:
+        if len(obj.modifiers) or obj.data.shape_keys is not None:
             cls.poll_message_set("Modifiers and shape keys make normals of their own: apply them first")
-        else:
-            return True
-        return False
+            return False
+        return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """One undo takes it back."""

@@ -3,9 +3,10 @@
 import bpy
 
 from ..irpso_addon.blender.shoot.uv_unwrap import unwrap
+from .helpers.needs_mesh import NeedsMesh
 
 
-class IRPSO_OT_unwrap(bpy.types.Operator):
+class IRPSO_OT_unwrap(NeedsMesh, bpy.types.Operator):
     """Make a UV map and a material, where the active mesh has none"""
 
     bl_idname = "irpso.unwrap"
@@ -15,18 +16,12 @@ class IRPSO_OT_unwrap(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A mesh of this file in Object Mode, that is seen: Blender unwraps no other."""
-        obj = context.active_object
-        if obj is None or obj.type != "MESH" or context.mode != "OBJECT":
-            cls.poll_message_set("Make a mesh object active, in Object Mode")
-        elif not (obj.is_editable and obj.data.is_editable):
-            cls.poll_message_set("The object is linked from a library: make it local first")
-        elif not len(obj.data.polygons):
-            cls.poll_message_set("The mesh has no faces")
-        elif not obj.visible_get():
+        if not super().poll(context):
+            return False
+        if not context.active_object.visible_get():
             cls.poll_message_set("The object is hidden: show it first")
-        else:
-            return True
-        return False
+            return False
+        return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """One undo takes it back."""
