@@ -137,7 +137,8 @@ def make_maps(
         specular=device.read(level)[..., 0].copy() if level is not None and joined.level is not None else None,
         metallic=device.read(metallic)[..., 0].copy() if metallic is not None and joined.painted else None,
         **_certainty(_believed(scene, texels, joined, lambert, parts).without(torn), own.observations, lambert, good,
-                     max(albedo.pixels_per_texel, MIXED**-2) ** -0.5, excess, painted),
+                     max(albedo.pixels_per_texel, MIXED**-2) ** -0.5, excess, painted,
+                     any(view.environment is not None for view in scene.views)),
     )
     maps = part.join_maps(maps, part.share(good))
     contradicted = float(np.mean(torn[good])) if good.any() else 0.0
@@ -183,10 +184,11 @@ def _believed(
 
 def _certainty(
     believed: _Believed, observations: F32, lambert: Bool, good: Bool, pixel: float, excess: F32, base: F32,
+    around: bool,
 ) -> dict[str, F32]:
     """The maps that say how sure each texel is, by role; ``pixel``: its width in texels; ``excess``: `unexplained`.
 
-    ``base``: base colour, holes filled.
+    ``base``: base colour, holes filled.  ``around``: whether a world or meshes that glow light some view.
 
     Without a lobe no roughness was solved for: what can be trusted or not is the base colour.
     """
@@ -202,9 +204,11 @@ def _certainty(
     base_own = texels.base_sigma * np.sqrt(excess)
     whole = np.where(told & ~believed.bound, np.float32(1), MATERIAL_ALONE)
     sure = confidence(rough, doubt * excess, observations, good) * whole
+    # Under lamps a texel's own error of base colour is stated too wide already (decision 0062).
+    paints = between_paints(base, base_own, good, pixel) if around else np.float32(0)
     return {"confidence": np.where(good & ~believed.unfit, sure, np.float32(0)),
             "roughness_sigma": np.where(good, sigma, 0.0).astype(np.float32),
-            "base_sigma": np.where(good, np.sqrt(base_own**2 + between_paints(base, base_own, good, pixel)), 0.0)}
+            "base_sigma": np.where(good, np.sqrt(base_own**2 + paints), 0.0).astype(np.float32)}
 
 
 def unexplained(relative: F32, observations: F32, slots: I32) -> F32:
