@@ -9,8 +9,10 @@ import pytest
 
 from irpso_addon.core.data import Coat
 from irpso_addon.core.evaluation.coat_search import PLAIN, CoatSearch
+from irpso_addon.core.evaluation.descent import METAL_BASE
 from irpso_addon.core.evaluation.folds import Judge, lightness, split
-from irpso_addon.core.evaluation.joint_material import JointSearch
+from irpso_addon.core.evaluation.joint_material import LEVELS, ROUGHNESS, JointSearch, Nodes
+from irpso_addon.core.evaluation.lower_bounds import NodeBounds, bound_weight
 from irpso_addon.core.evaluation.sampled_texels import SampledTexels, one_lobe, parts
 from tests.support.random_texels import RNG, sampled
 
@@ -65,6 +67,30 @@ def test_the_search_ends_at_the_least_cost() -> None:
             assert cost(texels, roughness, level) >= least * (1 - 1e-3)
     without = JointSearch(left_out(texels), metals=False).fit(ALL).specular
     assert cost(texels, without.roughness, without.level) > 1.1 * least
+
+
+@pytest.mark.parametrize(("metallic", "diffuse"), [(0.0, 0.0), (0.4, 0.0), (0.0, 0.6)])
+def test_nodes_cost_what_is_missing_there(metallic: float, diffuse: float) -> None:
+    """Of two channels, each by itself: an observation by its formula, at nodes that are drawn."""
+    texels = clipped(sampled(40, 10, 2, np.full(40, 0.3), coat=Coat(0.6, 0.12))[0], 0.15)
+    texels = replace(texels, channel=np.repeat([0, 1], 10).astype(np.int32))
+    weight = bound_weight(texels, ALL)
+    assert weight is not None
+    base = RNG.uniform(0, 0.6, (len(LEVELS), len(ROUGHNESS), 40, 1))
+    if metallic:
+        base[:] = METAL_BASE  # for which nodes have a metal's multiple scattering
+    gain = texels.diffuse_gain(diffuse) if diffuse else np.ones((1, 1, 1))
+    for nodes in Nodes.of(texels, metals=True, levels=slice(None)):
+        bounds = NodeBounds.of(texels, weight, nodes.layers, nodes.products, gain)
+        assert bounds is not None and len(bounds.texel) > 10
+        costs = bounds.costs(base, metallic)
+        for level, rough in RNG.integers(0, (len(LEVELS), len(ROUGHNESS)), (6, 2)):
+            lobes = one_lobe(np.full(40, ROUGHNESS[rough]), LEVELS[level], metallic)
+            white, rest = parts(texels, lobes, base[level, rough])
+            missing = np.maximum(texels.reflected - rest - white * gain * base[level, rough][:, None], 0)
+            wanted = (weight * missing**2)[:, nodes.layers].sum((1, 2))
+            assert wanted.any()
+            np.testing.assert_allclose(costs[level, rough], wanted, rtol=0.02, atol=1e-6)  # energies by interpolation
 
 
 @pytest.mark.parametrize(("level", "metallic"), [(0.3, 0.0), (0.5, 0.6)])
