@@ -19,6 +19,7 @@ from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, draw_texel_grid
 from irpso_addon.gpu.observe.observation_atlas import CameraSource, ObservationAtlas
 from irpso_addon.gpu.observe.observations import ObserveOptions, observe
 from irpso_addon.gpu.solve.material_sample import SIDE, WIDTH, Squares, packed, read_sample, spread_squares
+from irpso_addon.gpu.solve.model_prediction import Decision, Fitted, ModelPrediction
 from irpso_addon.gpu.solve.solver import Solver
 from tests.support.texels import finish
 
@@ -122,6 +123,29 @@ def test_a_sample_knows_what_clipped_pixels_show_at_least(on_gl: Any, coloured: 
     np.testing.assert_array_equal(left_out.reflected, np.where(over[..., None], 0, bounded.reflected))
     good = bounded.quality > 0
     np.testing.assert_array_equal(bounded.reflected[good], true.reflected[good])
+
+
+def test_prediction_counts_highlights_that_are_clipped(on_gl: Any) -> None:
+    """Lambert lacks them; the one lobe that the square has does not."""
+
+    def black(image: RadianceImage) -> RadianceImage:
+        image = _clipped(white)(image)
+        return replace(image, rgb=np.where(image.valid[..., None], image.rgb, np.float32(0)))
+
+    def job(device: Device) -> list[Decision]:
+        found = []
+        for change in (_clipped(white), black):
+            with device.scope():
+                prediction = ModelPrediction(device, _source(device, change), SolveSettings(size=32))
+                found.append(finish(prediction.decide(np.ones((32, 32), bool), Fitted("one-lobe"))))
+        return found
+
+    shown = selftest.build()
+    white = float(np.quantile([shown.read_image(view).rgb.max(-1) for view in shown.scene.views], 0.9))
+    known, unknown = (decision.prediction for decision in on_gl(job))
+    assert known is not None and unknown is not None
+    assert known.tried["lambert"].relative_rms > 1.1 * unknown.tried["lambert"].relative_rms
+    assert known.tried["one value"].relative_rms < 0.01 and unknown.tried["one value"].relative_rms < 0.01
 
 
 def test_edges_and_what_masks_keep_out_bound_nothing(on_gl: Any) -> None:
