@@ -207,7 +207,9 @@ OPAQUE = 0.95  # coverage of a pixel that shows the object alone: masks are seld
 class RadianceImage:
     """A reference image, ready to use.  ``rgb`` is radiance, W/(m^2 sr), not premultiplied."""
 
-    rgb: F32  # (h, w, 3) linear; finite; slightly negative where noise or a colour space makes it so; 0 where not valid
+    # (h, w, 3) linear; finite; slightly negative where noise or a colour space makes it so.  Where not valid: what the
+    # surface shows at least, of a clipped pixel, or 0.
+    rgb: F32
     coverage: F32  # (h, w) 0..1: alpha times mask; 1 where the file has neither
     valid: Bool  # (h, w) False: clipped, NaN or infinite
     warnings: tuple[str, ...] = ()

@@ -16,6 +16,7 @@ uniform int u_light_points;    // sample points on the emitter
 const float MIN_COS_V = 0.15;  // beyond 81 degrees a pixel's footprint is too long to stand for a point
 const float EDGE_SHARE = 0.02;  // of the light, from which on what a lamp leaves in doubt makes a pixel an edge
 const float NO_LIGHT = -1e3;   // marks a channel without light: it says nothing; below UNLIT_BELOW
+const float BOUND_QUALITY = 0.5;  // of a good pixel's: a clipped one that were a worse observation says nothing at all
 
 // Unshadowed irradiance over the pixel's footprint, relative to the lamp's power.
 float irradiance_of(Pixel pixel) {
@@ -132,11 +133,21 @@ float in_doubt(ivec2 at, Pixel pixel, int rim) {
 }
 
 // Radiance per irradiance and how far to trust it; zero where nothing can be told.  Edges are kept with a small
-// weight: texels that have nothing else would lose all their data.
+// weight: texels that have nothing else would lose all their data.  Of a clipped pixel, whose image has no quality, the
+// quality is negative.
 vec4 observation(vec4 image, vec3 irradiance, float cos_v, bool edge) {
     float e = (irradiance.r + irradiance.g + irradiance.b) / 3.0;
-    if (e <= 0.0 || cos_v <= MIN_COS_V || image.a <= 0.0) return vec4(0.0);
+    bool clipped = image.a <= 0.0;
+    if (e <= 0.0 || cos_v <= MIN_COS_V || (clipped && max(image.r, max(image.g, image.b)) <= 0.0)) return vec4(0.0);
     vec3 f = mix(vec3(NO_LIGHT), image.rgb / max(irradiance, vec3(1e-20)), greaterThan(irradiance, vec3(1e-3 * e)));
-    float quality = cos_v * e / (e + u_dark * u_level) * (edge || image.a < 0.999 ? u_edge_weight : 1.0);
-    return vec4(f, quality * quality);
+    bool doubtful = edge || (!clipped && image.a < 0.999);
+    float quality = cos_v * e / (e + u_dark * u_level) * (doubtful ? u_edge_weight : 1.0);
+    return vec4(f, clipped ? -quality * quality : quality * quality);
+}
+
+// An observation; of a clipped pixel what it shows at least, without quality, if it would be a good observation.
+vec4 with_bound(vec4 observed, float cos_v) {
+    if (observed.a >= 0.0) return observed;
+    bool good = -observed.a >= BOUND_QUALITY * cos_v * cos_v;
+    return vec4(good ? max(observed.rgb, vec3(0.0)) : vec3(0.0), 0.0);
 }

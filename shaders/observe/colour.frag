@@ -1,6 +1,6 @@
 // A view's pixel as an observation, where the view has several lights: radiance per irradiance, and how far to trust it.
 #include "include/observed.glsl"
-uniform sampler2D u_image;       // radiance, quality (0: unusable, 1: good, between: partly covered)
+uniform sampler2D u_image;       // radiance, quality (0: clipped, or black; 1: good; between: partly covered)
 uniform sampler2D u_irradiance;  // of the view's lights; a: what soft shadows of an environment leave in doubt
 uniform sampler2D u_edges;       // light that edges of lamps' shadows leave in doubt
 
@@ -48,4 +48,5 @@ void main() {
 #endif
     float doubt = edge ? 0.0 : 3.0 * irradiance.a / max(dot(all, vec3(1.0)), 1e-20) / DOUBT_SHARE;
     o_colour.a /= 1.0 + doubt * doubt;
+    o_colour = with_bound(o_colour, cos_v);
 }

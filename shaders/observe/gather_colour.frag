@@ -16,6 +16,7 @@ void main() {
         o_observation = vec4(mix(colour.rgb, vec3(0.0), lessThan(colour.rgb, vec3(UNLIT_BELOW))), 0.0);  // 0: no light in it
         return;
     }
+    if (colour.a <= 0.0) colour = vec4(0.0);  // a clipped pixel is no observation
     float f = u_channel < 0 ? (colour.r + colour.g + colour.b) / 3.0 : colour[u_channel];
     if (f < UNLIT_BELOW) return;  // no light in this channel
     float dim = min(u_tint, 1.0);  // the camera's own noise counts for more where there is little light

@@ -20,7 +20,7 @@ def test_clipped_pixels_of_integer_files(tmp_path):
     stored[3, 4, 1] = 65535
     found = read_reference(view(save(tmp_path / "a.png", stored, "uint16")))
     assert not found.valid[::-1][3, 4] and found.valid.sum() == 599
-    assert found.clipped_share == pytest.approx(1 / 600) and (found.rgb[::-1][3, 4] == 0).all()
+    assert found.clipped_share == pytest.approx(1 / 600)
 
 
 def test_clipped_pixels_of_float_files(tmp_path):
@@ -32,6 +32,44 @@ def test_clipped_pixels_of_float_files(tmp_path):
     white_balanced = cut * np.float32([1.9, 1, 1.5])
     found = read_reference(view(save(tmp_path / "b.exr", white_balanced)))
     np.testing.assert_array_equal(found.valid[::-1], (pixels < 1).all(-1))
+
+
+def test_clipped_pixels_hold_what_is_there_at_least(tmp_path):
+    """Exposure, black level and response are undone; what is not valid for another reason holds 0."""
+    light = noise(60, 90) * np.float32([2, 1.2, 0.9])
+    levels = np.float32([0.1, 0.05, 0.02])
+    path = save(tmp_path / "a.exr", np.minimum(light, 1) ** np.float32(0.8) * np.float32(0.7) + levels)
+    found = read_reference(view(path, exposure=1.0, response=0.8, black_level=(0.1, 0.05, 0.02)))
+    clipped = ~found.valid[::-1]
+    assert clipped.mean() > 0.2
+    np.testing.assert_array_equal(clipped, (light >= 1).any(-1))
+    least = found.rgb[::-1][clipped]
+    np.testing.assert_allclose(least, 0.7 ** 1.25 * np.minimum(light, 1)[clipped] / 2, rtol=1e-4)
+
+
+def test_a_clipped_channel_bounds_those_that_rise_with_it(tmp_path):
+    """In a wide colour space more red is less green of Rec.709: of a pixel whose red is clipped, green is unknown."""
+    stored = RNG.uniform(0.2, 0.6, (20, 30, 3))
+    stored[3, 4, 0], stored[5, 6] = 1.0, 1.0
+    levels = np.round(stored * 65535).astype(np.uint16)
+    found = read_reference(view(save(tmp_path / "a.png", levels, "uint16"), colorspace="Linear Rec.2020"))
+    assert sorted(map(tuple, np.argwhere(~found.valid[::-1]).tolist())) == [(3, 4), (5, 6)]
+    red, white = found.rgb[::-1][3, 4], found.rgb[::-1][5, 6]
+    from_rec2020 = np.array([[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]])
+    assert red[0] == pytest.approx(float((from_rec2020 @ (levels[3, 4] / 65535))[0]), abs=1e-3)
+    assert red[1] == red[2] == 0
+    np.testing.assert_allclose(white, 1, atol=1e-3)
+
+
+def test_the_mean_of_pixels_some_of_which_are_clipped(tmp_path):
+    """A reduced pixel shows at least the mean of what those under it show at least."""
+    stored = RNG.integers(0, 60000, (20, 30, 3)).astype(np.uint16)
+    stored[4, 6], stored[10:12, 10:12] = 65535, 65535
+    path = save(tmp_path / "a.png", stored, "uint16")
+    found = read_reference(view(path, colorspace="Linear Rec.709"), 150)
+    assert found.rgb.shape == (10, 15, 3) and np.argwhere(~found.valid[::-1]).tolist() == [[2, 3], [5, 5]]
+    means = (stored / 65535).reshape(10, 2, 15, 2, 3).mean((1, 3))
+    np.testing.assert_allclose(found.rgb[::-1], means, rtol=1e-5)
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif"])

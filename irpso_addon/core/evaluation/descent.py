@@ -10,6 +10,7 @@ from ..data import F64, I32, Bool
 from ..shading import brdf
 from ..vectors import dot, over_layers
 from .lobe_values import LobePlaces, fresnel_ratio, metal_values
+from .lower_bounds import bound_weight
 from .sampled_texels import LEAST, SampledTexels
 
 METAL_BASE = 0.6  # base colour for which a metal's multiple scattering is taken at first
@@ -63,6 +64,8 @@ class Descent:
     def layers(self, layers: tuple[Bool, tuple[int, ...]]) -> None:
         self._layers, channel = layers, self.texels.channel
         self._known = np.flatnonzero(layers[0])
+        bounds = bound_weight(self.texels, layers[0])
+        self._bounds = None if bounds is None else np.sqrt(bounds).take(self._known, 1)
         # Of each channel its layers, those of them that are known, and the weights of these:
         self._channels = [(np.flatnonzero(channel == one), seen := np.flatnonzero((channel == one) & layers[0]),
                            self.root.take(seen, 1) ** 2) for one in np.unique(channel)]
@@ -134,7 +137,9 @@ class Descent:
 
     def weighted(self, white: F64, off: F64, base: F64) -> F64:
         """(T, known layers, C) residual, of what `with_base` gives."""
-        return (self.root * (off - base * white)).take(self._known, 1)
+        left = off - base * white
+        result = (self.root * left).take(self._known, 1)
+        return result if self._bounds is None else result + self._bounds * np.maximum(left.take(self._known, 1), 0)
 
     def _explained(self, x: F64) -> tuple[F64, F64, F64]:
         """As of `with_base`."""

@@ -74,6 +74,7 @@ class Judge:
         self.white = float(np.percentile(self.radiance[usable], WHITE)) if usable.any() else 1.0
         self.judged: Bool = np.zeros_like(usable)  # (T, V) that count in all candidates alike
         self.dark: Bool = np.zeros_like(usable)  # (T, V) in shadows that the scene does not explain
+        self.bounded: Bool = np.zeros_like(usable)  # (T, V) clipped: brighter is no error
         for left_out in folds.left_out:
             for channel in np.unique(texels.channel):  # each is known by its own layers alone
                 own = texels.channel == channel
@@ -81,8 +82,11 @@ class Judge:
                 here = left_out & own & enough[:, None]
                 self.judged |= usable & here
                 self.dark |= (texels.quality > 0) & ~usable & here
+                if texels.clipped is not None:
+                    self.bounded |= (texels.clipped > 0) & here
         # A pixel may show a place far from the texel, behind a bump: it then says little of what the texel should show.
-        self.weight = np.where(self.judged | self.dark, texels.trust(), 0.0)  # (T, V) of squared errors
+        told = self.judged | self.dark | self.bounded
+        self.weight = np.where(told, texels.trust(), 0.0)  # (T, V) of squared errors
         self.plain = np.zeros_like(self.radiance)  # what the first candidate predicts
         self.candidates: dict[str, Candidate] = {}
 
@@ -111,6 +115,10 @@ class Judge:
         off = np.where(judged, value - self.radiance, 0.0)
         off += np.where((self.dark & layers)[..., None], np.maximum(value - self.plain, 0.0), 0.0)
         light = np.where(judged, lightness(value / self.white) - lightness(self.radiance / self.white), 0.0)
+        if (bounded := self.bounded & layers).any():
+            shown, least = value[bounded], self.radiance[bounded]
+            off[bounded] = np.minimum(shown - least, 0.0)
+            light[bounded] = np.minimum(lightness(shown / self.white) - lightness(least / self.white), 0.0)
         return Candidate((self.weight[..., None] * off**2).sum((1, 2)), (self.weight * (light**2).mean(2)).sum(1))
 
     def error(self, name: str) -> PredictionError:
@@ -121,7 +129,7 @@ class Judge:
         candidate = self.candidates[name]
         squares, light = (
             float(limited(of, self.clusters).sum()) for of in (candidate.squares, candidate.lightness))
-        weight = np.where(self.judged, self.weight, 0.0)
+        weight = np.where(self.judged | self.bounded, self.weight, 0.0)
         shown = (weight[..., None] * self.radiance**2).sum((1, 2))
         signal = float(limited(shown, self.clusters).sum())
         return PredictionError(float(np.sqrt(squares / max(signal, 1e-30))),

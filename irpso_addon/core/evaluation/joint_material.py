@@ -24,6 +24,7 @@ from ..vectors import dot, over_layers, summed
 from .apart_descent import HELD_TOGETHER, ApartDescent
 from .descent import COSINES, LEAST_NUMBER, METAL_BASE, AmongCosines, Descent
 from .lobe_values import LobePlaces, fresnel_ratio, metal_values
+from .lower_bounds import NodeBounds, bound_weight
 from .sampled_texels import LEAST, SampledTexels, metal_gain
 
 ROUGHNESS = np.geomspace(0.05, 1.0, 18)  # nodes of the search
@@ -34,6 +35,7 @@ PURE = 0.999  # a Metallic above it is 1
 PLAIN = 4  # of LEVELS: Blender's default
 EVERY, PLAIN_ALONE = slice(None), slice(PLAIN, PLAIN + 1)  # of LEVELS
 MOST = 10_000  # observations of the sample
+Sums = list[tuple[dict[str, F64], NodeBounds | None]]  # of each channel
 UNSEEN = 0.25  # alpha squared over the least squared sine of the half vector: sharper lobes pass by a texel
 STEPS = 10  # of a descent from the nodes
 
@@ -138,7 +140,7 @@ class JointSearch:
         roughness, level, metallic, _, _, diffuse = (float(number) for number in found)
         return replace(one, roughness=roughness, level=level, metallic=_pure(metallic), diffuse=diffuse)
 
-    def _settled_apart(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
+    def _settled_apart(self, one: OneMaterial, sums: Sums, known: Bool) -> OneMaterial:
         """Where level and Metallic come to rest if each texel begins at its best node and goes its own way."""
         cost = _costs(sums, float(METALLIC[np.abs(METALLIC - one.metallic).argmin()]))[_nearest(LEVELS, one.level)]
         descent = ApartDescent(self.texels, self.weight, known, self._gain(one.diffuse))
@@ -146,7 +148,7 @@ class JointSearch:
             np.array([one.level, one.metallic]), ROUGHNESS[cost.argmin(0)], one.roughness)
         return replace(one, level=float(level), metallic=_pure(metallic))
 
-    def _settled_parts(self, one: OneMaterial, sums: list[dict[str, F64]], known: Bool) -> OneMaterial:
+    def _settled_parts(self, one: OneMaterial, sums: Sums, known: Bool) -> OneMaterial:
         """Where level and the roughness of each part come to rest; a texel belongs to the part of the best node.
 
         None becomes sharper than what a texel can tell from no lobe.
@@ -160,9 +162,11 @@ class JointSearch:
         first, *others = (float(value) for value in roughness)
         return replace(one, roughness=first, level=float(level), others=tuple(others))
 
-    def _sums(self, known: Bool, diffuse: float) -> list[dict[str, F64]]:
-        """As of `_sums_over` the known layers of each channel."""
-        return [self._sums_over(nodes, known, diffuse) for nodes in self.nodes]
+    def _sums(self, known: Bool, diffuse: float) -> Sums:
+        """As of `_sums_over` the known layers of each channel, and their clipped pixels."""
+        weight, gain = bound_weight(self.texels, known), self._gain(diffuse)
+        return [(self._sums_over(nodes, known, diffuse), None if weight is None else NodeBounds.of(
+            self.texels, weight, nodes.layers, nodes.products, gain)) for nodes in self.nodes]
 
     def _sums_over(self, nodes: Nodes, known: Bool, diffuse: float) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.
@@ -262,26 +266,28 @@ def _metallic(texels: SampledTexels) -> tuple[F64, F64]:
     return A, S
 
 
-def _costs(sums: list[dict[str, F64]], metallic: float) -> F64:
+def _costs(sums: Sums, metallic: float) -> F64:
     """(levels, roughnesses, T) weighted squared residual, base colour in closed form for each channel."""
     x, m, total = 1 - metallic, metallic, np.zeros(1)
-    for of in sums:
+    for of, bounds in sums:
         if m == 0:
-            total = total + _residual(of["ff"], of["aa"], of["af"] - of["as"], of["ss"] - 2 * of["sf"])
+            cost, base = _residual(of["ff"], of["aa"], of["af"] - of["as"], of["ss"] - 2 * of["sf"])
+            total = total + cost + (0.0 if bounds is None else bounds.costs(base, m))
             continue
         white_data = x * of["af"] + m * of["Af"]
         rest_data = x * of["sf"] + m * of["Sf"]
         white = x * x * of["aa"] + 2 * x * m * of["aA"] + m * m * of["AA"]
         both = x * x * of["as"] + x * m * (of["aS"] + of["sA"]) + m * m * of["AS"]
         rest = x * x * of["ss"] + 2 * x * m * of["sS"] + m * m * of["SS"]
-        total = total + _residual(of["ff"], white, white_data - both, rest - 2 * rest_data)
+        cost, base = _residual(of["ff"], white, white_data - both, rest - 2 * rest_data)
+        total = total + cost + (0.0 if bounds is None else bounds.costs(base, m))
     return total
 
 
-def _residual(ff: F64, white: F64, slope: F64, rest: F64) -> F64:
-    """(..., T) least of ff + rest + b^2 white - 2 b slope over b in [0, 1], summed over channels."""
+def _residual(ff: F64, white: F64, slope: F64, rest: F64) -> tuple[F64, F64]:
+    """(..., T) least of ff + rest + b^2 white - 2 b slope over b in [0, 1], summed over channels; (..., T, C) of b."""
     base = np.clip(slope / np.maximum(white, LEAST), 0, 1)
-    return summed(np.maximum(ff + rest + base * (base * white - 2 * slope), 0.0))
+    return summed(np.maximum(ff + rest + base * (base * white - 2 * slope), 0.0)), base
 
 
 def _parts(cost: F64, seen: Bool) -> tuple[OneMaterial, ...]:

@@ -35,6 +35,8 @@ class SampledTexels:
     channel: I32  # (V,) 0 to 2 where the channels are kept apart, else 0
     lamps: I32  # (V,) which set of lamps shone
     nodes: F64 | None = None  # (T, V, 2, NODES) of the environment, see lobe_values.py; None: there is none
+    # (T, V) quality of clipped pixels, of which ``reflected`` says what they show at least; None: there are none.
+    clipped: F64 | None = None
 
     def typical(self) -> F64:
         """(T, V, C) median of what a texel reflects in the same channel; 1 where it is not observed."""
@@ -63,7 +65,8 @@ class SampledTexels:
 
     def trust(self) -> F64:
         """(T, V) 0..1: how far to trust an observation beside a good one at its angle, whose quality is cos_v^2."""
-        return np.minimum(self.quality / np.clip(self.cos_v, 1e-3, 1.0) ** 2, 1.0)
+        quality = self.quality if self.clipped is None else self.quality + self.clipped
+        return np.minimum(quality / np.clip(self.cos_v, 1e-3, 1.0) ** 2, 1.0)
 
     def typical_observations(self) -> float:
         """How many usable observations a texel that has some typically has."""
@@ -91,7 +94,8 @@ class SampledTexels:
         """Some of the texels."""
         part = SampledTexels(self.reflected[texels], self.quality[texels], self.cos_v[texels], self.lobes[texels],
                              self.irradiance[texels], self.camera, self.channel, self.lamps,
-                             None if self.nodes is None else self.nodes[texels])
+                             None if self.nodes is None else self.nodes[texels],
+                             None if self.clipped is None else self.clipped[texels])
         # Each texel says these of itself: where they are known, they are not sought again.
         vars(part).update({name: vars(self)[name][texels] for name in ("_typical", "_usable") if name in vars(self)})
         return part

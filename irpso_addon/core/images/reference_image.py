@@ -26,7 +26,9 @@ _EVEN = 0.99  # quantile of a flat field that counts as 1: a speck may be bright
 _MOST_BLACK = 0.6  # share of a flat field: around the circle of a fisheye it is about half
 _DIM = 0.02  # of that: where a flat field is darker, nothing can be divided by it
 
-Pixels = tuple[F32, F32, Bool]  # radiance (rows, width, 3), coverage and validity (rows, width)
+_LESS = 0.9  # of a clipped value: shows whether a channel of Rec.709 rises with it
+# Radiance (rows, width, 3), as of `RadianceImage.rgb`; coverage and validity (rows, width).
+Pixels = tuple[F32, F32, Bool]
 
 
 def read_reference(view: View, max_pixels: int | None = None) -> RadianceImage:
@@ -109,29 +111,49 @@ class Reference:
                 radiance = straightened(radiance, self._view)
             if ambient is not None and self._ambient is not None:
                 light, _, known = ambient.take(len(radiance))
-                radiance, valid = radiance - straightened(light, self._ambient._view), valid & known
+                radiance = _where(known, radiance - straightened(light, self._ambient._view))
+                valid = valid & known
                 self._left += _signs(radiance[valid & (coverage > 0)])
             if flat is not None and self._flat is not None:
                 light, _, known = flat.take(len(radiance))
                 light = straightened(light, self._flat._view)
                 share = light.mean(-1) / np.float32(even)  # of all channels: a lens falls off alike in them
-                valid = valid & known & (share > _DIM)
-                radiance = np.asarray(radiance / np.where(share > _DIM, share, np.float32(1))[..., None], np.float32)
+                known = known & (share > _DIM)
+                valid = valid & known
+                even_light = np.asarray(np.where(known, share, np.float32(1)), np.float32)
+                radiance = _where(known, radiance / even_light[..., None])
             if ambient is not None or flat is not None:
-                radiance = as_read(np.where(valid[..., None], radiance, np.float32(0)), self._view)
+                radiance = np.where(valid[..., None], radiance, np.maximum(radiance, np.float32(0)))
+                radiance = as_read(radiance, self._view)
             yield radiance, coverage, valid
 
     def _developed(self, rgb: F32) -> tuple[F32, Bool]:
-        """Stored colours to radiance; which pixels are valid."""
+        """Stored colours to radiance, as of `Pixels`; which pixels are valid."""
         valid = all_channels(np.isfinite(rgb) & (rgb < self._survey.ceiling.astype(np.float32)))
-        if not valid.all():
-            rgb = np.where(valid[..., None], rgb, np.float32(0))
+        clipped = ~valid
+        lost = rgb[clipped]
+        if len(lost):
+            rgb = _where(valid, rgb)
         with np.errstate(all="ignore"):
             radiance = self._develop(rgb)
             if not np.isfinite(radiance.sum()):  # beyond float32
                 valid = valid & all_channels(np.isfinite(radiance))
-                radiance = np.where(valid[..., None], radiance, np.float32(0))
+                radiance = _where(valid, radiance)
+            if len(lost) and self.file.camera is None:  # of RAW files, nothing says which of the samples are saturated
+                radiance[clipped] = self._at_least(lost)
         return radiance, valid
+
+    def _at_least(self, rgb: F32) -> F32:
+        """(n, 3) radiance that pixels have at least, of which some channel is clipped; 0: unknown.
+
+        In other colour spaces a channel of Rec.709 may fall where a clipped one, whose true value is higher, rises.
+        """
+        ceiling = self._survey.ceiling.astype(np.float32)
+        rgb = np.minimum(rgb, ceiling)
+        least = self._develop(rgb)
+        less = self._develop(np.where(rgb < ceiling, rgb, np.float32(_LESS) * rgb))
+        known = np.isfinite(least) & (least >= less)
+        return np.asarray(np.where(known, np.maximum(least, np.float32(0)), np.float32(0)))
 
     def _even(self) -> float:
         """The level of a flat field that counts as 1.  Raises BadInput."""
@@ -158,6 +180,11 @@ class Reference:
         if self._ambient is not None and below > count / 2 and total < 0:
             raise BadInput(f"{self._ambient.file.path}: is brighter than {self.file.path.name}, from which it is to be "
                            "subtracted; check which of the two is the ambient picture")
+
+
+def _where(known: Bool, radiance: F32) -> F32:
+    """0 elsewhere."""
+    return np.asarray(np.where(known[..., None], radiance, np.float32(0)), np.float32)
 
 
 def _signs(radiance: F32) -> F64:
@@ -271,7 +298,10 @@ def _part(pixels: Pixels, first: int, last: int | None) -> Pixels:
 
 
 def reduce(pixels: Pixels, rows: F64, columns: F64) -> Pixels:
-    """Area averages over the grid of cell edges ``rows`` x ``columns`` (in pixels, ascending)."""
+    """Area averages over the grid of cell edges ``rows`` x ``columns`` (in pixels, ascending).
+
+    One that is not valid for clipped pixels under it has the mean of what those, and the others, show at least.
+    """
     rgb, coverage, valid = pixels
     weighted = rgb if coverage.min() == 1 == coverage.max() else rgb * coverage[..., None]
     parts = weighted, coverage[..., None], (~valid[..., None]).astype(np.float32)
@@ -279,7 +309,7 @@ def reduce(pixels: Pixels, rows: F64, columns: F64) -> Pixels:
     small = _cell_means(few.swapaxes(0, 1), columns).swapaxes(0, 1)
     cover = small[..., 3]
     ok = small[..., 4] < 1e-6
-    colour = np.where((ok & (cover > 0))[..., None], small[..., :3] / np.maximum(cover, 1e-12)[..., None], 0)
+    colour = np.where((cover > 0)[..., None], small[..., :3] / np.maximum(cover, 1e-12)[..., None], 0)
     return colour.astype(np.float32), cover.astype(np.float32), ok
 
 

@@ -1,7 +1,7 @@
 """Developed references as files that are read by windows: pictures too large, or too many, to be held in memory.
 
-A line of JSON, then rows from the top down, each pixel four floats: radiance (W/(m^2 sr); NaN where it is not valid)
-and coverage, exactly as `reference_image.read_reference` gives them.
+A line of JSON, then rows from the top down, each pixel four floats: radiance (W/(m^2 sr)) and coverage, exactly as
+`reference_image.read_reference` gives them.  The sign bit of the coverage is set where a pixel is not valid.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..images.reference_image import Pixels, Reference, reduce
 from ..storage.atomic_io import replacing
 from ..storage.text_file import first_bytes
 
-MAGIC = b"IRPSO picture 1 "
+MAGIC = b"IRPSO picture 2 "
 LONGEST = 1 << 16  # bytes of the first line
 PIXEL = 16  # bytes
 AT_ONCE = 1 << 18  # pixels that are reduced together
@@ -51,8 +51,8 @@ def _write(file: IO[bytes], bands: Iterator[Pixels]) -> bool:
     for rgb, coverage, valid in bands:
         usable = usable or bool(np.any(valid & (coverage > 0)))
         rows = np.empty((*valid.shape, 4), np.float32)
-        rows[..., :3] = np.where(valid[..., None], rgb, np.float32("nan"))
-        rows[..., 3] = coverage
+        rows[..., :3] = rgb
+        rows[..., 3] = np.where(valid, coverage, -coverage)
         file.write(rows.data)
     return usable
 
@@ -100,7 +100,7 @@ class CachedReference:
         return RadianceImage(rgb, coverage, valid, self.warnings, self.clipped_share)
 
     def _read(self, x: int, y: int, w: int, h: int) -> F32:
-        """(h, w, 4) as it is stored, row 0 at the bottom; outside NaN without coverage."""
+        """(h, w, 4) as it is stored, row 0 at the bottom; outside not valid, without coverage."""
         out = np.empty((h, w, 4), np.float32)
         left, right = min(max(x, 0), self.width), min(max(x + w, 0), self.width)
         try:
@@ -122,10 +122,9 @@ class CachedReference:
         return BadInput(f"{self.path}: is not a developed picture, or is cut short; start the solve in an empty folder")
 
 
-OUTSIDE = np.array([np.nan, np.nan, np.nan, 0], np.float32)
+OUTSIDE = np.array([0.0, 0.0, 0.0, -0.0], np.float32)
 
 
 def _parted(stored: F32) -> Pixels:
     """What is stored, (h, w, 4), as radiance, coverage and validity."""
-    valid = ~np.isnan(stored[..., 0])
-    return np.where(valid[..., None], stored[..., :3], np.float32(0)), stored[..., 3], valid
+    return stored[..., :3], np.abs(stored[..., 3]), ~np.signbit(stored[..., 3])

@@ -111,7 +111,8 @@ def _check(
         if albedo.rough:
             diffuse = diffuse[..., :3] + _rgb(device.read(drawn[-1], part))
     colour = device.read(view.colour, part)
-    observed, quality = _rgb(colour), colour[..., 3]
+    quality = colour[..., 3]
+    observed = np.where(quality[..., None] > 0, _rgb(colour), np.float32(0))
     x, y = part[0] - camera.window[0], part[1] - camera.window[1]
     lobes = [device.read(lobe, part) for lobe in view.lobes]
     away = [np.where(lobe[..., 3] > 0, lobe[..., 0], np.float32(1)) for lobe in lobes]  # no light, no highlight

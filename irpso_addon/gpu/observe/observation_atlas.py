@@ -4,7 +4,7 @@ Block b of the atlas is its rows [b h, (b + 1) h), h the height of a tile.  A la
 channel, where each is observed by itself) and has 2 + lights blocks:
 
     0      f (1/sr), quality, cos_v, 2 channel + edge + share / 2    f = radiance / irradiance
-    1      f of R, G and B                                           where a method asks for colour
+    1      f of R, G and B, of a clipped pixel at least so much      where a method asks for colour
     2 + l  lobe of light l: sin2h, radius2, cos_l, F / (2 cos_l cos_v) * E_light / E_view
 
 Where some view has an environment, 2 NODES / 4 blocks more: logarithms of what the lobe returns at nodes of roughness

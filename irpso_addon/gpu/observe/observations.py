@@ -48,7 +48,8 @@ class ObservedView:
     """One view at its camera's pixels."""
 
     view: View
-    colour: moderngl.Texture  # RGBA32F: radiance / irradiance (1/sr), quality
+    # RGBA32F: radiance / irradiance (1/sr), quality.  Without quality: at least so much, of a clipped pixel; else 0.
+    colour: moderngl.Texture
     lobes: list[moderngl.Texture]  # per light, per channel: sin2h, radius2, cos_l, factor
     tint: tuple[float, float, float]  # power of the view's lights per channel, mean 1
     reference: F16  # (h, w, 4) the picture in the camera's window: radiance / scale (NaN: not usable), coverage
@@ -216,13 +217,15 @@ class _Observer:
         shown = np.where(image.coverage < OPAQUE, image.coverage, np.float32(1))
         quality = np.where(image.valid & (image.coverage > SOLID), shown, 0.0)
         # Read noise may leave less than 0: that is data, because the fit is linear in it.
-        floor = BLACK * max(image.rgb.max(), np.float32(0))
-        rgb = np.where(np.abs(image.rgb) < floor, floor, image.rgb)
-        packed = np.concatenate([rgb, quality[..., None]], axis=2)
-        height, width = quality.shape
-        self.images[n] = self.device.texture(width, height, 4, packed)
+        known = image.rgb if image.valid.all() else np.where(image.valid[..., None], image.rgb, np.float32(0))
+        floor = BLACK * max(known.max(), np.float32(0))
+        packed = np.concatenate([np.where(np.abs(known) < floor, floor, known), quality[..., None]], axis=2)
         clipped = float(np.mean(~image.valid[opaque])) if opaque.any() else 0.0
         self.references[n] = _reference(packed, image.coverage, self.cameras[c].window, clipped)
+        bounds = ~image.valid & (image.coverage >= OPAQUE)  # what lies beside the object brightens no pixel there
+        packed[..., :3][quality <= 0] = np.where(bounds[..., None], np.maximum(image.rgb, 0), 0)[quality <= 0]
+        height, width = quality.shape
+        self.images[n] = self.device.texture(width, height, 4, packed)
         self.members[c].append(n)
         return True
 

@@ -178,17 +178,22 @@ def clusters(sample: MaterialSample, indices: I32) -> I32:
     return np.asarray(row // CLUSTER * (width // CLUSTER + 1) + column // CLUSTER, np.int32)
 
 
-def read_sample(device: Device, sample: MaterialSample, most: int) -> tuple[SampledTexels, I32]:
-    """(what is observed of at most so many of its texels, (T,) their places in the grid)."""
+def read_sample(
+    device: Device, sample: MaterialSample, most: int, bounds: bool = False,
+) -> tuple[SampledTexels, I32]:
+    """(what is observed of at most so many of its texels, (T,) their places in the grid).
+
+    ``bounds``: with what clipped pixels show at least.
+    """
     layers = sample.layers
     groups = np.array(layers.groups, np.int32)
     covered = np.flatnonzero(sample.covered.ravel()).astype(np.int32)
     most = min(most, max(MOST // (len(groups) * max(layers.each - 2, 1)), 64))
     if len(covered) > most:
         covered = covered[np.linspace(0, len(covered) - 1, most).astype(np.int32)]
-    blocks = _blocks(device, sample, covered)
-    light = sample.layer_light(covered)
-    return observed_texels(blocks, layers, light), covered
+    blocks = _blocks(device, sample, covered, layers.channels == 1 or bounds)
+    observed = observed_texels(blocks, layers, sample.layer_light(covered))
+    return _with_bounds(observed, blocks, layers) if bounds else observed, covered
 
 
 def observed_texels(blocks: F32, layers: Layers, light: LayerLight) -> SampledTexels:
@@ -198,9 +203,22 @@ def observed_texels(blocks: F32, layers: Layers, light: LayerLight) -> SampledTe
     edge = first[..., 3].astype(int) % 2 == 1
     dark = (light.irradiance <= 0).any(-1)
     reflected = blocks[:, :, 1, :3].astype(np.float64) if layers.channels == 1 else first[..., :1]
+    reflected = np.where(first[..., 1:2] > 0, reflected, 0.0)
     return SampledTexels(
         reflected, np.where(edge | dark, 0.0, first[..., 1]), first[..., 2], lobes, light.irradiance,
         groups // layers.channels, groups % layers.channels, light.lamps, nodes_of(blocks, layers))
+
+
+def _with_bounds(observed: SampledTexels, blocks: F32, layers: Layers) -> SampledTexels:
+    """With what clipped pixels show at least; as it is where none is clipped."""
+    colours = blocks[:, :, 1, :3].astype(np.float64)
+    least = colours if layers.channels == 1 else np.take_along_axis(colours, observed.channel[None, :, None], 2)
+    share = 2 * (blocks[:, :, 0, 3].astype(np.float64) % 1)  # how well the pixel stands for the texel
+    clipped = (blocks[:, :, 0, 1] <= 0) & (share > 0) & (least > 0).any(-1) & (observed.irradiance > 0).all(-1)
+    if not clipped.any():
+        return observed
+    return replace(observed, reflected=np.where(clipped[..., None], least, observed.reflected),
+                   clipped=np.where(clipped, share * observed.cos_v**2, 0.0))
 
 
 def nodes_of(blocks: F32, layers: Layers) -> F64 | None:
@@ -210,7 +228,7 @@ def nodes_of(blocks: F32, layers: Layers) -> F64 | None:
     return blocks[:, :, 2 + layers.lights:].reshape(*blocks.shape[:2], 2, -1).astype(np.float64)
 
 
-def _blocks(device: Device, sample: MaterialSample, texels: I32) -> F32:
+def _blocks(device: Device, sample: MaterialSample, texels: I32, colour: bool) -> F32:
     """(T, layers, blocks, 4) of the observation atlas."""
     layers, (width, height) = sample.layers, sample.size
     with device.scope():
@@ -218,7 +236,7 @@ def _blocks(device: Device, sample: MaterialSample, texels: I32) -> F32:
         w, h = atlas.tile
         grid = np.zeros((layers.blocks, height, width, 4), np.float32)
         for x, y in tiles(atlas, sample.covered):
-            for _ in sample.gather(atlas, (x, y), layers.channels == 1):
+            for _ in sample.gather(atlas, (x, y), colour):
                 pass
             part = device.read(atlas.texture).reshape(layers.blocks, h, w, 4)
             grid[:, y:y + h, x:x + w] = part[:, :min(h, height - y), :min(w, width - x)]

@@ -116,7 +116,7 @@ class ModelPrediction:
                 return Decision(fitted.model, "the views do not name their lamps")
             sample = packed(self.device, self.source, texels, squares)
             yield PREDICTING
-            observed, places = read_sample(self.device, sample, JUDGED)
+            observed, places = read_sample(self.device, sample, JUDGED, bounds=True)
             folds = split(observed, NUMBERS)
             if folds is None:
                 return Decision(fitted.model, "too few lamps and cameras to leave one out")
@@ -132,7 +132,8 @@ class ModelPrediction:
             squares = squares_of(self.source, texels, self.settings.seed)
             if squares is None:
                 return OneMaterial(0.5)
-            observed, _ = read_sample(self.device, packed(self.device, self.source, texels, squares), JUDGED)
+            sample = packed(self.device, self.source, texels, squares)
+            observed, _ = read_sample(self.device, sample, JUDGED, bounds=True)
             search, known = JointSearch(observed), np.ones(len(observed.camera), bool)
             return search.settled(search.fit(known), known).apart_metal
 

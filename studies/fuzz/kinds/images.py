@@ -119,5 +119,4 @@ def _check(image: RadianceImage, most: int | None) -> None:
     assert most is None or height * width <= max(most, height, width), "more pixels than were chosen"
     assert np.isfinite(image.rgb).all() and (image.rgb >= 0).all()
     assert np.isfinite(image.coverage).all() and 0 <= image.coverage.min() <= image.coverage.max() <= 1
-    assert not image.rgb[~image.valid].any()
     assert 0 <= image.clipped_share <= 1 and math.isfinite(image.clipped_share)
