@@ -83,10 +83,11 @@ def _block(
         level=plan.level, before=plan.before(window), around=around, model=plan.solution.model, stride=plan.stride,
         keeps_partial=False), clock)
     made, core = solved.made, window.core
-    inside, relative = made.solved[core], made.relative[core].astype(np.float64)
+    inside, own = made.solved[core], np.zeros_like(made.solved)
+    own[core] = inside
     counts = (grid.coverage[core], inside | made.shown[core], made.good[core],
               grid.coverage[core] & made.maps.filled[core])
-    stats = [*(float(flags.sum()) for flags in counts), float((relative[inside] ** 2).sum()), float(inside.sum()),
+    stats = [*(float(flags.sum()) for flags in counts), float(made.squared_residuals(own).sum()), float(inside.sum()),
              float(reduced)]
     normal = None if tilts is None else encoded(tangent_part(mesh), grid.normal, grid.coverage)
     return replace(made.maps, normal=normal), np.array([stats])

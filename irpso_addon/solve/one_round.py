@@ -168,14 +168,14 @@ def _solution(
     """The maps with their figures; checks, and the warnings that follow from these, are not in it yet."""
     made, observations = solved.made, solved.observations
     ladder, maps = made.ladder, made.maps
-    relative = made.relative[made.solved].astype(np.float64)
+    squared = made.squared_residuals(made.solved)
     observed, cancelled = made.solved | made.shown, ladder.cancelled or made.albedo.cancelled
     lit = made.solved if cancelled else observed  # a solve that was stopped did not reach the others
     return Solution(
         maps=maps, model=ladder.model, why=ladder.why, seconds={}, device={}, levels=ladder.levels,
         metallic=ladder.metallic, coats=ladder.coats, diffuse_roughness=ladder.diffuse_roughness, paint=made.paint,
         predictions=ladder.predictions, priors=ladder.priors, stride=solved.stride,
-        residual=float(np.sqrt(np.mean(relative**2))) if len(relative) else 0.0,
+        residual=float(np.sqrt(np.mean(squared))) if len(squared) else 0.0,
         cancelled=cancelled, ndf=settings.ndf,
         texels={"covered": int(gbuffer.coverage.sum()), "observed": int(observed.sum()),
                 "solved": int(made.good.sum()), "filled": int((gbuffer.coverage & maps.filled).sum()),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.check_records import Checks, Residual, Slope, ViewCheck
+from irpso_addon.core.checks.remedies import remedies
 from irpso_addon.core.checks.warnings import warnings
 
 
@@ -32,6 +33,16 @@ def test_a_bent_exponent_is_proof_only_where_the_model_fits(exponent: float, mis
     found = [line for line in warnings(checks(exponent, misfit)) if "non-linear" in line]
     assert bool(found) == told
     assert all(line.endswith(f"multiply the views' Response by {exponent:.2f}") for line in found)
+
+
+def test_no_line_recommends_raw_files_to_who_has_them():
+    """Nor another response or colour space: a RAW file is linear, so the cause is another."""
+    encoded = checks(0.45, misfit=False)
+    raw = replace(encoded, views=tuple(replace(view, view="a.NEF") for view in encoded.views))
+    (line,), (other,) = warnings(raw), warnings(encoded)
+    assert line.startswith("all views: look non-linear (exponent 0.45); RAW files are linear, so that other light")
+    assert "Response" not in line and "Response" in other
+    assert not remedies(raw) and [found.kind for found in remedies(encoded)] == ["colorspace"]
 
 
 @pytest.mark.parametrize(("exponent", "around", "tried", "not_bounced", "bounced"), [

@@ -247,7 +247,7 @@ def test_reduction_is_by_area_and_holds_no_copy_in_double_precision(covered):
     expected = np.einsum("ih,jw,hwc,hw->ijc", down, across, rgb, cover, optimize=True) / weight[..., None]
     whole = np.einsum("ih,jw,hw->ij", down, across, ~valid) == 0
     np.testing.assert_array_equal(found[2], whole)
-    np.testing.assert_allclose(found[0], expected, rtol=2e-6)  # of those that are not valid, too: what is there at least
+    np.testing.assert_allclose(found[0], expected, rtol=2e-6)  # of those that are not valid, too
     np.testing.assert_allclose(found[1], weight / np.outer(np.diff(rows), np.diff(columns)), rtol=2e-6)
 
 

@@ -17,7 +17,7 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images import decoder_pool, oiio_reader, raw_reader
 from irpso_addon.core.images.image_file import open_image
 from irpso_addon.core.images.reference_image import read_reference, with_one_white_balance
-from tests.support.dng_files import COLOUR_MATRIX, XTRANS, Shot, save_dng, tiff
+from tests.support.dng_files import BAYER, COLOUR_MATRIX, XTRANS, Shot, save_dng, tiff
 from tests.support.picture_files import RNG, save, view
 
 pytest.importorskip("OpenImageIO")
@@ -123,6 +123,35 @@ def test_a_dead_sample_does_not_spoil_a_picture(tmp_path):
     assert np.argwhere(~half.valid[::-1]).tolist() == [[5, 10]] and not full.valid[::-1][10, 21]
     valid = half.valid[::-1]
     np.testing.assert_allclose(half.rgb[::-1][valid], developed(raw, shot)[valid], atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["half", "full", "linear"])
+def test_clipped_pixels_hold_what_is_there_at_least(tmp_path, kind):
+    """White highlights over paint of all colours, beside the same exposed an eighth as long."""
+    shot, size = Shot(black=2000), (27, 40, 1)
+    paint = RNG.uniform(0.02, 0.6, size) * RNG.uniform(0.4, 1, (27, 40, 3))
+    light = (paint + RNG.uniform(-1, 3, size).clip(0)).repeat(3, 0).repeat(3, 1)[:80]
+    from_rec709 = COLOUR_MATRIX @ TO_XYZ
+    camera = light @ (from_rec709 / from_rec709.sum(1, keepdims=True)).T * shot.neutral
+    if kind != "linear":
+        y, x = np.indices(camera.shape[:2])
+        camera = np.take_along_axis(camera, BAYER[y % 2, x % 2][..., None], 2)[..., 0]
+    dead = (RNG.random(camera.shape) < 0.05) & (camera < 1)
+    found = []
+    for factor in (1, 1 / 8):
+        raw = np.round(shot.black + (camera * factor).clip(0, 1) * (shot.white - shot.black))
+        raw[dead & (factor == 1)] = shot.black - 0.1 * (shot.white - shot.black)
+        path = save_dng(tmp_path / f"{factor}.dng", raw.astype(np.uint16), shot)
+        found.append(read_reference(replace(view(path), full_raw=kind == "full")))
+    lost, least, true = ~found[0].valid, found[0].rgb, (8 * found[1].rgb).clip(0)
+    assert lost.mean() > 0.4 and found[1].valid.all() and (least[lost] >= 0).all()
+    above = (least - true)[lost]  # some pixels' samples of one colour show other paint than those of another
+    assert (above > 0.02).mean() < 0.01
+    # A channel that falls where a clipped one rises is unknown; so are, at full size, the edges of highlights.
+    assert ((least[lost] > 0.1).mean(0) > (0.2 if kind == "full" else 0.4)).all()
+    if kind == "linear":
+        white = least[lost & (true.min(-1) > 2.1)]  # all are clipped: green is, of the balanced ones, at the lowest end
+        assert above.max() < 0.01 and np.median(np.abs(white - 0.99)) < 1e-3
 
 
 def test_xtrans_pixels_are_of_three_by_three_samples(tmp_path):
@@ -397,3 +426,4 @@ def test_an_iso_that_a_raw_file_cannot_hold_is_none(tmp_path):
 
 def test_suffixes_are_told_whatever_their_case():
     assert raw_reader.is_raw(Path("A.NEF")) and not raw_reader.is_raw(Path("a.tiff"))
+

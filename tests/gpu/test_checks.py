@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import pytest
 from irpso_addon.core.check_records import Checks
 from irpso_addon.core.checks.warnings import warnings
 from irpso_addon.core.data import Light, Solution, View
+from irpso_addon.gpu.maps.finish_maps import FinishedMaps
 from tests.support import shoots
 from tests.support import synthetic as syn
 
@@ -208,3 +210,13 @@ def test_no_highlight() -> None:
     line = next(x for x in warnings(checked(solution)) if "no highlight came near" in x)
     assert percent(line) > 8
     assert checked(solution).no_highlight > 0.9
+
+
+def test_places_that_are_black_in_all_pictures_do_not_fill_the_residual() -> None:
+    """As behind the edge of an object that is smaller than its mesh: what is predicted there is far too bright."""
+    relative = np.full((10, 10), 0.05, np.float32)
+    relative[0], relative[5, 5] = 1400.0, 7.0
+    made: Any = SimpleNamespace(relative=relative)
+    squared = FinishedMaps.squared_residuals(made, relative < 100)
+    assert len(squared) == 90 and squared.mean() == pytest.approx((89 * 0.05**2 + 1) / 90)
+    assert FinishedMaps.squared_residuals(made, relative > 0).mean() < 0.12

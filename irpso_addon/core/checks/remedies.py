@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..check_records import Checks
 from ..phrases import NAMED
-from .warnings import curved_exponent, drifting, moved_lights, object_moved, off_cameras, strong_lights
+from .warnings import all_raw, curved_exponent, drifting, moved_lights, object_moved, off_cameras, strong_lights
 
 # Exponents of pictures that were read as linear but are sRGB, and the other way round
 ENCODED, DECODED = (0.35, 0.6), (1.7, 2.6)
@@ -29,7 +29,7 @@ def remedies(checks: Checks) -> tuple[Remedy, ...]:
     """One for each warning that a change of the scene answers, in the order of the warnings."""
     exponent = curved_exponent(checks)
     for (low, high), space in ((ENCODED, "sRGB"), (DECODED, "Linear Rec.709")):
-        if exponent is not None and low < exponent < high:
+        if exponent is not None and low < exponent < high and not all_raw(v.view for v in checks.views):
             return (Remedy(f"Set Color Space of All Views to {space}", "colorspace", value=space),)
     found = []
     if off_cameras(checks):

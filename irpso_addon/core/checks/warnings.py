@@ -8,11 +8,13 @@ errors that it makes do not count against others (``_floor``).
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from ..check_records import Checks, LightResidual, Misfit, Residual, ViewCheck
+from ..images.raw_reader import is_raw
 from ..params import choice_name
 from ..phrases import NAMED, percent, some
 from .residuals import is_indirect, scale_of
@@ -96,6 +98,17 @@ def _indirect(checks: Checks, tried: bool) -> list[str]:
 
 LINEAR = ("check their colour space, that they have no tone curve or view transform (JPEG files of cameras have one: "
           "use RAW files), and that no other light shone on the object")
+LINEAR_RAW = ("RAW files are linear, so that other light shone on the object, a black level is left, or no model "
+              "describes the material; shut out other light, or subtract pictures without the lamps")
+
+
+def all_raw(views: Iterable[str]) -> bool:
+    """Of names of pictures."""
+    return all(is_raw(Path(view)) for view in views)
+
+
+def _advice(views: Iterable[str]) -> str:
+    return LINEAR_RAW if all_raw(views) else LINEAR
 
 
 def curved_exponent(checks: Checks) -> float | None:
@@ -116,9 +129,12 @@ def _curve(checks: Checks, bounced: bool) -> list[str]:
             1 - BOUNCED_POWER < exponent < 1):
         return [f"all views: dark places are brighter than predicted (exponent {exponent:.2f}), as where light bounces "
                 "between surfaces; set Indirect Light to On, or use RAW files if these have a tone curve"]
-    return [] if exponent is None else [
-        f"all views: look non-linear (exponent {exponent:.2f}); {LINEAR}; without linear files, multiply the views' "
-        f"Response by {exponent:.2f}"]
+    if exponent is None:
+        return []
+    line = f"all views: look non-linear (exponent {exponent:.2f}); {_advice(v.view for v in checks.views)}"
+    if all_raw(v.view for v in checks.views):
+        return [line]
+    return [f"{line}; without linear files, multiply the views' Response by {exponent:.2f}"]
 
 
 def _bent(checks: Checks) -> float:
@@ -148,7 +164,7 @@ def _curve_of_some(checks: Checks) -> list[str]:
     if not curved:
         return []
     worst = max(curved.values(), key=lambda power: abs(power - 1))
-    return [f"{some(list(curved))}: looks non-linear (exponent {worst:.2f}); {LINEAR}"]
+    return [f"{some(list(curved))}: looks non-linear (exponent {worst:.2f}); {_advice(curved)}"]
 
 
 def _registration(checks: Checks, tried: bool) -> list[str]:

@@ -106,7 +106,7 @@ def survey(rows: Rows, least_level: float) -> Survey:
         raise BadInput(f"{file.path}: {odd} of {covered} pixels are NaN or infinite; render it again or mask them out")
     sample = np.concatenate(samples)
     white = 1.0 if file.integer or file.camera is not None else 0.0
-    level = max(float(np.quantile(sample.max(-1), 0.995)), white, least_level)
+    level = max(white or float(np.quantile(sample.max(-1), 0.995)), least_level)  # no value known exceeds white
     if lowest < -_NEGATIVE * level and not _only_noise(rows, lowest):
         raise BadInput(f"{file.path}: has negative radiance (down to {lowest:.3g}, where bright pixels have "
                        f"{level:.3g}); check the black level that was subtracted, or mask it out")

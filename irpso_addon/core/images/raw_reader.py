@@ -68,7 +68,10 @@ def header(path: Path, full: bool = False) -> dict[str, Any]:
 
 
 def bands(path: Path, picture: StoredPicture, first: int, last: int, at_once: int = BAND) -> Iterator[Stored]:
-    """As oiio_reader.bands: (rows, width, 3) floats, black 0 and white 1; 1 where any sample is saturated or dead."""
+    """As oiio_reader.bands: (rows, width, 3) floats, black 0 and white 1.
+
+    Where any of a channel's samples is saturated or dead, the channel is 1 and more: 1 plus what is there at least.
+    """
     with _Raw(path) as raw:
         sensor = _sensor(path, raw)
         full = picture.part == 1
@@ -213,8 +216,17 @@ def _no_pattern(path: Path) -> BadInput:
 def _finished(pixels: NDArray[np.uint16], sensor: _Sensor) -> F32:
     """(rows, width, 3) of pixels that have all colours."""
     values = (pixels[..., :3] - sensor.black.astype(np.float32)) * np.float32(1 / sensor.white)
-    lost = (values >= np.float32(sensor.saturated)) | (values < np.float32(-DEAD))
-    return np.where(lost.any(-1, keepdims=True), np.float32(1), values)
+    return _marked(values, _lost(values, sensor), sensor)
+
+
+def _lost(values: F32, sensor: _Sensor) -> NDArray[np.bool_]:
+    return np.asarray((values >= np.float32(sensor.saturated)) | (values < np.float32(-DEAD)))
+
+
+def _marked(values: F32, lost: NDArray[np.bool_], sensor: _Sensor) -> F32:
+    """``values``, the ``lost`` ones as 1 plus what is there at least: a dead sample counts as little as it shows."""
+    values[lost] = 1 + values[lost].clip(0, np.float32(sensor.saturated))
+    return values
 
 
 def _binned(samples: NDArray[np.uint16], sensor: _Sensor) -> F32:
@@ -232,8 +244,7 @@ def _binned(samples: NDArray[np.uint16], sensor: _Sensor) -> F32:
             1 / (sensor.white * np.count_nonzero(together == colour)))
         full[top::step, left::step, colour] |= (part >= black + sensor.saturated * sensor.white) | (
             part < black - DEAD * sensor.white)
-    out[full] = 1.0
-    return out
+    return _marked(out, full, sensor)
 
 
 def _interpolated(pixels: NDArray[np.uint16], top: int, bottom: int, sensor: _Sensor) -> F32:
@@ -249,17 +260,17 @@ def _interpolated(pixels: NDArray[np.uint16], top: int, bottom: int, sensor: _Se
     for y, x in np.ndindex(n, n):
         part = samples[y::n, x::n] - np.float32(sensor.black[(top - reach + y) % n, (x - reach) % n])
         values[y::n, x::n] = part * np.float32(1 / sensor.white)
-    lost = (values >= np.float32(sensor.saturated)) | (values < np.float32(-DEAD))
+    lost = _lost(values, sensor)
     out = np.zeros((bottom - top, width, 3), np.float32)
-    full = np.zeros((bottom - top, width), np.bool_)
+    share = np.zeros((bottom - top, width, 3), np.float32)  # of what is lost
     for y, x in np.ndindex(n, n):
         for colour in range(3):
             for dy, dx, weight in _taps(sensor, (top + y) % n, x, colour):
                 at = slice(reach + y + dy, reach + dy + bottom - top, n), slice(reach + x + dx, reach + dx + width, n)
                 out[y::n, x::n, colour] += values[at] * np.float32(weight)
-                full[y::n, x::n] |= lost[at]
-    out[full] = 1.0
-    return out
+                share[y::n, x::n, colour] += lost[at] * np.float32(weight)
+    out[(share > 0) & (share < 0.99)] = 0.0  # an edge of a highlight: its colours are of different places
+    return _marked(out, share > 0, sensor)
 
 
 def _inside(numbers: NDArray[np.int64], count: int, period: int) -> NDArray[np.int64]:

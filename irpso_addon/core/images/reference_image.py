@@ -26,7 +26,7 @@ _EVEN = 0.99  # quantile of a flat field that counts as 1: a speck may be bright
 _MOST_BLACK = 0.6  # share of a flat field: around the circle of a fisheye it is about half
 _DIM = 0.02  # of that: where a flat field is darker, nothing can be divided by it
 
-_LESS = 0.9  # of a clipped value: shows whether a channel of Rec.709 rises with it
+_STEP = np.float32(0.1)  # of white: clipped values are lowered by it to see which channels of Rec.709 rise with them
 # Radiance (rows, width, 3), as of `RadianceImage.rgb`; coverage and validity (rows, width).
 Pixels = tuple[F32, F32, Bool]
 
@@ -139,7 +139,7 @@ class Reference:
             if not np.isfinite(radiance.sum()):  # beyond float32
                 valid = valid & all_channels(np.isfinite(radiance))
                 radiance = _where(valid, radiance)
-            if len(lost) and self.file.camera is None:  # of RAW files, nothing says which of the samples are saturated
+            if len(lost):
                 radiance[clipped] = self._at_least(lost)
         return radiance, valid
 
@@ -149,9 +149,14 @@ class Reference:
         In other colour spaces a channel of Rec.709 may fall where a clipped one, whose true value is higher, rises.
         """
         ceiling = self._survey.ceiling.astype(np.float32)
-        rgb = np.minimum(rgb, ceiling)
+        clipped, step, camera = rgb >= ceiling, _STEP * ceiling, self.file.camera
+        if camera is None:
+            rgb = np.minimum(rgb, ceiling)
+        else:
+            factors = np.array(self._view.white_balance or camera.white_balance, np.float32)
+            rgb, step = _even_white(rgb, clipped, factors), _STEP / factors
         least = self._develop(rgb)
-        less = self._develop(np.where(rgb < ceiling, rgb, np.float32(_LESS) * rgb))
+        less = self._develop(np.where(clipped, rgb - step, rgb))
         known = np.isfinite(least) & (least >= less)
         return np.asarray(np.where(known, np.maximum(least, np.float32(0)), np.float32(0)))
 
@@ -180,6 +185,17 @@ class Reference:
         if self._ambient is not None and below > count / 2 and total < 0:
             raise BadInput(f"{self._ambient.file.path}: is brighter than {self.file.path.name}, from which it is to be "
                            "subtracted; check which of the two is the ambient picture")
+
+
+def _even_white(rgb: F32, clipped: Bool, factors: F32) -> F32:
+    """(n, 3) of a RAW file: ``clipped`` channels as low as the lowest of them, once they are balanced by ``factors``.
+
+    A sensor's channels end alike, and green, the brightest of white things, does so first.  Where all are clipped,
+    their ends would be magenta, and that is no bound of a channel of Rec.709 that falls where green rises.
+    """
+    rgb = np.where(rgb >= 1, rgb - 1, rgb)  # of samples that are lost: see raw_reader.bands
+    lowest = np.where(clipped, rgb * factors, np.float32(np.inf)).min(-1, keepdims=True)
+    return np.asarray(np.where(clipped, lowest / factors, rgb), np.float32)
 
 
 def _where(known: Bool, radiance: F32) -> F32:

@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 
 from ...core.checks.solve_checks import CONTRADICTORY
-from ...core.data import F32, I32, Bool, Maps, SceneData
+from ...core.data import F32, F64, I32, Bool, Maps, SceneData
 from ...core.errors import Cancelled
 from ...core.job import Progress
 from ...core.maps.mixture import MIXED, between_paints, mixture
@@ -87,6 +87,10 @@ class FinishedMaps:
     paint: dict[str, float]  # of metals that are in part paint: its share of the covered texels
     albedo: AlbedoSolver
     base: moderngl.Texture  # holes filled
+
+    def squared_residuals(self, where: Bool) -> F64:
+        """(n,) squares of ``relative``, each at most 1: what is black in all pictures is off by thousands of times."""
+        return np.minimum(self.relative[where].astype(np.float64), 1.0) ** 2
 
 
 def make_maps(
