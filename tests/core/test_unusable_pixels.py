@@ -84,6 +84,22 @@ def test_numbers_of_12_bits_in_files_of_16(tmp_path, suffix):
     assert read_reference(view(save(tmp_path / f"b.{suffix}", dark, "uint16"))).valid.all()
 
 
+@pytest.mark.parametrize(("brightest", "clipped"), [(3.0, True), (1.0, False)])
+@pytest.mark.parametrize("gamma", [2.2, 1.8])
+def test_clipped_pixels_of_pictures_of_8_bits_that_were_made_linear_and_scaled(tmp_path, brightest, clipped, gamma):
+    """Few values, all common: of means of four, those of which most are white are white."""
+    y, x = np.mgrid[:240, :360] / 100.0
+    light = (0.1 + brightest * np.exp(-((x - 1.5) ** 2 + (y - 1.2) ** 2) * 6))[..., None] * np.float32([1, 0.9, 0.8])
+    light *= 1 + 0.05 * (noise(240, 360) - 0.5)
+    light *= 1.0 if clipped else 1 / light.max()
+    stored = np.round(255 * np.minimum(light, 1) ** (1 / gamma)) / 255
+    means = (stored**gamma).reshape(120, 2, 180, 2, 3).mean((1, 3)).astype(np.float32)
+    found = read_reference(view(save(tmp_path / "a.exr", means)))
+    lost = (means >= 0.99).any(-1) & clipped
+    np.testing.assert_array_equal(found.valid[::-1], ~lost)
+    assert found.clipped_share == pytest.approx(lost.mean()) and (lost.mean() > 0.02) == clipped
+
+
 def test_flat_surfaces_are_not_clipped(tmp_path):
     flat = np.full((40, 60, 3), 0.6, np.float32)
     assert read_reference(view(save(tmp_path / "a.exr", flat))).valid.all()

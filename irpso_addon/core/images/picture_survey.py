@@ -24,6 +24,9 @@ _NOISY = 10  # blocks with negative values at least, or these are no noise but b
 _NOISE_Z = 8.0  # no noise of a pixel, or of a block's mean, is so many times its deviation
 _LOW, _LOW_Z = 0.1, 4.0  # a share of the blocks, and how low that share of noise about 0 is not (it is at -1.3)
 _HALF_MAX = 65504.0
+_STANDS_OUT = 10  # times as many pixels as have any other value
+_BRIGHT, _WHITE, _CROWDED = 0.95, 0.99, 3.0  # of white, in linear light; density from there on, beside that below
+_MANY = 30  # pixels
 
 
 class Rows:
@@ -163,7 +166,9 @@ def _plateaus(sample: F32, highest: F64) -> F64:
     """(3,) value at which each channel of an image of fine steps was cut off, infinity where it was not.
 
     A cut leaves many pixels at exactly the highest value.  A flat surface under a flat light does so
-    too; there other values are as common, or it is most of the picture.
+    too; there other values are as common, or it is most of the picture.  A picture of 8 bits that was made linear has
+    few values, so that many are common.  It ends at 1, and where it was scaled or straightened since, white is mixed
+    with what was beside it.
     """
     ceiling = np.full(3, _HALF_MAX)
     for channel in range(3):
@@ -172,9 +177,17 @@ def _plateaus(sample: F32, highest: F64) -> F64:
         if not 0.001 * len(sample) < top < 0.5 * len(sample):
             continue
         _, others = np.unique(column[(column > 0) & (column < highest[channel])], return_counts=True)
-        if len(others) and top > 10 * others.max():
+        if len(others) and top > _STANDS_OUT * others.max():
             ceiling[channel] = min(ceiling[channel], highest[channel])
+        elif highest[channel] == 1 and _crowded_at_white(column):
+            ceiling[channel] = _WHITE
     return ceiling
+
+
+def _crowded_at_white(column: F32) -> bool:
+    """Whether far more pixels are white, or almost, than are a little darker."""
+    white, below = np.count_nonzero(column >= _WHITE), np.count_nonzero((column >= _BRIGHT) & (column < _WHITE))
+    return white >= _MANY and white * (_WHITE - _BRIGHT) > _CROWDED * below * (1 - _WHITE)
 
 
 def all_channels(values: Bool) -> Bool:
