@@ -187,7 +187,7 @@ def _plateaus(sample: F32, highest: F64) -> F64:
 def _crowded_at_white(column: F32) -> bool:
     """Whether far more pixels are white, or almost, than are a little darker."""
     white, below = np.count_nonzero(column >= _WHITE), np.count_nonzero((column >= _BRIGHT) & (column < _WHITE))
-    return white >= _MANY and white * (_WHITE - _BRIGHT) > _CROWDED * below * (1 - _WHITE)
+    return bool(white >= _MANY and white * (_WHITE - _BRIGHT) > _CROWDED * below * (1 - _WHITE))
 
 
 def all_channels(values: Bool) -> Bool:
