@@ -35,6 +35,18 @@ def test_a_bent_exponent_is_proof_only_where_the_model_fits(exponent: float, mis
     assert all(line.endswith(f"multiply the views' Response by {exponent:.2f}") for line in found)
 
 
+@pytest.mark.parametrize(("exponent", "structure", "told"), [
+    (1.32, 0.01, True),
+    (1.32, 0.07, False),  # a varnished board, whose pictures are linear
+    (1.44, 0.2, False),
+    (1.55, 0.2, True),  # no material that was seen bends so
+    (0.45, 0.2, True),
+])
+def test_the_more_a_model_lacks_the_more_it_may_bend(exponent: float, structure: float, told: bool) -> None:
+    lines = warnings(replace(checks(exponent, misfit=True), structure=structure))
+    assert any("look non-linear" in line for line in lines) == told
+
+
 def test_no_line_recommends_raw_files_to_who_has_them():
     """Nor another response or colour space: a RAW file is linear, so the cause is another."""
     encoded = checks(0.45, misfit=False)

@@ -24,7 +24,9 @@ LEAST_GAIN, LEAST_MOVE = 0.015, 0.01  # relative errors of brightness, of shadin
 EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move must explain; of a misfit, or to be sure
 LEAST_POWER, LEAST_POWER_ALONE = 0.02, 0.1  # how far from 1 an exponent must be: of all views, of one
 BOUNCED_POWER = 0.1  # below 1, up to which bounced light that was left in the pictures explains it
-LEAST_POWER_MISFIT = 0.3  # the same where a material is not what its model says: real diffuse reflection bends, too
+# The same where a material is not what its model says, which bends brightness too: by up to six times what neighbouring
+# pixels share of its errors.  From MOST on it is a curve: those of sRGB are 0.5 and more away from 1.
+LEAST_POWER_MISFIT, BENDS, MOST_POWER_MISFIT = 0.3, 6.0, 0.45
 LEAST_GAIN_MISFIT, SHARED = 0.03, 2.0  # of LEAST_GAIN there: what it lacks makes whole views brighter; times structure
 STANDS_OUT = 3.0  # times the median light's: the effect of one that stands elsewhere, where a material is no model
 MISFIT_STRUCTURE = 0.03  # relative errors that neighbours share in most views: then a single one proves little
@@ -139,7 +141,11 @@ def _curve(checks: Checks, bounced: bool) -> list[str]:
 
 def _bent(checks: Checks) -> float:
     """How far from 1 a material that is not what its model says may move an exponent."""
-    return LEAST_POWER_MISFIT if checks.misfit else 0.0
+    return _most_bent(checks) if checks.misfit else 0.0
+
+
+def _most_bent(checks: Checks) -> float:
+    return min(max(LEAST_POWER_MISFIT, BENDS * checks.structure), MOST_POWER_MISFIT)
 
 
 def _curved(checks: Checks) -> dict[str, float]:
@@ -148,7 +154,7 @@ def _curved(checks: Checks) -> dict[str, float]:
     off = {m.image.name for m in checks.registration if m.shifted}
     # Shapes and shadows that the scene lacks, and materials that are not their models, scatter the exponents of all and
     # leave structure in all views.
-    bent = LEAST_POWER_MISFIT if checks.structure > MISFIT_STRUCTURE else _bent(checks)
+    bent = _most_bent(checks) if checks.structure > MISFIT_STRUCTURE else _bent(checks)
     exponents = np.array([v.slope.exponent for v in checks.views if v.slope])
     scatter, typical = SIGMAS * scale_of(exponents), float(np.median(exponents)) if len(exponents) else 1.0
     return {v.view: v.slope.exponent for v in checks.views
