@@ -28,7 +28,8 @@ from ..core.errors import BadInput, Cancelled
 from ..core.job import Progress, mapped
 from ..core.live_maps import Live
 from ..core.maps.stride import SparseTexels, pixels_per_texel, stride_of
-from ..core.normals.judge import NormalsJudged, judge_normals
+from ..core.normals.judge import NormalsJudged
+from ..core.normals.relief import judge_normals_and_relief
 from ..core.normals.tilt_sample import TiltSample
 from ..core.params import SolveSettings
 from ..core.tiled.tiled_plan import PriorKnowledge
@@ -280,7 +281,7 @@ def _refined(
     """Give the mesh refined normals, where they predict left-out views better; else why not."""
     known = given.scene.scale_known
     sample = calibration_sample(source, texels, given.settings.seed, known, SAMPLE)
-    judged = yield from judge_normals(TiltSample.of(sample))
+    judged = yield from judge_normals_and_relief(TiltSample.of(sample))
     if isinstance(judged, NormalsJudged):
         mesh.refine((yield from refined_normals(source, texels, judged, known)))
     return judged

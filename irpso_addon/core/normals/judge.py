@@ -17,7 +17,7 @@ from ..evaluation.joint_material import OneMaterial
 from ..evaluation.sampled_texels import Lobes, SampledTexels, parts, predicted
 from ..job import Progress, Steps, share_of
 from .low_pass import common
-from .tilt_fit import CAUCHY, TiltsFound, fit_tilts
+from .tilt_fit import CAUCHY, Beside, TiltsFound, fit_tilts
 from .tilt_sample import TiltSample
 
 LEAST_TEXELS = 100
@@ -32,7 +32,7 @@ HIGHLIGHT = 0.25  # of the radiance: lobes that show more make a highlight
 LEAST_SEEN = 1e-6
 PASSES = 2  # of tilts and roughnesses in turn
 GIVEN, LARGE, ALL = "given", "large", "all"
-FEW = "too few views show its texels"
+FEW, NO_BETTER = "too few views show its texels", "refined ones predict left-out views no better"
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,8 @@ class NormalsJudged:
     deviation: float  # standard deviation of a tilt, radians
     given: float  # as of RefinedNormals
     refined: float
-    apart: bool  # each texel's roughness is found beside its tilt; else after it
+    beside: Beside  # what is found of each texel beside its tilt; its roughness is found after it, but for reliefs
+    large: bool = False  # whether what whole regions have in common is kept
 
 
 def judge_normals(sample: TiltSample) -> Steps[NormalsJudged | str]:
@@ -61,10 +62,10 @@ def judge_normals(sample: TiltSample) -> Steps[NormalsJudged | str]:
     yield Progress(0.0, "normals", "shading normals")
     given = _lobes(sample, texels, materials_of(sample.rig, texels, not sample.rig.scale_known))
     best: _Contest | None = None
-    for n, apart in enumerate((False, True)):
-        fitted = yield from share_of(_fitted(sample, given, apart), 0.5 * n, 0.5 * n + 0.2)
+    for n, beside in enumerate((Beside.NOTHING, Beside.ROUGHNESS)):
+        fitted = yield from share_of(_fitted(sample, given, beside), 0.5 * n, 0.5 * n + 0.2)
         if fitted is None:
-            if not apart:
+            if beside is Beside.NOTHING:
                 return "they explain the views"
             break
         contest = _Contest(sample, given, fitted, folds)
@@ -74,7 +75,7 @@ def judge_normals(sample: TiltSample) -> Steps[NormalsJudged | str]:
         if contest.worth_it() and (best is None or contest.beats(best)):
             best = contest
     if best is None:
-        return "refined ones predict left-out views no better"
+        return NO_BETTER
     return best.judged_normals()
 
 
@@ -82,15 +83,15 @@ def judge_normals(sample: TiltSample) -> Steps[NormalsJudged | str]:
 class _Fitted:
     """What all views say of a sample."""
 
-    apart: bool  # as of NormalsJudged
+    beside: Beside
     materials: dict[int, OneMaterial]
     lobes: Lobes
     tilts: TiltsFound
 
 
-def _fitted(sample: TiltSample, given: Lobes, apart: bool) -> Steps[_Fitted | None]:
+def _fitted(sample: TiltSample, given: Lobes, beside: Beside) -> Steps[_Fitted | None]:
     """Tilts, and the materials under them; None: they are too small to matter."""
-    found = fit_tilts(sample, given, apart=apart)
+    found = fit_tilts(sample, given, beside=beside)
     if found.deviation() < LEAST_TILT:
         return None
     for n in range(PASSES):
@@ -99,8 +100,8 @@ def _fitted(sample: TiltSample, given: Lobes, apart: bool) -> Steps[_Fitted | No
         seen = sample.tilted(tilt)[0]
         materials = materials_of(sample.rig, seen, not sample.rig.scale_known)
         lobes = _lobes(sample, seen, materials)
-        found = fit_tilts(sample, lobes, start=tilt, apart=apart)
-    return _Fitted(apart, materials, lobes, found)
+        found = fit_tilts(sample, lobes, start=tilt, beside=beside)
+    return _Fitted(beside, materials, lobes, found)
 
 
 def large_scale(sample: TiltSample, tilt: F64) -> F64:
@@ -125,7 +126,7 @@ class _Contest:
         self.judge = Judge(self.judged, folds)
         self.predictions: dict[str, list[F64]] = {"lambert": [], GIVEN: [], LARGE: [], ALL: []}
         self.left: dict[str, F64] = {}
-        self.nearest = _nearest(sample.rig.position)
+        self.nearest = nearest(sample.rig.position)
 
     def _highlights(self) -> np.ndarray:
         texels = self.sample.texels
@@ -139,7 +140,7 @@ class _Contest:
         sample = self.sample
         self.predictions["lambert"].append(predicted(self.judged, None, known))
         self.predictions[GIVEN].append(predicted(self.judged, self.given, known))
-        found = fit_tilts(sample, self.lobes, known, self.start, apart=self.fitted.apart)
+        found = fit_tilts(sample, self.lobes, known, self.start, beside=self.fitted.beside)
         tilt = found.under(found.deviation())[0]
         for name, tilts in ((LARGE, large_scale(sample, tilt)), (ALL, tilt)):
             seen, more = sample.tilted(tilts)
@@ -169,7 +170,7 @@ class _Contest:
         """What all views say, and what it predicts of left-out ones."""
         tilts = self.fitted.tilts
         return NormalsJudged(self.fitted.materials, tilts.scatter, tilts.deviation(), self.scale(LARGE),
-                             self.scale(ALL), self.fitted.apart)
+                             self.scale(ALL), self.fitted.beside)
 
     def scale(self, name: str) -> float:
         """Robust standard deviation of what predictions are off by, relative."""
@@ -221,7 +222,7 @@ def _root_mean(products: F64) -> float:
     return float(np.sqrt(max(float(known.mean()), 0.0))) if len(known) else 0.0
 
 
-def _nearest(position: F64) -> I32:
+def nearest(position: F64) -> I32:
     """(T,) of each of (T, 3) places the one that is next to it."""
     middle = position - position.mean(0)
     square = (middle**2).sum(-1)

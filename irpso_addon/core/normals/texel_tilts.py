@@ -46,12 +46,16 @@ class TexelTilts:
         part.information, part.pull = self.information[some], self.pull[some]
         return part
 
-    def offsets(self, deviation: float) -> F32:
-        """(h, w, 3) what is to be added to the unit normals."""
-        field = _Field(self, deviation)
+    def offsets(self, deviation: float, relief: bool = False, large: bool = False) -> F32:
+        """(h, w, 3) what is to be added to the unit normals.
+
+        ``relief``: of a plane, whose tilts may differ from texel to texel as much as any.  ``large``: with what whole
+        regions have in common.
+        """
+        field = _Field(self, deviation, relief)
         tilt = field.relaxed()
         offset = field.in_space(tilt)
-        offset = self._small_scale(offset, field)
+        offset = offset if large else self._small_scale(offset, field)
         return np.where(self.texels[..., None], offset, 0.0).astype(np.float32)
 
     def _small_scale(self, offset: F32, field: _Field) -> F32:
@@ -66,13 +70,13 @@ class TexelTilts:
 class _Field:
     """The random field.  (h, w, ...) arrays."""
 
-    def __init__(self, found: TexelTilts, deviation: float) -> None:
+    def __init__(self, found: TexelTilts, deviation: float, relief: bool = False) -> None:
         self.position, self.deviation = found.position, deviation
         self.information, self.pull = found.information, found.pull
         first, second = light_basis(found.normal.astype(np.float64))
         self.axes = np.stack([first, second], -2).astype(np.float32)  # (h, w, 2, 3)
         self.joined = (self._joined(found, 0), self._joined(found, 1))
-        self.stiffness = self._stiffness()
+        self.stiffness = 1 / deviation**2 / 2 if relief else self._stiffness()
 
     def in_space(self, tilt: F32) -> F32:
         """(h, w, 3)."""

@@ -1,14 +1,15 @@
 """The tilt of each texel's normal that explains what is observed of it.
 
-Gauss-Newton on radiance, each texel's base colour eliminated, and its roughness where it is not held (variable
-projection, Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973).  Errors count relative to the radiance and a part of what
-is typical of the texel: noise and light that bounces do not vanish where the light is grazing.  Cauchy weights: shadows
-that the mesh does not cast.
+Gauss-Newton on radiance, each texel's base colour eliminated, and its roughness or its level where they are not held
+(variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973).  Errors count relative to the radiance and a
+part of what is typical of the texel: noise and light that bounces do not vanish where the light is grazing.  Cauchy
+weights: shadows that the mesh does not cast.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 
@@ -29,8 +30,27 @@ STEEPEST = 1.2  # tangent of the steepest tilt
 TYPICAL = 0.3  # of the median radiance: errors below count as much as there
 LEAST_SCATTER = 1e-3
 NUMBERS = 3  # that are found in each texel, its roughness aside, which few observations say anything of
-ROUGHNESS, ROUGHER = 0.5, 0.3  # of its logarithm: standard deviation; a step
-ROUGH = 0.05, 1.0  # what roughness may be
+
+
+class Beside(Enum):
+    """What is found of each texel beside its base colour and its tilt."""
+
+    NOTHING = "nothing"
+    ROUGHNESS = "roughness"
+    LEVEL = "level"  # Specular IOR Level
+
+
+@dataclass(frozen=True)
+class _Lobe:
+    """Of the logarithm of what is found of a lobe."""
+
+    deviation: float
+    step: float
+    least: float  # of what it is the logarithm of
+    most: float
+
+
+LOBE = {Beside.ROUGHNESS: _Lobe(0.5, 0.3, 0.05, 1.0), Beside.LEVEL: _Lobe(1.0, 0.5, 0.02, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -40,6 +60,7 @@ class TiltsFound:
     information: F64  # (T, 2, 2) 1/radians^2
     pull: F64  # (T, 2) information times the tilt that the observations alone say
     scatter: float  # relative: what observations leave over, robust
+    lobes: Lobes  # of each texel, under the tilts from which the last round began
 
     def under(self, deviation: float) -> tuple[F64, F64]:
         """(tilts (T, 2), their covariances (T, 2, 2)) where tilts are known to have a standard deviation."""
@@ -63,18 +84,19 @@ class TiltsFound:
 
 def fit_tilts(
     sample: TiltSample, lobes: Lobes, known: Bool | None = None, start: F64 | None = None,
-    scatter: float | None = None, rounds: int = ROUNDS, apart: bool = True,
+    scatter: float | None = None, rounds: int = ROUNDS, beside: Beside = Beside.ROUGHNESS, deviation: float = WIDE,
 ) -> TiltsFound:
     """``known``: (V,) layers to go by.  ``start``: (T, 2) tilts.  ``scatter``: of a larger sample.
 
-    ``apart``: each texel's roughness is found beside its tilt; else that of ``lobes`` holds.
+    What is found ``beside`` the tilt starts from ``lobes``, which hold otherwise.  ``deviation``: of tilts, as far as
+    it is known; 0: they stay where they start.
     """
-    fit = _Fit(sample, lobes, np.ones(len(sample.rig.view), bool) if known is None else known, apart)
+    fit = _Fit(sample, lobes, np.ones(len(sample.rig.view), bool) if known is None else known, beside, deviation)
     tilt = np.zeros((len(sample.first), 2)) if start is None else start
     for n in range(rounds):
         found = fit.round(tilt, scatter)
-        if n + 1 < rounds:
-            tilt = _stepped(tilt, found.under(WIDE)[0])
+        if n + 1 < rounds and deviation:
+            tilt = _stepped(tilt, found.under(deviation)[0])
     return found
 
 
@@ -118,10 +140,10 @@ class TiltModel:
 class _Fit:
     """One sample's rounds."""
 
-    def __init__(self, sample: TiltSample, lobes: Lobes, known: Bool, apart: bool) -> None:
-        texels = sample.texels
-        self.sample, self.lobes, self.apart, self.observed = sample, lobes, apart, mean(texels.reflected)
-        self.rougher = np.zeros(len(texels.cos_v))  # (T,) logarithm of roughness over that of the lobes
+    def __init__(self, sample: TiltSample, lobes: Lobes, known: Bool, beside: Beside, deviation: float) -> None:
+        texels, self.deviation = sample.texels, deviation
+        self.sample, self.lobes, self.beside, self.observed = sample, lobes, beside, mean(texels.reflected)
+        self.more = np.zeros(len(texels.cos_v))  # (T,) logarithm of what is found of the lobe, over that of ``lobes``
         self.paints = paints_of(texels)
         self.good: Bool = texels.usable() & known
         # Radiance over that which a surface facing the light would have its irradiance of:
@@ -137,9 +159,11 @@ class _Fit:
     def round(self, tilt: F64, scatter: float | None) -> TiltsFound:
         """The observations, linearised at a tilt.
 
-        The roughness is eliminated, and stepped: of a highlight that is too wide for it, tilts would take up a part.
+        What is found of the lobe is eliminated, and stepped: of a highlight that is too wide for a roughness, tilts
+        would take up a part.
         """
-        model = self._model(0.0)
+        lobes = self._lobes(0.0)
+        model = TiltModel(self.sample, lobes)
         white, rest = model.at(tilt)
         left = self._left(white, self.observed - rest)
         spread = self._scatter(left) if scatter is None else scatter
@@ -149,32 +173,39 @@ class _Fit:
         left = self.observed - rest - base * white
         columns = []
         changed = [model.at(tilt + axis) for axis in np.eye(2) * STEP]
-        if self.apart:
-            changed.append(self._model(STEP).at(tilt))
+        if self.beside is not Beside.NOTHING:
+            changed.append(TiltModel(self.sample, self._lobes(STEP)).at(tilt))
         for more_white, more_rest in changed:
             slope = (base * (more_white - white) + more_rest - rest) / STEP
             columns.append(slope - self._bases(white, slope) * white)
         slopes = np.stack(columns, -1)  # (T, V, 2 or 3)
         across = (slopes * (self.weight / spread**2)[..., None]).transpose(0, 2, 1)
         normal, pull = across @ slopes, (across @ left[..., None])[..., 0]
-        information, turn = self._without_roughness(normal, pull) if self.apart else (normal, pull)
-        return TiltsFound(information, turn + np.einsum("tij,tj->ti", information, tilt), spread)
+        information, turn = (normal, pull) if self.beside is Beside.NOTHING else self._tilts_alone(normal, pull)
+        return TiltsFound(information, turn + np.einsum("tij,tj->ti", information, tilt), spread, lobes)
 
-    def _without_roughness(self, normal: F64, pull: F64) -> tuple[F64, F64]:
-        """(T, 2, 2) and (T, 2) of the tilts, of the equations of both; roughness is eliminated, and stepped."""
-        pull[:, 2] -= self.rougher / ROUGHNESS**2
-        own = normal[:, 2, 2] + 1 / ROUGHNESS**2
+    def _tilts_alone(self, normal: F64, pull: F64) -> tuple[F64, F64]:
+        """(T, 2, 2) and (T, 2) of the tilts, of the equations of all; the lobe is eliminated, and stepped."""
+        of = LOBE[self.beside]
+        pull[:, 2] -= self.more / of.deviation**2
+        own = normal[:, 2, 2] + 1 / of.deviation**2
         taken = normal[:, :2, 2] / own[:, None]
         information = normal[:, :2, :2] - taken[:, :, None] * normal[:, None, 2, :2]
         turn = pull[:, :2] - taken * pull[:, 2:]
-        by = np.einsum("tij,tj->ti", np.linalg.inv(information + np.eye(2) / WIDE**2), turn)
-        self.rougher += np.clip((pull[:, 2] - (normal[:, 2, :2] * by).sum(-1)) / own, -ROUGHER, ROUGHER)
+        by = np.zeros_like(turn)
+        if self.deviation:
+            by = np.einsum("tij,tj->ti", np.linalg.inv(information + np.eye(2) / self.deviation**2), turn)
+        self.more += np.clip((pull[:, 2] - (normal[:, 2, :2] * by).sum(-1)) / own, -of.step, of.step)
         return information, turn
 
-    def _model(self, more: float) -> TiltModel:
-        """Of the texels' roughness now, and ``more`` in the logarithm."""
-        factor = np.exp(self.rougher + more)[:, None]
-        return TiltModel(self.sample, replace(self.lobes, roughness=np.clip(self.lobes.roughness * factor, *ROUGH)))
+    def _lobes(self, more: float) -> Lobes:
+        """Of the texels now, and ``more`` in the logarithm of what is found of them."""
+        if self.beside is Beside.NOTHING:
+            return self.lobes
+        of, factor = LOBE[self.beside], np.exp(self.more + more)
+        if self.beside is Beside.LEVEL:
+            return replace(self.lobes, level=np.clip(self.lobes.level * factor, of.least, of.most))
+        return replace(self.lobes, roughness=np.clip(self.lobes.roughness * factor[:, None], of.least, of.most))
 
     def _left(self, white: F64, rest: F64) -> F64:
         return rest - self._bases(white, rest) * white

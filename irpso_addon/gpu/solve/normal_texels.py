@@ -16,12 +16,12 @@ from ...core.calibration.rig_sample import RigSample
 from ...core.calibration.texel_materials import lobes_of
 from ...core.data import F32, F64, I32, Bool
 from ...core.evaluation.joint_material import OneMaterial
-from ...core.evaluation.sampled_texels import Lobes
+from ...core.evaluation.sampled_texels import one_lobe
 from ...core.job import Progress
 from ...core.normals.judge import NormalsJudged
 from ...core.normals.tangent_map import padded
 from ...core.normals.texel_tilts import TexelTilts
-from ...core.normals.tilt_fit import fit_tilts
+from ...core.normals.tilt_fit import Beside, fit_tilts
 from ...core.normals.tilt_sample import TiltSample
 from ..observe.observation_atlas import CameraSource, ObservationAtlas, tiles
 from .calibration_sample import views_of
@@ -79,7 +79,7 @@ def refined_normals(
     finally:
         pool.shutdown(cancel_futures=True)
     part = found.of((some, some)) if step > 1 else found
-    return padded(part.offsets(judged.deviation), part.texels, PADDING)
+    return padded(part.offsets(judged.deviation, judged.beside is Beside.LEVEL, judged.large), part.texels, PADDING)
 
 
 def _take(found: TexelTilts, fits: deque[tuple[tuple[I32, I32], Future[tuple[F64, F64]]]]) -> None:
@@ -114,10 +114,14 @@ def _fitted(sample: TiltSample, judged: NormalsJudged) -> tuple[F64, F64]:
     """(information, pull) of some texels, each with its own roughness under its own tilt."""
     known = [judged.materials.get(int(slot), OneMaterial(0.5)) for slot in sample.rig.slot]
     rough, level = (np.array([getattr(one, name) for one in known]) for name in ("roughness", "level"))
-    first = Lobes(np.stack([rough, rough], -1), np.ones(len(rough)), level)
-    fit = partial(fit_tilts, sample, scatter=judged.scatter, apart=judged.apart)
-    tilt = fit(first, rounds=ROUNDS[0]).under(judged.deviation)[0]
-    lobes = lobes_of(sample.rig, sample.tilted(tilt)[0], judged.materials)
+    first = one_lobe(rough, level)
+    fit = partial(fit_tilts, sample, scatter=judged.scatter, beside=judged.beside)
+    if judged.beside is Beside.LEVEL:  # the roughness is the material's
+        fit = partial(fit, deviation=judged.deviation)
+    found = fit(first, rounds=ROUNDS[0])
+    tilt = found.under(judged.deviation)[0]
+    lobes = found.lobes if judged.beside is Beside.LEVEL else lobes_of(
+        sample.rig, sample.tilted(tilt)[0], judged.materials)
     found = fit(lobes, start=tilt, rounds=ROUNDS[1])
     return found.information, found.pull
 
