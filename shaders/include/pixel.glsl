@@ -1,6 +1,6 @@
 // A camera's pixel: the surface at its centre and over its footprint.
 #include "include/projection.glsl"
-uniform sampler2D u_position;       // pixel grid: world xyz, coverage
+uniform sampler2D u_position;       // pixel grid: world xyz, coverage: 0 or 1, at seams less
 uniform sampler2D u_normal;         // shading normal, slot
 uniform vec3 u_camera_position;
 uniform vec3 u_camera_forward;
@@ -16,6 +16,11 @@ struct Pixel {
     vec3 dPdx, dPdy, dNdx, dNdy;  // per pixel step
     float bend2;                  // how much the normal bends over the footprint, squared: 0 where it turns steadily
 };
+
+// Does a pixel show more than the UV island of its centre?  ``p``: its position.
+bool at_seam(vec4 p) {
+    return p.w < 1.0 - 0.5 * SEAM;
+}
 
 vec3 toward_camera(vec3 P) {
     return u_orthographic ? -u_camera_forward : normalize(u_camera_position - P);

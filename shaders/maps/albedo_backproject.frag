@@ -3,8 +3,19 @@
 uniform sampler2D u_texel_position;
 uniform sampler2D u_texel_normal;
 uniform sampler2D u_residual;  // pixel grid
+uniform sampler2D u_uv;
+uniform sampler2D u_uv_slope;
+uniform float u_beyond;        // what a pixel of another UV island counts
 
 layout(location = 0) out vec4 o_update;  // weighted residual sum, weight
+
+// Whether the pixel's island has the texel where the pixel, so far away from its projection, would show it.
+bool same_island(ivec2 pixel, vec2 away) {
+    vec2 size = vec2(textureSize(u_texel_position, 0));
+    vec4 slope = texelFetch(u_uv_slope, pixel, 0) * size.xyxy;
+    vec2 there = texelFetch(u_uv, pixel, 0).xy * size + away.x * slope.xy + away.y * slope.zw;
+    return all(lessThan(abs(there - gl_FragCoord.xy), 1.0 + 0.5 * (abs(slope.xy) + abs(slope.zw))));
+}
 
 void main() {
     ivec2 texel = ivec2(gl_FragCoord.xy);
@@ -27,6 +38,7 @@ void main() {
         if (dot(texelFetch(u_normal, pixel, 0).xyz, n) < 0.5) continue;  // the other side of a thin wall
         vec4 residual = texelFetch(u_residual, pixel, 0);
         float w = (d.x == 1 ? f.x : 1.0 - f.x) * (d.y == 1 ? f.y : 1.0 - f.y) * residual.a * cos_v * cos_v;
+        if (u_beyond < 1.0 && !same_island(pixel, f - vec2(d))) w *= u_beyond;
         o_update += vec4(residual.rgb * w, w);
     }
     if (o_update.a <= 0.0) discard;

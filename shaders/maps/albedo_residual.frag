@@ -6,7 +6,8 @@ uniform sampler2D u_uv;
 uniform sampler2D u_uv_slope;
 uniform sampler2D u_texture;     // texel grid, holes filled
 
-uniform bool u_first;            // of the steps: to what pixels show; the others sharpen it
+uniform bool u_from_black;       // a step to what pixels show; the others sharpen it
+uniform float u_beyond;          // what a pixel at a seam counts
 
 const float BEND = 0.05;         // bend of the normal, see Pixel, at which a pixel counts half
 
@@ -26,14 +27,16 @@ void main() {
         mean += texture(u_texture, uv + d.x * slope.xy + d.y * slope.zw).rgb;
     }
     vec3 shown = clamp(texelFetch(u_albedo, at, 0).rgb / max(weight, vec3(1e-12)), 0.0, 1.2);
-    mean /= 16.0;
+    mean = u_from_black ? vec3(0.0) : mean / 16.0;
     shown = mix(mean, shown, greaterThan(weight, vec3(0.0)));
     // Weights are relative squares: times the albedo squared they count good views.
     float grey = max(dot(shown, vec3(1.0 / 3.0)), 0.02);
     float views = most * grey * grey;
     // At a crease a pixel shows the mean of two sides, and its centre one of them: it sharpens little.
     Pixel pixel;
-    bool bends = !u_first && load_pixel(at, pixel);
+    bool bends = !u_from_black && load_pixel(at, pixel);
     float trust = bends ? 1.0 / (1.0 + pixel.bend2 / (BEND * BEND)) : 1.0;
-    o_residual = vec4(trust * (shown - mean), views / (views + 0.3));
+    // It shows what lies beyond its island too, and looks up what the holes there are filled with.
+    float own = at_seam(texelFetch(u_position, at, 0)) ? u_beyond : 1.0;
+    o_residual = vec4(trust * (shown - mean), own * views / (views + 0.3));
 }

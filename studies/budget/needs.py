@@ -24,10 +24,11 @@ NODES = 32  # roughnesses of a table, shaders/solve/table.kernel
 STARTS = 3  # of a polish, shaders/solve/polish.kernel
 # Of a pixel or texel that a draw covers: (fetches, bytes that are read or written once).
 DRAWS = {
-    # albedo, weight, uv, slope, 16 bilinear looks at the texture; written once
-    "maps/albedo_residual.frag": (4 + 16 * 4, 5 * TEXEL + 8),
-    # position, normal, and of four pixels position, normal, residual, which neighbours share; added to what is there
-    "maps/albedo_backproject.frag": (2 + 3 * 4, 7 * TEXEL),
+    # albedo, weight, uv, slope, position, 16 bilinear looks at the texture; written once
+    "maps/albedo_residual.frag": (5 + 16 * 4, 6 * TEXEL + 8),
+    # position, normal, and of four pixels position, normal, residual, uv, slope, which neighbours share; added to what
+    # is there
+    "maps/albedo_backproject.frag": (2 + 5 * 4, 8 * TEXEL + 8),
     "maps/albedo_update.frag": (2, 3 * TEXEL),
 }
 KERNELS = {"search": "solve/search.kernel", "tables": "solve/table.kernel", "polish": "solve/polish.kernel"}

@@ -24,13 +24,14 @@ VERSION = "#version 330 core"  # the oldest that every Blender machine has; macO
 COMPUTE_VERSION = "#version 430 core"
 WORKGROUP = 8  # texels along a side of what a compute shader's group does
 UNLIT_BELOW = -100.0  # radiance over irradiance: a channel without light is marked by -1000; noise is a little below 0
+SEAM = 0.1  # of a pixel's coverage, for each of its corners that lies on another UV island
 # Numbers that Python and shaders both know: every program gets them as defines, no shader spells them.
 SHARED_CONSTANTS: Mapping[str, float | int] = {
     "WORKGROUP": WORKGROUP,
     "ROUGHNESS_MIN": brdf.ROUGHNESS_MIN, "ROUGHNESS_RANGE": 1 / brdf.ROUGHNESS_MIN,
     "LEVEL_F0": 2 * tables.F0, "LEVEL_MIN": brdf.LEVEL_MIN,
     "ALPHA2_MIN": brdf.ALPHA2_MIN, "COS2H_MIN": brdf.COS2H_MIN, "ROUGH_LOST": brdf.ROUGH_LOST,
-    "LEAST_SCALE": LEAST_SCALE, "UNLIT_BELOW": UNLIT_BELOW, "NUMBERS_OF_TWO": float(NUMBERS_OF_TWO),
+    "LEAST_SCALE": LEAST_SCALE, "SEAM": SEAM, "UNLIT_BELOW": UNLIT_BELOW, "NUMBERS_OF_TWO": float(NUMBERS_OF_TWO),
     "TABLE_SIZE": tables.SIZE, "LOBE_NODES": tables.LOBE_NODES,
     "FRESNEL_NODES": tables.FRESNEL_NODES, "FRESNEL_SLICES": tables.SLICES,
     **{f"LIGHT_{kind}": number for number, kind in enumerate(lights.KINDS)},

@@ -34,7 +34,7 @@ GRID, LIFT = slice(5, 7), 10  # of a vertex's row of SURFACE: in_grid, in_facet.
 class GBufferMaps:
     """G-buffer of a grid: texels (UV square) or a camera's pixels.  Released with ``release``."""
 
-    position: moderngl.Texture  # RGBA32F: world xyz, coverage
+    position: moderngl.Texture  # RGBA32F: world xyz, coverage: 0 or 1, of pixels at seams less: see seams.py
     normal: moderngl.Texture  # RGBA32F: shading normal, material slot
     facet: moderngl.Texture  # RGBA32F: facet normal on the shading side, lift (metres)
     uv: moderngl.Texture | None = None  # RG32F, cameras only: place on the texel grid
@@ -189,6 +189,16 @@ class MeshBuffer:
         self.device.programs.set(program, {**uniforms, **projection.uniforms})
         kind = fragment, region[2:] if region else target.size
         self.triangles.draw(self.device, kind, self._array(program), target, projection.clip, region)
+
+    def draw_told(
+        self, target: moderngl.Framebuffer, projection: Projection, centres: GBufferMaps, away: tuple[float, float],
+    ) -> None:
+        """Draw 1 where what is so many pixels ``away`` from a pixel's centre is what the centre tells, else 0."""
+        program = self.device.programs.get("gbuffer/gbuffer.vert", "gbuffer/told.frag", projection.defines)
+        self.device.programs.set(program, {**projection.uniforms, "u_in_uv": False, "u_away": away})
+        self.device.bind(program, {"u_uv": centres.uv, "u_uv_slope": centres.uv_slope})
+        self.triangles.draw(self.device, ("gbuffer/told.frag", target.size), self._array(program), target,
+                            projection.clip)
 
     def draw_count(self, target: moderngl.Framebuffer) -> None:
         """Add 1 to every texel under each triangle's UVs."""

@@ -26,7 +26,9 @@ from .fill import Filler
 ITERATIONS = 6  # more sharpens noise: without any, ten are no better
 COARSE_ITERATIONS, COARSE = 5, 1.15  # where so many pixels and more show a texel, there is little to sharpen
 PASSES_MAX = 120  # camera passes in all: with many cameras each iteration takes a share of them
-SHARP = 4  # iterations after which the texture is worth a look: at first it is blurred
+SHARP = 5  # steps after which the texture is worth a look: at first it is blurred
+STARTS = 2  # steps from black: the first finds which texels pixels show, the second what these are
+BEYOND = 0.01  # what a pixel that does not see a texel's UV island alone counts beside one that does
 STEP_SLACK = 0.1  # of 1, the weight of a good pixel seen head on: holds back texels seen at a grazing angle
 ROBUST_PASSES = 4
 VIEWS_AT_ONCE = 4  # in one draw: their two textures each and eight more are what every GL 3.3 driver offers
@@ -117,18 +119,18 @@ class AlbedoSolver:
         """From all cameras, then from a share of them at a time; canvas.texture is the result."""
         device, cameras = self.device, self.observations.cameras
         subsets = max(1, -(-iterations * len(cameras) // PASSES_MAX))
-        i = 0
-        while i <= iterations:
-            # The first step starts from black: it is the weighted mean of what the cameras show.
-            chosen = [c for c in range(len(cameras)) if i == 0 or c % subsets == i % subsets]
-            for share in canvas.step(chosen, first=i == 0):
+        i, steps = 0, iterations + STARTS if iterations else 1
+        while i < steps:
+            # A step from black is the weighted mean of what the cameras show.
+            chosen = [c for c in range(len(cameras)) if i < STARTS or c % subsets == i % subsets]
+            for share in canvas.step(chosen, i):
                 whole = share == 1
                 if whole:
                     device.budget.finish()
                     if i == 0 and canvas.pixels_per_texel() > COARSE:
-                        iterations = min(iterations, COARSE_ITERATIONS)
+                        steps = min(steps, COARSE_ITERATIONS + STARTS)
                 try:
-                    yield Progress(0.3 + 0.7 * (i + share) / (iterations + 1), "maps", "base colour",
+                    yield Progress(0.3 + 0.7 * (i + share) / steps, "maps", "base colour",
                                    partial(base_color, device, canvas.texture) if whole and i + 1 >= SHARP else None)
                 except Cancelled:  # a less sharp texture, but a whole one
                     self.cancelled = True
@@ -232,27 +234,29 @@ class _Canvas:
                 self._target[self._residual[pixels].glo] = device.framebuffer([self._residual[pixels]])
         self._seen: dict[int, OccupiedCells] = {}  # by camera: the texels that it shows
 
-    def step(self, chosen: list[int], *, first: bool) -> Iterator[float]:
+    def step(self, chosen: list[int], number: int) -> Iterator[float]:
         """One back-projection from some cameras; the share that is done, after each, and 1.
 
         Left before its end it changes nothing.
         """
-        filled = self.texture if first else self._filler.fill(self.texture)
+        beyond, start = {"u_beyond": BEYOND if number else 1.0}, {"u_from_black": number < STARTS}
+        filled = self._filler.fill(self.texture) if number >= STARTS else self.texture
         filled.filter = (moderngl.LINEAR, moderngl.LINEAR)
         sum_target = self._target[self.update.glo]
         sum_target.clear()
         for done, n in enumerate(chosen):
-            residual = self._difference(n, filled, first)
+            residual = self._difference(n, filled, {**beyond, **start})
             if n not in self._seen:
                 target = self._target[self.next.glo]
                 target.clear()
-                self._carry_back(n, residual, target, self.grid.cells)
+                self._carry_back(n, residual, target, self.grid.cells, beyond)
                 self._seen[n] = OccupiedCells(self.device, self.next)
             with self.device.adding():
-                self._carry_back(n, residual, sum_target, self._seen[n])
+                self._carry_back(n, residual, sum_target, self._seen[n], beyond)
             yield (done + 0.5) / len(chosen)
         self.device.draw("maps/albedo_update.frag", self._target[self.next.glo], Inputs({
-            "u_texture": self.texture, "u_update": self.update}, {"u_slack": 0.0 if first else STEP_SLACK}))
+            "u_texture": self.texture, "u_update": self.update},
+            {**start, "u_slack": 0.0 if number < STARTS else STEP_SLACK}))
         self.texture, self.next = self.next, self.texture
         yield 1.0
 
@@ -261,7 +265,7 @@ class _Canvas:
         pixels = sum(camera.maps.cells.count for camera, _, _ in self.cameras if camera.maps.cells)
         return pixels / max(sum(cells.count for cells in self._seen.values()), 1)
 
-    def _difference(self, n: int, filled: moderngl.Texture, first: bool) -> moderngl.Texture:
+    def _difference(self, n: int, filled: moderngl.Texture, uniforms: Mapping[str, object]) -> moderngl.Texture:
         """How far the texture is from what each pixel of a camera shows."""
         camera, albedo, weight = self.cameras[n]
         residual = self._residual[albedo.size]
@@ -270,16 +274,18 @@ class _Canvas:
         self.device.draw("maps/albedo_residual.frag", target, Inputs({
             "u_albedo": albedo, "u_weight": weight, "u_uv": camera.maps.uv, "u_uv_slope": camera.maps.uv_slope,
             "u_texture": filled, "u_position": camera.maps.position, "u_normal": camera.maps.normal,
-        }, {**camera.uniforms, **camera.projection.uniforms, "u_first": first}, camera.defines),
+        }, {**camera.uniforms, **camera.projection.uniforms, **uniforms}, camera.defines),
             cells=camera.maps.cells)
         return residual
 
     def _carry_back(
         self, n: int, residual: moderngl.Texture, target: moderngl.Framebuffer, cells: OccupiedCells | None,
+        uniforms: Mapping[str, object],
     ) -> None:
         """A camera's residuals to the texels that it shows."""
         camera = self.cameras[n][0]
         self.device.draw("maps/albedo_backproject.frag", target, Inputs({
             "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
             "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_residual": residual,
-        }, {**camera.uniforms, **camera.projection.uniforms}, camera.defines), cells=cells)
+            "u_uv": camera.maps.uv, "u_uv_slope": camera.maps.uv_slope,
+        }, {**camera.uniforms, **camera.projection.uniforms, **uniforms}, camera.defines), cells=cells)

@@ -25,6 +25,7 @@ from ...core.shading.tables import principled_table
 from ..device.context import Device, Inputs
 from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, draw_pixel_grid
 from ..gbuffer.projection import Projection, lens_uniforms, projection_of
+from ..gbuffer.seams import mark_seams
 from ..gbuffer.solve_mask import SolveMask
 from .ambient_light import is_ambient, uniform_environment, with_ambient
 from .environment_light import EnvironmentLight, LitByEnvironment
@@ -236,6 +237,7 @@ class _Observer:
             self._numbers[key] = len(self.cameras)
             footprint = self.scene.pixel_filter
             maps = draw_pixel_grid(self.device, self.mesh, self.occluders, camera, (width, height), footprint)
+            mark_seams(self.device, self.mesh, self.occluders, camera, maps, footprint)
             maps = self.limits.mask.pixels(self.device, maps) if self.limits.mask else maps
             projection = projection_of(camera, [self.mesh.bundles, self.occluders.bundles])
             self.covered.append(self.device.read(maps.position)[..., 3] > 0.5)
