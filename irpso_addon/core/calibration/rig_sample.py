@@ -122,6 +122,7 @@ class RigGeometry:
 
     def __init__(self, sample: RigSample) -> None:
         self.sample = sample
+        self.lit = _lit(sample)
         self.given = self._light(RigChange.none(len(sample.rig.groups), len(sample.rig.views)))
         of_view = [log_cosine(view.camera, sample.position - view.camera.position) for view in sample.rig.views]
         self.to_camera = [_to_camera(view.camera, sample.position) for view in sample.rig.views]
@@ -205,17 +206,23 @@ class RigGeometry:
         return self.given_angles[of]
 
     def _light(self, change: RigChange) -> dict[str, tuple[F64, F64, Bool]]:
-        """Of each lamp: irradiance over power (T,), slopes (T, 3), and where those are known (T,)."""
+        """Of each lamp: irradiance over power (T,), slopes (T, 3), and where those are known (T,).
+
+        Where no view shows a texel under the lamp, irradiance is 1, and nothing is known of slopes.
+        """
         sample = self.sample
-        lights, result = sample.rig.lights(change), {}
+        lights, result, middle = sample.rig.lights(change), {}, sample.position.mean(0)
         for group in sample.rig.groups:
             for name, axes in zip(group.lights, group.axes, strict=True):
                 light = four_sided(lights[name])  # what counts are ratios to the lamp as it is given
-                slopes, fine = light_slopes(light, sample.position, sample.normal)
-                own = 1.0 if light.kind == "SUN" else float(
-                    np.linalg.norm(light.matrix[:3, 3] - sample.position.mean(0)))
-                scaled = np.where(fine[:, None], slopes @ axes * (group.reach / own), 0.0)
-                result[name] = light_irradiance(light, sample.position, sample.normal), scaled, fine
+                own = 1.0 if light.kind == "SUN" else float(np.linalg.norm(light.matrix[:3, 3] - middle))
+                seen = self.lit[name]
+                position, normal = sample.position[seen], sample.normal[seen]
+                of, known = light_slopes(light, position, normal, own)
+                irradiance, slopes, fine = np.ones(len(seen)), np.zeros((len(seen), 3)), np.zeros(len(seen), bool)
+                irradiance[seen], fine[seen] = light_irradiance(light, position, normal), known
+                slopes[seen] = np.where(known[:, None], of @ axes * (group.reach / own), 0.0)
+                result[name] = irradiance, slopes, fine
         return result
 
 
@@ -246,6 +253,19 @@ def to_middle(light: Light, position: F64) -> F64:
     way = (np.broadcast_to(light.matrix[:3, 2], position.shape) if light.kind == "SUN"
            else light.matrix[:3, 3] - position)
     return np.asarray(way / np.maximum(length(way)[..., None], 1e-12))
+
+
+def _lit(sample: RigSample) -> dict[str, Bool]:
+    """Of each lamp, the texels that some view shows under it, (T,)."""
+    texels, result = sample.texels, {}
+    shown = texels.quality > 0 if texels.clipped is None else (texels.quality > 0) | (texels.clipped > 0)
+    for v, place in enumerate(sample.view):
+        for light in sample.rig.views[place].lights:
+            result[light.name] = result.get(light.name, np.zeros(len(shown), bool)) | shown[:, v]
+    for group in sample.rig.groups:
+        for name in group.lights:
+            result.setdefault(name, np.zeros(len(shown), bool))
+    return result
 
 
 def _to_camera(camera: Camera, position: F64) -> F64:
