@@ -72,6 +72,8 @@ def _of_metals(first: RigFound, lamps: bool, exposures: bool, larger: Larger) ->
     if curve is not None:
         sample = curve.corrected(sample)
         first = yield from _materials(sample)
+    elif any(may_have_one(view) for view in sample.rig.views):
+        return None
     taken = yield from chosen_of_metals(sample, folds, first, lamps, exposures)
     judged = None if taken is None else (yield from judged_of(taken, lambda ambient: sample))
     return judged if curve is None else _beside(curve, judged, first)

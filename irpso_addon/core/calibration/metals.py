@@ -18,7 +18,7 @@ from ..evaluation.folds import Folds, Judge
 from ..evaluation.sampled_texels import predicted
 from ..job import Steps, share_of
 from .choice import Chosen
-from .contest import ANY, GIVEN, SURE, Contest
+from .contest import ANY, GIVEN, HALF, SURE, Contest
 from .far_exposures import FAR, median_gains
 from .free_numbers import NOTHING
 from .rig_fit import ROUNDS, RigFound, fit_rig, left_over
@@ -36,7 +36,7 @@ DIELECTRIC, METAL = "dielectric", "metal"
 
 
 def metals_of(sample: RigSample, folds: Folds, first: RigFound) -> Steps[RigFound | None]:
-    """The materials of texels that may be metal; None where dielectrics explain the pictures, or metals do not.
+    """The materials of texels that may be metal; None where dielectrics explain half of the radiance, or metals little.
 
     ``first``: dielectric materials.  More than one lamp in a view is none of it: then what a highlight shows cannot
     be said to be one lamp's.
@@ -46,12 +46,15 @@ def metals_of(sample: RigSample, folds: Folds, first: RigFound) -> Steps[RigFoun
     contest = Judge(sample.texels, folds, sample.cluster)
     contest.add("lambert", [predicted(sample.texels, None, ~left_out, ANY) for left_out in folds.left_out])
     contest.add(DIELECTRIC, _predicted(sample, folds, first))
-    if contest.error(DIELECTRIC).fits:
+    dielectric = contest.error(DIELECTRIC)
+    if dielectric.relative_rms < HALF:
         return None
     metals = replace(sample, metals=True)
     found = yield from fit_rig(metals, NOTHING, rounds=1)
     contest.add(METAL, _predicted(metals, folds, found))
-    return found if contest.error(METAL).fits else None
+    metal = contest.error(METAL)
+    better = metal.relative_rms < dielectric.relative_rms and metal.lightness < dielectric.lightness
+    return found if metal.fits and better else None
 
 
 def _predicted(sample: RigSample, folds: Folds, found: RigFound) -> list[F64]:
