@@ -17,6 +17,7 @@ from .falloff import edge_falloff
 from .far_exposures import FarExposures, far_exposures
 from .finish import Judged, Larger, ambient_of, final_of, judged_of, weighed
 from .free_numbers import NOTHING, is_far, is_off
+from .metals import chosen_of_metals, curve_of_metals, metals_of
 from .rig import RigChange
 from .rig_fit import ROUNDS, RigFound, fit_rig
 from .rig_numbers import Free
@@ -40,22 +41,42 @@ def calibrate(
     whether the mesh may be wrong in detail.  What leaves most of the radiance of left-out views unexplained is no error
     of the rig's: a material that no model fits, such as a mirror, is predicted a little better by any free number.
     Only exposures that are far off are then told from it, of files without a tone curve that is not known: under one, a
-    bright view is brighter by another factor than a dark one.
+    bright view is brighter by another factor than a dark one.  Metal is told from that first, see metals.py.
     """
     lamps = lamps and not all(group.kept for group in sample.rig.groups)
     folds = split(sample.texels)
     if folds is None or len(sample.slot) < LEAST_TEXELS or not (lamps or exposures):
         return None
     yield Progress(0.0, "calibrate", "lamps and exposures")
-    first = yield from _materials(sample)
-    judged = yield from _judged(sample, folds, first, lamps, exposures, more or (lambda ambient: sample), normals)
-    overlap = angles_overlap(sample)
+    first, larger = (yield from _materials(sample)), more or (lambda ambient: sample)
+    metals, overlap = (yield from metals_of(sample, folds, first)), angles_overlap(sample)
+    if metals is None:
+        judged = yield from _judged(sample, folds, first, lamps, exposures, larger, normals)
+    else:
+        judged = yield from _of_metals(metals, lamps, exposures, larger)
     if judged is not None and judged.changed.fits:
         return replace(judged, overlap=overlap)
     if not exposures or not overlap or any(may_have_one(view) for view in sample.rig.views):
         return None
     far = yield from far_exposures(sample, folds, first, unexplained=True)
     return None if far is None else _alone(far)
+
+
+def _of_metals(first: RigFound, lamps: bool, exposures: bool, larger: Larger) -> Steps[Judged | None]:
+    """The change of a rig that lights metal, by the larger sample.  ``first``: materials, of `with_metals`."""
+    sample = replace(larger(False), metals=True)
+    folds = split(sample.texels)
+    if folds is None:
+        return None
+    curve = (yield from curve_of_metals(sample, folds, first, lamps)) if exposures else None
+    if curve is not None:
+        sample = curve.corrected(sample)
+        first = yield from _materials(sample)
+    elif any(may_have_one(view) for view in sample.rig.views):
+        return None
+    taken = yield from chosen_of_metals(sample, folds, first, lamps, exposures)
+    judged = None if taken is None else (yield from judged_of(taken, lambda ambient: sample))
+    return judged if curve is None else _beside(curve, judged, first)
 
 
 def _judged(
@@ -186,7 +207,10 @@ def found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged
     """
     if len(sample.rig.groups) != len(before.found.change.offset):  # cameras have left a flash that they shared
         return None
-    if before.found.change.log_shoulder:
+    if any(one.metallic for one in before.found.materials.values()) and not sample.metals:
+        return (yield from found_again(before, replace(sample, metals=True),
+                                       lambda ambient: replace(more(ambient), metals=True)))
+    if before.found.change.log_shoulder or (before.found.change.log_response and not before.free.response):
         curve = ToneCurve.of(before)
         change = replace(before.found.change, log_response=0.0, log_shoulder=0.0)
         straight = replace(before, found=replace(before.found, change=change))

@@ -128,7 +128,7 @@ def with_ambient(contest: Contest, free: Free, found: RigFound) -> Steps[tuple[F
     more than it explains.  Where places in the shade show it, lit places need only not contradict.
     """
     without = yield from share_of(fit_rig(contest.sample, free, start=found, rounds=AGAIN), 1.0, 1.0)
-    if free.ambient or not free.lamps:
+    if free.ambient or not free.lamps or contest.sample.metals:  # between metals light bounces, which looks alike
         return free, without
     lit = replace(free, ambient=True)
     other = yield from share_of(fit_rig(contest.sample, lit, start=found, rounds=AGAIN), 1.0, 1.0)

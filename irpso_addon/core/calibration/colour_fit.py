@@ -16,12 +16,12 @@ import numpy as np
 from ..change_records import PredictionError
 from ..data import F64, I32, Bool
 from ..evaluation.folds import Folds, Judge, scatter
-from ..evaluation.sampled_texels import parts, predicted
+from ..evaluation.sampled_texels import predicted
 from .contest import GIVEN, HIGHLIGHT, LEAST_ERROR, SURE
 from .rig_fit import RigFound
 from .rig_numbers import CAUCHY, MEAN
 from .rig_sample import COLOURS, RigSample
-from .texel_materials import lobes_of
+from .texel_materials import lobes_of, shown_by
 
 TINT = 0.1  # what a lamp or a picture is off by: of the logarithm of a channel
 LEAST_SCATTER = 1e-4
@@ -46,7 +46,7 @@ class ColourFit:
 
     def __init__(self, sample: RigSample, first: RigFound, tinted: Tinted) -> None:
         texels = sample.texels
-        specular = parts(texels, lobes_of(sample, texels, first.materials))[1]
+        specular = shown_by(texels, lobes_of(sample, texels, first.materials))[1]
         places, layers = np.unique(sample.view, return_index=True)
         self.tinted = tinted
         self.first: I32 = layers.astype(np.int32)  # of each view's layers

@@ -8,14 +8,14 @@ import numpy as np
 
 from ..data import F64
 from ..evaluation.folds import Folds, Judge, rises, scatter
-from ..evaluation.sampled_texels import parts, predicted
+from ..evaluation.sampled_texels import predicted
 from ..job import Steps, share_of
 from .rig import RigChange
 from .rig_fit import RigFound, beside_tilts, fit_rig
 from .rig_numbers import CAUCHY, Free
 from .rig_round import OUTLYING, in_common
 from .rig_sample import RigSample
-from .texel_materials import lobes_of
+from .texel_materials import lobes_of, shown_by
 
 SURE = 3.0  # standard errors from which on a number is changed, or a rig better
 LEAST_ERROR = 0.002  # of the radiance: what a change must explain of left-out views ...
@@ -127,7 +127,7 @@ def diffuse_alone(sample: RigSample, found: RigFound) -> RigSample:
     """The sample without what highlights make bright: where texels differ in roughness, those hide all else."""
     texels = sample.texels
     seen = sample.geometry.under(found.change).texels
-    specular = parts(seen, lobes_of(sample, seen, found.materials))[1][..., 0]
+    specular = shown_by(seen, lobes_of(sample, seen, found.materials))[1][..., 0]
     shown = np.maximum(seen.reflected.mean(-1), LEAST_SEEN)
-    quality = np.where(specular < HIGHLIGHT * shown, texels.quality, 0.0)
+    quality = np.where((specular < HIGHLIGHT * shown) & (sample.clarity > 0.5), texels.quality, 0.0)
     return sample.showing(replace(texels, quality=quality), sample.shade)

@@ -68,11 +68,11 @@ def far_exposures(
     model explains the pictures.  Then gains need not halve the error, but must win clearly, see `_wins`.
     """
     free = Free(False, True, levels=not sample.scale_known)
-    polished = _polished(sample, left_over(sample, first))
-    if np.abs(polished).max(initial=0.0) < FAR:
+    gains = median_gains(sample, left_over(sample, first))
+    if np.abs(gains).max(initial=0.0) < FAR:
         return None
     none = RigChange.none(len(sample.rig.groups), len(sample.rig.views))
-    start = replace(first, change=replace(none, log_gain=polished))
+    start = replace(first, change=replace(none, log_gain=gains))
     found = yield from share_of(fit_rig(sample, free, start=start, rounds=ROUNDS), 0.02, 0.05)
     gain, error = found.change.log_gain, found.error.log_gain
     far = np.abs(gain) > np.maximum(SURE * error, TAKEN)
@@ -111,7 +111,7 @@ def _wins(contest: Contest, free: Free) -> Steps[bool]:
     return True
 
 
-def _polished(sample: RigSample, left: F64) -> F64:
+def median_gains(sample: RigSample, left: F64) -> F64:
     """(V,) logarithms of what each view shows over what the others do of the same texels, by medians; 0: unknown.
 
     ``left``: as of `left_over`.

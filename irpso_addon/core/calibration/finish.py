@@ -48,7 +48,7 @@ def judged_of(chosen: Chosen, more: Larger) -> Steps[Judged | None]:
         return None
     found = yield from weighed(final)
     contest, taken = chosen.contest, chosen.taken
-    if is_far(found) and (contest.tilts or not contest.leaves_half(taken, final.free)):
+    if is_far(found) and not contest.sample.metals and (contest.tilts or not contest.leaves_half(taken, final.free)):
         return None
     ambient = yield from ambient_of(final.sample, final.free, found)
     return Judged(found, contest.judge.error(GIVEN), contest.judge.error(taken), final.free, found.error, ambient,

@@ -17,6 +17,7 @@ from ..evaluation.sampled_texels import OTHER_CAMERA, SampledTexels
 
 OWN = 0.05  # relative standard deviation of base color from camera to camera
 ROUGHNESS = 0.5  # standard deviation of the logarithm of roughness
+METALLIC = 0.5  # standard deviation of it
 TILT = 0.03  # radians, of the normals of a mesh that is wrong in detail
 LEAST = 1e-12
 
@@ -77,6 +78,7 @@ class Elimination:
 
     def __init__(
         self, paints: list[Paint], weight: F64, share: F64, bend: F64, scatter: float, tilts: tuple[F64, ...] = (),
+        metals: F64 | None = None,
     ) -> None:
         """``share``, ``bend``: slopes of log radiance by the logarithms of base colour and roughness.
 
@@ -95,6 +97,9 @@ class Elimination:
             weight[:, alone] /= 1 + weight[:, alone] * (share[:, alone] * OWN / scatter) ** 2
         columns += tilts
         priors += [(scatter / TILT) ** 2] * len(tilts)
+        if metals is not None:
+            columns.append(metals)
+            priors.append((scatter / METALLIC) ** 2)
         self.weight = weight
         self.columns = np.stack(columns, -1)  # (T, V, m)
         self.weighted = self.columns * weight[..., None]

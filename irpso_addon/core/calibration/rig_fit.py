@@ -22,6 +22,7 @@ SETTLED = 2e-4  # of a lamp's distance, relative power or gain
 MOST_AMBIENT = 1.0  # of the lamps' typical irradiance: a fit that wants more runs away
 LONGEST = 0.15  # of a lamp's distance: a step
 REFITS = (0, 3)  # rounds in which the materials are fitted
+WORSE = 1.02  # ratio of what is left over: a step that makes it larger is too long
 HUBER, TYPICAL_ROUNDS = 1.345, 20  # standard deviations from which on a value is an outlier; of the mean of powers
 
 
@@ -121,6 +122,7 @@ class _RigFit:
         """Rounds until nothing moves any more."""
         numbers, given = self.numbers, None
         now: RigRound | None = None
+        before: tuple[float, RigChange] | None = None
         materials: dict[int, OneMaterial] = {} if start is None else start.materials
         if start is not None:
             self.change = numbers.unpacked(numbers.packed(start.change)[numbers.free])  # what is not free is as given
@@ -139,6 +141,11 @@ class _RigFit:
                 now = RigRound(self.sample, self.paints, self.change, seen, materials, self.free.tilts, now)
             if self.free.ambient:
                 numbers.expect(now.around_in_shade())
+            if self.sample.metals and before is not None and now.scatter > WORSE * before[0]:
+                half = 0.5 * (numbers.packed(self.change) + numbers.packed(before[1]))
+                self.change = numbers.unpacked(half[numbers.free])
+                continue
+            before = now.scatter, self.change
             step, covariance = now.step(numbers, self.factor)
             given = given or (now.scatter, now.common())
             self.change = self._moved(step)

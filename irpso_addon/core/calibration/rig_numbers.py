@@ -74,7 +74,10 @@ class RigNumbers:
         self.ambient, self.diffuse = self.shared.start + 1, slice(self.shared.stop - DIFFUSE, self.shared.stop)
         self.levels = slice(self.shared.stop, self.shared.stop + len(self.slots))
         self.count = self.levels.stop
-        lamps = np.concatenate([np.repeat(~self.kept, 3), ~self.kept]) & free.lamps
+        places = np.repeat(~self.kept[:, None], 3, 1)
+        if sample.metals:  # a flash that is farther back makes dark places brighter, as light that bounces does
+            places[[group.carried for group in sample.rig.groups], 2] = False
+        lamps = np.concatenate([places.ravel(), ~self.kept]) & free.lamps
         # A rough surface shines back to the light: a flash that cameras carry elsewhere shows nearly the same.
         rough = free.diffuse and not any(group.carried for group in sample.rig.groups)
         self.free = np.flatnonzero(np.concatenate(

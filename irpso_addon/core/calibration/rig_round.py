@@ -15,7 +15,7 @@ import numpy as np
 
 from ..data import F64, I32, Bool
 from ..evaluation.joint_material import OneMaterial
-from ..evaluation.sampled_texels import Lobes, parts
+from ..evaluation.sampled_texels import Lobes, SampledTexels
 from ..images.response import curved
 from ..shading.lights import light_basis
 from ..vectors import dot
@@ -24,7 +24,7 @@ from .rig import RigChange
 from .rig_numbers import CAUCHY, RigNumbers
 from .rig_sample import RigSample, Seen, to_middle
 from .shade import AroundInShade, around_in_shade
-from .texel_materials import lobes_of
+from .texel_materials import lobes_of, shown_by
 
 OUTLYING = 3.0  # standard deviations at which errors are cut off
 LEARNT = 200  # rounds in which it is learnt what places and powers typically are off by
@@ -71,9 +71,10 @@ class RigRound:
             share = np.clip(base * diffuse / predicted, 0, 1)
             bend = (base * rougher[0] + rougher[1] - predicted) / (predicted * STEP)
             left = np.log(np.where(self.good, self.observed / predicted, 1.0))
-            self.scatter = 1.4826 * float(np.median(np.abs(left[self.good]))) + 1e-4 if self.good.any() else 1.0
+            clear = self.good & (sample.clarity > 0.5)
+            self.scatter = 1.4826 * float(np.median(np.abs(left[clear]))) + 1e-4 if clear.any() else 1.0
             robust = 1 / (1 + (left / (CAUCHY * self.scatter)) ** 2)
-            self.weight = np.where(self.good, share**2 * robust, 0.0)
+            self.weight = np.where(self.good, share**2 * robust * sample.clarity, 0.0)
         self.base, self.predicted = base, predicted
         self.around, self.logarithm, self.white, self.contrast = self._bends()
         # Errors are those of the files: a response that made all of them alike would leave none.
@@ -85,9 +86,9 @@ class RigRound:
             self.scatter = 1.4826 * float(np.median(np.abs(rest[self.good]))) + 1e-4 if self.good.any() else 1.0
             self.weight = np.where(self.good, share**2 / (1 + (rest / (CAUCHY * self.scatter)) ** 2), 0.0)
 
-    def _parts(self, lobes: Lobes) -> tuple[F64, F64]:
+    def _parts(self, lobes: Lobes, texels: SampledTexels | None = None) -> tuple[F64, F64]:
         """(T, V) each: what is reflected for each unit of base colour, and whatever that is."""
-        diffuse, specular = parts(self.seen.texels, lobes)
+        diffuse, specular = shown_by(self.seen.texels if texels is None else texels, lobes)
         return diffuse[..., 0], specular[..., 0]
 
     def _levels(self, slots: list[int]) -> list[F64]:
@@ -101,7 +102,8 @@ class RigRound:
     def common(self) -> float:
         """Relative: the part of what is left over that neighbouring texels have in common, which noise is not."""
         rest = self.elimination.remains(self.left) if self.tilts else self.left
-        return in_common(rest, self.good & (self.share > DIFFUSE), self.sample.cluster, OUTLYING * self.scatter)
+        seen = self.good & (self.share > DIFFUSE) & (self.sample.clarity > 0.5)
+        return in_common(rest, seen, self.sample.cluster, OUTLYING * self.scatter)
 
     def around_in_shade(self) -> AroundInShade | None:
         """Light from all around, as places in the shade show it."""
@@ -113,7 +115,26 @@ class RigRound:
         return self._elimination()
 
     def _elimination(self) -> Elimination:
-        return Elimination(self.paints, self.weight, self.share, self.bend, self.scatter, self.tilts)
+        return Elimination(self.paints, self.weight, self.share, self.bend, self.scatter, self.tilts,
+                           self.metals if self.sample.metals else None)
+
+    @cached_property
+    def turned(self) -> F64:
+        """(3, T, V) slopes of log radiance by what highlights do if all lamps move along each axis of their groups."""
+        slopes = []
+        for axis in range(3):
+            lobes = self.sample.geometry.turned(self.change, self.seen.texels.lobes, axis, STEP)
+            white, rest = self._parts(self.lobes, replace(self.seen.texels, lobes=lobes))
+            slopes.append((self.base * white + rest - self.predicted) / (self.predicted * STEP))
+        return np.stack(slopes)
+
+    @cached_property
+    def metals(self) -> F64:
+        """(T, V) slopes of log radiance by Metallic."""
+        step = np.where(self.lobes.metallic > 0.5, -STEP, STEP)
+        white, rest = self._parts(replace(self.lobes, metallic=self.lobes.metallic + step))
+        slopes = (self.base * white + rest - self.predicted) / (self.predicted * step[:, None])
+        return np.asarray(slopes * self.contrast)
 
     def _tilts(self) -> tuple[F64, F64]:
         """(T, V) slopes of log radiance by radians of the normal, each way; highlights, which count little, apart."""
@@ -188,6 +209,9 @@ class RigRound:
             group, share = numbers.group[light.name], self.seen.share[v, light.name]
             at += [3 * group, 3 * group + 1, 3 * group + 2, numbers.powers.start + group]
             columns += [*(share * slope for slope in self.seen.slopes[light.name].T), share]
+            if self.sample.metals:
+                for axis, slope in enumerate(self.turned[:, :, v]):
+                    columns[axis - 4] = columns[axis - 4] + share * slope
         at.append(numbers.gains.start + place)
         columns.append(np.ones(len(self.left)))
         at += range(numbers.shared.start, numbers.diffuse.start)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..checks.light_checks import four_sided, light_slopes
 from ..data import F64, I32, Bool, Camera, Light
+from ..evaluation.folds import WHITE
 from ..evaluation.sampled_texels import SampledTexels
 from ..images.response import curved, straight
 from ..shading import brdf
@@ -19,6 +20,7 @@ from ..vectors import dot, length
 from ..vignetting import log_cosine
 from .rig import Rig, RigChange
 
+DARK = 0.005  # of white: what light that bounces between metals and noise make of their pictures
 LEAST_COSINE = 1e-3
 LEAST_LIGHT = 1e-20
 COLOURS = 3
@@ -41,6 +43,7 @@ class RigSample:
     light: float = 1.0  # W/m^2: the unit of irradiance from all around
     openness: F64 | None = None  # (T,) share of light from all around that nothing hides; None: all of it
     shade: F64 | None = None  # (T, V, C) radiance of the pictures where texels face away from all lamps; else NaN
+    metals: bool = False  # whether texels may be metal, each as far as it shows
 
     def part(self, some: Bool) -> RigSample:
         """Some of the texels."""
@@ -61,6 +64,15 @@ class RigSample:
         other = replace(self, texels=texels, shade=shade)
         vars(other)["geometry"] = self.geometry.of(other)
         return other
+
+    @cached_property
+    def clarity(self) -> F64:
+        """(T, V) how much an observation counts; dark ones of metals, where light that bounces shows, count little."""
+        if not self.metals:
+            return np.ones(self.texels.cos_v.shape)
+        radiance, usable = (self.texels.reflected * self.texels.irradiance).mean(-1), self.texels.usable()
+        dark = DARK * float(np.percentile(radiance[usable], WHITE)) if usable.any() else 1.0
+        return 1 / (1 + (dark / np.maximum(radiance, LEAST_LIGHT)) ** 2)
 
     @cached_property
     def geometry(self) -> RigGeometry:
@@ -122,6 +134,7 @@ class RigGeometry:
 
     def __init__(self, sample: RigSample) -> None:
         self.sample = sample
+        self.lit = _lit(sample)
         self.given = self._light(RigChange.none(len(sample.rig.groups), len(sample.rig.views)))
         of_view = [log_cosine(view.camera, sample.position - view.camera.position) for view in sample.rig.views]
         self.to_camera = [_to_camera(view.camera, sample.position) for view in sample.rig.views]
@@ -180,6 +193,18 @@ class RigGeometry:
                     {name: slopes for name, (_, slopes, _) in now.items()},
                     {name: fine for name, (*_, fine) in now.items()}, share, exposed, bent)
 
+    def turned(self, change: RigChange, lobes: F64, axis: int, by: float) -> F64:
+        """(T, V, L, 4) ``lobes`` of a changed rig, once its lamps move along an axis of their groups too."""
+        sample, rig = self.sample, self.sample.rig
+        before = rig.lights(change)
+        after = rig.lights(replace(change, offset=change.offset + by * np.eye(3)[axis]))
+        lobes = lobes.copy()
+        for v, place in enumerate(sample.view):
+            for n, light in enumerate(rig.views[place].lights):
+                lobes[:, v, n] = _turned(lobes[:, v, n], self._angles(after[light.name], int(place)),
+                                         self._angles(before[light.name], int(place)))
+        return lobes
+
     def _bent(self, change: RigChange, lamps: F64, shown: F64) -> Bent:
         """``lamps``, ``shown``: (T, V) factors of the lamps' irradiance and of what a picture shows of radiance."""
         texels = self.sample.texels
@@ -205,17 +230,23 @@ class RigGeometry:
         return self.given_angles[of]
 
     def _light(self, change: RigChange) -> dict[str, tuple[F64, F64, Bool]]:
-        """Of each lamp: irradiance over power (T,), slopes (T, 3), and where those are known (T,)."""
+        """Of each lamp: irradiance over power (T,), slopes (T, 3), and where those are known (T,).
+
+        Where no view shows a texel under the lamp, irradiance is 1, and nothing is known of slopes.
+        """
         sample = self.sample
-        lights, result = sample.rig.lights(change), {}
+        lights, result, middle = sample.rig.lights(change), {}, sample.position.mean(0)
         for group in sample.rig.groups:
             for name, axes in zip(group.lights, group.axes, strict=True):
                 light = four_sided(lights[name])  # what counts are ratios to the lamp as it is given
-                slopes, fine = light_slopes(light, sample.position, sample.normal)
-                own = 1.0 if light.kind == "SUN" else float(
-                    np.linalg.norm(light.matrix[:3, 3] - sample.position.mean(0)))
-                scaled = np.where(fine[:, None], slopes @ axes * (group.reach / own), 0.0)
-                result[name] = light_irradiance(light, sample.position, sample.normal), scaled, fine
+                own = 1.0 if light.kind == "SUN" else float(np.linalg.norm(light.matrix[:3, 3] - middle))
+                seen = self.lit[name]
+                position, normal = sample.position[seen], sample.normal[seen]
+                of, known = light_slopes(light, position, normal, own)
+                irradiance, slopes, fine = np.ones(len(seen)), np.zeros((len(seen), 3)), np.zeros(len(seen), bool)
+                irradiance[seen], fine[seen] = light_irradiance(light, position, normal), known
+                slopes[seen] = np.where(known[:, None], of @ axes * (group.reach / own), 0.0)
+                result[name] = irradiance, slopes, fine
         return result
 
 
@@ -246,6 +277,17 @@ def to_middle(light: Light, position: F64) -> F64:
     way = (np.broadcast_to(light.matrix[:3, 2], position.shape) if light.kind == "SUN"
            else light.matrix[:3, 3] - position)
     return np.asarray(way / np.maximum(length(way)[..., None], 1e-12))
+
+
+def _lit(sample: RigSample) -> dict[str, Bool]:
+    """Of each lamp, the texels that some view shows under it, (T,)."""
+    texels = sample.texels
+    shown = texels.quality > 0 if texels.clipped is None else (texels.quality > 0) | (texels.clipped > 0)
+    result = {name: np.zeros(len(shown), bool) for group in sample.rig.groups for name in group.lights}
+    for v, place in enumerate(sample.view):
+        for light in sample.rig.views[place].lights:
+            result[light.name] |= shown[:, v]
+    return result
 
 
 def _to_camera(camera: Camera, position: F64) -> F64:

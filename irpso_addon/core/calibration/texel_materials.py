@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..data import F64, I32, Bool
+from ..data import F64, I32
 from ..evaluation.apart_descent import HELD_TOGETHER
-from ..evaluation.descent import COSINES, AmongCosines
+from ..evaluation.descent import COSINES, METAL_BASE, AmongCosines
 from ..evaluation.joint_material import PLAIN_ALONE, JointSearch, OneMaterial
 from ..evaluation.lobe_values import LobePlaces, fresnel_ratio
-from ..evaluation.sampled_texels import Lobes, SampledTexels, one_lobe
+from ..evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, parts
 from ..shading import brdf
 from ..vectors import dot, mean
 from .paint import base_colours, paints_of
 from .rig_sample import RigSample
 
 NODES = np.geomspace(0.08, 1.0, 16)  # roughness
+METALS = np.linspace(0.0, 1.0, 5)  # Metallic
+METAL_SPREAD = 0.5  # standard deviation of Metallic from texel to texel
 LEAST = 1e-12
 
 
@@ -29,7 +31,10 @@ def materials_of(sample: RigSample, texels: SampledTexels, levels: bool) -> dict
     for slot in np.unique(sample.slot):
         own = texels.part(sample.slot == slot)
         if own.usable().any():
-            if levels:
+            if sample.metals:
+                search = JointSearch(own)
+                found[int(slot)] = search.settled(search.fit(known), known).apart_metal
+            elif levels:
                 search = JointSearch(own, metals=False)
                 found[int(slot)] = search.settled(search.fit(known), known).apart
             else:
@@ -44,23 +49,54 @@ def lobes_of(
 
     ``near``: (T,) roughness under a rig that is nearly the same; then what is far from it is not looked at.
     """
-    roughness, level = np.full(len(sample.slot), 0.5), np.full(len(sample.slot), 0.5)
+    roughness, level, metallic = (np.full(len(sample.slot), value) for value in (0.5, 0.5, 0.0))
     texels.usable()  # once for all parts
     for slot, one in materials.items():
         own = sample.slot == slot
         if own.any():
-            roughness[own] = _roughness(texels.part(own), one, None if near is None else near[own])
+            nearby = None if near is None else near[own]
+            if sample.metals:
+                roughness[own], metallic[own] = _metallic(texels.part(own), one, nearby)
+            else:
+                roughness[own] = _roughness(texels.part(own), one, nearby)
             level[own] = one.level
-    return one_lobe(roughness, level)
+    return one_lobe(roughness, level, metallic if sample.metals else 0.0)
+
+
+def shown_by(texels: SampledTexels, lobes: Lobes) -> tuple[F64, F64]:
+    """As `parts`, (T, V, 1): a metal's multiple scattering is that of a typical base colour."""
+    return parts(texels, lobes, np.full((len(texels.cos_v), 1), METAL_BASE))
+
+
+def _metallic(texels: SampledTexels, one: OneMaterial, near: F64 | None) -> tuple[F64, F64]:
+    """As `_roughness`, and Metallic: (T,) each."""
+    f, weight = _weighted(texels)
+    paints, nodes, level = paints_of(texels), _nodes(near, len(f)), np.full(len(f), one.level)
+    costs = np.empty((len(METALS), *nodes.shape))
+    for n, node in enumerate(nodes):
+        plain, metal = (shown_by(texels, one_lobe(NODES[node], level, pure)) for pure in (0.0, 1.0))
+        for k, share in enumerate(METALS):
+            white, rest = ((1 - share) * a[..., 0] + share * b[..., 0] for a, b in zip(plain, metal, strict=True))
+            base = base_colours(paints, weight, white, f - rest)
+            costs[k, n] = (weight * (f - rest - base * white) ** 2).sum(1)
+    degrees = np.maximum((weight > 0).sum(1) - 3, 1)
+    costs = costs / max(float(np.median(costs.min((0, 1)) / degrees)), LEAST)
+    costs += 2 * HELD_TOGETHER * np.log(NODES[nodes] / one.roughness) ** 2
+    costs += ((METALS - one.metallic)[:, None, None] / METAL_SPREAD) ** 2
+    best, texel = costs.min(1).argmin(0), np.arange(len(f))
+    return _lowest(costs[best, :, texel].T, np.log(NODES[nodes])), METALS[best]
+
+
+def _weighted(texels: SampledTexels) -> tuple[F64, F64]:
+    """(T, V) each: what is reflected, and weights under which squared errors are those of the cube root of radiance."""
+    f, light = mean(texels.reflected), mean(texels.irradiance)
+    unit = np.maximum(f, mean(texels.typical()))
+    return f, np.where(texels.usable(), texels.quality * light ** (2 / 3) / unit ** (4 / 3), 0.0)
 
 
 def _roughness(texels: SampledTexels, one: OneMaterial, near: F64 | None) -> F64:
     """(T,) by the squared errors of the cube root of radiance, as `JointSearch`."""
-    usable: Bool = texels.usable()
-    f = mean(texels.reflected)
-    unit = np.maximum(f, mean(texels.typical()))
-    light = mean(texels.irradiance)
-    weight = np.where(usable, texels.quality * light ** (2 / 3) / unit ** (4 / 3), 0.0)
+    f, weight = _weighted(texels)
     cos_v, paints = np.clip(texels.cos_v, 1e-3, 1.0), paints_of(texels)
     ratio = fresnel_ratio(texels.lobes, cos_v, np.asarray(one.level), texels.nodes)
     energies = brdf.principled_energy_level(NODES[:, None], COSINES, np.full((len(NODES), 1), one.level))
@@ -77,7 +113,7 @@ def _roughness(texels: SampledTexels, one: OneMaterial, near: F64 | None) -> F64
     tables = [np.ascontiguousarray(energies[..., k]) for k in (0, 1)]
     nodes = _nodes(near, len(f))
     costs = np.stack([cost(node) for node in nodes])
-    degrees = np.maximum(usable.sum(1) - 2, 1)
+    degrees = np.maximum(texels.usable().sum(1) - 2, 1)
     noise = max(float(np.median(costs.min(0) / degrees)), LEAST)
     costs = costs / noise + 2 * HELD_TOGETHER * np.log(NODES[nodes] / one.roughness) ** 2
     return _lowest(costs, np.log(NODES[nodes]))

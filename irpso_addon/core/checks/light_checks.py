@@ -153,11 +153,15 @@ def place_fit(y: F64, slopes: F64, odd: Bool) -> tuple[F64, float]:
     return move, min(explained, 1.0 - (scale_of(left) / before) ** 2) if before > 0 else 0.0
 
 
-def light_slopes(light: Light, P: F64, N: F64) -> tuple[F64, Bool]:
-    """(n, 3) d log irradiance as the light moves by its distance (SUN: turns by a radian), and where that is told."""
+def light_slopes(light: Light, P: F64, N: F64, reach: float | None = None) -> tuple[F64, Bool]:
+    """(n, 3) d log irradiance as the light moves by its distance (SUN: turns by a radian), and where that is told.
+
+    ``reach``: its distance; None: to the middle of ``P``.
+    """
     place = light.matrix[:3, 3]
     offset = np.broadcast_to(-P if light.kind == "SUN" else place - P, P.shape)
-    reach = 1.0 if light.kind == "SUN" else float(np.linalg.norm(place - P.mean(0)))
+    if reach is None:
+        reach = 1.0 if light.kind == "SUN" else float(np.linalg.norm(place - P.mean(0)))
     direction = light.matrix[:3, 2] if light.kind == "SUN" else offset
     direction = direction / np.maximum(np.linalg.norm(direction, axis=-1, keepdims=True), 1e-12)
     fine = np.asarray((N * direction).sum(-1) > MIN_COS_L)

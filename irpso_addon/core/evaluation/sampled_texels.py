@@ -115,13 +115,13 @@ class Lobes:
     weight: F64  # (T,) of the first
     level: F64  # (T,) Specular IOR Level
     beckmann: bool = False  # two lobes of Beckmann's distribution over a Lambert diffuse
-    metallic: float = 0.0  # of one lobe
+    metallic: float | F64 = 0.0  # of one lobe; (T,): of each texel
     coat: Coat | None = None
     diffuse: float = 0.0  # Diffuse Roughness of one lobe
 
 
 def one_lobe(
-    roughness: F64, level: float | F64, metallic: float = 0.0, coat: Coat | None = None, diffuse: float = 0.0,
+    roughness: F64, level: float | F64, metallic: float | F64 = 0.0, coat: Coat | None = None, diffuse: float = 0.0,
 ) -> Lobes:
     """(T,) roughness under one Specular IOR Level, or one for each."""
     return Lobes(np.stack([roughness, roughness], -1), np.ones(len(roughness)), np.full(len(roughness), level),
@@ -144,11 +144,11 @@ def parts(texels: SampledTexels, lobes: Lobes | None, base: F64 | None = None) -
     diffuse, specular = diffuse[..., None], specular[..., None]
     if lobes.diffuse > 0:
         diffuse = diffuse * texels.diffuse_gain(lobes.diffuse, base)
-    if lobes.metallic > 0:
+    if np.any(lobes.metallic > 0):
         assert base is not None
         gain = metal_gain(lobes.roughness[:, 0], texels.cos_v, base)
         own, edge = (part[..., None] * gain for part in _metal(texels, lobes))
-        share = lobes.metallic
+        share = np.reshape(lobes.metallic, (-1, 1, 1))
         diffuse, specular = (1 - share) * diffuse + share * own, (1 - share) * specular + share * edge
     if lobes.coat is not None:
         cos_v = np.clip(texels.cos_v, 1e-3, 1.0)
@@ -190,7 +190,7 @@ def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool, brightest
     unit = np.maximum(texels.reflected, texels.typical())
     weight = np.where((texels.usable() & known)[..., None], texels.quality[..., None] / unit**2, 0.0)
     base = np.full_like(texels.reflected[:, 0], 0.5)
-    passes = PASSES if lobes is not None and (lobes.metallic > 0 or lobes.diffuse > 0) else 1
+    passes = PASSES if lobes is not None and (np.any(lobes.metallic > 0) or lobes.diffuse > 0) else 1
     for _ in range(passes):
         white, rest = parts(texels, lobes, base)
         off, information = weight * white * (texels.reflected - rest), weight * white * white
