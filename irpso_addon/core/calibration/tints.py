@@ -146,7 +146,10 @@ def _found(
     tints, error = _with_errors(larger(False), first, of)
     if not _off(tints, error).any():
         return None
-    return _Found(of, tints, error, *contest.errors(tints))
+    given, changed = contest.errors(tints)
+    if changed.relative_rms > given.relative_rms and changed.lightness > given.lightness:
+        return None  # highlights of a colour that the material lacks: right colours predict no better what views show
+    return _Found(of, tints, error, given, changed)
 
 
 def _with_errors(sample: RigSample, first: RigFound, of: Tinted) -> tuple[F64, F64]:

@@ -14,7 +14,7 @@ from ...core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
 from ...core.evaluation.folds import ALIKE, Folds, split
 from ...core.evaluation.joint_material import Joint, JointSearch, OneMaterial
 from ...core.evaluation.pixel_bias import pixel_bias
-from ...core.evaluation.sampled_texels import SampledTexels, one_lobe
+from ...core.evaluation.sampled_texels import SampledTexels, common_base, one_lobe
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import PriorKnowledge
@@ -43,6 +43,7 @@ from .prediction_trials import (
     UNIFORM_ROUGH,
     Trial,
     by_size,
+    with_drawn_base,
 )
 from .tile_passes import ROBUST_METAL
 from .trial_runs import PREDICTING, TrialRuns
@@ -202,6 +203,8 @@ class _Contest(TrialRuns):
             taken = yield from self._above_rough(taken)
         if not self.solver.cancelled and worth(self.judge.error(taken)):
             taken = yield from self._under_coats(taken, metal or apart)
+        if not self.solver.cancelled and worth(self.judge.error(taken)):
+            taken = yield from self._with_drawn_base(taken)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors |= {name: self.judge.error(name) for name in self.predictions}
@@ -299,6 +302,27 @@ class _Contest(TrialRuns):
         found = self.judge.choose([[taken], *by_size(trials)])
         return found if self.judge.leads(found, CLEAR_MORE, [taken]) else taken
 
+    def _with_drawn_base(self, taken: str) -> Generator[Progress, None, str]:
+        """The one value whose texels' base colours are drawn to the material's that is to be taken instead, if any.
+
+        Bumps that the mesh lacks change what texels show, and each takes them for its base colour.
+        """
+        alike = {trial.name: trial for trial in self.trials.values() if trial.strength == ONE_VALUE}
+        (best,) = self.judge.near(list(alike), 0.0)[:1]
+        drawn = with_drawn_base(alike[best])
+        yield from self._folds(self._uniform, drawn, race=True)
+        if self.solver.cancelled or not any(self.judge.leads(trial.name, 0.0, [best]) for trial in drawn):
+            return taken
+        for name in self.judge.near(list(alike), HOPEFUL):
+            if name != best:
+                yield from self._folds(self._uniform, with_drawn_base(alike[name]), race=True)
+        if self.solver.cancelled:
+            return taken
+        error = self.judge.error(taken)
+        leading = [trial for trial in self.trials.values() if trial.base_strength and self._no_worse(trial.name, error)
+                   and self.judge.leads(trial.name, CLEAR, [taken])]
+        return self.judge.choose([["lambert"], *by_size(leading)]) if leading else taken
+
     def _no_worse(self, name: str, than: PredictionError) -> bool:
         """In neither error: what explains highlights may not spoil the body."""
         error = self.judge.error(name)
@@ -390,14 +414,17 @@ class _Contest(TrialRuns):
         if trial.strength == ONE_VALUE and not trial.coat:
             sigma = float(np.hypot(sigma, pixel_bias(self.observed, lambda texels: trial.material(
                 self._joint(texels, known, trial)).roughness)))
+        prior = trial.prior(joint, sigma)
+        if prior is not None and trial.base_strength:
+            prior = replace(prior, base=common_base(self.observed, self._alike(trial, joint)),
+                            base_strength=trial.base_strength)
         level = None if trial.model == "one-lobe" or trial in DRAWN_LEVELS else one.level
         prediction = replace(
             prediction, broad_metal=trial.model == "one-lobe-metallic" and one.roughness >= BROADEST)
         # The lightness of most pixels says that texels differ, though the few brightest would flash.
         differ = (trial.strength == ONE_VALUE and self.fitted.model in ("one-lobe", "one-lobe-specular")
                   and errors[FITTED[self.fitted.model]].lightness < best.lightness)
-        return Decision(trial.model, why, level, one.metallic, one.coat, one.diffuse, trial.prior(joint, sigma),
-                        prediction, differ)
+        return Decision(trial.model, why, level, one.metallic, one.coat, one.diffuse, prior, prediction, differ)
 
     def _joint(self, texels: SampledTexels, known: Bool, trial: Trial) -> Joint:
         """Of some texels, as far as a trial without a coat goes by it."""
