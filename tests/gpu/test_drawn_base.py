@@ -1,4 +1,4 @@
-"""Base colours that are drawn to their material's, where bumps that the mesh lacks change more than base colour does."""
+"""Base colours that are drawn to their material's, where bumps that no mesh has change more than base colour does."""
 
 from __future__ import annotations
 

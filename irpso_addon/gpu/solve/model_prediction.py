@@ -320,7 +320,7 @@ class _Contest(TrialRuns):
             return taken
         error = self.judge.error(taken)
         leading = [trial for trial in self.trials.values() if trial.base_strength and self._no_worse(trial.name, error)
-                   and self.judge.leads(trial.name, CLEAR, [taken])]
+                   and self.judge.leads(trial.name, ALIKE[0], [taken])]
         return self.judge.choose([["lambert"], *by_size(leading)]) if leading else taken
 
     def _no_worse(self, name: str, than: PredictionError) -> bool:
