@@ -82,6 +82,13 @@ class Tints:
         return change, error
 
 
+def under_tints(sample: RigSample, change: RigChange) -> RigSample:
+    """A sample as if its lamps and pictures had a change's colours."""
+    if change.log_tint is not None:
+        sample = _under_lamps(sample, change.log_tint)
+    return sample if change.log_balance is None else _under_views(sample, change.log_balance)
+
+
 def tints_of(
     sample: RigSample, folds: Folds, first: RigFound, lamps: bool, views: bool, larger: Callable[[bool], RigSample],
 ) -> Steps[Tints | None]:
