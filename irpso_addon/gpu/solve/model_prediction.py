@@ -23,6 +23,8 @@ from ..observe.observation_atlas import Source
 from .map_around import MapAround
 from .material_sample import MaterialSample, packed, read_sample, squares_of
 from .prediction_trials import (
+    CONSTANT,
+    CONSTANT_METAL,
     DRAWN,
     DRAWN_COAT,
     DRAWN_COAT_METAL,
@@ -310,18 +312,25 @@ class _Contest(TrialRuns):
         alike = {trial.name: trial for trial in self.trials.values() if trial.strength == ONE_VALUE}
         (best,) = self.judge.near(list(alike), 0.0)[:1]
         drawn = with_drawn_base(alike[best])
-        yield from self._folds(self._uniform, drawn, race=True)
-        if self.solver.cancelled or not any(self.judge.leads(trial.name, 0.0, [best]) for trial in drawn):
-            return taken
-        for name in self.judge.near(list(alike), HOPEFUL):
-            if name != best:
-                yield from self._folds(self._uniform, with_drawn_base(alike[name]), race=True)
+        yield from self._folds(self._uniform, [*drawn, *(yield from self._constant())], race=True)
+        if not self.solver.cancelled and any(self.judge.leads(trial.name, 0.0, [best]) for trial in drawn):
+            for name in self.judge.near(list(alike), HOPEFUL):
+                if name != best:
+                    yield from self._folds(self._uniform, with_drawn_base(alike[name]), race=True)
         if self.solver.cancelled:
             return taken
         error = self.judge.error(taken)
         leading = [trial for trial in self.trials.values() if trial.base_strength and self._no_worse(trial.name, error)
                    and self.judge.leads(trial.name, ALIKE[0], [taken])]
         return self.judge.choose([["lambert"], *by_size(leading)]) if leading else taken
+
+    def _constant(self) -> Generator[Progress, None, list[Trial]]:
+        """Those whose values were found with one base colour for all."""
+        for n, left_out in enumerate(self.folds.left_out):
+            yield PREDICTING
+            self.joints[n] = self.search.with_constant(self.joints[n], ~left_out)
+        metal = self.metals and min(joint.constant[1].metallic for joint in self.joints) > PLAIN_METALLIC
+        return [drawn for trial in (CONSTANT, *([CONSTANT_METAL] if metal else [])) for drawn in with_drawn_base(trial)]
 
     def _no_worse(self, name: str, than: PredictionError) -> bool:
         """In neither error: what explains highlights may not spoil the body."""
@@ -407,6 +416,8 @@ class _Contest(TrialRuns):
             joint = self._coated(trial.coat, known, joint)
         if trial.rough:
             joint = _with_rough(self.search, joint, known, self.search.diffuse_roughness(known))
+        if self.joints[0].constant:
+            joint = self.search.with_constant(joint, known)
         one = trial.material(joint)
         values = np.array([trial.material(joint).roughness for joint in self.joints])
         # Jackknife (Quenouille 1956) over the folds.
@@ -430,6 +441,8 @@ class _Contest(TrialRuns):
         """Of some texels, as far as a trial without a coat goes by it."""
         search = JointSearch(texels, self.metals and not trial.rough)
         joint = search.fit(known)
+        if self.joints[0].constant:
+            joint = search.with_constant(joint, known)
         return _with_rough(search, joint, known, search.diffuse_roughness(known)) if trial.rough else joint
 
 

@@ -90,6 +90,9 @@ FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specula
           "two-lobe": "two lobes"}
 
 
+CONSTANT = Trial("one material", "one-lobe-specular", ONE_VALUE, lambda joint: joint.constant[0])
+CONSTANT_METAL = Trial("one material and metallic", "one-lobe-metallic", ONE_VALUE, lambda joint: joint.constant[1])
+
 
 def with_drawn_base(trial: Trial) -> list[Trial]:
     """The same with base colours that are drawn to the material's, under several priors."""
@@ -97,7 +100,7 @@ def with_drawn_base(trial: Trial) -> list[Trial]:
             for strength in BASE_STRENGTHS]
 
 
-_METALS = UNIFORM_METAL, *DRAWN_METAL, UNIFORM_COAT_METAL, *DRAWN_COAT_METAL
+_METALS = CONSTANT_METAL, UNIFORM_METAL, *DRAWN_METAL, UNIFORM_COAT_METAL, *DRAWN_COAT_METAL
 METALS = frozenset(metal.name for trial in _METALS for metal in (trial, *with_drawn_base(trial)))
 
 
