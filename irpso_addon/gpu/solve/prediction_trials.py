@@ -106,13 +106,14 @@ METALS = frozenset(metal.name for trial in _METALS for metal in (trial, *with_dr
 
 def by_size(trials: list[Trial]) -> list[list[str]]:
     """Names of one value for the material, of parts, and of texels that are drawn, by model; those with levels last."""
-    uniform: dict[Callable[[Joint], OneMaterial], list[str]] = {}  # whatever their prior about base colour
+    uniform: dict[tuple[bool, bool, int], list[str]] = {}  # whatever their prior about base colour
     for trial in trials:
         if trial.strength == ONE_VALUE:
-            uniform.setdefault(trial.material, []).append(trial.name)
+            size = bool(trial.coat), trial.rough, MODELS.index(trial.model)
+            uniform.setdefault(size, []).append(trial.name)
     parts = [[trial.name] for trial in trials if trial in PARTS]
     drawn: dict[tuple[bool, int], list[str]] = {}
     for trial in trials:
         if trial.strength != ONE_VALUE and trial not in PARTS:
             drawn.setdefault((trial in DRAWN_LEVELS, MODELS.index(trial.model)), []).append(trial.name)
-    return [*uniform.values(), *parts, *(drawn[size] for size in sorted(drawn))]
+    return [*(uniform[size] for size in sorted(uniform)), *parts, *(drawn[size] for size in sorted(drawn))]
