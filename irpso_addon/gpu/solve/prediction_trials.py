@@ -106,10 +106,11 @@ METALS = frozenset(metal.name for trial in _METALS for metal in (trial, *with_dr
 
 def by_size(trials: list[Trial]) -> list[list[str]]:
     """Names of one value for the material, of parts, and of texels that are drawn, by model; those with levels last."""
-    uniform: dict[tuple[bool, bool, int], list[str]] = {}  # whatever their prior about base colour
+    uniform: dict[tuple[bool, bool, int, bool], list[str]] = {}  # whatever their prior about base colour
+    constants = CONSTANT.material, CONSTANT_METAL.material  # which have to predict clearly better than the usual values
     for trial in trials:
         if trial.strength == ONE_VALUE:
-            size = bool(trial.coat), trial.rough, MODELS.index(trial.model)
+            size = bool(trial.coat), trial.rough, MODELS.index(trial.model), trial.material in constants
             uniform.setdefault(size, []).append(trial.name)
     parts = [[trial.name] for trial in trials if trial in PARTS]
     drawn: dict[tuple[bool, int], list[str]] = {}
