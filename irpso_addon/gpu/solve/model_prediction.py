@@ -97,6 +97,7 @@ class Fitted:
 
     model: str
     level: float = 0.5  # Specular IOR Level
+    beside: bool = False  # another material, whose colour pixels at the border mix into what all texels say
 
 
 class ModelPrediction:
@@ -165,7 +166,8 @@ class _Contest(TrialRuns):
         if self.fitted.model == "two-lobe":
             clear = CLEAR_TWO
             if not self.solver.cancelled and not self.judge.leads(incumbent, clear, self.predictions):
-                self.fitted, incumbent, clear = Fitted("one-lobe"), FITTED["one-lobe"], CLEAR
+                self.fitted = replace(self.fitted, model="one-lobe", level=0.5)
+                incumbent, clear = FITTED["one-lobe"], CLEAR
         led = not self.solver.cancelled and self._leads(incumbent, clear)
         if not self.solver.cancelled and not led:
             yield from self._settle()
@@ -205,7 +207,7 @@ class _Contest(TrialRuns):
             taken = yield from self._above_rough(taken)
         if not self.solver.cancelled and worth(self.judge.error(taken)):
             taken = yield from self._under_coats(taken, metal or apart)
-        if not self.solver.cancelled and worth(self.judge.error(taken)):
+        if not self.solver.cancelled and not self.fitted.beside and worth(self.judge.error(taken)):
             taken = yield from self._with_drawn_base(taken)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
