@@ -268,7 +268,8 @@ class Coat:
 
 @dataclass(frozen=True)
 class JointPrior:
-    """What a material as a whole says of its texels' roughness, and level: normal about it, in the logarithm.
+    """What a material as a whole says of its texels' roughness, level and base colour: the first two are normal about
+    it, in the logarithm.
 
     Or about one of several values, where parts of the material differ.
     """
@@ -279,6 +280,8 @@ class JointPrior:
     others: tuple[float, ...] = ()  # roughnesses that some texels lie about instead, at most two
     level: float = 0.5  # Specular IOR Level of the material, about which those of its texels are normal in the same way
     level_strength: float = 0.0  # nats per squared log ratio of levels; 0: all texels have the material's
+    base: tuple[float, ...] = ()  # base colour of the material, RGB, to which texels are drawn; (): they are not
+    base_strength: float = 0.0  # good observations of a texel for which it counts
 
     @property
     def one_value(self) -> bool:

@@ -451,7 +451,8 @@ def test_what_texels_were_drawn_to_is_read_back(empty) -> None:
     obj, _ = rich_plane()
     skin = next(slot.material for slot in obj.material_slots if slot.material.name == "Skin")
     for prior in (JointPrior(0.25, 200.0), JointPrior(0.5, 1e5, 0.125), JointPrior(0.25, 200.0, 0.0, (0.75, 0.5)),
-                  JointPrior(0.25, 10.0, level=0.125, level_strength=0.5), JointPrior(0.25, 10.0)):
+                  JointPrior(0.25, 10.0, level=0.125, level_strength=0.5),
+                  JointPrior(0.25, 1e5, base=(0.5, 0.0, 1.0), base_strength=8.0), JointPrior(0.25, 10.0)):
         material.write_maps(obj, replace(make_solution({"Skin": "one-lobe"}), priors={"Skin": prior}))
         assert solve_region.last_result(obj).priors == {"Skin": prior}
     for odd in ([0.25, 200.0], [0.25, -1.0, 0.0], [2.0, 200.0, 0.0], [0.25, 200.0, 0.0, 5.0], "sharp"):
@@ -461,5 +462,10 @@ def test_what_texels_were_drawn_to_is_read_back(empty) -> None:
     for odd in ([0.5], [0.0, 1.0], [0.5, -1.0], "high"):
         skin["irpso_prior_level"] = odd
         assert solve_region.last_result(obj).priors == {"Skin": JointPrior(0.25, 10.0)}
+    del skin["irpso_prior_level"]
+    for odd in ([0.5, 0.5, 8.0], [0.5, 0.5, 0.5, -1.0], [0.5, 0.5, 1.5, 8.0], "red"):
+        skin["irpso_prior_base"] = odd
+        assert solve_region.last_result(obj).priors == {"Skin": JointPrior(0.25, 10.0)}
     material.write_maps(obj, make_solution({"Skin": "one-lobe"}))
+    assert "irpso_prior_base" not in skin
     assert "irpso_prior" not in skin and "irpso_prior_level" not in skin

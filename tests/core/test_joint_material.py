@@ -10,8 +10,8 @@ import pytest
 from irpso_addon.core.data import Coat
 from irpso_addon.core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
 from irpso_addon.core.evaluation.descent import COSINES, AmongCosines
-from irpso_addon.core.evaluation.joint_material import PLAIN_ALONE, JointSearch
-from irpso_addon.core.evaluation.sampled_texels import one_lobe, predicted
+from irpso_addon.core.evaluation.joint_material import LEVELS, PLAIN_ALONE, ROUGHNESS, JointSearch
+from irpso_addon.core.evaluation.sampled_texels import SampledTexels, common_base, one_lobe, parts, predicted
 from tests.support.random_texels import RNG, sampled
 
 pytestmark = pytest.mark.usefixtures("same_draws")
@@ -64,6 +64,61 @@ def test_one_value_is_found_between_the_nodes(rough: float, level: float, metall
     assert found.metallic == pytest.approx(metallic, abs=3 * allowed)
     if metallic < 1:
         assert found.level == pytest.approx(level, abs=3 * allowed)
+
+
+def one_paint(rough: float, level: float, metallic: float) -> SampledTexels:
+    """Of one base colour, each observation brighter or darker by up to a half, as bumps make it."""
+    base, count = np.array([0.5, 0.2, 0.1]), 150
+    texels, _ = sampled(count, 10, 2, np.full(count, rough), level, metallic=metallic)
+    lobes = one_lobe(np.full(count, rough), level, metallic)
+    white, rest = parts(texels, lobes, np.broadcast_to(base, (count, 3)))
+    shown = (base * white + rest) * np.exp(0.4 * RNG.standard_normal((*texels.cos_v.shape, 1)))
+    return replace(texels, reflected=shown)
+
+
+@pytest.mark.parametrize(("rough", "level", "metallic"), [(0.2, 0.12, 0.0), (0.49, 0.5, 0.0), (0.35, 0.25, 0.6)])
+def test_a_constant_material_is_the_least_squares_fit(rough: float, level: float, metallic: float) -> None:
+    """As brute force finds it over all nodes, with `numpy.linalg.lstsq` for each channel's base colour."""
+    texels = one_paint(rough, level, metallic)
+    search, known = JointSearch(texels), np.ones(20, bool)
+    plain, metal = search.with_constant(search.fit(known), known).constant
+    assert metal.roughness == pytest.approx(rough, rel=0.25) and metal.metallic == pytest.approx(metallic, abs=0.2)
+    if metallic:
+        return
+    weight = np.sqrt(np.where(texels.usable(), texels.quality, 0.0))[..., None] * texels.irradiance
+    costs = {}
+    for r in ROUGHNESS:
+        for at in LEVELS:
+            white, rest = parts(texels, one_lobe(np.full(len(texels.cos_v), r), at))
+            left = 0.0
+            for c in range(3):
+                a, b = (weight[..., 0] * x for x in (white[..., 0], texels.reflected[..., c] - rest[..., 0]))
+                left += float(np.linalg.lstsq(a.reshape(-1, 1), b.ravel(), rcond=None)[1][0])
+            costs[r, at] = left
+    best, at = min(costs, key=costs.__getitem__)
+    assert plain.roughness == pytest.approx(best, rel=0.1)  # half a node
+    levels = list(LEVELS)
+    low, high = (levels[min(max(levels.index(at) + step, 0), len(levels) - 1)] for step in (-1, 1))
+    assert low <= plain.level <= high
+
+
+@pytest.mark.parametrize("drawn", [2.0, 8.0])
+def test_drawn_base_colours_count_observations(drawn: float) -> None:
+    """A texel's own least-squares base colour and that of all texels, whose observations count alike."""
+    texels = one_paint(0.4, 0.5, 0.0)
+    lobes, known = one_lobe(np.full(150, 0.4), 0.5), texels.lamps % 4 != 0
+    white, rest = parts(texels, lobes)
+    usable = (texels.usable() & known)[..., None]
+    alike = np.where(usable, texels.quality[..., None], 0.0)
+    off = texels.reflected - rest
+    common = (alike * white * off).sum((0, 1)) / (alike * white**2).sum((0, 1))
+    relative = np.where(usable, texels.quality[..., None] / np.maximum(texels.reflected, texels.typical()) ** 2, 0.0)
+    same = replace(texels, camera=np.zeros_like(texels.camera))
+    own = np.clip((relative * white * off).sum(1) / (relative * white**2).sum(1), 0, 1)
+    count = usable.sum(1)
+    base = (count * own + drawn * np.clip(common, 0, 1)) / (count + drawn)
+    np.testing.assert_allclose(predicted(same, lobes, known, drawn=drawn), base[:, None] * white + rest, rtol=1e-9)
+    np.testing.assert_allclose(common_base(texels.part(np.arange(150)), lobes), [0.5, 0.2, 0.1], rtol=0.15)
 
 
 def test_blenders_level_alone_gives_the_roughness_at_it() -> None:

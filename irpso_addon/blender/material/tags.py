@@ -3,6 +3,8 @@
 A file may hold anything under these names.
 """
 
+from dataclasses import replace
+
 import bpy
 
 from ...core.data import JointPrior
@@ -19,19 +21,22 @@ NORMAL_TAG = "irpso_normal"  # the same of its Normal
 NORMAL_LINK_TAG = "irpso_normal_link"
 NORMAL_ROLE = "normal_map"  # of our Normal Map node
 PRIOR_TAG = "irpso_prior"  # on a material: as JointPrior, without ...
-PRIOR_LEVEL_TAG = "irpso_prior_level"  # ... its level and how strongly texels' levels were drawn to it
+PRIOR_LEVEL_TAG = "irpso_prior_level"  # ... its level and how strongly texels' levels were drawn to it, and ...
+PRIOR_BASE_TAG = "irpso_prior_base"  # ... its base colour, and how strongly texels' were drawn to that
 PARKED_TAG = "irpso_parked"  # on a Principled that a two-lobe group stands in for: how it was shown
 
 
 def tag_prior(material: bpy.types.Material, prior: JointPrior | None) -> None:
     """Keep what the material's texels were drawn to."""
-    for name in (PRIOR_TAG, PRIOR_LEVEL_TAG):
+    for name in (PRIOR_TAG, PRIOR_LEVEL_TAG, PRIOR_BASE_TAG):
         if name in material:
             del material[name]
     if prior is not None:
         material[PRIOR_TAG] = [prior.roughness, prior.strength, prior.sigma, *prior.others]
         if prior.level_strength > 0:
             material[PRIOR_LEVEL_TAG] = [prior.level, prior.level_strength]
+        if prior.base:
+            material[PRIOR_BASE_TAG] = [*prior.base, prior.base_strength]
 
 
 def prior_of(material: bpy.types.Material) -> JointPrior | None:
@@ -42,10 +47,14 @@ def prior_of(material: bpy.types.Material) -> JointPrior | None:
     roughness, strength, sigma, *others = values
     if not all(0 < value <= 1 for value in (roughness, *others)) or strength <= 0 or sigma < 0:
         return None
+    prior = JointPrior(roughness, strength, sigma, tuple(others))
     match _numbers(material, PRIOR_LEVEL_TAG):
         case [level, level_strength] if 0 < level <= 1 and level_strength > 0:
-            return JointPrior(roughness, strength, sigma, tuple(others), level, level_strength)
-    return JointPrior(roughness, strength, sigma, tuple(others))
+            prior = replace(prior, level=level, level_strength=level_strength)
+    match _numbers(material, PRIOR_BASE_TAG):
+        case [*base, base_strength] if len(base) == 3 and all(0 <= value <= 1 for value in base) and base_strength > 0:
+            prior = replace(prior, base=tuple(base), base_strength=base_strength)
+    return prior
 
 
 def _numbers(material: bpy.types.Material, name: str) -> list[float]:

@@ -18,6 +18,7 @@ from .far_exposures import FarExposures, far_exposures
 from .finish import Judged, Larger, ambient_of, final_of, judged_of, weighed
 from .free_numbers import NOTHING, is_far, is_off
 from .metals import chosen_of_metals, curve_of_metals, metals_of
+from .own_angles import foretells
 from .rig import RigChange
 from .rig_fit import ROUNDS, RigFound, fit_rig
 from .rig_numbers import Free
@@ -55,7 +56,8 @@ def calibrate(
     else:
         judged = yield from _of_metals(metals, lamps, exposures, larger)
     if judged is not None and judged.changed.fits:
-        return replace(judged, overlap=overlap)
+        whose = overlap or (yield from foretells(sample, folds, judged.found.change))
+        return replace(judged, overlap=overlap) if whose else None
     if not exposures or not overlap or any(may_have_one(view) for view in sample.rig.views):
         return None
     far = yield from far_exposures(sample, folds, first, unexplained=True)

@@ -82,6 +82,13 @@ class Tints:
         return change, error
 
 
+def under_tints(sample: RigSample, change: RigChange) -> RigSample:
+    """A sample as if its lamps and pictures had a change's colours."""
+    if change.log_tint is not None:
+        sample = _under_lamps(sample, change.log_tint)
+    return sample if change.log_balance is None else _under_views(sample, change.log_balance)
+
+
 def tints_of(
     sample: RigSample, folds: Folds, first: RigFound, lamps: bool, views: bool, larger: Callable[[bool], RigSample],
 ) -> Steps[Tints | None]:
@@ -146,7 +153,10 @@ def _found(
     tints, error = _with_errors(larger(False), first, of)
     if not _off(tints, error).any():
         return None
-    return _Found(of, tints, error, *contest.errors(tints))
+    given, changed = contest.errors(tints)
+    if changed.relative_rms > given.relative_rms and changed.lightness > given.lightness:
+        return None  # highlights of a colour that the material lacks: right colours predict no better what views show
+    return _Found(of, tints, error, given, changed)
 
 
 def _with_errors(sample: RigSample, first: RigFound, of: Tinted) -> tuple[F64, F64]:

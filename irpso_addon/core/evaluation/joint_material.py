@@ -65,6 +65,8 @@ class Joint:
     parts: tuple[OneMaterial, ...]  # two and three parts, each of one roughness: a texel belongs to the one that suits
     coated: Mapping[str, OneMaterial] = field(default_factory=dict)  # by a word for what is free, see coat_search.py
     rough: Joint | None = None  # the same with a rough diffuse, without Metallic
+    # With one base colour for all, by least squares of radiance; without and with Metallic.  (): not sought
+    constant: tuple[OneMaterial, ...] = ()
 
 
 class JointSearch:
@@ -128,6 +130,22 @@ class JointSearch:
         return replace(joint, apart=apart, apart_metal=metal if metal.metallic > 0 else apart,
                        parts=tuple(self._settled_parts(one, sums, known) for one in joint.parts))
 
+    def with_constant(self, joint: Joint, known: Bool) -> Joint:
+        """Of `fit`, also what explains the texels together with one base colour for all.
+
+        By squares of radiance itself, in which highlights count most: a lobe that flashes costs more than a lost one.
+        """
+        texels = self.texels
+        weight = np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance**2, 0.0)
+        sums = [self._sums_over(nodes, known, 0.0, weight) for nodes in self.nodes]
+        costs = np.stack([_alike(sums, metallic) for metallic in self.metallic])
+        found = []
+        for some in (costs[:1], costs):
+            m, level, rough = np.unravel_index(some.argmin(), some.shape)
+            found.append(OneMaterial(_roughness(some[m, level]), _level(_lowest(LEVELS, some[m, :, rough])),
+                                     float(self.metallic[m])))
+        return replace(joint, constant=tuple(found))
+
     def diffuse_roughness(self, known: Bool) -> float:
         """The one that explains the texels best, each at its own roughness, without Metallic."""
         costs = np.array([_costs(self._sums(known, diffuse), 0.0).min(1).sum(-1).min() for diffuse in DIFFUSE])
@@ -168,13 +186,17 @@ class JointSearch:
         return [(self._sums_over(nodes, known, diffuse), None if weight is None else NodeBounds.of(
             self.texels, weight, nodes.layers, nodes.products, gain)) for nodes in self.nodes]
 
-    def _sums_over(self, nodes: Nodes, known: Bool, diffuse: float) -> dict[str, F64]:
+    def _sums_over(
+        self, nodes: Nodes, known: Bool, diffuse: float, weight: F64 | None = None,
+    ) -> dict[str, F64]:
         """Weighted sums over layers of products of what a dielectric (a, s), a metal (A, S) and the data (f) show.
 
         (levels, roughnesses, T, C) each, or (1, ...) where no level is in it; of a rough diffuse those of a, s and f.
+        ``weight``: (T, V, C) of squared residuals; None: as of `weight_of`.
         """
+        every = self.weight if weight is None else weight
         # What is not known weighs nothing: to leave it out would copy all nodes, which takes longer than the sums.
-        weight = np.where(known[nodes.layers, None], self.weight.take(nodes.layers, 1), 0.0)
+        weight = np.where(known[nodes.layers, None], every.take(nodes.layers, 1), 0.0)
         f = self.texels.reflected.take(nodes.layers, 1)
         result = {"ff": over_layers(weight * f, f)[None, None]}
         for name, values in nodes.products.items():
@@ -268,20 +290,30 @@ def _metallic(texels: SampledTexels) -> tuple[F64, F64]:
 
 def _costs(sums: Sums, metallic: float) -> F64:
     """(levels, roughnesses, T) weighted squared residual, base colour in closed form for each channel."""
-    x, m, total = 1 - metallic, metallic, np.zeros(1)
+    total = np.zeros(1)
     for of, bounds in sums:
-        if m == 0:
-            cost, base = _residual(of["ff"], of["aa"], of["af"] - of["as"], of["ss"] - 2 * of["sf"])
-            total = total + cost + (0.0 if bounds is None else bounds.costs(base, m))
-            continue
-        white_data = x * of["af"] + m * of["Af"]
-        rest_data = x * of["sf"] + m * of["Sf"]
-        white = x * x * of["aa"] + 2 * x * m * of["aA"] + m * m * of["AA"]
-        both = x * x * of["as"] + x * m * (of["aS"] + of["sA"]) + m * m * of["AS"]
-        rest = x * x * of["ss"] + 2 * x * m * of["sS"] + m * m * of["SS"]
-        cost, base = _residual(of["ff"], white, white_data - both, rest - 2 * rest_data)
-        total = total + cost + (0.0 if bounds is None else bounds.costs(base, m))
+        cost, base = _residual(*_polynomial(of, metallic))
+        total = total + cost + (0.0 if bounds is None else bounds.costs(base, metallic))
     return total
+
+
+def _alike(sums: list[dict[str, F64]], metallic: float) -> F64:
+    """(levels, roughnesses) the same of all texels together, with one base colour; clipped pixels aside."""
+    return np.asarray(sum(
+        _residual(*(part.sum(2) for part in _polynomial(of, metallic)))[0] for of in sums))
+
+
+def _polynomial(of: dict[str, F64], metallic: float) -> tuple[F64, F64, F64, F64]:
+    """As `_residual` takes it."""
+    x, m = 1 - metallic, metallic
+    if m == 0:
+        return of["ff"], of["aa"], of["af"] - of["as"], of["ss"] - 2 * of["sf"]
+    white_data = x * of["af"] + m * of["Af"]
+    rest_data = x * of["sf"] + m * of["Sf"]
+    white = x * x * of["aa"] + 2 * x * m * of["aA"] + m * m * of["AA"]
+    both = x * x * of["as"] + x * m * (of["aS"] + of["sA"]) + m * m * of["AS"]
+    rest = x * x * of["ss"] + 2 * x * m * of["sS"] + m * m * of["SS"]
+    return of["ff"], white, white_data - both, rest - 2 * rest_data
 
 
 def _residual(ff: F64, white: F64, slope: F64, rest: F64) -> tuple[F64, F64]:

@@ -179,10 +179,13 @@ def _lobe(texels: SampledTexels, roughness: F64, level: F64, beckmann: bool) -> 
     return (1 - energy[..., 1]) / np.pi, summed(shape) * energy[..., 0]
 
 
-def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool, brightest: float = 1.0) -> F64:
+def predicted(
+    texels: SampledTexels, lobes: Lobes | None, known: Bool, brightest: float = 1.0, drawn: float = 0.0,
+) -> F64:
     """(T, V, C) radiance / irradiance of all layers, base colour from the layers that are ``known``, (V,).
 
-    ``brightest``: of base colours, 1 unless the power of all lamps is a matter of what is compared.
+    ``brightest``: of base colours, 1 unless the power of all lamps is a matter of what is compared.  ``drawn``: for so
+    many observations counts what all texels together say of base colour (see `common_base`), beside a texel's own.
 
     Each camera's pixels cover the texture differently, so that a camera's own views say its base colour, and those of
     others where it has none.
@@ -194,17 +197,50 @@ def predicted(texels: SampledTexels, lobes: Lobes | None, known: Bool, brightest
     for _ in range(passes):
         white, rest = parts(texels, lobes, base)
         off, information = weight * white * (texels.reflected - rest), weight * white * white
+        common = _common(texels, known, white, rest) if drawn else np.zeros((len(known), 1))
         result = np.empty_like(texels.reflected)
         for channel in np.unique(texels.channel):
             same = texels.channel == channel
             total = off[:, same].sum(1), information[:, same].sum(1)
-            base = np.clip(total[0] / np.maximum(total[1], LEAST), 0, brightest)
+            count = (weight[:, same] > 0).sum(1, dtype=np.float64)
+            alike = common[same][0]
+            base = drawn_to(np.clip(total[0] / np.maximum(total[1], LEAST), 0, brightest), count, alike, drawn)
             for camera in np.unique(texels.camera[same]):
                 own = same & (texels.camera == camera)
                 share = off[:, own].sum(1), information[:, own].sum(1)
                 shown = (share[0] + OTHER_CAMERA * total[0]) / np.maximum(share[1] + OTHER_CAMERA * total[1], LEAST)
-                result[:, own] = np.clip(shown, 0, brightest)[:, None]
+                result[:, own] = drawn_to(np.clip(shown, 0, brightest), count, alike, drawn)[:, None]
     return np.asarray(result * white + rest)
+
+
+def common_base(texels: SampledTexels, lobes: Lobes | None) -> tuple[float, ...]:
+    """RGB of the one base colour that explains best, by least squares, what all texels reflect."""
+    known, base = np.ones(len(texels.camera), bool), np.full_like(texels.reflected[:, 0], 0.5)
+    _, first = np.unique(texels.channel, return_index=True)
+    for _ in range(PASSES):
+        common = _common(texels, known, *parts(texels, lobes, base))
+        base = np.broadcast_to(common[first[0]], base.shape)
+    return tuple(float(value) for value in common[first].ravel())
+
+
+def _common(texels: SampledTexels, known: Bool, white: F64, rest: F64) -> F64:
+    """(V, C) of each layer's channel, as of `common_base`.  ``white``, ``rest``: as of `parts`.
+
+    Not relative to what is observed, as in a texel: among what differs from texel to texel, as bumps do, that would
+    count dark observations most.
+    """
+    weight = np.where(texels.usable() & known, texels.quality, 0.0)[..., None]
+    off, information = (weight * white * (texels.reflected - rest)).sum(0), (weight * white * white).sum(0)
+    result = np.empty_like(off)
+    for channel in np.unique(texels.channel):
+        same = texels.channel == channel
+        result[same] = np.clip(off[same].sum(0) / np.maximum(information[same].sum(0), LEAST), 0, 1)
+    return result
+
+
+def drawn_to(own: F64, count: F64, common: F64, strength: float) -> F64:
+    """Base colours that ``count`` observations say, drawn to a common one, which counts for ``strength`` of them."""
+    return np.asarray((count * own + strength * common) / np.maximum(count + strength, LEAST)) if strength else own
 
 
 def _median_of_known(values: F64) -> F64:

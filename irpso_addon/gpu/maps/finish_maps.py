@@ -24,6 +24,7 @@ from ..solve.neighbours import NOISE_FLOOR
 from ..solve.sparse_ladder import SparseLadder
 from ..solve.texel_records import SolvedTexels
 from .albedo import ITERATIONS, AlbedoSolver, Gloss
+from .drawn_base import draw_bases
 from .fill import fill
 from .partial_solve import PartialSolve
 from .variogram import borrowed_variance
@@ -118,6 +119,8 @@ def make_maps(
         metallic = _filled_metallic(device, scene, texels, joined)
         albedo.take(lobes, level, metallic)
     shown = base[..., 3] > 0.25
+    own_slots = texels.slots if joined.paint is None else np.where(joined.paint, -1, texels.slots)  # paint has no prior
+    base = draw_bases(base, joined.texels.observations, own_slots, scene.mesh.slot_names, texels.ladder.priors)
     base_texture = filled(device, part.join_base(base), around.base if around else None)
     good = own.solved & shown
     # Of a part, what the last result left elsewhere says what is typical of a material.

@@ -107,7 +107,7 @@ class MetalLadder:
 
     def _judge_paint(self, name: str, texels: Bool, result: LadderResult) -> Generator[Progress, None, None]:
         """How well one lobe predicts the paint beside a metal: the part that is predicted worse stands for both."""
-        found = yield from self.prediction.decide(texels, Fitted("one-lobe"))
+        found = yield from self.prediction.decide(texels, Fitted("one-lobe", beside=True))
         self.solver.cancelled |= found.cancelled
         if found.prediction is not None:
             result.predictions[name] = max(
@@ -119,7 +119,7 @@ class MetalLadder:
         Returns whether prediction takes a metal.
         The prior of metal and paint together holds for neither, and the level is the paint's: a metal's hardly shows.
         """
-        found = yield from self.prediction.decide(texels, Fitted("one-lobe"))
+        found = yield from self.prediction.decide(texels, Fitted("one-lobe", beside=True))
         self.solver.cancelled |= found.cancelled
         if found.cancelled:
             return False

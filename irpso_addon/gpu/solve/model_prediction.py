@@ -14,7 +14,7 @@ from ...core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
 from ...core.evaluation.folds import ALIKE, Folds, split
 from ...core.evaluation.joint_material import Joint, JointSearch, OneMaterial
 from ...core.evaluation.pixel_bias import pixel_bias
-from ...core.evaluation.sampled_texels import SampledTexels, one_lobe
+from ...core.evaluation.sampled_texels import SampledTexels, common_base, one_lobe
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import PriorKnowledge
@@ -23,6 +23,8 @@ from ..observe.observation_atlas import Source
 from .map_around import MapAround
 from .material_sample import MaterialSample, packed, read_sample, squares_of
 from .prediction_trials import (
+    CONSTANT,
+    CONSTANT_METAL,
     DRAWN,
     DRAWN_COAT,
     DRAWN_COAT_METAL,
@@ -43,6 +45,7 @@ from .prediction_trials import (
     UNIFORM_ROUGH,
     Trial,
     by_size,
+    with_drawn_base,
 )
 from .tile_passes import ROBUST_METAL
 from .trial_runs import PREDICTING, TrialRuns
@@ -94,6 +97,7 @@ class Fitted:
 
     model: str
     level: float = 0.5  # Specular IOR Level
+    beside: bool = False  # another material, whose colour pixels at the border mix into what all texels say
 
 
 class ModelPrediction:
@@ -162,7 +166,8 @@ class _Contest(TrialRuns):
         if self.fitted.model == "two-lobe":
             clear = CLEAR_TWO
             if not self.solver.cancelled and not self.judge.leads(incumbent, clear, self.predictions):
-                self.fitted, incumbent, clear = Fitted("one-lobe"), FITTED["one-lobe"], CLEAR
+                self.fitted = replace(self.fitted, model="one-lobe", level=0.5)
+                incumbent, clear = FITTED["one-lobe"], CLEAR
         led = not self.solver.cancelled and self._leads(incumbent, clear)
         if not self.solver.cancelled and not led:
             yield from self._settle()
@@ -202,6 +207,8 @@ class _Contest(TrialRuns):
             taken = yield from self._above_rough(taken)
         if not self.solver.cancelled and worth(self.judge.error(taken)):
             taken = yield from self._under_coats(taken, metal or apart)
+        if not self.solver.cancelled and not self.fitted.beside and worth(self.judge.error(taken)):
+            taken = yield from self._with_drawn_base(taken)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
         errors |= {name: self.judge.error(name) for name in self.predictions}
@@ -299,6 +306,34 @@ class _Contest(TrialRuns):
         found = self.judge.choose([[taken], *by_size(trials)])
         return found if self.judge.leads(found, CLEAR_MORE, [taken]) else taken
 
+    def _with_drawn_base(self, taken: str) -> Generator[Progress, None, str]:
+        """The one value whose texels' base colours are drawn to the material's that is to be taken instead, if any.
+
+        Bumps that the mesh lacks change what texels show, and each takes them for its base colour.
+        """
+        alike = {trial.name: trial for trial in self.trials.values() if trial.strength == ONE_VALUE}
+        (best,) = self.judge.near(list(alike), 0.0)[:1]
+        drawn = with_drawn_base(alike[best])
+        yield from self._folds(self._uniform, [*drawn, *(yield from self._constant())], race=True)
+        if not self.solver.cancelled and any(self.judge.leads(trial.name, 0.0, [best]) for trial in drawn):
+            for name in self.judge.near(list(alike), HOPEFUL):
+                if name != best:
+                    yield from self._folds(self._uniform, with_drawn_base(alike[name]), race=True)
+        if self.solver.cancelled:
+            return taken
+        error = self.judge.error(taken)
+        leading = [trial for trial in self.trials.values() if trial.base_strength and self._no_worse(trial.name, error)
+                   and self.judge.leads(trial.name, ALIKE[0], [taken])]
+        return self.judge.choose([["lambert"], *by_size(leading)]) if leading else taken
+
+    def _constant(self) -> Generator[Progress, None, list[Trial]]:
+        """Those whose values were found with one base colour for all."""
+        for n, left_out in enumerate(self.folds.left_out):
+            yield PREDICTING
+            self.joints[n] = self.search.with_constant(self.joints[n], ~left_out)
+        metal = self.metals and min(joint.constant[1].metallic for joint in self.joints) > PLAIN_METALLIC
+        return [drawn for trial in (CONSTANT, *([CONSTANT_METAL] if metal else [])) for drawn in with_drawn_base(trial)]
+
     def _no_worse(self, name: str, than: PredictionError) -> bool:
         """In neither error: what explains highlights may not spoil the body."""
         error = self.judge.error(name)
@@ -383,6 +418,8 @@ class _Contest(TrialRuns):
             joint = self._coated(trial.coat, known, joint)
         if trial.rough:
             joint = _with_rough(self.search, joint, known, self.search.diffuse_roughness(known))
+        if self.joints[0].constant:
+            joint = self.search.with_constant(joint, known)
         one = trial.material(joint)
         values = np.array([trial.material(joint).roughness for joint in self.joints])
         # Jackknife (Quenouille 1956) over the folds.
@@ -390,19 +427,24 @@ class _Contest(TrialRuns):
         if trial.strength == ONE_VALUE and not trial.coat:
             sigma = float(np.hypot(sigma, pixel_bias(self.observed, lambda texels: trial.material(
                 self._joint(texels, known, trial)).roughness)))
+        prior = trial.prior(joint, sigma)
+        if prior is not None and trial.base_strength:
+            prior = replace(prior, base=common_base(self.observed, self._alike(trial, joint)),
+                            base_strength=trial.base_strength)
         level = None if trial.model == "one-lobe" or trial in DRAWN_LEVELS else one.level
         prediction = replace(
             prediction, broad_metal=trial.model == "one-lobe-metallic" and one.roughness >= BROADEST)
         # The lightness of most pixels says that texels differ, though the few brightest would flash.
         differ = (trial.strength == ONE_VALUE and self.fitted.model in ("one-lobe", "one-lobe-specular")
                   and errors[FITTED[self.fitted.model]].lightness < best.lightness)
-        return Decision(trial.model, why, level, one.metallic, one.coat, one.diffuse, trial.prior(joint, sigma),
-                        prediction, differ)
+        return Decision(trial.model, why, level, one.metallic, one.coat, one.diffuse, prior, prediction, differ)
 
     def _joint(self, texels: SampledTexels, known: Bool, trial: Trial) -> Joint:
         """Of some texels, as far as a trial without a coat goes by it."""
         search = JointSearch(texels, self.metals and not trial.rough)
         joint = search.fit(known)
+        if self.joints[0].constant:
+            joint = search.with_constant(joint, known)
         return _with_rough(search, joint, known, search.diffuse_roughness(known)) if trial.rough else joint
 
 

@@ -11,6 +11,7 @@ from ...core.evaluation.joint_material import Joint, OneMaterial
 
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
 WEAK_STRENGTHS = (0.3, 0.1)  # that keep a few texels from flashing and hardly move the others
+BASE_STRENGTHS = (2.0, 8.0, 32.0)  # of the material's base colour: observations of a texel for which it counts
 LEVEL_STRENGTHS = ((200.0, 1.0), (200.0, 0.2), (10.0, 0.2))  # where levels differ too: of roughness, and of level
 
 
@@ -25,6 +26,7 @@ class Trial:
     coat: str = ""  # what is free below a coat, a word of core/evaluation/coat_search.py; "": there is none
     rough: bool = False  # whether its diffuse is rough
     level_strength: float = 0.0  # of the prior about the joint level; 0: all texels have that level
+    base_strength: float = 0.0  # of the prior about the material's base colour; 0: there is none
 
     def prior(self, joint: Joint, sigma: float = 0.0) -> JointPrior | None:
         """That its texels are drawn with."""
@@ -87,16 +89,32 @@ MODELS = "one-lobe", "one-lobe-specular", "one-lobe-metallic"  # from the smalle
 FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specular": "a value a texel, one level",
           "two-lobe": "two lobes"}
 
-METALS = frozenset(trial.name for trial in (
-    UNIFORM_METAL, *DRAWN_METAL, UNIFORM_COAT_METAL, *DRAWN_COAT_METAL))
+
+CONSTANT = Trial("one material", "one-lobe-specular", ONE_VALUE, lambda joint: joint.constant[0])
+CONSTANT_METAL = Trial("one material and metallic", "one-lobe-metallic", ONE_VALUE, lambda joint: joint.constant[1])
+
+
+def with_drawn_base(trial: Trial) -> list[Trial]:
+    """The same with base colours that are drawn to the material's, under several priors."""
+    return [replace(trial, name=f"{trial.name}, base color prior {strength:g}", base_strength=strength)
+            for strength in BASE_STRENGTHS]
+
+
+_METALS = CONSTANT_METAL, UNIFORM_METAL, *DRAWN_METAL, UNIFORM_COAT_METAL, *DRAWN_COAT_METAL
+METALS = frozenset(metal.name for trial in _METALS for metal in (trial, *with_drawn_base(trial)))
 
 
 def by_size(trials: list[Trial]) -> list[list[str]]:
     """Names of one value for the material, of parts, and of texels that are drawn, by model; those with levels last."""
-    uniform = [[trial.name] for trial in trials if trial.strength == ONE_VALUE]
+    uniform: dict[tuple[bool, bool, int, bool], list[str]] = {}  # whatever their prior about base colour
+    constants = CONSTANT.material, CONSTANT_METAL.material  # which have to predict clearly better than the usual values
+    for trial in trials:
+        if trial.strength == ONE_VALUE:
+            size = bool(trial.coat), trial.rough, MODELS.index(trial.model), trial.material in constants
+            uniform.setdefault(size, []).append(trial.name)
     parts = [[trial.name] for trial in trials if trial in PARTS]
     drawn: dict[tuple[bool, int], list[str]] = {}
     for trial in trials:
         if trial.strength != ONE_VALUE and trial not in PARTS:
             drawn.setdefault((trial in DRAWN_LEVELS, MODELS.index(trial.model)), []).append(trial.name)
-    return [*uniform, *parts, *(drawn[size] for size in sorted(drawn))]
+    return [*(uniform[size] for size in sorted(uniform)), *parts, *(drawn[size] for size in sorted(drawn))]

@@ -92,9 +92,13 @@ class TrialRuns:
         """One value for the material."""
         yield PREDICTING
         for trial in trials:
-            one = trial.material(joint)
-            values = np.full(len(self.places), one.roughness)
-            self._add(trial.name, one_lobe(values, one.level, one.metallic, one.coat, one.diffuse), known)
+            self._add(trial.name, self._alike(trial, joint), known, trial.base_strength)
+
+    def _alike(self, trial: Trial, joint: Joint) -> Lobes:
+        """Of all texels, under one value for the material."""
+        one = trial.material(joint)
+        values = np.full(len(self.places), one.roughness)
+        return one_lobe(values, one.level, one.metallic, one.coat, one.diffuse)
 
     def _drawn(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
         """A value a texel, drawn to the material's, under several priors at one level and Metallic."""
@@ -136,6 +140,6 @@ class TrialRuns:
     def _at(self, values: F32) -> F64:
         return np.clip(values.ravel()[self.places].astype(np.float64), LEAST, 1.0)
 
-    def _add(self, name: str, lobes: Lobes | None, known: Bool) -> None:
-        """What a trial predicts of a fold; ``known``: layers that are not left out."""
-        self.predictions.setdefault(name, []).append(predicted(self.observed, lobes, known))
+    def _add(self, name: str, lobes: Lobes | None, known: Bool, drawn: float = 0.0) -> None:
+        """What a trial predicts of a fold; ``known``: layers that are not left out.  ``drawn``: as of `predicted`."""
+        self.predictions.setdefault(name, []).append(predicted(self.observed, lobes, known, drawn=drawn))
