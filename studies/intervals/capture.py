@@ -27,7 +27,7 @@ def make(asset: Asset, folder: Path, lamps: int = LAMPS, room: bool = False) -> 
     ``room``: with a picture of each camera under light of radiance 1 from everywhere, "room Camera 1.exr".
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    _set_up(asset)
+    set_up(asset.pixels, asset.samples, asset.bounces)
     subject = _add_mesh(asset)
     blank = [slot.material for slot in subject.material_slots]
     painted = _painted(asset)
@@ -48,17 +48,18 @@ def make(asset: Asset, folder: Path, lamps: int = LAMPS, room: bool = False) -> 
     bpy.ops.wm.save_as_mainfile(filepath=str((folder / "scene.blend").resolve()), compress=True)
 
 
-def _set_up(asset: Asset) -> None:
+def set_up(pixels: int, samples: int, bounces: int) -> None:
+    """Cycles without anything that is not light: square pictures, box filter, no clamping."""
     scene = bpy.context.scene
     render, cycles = scene.render, scene.cycles
     scene.world = None
     render.engine, render.film_transparent, render.use_persistent_data = "CYCLES", True, True
-    render.resolution_x = render.resolution_y = asset.pixels
+    render.resolution_x = render.resolution_y = pixels
     render.resolution_percentage = 100
     render.image_settings.file_format = "OPEN_EXR"
     render.image_settings.color_mode, render.image_settings.color_depth = "RGBA", "32"
-    cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = asset.samples, False, False
-    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = asset.bounces
+    cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = samples, False, False
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = bounces
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.light_sampling_threshold = cycles.blur_glossy = 0
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
 
@@ -77,13 +78,14 @@ def _add_mesh(asset: Asset) -> bpy.types.Object:
     mesh.polygons.foreach_set(
         "material_index", np.repeat([part.slot for part in asset.sheets], [len(part.quads) for part in asset.sheets]))
     for slot in range(len(asset.levels)):
-        mesh.materials.append(_material(f"{NAME} {slot + 1}"))
+        mesh.materials.append(add_material(f"{NAME} {slot + 1}"))
     obj = bpy.data.objects.new(NAME, mesh)
     bpy.context.scene.collection.objects.link(obj)
     return obj
 
 
-def _material(name: str) -> bpy.types.Material:
+def add_material(name: str) -> bpy.types.Material:
+    """With Blender's default nodes."""
     material = bpy.data.materials.new(name)
     if material.node_tree is None:  # Blender 5 makes the nodes at once
         material.use_nodes = True
@@ -91,10 +93,10 @@ def _material(name: str) -> bpy.types.Material:
 
 
 def _painted(asset: Asset) -> list[bpy.types.Material]:
-    images = [_image("base", truth(asset)[0]), _image("roughness", truth(asset)[1])]
+    images = [truth_image("base", truth(asset)[0]), truth_image("roughness", truth(asset)[1])]
     materials = []
     for level in asset.levels:
-        materials.append(_material("truth"))
+        materials.append(add_material("truth"))
         tree = materials[-1].node_tree
         principled = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
         principled.inputs["Specular IOR Level"].default_value = level
@@ -107,7 +109,8 @@ def _painted(asset: Asset) -> list[bpy.types.Material]:
     return materials
 
 
-def _image(name: str, array: F32) -> bpy.types.Image:
+def truth_image(name: str, array: F32) -> bpy.types.Image:
+    """Of (h, w) or (h, w, 3), row 0 at the bottom; linear."""
     height, width = array.shape[:2]
     rgba = np.ones((height, width, 4), np.float32)
     rgba[..., :3] = array if array.ndim == 3 else array[..., None]
@@ -164,7 +167,7 @@ def _render_all(
             scene.cycles.seed = len(views)
             scene.render.filepath = str(folder / name)
             bpy.ops.render.render(write_still=True)
-            _add_noise(folder / name, asset.noise, rng)
+            add_noise(folder / name, asset.noise, rng)
             views.append({"image": name, "camera": camera.name, "lights": [lamp.name]})
     for lamp in lamps:
         lamp.hide_render = False
@@ -190,7 +193,7 @@ def _render_room(folder: Path, cameras: list[bpy.types.Object], lamps: list[bpy.
     scene.render.filepath = ""
 
 
-def _add_noise(path: Path, noise: float, rng: np.random.Generator) -> None:
+def add_noise(path: Path, noise: float, rng: np.random.Generator) -> None:
     """In proportion to each channel of each pixel."""
     read = OpenImageIO.ImageBuf(str(path))
     pixels = read.get_pixels(OpenImageIO.FLOAT)
