@@ -11,10 +11,11 @@ import pytest
 from irpso_addon.core.data import Solution
 from irpso_addon.core.evaluation import folds
 from irpso_addon.core.shading import brdf
-from irpso_addon.gpu.solve import prediction_trials
+from irpso_addon.gpu.solve import model_prediction, prediction_trials
 from irpso_addon.gpu.solve.model_ladder import Ladder
 from irpso_addon.gpu.solve.texel_records import SolvedTexels
 from tests.support import synthetic as syn
+from tests.support import tilted_sphere as balls
 from tests.support.shoots import errors, rig, run
 
 ROUGH, LEVEL = 0.2, 0.1
@@ -246,3 +247,25 @@ def test_where_nothing_can_be_judged_the_report_says_so(monkeypatch):
     assert found.predictions == {}
     assert found.model == {"Paint": "one-lobe"}
     assert "no texel has enough good observations to leave lamps out" in found.why["Paint"]
+
+
+@pytest.mark.parametrize(("radiance", "lightness", "taken"), [
+    (1.0, 1.0, "two parts"),  # as good with fewer numbers
+    (1.0, 1.03, "a value a texel, prior 10"),  # borders where roughness changes gradually
+    (0.9, 1.03, "two parts"),  # as good in all
+])
+def test_parts_are_not_taken_where_they_divide_what_changes_gradually(radiance: float, lightness: float, taken: str):
+    """``radiance``, ``lightness``: ratios of the errors of two parts to those of values of each texel's own."""
+    sample, _ = balls.sphere(balls.principled(0.4), lamps=12)
+    texels = sample.texels
+    judge = folds.Judge(texels, folds.split(texels), sample.rig.cluster)
+    even = np.ones(len(texels.cos_v))
+    for name, ratios in (("lambert", (9, 9)), ("one value", (2, 2)), ("two parts", (radiance, lightness)),
+                         ("a value a texel, prior 10", (1, 1))):
+        judge.candidates[name] = folds.Candidate(*(even * ratio**2 for ratio in ratios))
+    contest = object.__new__(model_prediction._Contest)
+    trials = [prediction_trials.UNIFORM[0], prediction_trials.PARTS[0], prediction_trials.DRAWN[1]]
+    assert [trial.name for trial in trials] == list(judge.candidates)[1:]
+    contest.judge, contest.trials = judge, {trial.name: trial for trial in trials}
+    contest.fitted, contest.predictions = model_prediction.Fitted("two-lobe"), {}
+    assert contest._chosen() == taken

@@ -61,6 +61,7 @@ PLAIN_METALLIC = 0.03  # a Metallic so near to 0 is 0 ...
 SOME_METALLIC = 0.08  # ... and one above this worth the time to try it where texels differ
 WORTH_RMS, WORTH_LIGHTNESS = 0.05, 0.7  # errors of what would be taken from which on more is tried
 CLEAR_MORE = 1 / 6  # of its loss, by which a coat or a rough diffuse must lead: they mend a little of every material
+DIVIDED = 1.02  # ratio of errors of L* from which on parts divide what changes gradually
 WORSE = 1.05  # ratio of errors up to which they may be worse in one of the two
 LEAST_ROUGH = 0.05  # Diffuse Roughness that every fold must find
 BROADEST = 0.95  # roughness of a metal from which on its lobe only takes up what the diffuse lacks
@@ -361,9 +362,19 @@ class _Contest(TrialRuns):
         """The best of the smallest models that predict about as well; a metal whose texels differ must lead clearly."""
         taken = self.judge.choose(self._families(list(self.trials.values())))
         metals = {trial.name for trial in DRAWN_METAL}
-        if taken not in metals or self.judge.leads(taken, CLEAR, set(self.predictions) - metals):
-            return taken
-        return self.judge.choose(self._families([trial for trial in self.trials.values() if trial.name not in metals]))
+        if taken in metals and not self.judge.leads(taken, CLEAR, set(self.predictions) - metals):
+            taken = self.judge.choose(self._families(self._without(DRAWN_METAL)))
+        return self._unless_gradual(taken) if self.trials.get(taken) in PARTS else taken
+
+    def _unless_gradual(self, parts: str) -> str:
+        """Parts divide what changes gradually at borders that no picture shows: then L* is predicted worse by them."""
+        found = self.judge.choose(self._families(self._without([*PARTS, *DRAWN_METAL])))
+        worse = self.judge.error(parts).lightness > DIVIDED * self.judge.error(found).lightness
+        return found if worse and self.judge.leads(found, 0.0, [parts]) else parts
+
+    def _without(self, some: list[Trial]) -> list[Trial]:
+        names = {trial.name for trial in some}
+        return [trial for trial in self.trials.values() if trial.name not in names]
 
     def _families(self, trials: list[Trial]) -> list[list[str]]:
         """Their names from the smallest models on; the last is the fit's own, where its texels know no prior.
