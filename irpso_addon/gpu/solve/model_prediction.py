@@ -325,7 +325,24 @@ class _Contest(TrialRuns):
         error = self.judge.error(taken)
         leading = [trial for trial in self.trials.values() if trial.base_strength and self._no_worse(trial.name, error)
                    and self.judge.leads(trial.name, ALIKE[0], [taken])]
-        return self.judge.choose([["lambert"], *by_size(leading)]) if leading else taken
+        if not leading:
+            return taken
+        found = self.judge.choose([["lambert"], *by_size(leading)])
+        return found if taken in self.trials or (yield from self._better_than_own(taken, found)) else taken
+
+    def _better_than_own(self, taken: str, found: str) -> Generator[Progress, None, bool]:
+        """Whether one value predicts better than the fit's own values a texel, if base colours are drawn as far.
+
+        Noise, too, makes base colours differ: to draw them says nothing of roughness then.
+        """
+        strength = self.trials[found].base_strength
+        name = f"{taken}, base color prior {strength:g}"
+
+        def own(known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
+            yield from self._own_lobe(taken, known, name, strength)
+
+        yield from self._folds(own)
+        return not self.solver.cancelled and self.judge.leads(found, 0.0, [name])
 
     def _constant(self) -> Generator[Progress, None, list[Trial]]:
         """Those whose values were found with one base colour for all."""
@@ -396,11 +413,14 @@ class _Contest(TrialRuns):
         if model != "lambert":
             yield from self._own_lobe(name, known)
 
-    def _own_lobe(self, name: str, known: Bool) -> Generator[Progress, None, None]:
+    def _own_lobe(
+        self, name: str, known: Bool, called: str = "", drawn: float = 0.0,
+    ) -> Generator[Progress, None, None]:
+        """``called``: another name of the trial.  ``drawn``: as of `predicted`."""
         level = self.fitted.level if name == FITTED["one-lobe-specular"] else 0.5
         self.solver.use_level(self._grid(level) if level != 0.5 else None)
         (values,) = yield from self.solver.under_priors([None])
-        self._add(name, one_lobe(self._at(values), level), known)
+        self._add(called or name, one_lobe(self._at(values), level), known, drawn)
 
     def _own_among_all(self, left_out: Bool) -> Generator[Progress, None, None]:
         """The fit's own model, where each square knows what the rest of the map says of it."""
