@@ -50,7 +50,8 @@ def calibrate(
         return None
     yield Progress(0.0, "calibrate", "lamps and exposures")
     first, larger = (yield from _materials(sample)), more or (lambda ambient: sample)
-    metals, overlap = (yield from metals_of(sample, folds, first)), angles_overlap(sample)
+    overlap = angles_overlap(sample)
+    metals = (yield from metals_of(sample, folds, first)) if overlap else None
     if metals is None:
         judged = yield from _judged(sample, folds, first, lamps, exposures, larger, normals)
     else:
