@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from typing import Any
 
 import numpy as np
 import pytest
 
 from irpso_addon.core.evaluation.sampled_texels import one_lobe
+from irpso_addon.core.job import Steps, run_to_end
 from irpso_addon.core.normals.judge import NormalsJudged, judge_normals
 from irpso_addon.core.normals.relief import is_flat, judge_normals_and_relief
 from irpso_addon.core.normals.texel_tilts import TexelTilts
@@ -20,12 +20,8 @@ from tests.support.flat_relief import flat_relief
 pytestmark = pytest.mark.one_python
 
 
-def result_of(steps: Generator[Any, None, Any]) -> Any:
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
+def result_of(steps: Steps[Any]) -> Any:
+    return run_to_end(steps, lambda progress: None)
 
 
 def test_tilts_are_found_beside_levels() -> None:

@@ -13,9 +13,9 @@ from irpso_addon.core.job import Progress
 from irpso_addon.core.normals import relief
 from tests.support import shoots
 from tests.support import synthetic as syn
+from tests.support.flat_relief import PLACES
 
 pytestmark = pytest.mark.one_python
-PLACES = [(0, 0), (0.9, 0.1), (-0.8, 0.3), (0.1, 0.8), (0.2, -0.9), (0.5, 0.6), (-0.6, -0.5), (0.5, -0.5), (-0.4, 0.7)]
 WAVES, SLOPE = 20.0, 0.06  # radians a metre
 
 
