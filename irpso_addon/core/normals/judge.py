@@ -126,7 +126,7 @@ class _Contest:
         self.judge = Judge(self.judged, folds)
         self.predictions: dict[str, list[F64]] = {"lambert": [], GIVEN: [], LARGE: [], ALL: []}
         self.left: dict[str, F64] = {}
-        self.nearest = nearest(sample.rig.position)
+        self.nearest = _nearest(sample.rig.position)
 
     def _highlights(self) -> np.ndarray:
         texels = self.sample.texels
@@ -222,7 +222,7 @@ def _root_mean(products: F64) -> float:
     return float(np.sqrt(max(float(known.mean()), 0.0))) if len(known) else 0.0
 
 
-def nearest(position: F64) -> I32:
+def _nearest(position: F64) -> I32:
     """(T,) of each of (T, 3) places the one that is next to it."""
     middle = position - position.mean(0)
     square = (middle**2).sum(-1)

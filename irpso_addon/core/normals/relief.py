@@ -97,7 +97,7 @@ class _Contest:
     """What a plane and a relief predict of left-out views; each texel has its own level in both."""
 
     def __init__(self, sample: TiltSample, flat: Lobes, relief: _Relief, folds: Folds) -> None:
-        self.sample, self.flat, self.relief, self.folds = sample, flat, relief, folds
+        self.sample, self.flat, self.relief = sample, flat, relief
         self.deviation = relief.tilts.deviation()
         self.start, self.lobes = relief.tilts.under(self.deviation)[0], relief.tilts.lobes
         self.judge = Judge(sample.texels, folds)
@@ -131,7 +131,7 @@ class _Contest:
                              large=self._better(of[SMALL], of[ALL], 1.0, 1.0))
 
     def _better(self, before: Candidate, after: Candidate, ratio: float, sure: float = SURE) -> bool:
-        """Whether the root mean squares of radiance and of L* fall to less than a ratio, and by standard errors."""
+        """Whether the root mean squares of radiance and of L* fall by a ratio and so many standard errors."""
         clusters = self.sample.rig.cluster
         return all(new.sum() < ratio**2 * old.sum() and (old - new).sum() > sure * scatter(old - new, clusters)
                    for old, new in ((before.squares, after.squares), (before.lightness, after.lightness)))

@@ -328,7 +328,8 @@ class _Contest(TrialRuns):
         if not leading:
             return taken
         found = self.judge.choose([["lambert"], *by_size(leading)])
-        differ = taken not in self.trials and best not in self.judge.near([taken, best], CLEAR)
+        own = taken in (FITTED[model] for model in OWN_DRAWN)
+        differ = own and best not in self.judge.near([taken, best], CLEAR)
         return taken if differ and not (yield from self._better_than_own(taken, found)) else found
 
     def _better_than_own(self, taken: str, found: str) -> Generator[Progress, None, bool]:
