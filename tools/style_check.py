@@ -2,8 +2,8 @@
 
     python tools/style_check.py            exit 1 and a line for each breach
 
-It reads the strings of messages, labels and tooltips by the syntax tree, and README.md and docs/*.md outside code.
-docs/decisions and CHANGELOG.md are history and are not read.
+It reads the strings of messages, labels and tooltips by the syntax tree, and README.md, CHANGELOG.md and docs/*.md
+outside code.  docs/decisions are history and are not read.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def _inside(tree: ast.AST) -> set[int]:
 
 def pages() -> Iterator[str]:
     """Breaches in the documentation."""
-    for path in sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]):
+    for path in sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")]):
         name = path.relative_to(ROOT).as_posix()
         if name != RULES and not name.startswith(HISTORY):
             yield from of_page(path.read_text(encoding="utf-8"), name, ACTOR if name in USERS else ())
