@@ -96,7 +96,7 @@ class IRPSO_PG_view(PropertyGroup):
     response: FloatProperty(
         name="Response", default=1.0, min=LEAST_RESPONSE, max=MOST_RESPONSE, precision=3,
         description="Exponent of the camera's or developer's tone curve: the file holds radiance to this power. 1: the "
-                    "file is linear once its color space is undone")
+                    "file is linear once its colour space is undone")
     shoulder: FloatProperty(
         name="Shoulder", default=1.0, min=LEAST_SHOULDER, max=MOST_SHOULDER, soft_max=50.0, precision=2,
         description="How many times flatter the tone curve is at white than in the dark. 1: no flatter; cameras' JPEG "
@@ -204,7 +204,7 @@ class IRPSO_PG_scene(PropertyGroup):
         description="The pictures are photographs, to which the scene's film exposure and pixel filter do not apply")
     scale_known: BoolProperty(
         name="Known Power", default=True,
-        description="The lamps have their real power. Off: Specular IOR Level is solved for, and base colors are "
+        description="The lamps have their real power. Off: Specular IOR Level is solved for, and base colours are "
                     "right up to one common factor")
     looked: StringProperty(
         name="Looked Through", options={"HIDDEN"},
