@@ -188,7 +188,8 @@ class IRPSO_PG_shoot(PropertyGroup):
     card: FloatProperty(
         name="Card's Reflectance", description="Reflectance of the grey card, as stated by its maker", default=0.18,
         min=0.001, max=1.0)
-    balls: CollectionProperty(type=IRPSO_PG_ball, name="Chrome Balls")
+    balls: CollectionProperty(
+        type=IRPSO_PG_ball, name="Chrome Balls", description="Chrome balls in the pictures, by which lamps are placed")
 
 
 class IRPSO_PG_scene(PropertyGroup):
@@ -197,8 +198,10 @@ class IRPSO_PG_scene(PropertyGroup):
     captures: StringProperty(  # no path by its subtype: Blender's own file browser begins elsewhere, unfiltered
         name="Captures",
         description="captures.json that names the views; empty: the list below, or the cameras' background images")
-    views: CollectionProperty(type=IRPSO_PG_view, name="Views")
-    active_view: IntProperty(name="Active View", default=0, min=0)
+    views: CollectionProperty(
+        type=IRPSO_PG_view, name="Views", description="Pictures with their cameras and lights, as the list shows them")
+    active_view: IntProperty(
+        name="Active View", default=0, min=0, description="View that is selected in the list, counted from 0")
     photographs: BoolProperty(
         name="Photographs", default=False,
         description="The pictures are photographs, to which the scene's film exposure and pixel filter do not apply")
@@ -218,7 +221,7 @@ class IRPSO_PG_scene(PropertyGroup):
     remedied: StringProperty(
         name="Remedies", options={"HIDDEN"},
         description="Remedies applied since Blender was started")
-    shoot: PointerProperty(type=IRPSO_PG_shoot)
+    shoot: PointerProperty(type=IRPSO_PG_shoot, name="Shoot", description="Files and lighting of a shoot to import")
     region: EnumProperty(
         name="Region", items=REGIONS,
         description="Region of the object to solve; the last result stays elsewhere, with a soft seam")
