@@ -107,7 +107,7 @@ class IRPSO_PG_view(PropertyGroup):
                     "reader of the file has subtracted it")
     ambient_radiance: FloatVectorProperty(
         name="Ambient Light", size=3, default=(0.0, 0.0, 0.0), min=0.0, precision=4,
-        description="Radiance of light that comes alike from everywhere and shines beside the lights, in W/(m² sr), "
+        description="Radiance of light that is equal from all directions and adds to the lights, in W/(m² sr), "
                     "linear RGB")
     turn: FloatProperty(
         name="World Turn", default=0.0, min=-MOST_TURN, max=MOST_TURN, soft_min=-180.0, soft_max=180.0, precision=2,
