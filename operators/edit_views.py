@@ -8,7 +8,7 @@ from .helpers.needs_views import NeedsViews
 
 
 class IRPSO_OT_edit_views(NeedsViews, bpy.types.Operator):
-    """Set the exposure, the color space or the tone curve of all views in the list that are in use"""
+    """Set the exposure, the colour space or the tone curve of all views in the list that are in use"""
 
     bl_idname = "irpso.edit_views"
     bl_label = "Set Exposure, Color Space, Curve"
@@ -19,7 +19,7 @@ class IRPSO_OT_edit_views(NeedsViews, bpy.types.Operator):
     exposure: bpy.props.FloatProperty(
         name="Exposure", description="Exposure of the images in EV", soft_min=-10.0, soft_max=10.0)
     set_colorspace: bpy.props.BoolProperty(
-        name="Set Color Space", description="Give the views this color space", default=False, options={"SKIP_SAVE"})
+        name="Set Color Space", description="Give the views this colour space", default=False, options={"SKIP_SAVE"})
     colorspace: bpy.props.StringProperty(
         name="Color Space", description="Color space of the images' values; empty: linear in float files, else sRGB")
 
@@ -31,7 +31,7 @@ class IRPSO_OT_edit_views(NeedsViews, bpy.types.Operator):
         default=1.0, min=LEAST_RESPONSE, max=MOST_RESPONSE)
     shoulder: bpy.props.FloatProperty(
         name="Shoulder", description="How many times flatter the files' tone curve is at white than in the dark; "
-        "without one: 1", default=1.0, min=LEAST_SHOULDER, max=MOST_SHOULDER)
+        "without one: 1", default=1.0, min=LEAST_SHOULDER, max=MOST_SHOULDER, soft_max=50.0)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """Begins with those of the active view."""

@@ -53,7 +53,8 @@ def draw(page: str) -> None:
     """A page's chart, beside it."""
     chart = CHARTS[page]
     found: dict[str, dict[str, float]] = {}  # row -> mark -> value
-    for line in table(page).splitlines()[2:]:
+    head, _, *lines = table(page).splitlines()
+    for line in lines:
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         row = ", ".join(cells[column] for column in chart.rows)
         numbers = {name: re.match(r"[\d.]+", cells[column]) for name, column in chart.values.items()}
@@ -61,11 +62,13 @@ def draw(page: str) -> None:
             marks = {name if chart.by is None else cells[chart.by]: float(n[0]) for name, n in numbers.items() if n}
             found.setdefault(row, {}).update(marks)
     names = list(next(iter(found.values())))
+    columns = [cell.strip() for cell in head.strip("|").split("|")]
     _dots(DOCS / f"{page}.png", list(found), {n: [marks[n] for marks in found.values()] for n in names}, chart,
-          stamp(page))
+          ", ".join(columns[column] for column in chart.rows), stamp(page))
 
 
-def _dots(out: Path, rows: Sequence[str], series: Mapping[str, Sequence[float]], chart: Chart, made: str) -> None:
+def _dots(out: Path, rows: Sequence[str], series: Mapping[str, Sequence[float]], chart: Chart, what: str,
+          made: str) -> None:
     """Legible at a width of 700 pixels.  The first row is on top; a linear scale begins at 0."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -78,7 +81,8 @@ def _dots(out: Path, rows: Sequence[str], series: Mapping[str, Sequence[float]],
     for (name, values), (mark, colour) in zip(series.items(), MARKS, strict=False):
         axis.plot(values, places, mark, color=colour, label=name, markersize=7, zorder=2, clip_on=False)
     axis.set_yticks(places, rows)
-    axis.invert_yaxis()
+    axis.set_ylabel(what)
+    axis.set_ylim(len(rows) - 0.5, -0.5)
     axis.set_xlabel(chart.unit)
     if chart.log:
         from matplotlib.ticker import LogLocator, NullFormatter

@@ -171,8 +171,8 @@ def panels() -> str:
 
 def operators() -> str:
     """Each operator with what may be chosen in its redo panel, file browser or by a script."""
-    text = ("## Operators\n\nThose that are more than a panel's button are found by F3 under the same names; in Python "
-            "`bpy.ops.irpso...`.\n")
+    text = ("## Operators\n\nF3 finds an operator by the name below, unless it is useful only as the button of a "
+            "panel. In Python an operator is `bpy.ops.` and the name in code, such as `bpy.ops.irpso.solve`.\n")
     for cls in sorted(ours(bpy.types.Operator), key=lambda cls: cls.bl_idname):
         rna = getattr(bpy.ops.irpso, cls.bl_idname.removeprefix("irpso.")).get_rna_type()
         text += f"\n### {rna.name}\n\n`{cls.bl_idname}`. {sentence(rna.description)}\n"

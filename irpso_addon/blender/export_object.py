@@ -76,7 +76,7 @@ def _normals(obj: bpy.types.Object, used: Sequence[bpy.types.Material | None], w
         return None
     first = maps[0]
     if len(maps) < len(found) or not all(_alike(first, other) for other in maps[1:]):
-        warn(f"object '{obj.name}': its materials have not all the same normal map; none is exported")
+        warn(f"object '{obj.name}': its materials have different normal maps; none is exported")
         return None
     layer = next((layer.name for layer in obj.data.uv_layers if layer.active_render), "")
     if first.uv_map not in ("", layer):

@@ -96,7 +96,7 @@ class IRPSO_PG_view(PropertyGroup):
     response: FloatProperty(
         name="Response", default=1.0, min=LEAST_RESPONSE, max=MOST_RESPONSE, precision=3,
         description="Exponent of the camera's or developer's tone curve: the file holds radiance to this power. 1: the "
-                    "file is linear once its color space is undone")
+                    "file is linear once its colour space is undone")
     shoulder: FloatProperty(
         name="Shoulder", default=1.0, min=LEAST_SHOULDER, max=MOST_SHOULDER, soft_max=50.0, precision=2,
         description="How many times flatter the tone curve is at white than in the dark. 1: no flatter; cameras' JPEG "
@@ -107,7 +107,7 @@ class IRPSO_PG_view(PropertyGroup):
                     "reader of the file has subtracted it")
     ambient_radiance: FloatVectorProperty(
         name="Ambient Light", size=3, default=(0.0, 0.0, 0.0), min=0.0, precision=4,
-        description="Radiance of light that comes alike from everywhere and shines beside the lights, in W/(m² sr), "
+        description="Radiance of light that is equal from all directions and adds to the lights, in W/(m² sr), "
                     "linear RGB")
     turn: FloatProperty(
         name="World Turn", default=0.0, min=-MOST_TURN, max=MOST_TURN, soft_min=-180.0, soft_max=180.0, precision=2,
@@ -188,7 +188,8 @@ class IRPSO_PG_shoot(PropertyGroup):
     card: FloatProperty(
         name="Card's Reflectance", description="Reflectance of the grey card, as stated by its maker", default=0.18,
         min=0.001, max=1.0)
-    balls: CollectionProperty(type=IRPSO_PG_ball, name="Chrome Balls")
+    balls: CollectionProperty(
+        type=IRPSO_PG_ball, name="Chrome Balls", description="Chrome balls in the pictures, by which lamps are placed")
 
 
 class IRPSO_PG_scene(PropertyGroup):
@@ -197,14 +198,16 @@ class IRPSO_PG_scene(PropertyGroup):
     captures: StringProperty(  # no path by its subtype: Blender's own file browser begins elsewhere, unfiltered
         name="Captures",
         description="captures.json that names the views; empty: the list below, or the cameras' background images")
-    views: CollectionProperty(type=IRPSO_PG_view, name="Views")
-    active_view: IntProperty(name="Active View", default=0, min=0)
+    views: CollectionProperty(
+        type=IRPSO_PG_view, name="Views", description="Pictures with their cameras and lights, as the list shows them")
+    active_view: IntProperty(
+        name="Active View", default=0, min=0, description="View that is selected in the list, counted from 0")
     photographs: BoolProperty(
         name="Photographs", default=False,
         description="The pictures are photographs, to which the scene's film exposure and pixel filter do not apply")
     scale_known: BoolProperty(
         name="Known Power", default=True,
-        description="The lamps have their real power. Off: Specular IOR Level is solved for, and base colors are "
+        description="The lamps have their real power. Off: Specular IOR Level is solved for, and base colours are "
                     "right up to one common factor")
     looked: StringProperty(
         name="Looked Through", options={"HIDDEN"},
@@ -218,7 +221,7 @@ class IRPSO_PG_scene(PropertyGroup):
     remedied: StringProperty(
         name="Remedies", options={"HIDDEN"},
         description="Remedies applied since Blender was started")
-    shoot: PointerProperty(type=IRPSO_PG_shoot)
+    shoot: PointerProperty(type=IRPSO_PG_shoot, name="Shoot", description="Files and lighting of a shoot to import")
     region: EnumProperty(
         name="Region", items=REGIONS,
         description="Region of the object to solve; the last result stays elsewhere, with a soft seam")

@@ -37,15 +37,21 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
+def _command(commands: Any, name: str, purpose: str) -> argparse.ArgumentParser:
+    """A command, whose purpose stands in the list of commands and in its own help."""
+    made: argparse.ArgumentParser = commands.add_parser(name, help=purpose, description=purpose, epilog=EXIT_CODES)
+    return made
+
+
 def _add_import(commands: Any) -> None:
-    shoot = commands.add_parser("import", help="a photogrammetry project, its pictures and its mesh to a .blend",
-                                epilog=EXIT_CODES)
+    shoot = _command(commands, "import", "Import a photogrammetry project, its pictures and its mesh into a .blend")
     shoot.add_argument("project", type=Path, metavar="PROJECT", help="its cameras: Metashape XML, RealityScan CSV, the "
                        "folder of a COLMAP model, Meshroom .sfm, transforms.json, Alembic, USD")
     shoot.add_argument("--images", type=Path, metavar="DIR", required=True, help="folder of the pictures, RAW or "
                        "developed")
-    shoot.add_argument("--mesh", type=Path, metavar="FILE", help="mesh that the program exported: OBJ, PLY, FBX, glTF, "
-                       "USD, Alembic (default: the one in the Alembic or USD file, or the only one beside the project)")
+    shoot.add_argument("--mesh", type=Path, metavar="FILE", help="mesh that the program exported: OBJ, PLY, STL, FBX, "
+                       "glTF, USD, Alembic (default: the one in the Alembic or USD file, or the only one beside the "
+                       "project)")
     shoot.add_argument("--grey", nargs=5, metavar=("FILE", "X", "Y", "SIDE", "REFLECTANCE"), help="a grey card that "
                        "the picture FILE shows sets the flash's power: the middle of a square on it and the side, "
                        "pixels of the upright picture from its upper left corner; REFLECTANCE is from 0 to 1")
@@ -54,8 +60,7 @@ def _add_import(commands: Any) -> None:
 
 
 def _add_lamps(commands: Any) -> None:
-    lamps = commands.add_parser("lamps", help="the lamps of a scene, by chrome balls in its pictures",
-                                epilog=EXIT_CODES)
+    lamps = _command(commands, "lamps", "Place the lamps of a scene by chrome balls in its pictures")
     lamps.add_argument("scene", type=Path, metavar="SCENE.blend", help="a file with views, each under one lamp")
     lamps.add_argument("--ball", nargs=5, action="append", required=True, metavar=("CAMERA", "X", "Y", "R", "MM"),
                        help="a ball that all pictures of CAMERA show: a circle around it (middle and radius, pixels of "
@@ -65,8 +70,8 @@ def _add_lamps(commands: Any) -> None:
 
 
 def _add_check(commands: Any) -> None:
-    check = commands.add_parser("check", help="find what is wrong with pictures, cameras and lamps before a solve, "
-                                              "and show it as a picture", epilog=EXIT_CODES)
+    check = _command(commands, "check", "Find what is wrong with pictures, cameras and lamps before a solve, and show "
+                                        "it as a picture")
     _add_scene(check)
     check.add_argument("--out", type=Path, metavar="FILE.png", help="picture to write (default: SCENE_check.png beside "
                        "the scene)")
@@ -74,7 +79,7 @@ def _add_check(commands: Any) -> None:
 
 
 def _add_solve(commands: Any) -> None:
-    solve = commands.add_parser("solve", help="maps from a lit scene and its reference images", epilog=EXIT_CODES)
+    solve = _command(commands, "solve", "Find the maps of an object from a lit scene and its reference images")
     _add_scene(solve)
     solve.add_argument("--out", type=Path, metavar="DIR", help="folder for maps, report and solved .blend "
                        "(default: SCENE_irpso beside the scene)")
@@ -94,7 +99,7 @@ def _add_solve(commands: Any) -> None:
 
 
 def _add_compare(commands: Any) -> None:
-    compare = commands.add_parser("compare", help="every method on one scene: error against time", epilog=EXIT_CODES)
+    compare = _command(commands, "compare", "Solve one scene with every method, and chart error against time")
     _add_scene(compare)
     compare.add_argument("--out", type=Path, metavar="DIR", help="folder for compare.json, .png and .svg "
                          "(default: SCENE_compare beside the scene)")
@@ -110,9 +115,10 @@ def _add_compare(commands: Any) -> None:
 
 
 def _add_export(commands: Any) -> None:
-    export = commands.add_parser("export", help="maps of a solved scene to files", epilog=EXIT_CODES)
-    export.add_argument("scene", type=Path, metavar="SCENE.blend", help="a file that 'solve' or the operators made")
-    export.add_argument("--object", metavar="NAME", help="object whose maps are meant; needed where several have some")
+    export = _command(commands, "export", "Write the maps of a solved scene to files")
+    export.add_argument("scene", type=Path, metavar="SCENE.blend", help="a .blend whose materials hold the maps "
+                        "of a solve")
+    export.add_argument("--object", metavar="NAME", help="object whose maps to export; needed if several have maps")
     export.add_argument("--out", type=Path, metavar="DIR", help="folder for the maps (default: the scene's own)")
     add_settings(export, ExportSettings)
     _add_format(export)
@@ -120,19 +126,19 @@ def _add_export(commands: Any) -> None:
 
 
 def _add_demo(commands: Any) -> None:
-    demo = commands.add_parser("demo", help="make a small scene, render it, recover it, compare", epilog=EXIT_CODES)
+    demo = _command(commands, "demo", "Make a small scene, render it, recover its maps, and compare them with the "
+                                      "truth")
     demo.add_argument("--out", type=Path, metavar="DIR", required=True, help="folder for everything it makes")
 
 
 def _add_doctor(commands: Any) -> None:
-    doctor = commands.add_parser("doctor", help="versions, device, limits, a short self-test", epilog=EXIT_CODES)
+    doctor = _command(commands, "doctor", "Report versions, device and limits, and run a short self-test")
     add_settings(doctor, DeviceSettings)
 
 
 def _add_farm(commands: Any) -> None:
     """A job of many tasks, and the tasks themselves."""
-    job = commands.add_parser("job", help="the same solve as a job for a render farm (Open Job Description)",
-                              epilog=EXIT_CODES)
+    job = _command(commands, "job", "Write a solve of large maps as a job for a render farm (Open Job Description)")
     _add_scene(job)
     job.add_argument("--out", type=Path, metavar="DIR", help="folder of the job: template.yaml and all that its tasks "
                      "need (default: SCENE_job beside the scene)")
@@ -145,23 +151,23 @@ def _add_farm(commands: Any) -> None:
     add_settings(job, SolveSettings)
     add_settings(job, DeviceSettings, without=("device",))
 
-    tile = commands.add_parser("tile", help="one task of a job: solve a tile; needs no Blender", epilog=EXIT_CODES)
-    merge = commands.add_parser("merge", help="one task of a job: the maps of a UDIM square; needs no Blender",
-                                epilog=EXIT_CODES)
+    tile = _command(commands, "tile", "One task of a job: solve a tile; needs no Blender")
+    merge = _command(commands, "merge", "One task of a job: put the maps of a UDIM square together; needs no Blender")
     for task in (tile, merge):
         task.add_argument("work", type=Path, metavar="WORK", help="the job's work folder")
         task.add_argument("--udim", type=int, required=True, metavar="U", help="UDIM square; 1001 is from 0 to 1")
     tile.add_argument("--tile", type=_from(0), required=True, metavar="I", help="number of the tile in it, by rows "
                       "from the bottom left")
-    tile.add_argument("--tile-size", type=_from(1), required=True, metavar="N", help="width and height of one, texels")
+    tile.add_argument("--tile-size", type=_from(1), required=True, metavar="N", help="width and height of a tile, "
+                      "texels")
     merge.add_argument("--out", type=Path, metavar="DIR", required=True, help="folder for the maps")
     _add_format(merge)
 
 
 def _add_scene(command: argparse.ArgumentParser) -> None:
     command.add_argument("scene", type=Path, metavar="SCENE.blend", help="file with mesh, cameras and lights")
-    command.add_argument("--captures", type=Path, help="captures.json naming the views; without it the scene's own "
-                         "list is used, without that the cameras' background images")
+    command.add_argument("--captures", type=Path, help="captures.json that names the views (default: the scene's "
+                         "own list, or else the cameras' background images)")
     command.add_argument("--object", metavar="NAME", help="mesh to solve for; needed where the scene has several")
 
 
@@ -193,7 +199,7 @@ def add_settings(
             continue
         default = (defaults or {}).get(field.name, field.default)
         meta = field.metadata
-        unit = f", {meta['unit']}" if meta["unit"] else ""
+        unit = f" {meta['unit']}" if meta["unit"] else ""
         named = "".join(f". {_choice(key)}: {doc}" for key, doc in meta["choices"])
         help_text = f"{meta['label']}: {meta['doc']} (default: {default}{unit}){named}".replace("%", "%%")
         choices = [key for key, _ in meta["choices"]] or None

@@ -119,7 +119,7 @@ class SolveSettings(Table):
         ("auto", "Correct what the pictures show clearly to be off"),
         ("given", "Use the scene's cameras unchanged"),
     ), advanced=True)
-    lamps: str = parameter("auto", "Place, power and color of the lamps, turn of the world, and ambient light",
+    lamps: str = parameter("auto", "Place, power and colour of the lamps, turn of the world, and ambient light",
                            label="Lamps", choices=(
         ("auto", "Correct where that predicts left-out views better"),
         ("given", "Use the scene's lamps and world, and the views' ambient light, unchanged"),
@@ -135,8 +135,8 @@ class SolveSettings(Table):
         ("mesh", "Use those of the mesh and of its material's normal map unchanged"),
     ), advanced=True)
     raw_size: str = parameter("half", "Resolution at which RAW files are read", label="RAW Size", choices=(
-        ("half", "One pixel from 2 x 2 samples (X-Trans: 3 x 3), which hold all colors"),
-        ("full", "One pixel from each sample, with the other colors interpolated; 4 times the data"),
+        ("half", "One pixel from 2 x 2 samples (X-Trans: 3 x 3), which hold all colours"),
+        ("full", "One pixel from each sample, with the other colours interpolated; 4 times the data"),
     ), advanced=True)
     seed: int = parameter(0, "Seed of the swarm's random numbers", label="Seed", low=0, high=2**31 - 1,
                           advanced=True)
@@ -150,7 +150,7 @@ class ExportSettings(Table):
         ("irpso", "All maps, with confidence and standard errors, in the chosen format"),
         ("blender", "Base colour, roughness and Metallic by names that Node Wrangler recognises"),
         ("gltf", "A .glb of the mesh, and its images: base colour; occlusion, roughness and Metallic in one"),
-        ("unreal", "Unreal Engine: base colour; occlusion, roughness and Metallic in one; DirectX normals"),
+        ("unreal", "Base colour; occlusion, roughness and Metallic in one; DirectX normals"),
         ("unity", "Unity's HDRP and URP: base map, and a mask map with smoothness in its alpha"),
         ("substance", "Substance 3D: base colour, roughness and Metallic by Adobe's names; DirectX normals"),
         ("materialx", "A MaterialX document with OpenPBR Surface, and its images"),
@@ -200,7 +200,7 @@ class ShootSettings(Table):
                                    "neither black nor brighter than white", label="Power", low=0.0, high=1e9, unit="W")
     scale: float = parameter(0.0, "Metres in one unit of the project; 0: the project's own, or 1 without one",
                              label="Scale", low=0.0, high=1e6, unit="m")
-    colors: str = parameter("file", "Color space of all pictures; RAW files are always linear",
+    colors: str = parameter("file", "Colour space of all pictures; RAW files are always linear",
                             label="Colors", choices=(
         ("file", "Each file's own; without one, linear for float files and sRGB for others"),
         ("srgb", "sRGB, as in JPEG files from cameras"),

@@ -223,9 +223,9 @@ def _checks(
 
 def no_metal(name: str, share: float) -> str:
     """What to say of a metal, part of whose texels is none."""
-    return (f"material '{name}': {percent(share)} of its texels look like no metal, which the rest is, and were not "
-            "solved apart from it, so their confidence is 0; give them a material slot of their own, and solve the "
-            "whole object")
+    return (f"material '{name}': {percent(share)} of its texels do not look like metal, as the rest does, and were not "
+            "solved separately, so their confidence is 0; give them a material slot of their own, and solve the whole "
+            "object")
 
 
 def unfit(name: str, prediction: MaterialPrediction) -> str:

@@ -219,7 +219,7 @@ def test_emission_behind_a_reroute_or_muted(stage):
 
 def test_a_light_of_negative_power_is_refused(stage):
     stage.key.data.energy = -1.0
-    with pytest.raises(BadInput, match="'Key': its power or color is negative"):
+    with pytest.raises(BadInput, match="'Key': its power or colour is negative"):
         stage.read()
 
 

@@ -235,7 +235,7 @@ def test_a_stopped_solve_counts_what_it_has_solved(module, finished) -> None:
     solved = 128 if finished else 0
     assert stopped.texels == {"covered": 256, "observed": solved, "solved": solved, "filled": 256 - solved}
     assert stopped.maps.filled.sum() == 256 - solved and (stopped.maps.confidence[stopped.maps.filled] == 0).all()
-    assert "base color is still coarse" in stopped.warnings[0]
+    assert "base colour is still coarse" in stopped.warnings[0]
 
 
 def test_maps_so_far_of_a_file_that_was_saved_during_a_solve_are_no_result(scene, module) -> None:

@@ -52,7 +52,7 @@ def test_no_line_recommends_raw_files_to_who_has_them():
     encoded = checks(0.45, misfit=False)
     raw = replace(encoded, views=tuple(replace(view, view="a.NEF") for view in encoded.views))
     (line,), (other,) = warnings(raw), warnings(encoded)
-    assert line.startswith("all views: look non-linear (exponent 0.45); RAW files are linear, so that other light")
+    assert line.startswith("all views: look non-linear (exponent 0.45); RAW files are linear, so either other light")
     assert "Response" not in line and "Response" in other
     assert not remedies(raw) and [found.kind for found in remedies(encoded)] == ["colorspace"]
 

@@ -255,7 +255,7 @@ def test_what_is_sure_of_a_metal_is_right(reflect, least) -> None:
     shoot = syn.shoot(replace(syn.PATCHES, reflect=reflect), shoots.rig(2, 8), (72, 72))
     solution = shoots.run(shoot, model="auto", size=64)
     assert solution.model == {"Paint": "one-lobe-metallic"} and solution.metallic["Paint"] > 0.95
-    assert not [line for line in solution.warnings if "look like no metal" in line or line.startswith("light")]
+    assert not [line for line in solution.warnings if "do not look like metal" in line or line.startswith("light")]
     sure = solution.maps.confidence > 0.5
     wrong = np.abs(solution.maps.roughness - shoot.truth.roughness(*AT)) > 0.1
     assert sure.mean() > least and wrong[sure].mean() < 0.003  # of one Metallic for both, 0.4
@@ -291,7 +291,7 @@ def test_a_part_of_one_metallic_does_not_believe_paint(mixed, apart) -> None:
     corners = (mixed.scene.mesh.uvs[..., 0] > 0.3).astype(np.float32)
     part = shoots.run(replace(mixed, scene=replace(mixed.scene, start=one, region=Region(corners=corners))))
     assert part.maps.metallic is None
-    assert sum("look like no metal" in line for line in part.warnings) == 1
+    assert sum("do not look like metal" in line for line in part.warnings) == 1
     inside = np.broadcast_to(AT[0] > 0.35, IS_METAL.shape)
     sure, off = part.maps.confidence > 0.4, np.abs(part.maps.roughness - syn.PATCHES.roughness(*AT))
     assert np.mean(off[inside & ~IS_METAL] > 0.1) > 0.5 and sure[inside & IS_METAL].mean() > 0.6

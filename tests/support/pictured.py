@@ -31,7 +31,7 @@ PANELS = {  # and their parts that no picture shows: menus, folded panels
 DRAWN = {"label", "prop", "prop_enum", "operator", "operator_menu_enum", "menu", "progress"}  # of a layout
 OWN = {"_choices": "prop", "_figure": "label"}  # the panels' own ways to do so
 UNSEEN = {"irpso.look_back", "irpso.write_maps", "region_group", "region_image", "irpso.paint_part"}
-TABLES = ("### IRPSO's settings of a scene", "### One reference image", "### `window_manager.irpso_views`",
+TABLES = ("### IRPSO's settings of a scene", "### One reference image", "### What the viewer shows",
           "## Preferences")  # of docs/reference.md, which the code makes
 ROW = re.compile(r"^\| (?P<label>[^|]+?) \| `(?P<name>\w+)` \| (?P<default>[^|]*?) \| (?P<choices>[^|]*?) \|")
 SPECIAL = "; for "  # in the text of settings that only some models and methods have

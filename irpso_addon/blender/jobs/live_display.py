@@ -41,7 +41,7 @@ JUDGE_SECONDS = 1.5  # ... at most so often
 UNKNOWN = {"base_color": 0.18, "roughness": 0.5, "confidence": 0.0, "error": 0.0}
 UNKNOWN_SIGMA = 0.5  # standard error of what nobody knows
 PARTIAL = "stopped early: the maps found so far, coarse where no tile was finished"
-COARSE = "stopped early: the roughness found so far; base color is still coarse"
+COARSE = "stopped early: the roughness found so far; base colour is still coarse"
 KEPT = "stopped early: the last result stays where no tile was finished"
 UNCHANGED = "stopped early: the last result is unchanged"
 

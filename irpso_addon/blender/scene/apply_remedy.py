@@ -22,7 +22,7 @@ def apply_remedy(scene: Any, remedy: Remedy) -> None:
         setattr(scene.irpso, remedy.target, remedy.value)
     elif remedy.kind == "colorspace":
         if scene.irpso.captures:
-            raise BadInput(f"{scene.irpso.captures}: names the color space of its views; change it there, or load it "
+            raise BadInput(f"{scene.irpso.captures}: names the colour space of its views; change it there, or load it "
                            "into the list")
         for view in scene.irpso.views:
             view.colorspace = remedy.value

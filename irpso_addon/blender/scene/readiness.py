@@ -199,7 +199,7 @@ def _check_file(view: ViewState, colorspace: str | None, aspect: float) -> None:
     if found.bits <= 8:
         view.notes.append("8 bits per channel: use EXR or 16 bits for exact maps")
     elif found.integer and not (colorspace or found.colorspace):
-        view.notes.append("Read as sRGB: set the color space if its values are linear")
+        view.notes.append("Read as sRGB: set the colour space if its values are linear")
 
 
 def _mark_duplicates(views: Sequence[ViewState]) -> None:

@@ -114,7 +114,7 @@ class _Reader:
         self._environments: dict[tuple[str, float, tuple[str, ...]], Environment] = {}
         self.scale_known = bool(getattr(getattr(scene, "irpso", None), "scale_known", True))
         if not self.scale_known:
-            self.warn("the lamps' power is not known (Shoot): Specular IOR Level is free, and base colors are right "
+            self.warn("the lamps' power is not known (Shoot): Specular IOR Level is free, and base colours are right "
                       "up to one common factor; measure a grey card for absolute values")
         self.gain = film_gain(scene)
         self.sphere = np.zeros(3), 0.0  # about the subject: centre and radius

@@ -30,8 +30,8 @@ def read_emitter(obj: Any, depsgraph: Any, warn: Warn) -> Emitter | None:
     try:
         sent = [radiance_of(slot.material) for slot in evaluated.material_slots] or [[]]
     except Unmodelled:
-        warn(f"{name}: glows by nodes other than one color or image and one strength, which are not modelled, so it "
-             "counts as indirect light; give its Emission a plain color and strength")
+        warn(f"{name}: glows by nodes other than one colour or image and one strength, which are not modelled, so it "
+             "counts as indirect light; give its Emission a plain colour and strength")
         return None
     factors = np.array([glow.factor for glows_of in sent for glow in glows_of]).reshape(-1, 3)
     if not (np.abs(factors) <= BRIGHTEST).all() or (factors < 0).any():

@@ -162,7 +162,7 @@ def read_light(obj: Any, depsgraph: Any, warn: Warn) -> Light:
     if not (np.abs(sizes) <= FAR).all() or not (np.abs(light.power) <= BRIGHTEST).all():
         raise BadInput(f"light '{obj.name}': its power, size or position is not finite or too large; set it again")
     if (light.power < 0).any():
-        raise BadInput(f"light '{obj.name}': its power or color is negative; set it again")
+        raise BadInput(f"light '{obj.name}': its power or colour is negative; set it again")
     if light.kind == "AREA" and light.spread < NARROWEST:
         raise BadInput(f"light '{obj.name}': its spread is below 0.1 degrees, which is not modelled; widen it")
     return light

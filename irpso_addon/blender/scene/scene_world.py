@@ -113,7 +113,7 @@ def read_environment(world: Any, turn: float, warn: Warn) -> Environment | None:
         terms = [_Term(np.array(world.color, np.float64))] if _plain(world) else _shader(_surface(world), 0)
         terms = [term for term in terms if term.factor.any()]
         if not all((np.isfinite(term.factor) & (term.factor >= 0)).all() for term in terms):
-            raise BadInput(f"{name}: its color or strength is negative or not finite; set it again")
+            raise BadInput(f"{name}: its colour or strength is negative or not finite; set it again")
         picture, rotation = _together(terms, warn)
     except _NoImage:
         raise BadInput(f"{name}: its Environment Texture has no image; choose an HDR or EXR file") from None

@@ -203,5 +203,5 @@ def _light_line(
     light = next(iter(flashes.values())).data
     light.energy = flash_power(bpy.context, mesh, views, light.energy, shown)
     return [f"light '{light.name}': its power is not known; {light.energy:.3g} W make the brightest 2 % of the surface "
-            "nearly white. Base colors are right but for one common factor, and Specular IOR Level is solved for: set "
+            "nearly white. Base colours are right up to one common factor, and Specular IOR Level is solved for: set "
             "the power, or use a grey card, for absolute values"]

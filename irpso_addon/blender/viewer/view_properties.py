@@ -38,7 +38,7 @@ def _redraw_viewports(_group: PropertyGroup, context: bpy.types.Context) -> None
 
 
 class IRPSO_PG_views(PropertyGroup):
-    """``window_manager.irpso_views``."""
+    """What the viewer shows: ``window_manager.irpso_views``."""
 
     places: BoolProperty(
         name="Show in Viewport", default=True, update=_redraw_viewports,

@@ -250,8 +250,8 @@ def _coloured(lamps: Sequence[LampChange]) -> list[str]:
     worst = max(lamps, key=lambda lamp: _most(lamp.tint))
     by = _most_of(worst.tint)
     if len(lamps) == 1:
-        return [f"changed the color of {lamp_name(worst)} by up to {by}"]
-    return [f"changed the colors of {len(lamps)} lamps by up to {by} ({lamp_name(worst)})"]
+        return [f"changed the colour of {lamp_name(worst)} by up to {by}"]
+    return [f"changed the colours of {len(lamps)} lamps by up to {by} ({lamp_name(worst)})"]
 
 
 def _exposed(views: Sequence[ExposureChange]) -> list[str]:

@@ -100,7 +100,7 @@ def _indirect(checks: Checks, tried: bool) -> list[str]:
 
 LINEAR = ("check their colour space, that they have no tone curve or view transform (JPEG files of cameras have one: "
           "use RAW files), and that no other light shone on the object")
-LINEAR_RAW = ("RAW files are linear, so that other light shone on the object, a black level is left, or no model "
+LINEAR_RAW = ("RAW files are linear, so either other light shone on the object, a black level is left, or no model "
               "describes the material; shut out other light, or subtract pictures without the lamps")
 
 
