@@ -26,6 +26,7 @@ from ..core.images.response import LEAST_RESPONSE, LEAST_SHOULDER, MOST_BLACK, M
 from ..core.params import ExportSettings, ShootSettings, SolveSettings, choice_name
 from .glow import is_light
 
+UNITS = {"mm": "DISTANCE_CAMERA", "W": "POWER"}  # Blender shows these beside the number
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # of paths: "//" is the .blend's folder
 FORMATS = (
     ("exr", "OpenEXR", "32-bit float, linear"),
@@ -160,10 +161,10 @@ class IRPSO_PG_ball(PropertyGroup):
     drawn: BoolProperty(
         name="Drawn", default=False,
         description="Keep the circle that you drew unless an outline within 3 % of it is found. Off: the circle is "
-                    "rough, "
-                    "and the clearest outline near it replaces it")
+                    "rough, and the clearest outline near it replaces it")
     radius: FloatProperty(
-        name="Ball's Radius", description="Radius of the ball itself, mm", default=25.0, min=0.1, soft_max=500.0)
+        name="Ball's Radius", description="Radius of the ball itself, mm", subtype="DISTANCE_CAMERA", default=25.0,
+        min=0.1, soft_max=500.0)
     support: FloatProperty(
         name="Support", description="Share of the outline that shows, set by Find Balls", min=0.0, max=1.0)
     residual: FloatProperty(
@@ -252,7 +253,7 @@ def rna(field: Field[Any]) -> Any:
     limits = {end: meta[key] for end, key in (("min", "low"), ("max", "high")) if meta[key] is not None}
     if field.type is int:
         return IntProperty(**common, **limits)
-    return FloatProperty(precision=3, **common, **limits)
+    return FloatProperty(precision=3, subtype=UNITS.get(meta["unit"], "NONE"), **common, **limits)
 
 
 for _group, _tables in ((IRPSO_PG_scene, (SolveSettings, ExportSettings)), (IRPSO_PG_shoot, (ShootSettings,))):
