@@ -41,11 +41,6 @@ class Lens:
     skew: float = 0.0  # pixels
     fisheye: bool = False
 
-    @property
-    def pinhole(self) -> bool:
-        """Whether straight lines stay straight."""
-        return not self.fisheye and not any(self.radial) and not any(self.tangential)
-
     def project(self, points: F64) -> F64:
         """Pixels (..., 2) of ``points`` (..., 3) in camera axes; NaN where the lens does not reach.
 

@@ -9,7 +9,7 @@ import pytest
 
 from irpso_addon.core.errors import BadInput
 from irpso_addon.core.lens import Lens
-from irpso_addon.core.shoot.ball_highlight import find_highlight, reflected_direction, reflected_ray
+from irpso_addon.core.shoot.ball_highlight import find_highlight, reflected_ray
 from irpso_addon.core.shoot.chrome_ball import Ball, confirmed_ball, drawn_ball, find_ball
 from tests.support.mirror_ball import Lamp, MirrorBall, picture
 
@@ -130,7 +130,7 @@ def test_directions_and_rays(ball, clip, most):
         highlight = find_highlight(image, LENS, found)
         ray = reflected_ray(found, LENS, highlight, ball.radius)
         errors.append(angle(ray.direction, towards(lamp, ray.origin)))
-        assert np.allclose(reflected_direction(found, LENS, highlight), ray.direction)
+        assert np.allclose(reflected_ray(found, LENS, highlight, 1.0).direction, ray.direction)
         assert abs(np.linalg.norm(ray.origin - np.array(ball.centre)) - ball.radius) < 0.01
     assert np.max(errors) <= most, errors
 

@@ -56,11 +56,6 @@ def find_highlight(image: F64, lens: Lens, ball: Ball, name: str = "picture") ->
     return np.array([blobs[0][1] + corner[0], blobs[0][2] + corner[1]])
 
 
-def reflected_direction(ball: Ball, lens: Lens, highlight: F64, name: str = "picture") -> F64:
-    """Unit direction (3,) in camera axes towards a distant lamp, by its ``highlight`` (2,); no radius is needed."""
-    return reflected_ray(ball, lens, highlight, 1.0, name).direction
-
-
 def reflected_ray(ball: Ball, lens: Lens, highlight: F64, radius: float, name: str = "picture") -> Ray:
     """The ray from the ball of ``radius`` metres towards the lamp, in camera axes, by its ``highlight`` (2,).
 
