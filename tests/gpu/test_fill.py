@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from irpso_addon.core.cpu_solver.solver import fill as fill_without_opengl
 from irpso_addon.gpu.maps.fill import fill
 
 SIZES = [(64, 64), (100, 100), (33, 47), (1, 1), (5, 1), (128, 96)]
@@ -93,3 +94,25 @@ def test_a_weight_between_mixes_with_the_neighbours(on_gl):
 def test_nothing_known_gives_zeros_not_nan(on_gl):
     got = filled(on_gl, np.zeros((20, 30, 3)), np.zeros((20, 30)))
     np.testing.assert_array_equal(got[..., :3], 0)
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (33, 47)])
+def test_what_lies_beside_a_border_continues_it(on_gl, shape):
+    """A renderer mixes the first texel outside a UV island with the last one inside: it must have that one's color."""
+    h, w = shape
+    rng = np.random.default_rng(2)
+    values, known = rng.uniform(0, 1, (*shape, 3)), np.zeros(shape)
+    known[7:h - 6, 5:w - 9] = 1
+    got = filled(on_gl, values * known[..., None], known)[..., :3]
+    outside = np.pad(values[7:h - 6, 5:w - 9], ((1, 1), (1, 1), (0, 0)), mode="edge")
+    np.testing.assert_allclose(got[6:h - 5, 4:w - 8], outside, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (33, 47)])
+@pytest.mark.parametrize("share", [0.5, 0.01])
+def test_the_twin_without_opengl_fills_alike(on_gl, shape, share):
+    values, known = scattered(shape, share)
+    known *= np.random.default_rng(3).choice([0.25, 1.0], shape)
+    values = values.astype(np.float32)
+    np.testing.assert_allclose(
+        filled(on_gl, values, known)[..., :3], fill_without_opengl(values.astype(float), known), atol=2e-5)

@@ -166,6 +166,19 @@ def _maps(fit: Fit, where: Index, coverage: Bool, lambert: bool) -> Maps:
         base_sigma=(spread(fit.base_sigma) * good).astype(np.float32))
 
 
+def beside(values: F64, known: F64, parent: F64) -> F64:
+    """(n, n, c) what the four texels around know, else the four at the corners; where these know little, with ``parent``."""
+    h, w = known.shape
+    weights, found = np.pad(known, 1, mode="edge"), parent
+    weighted = np.pad(values * known[..., None], ((1, 1), (1, 1), (0, 0)), mode="edge")
+    for corners in (True, False):  # what the sides know comes last: it counts
+        places = [(y, x) for y in range(3) for x in range(3) if (y, x) != (1, 1) and (y != 1 and x != 1) == corners]
+        share = sum(weights[y:y + h, x:x + w] for y, x in places)[..., None]
+        mean = sum(weighted[y:y + h, x:x + w] for y, x in places) / np.maximum(share, 1e-12)
+        found = np.where(share > 0, parent + np.minimum(share, 1) * (mean - parent), found)
+    return np.asarray(found)
+
+
 def fill(values: F64, known: F64) -> F64:
     """(n, n, c) values where ``known`` (n, n) is 1; elsewhere, and by how much it is less, from around (push-pull)."""
     h, w = known.shape
@@ -177,5 +190,5 @@ def fill(values: F64, known: F64) -> F64:
     sums = weighted.reshape(*share.shape[:1], 2, share.shape[1], 2, -1).sum((1, 3))
     coarse = fill(sums / np.maximum(share, 1e-12)[..., None], np.minimum(share, 1.0))
     y, x = ((np.arange(size) + 0.5) / 2 - 0.5 for size in (h, w))
-    below = linear(linear(coarse, y, axis=0), x, axis=1)
+    below = beside(values, known, linear(linear(coarse, y, axis=0), x, axis=1))
     return np.asarray(known[..., None] * values + (1 - known[..., None]) * below)
