@@ -167,7 +167,7 @@ def _maps(fit: Fit, where: Index, coverage: Bool, lambert: bool) -> Maps:
 
 
 def beside(values: F64, known: F64, parent: F64) -> F64:
-    """(n, n, c) what the four texels around know, else those at the corners; as far as these know little, ``parent``."""
+    """(n, n, c) what the four texels around know, else those at the corners; where they know little, ``parent``."""
     h, w = known.shape
     weights, found = np.pad(known, 1, mode="edge"), parent
     weighted = np.pad(values * known[..., None], ((1, 1), (1, 1), (0, 0)), mode="edge")
