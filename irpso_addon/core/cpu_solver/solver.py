@@ -173,8 +173,8 @@ def beside(values: F64, known: F64, parent: F64) -> F64:
     weighted = np.pad(values * known[..., None], ((1, 1), (1, 1), (0, 0)), mode="edge")
     for corners in (True, False):  # what the sides know comes last: it counts
         places = [(y, x) for y in range(3) for x in range(3) if (y, x) != (1, 1) and (y != 1 and x != 1) == corners]
-        share = sum(weights[y:y + h, x:x + w] for y, x in places)[..., None]
-        mean = sum(weighted[y:y + h, x:x + w] for y, x in places) / np.maximum(share, 1e-12)
+        share = np.sum([weights[y:y + h, x:x + w] for y, x in places], 0)[..., None]
+        mean = np.sum([weighted[y:y + h, x:x + w] for y, x in places], 0) / np.maximum(share, 1e-12)
         found = np.where(share > 0, parent + np.minimum(share, 1) * (mean - parent), found)
     return np.asarray(found)
 
