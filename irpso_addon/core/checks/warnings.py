@@ -25,8 +25,8 @@ EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move mu
 LEAST_POWER, LEAST_POWER_ALONE = 0.02, 0.1  # how far from 1 an exponent must be: of all views, of one
 BOUNCED_POWER = 0.1  # below 1, up to which bounced light that was left in the pictures explains it
 # The same where a material is not what its model says, which bends brightness too: by up to six times what neighbouring
-# pixels share of its errors.  Beyond MOST it is a curve: that of sRGB makes 0.5 and less, or 2 and more if it was undone
-# twice.  As a ratio both are as far: highlights of glitter under a flash make 1.6.
+# pixels share of its errors.  Beyond MOST it is a curve: that of sRGB makes 0.5, or 2 where it was undone and is not
+# there.  As a ratio, both are as far from 1: highlights of glitter under a flash make 1.6.
 LEAST_POWER_MISFIT, BENDS, MOST_POWER_MISFIT = 0.3, 6.0, (0.55, 1 / 0.55)
 LEAST_GAIN_MISFIT, SHARED = 0.03, 2.0  # of LEAST_GAIN there: what it lacks makes whole views brighter; times structure
 STANDS_OUT = 3.0  # times the median light's: the effect of one that stands elsewhere, where a material is no model
