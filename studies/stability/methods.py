@@ -262,9 +262,9 @@ METHODS = (
     Method("auto", "model auto", lambda t: t.whole(),
            (*_SOLVE, *_CHECKS, *(_LIBRARY + file for file in (
                "gpu/solve/model_ladder.py", "gpu/solve/material_solves.py", "gpu/solve/metal_ladder.py",
-               "gpu/solve/model_prediction.py", "gpu/solve/prediction_trials.py", "gpu/solve/trial_runs.py",
-               "gpu/solve/material_sample.py", "gpu/solve/specular_level.py", "core/evaluation",
-               "core/models.py"))), rounds=True, needs="other"),
+               "gpu/solve/model_prediction.py", "gpu/solve/drawn_base_trials.py",
+               "gpu/solve/prediction_trials.py", "gpu/solve/trial_runs.py", "gpu/solve/material_sample.py",
+               "gpu/solve/specular_level.py", "core/evaluation", "core/models.py"))), rounds=True, needs="other"),
     Method("single", "LM, one start", lambda t: t.rival("single.kernel", {"u_steps": 16}),
            (*_FIT, "studies/bench/shaders")),
     Method("adam", "Adam", lambda t: t.rival("adam.kernel", ADAM),

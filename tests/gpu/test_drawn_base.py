@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from irpso_addon.core.data import JointPrior, Solution
+from irpso_addon.core.evaluation import folds
+from irpso_addon.core.evaluation.sampled_texels import common_base, predicted, under_strengths
 from irpso_addon.core.shading import brdf
-from irpso_addon.gpu.maps.drawn_base import draw_bases
-from irpso_addon.gpu.solve import prediction_trials
+from irpso_addon.gpu.maps.drawn_base import draw_bases, drawn_sigmas
+from irpso_addon.gpu.solve import drawn_base_trials, prediction_trials
 from tests.support import synthetic as syn
+from tests.support import tilted_sphere as balls
 from tests.support.shoots import rig, run
 
 RED = np.array([0.45, 0.08, 0.15])
@@ -81,3 +84,74 @@ def test_a_texel_counts_by_its_observations() -> None:
     np.testing.assert_allclose(drawn[0, 1], (0.4, 0.3, 0.2, 0.2), atol=1e-6)
     np.testing.assert_allclose(drawn[1, 0], (0.52, 0.36, 0.2, 0.2), atol=1e-6)
     assert (drawn[slots != 0] == base[slots != 0]).all()
+
+
+@pytest.mark.parametrize("strength", [2.0, 8.0, 128.0])
+@pytest.mark.parametrize("texture", [0.0, 0.02, 0.1])
+def test_standard_errors_know_what_drawing_takes_from_a_texture(strength: float, texture: float) -> None:
+    """``texture``: standard deviation of true base colours about the material's.  Own ones are off by 0.04."""
+    rng = np.random.default_rng(11)
+    count = rng.integers(4, 20, (80, 80)).astype(np.float32)
+    truth = 0.5 + texture * rng.standard_normal((80, 80, 3))
+    noise = np.float32(0.04)
+    own = truth + noise * rng.standard_normal(truth.shape)
+    base = np.concatenate([own, np.ones((80, 80, 1))], -1).astype(np.float32)
+    slots = np.zeros((80, 80), np.int32)
+    prior = {"Cloth": JointPrior(0.3, 1e5, base=(0.5, 0.5, 0.5), base_strength=strength)}
+    drawn = draw_bases(base, count, slots, ["Cloth"], prior)[..., :3]
+    stated = drawn_sigmas(np.full((80, 80), noise), base, count, slots, ["Cloth"], prior)
+    error = np.sqrt(((drawn - truth) ** 2).mean())
+    assert np.sqrt((stated**2).mean()) == pytest.approx(error, rel=0.05, abs=5e-4)
+    few = count < 8
+    assert np.sqrt((stated[few] ** 2).mean()) == pytest.approx(
+        np.sqrt(((drawn - truth)[few] ** 2).mean()), rel=0.08, abs=8e-4)
+
+
+def test_what_no_prior_draws_keeps_its_standard_error() -> None:
+    sigma, base = np.full((4, 4), 0.03, np.float32), np.full((4, 4, 4), 0.5, np.float32)
+    slots = np.repeat(np.arange(4, dtype=np.int32)[:, None] - 1, 4, 1)
+    priors = {"Wood": JointPrior(0.3, 1e5), "Cloth": JointPrior(0.3, 1e5, base=(0.5, 0.5, 0.5), base_strength=8.0)}
+    found = drawn_sigmas(sigma, base, np.full((4, 4), 8, np.float32), slots, ["Wood", "Cloth", "Tin"], priors)
+    np.testing.assert_array_equal(found[slots != 1], sigma[slots != 1])
+    np.testing.assert_allclose(found[slots == 1], 0.015, rtol=1e-6)  # half of it: all have the material's colour
+
+
+@pytest.mark.parametrize(("worse", "taken"), [
+    ((1.0, 1.004, 1.008, 1.011), 128.0),  # the strongest predicts about as well
+    ((1.0, 1.004, 1.008, 1.02), 32.0),
+    ((1.004, 1.0, 1.02, 1.03), 8.0),
+    ((1.0, 1.02, 1.04, 1.06), 2.0),  # texture is lost
+])
+def test_the_strongest_prior_that_predicts_about_as_well_is_taken(worse: tuple[float, ...], taken: float) -> None:
+    """``worse``: both errors of each strength, relative to the best."""
+    sample, _ = balls.sphere(balls.principled(0.4), lamps=12)
+    judge = folds.Judge(sample.texels, folds.split(sample.texels), sample.rig.cluster)
+    drawn = prediction_trials.with_drawn_base(prediction_trials.UNIFORM[0])
+    ratios = {"lambert": 3.0, "one value": 1.1} | {trial.name: of for trial, of in zip(drawn, worse, strict=True)}
+    for name, ratio in ratios.items():
+        even = np.full(len(sample.texels.cos_v), ratio**2)
+        judge.candidates[name] = folds.Candidate(even, even)
+    contest = object.__new__(drawn_base_trials.DrawnBaseTrials)
+    contest.judge = judge
+    contest.trials = {trial.name: trial for trial in (prediction_trials.UNIFORM[0], *drawn)}
+    found = contest._drawn_best("one value")
+    assert found is not None and found.base_strength == taken
+
+
+def test_strengths_at_once_are_strengths_one_by_one() -> None:
+    sample, _ = balls.sphere(balls.principled(0.4), lamps=6, texels=50)
+    known = np.arange(6) % 3 > 0
+    together = under_strengths(sample.texels, None, known, (0.0, 2.0, 32.0))
+    for strength, values in zip((0.0, 2.0, 32.0), together, strict=True):
+        np.testing.assert_array_equal(values, predicted(sample.texels, None, known, drawn=strength))
+
+
+def test_the_common_base_colour_explains_what_is_bright() -> None:
+    """What shines although little light meets it counts little: light below the surface, round a terminator."""
+    sample, _ = balls.sphere(balls.principled(1.0), lamps=8, texels=200)
+    texels, usable = sample.texels, sample.texels.usable()
+    grazing = texels.irradiance.mean(-1) < np.quantile(texels.irradiance.mean(-1)[usable], 0.15)
+    glowing = replace(texels, reflected=np.where(grazing[..., None], 2 * texels.reflected, texels.reflected))
+    plain = [np.average(of.reflected[of.usable()], axis=0, weights=of.quality[of.usable()]) for of in (texels, glowing)]
+    found = [np.array(common_base(of, None)) for of in (texels, glowing)]
+    assert (found[1] / found[0] - 1).max() < 0.6 * (plain[1] / plain[0] - 1).min()

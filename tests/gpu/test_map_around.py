@@ -16,7 +16,8 @@ from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.observe.observation_atlas import ArraySource, ObservedTexels
 from irpso_addon.gpu.solve.map_around import MapAround
 from irpso_addon.gpu.solve.material_sample import Squares, packed, spread_squares
-from irpso_addon.gpu.solve.model_prediction import Decision, Fitted, ModelPrediction
+from irpso_addon.gpu.solve.model_prediction import Decision, ModelPrediction
+from irpso_addon.gpu.solve.prediction_trials import Fitted
 from irpso_addon.gpu.solve.solver import Solver
 from tests.support.texels import finish
 

@@ -19,7 +19,8 @@ from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, draw_texel_grid
 from irpso_addon.gpu.observe.observation_atlas import CameraSource, ObservationAtlas
 from irpso_addon.gpu.observe.observations import ObserveOptions, observe
 from irpso_addon.gpu.solve.material_sample import SIDE, WIDTH, Squares, packed, read_sample, spread_squares
-from irpso_addon.gpu.solve.model_prediction import Decision, Fitted, ModelPrediction
+from irpso_addon.gpu.solve.model_prediction import Decision, ModelPrediction
+from irpso_addon.gpu.solve.prediction_trials import Fitted
 from irpso_addon.gpu.solve.solver import Solver
 from tests.support.texels import finish
 

@@ -267,5 +267,5 @@ def test_parts_are_not_taken_where_they_divide_what_changes_gradually(radiance: 
     trials = [prediction_trials.UNIFORM[0], prediction_trials.PARTS[0], prediction_trials.DRAWN[1]]
     assert [trial.name for trial in trials] == list(judge.candidates)[1:]
     contest.judge, contest.trials = judge, {trial.name: trial for trial in trials}
-    contest.fitted, contest.predictions = model_prediction.Fitted("two-lobe"), {}
+    contest.fitted, contest.predictions = prediction_trials.Fitted("two-lobe"), {}
     assert contest._chosen() == taken

@@ -25,8 +25,9 @@ EXPLAINED, SURE = 0.25, 0.7  # of the residual's variance that a light's move mu
 LEAST_POWER, LEAST_POWER_ALONE = 0.02, 0.1  # how far from 1 an exponent must be: of all views, of one
 BOUNCED_POWER = 0.1  # below 1, up to which bounced light that was left in the pictures explains it
 # The same where a material is not what its model says, which bends brightness too: by up to six times what neighbouring
-# pixels share of its errors.  From MOST on it is a curve: those of sRGB are 0.5 and more away from 1.
-LEAST_POWER_MISFIT, BENDS, MOST_POWER_MISFIT = 0.3, 6.0, 0.45
+# pixels share of its errors.  Beyond MOST it is a curve: that of sRGB makes 0.5, or 2 where it was undone and is not
+# there.  As a ratio, both are as far from 1: highlights of glitter under a flash make 1.6.
+LEAST_POWER_MISFIT, BENDS, MOST_POWER_MISFIT = 0.3, 6.0, (0.55, 1 / 0.55)
 LEAST_GAIN_MISFIT, SHARED = 0.03, 2.0  # of LEAST_GAIN there: what it lacks makes whole views brighter; times structure
 STANDS_OUT = 3.0  # times the median light's: the effect of one that stands elsewhere, where a material is no model
 MISFIT_STRUCTURE = 0.03  # relative errors that neighbours share in most views: then a single one proves little
@@ -120,7 +121,7 @@ def curved_exponent(checks: Checks) -> float | None:
         return None
     # A curve is the same in all views; lights in wrong places bend each view in its own way.
     scatter = scale_of(np.array([v.slope.exponent for v in checks.views if v.slope]))
-    least = max(LEAST_POWER + _floor(checks), _bent(checks))
+    least = max(LEAST_POWER + _floor(checks), _bent(checks, slope.exponent))
     return None if abs(slope.exponent - 1) <= max(least, SIGMAS_POWER * slope.error, scatter) else slope.exponent
 
 
@@ -139,13 +140,15 @@ def _curve(checks: Checks, bounced: bool) -> list[str]:
     return [f"{line}; without linear files, multiply the views' Response by {exponent:.2f}"]
 
 
-def _bent(checks: Checks) -> float:
-    """How far from 1 a material that is not what its model says may move an exponent."""
-    return _most_bent(checks) if checks.misfit else 0.0
+def _bent(checks: Checks, exponent: float, misfit: bool = False) -> float:
+    """How far from 1 a material that is not what its model says may move an exponent that lies on this side of 1.
 
-
-def _most_bent(checks: Checks) -> float:
-    return min(max(LEAST_POWER_MISFIT, BENDS * checks.structure), MOST_POWER_MISFIT)
+    ``misfit``: it is not, whatever the checks say.
+    """
+    if not (checks.misfit or misfit):
+        return 0.0
+    least, most = MOST_POWER_MISFIT
+    return min(max(LEAST_POWER_MISFIT, BENDS * checks.structure), 1 - least if exponent < 1 else most - 1)
 
 
 def _curved(checks: Checks) -> dict[str, float]:
@@ -154,13 +157,14 @@ def _curved(checks: Checks) -> dict[str, float]:
     off = {m.image.name for m in checks.registration if m.shifted}
     # Shapes and shadows that the scene lacks, and materials that are not their models, scatter the exponents of all and
     # leave structure in all views.
-    bent = _most_bent(checks) if checks.structure > MISFIT_STRUCTURE else _bent(checks)
+    misfit = checks.structure > MISFIT_STRUCTURE
     exponents = np.array([v.slope.exponent for v in checks.views if v.slope])
     scatter, typical = SIGMAS * scale_of(exponents), float(np.median(exponents)) if len(exponents) else 1.0
     return {v.view: v.slope.exponent for v in checks.views
             if v.slope
             and abs(v.slope.exponent - 1) > max(
-                LEAST_POWER_ALONE + _floor(checks), SIGMAS_POWER * v.slope.error, bent, scatter)
+                LEAST_POWER_ALONE + _floor(checks), SIGMAS_POWER * v.slope.error,
+                _bent(checks, v.slope.exponent, misfit), scatter)
             and abs(v.slope.exponent - typical) > scatter
             and not elsewhere & set(v.lights) and v.view not in off}
 

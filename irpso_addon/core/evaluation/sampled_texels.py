@@ -6,6 +6,7 @@ three layers of C = 1.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -186,16 +187,34 @@ def predicted(
 
     ``brightest``: of base colours, 1 unless the power of all lamps is a matter of what is compared.  ``drawn``: for so
     many observations counts what all texels together say of base colour (see `common_base`), beside a texel's own.
+    """
+    return under_strengths(texels, lobes, known, (drawn,), brightest)[0]
+
+
+def under_strengths(
+    texels: SampledTexels, lobes: Lobes | None, known: Bool, drawn: Sequence[float], brightest: float = 1.0,
+) -> list[F64]:
+    """As of `predicted`, for each number of observations that ``drawn`` has.
 
     Each camera's pixels cover the texture differently, so that a camera's own views say its base colour, and those of
     others where it has none.
     """
     unit = np.maximum(texels.reflected, texels.typical())
     weight = np.where((texels.usable() & known)[..., None], texels.quality[..., None] / unit**2, 0.0)
-    base = np.full_like(texels.reflected[:, 0], 0.5)
+    start = np.full_like(texels.reflected[:, 0], 0.5)
+    first = parts(texels, lobes, start)
     passes = PASSES if lobes is not None and (np.any(lobes.metallic > 0) or lobes.diffuse > 0) else 1
-    for _ in range(passes):
-        white, rest = parts(texels, lobes, base)
+    return [_predicted(texels, lobes, known, weight, first, passes, strength, brightest) for strength in drawn]
+
+
+def _predicted(
+    texels: SampledTexels, lobes: Lobes | None, known: Bool, weight: F64, first: tuple[F64, F64], passes: int,
+    drawn: float, brightest: float,
+) -> F64:
+    """``weight``: (T, V, C) of squared residuals.  ``first``: what `parts` says in the first of so many passes."""
+    base = texels.reflected[:, 0]  # until the first pass has found it
+    for n in range(passes):
+        white, rest = parts(texels, lobes, base) if n else first
         off, information = weight * white * (texels.reflected - rest), weight * white * white
         common = _common(texels, known, white, rest) if drawn else np.zeros((len(known), 1))
         result = np.empty_like(texels.reflected)
@@ -227,9 +246,11 @@ def _common(texels: SampledTexels, known: Bool, white: F64, rest: F64) -> F64:
     """(V, C) of each layer's channel, as of `common_base`.  ``white``, ``rest``: as of `parts`.
 
     Not relative to what is observed, as in a texel: among what differs from texel to texel, as bumps do, that would
-    count dark observations most.
+    count dark observations most.  By the irradiance, as of `weight_of` in joint_material.py: light that comes out
+    beside where it went in makes places bright that hardly any light meets.
     """
-    weight = np.where(texels.usable() & known, texels.quality, 0.0)[..., None]
+    usable = (texels.usable() & known)[..., None]
+    weight = np.where(usable, texels.quality[..., None] * texels.irradiance ** (2 / 3), 0.0)
     off, information = (weight * white * (texels.reflected - rest)).sum(0), (weight * white * white).sum(0)
     result = np.empty_like(off)
     for channel in np.unique(texels.channel):

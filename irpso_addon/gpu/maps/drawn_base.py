@@ -25,3 +25,23 @@ def draw_bases(
             result[own, :3] = drawn_to(base[own, :3].astype(np.float64), observations[own, None].astype(np.float64),
                                        np.array(prior.base), prior.base_strength)
     return result
+
+
+def drawn_sigmas(
+    sigma: F32, base: F32, observations: F32, slots: I32, names: Sequence[str], priors: Mapping[str, JointPrior],
+) -> F32:
+    """(h, w) standard errors of the base colours that `draw_bases` makes.  ``sigma``: of texels' own, in ``base``.
+
+    What is drawn keeps a part of a texel's own error, and lacks the rest of what its true colour differs from the
+    material's: by what own colours scatter beyond their errors, in the mean of the material.
+    """
+    result = sigma.copy()
+    for slot, name in enumerate(names):
+        prior = priors.get(name)
+        own = (slots == slot) & (observations > 0)
+        if prior is not None and prior.base and own.any():
+            apart = ((base[own, :3] - np.array(prior.base)) ** 2).mean()
+            texture = max(float(apart) - float((sigma[own] ** 2).mean()), 0.0)
+            share = observations[own] / (observations[own] + prior.base_strength)
+            result[own] = np.sqrt((share * sigma[own]) ** 2 + (1 - share) ** 2 * texture)
+    return result

@@ -24,7 +24,7 @@ from ..solve.neighbours import NOISE_FLOOR
 from ..solve.sparse_ladder import SparseLadder
 from ..solve.texel_records import SolvedTexels
 from .albedo import ITERATIONS, AlbedoSolver, Gloss
-from .drawn_base import draw_bases
+from .drawn_base import draw_bases, drawn_sigmas
 from .fill import fill
 from .partial_solve import PartialSolve
 from .variogram import borrowed_variance
@@ -120,8 +120,8 @@ def make_maps(
         albedo.take(lobes, level, metallic)
     shown = base[..., 3] > 0.25
     own_slots = texels.slots if joined.paint is None else np.where(joined.paint, -1, texels.slots)  # paint has no prior
-    base = draw_bases(base, joined.texels.observations, own_slots, scene.mesh.slot_names, texels.ladder.priors)
-    base_texture = filled(device, part.join_base(base), around.base if around else None)
+    drawing = joined.texels.observations, own_slots, scene.mesh.slot_names, texels.ladder.priors
+    base_texture = filled(device, part.join_base(draw_bases(base, *drawing)), around.base if around else None)
     good = own.solved & shown
     # Of a part, what the last result left elsewhere says what is typical of a material.
     left = relative if part.last is None else np.where(good, relative, part.last.error)
@@ -145,6 +145,7 @@ def make_maps(
         metallic=device.read(metallic)[..., 0].copy() if metallic is not None and joined.painted else None,
         **_certainty(_believed(scene, texels, joined, lambert, parts).without(torn), own.observations, lambert, good,
                      max(albedo.pixels_per_texel, MIXED**-2) ** -0.5, excess, painted,
+                     drawn_sigmas(joined.texels.base_sigma * np.sqrt(excess), base, *drawing),
                      any(view.environment is not None for view in scene.views)),
     )
     maps = part.join_maps(maps, part.share(good))
@@ -191,11 +192,12 @@ def _believed(
 
 def _certainty(
     believed: _Believed, observations: F32, lambert: Bool, good: Bool, pixel: float, excess: F32, base: F32,
-    around: bool,
+    base_own: F32, around: bool,
 ) -> dict[str, F32]:
     """The maps that say how sure each texel is, by role; ``pixel``: its width in texels; ``excess``: `unexplained`.
 
-    ``base``: base colour, holes filled.  ``around``: whether a world or meshes that glow light some view.
+    ``base``: base colour, holes filled.  ``base_own``: its standard error, paints that meet aside.  ``around``: whether
+    a world or meshes that glow light some view.
 
     Without a lobe no roughness was solved for: what can be trusted or not is the base colour.
     """
@@ -208,7 +210,6 @@ def _certainty(
     error = np.sqrt(own + (1 - believed.share) * np.maximum(borrowed - own, 0))
     rough, sigma = np.where(lambert, np.float32(1), texels.roughness), np.where(lambert, np.float32(0), error)
     doubt = np.where(lambert, texels.base_sigma, sigma)
-    base_own = texels.base_sigma * np.sqrt(excess)
     whole = np.where(told & ~believed.bound, np.float32(1), MATERIAL_ALONE)
     sure = confidence(rough, doubt * excess, observations, good) * whole
     # Under lamps a texel's own error of base colour is stated too wide already (decision 0062).

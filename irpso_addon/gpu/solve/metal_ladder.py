@@ -7,11 +7,12 @@ from dataclasses import replace
 
 from ...core.data import Bool, MaterialPrediction
 from ...core.job import Progress
+from .drawn_base_trials import CLEAR
 from .ladder_records import LadderResult
 from .material_solves import Decided, MaterialSolves
-from .model_prediction import CLEAR, Fitted, ModelPrediction, solves_metals, worth
+from .model_prediction import ModelPrediction, solves_metals, worth
 from .paint_beside_metal import METAL, metal_of, parts_of, take_parts, unexplained
-from .prediction_trials import METALS
+from .prediction_trials import METALS, Fitted
 from .texel_records import SolvedTexels
 
 

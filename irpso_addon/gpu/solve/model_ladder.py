@@ -22,9 +22,10 @@ from .ladder_records import EarlierResult, LadderResult, Materials
 from .material_sample import Squares, packed
 from .material_solves import SAMPLE, MaterialSolves, best_seen
 from .metal_ladder import MetalLadder
-from .model_prediction import Decision, Fitted, ModelPrediction, solves_metals
+from .model_prediction import Decision, ModelPrediction, solves_metals
 from .paint_beside_metal import explains_better
 from .paper_swarm import PaperSwarm
+from .prediction_trials import Fitted
 from .solver import Solver
 from .texel_records import WELL_KNOWN, SolvedTexels
 from .tilt_size import tilt_size

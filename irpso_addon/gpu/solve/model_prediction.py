@@ -14,17 +14,16 @@ from ...core.evaluation.coat_search import APART, METAL, PLAIN, CoatSearch
 from ...core.evaluation.folds import ALIKE, Folds, split
 from ...core.evaluation.joint_material import Joint, JointSearch, OneMaterial
 from ...core.evaluation.pixel_bias import pixel_bias
-from ...core.evaluation.sampled_texels import SampledTexels, common_base, one_lobe
+from ...core.evaluation.sampled_texels import SampledTexels, common_base
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ...core.tiled.tiled_plan import PriorKnowledge
 from ..device.context import Device
 from ..observe.observation_atlas import Source
+from .drawn_base_trials import CLEAR, HOPEFUL, PLAIN_METALLIC, DrawnBaseTrials
 from .map_around import MapAround
 from .material_sample import MaterialSample, packed, read_sample, squares_of
 from .prediction_trials import (
-    CONSTANT,
-    CONSTANT_METAL,
     DRAWN,
     DRAWN_COAT,
     DRAWN_COAT_METAL,
@@ -37,37 +36,33 @@ from .prediction_trials import (
     FITTED,
     FREE_COAT,
     FREE_ROUGH,
+    OWN_DRAWN,
     PARTS,
     UNIFORM,
     UNIFORM_COAT,
     UNIFORM_COAT_METAL,
     UNIFORM_METAL,
     UNIFORM_ROUGH,
+    Fitted,
     Trial,
     by_size,
-    with_drawn_base,
 )
 from .tile_passes import ROBUST_METAL
-from .trial_runs import PREDICTING, TrialRuns
+from .trial_runs import PREDICTING
 
 NUMBERS = 2  # that a fit of one lobe finds in each texel: base colour and roughness
 FEW = 8  # good observations of a texel: with fewer, it may need a prior though texels differ clearly
 JUDGED = 2000  # texels, of a sample
-CLEAR = 0.15  # of its loss: a fit that leads by so much over one value for the material needs no prior
-CLEAR_TWO = 0.5  # the same of two lobes, which have no prior: false ones flash so seldom that samples miss it
-HOPEFUL = 0.25  # the same: one value that is not worse than the best one value by more is tried a texel, too
+CLEAR_TWO = 0.5  # CLEAR of two lobes, which have no prior: false ones flash so seldom that samples miss it
 SAME_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 in all folds is 0.5: nothing else is to be tried
-PLAIN_METALLIC = 0.03  # a Metallic so near to 0 is 0 ...
-SOME_METALLIC = 0.08  # ... and one above this worth the time to try it where texels differ
+SOME_METALLIC = 0.08  # a Metallic worth the time to try it where texels differ
 WORTH_RMS, WORTH_LIGHTNESS = 0.05, 0.7  # errors of what would be taken from which on more is tried
 CLEAR_MORE = 1 / 6  # of its loss, by which a coat or a rough diffuse must lead: they mend a little of every material
 DIVIDED = 1.02  # ratio of errors of L* from which on parts divide what changes gradually
-WORSE = 1.05  # ratio of errors up to which they may be worse in one of the two
 LEAST_ROUGH = 0.05  # Diffuse Roughness that every fold must find
 BROADEST = 0.95  # roughness of a metal from which on its lobe only takes up what the diffuse lacks
 LEAST_COAT = 0.02  # weight that every fold must find
 AGREED = 2.0  # ratio of the folds' largest roughness of the coat to the least
-OWN_DRAWN = {"one-lobe": DRAWN, "one-lobe-specular": DRAWN_LEVEL}
 STOPPED = "stopped before left-out views were predicted"
 
 
@@ -90,15 +85,6 @@ class Decision:
     prediction: MaterialPrediction | None = None  # None: nothing could be left out
     differ: bool = False  # texels seem to differ, though one value for all of them was taken
     cancelled: bool = False  # the trials were stopped
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """What the fit's evidence chose."""
-
-    model: str
-    level: float = 0.5  # Specular IOR Level
-    beside: bool = False  # another material, whose colour pixels at the border mix into what all texels say
 
 
 class ModelPrediction:
@@ -143,7 +129,7 @@ class ModelPrediction:
             return search.settled(search.fit(known), known).apart_metal
 
 
-class _Contest(TrialRuns):
+class _Contest(DrawnBaseTrials):
     """Which of one material's trials is to be taken."""
 
     def __init__(
@@ -307,58 +293,6 @@ class _Contest(TrialRuns):
         found = self.judge.choose([[taken], *by_size(trials)])
         return found if self.judge.leads(found, CLEAR_MORE, [taken]) else taken
 
-    def _with_drawn_base(self, taken: str) -> Generator[Progress, None, str]:
-        """The one value whose texels' base colours are drawn to the material's that is to be taken instead, if any.
-
-        Bumps that the mesh lacks change what texels show, and each takes them for its base colour.
-        """
-        alike = {trial.name: trial for trial in self.trials.values() if trial.strength == ONE_VALUE}
-        (best,) = self.judge.near(list(alike), 0.0)[:1]
-        drawn = with_drawn_base(alike[best])
-        yield from self._folds(self._uniform, [*drawn, *(yield from self._constant())], race=True)
-        if not self.solver.cancelled and any(self.judge.leads(trial.name, 0.0, [best]) for trial in drawn):
-            for name in self.judge.near(list(alike), HOPEFUL):
-                if name != best:
-                    yield from self._folds(self._uniform, with_drawn_base(alike[name]), race=True)
-        if self.solver.cancelled:
-            return taken
-        error = self.judge.error(taken)
-        leading = [trial for trial in self.trials.values() if trial.base_strength and self._no_worse(trial.name, error)
-                   and self.judge.leads(trial.name, ALIKE[0], [taken])]
-        if not leading:
-            return taken
-        found = self.judge.choose([["lambert"], *by_size(leading)])
-        own = taken in (FITTED[model] for model in OWN_DRAWN)
-        differ = own and best not in self.judge.near([taken, best], CLEAR)
-        return taken if differ and not (yield from self._better_than_own(taken, found)) else found
-
-    def _better_than_own(self, taken: str, found: str) -> Generator[Progress, None, bool]:
-        """Whether one value predicts better than the fit's own values a texel, if base colours are drawn as far.
-
-        Noise, too, makes base colours differ: to draw them says nothing of roughness then.
-        """
-        strength = self.trials[found].base_strength
-        name = f"{taken}, base color prior {strength:g}"
-
-        def own(known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
-            yield from self._own_lobe(taken, known, name, strength)
-
-        yield from self._folds(own)
-        return not self.solver.cancelled and self.judge.leads(found, 0.0, [name])
-
-    def _constant(self) -> Generator[Progress, None, list[Trial]]:
-        """Those whose values were found with one base colour for all."""
-        for n, left_out in enumerate(self.folds.left_out):
-            yield PREDICTING
-            self.joints[n] = self.search.with_constant(self.joints[n], ~left_out)
-        metal = self.metals and min(joint.constant[1].metallic for joint in self.joints) > PLAIN_METALLIC
-        return [drawn for trial in (CONSTANT, *([CONSTANT_METAL] if metal else [])) for drawn in with_drawn_base(trial)]
-
-    def _no_worse(self, name: str, than: PredictionError) -> bool:
-        """In neither error: what explains highlights may not spoil the body."""
-        error = self.judge.error(name)
-        return error.relative_rms <= WORSE * than.relative_rms and error.lightness <= WORSE * than.lightness
-
     def _find_coats(self, kind: str) -> bool:
         """Whether all folds find a coat, and much the same; then their joint values have it."""
         found = []
@@ -414,15 +348,6 @@ class _Contest(TrialRuns):
             model, name = "one-lobe", FITTED["one-lobe"]
         if model != "lambert":
             yield from self._own_lobe(name, known)
-
-    def _own_lobe(
-        self, name: str, known: Bool, called: str = "", drawn: float = 0.0,
-    ) -> Generator[Progress, None, None]:
-        """``called``: another name of the trial.  ``drawn``: as of `predicted`."""
-        level = self.fitted.level if name == FITTED["one-lobe-specular"] else 0.5
-        self.solver.use_level(self._grid(level) if level != 0.5 else None)
-        (values,) = yield from self.solver.under_priors([None])
-        self._add(called or name, one_lobe(self._at(values), level), known, drawn)
 
     def _own_among_all(self, left_out: Bool) -> Generator[Progress, None, None]:
         """The fit's own model, where each square knows what the rest of the map says of it."""

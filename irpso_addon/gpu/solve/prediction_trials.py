@@ -11,8 +11,17 @@ from ...core.evaluation.joint_material import Joint, OneMaterial
 
 STRENGTHS = (200.0, 10.0)  # of the material's prior: nats per squared log ratio of roughness
 WEAK_STRENGTHS = (0.3, 0.1)  # that keep a few texels from flashing and hardly move the others
-BASE_STRENGTHS = (2.0, 8.0, 32.0)  # of the material's base colour: observations of a texel for which it counts
+BASE_STRENGTHS = (2.0, 8.0, 32.0, 128.0)  # of the material's base colour: observations of a texel for which it counts
 LEVEL_STRENGTHS = ((200.0, 1.0), (200.0, 0.2), (10.0, 0.2))  # where levels differ too: of roughness, and of level
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What the fit's evidence chose."""
+
+    model: str
+    level: float = 0.5  # Specular IOR Level
+    beside: bool = False  # another material, whose colour pixels at the border mix into what all texels say
 
 
 @dataclass(frozen=True)
@@ -88,8 +97,7 @@ MODELS = "one-lobe", "one-lobe-specular", "one-lobe-metallic"  # from the smalle
 # The fit's own, without a prior of the material:
 FITTED = {"lambert": "lambert", "one-lobe": "a value a texel", "one-lobe-specular": "a value a texel, one level",
           "two-lobe": "two lobes"}
-
-
+OWN_DRAWN = {"one-lobe": DRAWN, "one-lobe-specular": DRAWN_LEVEL}
 CONSTANT = Trial("one material", "one-lobe-specular", ONE_VALUE, lambda joint: joint.constant[0])
 CONSTANT_METAL = Trial("one material and metallic", "one-lobe-metallic", ONE_VALUE, lambda joint: joint.constant[1])
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from itertools import groupby
 
 import numpy as np
 
 from ...core.data import F32, F64, I32, Bool
 from ...core.evaluation.folds import Folds, Judge
 from ...core.evaluation.joint_material import Joint, JointSearch
-from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted
+from ...core.evaluation.sampled_texels import Lobes, SampledTexels, one_lobe, predicted, under_strengths
 from ...core.job import Progress
 from ...core.params import SolveSettings
 from ..device.context import Device
@@ -91,8 +92,12 @@ class TrialRuns:
     def _uniform(self, known: Bool, joint: Joint, trials: list[Trial]) -> Generator[Progress, None, None]:
         """One value for the material."""
         yield PREDICTING
-        for trial in trials:
-            self._add(trial.name, self._alike(trial, joint), known, trial.base_strength)
+        for _, group in groupby(trials, lambda trial: trial.material):
+            alike = list(group)  # but for their base colours
+            lobes, strengths = self._alike(alike[0], joint), [trial.base_strength for trial in alike]
+            found = under_strengths(self.observed, lobes, known, strengths)
+            for trial, value in zip(alike, found, strict=True):
+                self.predictions.setdefault(trial.name, []).append(value)
 
     def _alike(self, trial: Trial, joint: Joint) -> Lobes:
         """Of all texels, under one value for the material."""
