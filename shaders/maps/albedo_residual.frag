@@ -22,12 +22,12 @@ void main() {
     vec2 uv = texelFetch(u_uv, at, 0).xy;
     vec4 slope = texelFetch(u_uv_slope, at, 0);
     vec3 mean = vec3(0.0);
-    for (int j = 0; j < 16; j++) {
+    for (int j = 0; j < (u_from_black ? 0 : 16); j++) {
         vec2 d = (vec2(float(j & 3), float(j >> 2)) - 1.5) * 0.25 * u_footprint;
-        mean += texture(u_texture, uv + d.x * slope.xy + d.y * slope.zw).rgb;
+        mean += textureLod(u_texture, uv + d.x * slope.xy + d.y * slope.zw, 0.0).rgb;
     }
+    mean /= 16.0;
     vec3 shown = clamp(texelFetch(u_albedo, at, 0).rgb / max(weight, vec3(1e-12)), 0.0, 1.2);
-    mean = u_from_black ? vec3(0.0) : mean / 16.0;
     shown = mix(mean, shown, greaterThan(weight, vec3(0.0)));
     // Weights are relative squares: times the albedo squared they count good views.
     float grey = max(dot(shown, vec3(1.0 / 3.0)), 0.02);

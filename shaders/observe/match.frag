@@ -34,6 +34,8 @@ void main() {
     float slant = clamp(cos_v, 0.15, 1.0);
     ivec2 corner = ivec2(floor(at - 0.5));
     float nearest = 1e30;
+    vec2 best;
+    vec3 there, normal;  // position and normal at the nearest
     for (int j = 0; j < 4; j++) {
         ivec2 pixel = corner + ivec2(j & 1, j >> 1);
         if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, textureSize(u_position, 0)))) continue;
@@ -44,9 +46,13 @@ void main() {
         float far = distance(at, vec2(pixel) + 0.5);
         if (far < nearest) {
             nearest = far;
-            // A pixel seen at a grazing angle may show a place texels away, where the material differs.
-            float texels = distance(seen.xyz, p.xyz) / (u_reach * texel_width(texel, p.xyz));
-            o_match = vec4(vec2(pixel), dot(seen_normal, toward_camera(seen.xyz)), 1.0 / (1.0 + texels * texels));
+            best = vec2(pixel);
+            there = seen.xyz;
+            normal = seen_normal;
         }
     }
+    if (nearest > 1e29) return;
+    // A pixel seen at a grazing angle may show a place texels away, where the material differs.
+    float texels = distance(there, p.xyz) / (u_reach * texel_width(texel, p.xyz));
+    o_match = vec4(best, dot(normal, toward_camera(there)), 1.0 / (1.0 + texels * texels));
 }

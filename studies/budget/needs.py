@@ -26,9 +26,8 @@ STARTS = 3  # of a polish, shaders/solve/polish.kernel
 DRAWS = {
     # albedo, weight, uv, slope, position, 16 bilinear looks at the texture; written once
     "maps/albedo_residual.frag": (5 + 16 * 4, 6 * TEXEL + 8),
-    # position, normal, and of four pixels position, normal, residual, uv, slope, which neighbours share; added to what
-    # is there
-    "maps/albedo_backproject.frag": (2 + 5 * 4, 8 * TEXEL + 8),
+    # position, normal, which pixels show it, and four pixels' residuals, which neighbours share; added to what is there
+    "maps/albedo_backproject.frag": (3 + 4, 5 * TEXEL + 1),
     "maps/albedo_update.frag": (2, 3 * TEXEL),
 }
 KERNELS = {"search": "solve/search.kernel", "tables": "solve/table.kernel", "polish": "solve/polish.kernel"}

@@ -160,6 +160,30 @@ def test_clean_data_are_left_alone_bit_for_bit(on_gl):
     assert (rough == rough2).all() and (base == base2).all()
 
 
+@pytest.mark.parametrize(("spec", "robust"), [
+    (Spec("one-lobe", 12, 160, noise=0.01, outliers=0.1), True), (Spec("two-lobe", 24, 160, noise=0.002), False)])
+def test_some_squares_of_a_large_map_decide_as_the_whole(on_gl, monkeypatch, spec, robust):
+    """The same maps bit for bit; where errors are the model's, no other texels are searched again."""
+    problem = make(spec)
+    searched, wary = [], Solver._wary
+
+    def counted(self, chosen, plain, outputs, share, texels):
+        searched.append(int(texels.sum()))
+        return wary(self, chosen, plain, outputs, share, texels)
+
+    monkeypatch.setattr(Solver, "_wary", counted)
+    by_squares = on_gl(lambda d: solved(d, problem, "auto"))
+    few, *whole = searched
+    assert few < 0.4 * 160**2
+    assert len(whole) == robust
+    monkeypatch.setattr("irpso_addon.gpu.solve.solver.SAMPLED", 160**2)
+    searched.clear()
+    at_once = on_gl(lambda d: solved(d, problem, "auto"))
+    assert len(searched) == 1
+    assert searched[0] > few
+    assert all((one == other).all() for one, other in zip(by_squares, at_once, strict=True))
+
+
 @pytest.mark.parametrize(("degrees", "tilts"), [((1.0, 2.0), False), ((0.5, 0.9), True)])
 def test_noise_of_too_few_degrees_of_freedom_is_not_judged(degrees, tilts):
     """Infinite: then nothing is an outlier."""

@@ -233,7 +233,7 @@ def _set_up_render(scene: bpy.types.Scene) -> None:
     render.image_settings.file_format = "OPEN_EXR"
     render.image_settings.color_mode, render.image_settings.color_depth = "RGBA", "32"
     cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = SAMPLES, False, False
-    cycles.max_bounces = 0
+    cycles.max_bounces, cycles.use_light_tree = 0, False  # one lamp needs no choice
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.light_sampling_threshold = cycles.blur_glossy = 0
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
 

@@ -137,7 +137,8 @@ class JointSearch:
         """
         texels = self.texels
         weight = np.where(texels.usable()[..., None], texels.quality[..., None] * texels.irradiance**2, 0.0)
-        sums = [self._sums_over(nodes, known, 0.0, weight) for nodes in self.nodes]
+        sums = [{name: of.sum(2) for name, of in self._sums_over(nodes, known, 0.0, weight).items()}
+                for nodes in self.nodes]
         costs = np.stack([_alike(sums, metallic) for metallic in self.metallic])
         found = []
         for some in (costs[:1], costs):
@@ -298,9 +299,8 @@ def _costs(sums: Sums, metallic: float) -> F64:
 
 
 def _alike(sums: list[dict[str, F64]], metallic: float) -> F64:
-    """(levels, roughnesses) the same of all texels together, with one base colour; clipped pixels aside."""
-    return np.asarray(sum(
-        _residual(*(part.sum(2) for part in _polynomial(of, metallic)))[0] for of in sums))
+    """(levels, roughnesses) the same with one base colour for all texels, of sums over these; clipped pixels aside."""
+    return np.asarray(sum(_residual(*_polynomial(of, metallic))[0] for of in sums))
 
 
 def _polynomial(of: dict[str, F64], metallic: float) -> tuple[F64, F64, F64, F64]:

@@ -64,7 +64,8 @@ class TiltsFound:
 
     def under(self, deviation: float) -> tuple[F64, F64]:
         """(tilts (T, 2), their covariances (T, 2, 2)) where tilts are known to have a standard deviation."""
-        covariance = np.linalg.inv(self.information + np.eye(2) / max(deviation, LEAST) ** 2)
+        (a, b), (c, d) = np.moveaxis(self.information + np.eye(2) / max(deviation, LEAST) ** 2, 0, -1)
+        covariance = np.moveaxis(np.array([[d, -b], [-c, a]]) / (a * d - b * c), -1, 0)
         return np.einsum("tij,tj->ti", covariance, self.pull), covariance
 
     def deviation(self) -> float:

@@ -68,11 +68,11 @@ def truth(size: int, first: int = 0, end: int | None = None) -> tuple[F32, F32]:
     axis = ((np.arange(fine) + 0.5) / fine).astype(np.float32)  # the paint needs no more, and takes half the time
     rows = axis[2 * first:None if end is None else 2 * end]
     u, v = np.meshgrid(axis, rows)
-    color, rough = _paint_body(*_local(u, v, BODY))
-    for island in HANDLES:
-        handle_color, handle_rough = _paint_handle(*_local(u, v, island))
-        inside = (v > (BODY[3] + HANDLES[0][2]) / 2) & (abs(u - (island[0] + island[1]) / 2) < 0.25)
-        color[inside], rough[inside] = handle_color[inside], handle_rough[inside]
+    color, rough = np.empty((*u.shape, 3), np.float32), np.empty_like(u)
+    above = v > (BODY[3] + HANDLES[0][2]) / 2
+    color[~above], rough[~above] = _paint_body(*_local(u[~above], v[~above], BODY))
+    for island, its in zip(HANDLES, (above & (u < 0.5), above & (u > 0.5)), strict=True):
+        color[its], rough[its] = _paint_handle(*_local(u[its], v[its], island))
     mean = (len(rows) // 2, 2, size, 2)
     return (color.reshape(*mean, 3).mean((1, 3)).astype(np.float32),
             rough.reshape(mean).mean((1, 3)).astype(np.float32))
@@ -168,7 +168,7 @@ def _waves(a: Floats, s: Floats, seed: int, count: int = 7) -> Floats:
     rng = np.random.default_rng(seed)
     total = np.zeros_like(a)
     for _ in range(count):
-        k, m, phase = rng.integers(-6, 7), rng.uniform(-5, 5), rng.uniform(0, 1)
+        k, m, phase = int(rng.integers(-6, 7)), rng.uniform(-5, 5), rng.uniform(0, 1)
         total += np.cos(2 * np.pi * (k * a + m * s + phase))
     scaled: Floats = total / np.sqrt(count / 2)
     return scaled

@@ -232,7 +232,8 @@ class _Canvas:
             if pixels not in self._residual:
                 self._residual[pixels] = device.texture(*pixels)
                 self._target[self._residual[pixels].glo] = device.framebuffer([self._residual[pixels]])
-        self._seen: dict[int, OccupiedCells] = {}  # by camera: the texels that it shows
+        # By camera: the texels that it shows, and which pixels show them.
+        self._seen: dict[int, tuple[OccupiedCells, moderngl.Texture]] = {}
 
     def step(self, chosen: list[int], number: int) -> Iterator[float]:
         """One back-projection from some cameras; the share that is done, after each, and 1.
@@ -247,12 +248,10 @@ class _Canvas:
         for done, n in enumerate(chosen):
             residual = self._difference(n, filled, {**beyond, **start})
             if n not in self._seen:
-                target = self._target[self.next.glo]
-                target.clear()
-                self._carry_back(n, residual, target, self.grid.cells, beyond)
-                self._seen[n] = OccupiedCells(self.device, self.next)
+                self._seen[n] = self._found(n, residual, beyond)
+            cells, shown = self._seen[n]
             with self.device.adding():
-                self._carry_back(n, residual, sum_target, self._seen[n], beyond)
+                self._carry_back(n, residual, sum_target, cells, beyond, shown)
             yield (done + 0.5) / len(chosen)
         self.device.draw("maps/albedo_update.frag", self._target[self.next.glo], Inputs({
             "u_texture": self.texture, "u_update": self.update},
@@ -263,7 +262,7 @@ class _Canvas:
     def pixels_per_texel(self) -> float:
         """How many pixels show a texel, by the squares that hold them; after the first step."""
         pixels = sum(camera.maps.cells.count for camera, _, _ in self.cameras if camera.maps.cells)
-        return pixels / max(sum(cells.count for cells in self._seen.values()), 1)
+        return pixels / max(sum(cells.count for cells, _ in self._seen.values()), 1)
 
     def _difference(self, n: int, filled: moderngl.Texture, uniforms: Mapping[str, object]) -> moderngl.Texture:
         """How far the texture is from what each pixel of a camera shows."""
@@ -278,14 +277,25 @@ class _Canvas:
             cells=camera.maps.cells)
         return residual
 
+    def _found(
+        self, n: int, residual: moderngl.Texture, uniforms: Mapping[str, object],
+    ) -> tuple[OccupiedCells, moderngl.Texture]:
+        """The texels that a camera shows, and which of its pixels show each."""
+        shown = self.device.texture(self.next.width, self.next.height, 1, dtype="f1")
+        with self.device.target([self.next, shown], clear=True) as target:
+            self._carry_back(n, residual, target, self.grid.cells, uniforms)
+        return OccupiedCells(self.device, self.next), shown
+
     def _carry_back(
         self, n: int, residual: moderngl.Texture, target: moderngl.Framebuffer, cells: OccupiedCells | None,
-        uniforms: Mapping[str, object],
+        uniforms: Mapping[str, object], shown: moderngl.Texture | None = None,
     ) -> None:
-        """A camera's residuals to the texels that it shows."""
+        """A camera's residuals to the texels that it shows.  ``shown``: by which pixels; None: that is to be found."""
         camera = self.cameras[n][0]
+        maps = {"u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_uv": camera.maps.uv,
+                "u_uv_slope": camera.maps.uv_slope}
         self.device.draw("maps/albedo_backproject.frag", target, Inputs({
-            "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal,
-            "u_position": camera.maps.position, "u_normal": camera.maps.normal, "u_residual": residual,
-            "u_uv": camera.maps.uv, "u_uv_slope": camera.maps.uv_slope,
-        }, {**camera.uniforms, **camera.projection.uniforms, **uniforms}, camera.defines), cells=cells)
+            "u_texel_position": self.grid.position, "u_texel_normal": self.grid.normal, "u_residual": residual,
+            **(maps if shown is None else {"u_shown": shown}),
+        }, {**camera.uniforms, **camera.projection.uniforms, **uniforms},
+            {**camera.defines, **({"FINDING": "1"} if shown is None else {})}), cells=cells)

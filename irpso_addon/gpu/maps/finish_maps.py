@@ -324,9 +324,10 @@ def confidence(roughness: F32, sigma: F32, observations: F32, solved: Bool) -> F
     Where a texel departs from the median of 3 x 3 by more than that, its departure is taken: data that are wrong, not
     noisy, make texels sure of different things.
     """
-    around = np.pad(np.where(solved, roughness, np.nan), 1, constant_values=np.nan)
+    around, known = np.pad(roughness, 1), np.pad(solved, 1)
     h, w = roughness.shape
-    near = np.stack([around[y:y + h, x:x + w] for y in range(3) for x in range(3)])
-    near = np.where(np.isnan(near), roughness, near)
+    near = np.empty((9, h, w), roughness.dtype)
+    for k, at in enumerate(np.s_[y:y + h, x:x + w] for y in range(3) for x in range(3)):
+        near[k] = np.where(known[at], around[at], roughness)
     apart = roughness - np.partition(near, 4, axis=0)[4]
     return live_readback.confidence(np.maximum(sigma, np.abs(apart)), observations)

@@ -220,11 +220,13 @@ class _Observer:
         # Read noise may leave less than 0: that is data, because the fit is linear in it.
         known = image.rgb if image.valid.all() else np.where(image.valid[..., None], image.rgb, np.float32(0))
         floor = BLACK * max(known.max(), np.float32(0))
-        packed = np.concatenate([np.where(np.abs(known) < floor, floor, known), quality[..., None]], axis=2)
+        packed = np.empty((*quality.shape, 4), np.float32)
+        packed[..., :3], packed[..., 3] = np.where(np.abs(known) < floor, floor, known), quality
         clipped = float(np.mean(~image.valid[opaque])) if opaque.any() else 0.0
         self.references[n] = _reference(packed, image.coverage, self.cameras[c].window, clipped)
         bounds = ~image.valid & (image.coverage >= OPAQUE)  # what lies beside the object brightens no pixel there
-        packed[..., :3][quality <= 0] = np.where(bounds[..., None], np.maximum(image.rgb, 0), 0)[quality <= 0]
+        packed[quality <= 0] = 0
+        packed[bounds, :3] = np.maximum(image.rgb[bounds], 0)
         height, width = quality.shape
         self.images[n] = self.device.texture(width, height, 4, packed)
         self.members[c].append(n)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import moderngl
 import numpy as np
 
-from ...core.data import F32, JointPrior
+from ...core.data import F32, Bool, JointPrior
 from ...core.errors import BadInput
 from ...core.job import Progress
 from ...core.params import SolveSettings
@@ -29,6 +29,7 @@ QUIET = 3e-4  # relative noise below which ...
 SURE = 0.02  # ... texels this sure of their roughness ...
 UNSURE_SHARE = 0.05  # ... but for this share of them, need no neighbours
 ROBUST_SEARCHES = 4  # at most
+SQUARE, SAMPLED = 32, 4096  # texels: width of a square, of which each fourth is searched first; so many at least
 POLISH_STEPS = 4  # Levenberg-Marquardt, from each valley
 LEVEL_STEPS = 3  # the same at each Specular IOR Level that a texel tries
 CONTRADICTS = 10.0  # strength of a material's prior from which on it may contradict observations
@@ -250,7 +251,7 @@ class Solver(TilePasses):
         """Where the search has left outliers, search again without believing them: (what to go on from, noise).
 
         Where the model is wrong its errors look like outliers: then roughness becomes rougher from texel to texel,
-        and the plain search stands.
+        and the plain search stands.  Of a large map some squares may say that already.
         """
         self.robust, loss = False, self.settings.loss
         # Under a material's prior outliers are believed, as when it was judged: a lobe that flashes may not make
@@ -270,20 +271,39 @@ class Solver(TilePasses):
             read_residual(self.device, plain[0], 1)[observed], support.degrees[observed], self.source.tilts is not None)
         if not outliers and loss == "auto":
             return plain, variance
-        part, wary = min(clean / variance, 1.0), self.textures(3)
-        for _ in range(ROBUST_SEARCHES):
-            yield from self.run(chosen, (0.4, 0.5), KernelPass(
-                "solve/search.kernel", wary, {"u_noise": self.noise_map},
-                {**self._search_uniforms(1), "u_noise_share": part, **self._floor(variance)}, robust=True))
-            before, part = part * variance, 1.0
-            variance = self._noise(wary[0], wary[1], 1)
-            if variance > 0.5 * before:  # else there were outliers in every texel, which hid each other
-                break
-        rough = [neighbours.scatter(self.device.read(maps[0])[..., 0], observed) for maps in (plain, wary)]
-        self.robust = loss == "robust" or rough[1] < rough[0]
+        wary, share, smoother = self.textures(3), min(clean / variance, 1.0), True
+        some = observed & _squares(observed.shape)
+        if loss == "auto" and self.position is None and int(some.sum()) > SAMPLED:
+            self.use_texels(some)
+            _, smoother = yield from self._wary(chosen, plain, wary, share, some)
+            self.use_texels(None)
+        if smoother:
+            variance, smoother = yield from self._wary(chosen, plain, wary, share, observed)
+        self.robust = loss == "robust" or smoother
         for texture in plain if self.robust else wary:
             texture.release()  # now: the tables need the memory
         return (wary, variance) if self.robust else (plain, self._noise(plain[0], plain[1], 1))
+
+    def _wary(
+        self, chosen: list[Tile], plain: list[moderngl.Texture], wary: list[moderngl.Texture], share: float,
+        texels: Bool,
+    ) -> Generator[Progress, None, tuple[float, bool]]:
+        """Search, into ``wary``, without believing outliers: (noise, whether neighbours differ less in roughness).
+
+        ``share``: of the noise of the ``plain`` search that is not outliers'.  ``texels``: (h, w) those that are
+        searched.
+        """
+        variance = self._noise(plain[0], plain[1], 1)
+        for _ in range(ROBUST_SEARCHES):
+            yield from self.run(chosen, (0.4, 0.5), KernelPass(
+                "solve/search.kernel", wary, {"u_noise": self.noise_map},
+                {**self._search_uniforms(1), "u_noise_share": share, **self._floor(variance)}, robust=True))
+            before, share = share * variance, 1.0
+            variance = self._noise(wary[0], wary[1], 1)
+            if variance > 0.5 * before:  # else there were outliers in every texel, which hid each other
+                break
+        rough = [neighbours.scatter(self.device.read(maps[0])[..., 0], texels) for maps in (plain, wary)]
+        return variance, rough[1] < rough[0]
 
     def solve_two(self, only: list[Tile] | None = None) -> Generator[Progress, None, RoughnessMaps]:
         """Two lobes: search every texel alone, then let it try its neighbours' pairs under a prior about their mean.
@@ -408,3 +428,9 @@ class Solver(TilePasses):
         self.atlas.release()
         if self.noise_map is not None:
             self.noise_map.release()
+
+
+def _squares(shape: tuple[int, ...]) -> Bool:
+    """(h, w) each fourth square of SQUARE texels."""
+    row, column = (np.arange(length) // SQUARE % 2 == 0 for length in shape)
+    return np.asarray(row[:, None] & column)
