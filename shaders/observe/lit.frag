@@ -36,7 +36,8 @@ void main() {
     // The point is lifted to the smooth surface that the normals describe, so that facets near the
     // terminator do not shadow it.
     float texel = u_parallel ? u_texel : u_texel * distance(p.xyz, u_origin);
-    vec3 lifted = p.xyz + n * facet.w + facet.xyz * LIFT * texel;
+    vec3 toward = u_parallel ? -u_depth_plane.xyz : normalize(u_origin - p.xyz);
+    vec3 lifted = p.xyz + n * rise(facet, toward) + facet.xyz * LIFT * texel;
     if (u_face >= 0 && face_of(lifted - u_origin) != u_face) discard;
     vec4 clip = u_shadow_clip * vec4(lifted, 1.0);
     if (clip.w <= 0.0) discard;
@@ -51,7 +52,7 @@ void main() {
     float lit = lit_in(u_shadow, ivec2(0), side, (at * 0.5 + 0.5) * float(side) - 0.5, depth - BIAS * texel, slope);
 #ifdef SEVERAL
     // A point below the horizon sends nothing, so that nothing is missing where the shadow map does not show it.
-    o_lit = u_share * max(dot(n, u_parallel ? -u_depth_plane.xyz : normalize(u_origin - p.xyz)), 0.0) * vec2(lit, 1.0);
+    o_lit = u_share * max(dot(n, toward), 0.0) * vec2(lit, 1.0);
 #else
     o_lit = lit;
 #endif

@@ -11,7 +11,7 @@ float lit_of(int n, Direction d, vec4 facet) {
     int map = int(sight.w);
     if (map >= 0) half_width = 1.01 * u_radius * inversesqrt(reach * reach - u_radius * u_radius);
     float texel = 2.0 * half_width / float(SHADOW_SIDE) * length(away);
-    vec3 lifted = away + N * facet.w + facet.xyz * LIFT * texel, forward = axis / reach;
+    vec3 lifted = away + N * rise(facet, -normalize(away)) + facet.xyz * LIFT * texel, forward = axis / reach;
     if (map < 0) {  // a cube's face, by the longest component: +X +Y +Z -X -Y -Z
         vec3 a = abs(lifted);
         int longest = a.x >= a.y && a.x >= a.z ? 0 : (a.y >= a.z ? 1 : 2);

@@ -109,15 +109,15 @@ def _sky_rays(sky) -> tuple[np.ndarray, np.ndarray]:
     return toward[toward[:, 2] > 0], power[toward[:, 2] > 0]
 
 
-def _off_and_trust(occluders: np.ndarray, cam, hides, within: float) -> tuple[np.ndarray, ...]:
-    """Of pixels of the plane under a sky: relative error of irradiance, quality over a good pixel's, place, irradiance.
+def _off_and_trust(occluders: np.ndarray, cam, hides, within: float, mesh=None) -> tuple[np.ndarray, ...]:
+    """Of pixels of a mesh under a sky: relative error of irradiance, quality over a good pixel's, place, irradiance.
 
-    ``hides``: (place, rays) -> which of the rays something is in the way of.
+    ``hides``: (place, rays) -> which of the rays something is in the way of.  Without a mesh it is the plane.
     """
     sky = skies.sky(128)
     view = View(Path("a.exr"), cam, (), environment=sky)
     irradiance, _, position, normal, quality = _observed(
-        view, syn.plane_mesh(), occluders.astype(np.float32), environment.COUNT)
+        view, mesh or syn.plane_mesh(), occluders.astype(np.float32), environment.COUNT)
     at = (position[..., 3] > 0.5) & (quality > 0) & (np.abs(position[..., :2]) < within).all(-1)
     P, N = position[at][:, :3].astype(np.float64), normal[at][:, :3].astype(np.float64)
     toward, power = _sky_rays(sky)
@@ -139,7 +139,7 @@ def test_shadows_of_a_sky_are_soft():
 
     off, _, _, want = _off_and_trust(plate, syn.camera((0, -2.6, 0.5), degrees=44), hides, 0.95)
     assert len(off) > 200 and want.min() < 0.7 * want.max()
-    assert np.abs(off).mean() < 0.005  # 0.0044; hard shadows: 0.0078
+    assert np.abs(off).mean() < 0.0032  # 0.0029; by four looks on the diagonals and the middle: 0.0035; hard: 0.0078
 
 
 def test_light_beside_a_ball_is_known_roughly():
@@ -155,7 +155,7 @@ def test_light_beside_a_ball_is_known_roughly():
     away = np.linalg.norm(P[:, :2], axis=-1)
     near, far = away < 0.3, away > 0.5
     assert near.sum() > 20 and far.sum() > 200
-    assert np.abs(off[near]).mean() > 0.05 and np.abs(off[far]).mean() < 0.006  # 0.18; 0.004
+    assert np.abs(off[near]).mean() > 5 * np.abs(off[far]).mean() and np.abs(off[far]).mean() < 0.006  # 0.034; 0.003
     assert np.quantile(trust[near], 0.9) < 0.6 and np.quantile(trust[far], 0.1) > 0.85
 
 
@@ -169,6 +169,25 @@ def test_light_through_bars_of_several_heights():
     assert len(off) > 100
     assert abs(off.mean()) < 0.03  # 0.012; 0.35 where what is less than half as high as the highest does not count
     assert np.median(trust) < 0.2  # 0.11
+
+
+def test_hollows_of_few_facets_see_no_more_of_the_sky():
+    """A trough: a smooth surface stands above the facets of a hump, not above those of a hollow."""
+    radius, half_length = 0.8, 0.9
+
+    def hides(place: np.ndarray, toward: np.ndarray) -> np.ndarray:
+        across, start = toward[:, ::2], place[::2]
+        square, along = (across**2).sum(-1), across @ start
+        leaves = (np.sqrt(along**2 + square * (radius**2 - start @ start)) - along) / square  # the cylinder
+        _, y, z = (place + toward * leaves[:, None]).T
+        return (z < 0) & (np.abs(y) < half_length)
+
+    off, _, _, want = _off_and_trust(
+        np.zeros((0, 3, 3)), syn.camera((0, -1.2, 2.6), degrees=26), hides, 0.6,
+        syn.mesh_arrays(*syn.trough(5, radius, half_length)))
+    assert len(off) > 1000 and want.min() < 0.85 * want.max()
+    assert abs(off.mean()) < 0.01  # +0.005; lifted as far as on a hump: +0.034
+    assert np.quantile(np.abs(off), 0.9) < 0.02  # 0.011
 
 
 # ---- solved for

@@ -120,7 +120,7 @@ def test_a_mesh_outside_the_uv_square_is_named():
         bake(syn.mesh_arrays([[(0, 0, 0), (1, 0, 0), (0, 1, 0)]], uvs=uvs))
 
 
-def test_the_lift_is_zero_on_flat_faces_and_the_sagitta_on_round_ones():
+def test_the_lift_is_the_sagitta_on_humps_and_zero_on_flat_faces_and_in_hollows():
     """Half the height of a corner over another corner's tangent plane: for a sphere edge of length e, e^2 / (4 r)."""
     flat = facets(syn.mesh_arrays(syn.box((0, 0, 0), (1, 2, 3))))
     np.testing.assert_allclose(flat[:, 3], 0, atol=1e-6)
@@ -128,6 +128,7 @@ def test_the_lift_is_zero_on_flat_faces_and_the_sagitta_on_round_ones():
     got = facets(syn.mesh_arrays(positions, normals))
     edge = np.linalg.norm(positions - np.roll(positions, 1, axis=1), axis=-1).max(axis=1)
     np.testing.assert_allclose(got[:, 3], edge**2 / (4 * 2.0), rtol=1e-3)
+    np.testing.assert_allclose(facets(syn.mesh_arrays(positions, -normals))[:, 3], 0, atol=1e-6)  # seen from within
     outward = (got[:, :3] * positions.mean(axis=1)).sum(-1)
     assert (np.abs(outward) > 0.98 * np.linalg.norm(positions.mean(axis=1), axis=1)).all()
 

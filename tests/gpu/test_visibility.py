@@ -134,6 +134,22 @@ def test_smooth_spheres_do_not_shadow_themselves(on_gl, name, segments):
     assert (got[..., 3][faces] > 0.99).mean() > 0.999
 
 
+@pytest.mark.parametrize(
+    "light", [syn.lamp((1.0, 0.2, 0.7), kind="SUN"), syn.lamp((2.4, 0.4, 1.5))], ids=["sun", "lamp"])
+def test_the_rim_of_a_trough_of_few_facets_shadows_it(on_gl, light):
+    """What is lifted off the facets of a hollow would see light past the rim that its surface does not see."""
+    got = lit_maps(on_gl, syn.mesh_arrays(*syn.trough(5, 0.8, 0.9)), light, [syn.camera((0, -1.2, 2.6), degrees=26)])[0]
+    shown = np.isfinite(got[..., 3]) & (np.abs(got[..., 1]) < 0.4) & (got[..., 2] < -1e-3)
+    place = np.nan_to_num(got[..., :3])
+    toward = light.matrix[:3, 2] * 100 if light.kind == "SUN" else light.matrix[:3, 3] - place
+    facing = -(place * np.array([1, 0, 1]) * toward).sum(-1) / np.linalg.norm(toward, axis=-1)
+    shown &= facing > 0.8 * 0.35  # the facets do, too
+    past = (place - toward * (place[..., 2] / np.broadcast_to(toward, place.shape)[..., 2])[..., None])[..., 0] > 0.8
+    wrong = shown & (np.abs(got[..., 3] - ~past) > 0.5)
+    assert (shown & past).sum() > 500 and (shown & ~past).sum() > 500
+    assert not (wrong & ~near_edge(past)).any()  # 128 of the sun's where points are lifted as on a hump
+
+
 def test_what_stands_near_the_lamp_or_behind_it(on_gl):
     """A small plate close under the lamp shadows all the floor, one above it nothing; so for the sun from far away."""
     mesh = syn.mesh_arrays(FLOOR)

@@ -69,6 +69,18 @@ def sphere(segments: int, rings: int, radius: float = 1.0) -> tuple[np.ndarray, 
     return radius * triangles, triangles
 
 
+def trough(facets: int, radius: float, half_length: float) -> tuple[np.ndarray, np.ndarray]:
+    """(positions, normals) of the lower half of a cylinder about Y, seen from within, with the cylinder's normals."""
+    angle = np.pi * np.arange(facets + 1) / facets
+    rim = np.stack([-np.cos(angle), 0 * angle, -np.sin(angle)], -1)
+    ends = np.array([0, half_length, 0])
+    a, b, c, d = (radius * rim[:-1] - ends, radius * rim[1:] - ends, radius * rim[1:] + ends, radius * rim[:-1] + ends)
+    positions = np.stack([np.stack(corners, 1) for corners in ((a, b, c), (a, c, d))], 1).reshape(-1, 3, 3)
+    normals = -np.stack([np.stack([rim[i], rim[j], rim[k]], 1) for i, j, k in (
+        (slice(None, -1), slice(1, None), slice(1, None)), (slice(None, -1), slice(1, None), slice(None, -1)))], 1)
+    return positions, normals.reshape(-1, 3, 3)
+
+
 def camera(
     position: Sequence[float], target: Sequence[float] = (0, 0, 0), *, degrees: float = 30.0,
     width: float | None = None, aspect: float = 1.0, shift: tuple[float, float] = (0.0, 0.0), name: str = "camera",

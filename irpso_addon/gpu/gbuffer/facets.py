@@ -13,9 +13,9 @@ def facets(mesh: MeshArrays) -> F32:
     """(T, 4): unit facet normal of each triangle and its lift in metres.
 
     The lift is how far the smooth surface that the corner normals describe stands above the flat
-    facet (half the largest distance from a corner to another corner's tangent plane), after the
-    shadow-terminator offset of Hanika (Ray Tracing Gems II, 2021, ch. 4).  Degenerate triangles
-    get a zero normal.
+    facet (half the largest height of a corner's tangent plane above another corner), after the
+    shadow-terminator offset of Hanika (Ray Tracing Gems II, 2021, ch. 4).  In a hollow it stands
+    below: the lift is 0.  Degenerate triangles get a zero normal.
     """
     found = np.empty((len(mesh.positions), 4), np.float32)
     for first in range(0, len(found), AT_ONCE):
@@ -32,7 +32,7 @@ def _facets(p: F64, n: F64) -> F64:
     for i, j in ((0, 1), (1, 2), (2, 0)):
         edge = p[:, j] - p[:, i]
         longest = np.maximum(longest, np.einsum("tk,tk->t", edge, edge))
-        for corner in (i, j):
-            lift = np.maximum(lift, 0.5 * np.abs(np.einsum("tk,tk->t", edge, n[:, corner])))
+        for corner, height in ((i, -0.5), (j, 0.5)):  # negative in a hollow
+            lift = np.maximum(lift, height * np.einsum("tk,tk->t", edge, n[:, corner]))
     lift = np.minimum(lift, 0.25 * np.sqrt(longest))  # flat shading and hard edges: the planes say nothing
     return np.concatenate([normal, lift[:, None]], axis=1)
