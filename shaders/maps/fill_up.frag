@@ -1,10 +1,11 @@
-// Push: where a texel has no value of its own, that of the texels beside it, which a renderer mixes with it at the border
-// of a UV island; else its parents' interpolated one.
+// Push: where a texel has no value of its own, its parents' interpolated one.  BORDER: or that of the texels beside it, which
+// a renderer mixes with it at the border of a UV island.
 uniform sampler2D u_map;
 uniform sampler2D u_parent;  // filled already
 
 layout(location = 0) out vec4 o_map;
 
+#ifdef BORDER
 // What the four texels around know, else the four at the corners; where these know little, mixed with the parents.
 vec3 beside(ivec2 texel, vec3 parent) {
     ivec2 last = textureSize(u_map, 0) - 1;
@@ -19,6 +20,7 @@ vec3 beside(ivec2 texel, vec3 parent) {
     }
     return parent;
 }
+#endif
 
 void main() {
     ivec2 texel = ivec2(gl_FragCoord.xy);
@@ -32,6 +34,8 @@ void main() {
         parent += (d.x == 1 ? f.x : 1.0 - f.x) * (d.y == 1 ? f.y : 1.0 - f.y)
                 * texelFetch(u_parent, clamp(corner + d, ivec2(0), last), 0).rgb;
     }
+#ifdef BORDER
     if (own.a < 1.0) parent = beside(texel, parent);
+#endif
     o_map = vec4(mix(parent, own.rgb, own.a), 1.0);
 }

@@ -179,8 +179,11 @@ def beside(values: F64, known: F64, parent: F64) -> F64:
     return np.asarray(found)
 
 
-def fill(values: F64, known: F64) -> F64:
-    """(n, n, c) values where ``known`` (n, n) is 1; elsewhere, and by how much it is less, from around (push-pull)."""
+def fill(values: F64, known: F64, border: bool = True) -> F64:
+    """(n, n, c) values where ``known`` (n, n) is 1; elsewhere, and by how much it is less, from around (push-pull).
+
+    ``border``: the first texels beyond what is known continue it.
+    """
     h, w = known.shape
     if max(h, w) == 1:
         return values
@@ -188,7 +191,8 @@ def fill(values: F64, known: F64) -> F64:
     weighted = np.pad(values * known[..., None], ((0, h % 2), (0, w % 2), (0, 0)))
     share = even.reshape(-(-h // 2), 2, -(-w // 2), 2).sum((1, 3))
     sums = weighted.reshape(*share.shape[:1], 2, share.shape[1], 2, -1).sum((1, 3))
-    coarse = fill(sums / np.maximum(share, 1e-12)[..., None], np.minimum(share, 1.0))
+    coarse = fill(sums / np.maximum(share, 1e-12)[..., None], np.minimum(share, 1.0), border=False)
     y, x = ((np.arange(size) + 0.5) / 2 - 0.5 for size in (h, w))
-    below = beside(values, known, linear(linear(coarse, y, axis=0), x, axis=1))
+    below = linear(linear(coarse, y, axis=0), x, axis=1)
+    below = beside(values, known, below) if border else below
     return np.asarray(known[..., None] * values + (1 - known[..., None]) * below)

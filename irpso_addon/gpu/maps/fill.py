@@ -39,7 +39,8 @@ class Filler:
             self.device.draw("maps/fill_down.frag", target, Inputs({"u_map": finer}))
         filled = self._around or known.pop()
         for own, (texture, target) in zip(reversed(known), reversed(self._filled), strict=True):
-            self.device.draw("maps/fill_up.frag", target, Inputs({"u_map": own, "u_parent": filled}))
+            border = {"BORDER": "1"} if own is source else {}  # on coarser levels it would show as squares
+            self.device.draw("maps/fill_up.frag", target, Inputs({"u_map": own, "u_parent": filled}, {}, border))
             filled = texture
         return filled
 
