@@ -104,12 +104,12 @@ def test_a_constant_material_is_the_least_squares_fit(rough: float, level: float
 
 @pytest.mark.parametrize("drawn", [2.0, 8.0])
 def test_drawn_base_colours_count_observations(drawn: float) -> None:
-    """A texel's own least-squares base colour and that of all texels, whose observations count alike."""
+    """A texel's own least-squares base colour and that of all texels, whose observations count by their irradiance."""
     texels = one_paint(0.4, 0.5, 0.0)
     lobes, known = one_lobe(np.full(150, 0.4), 0.5), texels.lamps % 4 != 0
     white, rest = parts(texels, lobes)
     usable = (texels.usable() & known)[..., None]
-    alike = np.where(usable, texels.quality[..., None], 0.0)
+    alike = np.where(usable, texels.quality[..., None] * np.cbrt(texels.irradiance) ** 2, 0.0)
     off = texels.reflected - rest
     common = (alike * white * off).sum((0, 1)) / (alike * white**2).sum((0, 1))
     relative = np.where(usable, texels.quality[..., None] / np.maximum(texels.reflected, texels.typical()) ** 2, 0.0)
