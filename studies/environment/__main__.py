@@ -1,8 +1,8 @@
 """``python -m studies.environment``: makes docs/environment.md, how exact light from all around is, and what it tells.
 
 Needs Blender as a module and matplotlib.  Pictures are kept in build/environment.  --rigs: these alone, and no page.
---solves, --turned: the table of solves, or of worlds that are turned, alone.  --mitsuba PYTHON: the comparison with
-Mitsuba, alone.
+--radiance, --solves, --turned: the tables of the forward model, of solves, or of worlds that are turned, alone.
+--mitsuba PYTHON: the comparison with Mitsuba, alone.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from pathlib import Path
 
 from irpso_addon.blender.oiio import ensure_openimageio
 from irpso_addon.core.shading import environment
+from irpso_addon.gpu.device import thread
+from irpso_addon.solve.device_test import detect
 from studies.environment import radiance
 from studies.environment.contest import compare
 from studies.environment.converge import convergence
@@ -37,11 +39,25 @@ def turned(pictures: Path, page: Path) -> None:
     write_turned(rows, solution.device.get("renderer", ""), page)
 
 
+def forward(samples: int, out: Path) -> None:
+    """The forward model beside Cycles, and beside sums over all pixels of the HDRIs."""
+    errors = []
+    for shape in radiance.SHAPES:
+        for kind in KINDS:
+            for error in radiance.errors(shape, kind, ROUGHNESS, PIXELS, samples, environment.COUNT):
+                errors.append(error)
+                print(error_row(error), flush=True)
+    converged = list(convergence())
+    draw(converged, out / "environment.svg")
+    write(converged, errors, thread.run(detect).renderer, out / "environment.md")
+
+
 def main() -> int:
     """Command line."""
     names = [rig.name for rig in RIGS]
     parser = argparse.ArgumentParser(prog="python -m studies.environment", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rigs", nargs="+", choices=names, metavar="NAME", help=f"of {', '.join(names)}")
+    parser.add_argument("--radiance", action="store_true", help="the tables of the forward model, and no other")
     parser.add_argument("--solves", action="store_true", help="the table of solves, and no other")
     parser.add_argument("--turned", action="store_true", help="the table of worlds that are turned, and no other")
     parser.add_argument("--mitsuba", metavar="PYTHON", help="a Python that has Mitsuba (requirements-bench.txt): the "
@@ -55,6 +71,9 @@ def main() -> int:
     if options.mitsuba:
         compare(options.pictures, options.mitsuba, options.budget, options.out)
         return 0
+    if options.radiance:
+        forward(options.samples, options.out)
+        return 0
     if options.turned:
         turned(options.pictures, options.out / "environment.md")
         return 0
@@ -66,19 +85,10 @@ def main() -> int:
             print(recovered_row(solves[-1]), flush=True)
     if options.rigs is not None:
         return 0
-    renderer = solution.device.get("renderer", "")
-    write_solves(solves, renderer, options.out / "environment.md")
+    write_solves(solves, solution.device.get("renderer", ""), options.out / "environment.md")
     if options.solves:
         return 0
-    errors = []
-    for shape in radiance.SHAPES:
-        for kind in KINDS:
-            for error in radiance.errors(shape, kind, ROUGHNESS, PIXELS, options.samples, environment.COUNT):
-                errors.append(error)
-                print(error_row(error), flush=True)
-    converged = list(convergence())
-    draw(converged, options.out / "environment.svg")
-    write(converged, errors, renderer, options.out / "environment.md")
+    forward(options.samples, options.out)
     turned(options.pictures, options.out / "environment.md")
     return 0
 
