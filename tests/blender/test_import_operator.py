@@ -196,6 +196,9 @@ def test_failures_leave_nothing(scene, shoot) -> None:
     failed(scene, "its coordinates differ from those of the project's cameras")
     (shoot / "noise.glb").write_bytes(bytes(range(256)))
     failed(scene, "noise.glb: Blender cannot read it", mesh="//shoot/noise.glb")
+    bpy.context.scene.unit_settings.scale_length = 0.001
+    failed(scene, "scene 'Scene': its Unit Scale is 0.001")
+    bpy.context.scene.unit_settings.scale_length = 1.0
     failed(scene, "file not found", mesh="//shoot/none.ply")
     failed(scene, "folder not found", images="//nowhere")
     failed(scene, "cannot be opened", project="//nowhere.xml")

@@ -210,7 +210,8 @@ def state(scene):
             len(bpy.data.lights), scene.irpso.scale_known)
 
 
-@pytest.mark.parametrize("fault", ["uneven", "no ball", "dark", "twice", "orthographic", "size", "no views", "radius"])
+@pytest.mark.parametrize("fault", ["uneven", "no ball", "dark", "twice", "orthographic", "size", "no views", "unit",
+                                   "radius"])
 def test_what_is_refused_changes_nothing(scene, fault, tmp_path):
     """One line that names the picture or camera, and the ball."""
     balls, words = both(scene), ("ball 1", "Front")
@@ -237,6 +238,9 @@ def test_what_is_refused_changes_nothing(scene, fault, tmp_path):
     elif fault == "no views":
         scene.irpso.views[0].enabled = scene.irpso.views[1].enabled = scene.irpso.views[2].enabled = False
         words = ("ball 1", "no view in use")
+    elif fault == "unit":
+        scene.unit_settings.scale_length = 0.01
+        words = ("scene 'Scene'", "Unit Scale is 0.01")
     else:
         balls[1] = ChromeBall(balls[1].camera, balls[1].circle, float("nan"))
         words = ("ball 2", "radius")

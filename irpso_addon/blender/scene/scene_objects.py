@@ -36,6 +36,14 @@ def _is_placed(obj: Any, depsgraph: Any) -> bool:
     return bool(obj.evaluated_get(depsgraph).is_evaluated) and depsgraph.objects.get(obj.name) is not None
 
 
+def require_metres(scene: Any) -> None:
+    """Raises BadInput where lengths in metres and millimetres would become others in this scene."""
+    units = scene.unit_settings
+    if units.system != "NONE" and not math.isclose(units.scale_length, 1.0, rel_tol=1e-6):
+        raise BadInput(f"scene '{scene.name}': its Unit Scale is {units.scale_length:g}, so its unit is not a metre; "
+                       "set Unit Scale to 1 (Scene Properties > Units)")
+
+
 def require_whole(obj: Any, depsgraph: Any) -> None:
     """Raises BadInput where `ignored` names something."""
     line = ignored(obj, depsgraph)

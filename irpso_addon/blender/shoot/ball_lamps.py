@@ -14,7 +14,7 @@ from ...core.data import F64
 from ...core.errors import BadInput
 from ...core.shoot.ball_highlight import Ray
 from ...core.shoot.lamp_position import direction_scatter, lamp_position
-from ..scene.scene_objects import names_of, world_matrix
+from ..scene.scene_objects import names_of, require_metres, world_matrix
 from .ball_list import keep_circles, read_balls
 from .ball_pictures import ChromeBall, FoundBall, find_balls, pictures_of, world_rays
 from .view_pictures import ListedView, listed_views
@@ -51,6 +51,7 @@ def place_lamps(context: bpy.types.Context, balls: Sequence[ChromeBall]) -> Plac
     A view with one light tells of that; the k-th view without lights of each camera is of the k-th new lamp, and gets
     it.  New lights share one data block, so they have one power.  Raises BadInput, and changes nothing then.
     """
+    require_metres(context.scene)
     views = listed_views(context)
     found = find_balls(views, balls)
     rays = _rays(views, found)

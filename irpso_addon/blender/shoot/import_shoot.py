@@ -19,6 +19,7 @@ from ...core.shoot.project import Project
 from ...core.shoot.project_file import read_project
 from ...core.shoot.scene_cameras import SUFFIXES as SCENE_SUFFIXES
 from ...core.shoot.scene_cameras import project_of
+from ..scene.scene_objects import require_metres
 from .flash_power import Shown, flash_pictures, flash_power
 from .grey_card import GreyCard, set_power_by_grey_card
 from .mesh_facing import face_cameras
@@ -76,6 +77,7 @@ def read_shoot(shoot: Shoot, settings: ShootSettings, grey: GreyCard | None = No
 
     Raises BadInput.
     """
+    require_metres(bpy.context.scene)  # the offset of a flash is in millimetres, a project's scale in metres
     yield Progress(0.0, "project")
     folder = PictureFolder(shoot.images)
     scene_file = read_scene_file(shoot.project, folder.stems()) if _is_scene_file(shoot.project) else None
