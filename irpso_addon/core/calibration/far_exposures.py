@@ -24,7 +24,7 @@ from .rig_sample import RigSample
 
 FAR = 0.25  # logarithm of the largest gain: powers and places of lamps that are honestly off make less
 # Where no model explains the pictures, of what left-out views are off by: what gains may leave, robust and of L*.
-CLEAR, CLEAR_LIGHTNESS = 0.8, 0.9
+CLEAR, CLEAR_LIGHTNESS = 0.65, 0.9
 TAKEN = 0.15  # and of the others that are then taken
 POLISHED = 12  # rounds of medians
 LEAST_SHARED = 30  # texels that a view shares with others
