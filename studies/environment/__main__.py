@@ -3,6 +3,7 @@
 Needs Blender as a module and matplotlib.  Pictures are kept in build/environment.  --rigs: these alone, and no page.
 --radiance, --solves, --turned: the tables of the forward model, of solves, or of worlds that are turned, alone.
 --mitsuba PYTHON: the comparison with Mitsuba, alone.
+--photographs DIR: the table of summed photographs, alone, of a folder with scene.blend and captures.json.
 """
 
 from __future__ import annotations
@@ -15,11 +16,20 @@ from irpso_addon.blender.oiio import ensure_openimageio
 from irpso_addon.core.shading import environment
 from irpso_addon.gpu.device import thread
 from irpso_addon.solve.device_test import detect
-from studies.environment import radiance
+from studies.environment import photographs, radiance
 from studies.environment.contest import compare
 from studies.environment.converge import convergence
 from studies.environment.hdris import KINDS
-from studies.environment.page import draw, error_row, recovered_row, turned_row, write, write_solves, write_turned
+from studies.environment.page import (
+    draw,
+    error_row,
+    recovered_row,
+    turned_row,
+    write,
+    write_photographs,
+    write_solves,
+    write_turned,
+)
 from studies.environment.recover import recover
 from studies.environment.shoot import RIGS
 
@@ -62,6 +72,10 @@ def main() -> int:
     parser.add_argument("--turned", action="store_true", help="the table of worlds that are turned, and no other")
     parser.add_argument("--mitsuba", metavar="PYTHON", help="a Python that has Mitsuba (requirements-bench.txt): the "
                         "comparison with it, and no other table")
+    parser.add_argument("--photographs", metavar="DIR", type=Path, help="a capture folder of photographs from one "
+                        "camera under one sun each, of which \"split\" says which are fitted: the table of their sums "
+                        "under worlds, and no other")
+    parser.add_argument("--counts", type=int, nargs="+", default=photographs.COUNTS, help="of summed photographs")
     parser.add_argument("--budget", type=float, default=60.0, help="seconds of each run of Mitsuba")
     parser.add_argument("--samples", type=int, default=SAMPLES, help="of Cycles, a pixel, where radiance is compared")
     parser.add_argument("--pictures", type=Path, default=ROOT / "build" / "environment", help="folder that keeps them")
@@ -70,6 +84,13 @@ def main() -> int:
     ensure_openimageio()
     if options.mitsuba:
         compare(options.pictures, options.mitsuba, options.budget, options.out)
+        return 0
+    if options.photographs:
+        rows = []
+        for row in photographs.compare(options.photographs, options.counts):
+            rows.append(row)
+            print(row, flush=True)
+        write_photographs(rows, thread.run(detect).renderer, options.out / "environment.md")
         return 0
     if options.radiance:
         forward(options.samples, options.out)

@@ -64,16 +64,27 @@ def hdri(kind: str, path: Path) -> None:
     latitude, longitude = (math.pi * (v - 0.5))[:, None], (2 * math.pi * (0.5 - u))[None]
     d = np.stack([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude),
                   np.sin(latitude) + 0 * longitude], -1)
-    buffer = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(2 * HDRI_HEIGHT, HDRI_HEIGHT, 3, OpenImageIO.FLOAT))
-    buffer.set_pixels(OpenImageIO.ROI(), np.ascontiguousarray(radiance(d, kind)[::-1], np.float32))
+    save(radiance(d, kind), path)
+
+
+def save(picture: F64, path: Path) -> None:
+    """Write (h, w, C) pixels, the bottom row first."""
+    height, width, channels = picture.shape
+    buffer = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(width, height, channels, OpenImageIO.FLOAT))
+    buffer.set_pixels(OpenImageIO.ROI(), np.ascontiguousarray(picture[::-1], np.float32))
     buffer.write(str(path))
 
 
 def world(kind: str, folder: Path) -> bpy.types.World:
-    """A world of that picture, which Mapping can turn."""
+    """A world of a formula, which Mapping can turn."""
     path = folder / f"{kind}.exr"
     hdri(kind, path)
-    made = bpy.data.worlds.new(kind)
+    return world_of(kind, path)
+
+
+def world_of(name: str, path: Path) -> bpy.types.World:
+    """A world of a picture, which Mapping can turn."""
+    made = bpy.data.worlds.new(name)
     if made.node_tree is None:
         made.use_nodes = True
     tree = made.node_tree

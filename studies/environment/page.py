@@ -27,6 +27,10 @@ SOLVES = """\
 | of which light |
 |---|---|---|---|---|---|---|---|---|---|---|---|"""
 
+PHOTOGRAPHS = """\
+| light | pictures | model | normals | left-out photographs | over the first | L* | seconds |
+|---|---|---|---|---|---|---|---|"""
+
 TURNED = """\
 | off by | worlds | turned by | base colour | mean | median | confident | share |
 |---|---|---|---|---|---|---|---|"""
@@ -45,6 +49,13 @@ def write_turned(rows: Sequence[str], renderer: str, path: Path) -> None:
     pages.fill(path if path.exists() else pages.DOCS / "environment.md", {
         "turned made": pages.measured(renderer, f"Blender {files.blender_version()}"),
         "turned": "\n".join([TURNED, *rows])}, path)
+
+
+def write_photographs(rows: Sequence[str], renderer: str, path: Path) -> None:
+    """The figures of summed photographs, which are measured by themselves."""
+    pages.fill(path if path.exists() else pages.DOCS / "environment.md", {
+        "photographs made": pages.measured(renderer, f"Blender {files.blender_version()}"),
+        "photographs": "\n".join([PHOTOGRAPHS, *rows])}, path)
 
 
 def error_row(e: Error) -> str:

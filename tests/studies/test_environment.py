@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from irpso_addon.blender.oiio import ensure_openimageio
+from irpso_addon.core.data import Environment
 from irpso_addon.core.shading import environment
-from studies.environment import converge, radiance, shoot
+from studies.environment import converge, photographs, radiance, shoot
+from studies.environment.hdris import radiance as radiance_of
 from studies.environment.recover import recover
 
 pytest.importorskip("bpy")
@@ -51,3 +53,42 @@ def test_a_bottle_is_solved_without_any_lamp(tmp_path, monkeypatch):
     found, solution = recover(replace(shoot.RIGS[0], samples=128), tmp_path, 32, "one-lobe")
     assert found.albedo > 20 and found.median < 0.1
     assert solution.texels["solved"] > 0.9 * solution.texels["covered"]
+
+
+LEVEL = photographs.Lamps(np.zeros((0, 3)), np.zeros((0, 3)), np.eye(3))  # whose camera looks along -Z, its up +Y
+
+
+def test_a_world_of_lamps_lights_as_they_do():
+    rng = np.random.default_rng(1)
+    toward = rng.standard_normal((9, 3))
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    lamps = replace(LEVEL, toward=toward, irradiance=rng.uniform(1, 3, (9, 3)))
+    weights = rng.uniform(0.2, 2, (9, 3))
+    light = environment.directions(Environment("lamps", lamps.picture(weights).astype(np.float32), np.eye(3)))
+    of = (light.toward @ toward.T).argmax(1)
+    for n, expected in enumerate(lamps.irradiance * weights):
+        power = light.power[of == n]
+        middle = power.mean(1) @ light.toward[of == n]
+        assert np.allclose(power.sum(0), expected, rtol=1e-4)
+        assert np.degrees(np.arccos(np.clip(middle @ toward[n] / np.linalg.norm(middle), -1, 1))) < 0.02
+
+
+@pytest.mark.parametrize(("turn", "at"), [
+    (0.0, (0.3, 0.5, -0.9)), (np.pi, (-0.3, 0.5, 0.9)), (np.pi / 2, (-0.9, 0.5, -0.3))])
+def test_lamps_weigh_what_an_environment_has_near_them(monkeypatch, turn, at):
+    """The brighter of the room's two lamps, at (0.3, 0.9, 0.5) before it is turned."""
+    monkeypatch.setattr(photographs, "HDRI_HEIGHT", 64)
+    toward = np.concatenate([np.eye(3), -np.eye(3), [at]])
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    weights = replace(LEVEL, toward=toward).weights("room", turn)
+    assert weights.mean(1).argmax() == len(toward) - 1
+    unit, solid = environment.texel_directions(64, 128)
+    whole = (radiance_of(unit, "room") * solid[..., None]).sum((0, 1))
+    dense = all_over(400)
+    assert np.allclose(replace(LEVEL, toward=dense).weights("room", turn).sum(0), whole, rtol=0.02)
+
+
+def all_over(count):
+    """So many, all over the sphere."""
+    made = np.random.default_rng(0).standard_normal((count, 3))
+    return made / np.linalg.norm(made, axis=1, keepdims=True)

@@ -33,7 +33,7 @@ class LobePlaces:
     def __init__(self, lobes: F64, cos_v: F64, nodes: F64 | None = None) -> None:
         self.sin2h, self.radius2, cos_l, self.factor = (np.ascontiguousarray(lobes[..., k]) for k in range(4))
         self.tan2_l, self.tan2_v = 1 / np.clip(cos_l, 1e-3, 1)**2 - 1, 1 / cos_v[..., None] ** 2 - 1
-        self.around = None if nodes is None else np.exp(nodes[..., 0, :])
+        self.around = None if nodes is None else np.maximum(nodes[..., 0, :], np.log(environment.LEAST))
 
     def values(self, roughness: F64, beckmann: bool = False) -> F64:
         """As of `lobe_values`."""
@@ -44,7 +44,7 @@ class LobePlaces:
         value: F64 = D(alpha2, self.sin2h, self.radius2) * self.factor / roots
         if self.around is None:
             return value
-        around = environment.at_roughness(self.around, roughness[:, None])
+        around = environment.at_roughness_of_logs(self.around, roughness[:, None])
         return np.concatenate([value, np.broadcast_to(around, value.shape[:-1])[..., None]], -1)
 
 

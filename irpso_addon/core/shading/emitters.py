@@ -231,7 +231,7 @@ def around_irradiance(environment: Environment, P: F64, N: F64, count: int) -> F
 
     ``count``: directions and patches that stand for it.
     """
-    result = environment_irradiance(directions(environment, count), N)
+    result = environment_irradiance(directions(environment, count, divides=False), N)
     if environment.emitters and len(P):
         low, high = P.min(0), P.max(0)
         radius = float(np.linalg.norm(high - low)) / 2 + 1e-6

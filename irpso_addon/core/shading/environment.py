@@ -27,6 +27,7 @@ NODE_COLUMNS = 4  # of them side by side in a texture, ...
 NODE_ROWS = NODES // NODE_COLUMNS  # ... and one above the other
 NODE_ROUGHNESS: tuple[float, ...] = tuple(float(r) for r in np.geomspace(brdf.ROUGHNESS_MIN, 1.0, NODES))
 WIDTH = 1024  # pixels: environments are reduced to this before they are cut
+WIDTH_UNDIVIDED = 256  # of directions that do not divide
 DIM = 0.05  # share of the mean radiance that is added where cells are chosen: dim parts are seen by sharp lobes, too
 LEAST = 1e-9  # 1/sr: below, logarithms are cut
 PARTS = 4  # into which a direction is divided where a lobe is as sharp as its spread, and each of those again, ...
@@ -71,9 +72,12 @@ def texel_directions(height: int, width: int) -> tuple[F64, F64]:
     return unit, (np.diff(np.sin(rows)) * 2 * np.pi / width)[:, None]
 
 
-def directions(environment: Environment, count: int = COUNT) -> Directions:
-    """At most ``count`` directions with their parts; fewer where the environment has fewer pixels, or is black."""
-    radiance = reduced(environment.radiance, WIDTH).astype(np.float64)
+def directions(environment: Environment, count: int = COUNT, divides: bool = True) -> Directions:
+    """At most ``count`` directions; fewer where the environment has fewer pixels, or is black.
+
+    ``divides``: whether they have parts; those that have none need no pixels as small.
+    """
+    radiance = reduced(environment.radiance, WIDTH if divides else WIDTH_UNDIVIDED).astype(np.float64)
     unit, solid = texel_directions(*radiance.shape[:2])
     grey = radiance.mean(-1)
     chosen_by = (grey + DIM * float((grey * solid).sum() / (4 * np.pi))) * solid
@@ -83,7 +87,7 @@ def directions(environment: Environment, count: int = COUNT) -> Directions:
     table = _summed(np.concatenate([light, weight, weight * unit], -1))
     cells = _neighbours_together(cells[_sums(table, *cells.T)[:, 3] > 0])
     levels = [cells]
-    for _ in range(LEVELS):
+    for _ in range(LEVELS if divides else 0):
         levels.append(_halved(levels[-1], PARTS))
     parts = None
     for level in reversed(levels):
@@ -132,7 +136,9 @@ def reduced(picture: F32, width: int) -> F32:
 def _summed(values: F64) -> F64:
     """(h + 1, w + 1, C) sums over all rows and columns before."""
     table = np.zeros((values.shape[0] + 1, values.shape[1] + 1, values.shape[2]))
-    table[1:, 1:] = values.cumsum(0).cumsum(1)
+    inner = table[1:, 1:]
+    values.cumsum(0, out=inner)
+    inner.cumsum(1, out=inner)
     return table
 
 
@@ -274,18 +280,30 @@ def _summed_lobes(
 
 def at_roughness(nodes: F64, roughness: F64 | float) -> F64:
     """(...) from (..., NODES) values at NODE_ROUGHNESS: Catmull and Rom's cubic through their logarithms."""
-    logs, (k, t) = np.log(np.maximum(nodes, LEAST)), _place(roughness)
-    before, low, high, after = (_node(logs, k + step) for step in (-1, 0, 1, 2))
-    before = np.where(k == 0, 2 * low - high, before)
-    after = np.where(k == NODES - 2, 2 * high - low, after)
-    a, b, rise = (high - before) / 2, (after - low) / 2, high - low
-    return np.asarray(np.exp(low + t * (a + t * ((3 * rise - 2 * a - b) + t * (a + b - 2 * rise)))))
+    return at_roughness_of_logs(np.log(np.maximum(nodes, LEAST)), roughness)
+
+
+def at_roughness_of_logs(logs: F64, roughness: F64 | float) -> F64:
+    """The same of logarithms, not below that of LEAST."""
+    k, t = _place(roughness)
+    weights = ((0.5 * t * (-1 + t * (2 - t)))[..., None] * _BEFORE[k]
+               + (1 + t**2 * (1.5 * t - 2.5))[..., None] * _EYE[k]
+               + (0.5 * t * (1 + t * (4 - 3 * t)))[..., None] * _EYE[k + 1]
+               + (0.5 * t**2 * (t - 1))[..., None] * _AFTER[k])
+    return np.exp(_weighed(logs, weights))
 
 
 def cosine_at(cosines: F64, roughness: F64 | float) -> F64:
     """(...) between (..., NODES) values of V.H at NODE_ROUGHNESS."""
     k, t = _place(roughness)
-    return np.asarray(np.clip((1 - t) * _node(cosines, k) + t * _node(cosines, k + 1), 0, 1))
+    return np.clip(_weighed(cosines, (1 - t)[..., None] * _EYE[k] + t[..., None] * _EYE[k + 1]), 0, 1)
+
+
+# Weights of the nodes that give a node's value, and those of the one before and of the one after the next: beyond the
+# ends a straight line.
+_EYE = np.eye(NODES)
+_BEFORE = np.concatenate([2 * _EYE[:1] - _EYE[1:2], _EYE[:-2]])
+_AFTER = np.concatenate([_EYE[2:], 2 * _EYE[-1:] - _EYE[-2:-1]])
 
 
 def _place(roughness: F64 | float) -> tuple[NDArray[np.int64], F64]:
@@ -296,7 +314,6 @@ def _place(roughness: F64 | float) -> tuple[NDArray[np.int64], F64]:
     return k, np.asarray(at - k)
 
 
-def _node(values: F64, k: NDArray[np.int64]) -> F64:
-    """(...) of (..., NODES), the nearest where there is no such node; k broadcasts to (...)."""
-    index = np.broadcast_to(np.clip(k, 0, NODES - 1)[..., None], (*values.shape[:-1], 1))
-    return np.asarray(np.take_along_axis(values, index, -1)[..., 0])
+def _weighed(values: F64, weights: F64) -> F64:
+    """(...) of (..., NODES) values and weights, which broadcast to each other."""
+    return np.asarray(np.einsum("...n,...n->...", values, weights))

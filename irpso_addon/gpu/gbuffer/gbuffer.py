@@ -86,6 +86,7 @@ class MeshBuffer:
             self.normal_maps[slot] = texture
         self.offsets: F32 | None = None  # (m, m, 3) over the texel grid: what refined normals add to the mesh's own
         self.tilt: moderngl.Texture | None = None  # the same
+        self.closed: bool | None = None  # as of LightVisibility, once that has looked
 
     def refine(self, offsets: F32) -> None:
         """From here on the shading normals have these offsets: (m, m, 3) world, added to unit normals."""

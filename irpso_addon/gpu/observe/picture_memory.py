@@ -70,6 +70,6 @@ def channels_needed(views: Sequence[View]) -> int:
 
 def mean_radiance(environment: Environment) -> F64:
     """(3,) over all directions."""
-    _, solid = texel_directions(*environment.radiance.shape[:2])
-    world = (environment.radiance * solid[..., None]).sum((0, 1), dtype=np.float64) / (4 * np.pi)
+    _, of_row = texel_directions(len(environment.radiance), 1)
+    world = (environment.radiance.mean(1, dtype=np.float64) * of_row).sum(0) / (4 * np.pi)
     return np.asarray(world + mean_power(environment.emitters))

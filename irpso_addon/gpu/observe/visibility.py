@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import ceil, inf
 
 import moderngl
@@ -132,12 +131,17 @@ class LightVisibility:
         self._map = device.texture(size, size, 1)
         self._target = device.framebuffer([self._map])
 
-    @cached_property
+    @property
     def is_closed(self) -> bool:
         """Whether no back of the mesh's triangles shows from any of 26 sides: from outside, its fronts hide them all.
 
-        Costs about as much as 26 maps where that is so.
+        Costs about as much as 26 maps where that is so, once for a mesh.
         """
+        if self.mesh.closed is None:
+            self.mesh.closed = self._looks_closed()
+        return self.mesh.closed
+
+    def _looks_closed(self) -> bool:
         device, shown = self.device, 0
         sides = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3)).reshape(3, -1).T
         with device.scope():
