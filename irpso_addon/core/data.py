@@ -298,6 +298,7 @@ class MaterialPrediction:
     tried: dict[str, PredictionError]  # from the smallest model on
     clear: bool = True  # whether the model that the fit prefers leads clearly: in its own world it does
     broad_metal: bool = False  # what was taken is a metal whose lobe is as broad as there is: no metal is
+    by_light: float = 0.0  # power of the irradiance by which observations count in base colour
 
     @property
     def error(self) -> PredictionError:

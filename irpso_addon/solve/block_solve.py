@@ -99,7 +99,7 @@ def _last(plan: Plan, window: UvBlock, slots: I32) -> EarlierResult:
     chosen = solution.model if plan.settings.model == "auto" else {}
     return EarlierResult(chosen, solution.levels, frozenset(solution.model), plan.level_map(window, slots),
                          priors=solution.priors, metallic=solution.metallic, coats=solution.coats,
-                         diffuse_roughness=solution.diffuse_roughness,
+                         diffuse_roughness=solution.diffuse_roughness, predictions=solution.predictions,
                          painted=frozenset(solution.paint), paint=plan.paint(window))
 
 

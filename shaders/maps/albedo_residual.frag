@@ -1,7 +1,7 @@
 // How far the texture, averaged over a pixel's footprint, is from the albedo that the pixel shows.
 #include "include/pixel.glsl"
 uniform sampler2D u_albedo;      // pixel grid: weighted sum
-uniform sampler2D u_weight;
+uniform sampler2D u_weight;      // as of maps/albedo_pixel.frag
 uniform sampler2D u_uv;
 uniform sampler2D u_uv_slope;
 uniform sampler2D u_texture;     // texel grid, holes filled
@@ -15,9 +15,10 @@ layout(location = 0) out vec4 o_residual;  // RGB, weight
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
-    vec3 weight = texelFetch(u_weight, at, 0).rgb;
+    vec4 summed = texelFetch(u_weight, at, 0);
+    vec3 weight = summed.rgb;
     o_residual = vec4(0.0);
-    float most = max(weight.r, max(weight.g, weight.b));
+    float most = summed.a;
     if (most <= 0.0) return;
     vec2 uv = texelFetch(u_uv, at, 0).xy;
     vec4 slope = texelFetch(u_uv_slope, at, 0);

@@ -182,17 +182,20 @@ def _lobe(texels: SampledTexels, roughness: F64, level: F64, beckmann: bool) -> 
 
 def predicted(
     texels: SampledTexels, lobes: Lobes | None, known: Bool, brightest: float = 1.0, drawn: float = 0.0,
+    by_light: float = 0.0,
 ) -> F64:
     """(T, V, C) radiance / irradiance of all layers, base colour from the layers that are ``known``, (V,).
 
     ``brightest``: of base colours, 1 unless the power of all lamps is a matter of what is compared.  ``drawn``: for so
     many observations counts what all texels together say of base colour (see `common_base`), beside a texel's own.
+    ``by_light``: power of the irradiance by which observations count in base colour.
     """
-    return under_strengths(texels, lobes, known, (drawn,), brightest)[0]
+    return under_strengths(texels, lobes, known, (drawn,), brightest, by_light)[0]
 
 
 def under_strengths(
     texels: SampledTexels, lobes: Lobes | None, known: Bool, drawn: Sequence[float], brightest: float = 1.0,
+    by_light: float = 0.0,
 ) -> list[F64]:
     """As of `predicted`, for each number of observations that ``drawn`` has.
 
@@ -201,6 +204,8 @@ def under_strengths(
     """
     unit = np.maximum(texels.reflected, texels.typical())
     weight = np.where((texels.usable() & known)[..., None], texels.quality[..., None] / unit**2, 0.0)
+    if by_light:
+        weight *= texels.irradiance**by_light
     start = np.full_like(texels.reflected[:, 0], 0.5)
     first = parts(texels, lobes, start)
     passes = PASSES if lobes is not None and (np.any(lobes.metallic > 0) or lobes.diffuse > 0) else 1

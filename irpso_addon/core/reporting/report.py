@@ -85,7 +85,8 @@ def _model(solution: Solution, slot: str) -> dict[str, Any]:
     if prediction is not None:
         found["prediction"] = {
             "left_out": prediction.left_out, "taken": prediction.taken, "fits": prediction.fits,
-            **asdict(prediction.error), "tried": {name: asdict(error) for name, error in prediction.tried.items()},
+            **asdict(prediction.error), "by_light": prediction.by_light,
+            "tried": {name: asdict(error) for name, error in prediction.tried.items()},
             "prior": asdict(solution.priors[slot]) if slot in solution.priors else None}
     return found
 

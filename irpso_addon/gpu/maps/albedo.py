@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import moderngl
+import numpy as np
 
 from ...core.data import F32
 from ...core.errors import Cancelled
 from ...core.job import Progress
+from ...core.shading.lights import light_uniforms
 from ..device.context import Device, Inputs
 from ..device.occupied_cells import OccupiedCells
 from ..gbuffer.gbuffer import GBufferMaps
@@ -35,6 +37,8 @@ VIEWS_AT_ONCE = 4  # in one draw: their two textures each and eight more are wha
 METALS_AT_ONCE = 2  # of metals three each, and nine more
 COATED_AT_ONCE = 3  # a coat is one more texture
 ROUGH_AT_ONCE = 2  # of a rough diffuse three each, and nine more; of one beside a metal four each
+WEIGHTED_AT_ONCE = 2  # where views count by their light, that is one more texture of each, and another one
+TYPICAL = 10.0  # irradiance over the typical radiance: of a surface of base colour 0.3
 OUTLIER = 0.05  # relative error at which a view loses half its weight in a pixel's albedo
 
 Textures = Mapping[str, moderngl.Texture | None]
@@ -51,6 +55,7 @@ class Gloss:
     metallic: moderngl.Texture | None = None  # None: 0
     coat: moderngl.Texture | None = None  # weight, roughness; None: no coat
     rough: moderngl.Texture | None = None  # Diffuse Roughness; None: 0
+    by_light: moderngl.Texture | None = None  # power of the irradiance by which views count; None: 0
     beckmann: bool = False
 
 
@@ -67,14 +72,17 @@ class AlbedoSolver:
                       **({"u_coat": gloss.coat} if gloss.coat else {}),
                       **({"u_rough": gloss.rough} if gloss.rough else {})}
         self.metal, self.rough = gloss.metallic is not None, gloss.rough is not None
+        self.by_light = gloss.by_light
         self.at_once = 1 if self.metal and self.rough else min(
             METALS_AT_ONCE if self.metal else VIEWS_AT_ONCE, COATED_AT_ONCE if gloss.coat else VIEWS_AT_ONCE,
             ROUGH_AT_ONCE if self.rough else VIEWS_AT_ONCE)
+        if self.by_light:
+            self.at_once = 1 if self.by_base else WEIGHTED_AT_ONCE
         pairs = device.read(gloss.lobes)
         one = bool((pairs[..., 0] == pairs[..., 1]).all())
         self.defines = {name: "1" for name, true in (
             ("SPECULAR", gloss.level is not None), ("METALLIC", self.metal), ("COAT", gloss.coat is not None),
-            ("ROUGH_DIFFUSE", self.rough),
+            ("ROUGH_DIFFUSE", self.rough), ("BY_LIGHT", self.by_light is not None),
             ("NDF_BECKMANN", gloss.beckmann), ("ONE_LOBE", one)) if true}
         self.around = around
         self.cancelled = False
@@ -146,6 +154,7 @@ class AlbedoSolver:
         device = self.device
         with device.scope() as owned:
             specular = [self.specular(camera, view) for view in camera.views]
+            light = [self._light(camera, view) for view in camera.views] if self.by_light else []
             shown, spare = self._pair(camera), self._pair(camera)
             before: Shown | None = None
             for _ in range(ROBUST_PASSES):
@@ -153,7 +162,7 @@ class AlbedoSolver:
                     for n in range(0, len(specular), self.at_once):
                         group = slice(n, n + self.at_once)
                         device.draw("maps/albedo_pixel.frag", target,
-                                    self._inputs(camera, camera.views[group], specular[group], before),
+                                    self._inputs(camera, camera.views[group], specular[group], light[group], before),
                                     cells=camera.maps.cells)
                 before, shown, spare = shown, spare, shown
             assert before is not None
@@ -162,7 +171,7 @@ class AlbedoSolver:
 
     def _inputs(
         self, camera: ObservedCamera, views: list[ObservedView], specular: list[list[moderngl.Texture]],
-        before: Shown | None,
+        light: list[moderngl.Texture], before: Shown | None,
     ) -> Inputs:
         """Of a draw that adds some views to a camera's albedo; ``before``: what the last pass found."""
         tints = [view.tint for view in views]
@@ -172,8 +181,21 @@ class AlbedoSolver:
             "u_colour": tuple(view.colour for view in views), "u_specular": tuple(parts[0] for parts in specular),
             **({"u_metal": tuple(parts[1] for parts in specular)} if self.metal else {}),
             **({"u_more": tuple(parts[-1] for parts in specular)} if self.rough else {}),
+            **({"u_light": tuple(light), "u_by_light": self.by_light} if self.by_light else {}),
         }, {**camera.viewpoint, "u_first_pass": before is None, "u_outlier": OUTLIER,
             "u_tint": tints if len(tints) > 1 else tints[0]}, {**self.defines, "VIEWS": str(len(views))})
+
+    def _light(self, camera: ObservedCamera, view: ObservedView) -> moderngl.Texture:
+        """Irradiance of the view's lamps at each pixel, without shadows, over a typical one."""
+        width, height = camera.maps.position.size
+        result = self.device.texture(width, height, 1)
+        maps = {"u_position": camera.maps.position, "u_normal": camera.maps.normal}
+        with self.device.target([result], clear=True) as target, self.device.adding():
+            for lamp in view.view.lights:
+                power = float(np.mean(lamp.power)) / (TYPICAL * self.observations.level)
+                self.device.draw("maps/albedo_light.frag", target, Inputs(
+                    maps, {**light_uniforms(lamp), "u_power": power}), cells=camera.maps.cells)
+        return result
 
     def looked_up(self, camera: ObservedCamera) -> Textures:
         """What every draw over the camera's pixels looks up."""

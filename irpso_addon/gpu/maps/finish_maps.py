@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass, replace
 
 import moderngl
@@ -107,7 +107,9 @@ def make_maps(
     beckmann = texels.ndf == "beckmann" and "two-lobe" in joined.model.values()
     metallic = _filled_metallic(device, scene, texels, joined)
     gloss = Gloss(lobes, level, metallic, _filled_coat(device, scene, texels, joined),
-                  _filled_rough(device, scene, texels, joined), beckmann)
+                  _filled_by_material(device, scene, texels, joined.diffuse_roughness),
+                  _filled_by_material(device, scene, texels, {
+                      name: found.by_light for name, found in joined.predictions.items() if found.by_light}), beckmann)
     albedo = AlbedoSolver(device, texels.grid, texels.observations, gloss, around.base if around else None)
     if joined.base is None:
         base = device.read((yield from albedo.solve(iterations=0 if joined.cancelled else ITERATIONS)))
@@ -296,14 +298,14 @@ def _filled_coat(
     return filled(device, values)
 
 
-def _filled_rough(
-    device: Device, scene: SceneData, texels: SolvedTexelGrid, ladder: LadderResult,
+def _filled_by_material(
+    device: Device, scene: SceneData, texels: SolvedTexelGrid, by_name: Mapping[str, float],
 ) -> moderngl.Texture | None:
-    """Diffuse Roughness, where some material has any: as Metallic."""
-    if not ladder.diffuse_roughness:
+    """A number that some materials have, 0 of the others: as Metallic; None where none has it."""
+    if not by_name:
         return None
     values = np.zeros(texels.slots.shape, np.float32)
-    for name, value in ladder.diffuse_roughness.items():
+    for name, value in by_name.items():
         values[_of(scene, texels, [name])] = value
     covered = (texels.slots >= 0).astype(np.float32)
     return filled(device, np.stack([values, values, values, covered], -1))

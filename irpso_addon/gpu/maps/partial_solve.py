@@ -150,6 +150,7 @@ def earlier_result_of(
         coats={name: coat for name, coat in start.coats.items() if name in taken and settings.model == "auto"},
         diffuse_roughness={name: value for name, value in start.diffuse_roughness.items()
                            if name in taken and settings.model == "auto"},
+        predictions={name: found for name, found in start.predictions.items() if name in taken},
         painted=frozenset(start.paint).intersection(taken),
         paint=None if start.maps.metallic is None else nearest(start.maps.metallic, settings.size) == 0)
 

@@ -40,6 +40,7 @@ class EarlierResult:
     paint: Bool | None = None  # ... (h, w) which texels were
     coats: Mapping[str, Coat] = field(default_factory=dict)  # of materials that have one
     diffuse_roughness: Mapping[str, float] = field(default_factory=dict)  # of materials where it is not 0
+    predictions: Mapping[str, MaterialPrediction] = field(default_factory=dict)  # of materials whose ``model`` is given
 
 
 @dataclass

@@ -147,6 +147,8 @@ class Ladder:
                 continue
             if name in self.last.model:
                 result.model[name], result.why[name] = self.last.model[name], "as in the last result"
+                if name in self.last.predictions:
+                    result.predictions[name] = self.last.predictions[name]
                 larger.setdefault(result.model[name], []).append(name)
                 continue
             fitted = result.texels

@@ -198,8 +198,12 @@ class _Contest(DrawnBaseTrials):
             taken = yield from self._with_drawn_base(taken)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
+        by_light = 0.0
+        if self.observed.nodes is None and worth(self.judge.error(taken)):  # what shines from all around is alike
+            by_light = yield from self._by_light(taken)
         errors |= {name: self.judge.error(name) for name in self.predictions}
-        return self._decision(MaterialPrediction(self.folds.of, taken, errors, leads and taken == before))
+        return self._decision(
+            MaterialPrediction(self.folds.of, taken, errors, leads and taken == before, by_light=by_light))
 
     def _verdict(self, incumbent: str, margin: float, few: bool) -> tuple[bool, str]:
         """(whether the fit's own model leads, what is to be taken)."""
@@ -360,8 +364,9 @@ class _Contest(DrawnBaseTrials):
 
     def _decision(self, prediction: MaterialPrediction) -> Decision:
         taken, errors, best = prediction.taken, prediction.tried, prediction.error
+        weights = f", base colors by irradiance^{prediction.by_light:g}" if prediction.by_light else ""
         why = (f"left-out {self.folds.of} are predicted to {best.relative_rms:.3g} of their radiance, L* "
-               f"{best.lightness:.2g} ({taken}); " + ", ".join(
+               f"{best.lightness:.2g} ({taken}{weights}); " + ", ".join(
                    f"{name}: {error.relative_rms:.3g}, {error.lightness:.2g}" for name, error in errors.items()
                    if name != taken))
         if taken not in self.trials:

@@ -19,6 +19,7 @@ from .prediction_trials import Trial
 from .solver import Solver
 
 RACE = 0.5  # of its loss: what is so much worse than the best in the first fold is not tried in the others
+BY_LIGHT = 1.0, 2.0  # powers of the irradiance by which observations may count in base colour
 LEAST = 0.01  # roughness: of texels that are not observed it is 0
 PREDICTING = Progress(0.5, "solve", "predicting left-out views")
 
@@ -37,6 +38,7 @@ class TrialRuns:
         self.joints: list[Joint] = []  # of each fold
         self.judge = Judge(observed, folds, clusters(sample, places))
         self.predictions: dict[str, list[F64]] = {}
+        self.lobes: dict[str, list[Lobes | None]] = {}  # that they were made with
         self.trials: dict[str, Trial] = {}
 
     def _folds(
@@ -67,7 +69,7 @@ class TrialRuns:
         self, name: str, attempt: Callable[[Bool], Generator[Progress, None, None]],
     ) -> Generator[Progress, None, bool]:
         """A candidate in another way, if that is the best of all in the first fold: whether it is."""
-        before = self.predictions.pop(name)
+        before = self.predictions.pop(name), self.lobes.pop(name)
         for left_out in self.folds.left_out:
             self.sample.left_out = left_out
             yield from attempt(left_out)
@@ -75,8 +77,8 @@ class TrialRuns:
             if self.solver.cancelled or (first and not self._hopeful([name], 0.0)):
                 break
         self.sample.left_out = np.zeros_like(self.folds.left_out[0])
-        if len(self.predictions.get(name, [])) < len(before):
-            self.predictions[name] = before
+        if len(self.predictions.get(name, [])) < len(before[0]):
+            self.predictions[name], self.lobes[name] = before
             return False
         self.judge.add(name, self.predictions[name])
         return True
@@ -97,7 +99,7 @@ class TrialRuns:
             lobes, strengths = self._alike(alike[0], joint), [trial.base_strength for trial in alike]
             found = under_strengths(self.observed, lobes, known, strengths)
             for trial, value in zip(alike, found, strict=True):
-                self.predictions.setdefault(trial.name, []).append(value)
+                self._keep(trial.name, lobes, value)
 
     def _alike(self, trial: Trial, joint: Joint) -> Lobes:
         """Of all texels, under one value for the material."""
@@ -147,4 +149,27 @@ class TrialRuns:
 
     def _add(self, name: str, lobes: Lobes | None, known: Bool, drawn: float = 0.0) -> None:
         """What a trial predicts of a fold; ``known``: layers that are not left out.  ``drawn``: as of `predicted`."""
-        self.predictions.setdefault(name, []).append(predicted(self.observed, lobes, known, drawn=drawn))
+        self._keep(name, lobes, predicted(self.observed, lobes, known, drawn=drawn))
+
+    def _keep(self, name: str, lobes: Lobes | None, value: F64) -> None:
+        self.predictions.setdefault(name, []).append(value)
+        self.lobes.setdefault(name, []).append(lobes)
+
+    def _by_light(self, taken: str) -> Generator[Progress, None, float]:
+        """The power of the irradiance by which observations are to count in base colour, for what is ``taken``.
+
+        That is not a larger model, so that whatever predicts best is right.  The judge's candidate becomes that.
+        """
+        trial = self.trials.get(taken)
+        drawn, powers = trial.base_strength if trial else 0.0, {taken: 0.0}
+        for power in BY_LIGHT:
+            name = f"{taken}, by irradiance^{power:g}"
+            powers[name] = power
+            predictions: list[F64] = []
+            for left_out, lobes in zip(self.folds.left_out, self.lobes[taken], strict=True):
+                yield PREDICTING
+                predictions.append(predicted(self.observed, lobes, ~left_out, drawn=drawn, by_light=power))
+            self.judge.add(name, predictions)
+        (best,) = self.judge.near(list(powers), 0.0)[:1]
+        self.judge.candidates[taken] = self.judge.candidates[best]
+        return powers[best]
