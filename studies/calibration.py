@@ -107,10 +107,12 @@ def _aside(camera: Camera, rng: np.random.Generator) -> Camera:
     return shifted(replace(camera, projection=projection), (SHIFT * np.cos(way), SHIFT * np.sin(way)), size)
 
 
-def solved(scene: SceneData, told: str, read_image: ReadImage | None = None) -> tuple[one_round.Outcome, float]:
+def solved(
+    scene: SceneData, told: str, read_image: ReadImage | None = None, size: int = TEXELS,
+) -> tuple[one_round.Outcome, float]:
     """The outcome and its seconds."""
     start = time.perf_counter()
-    settings = SolveSettings(size=TEXELS, lamps=told, exposures=told)
+    settings = SolveSettings(size=size, lamps=told, exposures=told)
     outcome: one_round.Outcome = thread.run(lambda: pipeline.outcome(scene, settings, read_image))
     return outcome, time.perf_counter() - start
 
