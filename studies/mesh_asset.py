@@ -1,4 +1,4 @@
-"""A mesh file as an asset of studies/intervals: its own shape and UVs, its image as base colour, a roughness of ours."""
+"""A mesh file as an asset of studies/intervals: its own shape and UVs, its image as base colour, our roughness."""
 
 from __future__ import annotations
 
