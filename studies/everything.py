@@ -126,13 +126,14 @@ def main() -> int:
     parser.add_argument("--mesh", nargs="+", type=Path, metavar="FILE", help="meshes with UVs: .obj, .glb, .gltf")
     parser.add_argument("--paint", nargs="+", type=Path, metavar="IMAGE", default=[],
                         help="base colors of the meshes, in their order; without: the image that a mesh has")
+    parser.add_argument("--pixels", type=int, default=512, help="pictures and maps of meshes are as wide and high")
     parser.add_argument("--each", action="store_true", help="also with one error less, for each of them")
     parser.add_argument("--pictures", type=Path, default=PICTURES, help="folder that keeps them")
     parser.add_argument("--out", type=Path, default=PAGE, help="the page")
     options = parser.parse_args()
     ensure_openimageio()
     try:
-        assets = [asset_of(path, image) for path, image in zip(
+        assets = [asset_of(path, image, options.pixels) for path, image in zip(
             options.mesh or (), [*options.paint, *[None] * len(options.mesh or ())], strict=False)]
     except BadInput as error:
         print(f"studies.everything: {error}", file=sys.stderr)

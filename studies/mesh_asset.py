@@ -13,13 +13,15 @@ from irpso_addon.core.errors import BadInput
 from irpso_addon.core.images.colour import srgb_to_linear
 from studies.intervals.assets import Asset, Paint, Sheet, waves
 
-PIXELS, TEXELS = 512, 512
 DARKEST, BRIGHTEST = 0.02, 0.9  # of base colours
 UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # Blender's front, -Y, is to face the cameras at +Z
 
 
-def asset_of(path: Path, image: Path | None = None) -> Asset:
-    """``image``: of base colours; None: that of the mesh's material, else clouds.  Raises BadInput."""
+def asset_of(path: Path, image: Path | None, pixels: int) -> Asset:
+    """``image``: of base colours; None: that of the mesh's material, else clouds.  Raises BadInput.
+
+    ``pixels``: of the pictures, and texels of the maps, on a side.
+    """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     mesh = _imported(path)
     if not mesh.uv_layers:
@@ -35,8 +37,8 @@ def asset_of(path: Path, image: Path | None = None) -> Asset:
     mesh.uv_layers.active.data.foreach_get("uv", uvs)
     part = Sheet(vertices.reshape(-1, 3).astype(np.float64) @ UP.T, corners.reshape(-1, 3),
                  uvs.reshape(-1, 2).astype(np.float64)[loops.reshape(-1, 3)], 0)
-    return Asset(path.stem, f"the mesh {path.name}", (part,), _paint(_image(path, image)), pixels=PIXELS,
-                 samples=16, texels=TEXELS)
+    return Asset(path.stem, f"the mesh {path.name}", (part,), _paint(_image(path, image)), pixels=pixels,
+                 samples=16, texels=pixels)
 
 
 def _imported(path: Path) -> bpy.types.Mesh:
