@@ -46,7 +46,7 @@ HEAD = """\
 
 def off(scene: SceneData, asset: Asset, errors: tuple[str, ...]) -> SceneData:
     """The scene, wrong about some of ALL; of the room's light it knows, unless it is wrong about that."""
-    given = wrong(scene, Case("", lamps=LAMPS in errors, cameras=CAMERAS in errors))
+    given = wrong(scene, Case("", lamps=LAMPS in errors, cameras=CAMERAS in errors), pixels=asset.pixels)
     if LENS in errors:
         size = asset.pixels, asset.pixels
         lenses: dict[str, Camera] = {view.camera.name: bent(view.camera, K1, size) for view in given.views}
