@@ -35,6 +35,7 @@ PLACE, POWER, EXPOSURE = 0.01, 0.03, 0.02  # of a lamp's distance; relative; rel
 VIGNETTING = 4.0
 BLACK = 0.002  # of pictures whose median is 0.06 to 0.35
 SHIFT, FOCAL = 0.5, 0.003  # pixels; relative
+PIXELS = 192
 SEED = 1
 
 
@@ -70,8 +71,8 @@ class Row:
     seconds: float
 
 
-def wrong(scene: SceneData, case: Case, rng: np.random.Generator | None = None) -> SceneData:
-    """The scene with honest errors; without ``rng`` the same in every run."""
+def wrong(scene: SceneData, case: Case, rng: np.random.Generator | None = None, pixels: int = PIXELS) -> SceneData:
+    """The scene with honest errors; without ``rng`` the same in every run.  ``pixels``: width of the pictures."""
     rng = rng or np.random.default_rng(SEED)
     lights: dict[str, Light] = {}
     cameras: dict[str, Camera] = {}
@@ -80,7 +81,7 @@ def wrong(scene: SceneData, case: Case, rng: np.random.Generator | None = None) 
             if light.name not in lights:
                 lights[light.name] = _off(light, rng) if case.lamps else light
         if view.camera.name not in cameras:
-            cameras[view.camera.name] = _aside(view.camera, rng) if case.cameras else view.camera
+            cameras[view.camera.name] = _aside(view.camera, rng, pixels) if case.cameras else view.camera
     spread = EXPOSURE if case.lamps or case.exposures else 0.0
     gains = np.exp(spread * rng.standard_normal(len(scene.views)))
     return replace(scene, views=tuple(
@@ -98,19 +99,21 @@ def _off(light: Light, rng: np.random.Generator) -> Light:
     return replace(light, power=light.power * np.exp(POWER * rng.standard_normal()))
 
 
-def _aside(camera: Camera, rng: np.random.Generator) -> Camera:
+def _aside(camera: Camera, rng: np.random.Generator, pixels: int) -> Camera:
     """Its focal length and where it looks."""
     projection = camera.projection.copy()
     projection[:2] *= 1 + FOCAL * rng.choice([-1, 1])
     way = rng.uniform(0, 2 * np.pi)
-    size = 192, round(192 / camera.aspect)
+    size = pixels, round(pixels / camera.aspect)
     return shifted(replace(camera, projection=projection), (SHIFT * np.cos(way), SHIFT * np.sin(way)), size)
 
 
-def solved(scene: SceneData, told: str, read_image: ReadImage | None = None) -> tuple[one_round.Outcome, float]:
+def solved(
+    scene: SceneData, told: str, read_image: ReadImage | None = None, size: int = TEXELS,
+) -> tuple[one_round.Outcome, float]:
     """The outcome and its seconds."""
     start = time.perf_counter()
-    settings = SolveSettings(size=TEXELS, lamps=told, exposures=told)
+    settings = SolveSettings(size=size, lamps=told, exposures=told)
     outcome: one_round.Outcome = thread.run(lambda: pipeline.outcome(scene, settings, read_image))
     return outcome, time.perf_counter() - start
 

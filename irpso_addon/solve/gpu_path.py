@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
 
+import moderngl
 import numpy as np
 
 from ..core.calibration.calibrate import calibrate, found_again
@@ -37,6 +38,7 @@ from ..gpu.device.context import Device
 from ..gpu.gbuffer.gbuffer import GBufferMaps, MeshBuffer, draw_texel_grid
 from ..gpu.maps.finish_maps import CoarseSurroundings, FinishedMaps, SolvedTexelGrid, make_maps
 from ..gpu.maps.partial_solve import PartialSolve
+from ..gpu.observe.ambient_light import AmbientShadows
 from ..gpu.observe.observation_atlas import CameraSource, TexelSurface
 from ..gpu.observe.observations import Observations, ObserveOptions, observe
 from ..gpu.solve.calibration_sample import calibration_sample, most_texels, sampled
@@ -233,8 +235,9 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
     turns = given.calibrates and not dark and not glows and settings.lamps == "auto"
     calibrates, refines = allowed and "auto" in (settings.lamps, settings.exposures), allowed and (
         settings.normals == "auto")
+    shadows = AmbientShadows(device, grid.mesh, scene.casters)
     observed = partial(observe, device, mesh=grid.mesh, read_image=given.read_image,
-                       limits=ObserveOptions(given.bounced, part, level=given.level))
+                       limits=ObserveOptions(given.bounced, part, level=given.level, ambient=shadows))
     observations: Observations = yield from clock.stage("observe", observed(scene=scene))
     if not observations.cameras:
         raise BadInput("; ".join(grouped([f"{name}: {why}" for name, why in observations.skipped])))
@@ -254,7 +257,8 @@ def _observed(device: Device, grid: TexelGrid, given: Given, clock: Clock) -> Ge
     judged: Judged | None = None
     normals: NormalsJudged | str = ""
     if calibrates:
-        rig, judged = yield from clock.stage("calibrate", _calibrated(source(observations), given, texels, grid))
+        rig, judged = yield from clock.stage("calibrate", _calibrated(
+            source(observations), given, texels, grid.maps.facet, shadows))
         if judged is not None:
             scene, calibration = put_right(scene, rig, judged), told(rig, judged)
     if turns:
@@ -307,20 +311,20 @@ def _in_shade(sample: RigSample, given: Given) -> RigSample:
 
 
 def _calibrated(
-    source: CameraSource, given: Given, texels: Bool, grid: TexelGrid,
+    source: CameraSource, given: Given, texels: Bool, facet: moderngl.Texture, shadows: AmbientShadows,
 ) -> Generator[Progress, None, tuple[Rig, Judged | None]]:
-    """What is to be put right of lamps and exposures; None: nothing."""
+    """What is to be put right of lamps and exposures; None: nothing.  ``facet``: as of GBufferMaps."""
     settings = given.settings
     known = given.scene.scale_known
     sample = _in_shade(calibration_sample(source, texels, settings.seed, known), given)
 
     def more(ambient: bool) -> RigSample:
         large, surface = sampled(
-            source, texels, settings.seed, known, most_texels(len(sample.view)), grid.maps.facet)
+            source, texels, settings.seed, known, most_texels(len(sample.view)), facet)
         large = _in_shade(large, given)
         if not ambient:
             return large
-        return replace(large, openness=openness(source.device, source, grid.mesh, given.scene, large, surface))
+        return replace(large, openness=openness(source.device, source, shadows, large, surface))
 
     if given.settled is not None and given.settled.free != NOTHING:  # cameras that are off may have hidden all else
         return sample.rig, (yield from found_again(given.settled, sample, more))

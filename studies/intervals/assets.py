@@ -25,8 +25,8 @@ class Sheet:
     """A grid of quads; counter-clockwise from outside."""
 
     vertices: F64  # (V, 3) metres
-    quads: I32  # (Q, 4)
-    uvs: F64  # (Q, 4, 2)
+    quads: I32  # (Q, 4), or (Q, 3) of triangles
+    uvs: F64  # (Q, 4, 2), or (Q, 3, 2)
     slot: int  # of the material
 
 
@@ -45,6 +45,7 @@ class Asset:
     noise: float = 0.01  # of each pixel, relative
     area: float = 0.0  # metres: width of the lamps; 0: points
     finest: bool = False  # the paint alternates from texel to texel: not to be averaged
+    texels: int = TEXELS  # of the maps it is painted with
 
 
 def sheet(point: Callable[[F64, F64], F64], counts: tuple[int, int], island: Island, slot: int = 0) -> Sheet:
@@ -58,8 +59,12 @@ def sheet(point: Callable[[F64, F64], F64], counts: tuple[int, int], island: Isl
     return Sheet(np.asarray(point(u, v)), quads.astype(np.int32), uvs[quads], slot)
 
 
-def truth(asset: Asset, size: int = TEXELS) -> tuple[F32, F32]:
-    """Base colour (n, n, 3) linear and roughness (n, n), row 0 at the bottom: means over each texel."""
+def truth(asset: Asset, size: int | None = None) -> tuple[F32, F32]:
+    """Base colour (n, n, 3) linear and roughness (n, n), row 0 at the bottom: means over each texel.
+
+    ``size``: n; None: the asset's own.
+    """
+    size = size or asset.texels
     finer = max(TEXELS // size, 1) if asset.finest else FINER
     axis = (np.arange(finer * size) + 0.5) / (finer * size)
     base, rough = asset.paint(*np.meshgrid(axis, axis))

@@ -57,8 +57,10 @@ def _mean(values: np.ndarray) -> float:
 
 def scene_of(asset: Asset, folder: Path, lamps: int = capture.LAMPS, room: bool = False) -> SceneData:
     """The scene, which is open then; ``folder`` keeps its pictures, rendered where the code that made them changed."""
-    key = hashlib.sha256(f"{asset.name} {asset.pixels} {asset.samples} {lamps}{' room' * room}".encode() + b"".join(
-        (Path(__file__).parent / name).read_bytes() for name in ("assets.py", "capture.py"))).hexdigest()
+    parts = [f"{asset.name} {asset.pixels} {asset.samples} {lamps}{' room' * room}".encode(), truth(asset)[0].tobytes(),
+             *(part.vertices.tobytes() for part in asset.sheets),
+             *((Path(__file__).parent / name).read_bytes() for name in ("assets.py", "capture.py"))]
+    key = hashlib.sha256(b"".join(parts)).hexdigest()
     if not (folder / MADE_BY).exists() or (folder / MADE_BY).read_text(encoding="utf-8") != key:
         capture.make(asset, folder, lamps, room)
         (folder / MADE_BY).write_text(key, encoding="utf-8")

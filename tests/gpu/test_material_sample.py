@@ -18,6 +18,7 @@ from irpso_addon.gpu.device.context import Device
 from irpso_addon.gpu.gbuffer.gbuffer import MeshBuffer, draw_texel_grid
 from irpso_addon.gpu.observe.observation_atlas import CameraSource, ObservationAtlas
 from irpso_addon.gpu.observe.observations import ObserveOptions, observe
+from irpso_addon.gpu.solve.calibration_sample import calibration_sample
 from irpso_addon.gpu.solve.material_sample import SIDE, WIDTH, Squares, packed, read_sample, spread_squares
 from irpso_addon.gpu.solve.model_prediction import Decision, ModelPrediction
 from irpso_addon.gpu.solve.prediction_trials import Fitted
@@ -124,6 +125,25 @@ def test_a_sample_knows_what_clipped_pixels_show_at_least(on_gl: Any, coloured: 
     np.testing.assert_array_equal(left_out.reflected, np.where(over[..., None], 0, bounded.reflected))
     good = bounded.quality > 0
     np.testing.assert_array_equal(bounded.reflected[good], true.reflected[good])
+
+
+def test_texels_that_nothing_shows_say_nothing_of_lamps(on_gl: Any) -> None:
+    """Pictures whose right half is masked: the sample is that of whole pictures, as far as these show it."""
+
+    def left(image: RadianceImage) -> RadianceImage:
+        shown = np.arange(image.rgb.shape[1]) < image.rgb.shape[1] // 2
+        return replace(image, valid=image.valid & shown)
+
+    def job(device: Device) -> tuple[np.ndarray, ...]:
+        with device.scope():
+            every = np.ones((32, 32), bool)
+            return tuple(calibration_sample(_source(device, change), every, 1, True).position
+                         for change in (lambda image: image, left))
+
+    whole, half = on_gl(job)
+    assert 0.4 * len(whole) < len(half) < 0.6 * len(whole)
+    pixel = 2.2 / 64  # metres
+    assert half[:, 0].max() < pixel and whole[whole[:, 0] < -pixel].shape == half[half[:, 0] < -pixel].shape
 
 
 def test_prediction_counts_highlights_that_are_clipped(on_gl: Any) -> None:

@@ -11,7 +11,7 @@ from ..evaluation.folds import Folds, split
 from ..job import Progress, Steps, share_of
 from .angles import angles_overlap
 from .black_level import BlackLevel, black_level, without_black
-from .choice import chosen, with_ambient
+from .choice import Chosen, chosen, everything_of, with_ambient
 from .contest import GIVEN, Contest
 from .falloff import edge_falloff
 from .far_exposures import FarExposures, far_exposures
@@ -185,20 +185,41 @@ def _with_falloff(sample: RigSample, judged: Judged | None, first: RigFound) -> 
 def _with_details(
     sample: RigSample, lamps: bool, exposures: bool, more: Larger, normals: bool,
 ) -> Steps[Judged | None]:
-    """What is to be changed, beside a mesh that is wrong in detail too: that may hide what is off."""
-    plain, off = yield from chosen(sample, lamps, exposures, False)
+    """What is to be changed, beside a mesh that is wrong in detail too: that may hide what is off.
+
+    Where all numbers leave more in common than an exact mesh does, the mesh comes first, and numbers without it are
+    told apart only if that leads nowhere.
+    """
+    every, off = yield from everything_of(sample, lamps, exposures, False)
+    rough = normals and every is not None and every.found.common[1] > MESH
+    beside: Chosen | None = None
+    if every is not None and rough:
+        beside = yield from _beside_mesh(sample, lamps, exposures)
+        if beside is not None and beside.left < TILTED * every.foretold():
+            judged = yield from judged_of(beside, more)
+            if judged is not None:
+                return judged
+            beside = None
+    plain = None if every is None else (yield from chosen(every))
     if plain is not None and not (normals and plain.found.common[1] > MESH):
         judged = yield from judged_of(plain, more)
         if judged is not None:
             return judged
         plain = None
     if off and normals:
-        beside, _ = yield from chosen(sample, lamps, exposures, True)
+        if not rough:
+            beside = yield from _beside_mesh(sample, lamps, exposures)
         if beside is not None and (plain is None or beside.left < TILTED * plain.left):
             judged = yield from judged_of(beside, more)
             if judged is not None:
                 return judged
     return None if plain is None else (yield from judged_of(plain, more))
+
+
+def _beside_mesh(sample: RigSample, lamps: bool, exposures: bool) -> Steps[Chosen | None]:
+    """What is to be changed beside tilts of the texels' normals."""
+    every, _ = yield from everything_of(sample, lamps, exposures, True)
+    return None if every is None else (yield from chosen(every))
 
 
 def found_again(before: Judged, sample: RigSample, more: Larger) -> Steps[Judged | None]:

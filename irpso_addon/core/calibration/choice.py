@@ -39,10 +39,31 @@ class Chosen:
         return self.contest.scale(self.taken)
 
 
-def chosen(sample: RigSample, lamps: bool, exposures: bool, tilts: bool) -> Steps[tuple[Chosen | None, bool]]:
-    """What is to be changed, and whether something seems to be off.  ``tilts``: of the texels' normals too."""
-    folds = split(sample.texels)
-    assert folds is not None
+@dataclass(frozen=True)
+class Everything:
+    """What all numbers that may be off explain together."""
+
+    sample: RigSample
+    frees: list[Free]  # from the fewest numbers on
+    found: RigFound  # with the last of them free
+    tilts: bool
+
+    def foretold(self) -> float:
+        """Relative: what predictions of left-out views are off by under it, robust."""
+        folds = split(self.sample.texels)
+        assert folds is not None
+        contest = Contest(self.sample, self.found, folds, self.tilts)
+        contest.add("everything", contest.of_whole(self.found))
+        return contest.scale("everything")
+
+
+def everything_of(
+    sample: RigSample, lamps: bool, exposures: bool, tilts: bool,
+) -> Steps[tuple[Everything | None, bool]]:
+    """All numbers, unless they explain nothing; and whether something seems to be off.
+
+    ``tilts``: of the texels' normals too.
+    """
     frees = candidates(sample, lamps, exposures, tilts)
     quick = yield from share_of(fit_rig(sample, frees[-1], rounds=2), 0.0, 0.1)
     if not frees[-1].levels:
@@ -62,14 +83,22 @@ def chosen(sample: RigSample, lamps: bool, exposures: bool, tilts: bool) -> Step
             frees, everything = alone, one
     if not is_off(everything) or not gains(everything):
         return None, True
+    return Everything(sample, frees, everything, tilts), True
+
+
+def chosen(every: Everything) -> Steps[Chosen | None]:
+    """What is to be changed."""
+    sample, frees, everything = every.sample, every.frees, every.found
+    folds = split(sample.texels)
+    assert folds is not None
     whole, given, frees = frees[-1], everything, pruned(frees, everything)
     hopeless = given.common[1] > HOPELESS * given.common[0]
     judged = [free for free in frees if free.only_ambient or not hopeless]
     if not judged:
-        return None, True
+        return None
     if frees[-1] != whole:
         everything = yield from share_of(fit_rig(sample, frees[-1], start=everything), 0.45, 0.5)
-    contest = Contest(sample, everything, folds, tilts)
+    contest = Contest(sample, everything, folds, every.tilts)
     taken, found, kept = GIVEN, everything, frees[-1]
     for n, free in enumerate(judged):
         begin, middle, end = (0.5 + 0.5 * (n + part) / len(judged) for part in (0.0, 0.3, 1.0))
@@ -86,15 +115,15 @@ def chosen(sample: RigSample, lamps: bool, exposures: bool, tilts: bool) -> Step
             if own.scatter**2 - everything.scatter**2 < LEAST_FIT**2:  # more numbers explain no more
                 break
     if taken == GIVEN:
-        return None, True
+        return None
     if (yield from _is_diffuse(contest, taken, kept)):
         with_diffuse = yield from _beside_diffuse(contest, kept, found)
-        return (None if with_diffuse is None else Chosen(contest, str(with_diffuse[0]), *with_diffuse)), True
+        return None if with_diffuse is None else Chosen(contest, str(with_diffuse[0]), *with_diffuse)
     kept, found = yield from with_ambient(contest, kept, found)
     bent, beside = yield from _with_diffuse(contest, kept, found)
     if bent != kept and (yield from _is_response(contest, frees[-1], everything)):
-        return Chosen(contest, str(frees[-1]), frees[-1], everything), True
-    return Chosen(contest, taken, bent, beside), True
+        return Chosen(contest, str(frees[-1]), frees[-1], everything)
+    return Chosen(contest, taken, bent, beside)
 
 
 def _one_number(sample: RigSample, frees: list[Free]) -> Steps[tuple[list[Free], RigFound]]:

@@ -141,12 +141,15 @@ class RigRound:
         sample, lights = self.sample, self.sample.rig.lights(self.change)
         ways = light_basis(sample.normal)
         one, other = (np.zeros(self.left.shape) for _ in ways)
+        steep: dict[str, list[F64]] = {}
+        for name, light in lights.items():
+            to_light = to_middle(light, sample.position)
+            cosine = np.maximum(dot(to_light, sample.normal), GRAZING)
+            steep[name] = [dot(to_light, way) / cosine for way in ways]
         for v, place in enumerate(sample.view):
             for light in sample.rig.views[place].lights:
-                to_light = to_middle(lights[light.name], sample.position)
-                cosine = np.maximum(dot(to_light, sample.normal), GRAZING)
-                for slopes, way in zip((one, other), ways, strict=True):
-                    slopes[:, v] += self.share[:, v] * self.seen.share[v, light.name] * dot(to_light, way) / cosine
+                for slopes, of in zip((one, other), steep[light.name], strict=True):
+                    slopes[:, v] += self.share[:, v] * self.seen.share[v, light.name] * of
         return one, other
 
     def _bends(self) -> tuple[F64, F64, F64, F64]:
@@ -224,9 +227,9 @@ class RigRound:
     def _sums(self, numbers: RigNumbers, elimination: Elimination) -> tuple[F64, F64, F64]:
         """Of the free numbers: normal matrix and gradient, base colours eliminated, and each cluster's gradient."""
         count, rest = len(numbers.free), elimination.remains(self.left)
-        _, cluster = np.unique(self.sample.cluster, return_inverse=True)
-        clusters = int(cluster.max()) + 1
-        normal, pull, scores = np.zeros((count, count)), np.zeros(count), np.zeros((count, clusters))
+        order = np.argsort(self.sample.cluster, kind="stable")
+        first = np.unique(self.sample.cluster[order], return_index=True)[1]
+        normal, pull, scores = np.zeros((count, count)), np.zeros(count), np.zeros((count, len(first)))
         own = np.ascontiguousarray(elimination.columns.transpose(1, 2, 0))  # (V, m, T)
         across = np.zeros((own.shape[1], count, len(rest)))
         levels = self._levels(numbers.slots)
@@ -240,7 +243,8 @@ class RigRound:
             weighted = elimination.weight[:, v] * slopes
             np.add.at(normal, np.ix_(places, places), slopes @ weighted.T)
             np.add.at(pull, places, weighted @ rest[:, v])
-            for number, row in zip(places, weighted, strict=True):
-                scores[number] += np.bincount(cluster, row * rest[:, v], minlength=clusters)
+            each = np.add.reduceat((weighted * rest[:, v])[:, order], first, axis=1)
+            for number, row, score in zip(places, weighted, each, strict=True):
+                scores[number] += score
                 across[:, number] += own[v] * row
         return normal - elimination.taken(across), pull, scores

@@ -161,6 +161,7 @@ class RigGeometry:
         texels = sample.texels
         lamps, shown = np.ones(texels.cos_v.shape), np.ones(texels.cos_v.shape)
         lobes, share = texels.lobes.copy(), {}
+        toward = {name: self._toward(light) for name, light in lights.items()} if change.moves else {}
         for v, place in enumerate(sample.view):
             view = rig.views[place]
             powers = [float(np.mean(lights[light.name].power)) for light in view.lights]
@@ -174,7 +175,7 @@ class RigGeometry:
                 share[v, light.name] = after[n] / np.where(total > 0, total, 1.0)
                 ratio = share[v, light.name] * old / np.maximum(before[n], 1e-30)
                 if change.moves:
-                    lobes[:, v, n] = _turned(lobes[:, v, n], self._angles(lights[light.name], int(place)),
+                    lobes[:, v, n] = _turned(lobes[:, v, n], self._angles(toward[light.name], int(place)),
                                              self._given_angles(light, int(place)))
                 lobes[:, v, n, 3] *= np.where(before[n] > 0, ratio, 1.0)
         exposed = shown.copy()
@@ -198,11 +199,12 @@ class RigGeometry:
         sample, rig = self.sample, self.sample.rig
         before = rig.lights(change)
         after = rig.lights(replace(change, offset=change.offset + by * np.eye(3)[axis]))
+        now, then = ({name: self._toward(light) for name, light in lights.items()} for lights in (after, before))
         lobes = lobes.copy()
         for v, place in enumerate(sample.view):
             for n, light in enumerate(rig.views[place].lights):
-                lobes[:, v, n] = _turned(lobes[:, v, n], self._angles(after[light.name], int(place)),
-                                         self._angles(before[light.name], int(place)))
+                lobes[:, v, n] = _turned(lobes[:, v, n], self._angles(now[light.name], int(place)),
+                                         self._angles(then[light.name], int(place)))
         return lobes
 
     def _bent(self, change: RigChange, lamps: F64, shown: F64) -> Bent:
@@ -215,18 +217,23 @@ class RigGeometry:
                     irradiance * (shown * self.file)[..., None], float(np.exp(change.log_response)),
                     float(np.exp(change.log_shoulder)))
 
-    def _angles(self, light: Light, place: int) -> tuple[F64, F64]:
-        """(T,) each: N.L, and the squared sine of the half vector's angle; of the lamp's middle, in a view."""
-        L, N = to_middle(light, self.sample.position), self.sample.normal
+    def _toward(self, light: Light) -> tuple[F64, F64]:
+        """Unit vectors (T, 3) to a lamp's middle, and N.L (T,), which all its layers share."""
+        L = to_middle(light, self.sample.position)
+        return L, dot(self.sample.normal, L)
+
+    def _angles(self, toward: tuple[F64, F64], place: int) -> tuple[F64, F64]:
+        """(T,) each: N.L, and the squared sine of the half vector's angle; of a lamp, as of `_toward`, in a view."""
+        L, cos_l = toward
         H = L + self.to_camera[place]
-        H = H / np.maximum(length(H)[..., None], 1e-12)
-        return dot(N, L), 1 - np.clip(dot(N, H), -1, 1) ** 2
+        cos_h = dot(self.sample.normal, H) / np.maximum(length(H), 1e-12)
+        return cos_l, 1 - np.clip(cos_h, -1, 1) ** 2
 
     def _given_angles(self, light: Light, place: int) -> tuple[F64, F64]:
         """The same of a lamp as it is given."""
         of = place, light.name
         if of not in self.given_angles:
-            self.given_angles[of] = self._angles(light, place)
+            self.given_angles[of] = self._angles(self._toward(light), place)
         return self.given_angles[of]
 
     def _light(self, change: RigChange) -> dict[str, tuple[F64, F64, Bool]]:
@@ -298,6 +305,9 @@ def _to_camera(camera: Camera, position: F64) -> F64:
 
 def _turned(lobe: F64, now: tuple[F64, F64], given: tuple[F64, F64]) -> F64:
     """(T, 4) a lobe as observed, its lamp moved by as much as the texel's own geometry says."""
-    cosine = np.clip(lobe[:, 2] + now[0] - given[0], LEAST_COSINE, 1.0)
-    return np.stack([np.clip(lobe[:, 0] + now[1] - given[1], 0.0, 1.0), lobe[:, 1], cosine,
-                     lobe[:, 3] * np.clip(lobe[:, 2], LEAST_COSINE, 1.0) / cosine], -1)
+    turned = np.empty_like(lobe)
+    turned[:, 0] = np.clip(lobe[:, 0] + (now[1] - given[1]), 0.0, 1.0)
+    turned[:, 1] = lobe[:, 1]
+    turned[:, 2] = np.clip(lobe[:, 2] + (now[0] - given[0]), LEAST_COSINE, 1.0)
+    turned[:, 3] = lobe[:, 3] * np.clip(lobe[:, 2], LEAST_COSINE, 1.0) / turned[:, 2]
+    return turned

@@ -27,7 +27,7 @@ from ..gbuffer.gbuffer import GBufferMaps, MeshBuffer, Occluders, draw_pixel_gri
 from ..gbuffer.projection import Projection, lens_uniforms, projection_of
 from ..gbuffer.seams import mark_seams
 from ..gbuffer.solve_mask import SolveMask
-from .ambient_light import is_ambient, uniform_environment, with_ambient
+from .ambient_light import AmbientShadows, is_ambient, with_ambient
 from .environment_light import EnvironmentLight, LitByEnvironment
 from .indirect_light import Smoother
 from .picture_memory import channels_needed, mean_radiance
@@ -135,6 +135,7 @@ class ObserveOptions:
     # laid out alike wherever one looks.
     level: float | None = None
     directions: int = environment_model.COUNT  # that stand for an environment
+    ambient: AmbientShadows | None = None  # as far as they are drawn
 
 
 WHOLE = ObserveOptions()
@@ -300,12 +301,13 @@ class _Observer:
         if not is_ambient(self.scene.views):
             return
         with self.device.scope() as kept:
-            visibility = LightVisibility(self.device, self.mesh, self.casters, 1)
-            lit = LitByEnvironment(self.device, visibility, environment_model.directions(uniform_environment()))
-            for done in lit.draw_shadows():
+            shadows = self.limits.ambient
+            if shadows is None or shadows.lit is None:  # what is drawn here is gone with the scope
+                shadows = AmbientShadows(self.device, self.mesh, self.scene.casters)
+            for done in shadows.draw():
                 yield Progress(0.8 * done, "observe", "ambient light")
             for camera in self.cameras:
-                for made in lit.irradiance(camera):
+                for made in shadows.drawn().irradiance(camera):
                     if made is not None:
                         self.open.append(made)
                     yield Progress(0.8, "observe", "ambient light")

@@ -32,7 +32,11 @@ def sampled(
     source: CameraSource, texels: Bool, seed: int, scale_known: bool, most: int = TEXELS,
     facet: moderngl.Texture | None = None,
 ) -> tuple[RigSample, tuple[F32, F32, F32]]:
-    """As `calibration_sample`, and the (T, 4) position, normal and ``facet`` of its texels, as of GBufferMaps."""
+    """As `calibration_sample`, and the (T, 4) position, normal and ``facet`` of its texels, as of GBufferMaps.
+
+    Texels that nothing is observed of are left out.  They take time, and where they were most, they made what the
+    others scatter by look like nothing.
+    """
     device = source.device
     squares = spread_squares(texels, most // SIDE, seed, SIDE)
     with device.scope():
@@ -40,9 +44,11 @@ def sampled(
         observed, places = read_sample(device, sample, most)
         surface = sample.places.reshape(-1, 4)[places], sample.normals.reshape(-1, 4)[places]
     flat = surface[1] if facet is None else squares.pack_texture(device, facet).reshape(-1, 4)[places]
+    middle, seen = surface[0][:, :3].mean(0, dtype=np.float64), (observed.quality > 0).any(1)
+    observed, surface, flat = observed.part(seen), (surface[0][seen], surface[1][seen]), flat[seen]
     position, normal = (each.astype(np.float64) for each in surface)
     views, of_layer = views_of(source)
-    rig = RigSample(observed, Rig.of(views, position[:, :3].mean(0)), of_layer, position[:, :3], normal[:, :3],
+    rig = RigSample(observed, Rig.of(views, middle), of_layer, position[:, :3], normal[:, :3],
                     normal[:, 3].round().astype(np.int32), cells_of(position[:, :3]), scale_known,
                     typical_light(observed))
     return replace(rig, shade=_shade(source, rig)), (*surface, flat)

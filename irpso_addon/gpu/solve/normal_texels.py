@@ -91,7 +91,10 @@ def _take(found: TexelTilts, fits: deque[tuple[tuple[I32, I32], Future[tuple[F64
 def _read(
     source: CameraSource, texels: Bool,
 ) -> Generator[tuple[float, tuple[I32, I32] | None, F32 | None], None, None]:
-    """Share that is done, and rows, columns and the blocks (T, layers, blocks, 4) of some texels; or a pause."""
+    """Share that is done, and rows, columns and the blocks (T, layers, blocks, 4) of some texels; or a pause.
+
+    Of those that some view observes.
+    """
     device, layers = source.device, source.layers
     each = max(AT_ONCE // (len(layers.groups) * max(layers.lights, 1)), LEAST)
     with device.scope():
@@ -102,7 +105,8 @@ def _read(
             for _ in source.gather(atlas, (x, y), layers.channels == 1):
                 yield n / len(places), None, None
             blocks = device.read(atlas.texture).reshape(layers.blocks, h, w, 4)
-            row, column = (index.astype(np.int32) for index in np.nonzero(texels[y:y + h, x:x + w]))
+            seen = (blocks[::layers.each, ..., 1] > 0).any(0)[:texels.shape[0] - y, :texels.shape[1] - x]
+            row, column = (index.astype(np.int32) for index in np.nonzero(texels[y:y + h, x:x + w] & seen))
             for first in range(0, len(row), each):
                 down, along = row[first:first + each], column[first:first + each]
                 own = np.moveaxis(blocks[:, down, along], 0, 1)

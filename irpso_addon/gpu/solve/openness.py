@@ -5,20 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.calibration.rig_sample import RigSample
-from ...core.data import F32, F64, SceneData
-from ...core.shading import environment as model
+from ...core.data import F32, F64
 from ..device.context import Device
-from ..gbuffer.gbuffer import MeshBuffer, Occluders
-from ..observe.ambient_light import uniform_environment
-from ..observe.environment_light import LitByEnvironment
+from ..observe.ambient_light import AmbientShadows
 from ..observe.observation_atlas import CameraSource
-from ..observe.visibility import LightVisibility
 from .world_light import SampleTexels, sample_grids
 
 
 def openness(
-    device: Device, source: CameraSource, mesh: MeshBuffer, scene: SceneData, sample: RigSample,
-    surface: tuple[F32, F32, F32],
+    device: Device, source: CameraSource, shadows: AmbientShadows, sample: RigSample, surface: tuple[F32, F32, F32],
 ) -> F64:
     """(T,) irradiance over that of a place from which nothing is hidden; 1 where no camera sees the texel.
 
@@ -26,12 +21,8 @@ def openness(
     """
     usable, camera = sample.texels.quality > 0, sample.texels.camera
     seen = np.where(usable.any(1), camera[usable.argmax(1)], -1)  # by whichever camera: each one's pixels face it
-    result = np.ones(len(seen))
+    result, lit = np.ones(len(seen)), shadows.drawn()
     with device.scope():
-        visibility = LightVisibility(device, mesh, Occluders(device, scene.casters), 1)
-        lit = LitByEnvironment(device, visibility, model.directions(uniform_environment()))
-        for _ in lit.draw_shadows():
-            pass
         for n in np.unique(seen[seen >= 0]):
             own = seen == n
             of = source.observations.cameras[n]
