@@ -57,6 +57,7 @@ CLEAR_TWO = 0.5  # CLEAR of two lobes, which have no prior: false ones flash so 
 SAME_LEVEL = 0.05  # a Specular IOR Level so near to 0.5 in all folds is 0.5: nothing else is to be tried
 SOME_METALLIC = 0.08  # a Metallic worth the time to try it where texels differ
 WORTH_RMS, WORTH_LIGHTNESS = 0.05, 0.7  # errors of what would be taken from which on more is tried
+NOTICEABLE = 1.0  # L*: below, nobody sees what base colours would gain by going by what is lit well
 CLEAR_MORE = 1 / 6  # of its loss, by which a coat or a rough diffuse must lead: they mend a little of every material
 DIVIDED = 1.02  # ratio of errors of L* from which on parts divide what changes gradually
 LEAST_ROUGH = 0.05  # Diffuse Roughness that every fold must find
@@ -198,8 +199,9 @@ class _Contest(DrawnBaseTrials):
             taken = yield from self._with_drawn_base(taken)
         if self.solver.cancelled:
             return Decision(self.fitted.model, STOPPED, cancelled=True)
-        by_light = 0.0
-        if self.observed.nodes is None and worth(self.judge.error(taken)):  # what shines from all around is alike
+        by_light, left = 0.0, self.judge.error(taken)
+        if self.observed.nodes is None and (  # what shines from all around is alike
+                left.relative_rms >= WORTH_RMS or left.lightness >= NOTICEABLE):
             by_light = yield from self._by_light(taken)
         errors |= {name: self.judge.error(name) for name in self.predictions}
         return self._decision(
