@@ -19,7 +19,9 @@ from tests.support import ball_in_dish
 TONES = (0.6, 0.4, 0.3), (0.05, 0.05, 0.06)
 ROOM = 0.01, 0.01, 0.012  # W/(m^2 sr): 1 % of the lamps' irradiance
 BLACK = np.array((0.004, 0.003, 0.005))  # white shows 0.6 to 2.8
-SETTINGS = SolveSettings(size=64, model="one-lobe", registration="given", indirect="off", normals="mesh")
+# Of 64 x 64 texels about 400 know their roughness well, from which number on they tell of the others (decision 0053):
+# then a trifle decides whether they do.
+SETTINGS = SolveSettings(size=128, model="one-lobe", registration="given", indirect="off", normals="mesh")
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +53,8 @@ def errors(solution: Solution) -> tuple[float, float]:
     """Mean errors of roughness and of base colour, away from the borders of squares."""
     maps, size = solution.maps, SETTINGS.size
     base = ball_in_dish.base_colors(TONES, size)
-    at = np.arange(size) % 8
-    inside = ((at > 1) & (at < 6))[:, None] & ((at > 1) & (at < 6))[None]
+    at = np.arange(size) % 16
+    inside = ((at > 2) & (at < 13))[:, None] & ((at > 2) & (at < 13))[None]
     where = maps.coverage & ~maps.filled & inside
     return (float(np.abs(maps.roughness - ball_in_dish.ROUGH)[where].mean()),
             float(np.abs(maps.base_color - base)[where].mean()))
@@ -67,9 +69,9 @@ def test_it_is_told_from_the_room(scene: SceneData, raised: SceneData) -> None:
     np.testing.assert_allclose(calibration.black_level.level, BLACK, rtol=0.1)
     assert any("black level of 0.004" in line for line in found.warnings)
     before, after, without = (errors(solution) for solution in (given, found, right))
-    assert after[0] < 0.012 and after[0] < 1.5 * without[0]  # 0.0088 and 0.0066 here
-    assert after[1] < 1.2 * without[1]  # 0.0033 and 0.0030 here
-    assert before[0] > 2 * without[0]  # 0.16
+    assert after[0] < 0.004 and after[0] < 1.5 * without[0]  # 0.0027 and 0.0027 here
+    assert after[1] < 1.2 * without[1]  # 0.0031 and 0.0031 here
+    assert before[0] > 2 * without[0]  # 0.15
 
 
 def test_a_view_that_has_it_is_read_without_it(scene: SceneData, raised: SceneData) -> None:
