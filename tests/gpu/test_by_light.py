@@ -61,15 +61,20 @@ def expected(views: list[tuple[Camera, list[Light]]], power: float, size: int) -
     return np.asarray((total / weights).reshape(size, size, 1) * BASE)
 
 
-@pytest.mark.parametrize("power", [1.0, 2.0])
-def test_views_count_by_their_light(power: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The observations of a texel differ by up to a half; none loses its weight by that."""
+def decide_on(power: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lambert's model is taken, and this power."""
     def decide(*_: object) -> Iterator[Decision]:
         yield from ()
         return Decision("lambert", "given", prediction=MaterialPrediction(
             "lamps", "lambert", {"lambert": PredictionError(0.1, 2.0)}, by_light=power))
 
     monkeypatch.setattr(ModelPrediction, "decide", decide)
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0])
+def test_views_count_by_their_light(power: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The observations of a texel differ by up to a half; none loses its weight by that."""
+    decide_on(power, monkeypatch)
     views = lamps()
     made = syn.shoot(GLOWING, views)
     found = run(made, model="auto")
@@ -80,6 +85,21 @@ def test_views_count_by_their_light(power: float, monkeypatch: pytest.MonkeyPatc
         off = np.abs(maps.base_color / expected(views, power, len(own)) - 1)[own]
         assert own.sum() > 0.7 * own.size
         assert np.median(off) < 0.003 and np.quantile(off, 0.95) < 0.02  # counted alike: 0.03 and more, in the mean
+
+
+def test_most_pixels_may_be_dark(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of an object that shades most of itself: the typical radiance is 0 then."""
+    decide_on(2.0, monkeypatch)
+    views = lamps()
+    made = syn.shoot(GLOWING, views)
+    images = {}
+    for name, image in made.images.items():
+        lit = np.arange(image.rgb.shape[1]) < 0.4 * image.rgb.shape[1]
+        images[name] = replace(image, rgb=image.rgb * lit[None, :, None])
+    maps = run(replace(made, images=images), model="auto").maps
+    own = maps.coverage & ~maps.filled & (maps.base_color.max(-1) > 0.1)
+    off = np.abs(maps.base_color / expected(views, 2.0, len(own)) - 1)[own]
+    assert own.sum() > 0.2 * own.size and np.median(off) < 0.003
 
 
 def base_contest(sample: SampledTexels) -> TrialRuns:

@@ -72,7 +72,8 @@ class AlbedoSolver:
                       **({"u_coat": gloss.coat} if gloss.coat else {}),
                       **({"u_rough": gloss.rough} if gloss.rough else {})}
         self.metal, self.rough = gloss.metallic is not None, gloss.rough is not None
-        self.by_light = gloss.by_light
+        # Beside all three, it would be the seventeenth texture of a draw; OpenGL promises sixteen.
+        self.by_light = None if self.metal and self.rough and gloss.coat else gloss.by_light
         self.at_once = 1 if self.metal and self.rough else min(
             METALS_AT_ONCE if self.metal else VIEWS_AT_ONCE, COATED_AT_ONCE if gloss.coat else VIEWS_AT_ONCE,
             ROUGH_AT_ONCE if self.rough else VIEWS_AT_ONCE)
@@ -189,10 +190,11 @@ class AlbedoSolver:
         """Irradiance of the view's lamps at each pixel, without shadows, over a typical one."""
         width, height = camera.maps.position.size
         result = self.device.texture(width, height, 1)
+        typical = TYPICAL * (self.observations.level or 1.0)  # 0 where more than half of the pixels are dark
         maps = {"u_position": camera.maps.position, "u_normal": camera.maps.normal}
         with self.device.target([result], clear=True) as target, self.device.adding():
             for lamp in view.view.lights:
-                power = float(np.mean(lamp.power)) / (TYPICAL * self.observations.level)
+                power = float(np.mean(lamp.power)) / typical
                 self.device.draw("maps/albedo_light.frag", target, Inputs(
                     maps, {**light_uniforms(lamp), "u_power": power}), cells=camera.maps.cells)
         return result
